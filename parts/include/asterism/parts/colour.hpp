@@ -1,0 +1,77 @@
+#pragma once
+
+#include <asterism/parts/frame.hpp>
+#include <asterism/parts/mrf.hpp>
+#include <array>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Options of ColourModel, with the paper's values (Sec. 3.1) as defaults.
+struct ColourOptions {
+  /// Rate of the histograms' autoregressive update, alpha_hist in Eq. autoregressive_update, in [0, 1].
+  double histogram_rate = 0.05;
+  /// The background histogram's region is the box enlarged by this factor, without the box: alpha_sur, > 1.
+  double surrounding = 1.6;
+  /// Prior probability of the foreground in Bayes' rule, in (0, 1). The paper leaves it open.
+  double foreground_prior = 0.375;
+  /// Bounds of (foreground pixels) / (box area) for the segmentation to be informative: alpha_min, alpha_max in
+  /// Eq. uniform_component.
+  double min_area_ratio = 0.2;
+  double max_area_ratio = 2.0;
+  /// Weight of the uniform component when the segmentation is informative: alpha_col in Eq. uniform_component.
+  double uniform_weight = 0.1;
+  /// The Markov random field that smooths the posterior; `enabled = false` leaves the raw posterior.
+  MrfOptions mrf;
+};
+
+/// The foreground posterior p(f | x, y) of a region of the image, on a grid of about 1000 cells.
+struct Segmentation {
+  /// CV_32FC1, posterior in [0, 1]; 0 where the cell's centre is outside the image.
+  cv::Mat posterior;
+  /// Image position of the centre of posterior(0, 0) and the spacing of the grid [px].
+  Point2 origin = Point2::Zero();
+  Size2 spacing = Size2::Ones();
+  /// Eq. uniform_component: the number of foreground pixels is plausible for the box.
+  bool informative = false;
+
+  /// Bilinear interpolation of the posterior; 0 outside the grid.
+  double at(const Point2& position) const;
+  /// Fraction of a box (in image pixels) whose posterior is above one half; 0 outside the grid.
+  double foreground_fraction(const cv::Rect2d& box) const;
+};
+
+/// The paper's global colour model C_t (Sec. 2.2): foreground and background HSV histograms of 16 x 16 x 16 bins.
+class ColourModel {
+ public:
+  static constexpr int kBinsPerChannel = 16;
+  static constexpr int kBins = kBinsPerChannel * kBinsPerChannel * kBinsPerChannel;
+
+  /// Throws std::invalid_argument for options out of range.
+  explicit ColourModel(const ColourOptions& options = {});
+
+  /// Learn both histograms from the box and its surrounding. The model is off (`enabled()` is false, every
+  /// segmentation uninformative) where the frame has no colour or the box covers it without a background.
+  void init(const Frame& frame, const cv::Rect2d& box);
+  /// Autoregressive update of the histograms (Eq. autoregressive_update); nothing where the frame has no colour.
+  void adapt(const Frame& frame, const cv::Rect2d& box);
+  bool enabled() const { return enabled_; }
+
+  /// Segment `region` of the frame: histogram backprojection by Bayes' rule, regularised by the Markov random
+  /// field, and the informativeness test against the area of `box_size`. Colours that neither histogram has seen
+  /// get the prior, so the posterior is defined everywhere.
+  Segmentation segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size) const;
+
+  /// Eq. segmentation_uniform: p(f) (1 - alpha_col) + alpha_col, alpha_col being 1 where uninformative.
+  double probability(const Segmentation& segmentation, const Point2& position) const;
+
+  const ColourOptions& options() const { return options_; }
+  const std::array<float, kBins>& foreground() const { return foreground_; }
+  const std::array<float, kBins>& background() const { return background_; }
+
+ private:
+  ColourOptions options_;
+  std::array<float, kBins> foreground_{}, background_{};
+  bool enabled_ = false;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,28 @@
+#pragma once
+
+#include <asterism/solver/config.hpp>
+#include <opencv2/core.hpp>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Options of `regularize_posterior`.
+struct MrfOptions {
+  bool enabled = true;
+  int max_iterations = 50;
+  /// Stop when the mean log posterior changes by less than this.
+  double tolerance = 0.1;
+  /// Radius of the Gaussian neighbourhood as a fraction of the map's larger side; at least one pixel.
+  double neighbourhood = 0.06;
+};
+
+/// Smooths a foreground posterior with a Markov random field whose prior and posterior are spatially averaged
+/// (Diplaros et al. 2007, Kristan et al. 2014), by expectation maximisation.
+///
+/// foreground_likelihood: CV_32FC1, the per-pixel posterior L_f in [0, 1] (L_b = 1 - L_f).
+/// foreground_prior: CV_32FC1 of the same size, in [0, 1], or empty for one half everywhere.
+/// Returns the regularised foreground posterior, CV_32FC1 in [0, 1].
+/// Throws std::invalid_argument for other types, sizes or values (NaN included).
+cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior = {},
+                             const MrfOptions& options = {});
+
+}  // namespace asterism::inline ASTERISM_ABI

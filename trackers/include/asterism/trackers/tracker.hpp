@@ -1,0 +1,94 @@
+#pragma once
+
+#include <asterism/parts/frame.hpp>
+#include <concepts>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// What became of one part in one frame.
+struct PartState {
+  Point2 position;          ///< placement in the MAP constellation [px]
+  Size2 size;               ///< of the part's template in the image [px]
+  Point2 visual_best;       ///< visually most similar position x_A [px]
+  double weight = 0;        ///< response at the MAP position, compared by the update gate
+  bool updated = false;     ///< the appearance model was updated in this frame
+};
+
+/// A spring between two parts, as indices into TrackResult::parts.
+struct PartLink {
+  int i = 0, j = 0;
+};
+
+/// Milliseconds spent in one stage of `update`.
+struct StageTime {
+  std::string_view stage;  ///< a string literal, e.g. "root", "colour", "parts", "springs", "update"
+  double milliseconds = 0;
+};
+
+/// A tracker's answer for one frame.
+struct TrackResult {
+  cv::Rect2d box;            ///< sub-pixel, axis-aligned; may reach over the frame's border
+  double confidence = 0;     ///< in [0, 1]
+  bool lost = false;         ///< the tracker does not believe in the box
+  std::vector<PartState> parts;
+  std::vector<PartLink> links;
+  std::vector<StageTime> times;  ///< in the order of the stages
+
+  double milliseconds() const {
+    double sum = 0;
+    for (const StageTime& t : times) sum += t.milliseconds;
+    return sum;
+  }
+};
+
+/// A single-object tracker.
+///
+/// - `init(image, box)`: start on an object; may be called again at any time with any frame size. `box` is in
+///   pixels and covers x .. x + width - 1. Throws std::invalid_argument, and keeps the former state, for a box
+///   that is not finite, smaller than 1 x 1, or does not overlap the image, and for an image that Frame refuses.
+/// - `update(image)`: the object's box in the next image. Throws std::logic_error before `init`, and
+///   std::invalid_argument for an image that Frame refuses; the state is then as before the call.
+template <class T>
+concept Tracker = requires(T tracker, const cv::Mat& image, const cv::Rect2d& box) {
+  tracker.init(image, box);
+  { tracker.update(image) } -> std::same_as<TrackResult>;
+};
+
+/// Any Tracker, chosen at run time.
+class AnyTracker {
+ public:
+  template <Tracker T>
+    requires(!std::same_as<T, AnyTracker>)
+  AnyTracker(T tracker) : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
+
+  void init(const cv::Mat& image, const cv::Rect2d& box) { self_->init(image, box); }
+  TrackResult update(const cv::Mat& image) { return self_->update(image); }
+
+ private:
+  struct Concept {
+    virtual ~Concept() = default;
+    virtual void init(const cv::Mat&, const cv::Rect2d&) = 0;
+    virtual TrackResult update(const cv::Mat&) = 0;
+  };
+  template <class T>
+  struct Model final : Concept {
+    explicit Model(T t) : tracker(std::move(t)) {}
+    void init(const cv::Mat& image, const cv::Rect2d& box) override { tracker.init(image, box); }
+    TrackResult update(const cv::Mat& image) override { return tracker.update(image); }
+    T tracker;
+  };
+  std::unique_ptr<Concept> self_;
+};
+
+/// The trackers that `make_tracker` knows.
+std::vector<std::string> tracker_names();
+
+/// A tracker with default options by name: "dpt", "coarse" (DPT's coarse layer alone), "kcf" (its root filter
+/// alone). Throws std::invalid_argument that lists the known names for any other.
+AnyTracker make_tracker(std::string_view name);
+
+}  // namespace asterism::inline ASTERISM_ABI
