@@ -1,0 +1,71 @@
+#include <asterism/parts/response.hpp>
+#include <cmath>
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+// Vertex of the parabola through (-1, left), (0, centre), (1, right), centre being the largest; in [-1/2, 1/2].
+double parabola_vertex(double left, double centre, double right) {
+  const double curvature = 2 * centre - left - right;
+  return curvature > 0 ? 0.5 * (right - left) / curvature : 0;
+}
+
+}  // namespace
+
+double ResponseMap::at(const Point2& where) const {
+  const Point2 grid = (where - origin).cwiseQuotient(spacing);
+  const double last_col = static_cast<double>(values.cols() - 1), last_row = static_cast<double>(values.rows() - 1);
+  if (!(grid.x() >= 0 && grid.y() >= 0 && grid.x() <= last_col && grid.y() <= last_row)) return 0;
+  const auto col = static_cast<Eigen::Index>(grid.x()), row = static_cast<Eigen::Index>(grid.y());
+  const Eigen::Index next_col = std::min(col + 1, values.cols() - 1), next_row = std::min(row + 1, values.rows() - 1);
+  const double u = grid.x() - static_cast<double>(col), v = grid.y() - static_cast<double>(row);
+  const double value = (1 - v) * ((1 - u) * values(row, col) + u * values(row, next_col)) +
+                       v * ((1 - u) * values(next_row, col) + u * values(next_row, next_col));
+  return std::max(0.0, value);
+}
+
+Evidence evidence_of(const ResponseMap& response, bool sub_pixel) {
+  const auto& r = response.values;
+  const Eigen::Index rows = r.rows(), cols = r.cols();
+  Eigen::Index row = 0, col = 0;
+  Evidence evidence;
+  evidence.peak = r.maxCoeff(&row, &col);
+  const bool any = evidence.peak > 0;
+  double sub_row = static_cast<double>(row), sub_col = static_cast<double>(col);
+  if (!any) {
+    evidence.peak = 0;
+    sub_row = static_cast<double>(rows / 2);
+    sub_col = static_cast<double>(cols / 2);
+  } else if (sub_pixel) {
+    sub_row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
+    sub_col += parabola_vertex(r(row, (col + cols - 1) % cols), r(row, col), r(row, (col + 1) % cols));
+  }
+  evidence.position = response.position(sub_row, sub_col);
+
+  // Moments in grid units, separable sums over rows first.
+  double mass = 0, xx = 0, yy = 0, xy = 0;
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    double row_mass = 0, row_x = 0, row_xx = 0;
+    for (Eigen::Index j = 0; j < cols; ++j) {
+      const double weight = any ? std::max(0.0f, r(i, j)) : 1.0;
+      const double dx = static_cast<double>(j) - sub_col;
+      row_mass += weight;
+      row_x += weight * dx;
+      row_xx += weight * dx * dx;
+    }
+    const double dy = static_cast<double>(i) - sub_row;
+    mass += row_mass;
+    xx += row_xx;
+    xy += row_x * dy;
+    yy += row_mass * dy * dy;
+  }
+  const double sx = response.spacing.x(), sy = response.spacing.y();
+  evidence.covariance << xx * sx * sx, xy * sx * sy, xy * sx * sy, yy * sy * sy;
+  evidence.covariance /= mass;
+  // A single-cell peak has no spread of its own: the grid's quantisation (uniform over a cell) remains.
+  evidence.covariance.diagonal() += response.spacing.cwiseAbs2() / 12;
+  return evidence;
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,73 @@
+#pragma once
+
+#include <asterism/parts/colour.hpp>
+#include <asterism/parts/kcf.hpp>
+#include <asterism/trackers/tracker.hpp>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Options of the coarse layer (Sec. 2.2).
+struct CoarseOptions {
+  KcfOptions root;
+  ColourOptions colour;
+  /// Multiply the root's response with the colour probability; otherwise the layer is the root filter alone.
+  bool use_colour = true;
+  /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the only
+  /// one that judges the whole target; docs/results/one-pass.md has the figures behind the value.
+  double lost_below = 0.1;
+};
+
+/// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t, which
+/// together place the object's centre within the search region of the root.
+class CoarseLayer {
+ public:
+  explicit CoarseLayer(const CoarseOptions& options = {});
+
+  /// Learn both models from the object's box.
+  void init(const Frame& frame, const cv::Rect2d& box);
+
+  /// What the layer says of a frame.
+  struct Estimate {
+    Evidence evidence;          ///< of the density of Eq. position_posterior_root
+    double similarity = 0;      ///< the root filter's own response at the position
+    Segmentation segmentation;  ///< of the search window, empty where the colour model is off
+    double root_milliseconds = 0, colour_milliseconds = 0;
+  };
+  /// The object's position near its last one: the maximum of Eq. position_posterior_root.
+  Estimate localize(const Frame& frame);
+
+  /// Move the object to a box without learning.
+  void move(const cv::Rect2d& box);
+  /// Update the root filter and, where the segmentation was informative, the histograms at the object's box.
+  void adapt(const Frame& frame, bool informative);
+
+  const Point2& centre() const { return centre_; }
+  const Size2& size() const { return root_.size(); }
+  cv::Rect2d box() const { return box_around(centre_, size()); }
+  const CoarseOptions& options() const { return options_; }
+
+ private:
+  CoarseOptions options_;
+  Kcf root_;
+  ColourModel colour_;
+  Point2 centre_ = Point2::Zero();
+  ResponseMap density_;  // Eq. position_posterior_root on the root's response grid
+};
+
+/// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos without
+/// colour. The box keeps its size.
+class CoarseTracker {
+ public:
+  explicit CoarseTracker(const CoarseOptions& options = {});
+  void init(const cv::Mat& image, const cv::Rect2d& box);
+  TrackResult update(const cv::Mat& image);
+
+ private:
+  CoarseLayer layer_;
+  bool initialized_ = false;
+};
+
+/// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
+void check_start(const Frame& frame, const cv::Rect2d& box);
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,74 @@
+#pragma once
+
+#include <asterism/solver/ida.hpp>
+#include <asterism/solver/spring_system.hpp>
+#include <asterism/trackers/coarse.hpp>
+#include <asterism/trackers/transform.hpp>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Which parts are linked by springs (the paper's Table 1).
+enum class Constellation { Full, Local, Star };
+
+/// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. What the paper leaves open is said so.
+struct DptOptions {
+  CoarseOptions coarse;
+  /// The parts' filters; the paper's parameters are those of the root.
+  KcfOptions part;
+
+  /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most kMaxParts.
+  int grid_rows = 2, grid_cols = 2;
+  Constellation constellation = Constellation::Full;
+
+  /// Rate of the nominal spring lengths' update, alpha_spr (Sec. 2.5.2), in [0, 1].
+  double spring_rate = 0.95;
+  /// A part is updated if its response at the MAP position is at least this fraction of the strongest part's ...
+  double response_gate = 0.5;
+  /// ... and at least this fraction of its pixels are on the object according to the segmentation (Sec. 2.5.2).
+  double mask_gate = 0.2;
+  /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and size",
+  /// Sec. 2.5.2 fits a "Euclidean transform".
+  TransformModel transform = TransformModel::Similarity;
+
+  /// IDA's stopping rule. Open in the paper; see docs/results/one-pass.md.
+  SolverOptions solver;
+};
+
+/// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a colour model, and a
+/// mid level of parts whose MAP constellation is the equilibrium of a spring system. `update` is the paper's
+/// Algorithm 2.
+class Dpt {
+ public:
+  static constexpr int kMaxParts = 16;
+  using Springs = SpringSystem<double, 2, Eigen::Dynamic, kMaxParts>;
+  using Placement = Springs::Points;  ///< 2 x N_p, a part is a column
+
+  /// Throws std::invalid_argument for options out of range.
+  explicit Dpt(const DptOptions& options = {});
+
+  void init(const cv::Mat& image, const cv::Rect2d& box);
+  TrackResult update(const cv::Mat& image);
+
+  /// The spring system of the last frame and how its solver stopped.
+  const Springs& springs() const { return springs_; }
+  const Summary& summary() const { return summary_; }
+  const DptOptions& options() const { return options_; }
+
+ private:
+  int part_count() const { return options_.grid_rows * options_.grid_cols; }
+  /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
+  void set_springs(const std::vector<Evidence>& evidence);
+  /// Sec. 2.5.2: which parts may learn from this frame.
+  void gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const;
+
+  DptOptions options_;
+  CoarseLayer coarse_;
+  std::vector<Kcf> parts_;
+  Springs springs_;
+  Ida<Springs> solver_;
+  Summary summary_;
+  Placement placement_;  // X_{t-1}
+  bool initialized_ = false;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI
