@@ -1,0 +1,150 @@
+#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/stiffness.hpp>
+#include <stdexcept>
+
+#include "stage_clock.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options) {
+  const int rows = options.grid_rows, cols = options.grid_cols;
+  if (rows < 1 || cols < 1 || rows * cols > Dpt::kMaxParts)
+    throw std::invalid_argument("DptOptions: the grid must have 1 to 16 parts");
+  using Links = Topology<Eigen::Dynamic, Dpt::kMaxParts>;
+  switch (options.constellation) {
+    case Constellation::Star:
+      return Links::star(rows * cols, rows / 2 * cols + cols / 2);
+    case Constellation::Local: {
+      // Parts that touch along a side.
+      std::vector<Link> links;
+      for (int r = 0; r < rows; ++r)
+        for (int c = 0; c < cols; ++c) {
+          if (c + 1 < cols) links.push_back({r * cols + c, r * cols + c + 1});
+          if (r + 1 < rows) links.push_back({r * cols + c, (r + 1) * cols + c});
+        }
+      return Links::from_links(rows * cols, links);
+    }
+    case Constellation::Full:
+      break;
+  }
+  return Links::full(rows * cols);
+}
+
+}  // namespace
+
+Dpt::Dpt(const DptOptions& options)
+    : options_(options),
+      coarse_(options.coarse),
+      parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)), Kcf(options.part)),
+      springs_(make_topology(options)),
+      solver_(options.solver) {
+  if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
+    throw std::invalid_argument("DptOptions: spring_rate must be in [0, 1]");
+}
+
+void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
+  const Frame frame(image);
+  check_start(frame, box);
+  coarse_.init(frame, box);
+
+  // Sec. 2.5.3: the box is split into equal non-overlapping parts.
+  const int rows = options_.grid_rows, cols = options_.grid_cols;
+  const Size2 part_size(box.width / cols, box.height / rows);
+  placement_.resize(2, part_count());
+  for (int i = 0; i < part_count(); ++i) {
+    const int row = i / cols, col = i % cols;
+    placement_.col(i) = centre_of(
+        {box.x + col * part_size.x(), box.y + row * part_size.y(), part_size.x(), part_size.y()});
+    parts_[static_cast<std::size_t>(i)].init(frame, placement_.col(i), part_size);
+  }
+  springs_.set_rest_lengths(placement_);
+  initialized_ = true;
+}
+
+TrackResult Dpt::update(const cv::Mat& image) {
+  if (!initialized_) throw std::logic_error("Dpt: update before init");
+  StageClock clock;
+  const Frame frame(image);
+  TrackResult result;
+  result.times.push_back({"frame", clock.lap()});
+
+  // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
+  const CoarseLayer::Estimate coarse = coarse_.localize(frame);
+  Placement placement = placement_.colwise() + (coarse.evidence.position - coarse_.centre());
+  result.times.push_back({"root", coarse.root_milliseconds});
+  result.times.push_back({"colour", coarse.colour_milliseconds});
+  clock.lap();
+
+  // Line 2: responses of the parts form the spring system.
+  std::vector<Evidence> evidence;
+  for (std::size_t i = 0; i < parts_.size(); ++i)
+    evidence.push_back(parts_[i].localize(frame, placement.col(static_cast<Eigen::Index>(i))));
+  set_springs(evidence);
+  result.times.push_back({"parts", clock.lap()});
+
+  // Line 3: the MAP constellation.
+  summary_ = solver_.solve(springs_, placement);
+  result.times.push_back({"springs", clock.lap()});
+
+  // Line 4: root position and size by the transform of the constellation.
+  const PlaneTransform transform = fit_transform(placement_, placement, options_.transform);
+  coarse_.move(box_around(transform(coarse_.centre()), transform.scale * coarse_.size()));
+  placement_ = placement;
+
+  // Line 5: spring lengths and part models.
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    const Point2 position = placement.col(static_cast<Eigen::Index>(i));
+    result.parts.push_back({.position = position,
+                            .size = parts_[i].size(),
+                            .visual_best = evidence[i].position,
+                            .weight = parts_[i].similarity_at(position)});
+  }
+  gate_updates(coarse.segmentation, result.parts);
+  for (std::size_t i = 0; i < parts_.size(); ++i)
+    if (result.parts[i].updated) parts_[i].adapt(frame, result.parts[i].position);
+  for (int l = 0; l < springs_.link_count(); ++l) {
+    const auto [i, j] = springs_.topology().link(l);
+    double& length = springs_.rest_length(l);
+    length += options_.spring_rate * ((placement.col(i) - placement.col(j)).norm() - length);
+    result.links.push_back({i, j});
+  }
+  result.times.push_back({"part update", clock.lap()});
+
+  // Line 6: colour model and root filter.
+  coarse_.adapt(frame, coarse.segmentation.informative);
+  result.times.push_back({"root update", clock.lap()});
+
+  result.box = coarse_.box();
+  result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
+  result.lost = result.confidence < options_.coarse.lost_below;
+  return result;
+}
+
+void Dpt::set_springs(const std::vector<Evidence>& evidence) {
+  for (int i = 0; i < part_count(); ++i) {
+    springs_.anchors.col(i) = evidence[static_cast<std::size_t>(i)].position;
+    springs_.anchor_stiffness(i) = static_stiffness(evidence[static_cast<std::size_t>(i)]);
+  }
+  for (int l = 0; l < springs_.link_count(); ++l) {
+    const auto [i, j] = springs_.topology().link(l);
+    const double distance = (springs_.anchors.col(i) - springs_.anchors.col(j)).norm();
+    springs_.link_stiffness(l) = dynamic_stiffness(springs_.rest_length(l), distance);
+  }
+}
+
+void Dpt::gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const {
+  double strongest = 0;
+  for (const PartState& state : states) strongest = std::max(strongest, state.weight);
+  for (PartState& state : states) {
+    const bool matches = state.weight >= options_.response_gate * strongest;
+    // A segmentation that failed its test says nothing of the parts.
+    const bool on_object =
+        !segmentation.informative ||
+        segmentation.foreground_fraction(box_around(state.position, state.size)) >= options_.mask_gate;
+    state.updated = matches && on_object;
+  }
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
