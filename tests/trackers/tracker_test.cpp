@@ -1,0 +1,278 @@
+#include <gtest/gtest.h>
+
+#include <asterism/trackers/coarse.hpp>
+#include <asterism/trackers/dpt.hpp>
+#include <cmath>
+
+#include "../parts/part_axioms.hpp"
+
+namespace asterism {
+namespace {
+
+using testing::texture;
+
+// A textured object on a textured background, moved along a known path.
+class Scene {
+ public:
+  Scene() : background_(texture(240, 320, 3)), object_(texture(64, 48, 9)) {
+    // Reddish, so that the colour model has something to hold on to.
+    object_ += cv::Scalar(0, 0, 80);
+    background_ += cv::Scalar(60, 0, 0);
+  }
+  static cv::Rect2d box(int t) { return {100.0 + 2 * t, 80.0 + t, 48, 64}; }
+  cv::Mat frame(int t) const {
+    cv::Mat image = background_.clone();
+    object_.copyTo(image(cv::Rect(box(t))));
+    return image;
+  }
+
+ private:
+  cv::Mat background_, object_;
+};
+
+void expect_same(const TrackResult& a, const TrackResult& b) {
+  EXPECT_EQ(a.box, b.box);
+  EXPECT_EQ(a.confidence, b.confidence);
+  EXPECT_EQ(a.lost, b.lost);
+  ASSERT_EQ(a.parts.size(), b.parts.size());
+  for (std::size_t i = 0; i < a.parts.size(); ++i) {
+    EXPECT_EQ(a.parts[i].position, b.parts[i].position);
+    EXPECT_EQ(a.parts[i].weight, b.parts[i].weight);
+    EXPECT_EQ(a.parts[i].updated, b.parts[i].updated);
+  }
+}
+
+class Trackers : public ::testing::TestWithParam<std::string> {};
+
+TEST_P(Trackers, FollowsAMovingObject) {
+  const Scene scene;
+  AnyTracker tracker = make_tracker(GetParam());
+  tracker.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 40; ++t) {
+    const TrackResult result = tracker.update(scene.frame(t));
+    const cv::Rect2d truth = Scene::box(t);
+    ASSERT_NEAR(result.box.x, truth.x, 2) << t;
+    ASSERT_NEAR(result.box.y, truth.y, 2) << t;
+    ASSERT_NEAR(result.box.width, truth.width, 4) << t;
+    ASSERT_FALSE(result.lost) << t;
+    ASSERT_GT(result.confidence, 0.2) << t;
+    ASSERT_LE(result.confidence, 1) << t;
+    ASSERT_GT(result.milliseconds(), 0);
+  }
+}
+
+TEST_P(Trackers, IsDeterministicAndStartsAnew) {
+  const Scene scene;
+  AnyTracker once = make_tracker(GetParam()), twice = make_tracker(GetParam());
+  // A life before must leave no trace, not even with another frame size.
+  twice.init(texture(100, 100, 5), {20, 20, 30, 40});
+  twice.update(texture(100, 100, 6));
+  once.init(scene.frame(0), Scene::box(0));
+  twice.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) expect_same(once.update(scene.frame(t)), twice.update(scene.frame(t)));
+}
+
+TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
+  const Scene scene;
+  AnyTracker bgr = make_tracker(GetParam()), bgra = make_tracker(GetParam()), gray = make_tracker(GetParam()),
+             deep = make_tracker(GetParam());
+  const auto convert = [](const cv::Mat& image, int code) {
+    cv::Mat result;
+    cv::cvtColor(image, result, code);
+    return result;
+  };
+  const auto deepen = [](const cv::Mat& image) {
+    cv::Mat result;
+    image.convertTo(result, CV_16U, 257);
+    return result;
+  };
+  bgr.init(scene.frame(0), Scene::box(0));
+  bgra.init(convert(scene.frame(0), cv::COLOR_BGR2BGRA), Scene::box(0));
+  gray.init(convert(scene.frame(0), cv::COLOR_BGR2GRAY), Scene::box(0));
+  deep.init(deepen(scene.frame(0)), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) {
+    const TrackResult result = bgr.update(scene.frame(t));
+    expect_same(result, bgra.update(convert(scene.frame(t), cv::COLOR_BGR2BGRA)));
+    expect_same(result, deep.update(deepen(scene.frame(t))));
+    EXPECT_NEAR(gray.update(convert(scene.frame(t), cv::COLOR_BGR2GRAY)).box.x, Scene::box(t).x, 2) << t;
+  }
+  // A gray frame in a colour video is a frame like any other.
+  EXPECT_NO_THROW(bgr.update(convert(scene.frame(11), cv::COLOR_BGR2GRAY)));
+}
+
+TEST_P(Trackers, RefusesBadStartsAndKeepsItsState) {
+  const Scene scene;
+  AnyTracker tracker = make_tracker(GetParam());
+  EXPECT_THROW(tracker.update(scene.frame(0)), std::logic_error);
+  AnyTracker reference = make_tracker(GetParam());
+  tracker.init(scene.frame(0), Scene::box(0));
+  reference.init(scene.frame(0), Scene::box(0));
+  const double nan = std::nan("");
+  for (const cv::Rect2d& box :
+       {cv::Rect2d(0, 0, 0, 10), cv::Rect2d(10, 10, -5, 5), cv::Rect2d(10, 10, 0.5, 20), cv::Rect2d(nan, 0, 10, 10),
+        cv::Rect2d(0, 0, INFINITY, 10), cv::Rect2d(320, 10, 20, 20), cv::Rect2d(-30, 10, 20, 20)})
+    EXPECT_THROW(tracker.init(scene.frame(0), box), std::invalid_argument) << box;
+  EXPECT_THROW(tracker.init(cv::Mat(), {1, 1, 5, 5}), std::invalid_argument);
+  EXPECT_THROW(tracker.update(cv::Mat()), std::invalid_argument);
+  EXPECT_THROW(tracker.update(cv::Mat(10, 10, CV_32SC1, cv::Scalar(0))), std::invalid_argument);
+  for (int t = 1; t <= 3; ++t) expect_same(tracker.update(scene.frame(t)), reference.update(scene.frame(t)));
+}
+
+// The inputs of reference trackers' crashes: thin, tiny, as large as the frame, over its edge, on a constant image.
+TEST_P(Trackers, HandlesOddBoxes) {
+  const cv::Mat first = texture(720, 1280, 2), second = testing::shifted(first, 1, 1);
+  for (const cv::Rect2d& box :
+       {cv::Rect2d(5, 5, 500, 10), cv::Rect2d(600, 300, 1, 1), cv::Rect2d(0, 0, 1280, 720), cv::Rect2d(300, 2, 3, 700),
+        cv::Rect2d(-20, -20, 60, 60), cv::Rect2d(1270, 700, 40, 40), cv::Rect2d(-100, -100, 1500, 1000)}) {
+    AnyTracker tracker = make_tracker(GetParam());
+    tracker.init(first, box);
+    for (int t = 0; t < 3; ++t) {
+      const TrackResult result = tracker.update(second);
+      EXPECT_TRUE(std::isfinite(result.box.x) && std::isfinite(result.box.y)) << box;
+      EXPECT_GT(result.box.width, 0) << box;
+      EXPECT_GT(result.box.height, 0) << box;
+    }
+  }
+  AnyTracker tracker = make_tracker(GetParam());
+  const cv::Mat flat(240, 320, CV_8UC3, cv::Scalar(90, 120, 30));
+  tracker.init(flat, {100, 100, 40, 40});
+  for (int t = 0; t < 3; ++t) EXPECT_NEAR(tracker.update(flat).box.x, 100, 5);
+}
+
+TEST_P(Trackers, SurvivesAChangeOfFrameSize) {
+  const Scene scene;
+  AnyTracker tracker = make_tracker(GetParam());
+  tracker.init(scene.frame(0), Scene::box(0));
+  for (const cv::Size& size : {cv::Size(640, 480), cv::Size(40, 30), cv::Size(320, 240), cv::Size(1, 1)}) {
+    cv::Mat image;
+    cv::resize(scene.frame(1), image, size);
+    const TrackResult result = tracker.update(image);
+    EXPECT_TRUE(std::isfinite(result.box.x) && std::isfinite(result.box.width));
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(All, Trackers, ::testing::ValuesIn(tracker_names()));
+
+TEST(MakeTracker, NamesTheKnownOnesInItsError) {
+  try {
+    make_tracker("ncc");
+    FAIL();
+  } catch (const std::invalid_argument& error) {
+    for (const std::string& name : tracker_names())
+      EXPECT_NE(std::string(error.what()).find(name), std::string::npos) << error.what();
+  }
+}
+
+// The object vanishes: the tracker says so.
+TEST(Coarse, ReportsALostTarget) {
+  const Scene scene;
+  Dpt tracker;
+  tracker.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) EXPECT_FALSE(tracker.update(scene.frame(t)).lost);
+  EXPECT_TRUE(tracker.update(cv::Mat(240, 320, CV_8UC3, cv::Scalar(20, 200, 20))).lost);
+}
+
+TEST(Dpt, PartsTileTheBoxAndTheirSpringsFollowTheEquations) {
+  const Scene scene;
+  Dpt tracker;
+  tracker.init(scene.frame(0), Scene::box(0));
+  const TrackResult result = tracker.update(scene.frame(1));
+  ASSERT_EQ(result.parts.size(), 4u);
+  ASSERT_EQ(result.links.size(), 6u);
+  const cv::Rect2d truth = Scene::box(1);
+  for (int i = 0; i < 4; ++i) {
+    const PartState& part = result.parts[static_cast<std::size_t>(i)];
+    EXPECT_EQ(part.size, Size2(24, 32));
+    const cv::Rect2d quarter(truth.x + (i % 2) * 24, truth.y + (i / 2) * 32, 24, 32);
+    EXPECT_LT((part.position - centre_of(quarter)).norm(), 1.5) << i;
+    EXPECT_TRUE(part.updated) << i;
+  }
+  // The placement is a stationary point of the energy of the springs that it was found with.
+  EXPECT_TRUE(tracker.summary().usable());
+  EXPECT_LE(tracker.summary().final_energy, tracker.summary().initial_energy);
+  // alpha_spr = 0.95: nominal lengths are nearly those of the new placement.
+  for (const PartLink& link : result.links) {
+    const double now = (result.parts[static_cast<std::size_t>(link.i)].position -
+                        result.parts[static_cast<std::size_t>(link.j)].position)
+                           .norm();
+    bool found = false;
+    for (int l = 0; l < tracker.springs().link_count(); ++l) {
+      const auto [i, j] = tracker.springs().topology().link(l);
+      if (i != link.i || j != link.j) continue;
+      found = true;
+      EXPECT_NEAR(tracker.springs().rest_length(l), now, 0.2);
+    }
+    EXPECT_TRUE(found);
+  }
+}
+
+// Half of the object is covered: the covered parts must not learn the cover.
+TEST(Dpt, OccludedPartsAreNotUpdated) {
+  const Scene scene;
+  Dpt tracker;
+  tracker.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) tracker.update(scene.frame(t));
+  int left_updates = 0, right_updates = 0;
+  for (int t = 11; t <= 15; ++t) {
+    cv::Mat image = scene.frame(t);
+    const cv::Rect2d box = Scene::box(t);
+    cv::rectangle(image, cv::Rect2d(box.x + 24, box.y - 10, 40, 84), cv::Scalar(40, 220, 40), cv::FILLED);
+    const TrackResult result = tracker.update(image);
+    for (std::size_t i = 0; i < 4; ++i) (i % 2 == 0 ? left_updates : right_updates) += result.parts[i].updated;
+    EXPECT_NEAR(result.box.x, box.x, 6) << t;
+  }
+  EXPECT_GE(left_updates, 8);
+  EXPECT_EQ(right_updates, 0);
+}
+
+// An object that grows is followed in size through its constellation.
+TEST(Dpt, FollowsSize) {
+  const cv::Mat background = texture(240, 320, 3), object = texture(60, 60, 9);
+  const auto frame = [&](double scale) {
+    cv::Mat image = background.clone(), scaled;
+    const int side = static_cast<int>(std::lround(60 * scale));
+    cv::resize(object, scaled, {side, side}, 0, 0, cv::INTER_AREA);
+    scaled.copyTo(image(cv::Rect(160 - side / 2, 120 - side / 2, side, side)));
+    return image;
+  };
+  Dpt tracker;
+  tracker.init(frame(1), {130, 90, 60, 60});
+  double scale = 1;
+  TrackResult result;
+  for (int t = 0; t < 40; ++t) result = tracker.update(frame(scale *= 1.01));
+  EXPECT_NEAR(result.box.width, 60 * scale, 8);
+}
+
+TEST(Dpt, EveryGridAndTopologyTracks) {
+  const Scene scene;
+  for (const auto& [rows, cols] : {std::pair{1, 1}, {1, 2}, {2, 2}, {3, 3}, {4, 4}})
+    for (const Constellation constellation : {Constellation::Full, Constellation::Local, Constellation::Star}) {
+      DptOptions options;
+      options.grid_rows = rows;
+      options.grid_cols = cols;
+      options.constellation = constellation;
+      Dpt tracker(options);
+      tracker.init(scene.frame(0), Scene::box(0));
+      TrackResult result;
+      for (int t = 1; t <= 5; ++t) result = tracker.update(scene.frame(t));
+      EXPECT_NEAR(result.box.x, Scene::box(5).x, 3) << rows << "x" << cols;
+      EXPECT_TRUE(tracker.summary().usable()) << tracker.summary().message;
+    }
+}
+
+TEST(Dpt, RefusesBadOptions) {
+  const auto refused = [](auto change) {
+    DptOptions options;
+    change(options);
+    EXPECT_THROW(Dpt{options}, std::invalid_argument);
+  };
+  refused([](DptOptions& o) { o.grid_rows = 0; });
+  refused([](DptOptions& o) { o.grid_cols = -1; });
+  refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 5; });
+  refused([](DptOptions& o) { o.spring_rate = 2; });
+  refused([](DptOptions& o) { o.part.lambda = -1; });
+  refused([](DptOptions& o) { o.coarse.colour.histogram_rate = 7; });
+}
+
+}  // namespace
+}  // namespace asterism
