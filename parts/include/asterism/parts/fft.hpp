@@ -12,8 +12,12 @@ namespace asterism::inline ASTERISM_ABI {
 /// Real images are `channels` planes of rows x cols, row-major, contiguous; spectra are `channels` planes of
 /// rows x (cols / 2 + 1). Scalar: float or double.
 ///
-/// Copies share their (immutable) plans. `forward` and `inverse` allocate nothing and may be called from
-/// several threads with different buffers. Buffers should be 16-byte aligned (Eigen, cv::Mat and AlignedVector are).
+/// Copies, and objects of equal size, share their (immutable) plans. `forward` and `inverse` may be called
+/// from several threads with different buffers, and objects may be made in several threads; with FFTW, no
+/// other code may plan at the same time unless it called fftw_make_planner_thread_safe.
+///
+/// Buffers should be aligned as FFTW's SIMD code wants it (16 bytes: Eigen, cv::Mat and the default operator
+/// new are). Others are correct too, but slower and equal only up to rounding.
 template <typename Scalar>
 class RealFft2 {
  public:
