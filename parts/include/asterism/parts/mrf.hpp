@@ -8,10 +8,13 @@ namespace asterism::inline ASTERISM_ABI {
 /// Options of `regularize_posterior`.
 struct MrfOptions {
   bool enabled = true;
+  /// >= 1; about eight are usual.
   int max_iterations = 50;
-  /// Stop when the mean log posterior changes by less than this.
+  /// Stop when the mean log posterior changes by less than this, >= 0.
   double tolerance = 0.1;
-  /// Radius of the Gaussian neighbourhood as a fraction of the map's larger side; at least one pixel.
+  /// Radius of the Gaussian neighbourhood as a fraction of the map's larger side, in (0, 1]; at least one
+  /// pixel. The radius is three standard deviations. (The group's code takes the width, which makes the
+  /// result depend on whether a map lies or stands.)
   double neighbourhood = 0.06;
 };
 
@@ -19,9 +22,10 @@ struct MrfOptions {
 /// (Diplaros et al. 2007, Kristan et al. 2014), by expectation maximisation.
 ///
 /// foreground_likelihood: CV_32FC1, the per-pixel posterior L_f in [0, 1] (L_b = 1 - L_f).
-/// foreground_prior: CV_32FC1 of the same size, in [0, 1], or empty for one half everywhere.
-/// Returns the regularised foreground posterior, CV_32FC1 in [0, 1].
-/// Throws std::invalid_argument for other types, sizes or values (NaN included).
+/// foreground_prior: CV_32FC1 of the same size, in [0, 1], or empty for one half everywhere. It starts the
+/// iteration and is not part of the likelihood (the group's code multiplies it into both). Returns the
+/// regularised foreground posterior, CV_32FC1 in [0, 1]. Throws std::invalid_argument for other types, sizes
+/// or values (NaN included), and for options out of range.
 cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior = {},
                              const MrfOptions& options = {});
 
