@@ -8,8 +8,8 @@
 #define ASTERISM_VERSION_PATCH 0
 
 // Objects with fixed-size Eigen members change their layout with the SIMD width that Eigen aligns for, so the
-// alignment is part of every symbol's name: a library built for AVX linked into a program that is not becomes a
-// link error instead of a crash.
+// alignment is part of every symbol's name: a library built for AVX linked into a program that is not becomes
+// a link error instead of a crash.
 #define ASTERISM_CONCAT_IMPL(a, b) a##b
 #define ASTERISM_CONCAT(a, b) ASTERISM_CONCAT_IMPL(a, b)
 #define ASTERISM_ABI ASTERISM_CONCAT(v0_1_align, EIGEN_MAX_STATIC_ALIGN_BYTES)

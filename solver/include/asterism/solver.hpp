@@ -1,0 +1,10 @@
+#pragma once
+
+// The solver room: all of asterism::solver. The adapters <asterism/solver/cholmod.hpp> and
+// <asterism/solver/ceres.hpp> belong to targets of their own.
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/ida.hpp>
+#include <asterism/solver/spring_system.hpp>
+#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/summary.hpp>
+#include <asterism/solver/validate.hpp>

@@ -1,0 +1,109 @@
+#pragma once
+
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/summary.hpp>
+#include <asterism/solver/validate.hpp>
+#include <chrono>
+#include <cmath>
+#include <new>
+#include <string_view>
+
+namespace asterism::inline ASTERISM_ABI::detail {
+
+/// The frame around every solver's iterations: validation before, and the library's own verdict after, so
+/// that all methods are held to the same rule and bad input costs nobody an x. It keeps its memory between
+/// solves.
+template <typename System>
+class Session {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  /// Runs iterate(summary), which improves x and returns why it stopped, between validation and verdict.
+  template <typename Iterate>
+  Summary run(std::string_view name, const SolverOptions& options, const System& system, Points& x,
+              Iterate&& iterate) {
+    const auto begin = std::chrono::steady_clock::now();
+    Summary summary;
+    summary.solver = name;
+    bool started = false;
+    try {
+      if (start(options, system, x, summary)) {
+        started = true;
+        summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
+        summary.linear_solves = summary.factorizations = 0;
+        summary.message = {};
+        judge(iterate(summary), system, x, summary);
+      }
+    } catch (const std::bad_alloc&) {
+      if (started) x = start_;
+      summary.status = Status::OutOfMemory;
+      summary.message = "the workspace does not fit into memory";
+    }
+    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return summary;
+  }
+
+  /// Whether an iterate with this gradient is stationary. A gradient with NaN counts as done: the verdict
+  /// rejects it.
+  bool done(const Points& gradient) const { return rule_.reached(gradient); }
+
+ private:
+  bool start(const SolverOptions& options, const System& system, const Points& x, Summary& summary) {
+    summary.status = Status::InvalidInput;
+    summary.message = validate(system, x, scratch_);
+    if (!(options.tolerance >= 0 && std::isfinite(options.tolerance))) {
+      summary.message = "option tolerance is negative or not finite";
+    } else if (options.max_iterations < 0) {
+      summary.message = "option max_iterations is negative";
+    }
+    if (!summary.message.empty()) return false;
+
+    start_ = x;
+    energy_ = energy_and_gradient(system, x, gradient_);
+    if (!std::isfinite(energy_) || !gradient_.allFinite() || !rule_.set(system, x, options.tolerance)) {
+      summary.status = Status::NumericalFailure;
+      summary.message = "energy or gradient at the start leave the range of the scalar";
+      return false;
+    }
+    summary.initial_energy = static_cast<double>(energy_);
+    return true;
+  }
+
+  // `reason` is what the method says; energy and gradient at x have the last word.
+  void judge(Status reason, const System& system, Points& x, Summary& summary) {
+    Scalar energy = energy_and_gradient(system, x, gradient_);
+    if (!std::isfinite(energy) || !gradient_.allFinite()) reason = Status::NumericalFailure;
+    const Scalar terms = static_cast<Scalar>(system.nodes() + system.link_count());
+    const Scalar rounding = terms * std::numeric_limits<Scalar>::epsilon() * energy_;
+    if (reason == Status::NumericalFailure || energy > energy_ + rounding) {
+      x = start_;
+      energy = energy_and_gradient(system, x, gradient_);
+      if (summary.message.empty()) summary.message = "no step lowered the energy";
+      if (reason != Status::NumericalFailure) reason = Status::NoProgress;
+    } else if (rule_.reached(gradient_)) {
+      reason = Status::Converged;
+    } else if (reason == Status::Converged) {
+      reason = Status::NoProgress;
+    }
+    summary.status = reason;
+    if (summary.message.empty()) {
+      summary.message = reason == Status::Converged       ? "stationary to the tolerance"
+                        : reason == Status::MaxIterations ? "not yet stationary"
+                                                          : "stopped short of the tolerance";
+    }
+    summary.final_energy = static_cast<double>(energy);
+    summary.gradient_norm = static_cast<double>(gradient_.norm());
+    summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
+  }
+
+  StoppingRule<System> rule_;
+  ComponentScratch<System> scratch_;
+  Points start_;
+  Points gradient_;
+  Scalar energy_ = 0;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI::detail

@@ -1,0 +1,121 @@
+#pragma once
+
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/spring_system.hpp>
+#include <limits>
+#include <string_view>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace detail {
+
+/// The lower triangle of K_dyn as a sparse matrix, whose pattern is made once a topology and refilled after
+/// that.
+template <typename Scalar>
+class SparseStiffness {
+ public:
+  using Matrix = Eigen::SparseMatrix<Scalar>;
+
+  /// Fills in the values of `system`; true where the pattern is new and has to be analysed.
+  template <typename System>
+  bool assemble(const System& system) {
+    const auto links = system.links();
+    const bool is_new = matrix_.rows() != system.nodes() ||
+                        !std::equal(links.begin(), links.end(), links_.begin(), links_.end());
+    if (is_new) make_pattern(system.nodes(), links);
+    auto* values = matrix_.valuePtr();
+    matrix_.coeffs().setZero();
+    for (int i = 0; i < system.nodes(); ++i)
+      values[diagonal_[i]] = static_cast<Scalar>(system.anchor_stiffness[i]);
+    int l = 0;
+    for (const Link& link : links) {
+      const auto k = static_cast<Scalar>(system.link_stiffness[l]);
+      values[diagonal_[link.i]] += k;
+      values[diagonal_[link.j]] += k;
+      values[off_diagonal_[l]] -= k;
+      ++l;
+    }
+    return is_new;
+  }
+
+  const Matrix& matrix() const { return matrix_; }
+  auto diagonal() const {
+    return diagonal_.unaryExpr([this](int at) { return matrix_.valuePtr()[at]; });
+  }
+
+ private:
+  void make_pattern(int n, std::span<const Link> links) {
+    std::vector<Eigen::Triplet<Scalar>> entries;
+    entries.reserve(static_cast<std::size_t>(n) + links.size());
+    for (int i = 0; i < n; ++i) entries.emplace_back(i, i, Scalar(0));
+    for (const Link& link : links)
+      entries.emplace_back(std::max(link.i, link.j), std::min(link.i, link.j), Scalar(0));
+    matrix_.resize(n, n);
+    matrix_.setFromTriplets(entries.begin(), entries.end());
+
+    const auto position = [this](int row, int column) {
+      const int* rows = matrix_.innerIndexPtr();
+      const int* first = rows + matrix_.outerIndexPtr()[column];
+      const int* last = rows + matrix_.outerIndexPtr()[column + 1];
+      return static_cast<int>(std::lower_bound(first, last, row) - rows);
+    };
+    diagonal_.resize(n);
+    for (int i = 0; i < n; ++i) diagonal_[i] = position(i, i);
+    off_diagonal_.resize(static_cast<Eigen::Index>(links.size()));
+    int l = 0;
+    for (const Link& link : links) {
+      off_diagonal_[l++] = position(std::max(link.i, link.j), std::min(link.i, link.j));
+    }
+    links_.assign(links.begin(), links.end());
+  }
+
+  Matrix matrix_;
+  std::vector<Link> links_;       // of the pattern
+  Eigen::VectorXi diagonal_;      // place of entry (i, i) among the values
+  Eigen::VectorXi off_diagonal_;  // place of a link's entry
+};
+
+}  // namespace detail
+
+/// Factorisation policy of Ida: sparse Cholesky (Eigen's SimplicialLDLT with AMD ordering) of K_dyn, for many
+/// nodes and few links a node. The ordering is computed once a topology. Uses the heap.
+template <typename System>
+class SparseCholesky {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kIdaName = "IDA, sparse Cholesky";
+
+  /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
+  bool factorize(const System& system) {
+    if (stiffness_.assemble(system)) cholesky_.analyzePattern(stiffness_.matrix());
+    cholesky_.factorize(stiffness_.matrix());
+    if (cholesky_.info() != Eigen::Success) return false;
+    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+    const Vector pivots = cholesky_.permutationPinv() * cholesky_.vectorD();
+    return (pivots.array() > kRounding * stiffness_.diagonal().array()).all();
+  }
+
+  /// x <- x - K_dyn^-1 g, all dimensions at once.
+  void descend(const Points& gradient, Points& x) {
+    right_hand_side_ = gradient.transpose();
+    step_ = cholesky_.solve(right_hand_side_);
+    x -= step_.transpose();
+  }
+
+ private:
+  using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
+  using RightHandSide = Eigen::Matrix<Scalar, Eigen::Dynamic, System::kDim>;
+
+  detail::SparseStiffness<Scalar> stiffness_;
+  Eigen::SimplicialLDLT<typename detail::SparseStiffness<Scalar>::Matrix> cholesky_;
+  RightHandSide right_hand_side_;
+  RightHandSide step_;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

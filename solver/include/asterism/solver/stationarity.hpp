@@ -1,0 +1,114 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/spring_system.hpp>
+#include <cmath>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// The length that a system's distances are measured in: the root mean square of its rest lengths and of its
+/// anchors about their centroid, counting the springs of positive stiffness alone. Where all those are zero,
+/// the root mean square of x about that centroid [px].
+template <typename System>
+typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
+  using Scalar = typename System::Scalar;
+  int count = 0;
+  typename System::Point centroid = System::Point::Zero();
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (!(system.anchor_stiffness[i] > 0)) continue;
+    ++count;
+    centroid += (system.anchors.col(i) - centroid) / static_cast<Scalar>(count);
+  }
+  Scalar sum = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.anchor_stiffness[i] > 0) sum += (system.anchors.col(i) - centroid).squaredNorm();
+  }
+  for (int l = 0; l < system.link_count(); ++l) {
+    if (!(system.link_stiffness[l] > 0)) continue;
+    ++count;
+    sum += system.rest_length[l] * system.rest_length[l];
+  }
+  if (sum > 0) return std::sqrt(sum / static_cast<Scalar>(count));
+  return std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
+}
+
+/// A_ii = k_i + sum_j k_ij, the diagonal of K_dyn: the stiffness that node i moves against when the others
+/// stand still.
+template <typename System>
+typename System::NodeVector node_stiffness(const System& system) {
+  typename System::NodeVector result = system.anchor_stiffness;
+  int l = 0;
+  for (const Link& link : system.links()) {
+    result[link.i] += system.link_stiffness[l];
+    result[link.j] += system.link_stiffness[l];
+    ++l;
+  }
+  return result;
+}
+
+namespace detail {
+
+/// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length at the start.
+template <typename System>
+class StoppingRule {
+ public:
+  using Scalar = typename System::Scalar;
+
+  /// False where stiffness or lengths leave the range of the scalar.
+  bool set(const System& system, const typename System::Points& x, double tolerance) {
+    const Scalar length = characteristic_length(system, x);
+    Scalar extent = x.cwiseAbs().maxCoeff();
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.anchor_stiffness[i] > 0)
+        extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
+    }
+    weights_ = node_stiffness(system);
+    if (!(length > 0)) {  // all of x on the one point that anchors and springs want it at
+      weights_.setZero();
+      tolerance_ = static_cast<Scalar>(tolerance);
+      return std::isfinite(length);
+    }
+    for (auto& weight : weights_) weight = weight > 0 ? 1 / (weight * length) : Scalar(0);
+    // A coordinate is known to eps |x|, so g_i / A_ii cannot be resolved below a few times that.
+    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+    tolerance_ = std::max(static_cast<Scalar>(tolerance), kRounding * (1 + extent / length));
+    return std::isfinite(tolerance_) && weights_.allFinite();
+  }
+
+  Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
+  /// Also true for a gradient with NaN, which no further iteration can cure.
+  bool reached(const typename System::Points& gradient) const {
+    return !(square(gradient) > tolerance_ * tolerance_);
+  }
+
+ private:
+  // NaN where the gradient has one.
+  Scalar square(const typename System::Points& gradient) const {
+    Scalar largest = 0;
+    for (int i = 0; i < weights_.size(); ++i) {
+      const Scalar value = (gradient.col(i) * weights_[i]).squaredNorm();
+      if (!(value <= largest)) largest = value;
+    }
+    return largest;
+  }
+
+  typename System::NodeVector weights_;  // 1 / (A_ii L)
+  Scalar tolerance_ = 0;
+};
+
+}  // namespace detail
+
+/// How far x is from a stationary point, without units: max_i |dE/dx_i| / (A_ii L), with A_ii the
+/// node_stiffness and L the characteristic_length. It is the largest distance, in units of L, that a node
+/// would move to if the others and the directions of its springs stood still. Nodes without stiffness are
+/// skipped.
+template <typename System>
+double stationarity(const System& system, const typename System::Points& x) {
+  detail::StoppingRule<System> rule;
+  rule.set(system, x, 0);
+  return static_cast<double>(rule.stationarity(gradient(system, x)));
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,145 @@
+#pragma once
+
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/topology.hpp>
+#include <charconv>
+#include <concepts>
+#include <cstddef>
+#include <cstring>
+#include <ostream>
+#include <string_view>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Why a solver stopped, and what became of x.
+enum class Status {
+  NotRun,         ///< solve was not called
+  Converged,      ///< x is a stationary point to the tolerance asked for
+  MaxIterations,  ///< the iterations ran out; x is the last iterate, its energy no higher than the start's
+  NoProgress,  ///< the solver could not go on; x is its best iterate, its energy no higher than the start's
+  NumericalFailure,  ///< overflow, or stiffness ratios beyond the scalar's digits; x is as it was, bit for
+                     ///< bit
+  InvalidInput,      ///< the message names the offending value; x is as it was, bit for bit
+  OutOfMemory,       ///< a workspace could not be allocated; x is as it was, bit for bit
+};
+
+constexpr std::string_view to_string(Status status) {
+  switch (status) {
+    case Status::NotRun:
+      return "not run";
+    case Status::Converged:
+      return "converged";
+    case Status::MaxIterations:
+      return "maximum number of iterations";
+    case Status::NoProgress:
+      return "no progress";
+    case Status::NumericalFailure:
+      return "numerical failure";
+    case Status::InvalidInput:
+      return "invalid input";
+    case Status::OutOfMemory:
+      return "out of memory";
+  }
+  return "unknown status";
+}
+
+inline std::ostream& operator<<(std::ostream& out, Status status) { return out << to_string(status); }
+
+/// A short text without heap memory; what does not fit is cut off.
+class Message {
+ public:
+  Message() = default;
+  Message(std::string_view text) { append(text); }
+  Message(const char* text) : Message(std::string_view(text)) {}
+
+  /// "<subject> <index> <problem>", empty for no defect.
+  Message(const Defect& defect) {
+    if (!defect) return;
+    append(defect.subject).append(" ");
+    if (defect.index != -1) append(defect.index).append(" ");
+    append(defect.problem);
+  }
+
+  Message& append(std::string_view text) {
+    const std::size_t count = std::min(text.size(), sizeof text_ - size_);
+    std::memcpy(text_ + size_, text.data(), count);
+    size_ += count;
+    return *this;
+  }
+
+  Message& append(int value) {
+    char digits[16];
+    return append({digits, static_cast<std::size_t>(std::to_chars(digits, digits + sizeof digits, value).ptr -
+                                                    digits)});
+  }
+
+  operator std::string_view() const { return {text_, size_}; }
+  bool empty() const { return size_ == 0; }
+
+  friend bool operator==(const Message& a, std::string_view b) { return std::string_view(a) == b; }
+  friend std::ostream& operator<<(std::ostream& out, const Message& message) {
+    return out << std::string_view(message);
+  }
+
+ private:
+  std::size_t size_ = 0;
+  char text_[168];
+};
+
+/// What every solver takes.
+struct SolverOptions {
+  /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
+  /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
+  /// would move by more than 3e-7 px if the others stood still. Below the rounding of the coordinates it is
+  /// raised to that.
+  double tolerance = 1e-8;
+
+  /// Iterations at most; 0 evaluates the start.
+  int max_iterations = 10000;
+};
+
+/// What every solver returns. Numbers are -1 until they are known. Energies, gradient norm and stationarity
+/// are computed by this library from x, whatever the solver, and their cost is in `seconds` but not in the
+/// counts.
+struct Summary {
+  Status status = Status::NotRun;
+  Message message = "solve was not called";
+  std::string_view solver;        ///< name of the solver
+  int iterations = -1;            ///< updates of x
+  int energy_evaluations = -1;    ///< made by the method
+  int gradient_evaluations = -1;  ///< made by the method
+  int linear_solves = -1;         ///< with all dimensions as right-hand sides counting once
+  int factorizations = -1;        ///< of a matrix
+  double initial_energy = -1;     ///< E at the x given
+  double final_energy = -1;       ///< E at the x returned
+  double gradient_norm = -1;      ///< |dE/dx| at the x returned [stiffness x px]
+  double stationarity = -1;       ///< at the x returned, see SolverOptions::tolerance
+  double seconds = -1;            ///< wall-clock time in solve
+
+  /// x is finite and at least as good as the start.
+  bool usable() const {
+    return status == Status::Converged || status == Status::MaxIterations || status == Status::NoProgress;
+  }
+};
+
+inline std::ostream& operator<<(std::ostream& out, const Summary& summary) {
+  out << summary.solver << ": " << summary.status;
+  if (summary.usable()) {
+    out << " after " << summary.iterations << " iterations, energy " << summary.initial_energy << " -> "
+        << summary.final_energy << ", stationarity " << summary.stationarity << ", " << summary.seconds
+        << " s";
+  }
+  return out << " (" << summary.message << ")";
+}
+
+/// A minimiser of a spring system's energy. `solve` starts at x, leaves its result there, and never throws,
+/// prints or exits. The energy has many stationary points and the start chooses among them: it is part of the
+/// problem.
+template <typename S, typename System>
+concept Solver = requires(S solver, const System& system, typename System::Points& x) {
+  { solver.solve(system, x) } -> std::same_as<Summary>;
+  { solver.options } -> std::convertible_to<SolverOptions>;
+  { S::name() } -> std::convertible_to<std::string_view>;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,220 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <asterism/solver/config.hpp>
+#include <cstddef>
+#include <limits>
+#include <numeric>
+#include <span>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// A spring between nodes `i` and `j`. Undirected: (i, j) and (j, i) are the same spring.
+struct Link {
+  int i = 0;
+  int j = 0;
+
+  friend bool operator==(const Link&, const Link&) = default;
+};
+
+/// What is wrong with an input, and where. Reads as "<subject> <index> <problem>"; no problem is a null
+/// pointer.
+struct Defect {
+  const char* subject = nullptr;
+  int index = -1;  ///< -1: the subject needs no index
+  const char* problem = nullptr;
+
+  explicit operator bool() const { return problem != nullptr; }
+};
+
+/// Who is linked to whom: an immutable list of links over `nodes()` nodes. It changes rarely (a part is added
+/// or dropped), while the values of a SpringSystem change every frame.
+///
+/// `N` is the number of nodes or Eigen::Dynamic, `MaxN` its upper bound or Eigen::Dynamic. With a bound, the
+/// links live inside the object (at most MaxN (MaxN - 1) / 2 of them) and nothing touches the heap.
+///
+/// Duplicated links are allowed and act as springs in parallel (their energies add up). A list that cannot be
+/// a topology (index out of range, self link, too many nodes or links for the bounds) is kept up to its first
+/// bad link and described by `defect()`; every solver then returns Status::InvalidInput.
+template <int N = Eigen::Dynamic, int MaxN = N>
+class Topology {
+  static_assert(N > 0 || N == Eigen::Dynamic);
+  static_assert(MaxN > 0 || MaxN == Eigen::Dynamic);
+  static_assert(N == Eigen::Dynamic || N == MaxN, "a fixed number of nodes is its own bound");
+
+ public:
+  static constexpr int kNodes = N;
+  static constexpr int kMaxNodes = MaxN;
+  static constexpr int kMaxLinks = MaxN == Eigen::Dynamic ? Eigen::Dynamic : std::max(1, MaxN*(MaxN - 1) / 2);
+
+  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ...
+  static Topology full(int n = N) {
+    Topology topology(n);
+    for (int i = 0; i < topology.nodes(); ++i) {
+      for (int j = i + 1; j < topology.nodes(); ++j) topology.add({i, j});
+    }
+    return topology;
+  }
+
+  /// Node `centre` linked to each of the others.
+  static Topology star(int n, int centre) {
+    Topology topology(n);
+    if (centre < 0 || centre >= topology.nodes()) {
+      topology.note({"centre", centre, "is not a node"});
+      return topology;
+    }
+    for (int j = 0; j < topology.nodes(); ++j) {
+      if (j != centre) topology.add({centre, j});
+    }
+    return topology;
+  }
+
+  /// Each node linked to its `k` nearest others, and the other way round. `points` is Dim x n, finite; ties
+  /// go to the smaller index. O(n log n) for points in general position.
+  template <typename Derived>
+  static Topology k_nearest(const Eigen::MatrixBase<Derived>& points, int k);
+
+  /// The links as given, over `n` nodes.
+  static Topology from_links(int n, std::span<const Link> links) {
+    Topology topology(n);
+    for (const Link& link : links) topology.add(link);
+    return topology;
+  }
+
+  int nodes() const { return nodes_; }
+  int link_count() const { return link_count_; }
+  std::span<const Link> links() const { return {links_.data(), static_cast<std::size_t>(link_count_)}; }
+
+  /// The first thing wrong with the list this topology was made of.
+  const Defect& defect() const { return defect_; }
+
+ private:
+  explicit Topology(int n) : nodes_(fitting(n)) {
+    if (n != nodes_) note({"node count", n, "does not fit the topology's type"});
+  }
+
+  static int fitting(int n) {
+    if constexpr (N != Eigen::Dynamic) return N;
+    return std::clamp(n, 0, MaxN == Eigen::Dynamic ? std::numeric_limits<int>::max() : MaxN);
+  }
+
+  void note(Defect defect) {
+    if (!defect_) defect_ = defect;
+  }
+
+  void add(Link link) {
+    if (defect_) return;
+    const auto is_node = [this](int index) { return 0 <= index && index < nodes_; };
+    if (!is_node(link.i) || !is_node(link.j))
+      return note({"link", link_count_, "has an end that is not a node"});
+    if (link.i == link.j) return note({"link", link_count_, "joins a node to itself"});
+    if constexpr (kMaxLinks == Eigen::Dynamic) {
+      links_.push_back(link);
+    } else {
+      if (link_count_ == kMaxLinks) return note({"link", link_count_, "is beyond the topology's capacity"});
+      links_[static_cast<std::size_t>(link_count_)] = link;
+    }
+    ++link_count_;
+  }
+
+  using Storage = std::conditional_t<kMaxLinks == Eigen::Dynamic, std::vector<Link>,
+                                     std::array<Link, static_cast<std::size_t>(std::max(1, kMaxLinks))>>;
+
+  int nodes_ = 0;
+  int link_count_ = 0;
+  Storage links_{};
+  Defect defect_;
+};
+
+namespace detail {
+
+/// A balanced k-d tree over the columns of `points`, for k-nearest queries of its own points.
+template <typename Points>
+class NearestNeighbours {
+ public:
+  NearestNeighbours(const Points& points, int k) : points_(points), k_(static_cast<std::size_t>(k)) {
+    order_.resize(static_cast<std::size_t>(points.cols()));
+    std::iota(order_.begin(), order_.end(), 0);
+    build(0, order_.size(), 0);
+  }
+
+  /// The k nearest other points of point `query`, nearest first.
+  const auto& of(int query) {
+    query_ = query;
+    found_.clear();
+    search(0, order_.size(), 0);
+    return found_;
+  }
+
+ private:
+  using Scalar = typename Points::Scalar;
+  using Candidate = std::pair<Scalar, int>;  // squared distance, index: pairs order ties by index
+
+  Scalar at(int point, Eigen::Index axis) const { return points_(axis, point); }
+
+  void build(std::size_t first, std::size_t last, Eigen::Index axis) {
+    if (last - first < 2) return;
+    const std::size_t middle = first + (last - first) / 2;
+    const auto begin = order_.begin();
+    std::nth_element(begin + static_cast<std::ptrdiff_t>(first), begin + static_cast<std::ptrdiff_t>(middle),
+                     begin + static_cast<std::ptrdiff_t>(last),
+                     [&](int a, int b) { return std::pair(at(a, axis), a) < std::pair(at(b, axis), b); });
+    const Eigen::Index next = (axis + 1) % points_.rows();
+    build(first, middle, next);
+    build(middle + 1, last, next);
+  }
+
+  void search(std::size_t first, std::size_t last, Eigen::Index axis) {
+    if (first >= last) return;
+    const std::size_t middle = first + (last - first) / 2;
+    const int point = order_[middle];
+    if (point != query_) offer({(points_.col(point) - points_.col(query_)).squaredNorm(), point});
+    const Eigen::Index next = (axis + 1) % points_.rows();
+    const Scalar offset = at(query_, axis) - at(point, axis);
+    const bool left_first = offset < 0;
+    left_first ? search(first, middle, next) : search(middle + 1, last, next);
+    if (found_.size() < k_ || offset * offset <= found_.back().first) {
+      left_first ? search(middle + 1, last, next) : search(first, middle, next);
+    }
+  }
+
+  void offer(Candidate candidate) {
+    found_.insert(std::upper_bound(found_.begin(), found_.end(), candidate), candidate);
+    if (found_.size() > k_) found_.pop_back();
+  }
+
+  const Points& points_;
+  std::size_t k_;
+  int query_ = 0;
+  std::vector<int> order_;
+  std::vector<Candidate> found_;
+};
+
+}  // namespace detail
+
+template <int N, int MaxN>
+template <typename Derived>
+Topology<N, MaxN> Topology<N, MaxN>::k_nearest(const Eigen::MatrixBase<Derived>& points, int k) {
+  Topology topology(static_cast<int>(points.cols()));
+  if (k < 0) topology.note({"neighbour count", k, "is negative"});
+  if (!points.allFinite()) topology.note({"points", -1, "are not finite"});
+  if (topology.defect_) return topology;
+
+  const typename Derived::PlainObject plain = points;
+  detail::NearestNeighbours nearest(plain, k);
+  std::vector<Link> links;
+  for (int i = 0; i < topology.nodes(); ++i) {
+    for (const auto& [distance, j] : nearest.of(i)) links.push_back({std::min(i, j), std::max(i, j)});
+  }
+  const auto order = [](const Link& a, const Link& b) { return std::pair(a.i, a.j) < std::pair(b.i, b.j); };
+  std::sort(links.begin(), links.end(), order);
+  links.erase(std::unique(links.begin(), links.end()), links.end());
+  for (const Link& link : links) topology.add(link);
+  return topology;
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
