@@ -1,0 +1,51 @@
+#pragma once
+
+#include <asterism/trackers/tracker.hpp>
+#include <filesystem>
+#include <fstream>
+#include <opencv2/core.hpp>
+#include <opencv2/videoio.hpp>
+#include <string>
+
+namespace asterism::tools {
+
+/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds`, each written out at once.
+class CsvFile {
+ public:
+  /// `path` "-" is the standard output. Throws std::runtime_error where the file cannot be written; so do
+  /// all.
+  explicit CsvFile(const std::string& path);
+  void add(int frame, const TrackResult& result, double milliseconds);
+
+ private:
+  void write(const std::string& line);
+
+  std::string name_;
+  std::ofstream file_;
+  std::ostream* stream_ = nullptr;  // `file_` or std::cout
+};
+
+/// An mp4 video of frames that all get the size of the first.
+class VideoFile {
+ public:
+  VideoFile(std::filesystem::path path, double fps) : path_(std::move(path)), fps_(fps) {}
+  /// Throws std::runtime_error where the file cannot be opened for writing.
+  void add(const cv::Mat& frame);
+  /// Completes the file; throws std::runtime_error where it cannot be played then, as after a full disk.
+  void close();
+
+ private:
+  std::filesystem::path path_;
+  double fps_;
+  cv::Size size_;
+  cv::VideoWriter writer_;
+};
+
+/// Throws std::runtime_error, which names `option`, where a file cannot be made at `path` since there is no
+/// such folder, or where it is the input.
+void check_output(const std::string& option, const std::filesystem::path& path, const std::string& input);
+
+/// Writes an image; throws std::runtime_error where that fails.
+void write_image(const std::filesystem::path& path, const cv::Mat& image);
+
+}  // namespace asterism::tools

@@ -1,0 +1,198 @@
+#include "overlay.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdio>
+#include <opencv2/imgproc.hpp>
+#include <set>
+
+namespace asterism::tools {
+namespace {
+
+const cv::Scalar kYellow(0, 255, 255), kRed(0, 0, 255), kBlue(255, 112, 16), kWhite(255, 255, 255),
+    kDark(0, 0, 0);
+constexpr double kFaded = 0.35;    // opacity of what was not updated
+constexpr int kSubpixelBits = 4;   // of the coordinates that OpenCV draws
+constexpr int kMinReadable = 480;  // rows below which the overlay is drawn at twice the size
+
+cv::Point subpixel(const cv::Point2d& p) {
+  // Far outside is drawn as far outside: coordinates beyond OpenCV's integers would wrap around.
+  const auto fixed = [](double v) {
+    return static_cast<int>(std::lround(std::clamp(v, -1e6, 1e6) * (1 << kSubpixelBits)));
+  };
+  return {fixed(p.x), fixed(p.y)};
+}
+
+// Drawing in frame coordinates, in which integers are pixel centres, as cv::resize maps them.
+struct Pen {
+  cv::Mat& canvas;
+  const View& view;
+  cv::Point2d map(double x, double y) const {
+    return {(x + 0.5 - view.origin.x) * view.scale - 0.5, (y + 0.5 - view.origin.y) * view.scale - 0.5};
+  }
+  void box(const cv::Rect2d& b, const cv::Scalar& colour, int width) const {
+    if (!std::isfinite(b.x + b.y + b.width + b.height)) return;
+    // From the outer edge of the first pixel to that of the last one.
+    const cv::Point2d a = map(b.x - 0.5, b.y - 0.5), z = map(b.x + b.width - 0.5, b.y + b.height - 0.5);
+    cv::rectangle(canvas, subpixel(a), subpixel(z), colour, width, cv::LINE_AA, kSubpixelBits);
+  }
+  void part(const PartState& part) const {
+    box(box_around(part.position, part.size), kBlue, 1);
+    if (!part.position.allFinite()) return;
+    cv::circle(canvas, subpixel(map(part.position.x(), part.position.y())), 2 << kSubpixelBits, kBlue,
+               cv::FILLED, cv::LINE_AA, kSubpixelBits);
+  }
+  void spring(const PartState& a, const PartState& b) const {
+    if (!a.position.allFinite() || !b.position.allFinite()) return;
+    cv::line(canvas, subpixel(map(a.position.x(), a.position.y())),
+             subpixel(map(b.position.x(), b.position.y())), kBlue, 1, cv::LINE_AA, kSubpixelBits);
+  }
+};
+
+void draw_constellation(const Pen& pen, const TrackResult& result, bool updated) {
+  const auto count = static_cast<int>(result.parts.size());
+  for (const Link& link : result.links) {
+    if (link.i < 0 || link.j < 0 || link.i >= count || link.j >= count) continue;
+    const PartState& a = result.parts[static_cast<size_t>(link.i)];
+    const PartState& b = result.parts[static_cast<size_t>(link.j)];
+    if ((a.updated && b.updated) == updated) pen.spring(a, b);
+  }
+  for (const PartState& part : result.parts) {
+    if (part.updated == updated) pen.part(part);
+  }
+}
+
+cv::Mat to_bgr(const cv::Mat& frame) {
+  cv::Mat bgr;
+  if (frame.channels() == 1) {
+    cv::cvtColor(frame, bgr, cv::COLOR_GRAY2BGR);
+  } else {
+    bgr = frame.clone();
+  }
+  return bgr;
+}
+
+std::string text(const char* format, double value) {
+  char buffer[64];
+  std::snprintf(buffer, sizeof buffer, format, value);
+  return buffer;
+}
+
+}  // namespace
+
+double overlay_scale(cv::Size frame) { return frame.height < kMinReadable ? 2 : 1; }
+
+void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view) {
+  if (!result.parts.empty()) {
+    cv::Mat faded = canvas.clone();
+    draw_constellation({faded, view}, result, false);
+    cv::addWeighted(faded, kFaded, canvas, 1 - kFaded, 0, canvas);
+    draw_constellation({canvas, view}, result, true);
+  }
+  Pen{canvas, view}.box(result.box, result.lost ? kRed : kYellow, 2);
+}
+
+void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point corner, double size) {
+  int height = 0, baseline = 0;
+  height = cv::getTextSize("Ag", cv::FONT_HERSHEY_SIMPLEX, size, 1, &baseline).height;
+  for (const std::string& line : lines) {
+    corner.y += height;
+    cv::putText(canvas, line, corner, cv::FONT_HERSHEY_SIMPLEX, size, kDark, 3, cv::LINE_AA);
+    cv::putText(canvas, line, corner, cv::FONT_HERSHEY_SIMPLEX, size, kWhite, 1, cv::LINE_AA);
+    corner.y += baseline + 2;
+  }
+}
+
+cv::Mat draw_overlay(const cv::Mat& frame, const TrackResult& result, int number, double fps) {
+  cv::Mat canvas = to_bgr(frame);
+  const double scale = overlay_scale(frame.size());
+  if (scale != 1) cv::resize(canvas, canvas, {}, scale, scale, cv::INTER_CUBIC);
+  draw_track(canvas, result, {scale, {}});
+
+  std::vector<std::string> lines = {"frame " + std::to_string(number) + (result.lost ? "  LOST" : "")};
+  if (fps > 0) lines.push_back(text("%.1f fps", fps));
+  if (!result.times.empty()) lines.push_back(text("%.2f ms in all", result.milliseconds()));
+  for (const StageTime& t : result.times) {
+    lines.push_back(text("%.2f ms ", t.milliseconds) + std::string(t.stage));
+  }
+  draw_text(canvas, lines, {8, 8});
+  return canvas;
+}
+
+namespace {
+
+constexpr size_t kColumns = 4, kTiles = 8;
+constexpr size_t kCandidates = 48;  // kept of a run; even spacing is exact to 1 / 24 of its length
+constexpr int kMaxKeptSide = 1280;  // candidates of larger frames are kept smaller [px]
+constexpr int kTileWidth = 480, kTileHeight = 360, kTileGap = 4;
+
+}  // namespace
+
+void ContactSheet::add(const cv::Mat& frame, const TrackResult& result, int number) {
+  if (count_++ % stride_ != 0) return;
+  if (entries_.size() == kCandidates) {
+    // Every other one goes; this one is then the next in the series, since kCandidates is even.
+    for (size_t i = 1; 2 * i < kCandidates; ++i) std::swap(entries_[i], entries_[2 * i]);
+    entries_.resize(kCandidates / 2);
+    stride_ *= 2;
+  }
+  Entry entry{.frame = to_bgr(frame), .scale = 1, .result = result, .number = number};
+  if (const int side = std::max(frame.cols, frame.rows); side > kMaxKeptSide) {
+    entry.scale = static_cast<double>(kMaxKeptSide) / side;
+    cv::resize(entry.frame, entry.frame, {}, entry.scale, entry.scale, cv::INTER_AREA);
+  }
+  entries_.push_back(std::move(entry));
+}
+
+// The part of the frame that all tiles show: the union of the boxes with a margin, in the tile's proportions.
+cv::Rect ContactSheet::region() const {
+  const cv::Rect frame({0, 0}, entries_.front().frame.size());
+  const double scale = entries_.front().scale;
+  double left = frame.width, top = frame.height, right = 0, bottom = 0, margin = 0;
+  for (const Entry& entry : entries_) {
+    const cv::Rect2d& b = entry.result.box;
+    if (entry.frame.size() != frame.size() || !std::isfinite(b.x + b.y + b.width + b.height)) return frame;
+    left = std::min(left, b.x * scale), right = std::max(right, (b.x + b.width) * scale);
+    top = std::min(top, b.y * scale), bottom = std::max(bottom, (b.y + b.height) * scale);
+    margin = std::max({margin, 0.5 * b.width * scale, 0.5 * b.height * scale});
+  }
+  constexpr double kAspect = static_cast<double>(kTileWidth) / kTileHeight;
+  double width = right - left + 2 * margin, height = bottom - top + 2 * margin;
+  width = std::max(width, height * kAspect), height = width / kAspect;
+  if (!(width < frame.width && height < frame.height)) return frame;
+  const double x = std::clamp((left + right - width) / 2, 0.0, frame.width - width);
+  const double y = std::clamp((top + bottom - height) / 2, 0.0, frame.height - height);
+  return cv::Rect(static_cast<int>(x), static_cast<int>(y), static_cast<int>(width),
+                  static_cast<int>(height)) &
+         frame;
+}
+
+cv::Mat ContactSheet::draw() const {
+  if (entries_.empty()) return {};
+  const cv::Rect shown = region();
+  cv::Mat sheet(2 * kTileHeight + 3 * kTileGap, 4 * kTileWidth + 5 * kTileGap, CV_8UC3, cv::Scalar::all(32));
+  const size_t tiles = std::min(kTiles, entries_.size());
+  for (size_t k = 0; k < tiles; ++k) {
+    const size_t chosen = tiles == 1 ? 0 : (k * (entries_.size() - 1) + (tiles - 1) / 2) / (tiles - 1);
+    const Entry& entry = entries_[chosen];
+    const cv::Rect cut = shown & cv::Rect({0, 0}, entry.frame.size());
+    if (cut.empty()) continue;
+    const double zoom =
+        std::min(static_cast<double>(kTileWidth) / cut.width, static_cast<double>(kTileHeight) / cut.height);
+    cv::Mat tile;
+    cv::resize(entry.frame(cut), tile, {}, zoom, zoom, zoom < 1 ? cv::INTER_AREA : cv::INTER_CUBIC);
+    draw_track(tile, entry.result,
+               {zoom * entry.scale, cv::Point2d(cut.x / entry.scale, cut.y / entry.scale)});
+    draw_text(tile, {std::to_string(entry.number) + (entry.result.lost ? "  LOST" : "")}, {8, 8}, 0.7);
+    const auto column = static_cast<int>(k % kColumns), row = static_cast<int>(k / kColumns);
+    const cv::Point corner(kTileGap + column * (kTileWidth + kTileGap),
+                           kTileGap + row * (kTileHeight + kTileGap));
+    const cv::Size centred((kTileWidth - tile.cols) / 2, (kTileHeight - tile.rows) / 2);
+    cv::Rect target(corner + cv::Point(centred), tile.size());
+    target &= cv::Rect({0, 0}, sheet.size());
+    tile(cv::Rect({0, 0}, target.size())).copyTo(sheet(target));
+  }
+  return sheet;
+}
+
+}  // namespace asterism::tools

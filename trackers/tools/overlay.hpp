@@ -1,0 +1,53 @@
+#pragma once
+
+#include <asterism/trackers/tracker.hpp>
+#include <filesystem>
+#include <opencv2/core.hpp>
+#include <string>
+#include <vector>
+
+namespace asterism::tools {
+
+/// Where a part of a frame is drawn: magnified by `scale`, its top left corner at `origin` of the frame [px].
+struct View {
+  double scale = 1;
+  cv::Point2d origin;
+};
+
+/// The scale at which a frame of this size is drawn so that text on it can be read: small ones are doubled.
+double overlay_scale(cv::Size frame);
+
+/// Draws the object's box (yellow, red where lost), its parts (blue) and their springs; parts that were not
+/// updated, and springs that end in one, are faded.
+void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view);
+
+/// Writes white text with a dark outline, readable on any background; `corner` is the top left of its first
+/// line.
+void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point corner, double size = 0.45);
+
+/// A copy of the frame at `overlay_scale` with the track, the frame's number, `fps` and the stages' times on
+/// it.
+cv::Mat draw_overlay(const cv::Mat& frame, const TrackResult& result, int number, double fps);
+
+/// Eight frames evenly spread over a run of a length not known before, in two rows, each cut to the region
+/// through which the object moves. Memory is bounded whatever the run's length.
+class ContactSheet {
+ public:
+  void add(const cv::Mat& frame, const TrackResult& result, int number);
+  /// The sheet of what was added until now; empty where nothing was.
+  cv::Mat draw() const;
+
+ private:
+  struct Entry {
+    cv::Mat frame;
+    double scale = 1;  // of `frame` to the frame of the input
+    TrackResult result;
+    int number = 0;
+  };
+  cv::Rect region() const;
+
+  std::vector<Entry> entries_;  // every `stride_`-th frame of the run
+  int count_ = 0, stride_ = 1;
+};
+
+}  // namespace asterism::tools

@@ -1,0 +1,26 @@
+#pragma once
+
+#include <chrono>
+
+namespace asterism::tools {
+
+/// How far a run is, on the standard error: one refreshed line on a terminal, else a line every five seconds.
+class Progress {
+ public:
+  /// total: frames to come, 0 where unknown.
+  explicit Progress(int total);
+  /// Wipes the refreshed line.
+  ~Progress();
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  void report(int done);
+
+ private:
+  using Clock = std::chrono::steady_clock;
+  int total_;
+  bool terminal_, shown_ = false;
+  Clock::time_point start_ = Clock::now(), last_ = start_;
+};
+
+}  // namespace asterism::tools

@@ -1,0 +1,22 @@
+#pragma once
+
+#include <csignal>
+#include <string>
+
+namespace asterism::tools {
+
+/// The command line.
+struct Options {
+  std::string input, box, tracker = "dpt", out, save, sheet;
+  bool show = false;
+  int start = 1, frames = 0;  // frames: 0 for all
+};
+
+/// Set by a signal handler to the signal's number: `run` then stops after the frame at hand.
+extern volatile std::sig_atomic_t g_stop_signal;
+
+/// Tracks through the input and writes what the options ask for. Throws std::exception with the reason where
+/// it cannot go on; what was written until then is kept and complete.
+void run(const Options& options);
+
+}  // namespace asterism::tools
