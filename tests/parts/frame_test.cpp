@@ -76,11 +76,11 @@ TEST(FrameTest, FloatSaturates) {
 }
 
 TEST(FrameTest, RefusesBadImages) {
-  EXPECT_THROW(Frame(cv::Mat()), std::invalid_argument);
-  EXPECT_THROW(Frame(cv::Mat(4, 4, CV_8UC2)), std::invalid_argument);
-  EXPECT_THROW(Frame(cv::Mat(4, 4, CV_64FC1)), std::invalid_argument);
-  EXPECT_THROW(Frame(cv::Mat(4, 4, CV_8SC3)), std::invalid_argument);
-  EXPECT_THROW(Frame(cv::Mat({3, 4, 5}, CV_8UC1)), std::invalid_argument);
+  EXPECT_THROW(Frame{cv::Mat()}, std::invalid_argument);
+  EXPECT_THROW(Frame{cv::Mat(4, 4, CV_8UC2)}, std::invalid_argument);
+  EXPECT_THROW(Frame{cv::Mat(4, 4, CV_64FC1)}, std::invalid_argument);
+  EXPECT_THROW(Frame{cv::Mat(4, 4, CV_8SC3)}, std::invalid_argument);
+  EXPECT_THROW(Frame{cv::Mat({3, 4, 5}, CV_8UC1)}, std::invalid_argument);
   using Limits = std::numeric_limits<float>;
   for (const float bad : {Limits::quiet_NaN(), Limits::infinity(), -Limits::infinity()}) {
     cv::Mat image(6, 6, CV_32FC3, cv::Scalar::all(0.5));

@@ -33,7 +33,8 @@ class Frame {
   /// 8-bit BGR, or empty where the input has one channel.
   const cv::Mat& bgr() const { return bgr_; }
   cv::Size size() const { return gray_.size(); }
-  /// True where at least one pixel has channels that differ: gray video is often stored with three equal ones.
+  /// True where at least one pixel has channels that differ: gray video is often stored with three equal
+  /// ones.
   bool has_colour() const;
 
  private:
