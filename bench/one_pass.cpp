@@ -21,6 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using asterism::AnyTracker;
+using namespace asterism::tools;
 
 // One run of one tracker: a box a frame, and what it cost.
 using Step = std::function<cv::Rect2d(const cv::Mat&)>;
@@ -134,7 +135,8 @@ int main(int argc, char** argv) try {
       // The portable engine and plain arithmetic: the same starts on every platform.
       std::mt19937 random(1);
       for (int s = 0; s < starts; ++s) {
-        const double u = random() / 4294967296.0, v = random() / 4294967296.0;
+        const double u = static_cast<double>(random()) / 4294967296.0,
+                     v = static_cast<double>(random()) / 4294967296.0;
         const cv::Point2d jitter = s == 0 ? cv::Point2d() : cv::Point2d(2 * u - 1, 2 * v - 1);
         const Score one = run(trackers[name], images, truth, jitter);
         score.overlap_sum += one.overlap_sum;

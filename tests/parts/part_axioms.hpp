@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <asterism/parts/part_model.hpp>
 #include <cstdint>
 #include <opencv2/imgproc.hpp>

@@ -39,7 +39,7 @@ Dpt::Dpt(const DptOptions& options)
       coarse_(options.coarse),
       parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)), Kcf(options.part)),
       springs_(make_topology(options)),
-      solver_(options.solver) {
+      solver_(springs_, options.solver) {
   if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
     throw std::invalid_argument("DptOptions: spring_rate must be in [0, 1]");
 }
@@ -104,12 +104,11 @@ TrackResult Dpt::update(const cv::Mat& image) {
   gate_updates(coarse.segmentation, result.parts);
   for (std::size_t i = 0; i < parts_.size(); ++i)
     if (result.parts[i].updated) parts_[i].adapt(frame, result.parts[i].position);
-  for (int l = 0; l < springs_.link_count(); ++l) {
-    const auto [i, j] = springs_.topology().link(l);
-    double& length = springs_.rest_length(l);
+  for (int l = 0; const auto [i, j] : springs_.links()) {
+    double& length = springs_.rest_length(l++);
     length += options_.spring_rate * ((placement.col(i) - placement.col(j)).norm() - length);
-    result.links.push_back({i, j});
   }
+  result.links.assign(springs_.links().begin(), springs_.links().end());
   result.times.push_back({"part update", clock.lap()});
 
   // Line 6: colour model and root filter.
@@ -127,10 +126,10 @@ void Dpt::set_springs(const std::vector<Evidence>& evidence) {
     springs_.anchors.col(i) = evidence[static_cast<std::size_t>(i)].position;
     springs_.anchor_stiffness(i) = static_stiffness(evidence[static_cast<std::size_t>(i)]);
   }
-  for (int l = 0; l < springs_.link_count(); ++l) {
-    const auto [i, j] = springs_.topology().link(l);
+  for (int l = 0; const auto [i, j] : springs_.links()) {
     const double distance = (springs_.anchors.col(i) - springs_.anchors.col(j)).norm();
     springs_.link_stiffness(l) = dynamic_stiffness(springs_.rest_length(l), distance);
+    ++l;
   }
 }
 

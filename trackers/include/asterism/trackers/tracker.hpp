@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/parts/frame.hpp>
+#include <asterism/solver/topology.hpp>
 #include <concepts>
 #include <memory>
 #include <string>
@@ -18,11 +19,6 @@ struct PartState {
   bool updated = false;     ///< the appearance model was updated in this frame
 };
 
-/// A spring between two parts, as indices into TrackResult::parts.
-struct PartLink {
-  int i = 0, j = 0;
-};
-
 /// Milliseconds spent in one stage of `update`.
 struct StageTime {
   std::string_view stage;  ///< a string literal, e.g. "root", "colour", "parts", "springs", "update"
@@ -35,7 +31,7 @@ struct TrackResult {
   double confidence = 0;     ///< in [0, 1]
   bool lost = false;         ///< the tracker does not believe in the box
   std::vector<PartState> parts;
-  std::vector<PartLink> links;
+  std::vector<Link> links;  ///< the springs between parts, as indices into `parts`
   std::vector<StageTime> times;  ///< in the order of the stages
 
   double milliseconds() const {
