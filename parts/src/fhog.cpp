@@ -7,6 +7,7 @@
 #include <opencv2/core/hal/hal.hpp>
 #include <stdexcept>
 #include <string>
+#include <type_traits>
 
 // One pass over the patch, a row of cells at a time, so that everything but the result stays in the first
 // cache:
@@ -26,12 +27,17 @@
 namespace asterism::inline ASTERISM_ABI {
 namespace {
 
+using Quad = Eigen::Array4f;
+using QuadMap = Eigen::Map<Quad>;
+using ConstQuadMap = Eigen::Map<const Quad>;
+
 constexpr int kSigned = 18, kUnsigned = 9;
 // A gradient of exactly -20 k degrees with k = 0 lands in slot 18, which is orientation 0: one slot more is
 // cheaper than a test a pixel.
 constexpr int kSlots = kSigned + 1;
 constexpr float kMaxPixel = 1e8F;  // keeps block energies far from overflow for every cell size
 constexpr float kRegulariser = 1e-4F;
+constexpr int kMaxCells = 1 << 20;  // of a row; keeps all indices within int
 
 // Slope |gy| / |gx| above which direction k + 1 has a larger projection than direction k, k = 0..3.
 // Directions with four decimals as they were published: exact ones move a few 8-bit gradients over a bin
@@ -64,7 +70,7 @@ void Fhog::reserve(int cells_x) {
   intervals_ = cells_x + 1;
   stride_ = padded(cells_x) + 4;
   const int width = cells_x * cell_size_;
-  const Eigen::Array4f zero4 = Eigen::Array4f::Zero();
+  const Quad zero4 = Quad::Zero();
   grow(phase_weights_, cell_size_, zero4);
   grow(votes_, kSlots * intervals_, zero4);
   grow(pixels_, 3 * (width + 2), 0.0F);
@@ -130,17 +136,27 @@ void Fhog::vote_row(int y, int rows) {
     phase_weights_[index(p)] = {(1 - fx) * (1 - fy), (1 - fx) * fy, fx * (1 - fy), fx * fy};
   }
 
-  const Eigen::Array4f* const weights = phase_weights_.data();
-  Eigen::Array4f* votes = votes_.data();
-  const auto vote = [&](int x, int phase) { votes[slot[x]] += magnitude[x] * weights[phase]; };
-  for (int x = 0; x < half; ++x) vote(x, cell_size_ - half + x);
-  int x = half;
-  for (int i = 1; i < cells_x_; ++i, x += cell_size_) {
+  // Local copies, because the compiler must assume that the votes overlap the members.
+  const int cells_x = cells_x_;
+  const auto vote_all = [&](auto cell, const Quad* weights) {
+    Quad* votes = votes_.data();
+    const auto vote = [&](int x, int phase) { votes[slot[x]] += magnitude[x] * weights[phase]; };
+    for (int x = 0; x < half; ++x) vote(x, cell - half + x);
+    int x = half;
+    for (int i = 1; i < cells_x; ++i, x += cell) {
+      ++votes;
+      for (int p = 0; p < cell; ++p) vote(x + p, p);
+    }
     ++votes;
-    for (int p = 0; p < cell_size_; ++p) vote(x + p, p);
+    for (int p = 0; x < width; ++x, ++p) vote(x, p);
+  };
+  if (cell_size_ == 4) {  // the usual size: unrolled, weights in registers
+    std::array<Quad, 4> weights;
+    std::copy_n(phase_weights_.begin(), 4, weights.begin());
+    vote_all(std::integral_constant<int, 4>(), weights.data());
+  } else {
+    vote_all(cell_size_, phase_weights_.data());
   }
-  ++votes;
-  for (int p = 0; x < width; ++x, ++p) vote(x, p);
 }
 
 // Sums the votes of interval row j into the histograms: its upper lanes complete cell row j - 1, its lower
@@ -159,16 +175,16 @@ void Fhog::collect(int j) {
       open[c] = v[4 * c + 3] + v[4 * c + 5];
     }
   }
-  std::fill(votes_.begin(), votes_.begin() + kSlots * intervals_, Eigen::Array4f::Zero());
+  std::fill_n(votes_.front().data(), 4 * kSlots * intervals_, 0.0F);  // as floats it becomes a memset
 
-  float* __restrict const energy = energy_.data() + (j + 1) % 2 * stride_ + 1;
-  std::fill(energy, energy + n, 0.0F);
-  for (int o = 0; o < kUnsigned; ++o) {
-    const float* const h = histogram + o * stride_;
-    for (int c = 0; c < n; ++c) {
-      const float both = h[c] + h[c + kUnsigned * stride_];
-      energy[c] += both * both;
+  float* const energy = energy_.data() + (j + 1) % 2 * stride_ + 1;
+  for (int c = 0; c < n; c += 4) {  // rows are padded
+    Quad sum = Quad::Zero();
+    for (int o = 0; o < kUnsigned; ++o) {
+      const float* const h = histogram + o * stride_ + c;
+      sum += (ConstQuadMap(h) + ConstQuadMap(h + kUnsigned * stride_)).square();
     }
+    QuadMap(energy + c) = sum;
   }
   energy[-1] = energy[0];
   energy[n] = energy[n - 1];
@@ -188,8 +204,6 @@ void Fhog::normalise_blocks(int r, int rows) {
 
 // Features of cell row r.
 void Fhog::emit_row(int r, float* features, std::ptrdiff_t plane) const {
-  using Quad = Eigen::Array4f;
-  using Load = Eigen::Map<const Quad>;
   const float* const histogram = histogram_.data() + r % 2 * kSigned * stride_;
   const float* const upper = normaliser_.data() + r % 2 * stride_;
   const float* const lower = normaliser_.data() + (r + 1) % 2 * stride_;
@@ -198,11 +212,11 @@ void Fhog::emit_row(int r, float* features, std::ptrdiff_t plane) const {
   // clipped product, hence the clip at 0.1 and the doubled texture factor.
   const auto emit_four = [&](int c, auto&& put) {
     const Quad clip = Quad::Constant(0.1F);
-    const Quad n0 = 0.5F * Load(lower + c + 1), n1 = 0.5F * Load(upper + c + 1);
-    const Quad n2 = 0.5F * Load(lower + c), n3 = 0.5F * Load(upper + c);
+    const Quad n0 = 0.5F * ConstQuadMap(lower + c + 1), n1 = 0.5F * ConstQuadMap(upper + c + 1);
+    const Quad n2 = 0.5F * ConstQuadMap(lower + c), n3 = 0.5F * ConstQuadMap(upper + c);
     Quad t0 = Quad::Zero(), t1 = t0, t2 = t0, t3 = t0;
     for (int o = 0; o < kSigned; ++o) {
-      const Quad h = Load(histogram + o * stride_ + c);
+      const Quad h = ConstQuadMap(histogram + o * stride_ + c);
       const Quad p0 = (h * n0).min(clip), p1 = (h * n1).min(clip), p2 = (h * n2).min(clip),
                  p3 = (h * n3).min(clip);
       t0 += p0;
@@ -212,7 +226,8 @@ void Fhog::emit_row(int r, float* features, std::ptrdiff_t plane) const {
       put(o, (p0 + p1) + (p2 + p3));
     }
     for (int o = 0; o < kUnsigned; ++o) {
-      const Quad h = Load(histogram + o * stride_ + c) + Load(histogram + (o + kUnsigned) * stride_ + c);
+      const Quad h =
+          ConstQuadMap(histogram + o * stride_ + c) + ConstQuadMap(histogram + (o + kUnsigned) * stride_ + c);
       put(kSigned + o, ((h * n0).min(clip) + (h * n1).min(clip)) + ((h * n2).min(clip) + (h * n3).min(clip)));
     }
     constexpr float kTexture = 2 * 0.2357F;
@@ -225,8 +240,7 @@ void Fhog::emit_row(int r, float* features, std::ptrdiff_t plane) const {
   float* const row = features + static_cast<std::ptrdiff_t>(r) * cells_x_;
   int c = 0;
   for (; c + 4 <= cells_x_; c += 4) {
-    emit_four(c,
-              [&](int channel, const Quad& values) { Eigen::Map<Quad>(row + channel * plane + c) = values; });
+    emit_four(c, [&](int channel, const Quad& values) { QuadMap(row + channel * plane + c) = values; });
   }
   if (c < cells_x_) {
     emit_four(c, [&](int channel, const Quad& values) {
@@ -246,6 +260,7 @@ void Fhog::compute(const cv::Mat& patch, float* features) {
                                 std::to_string(patch.rows) + " pixels is smaller than a cell of " +
                                 std::to_string(cell_size_));
   }
+  if (cells_x > kMaxCells) throw std::invalid_argument("Fhog: more than 2^20 cells in a row");
   reserve(cells_x);
   const std::ptrdiff_t plane = static_cast<std::ptrdiff_t>(cells_y) * cells_x;
   const int height = cells_y * cell_size_, loaded = std::min(patch.rows, height + 1), half = cell_size_ / 2;

@@ -48,7 +48,7 @@ class Fhog {
 
   // Workspace of the current patch; see fhog.cpp for the layout.
   int cells_x_ = 0;    // cells of a row
-  int intervals_ = 0;  // cells_x_ + 1: gaps between neighbouring cell centres, the two half ones included
+  int intervals_ = 0;  // cells_x_ + 1: gaps between neighbouring cell centres, and the two half ones outside
   int stride_ = 0;     // floats of a padded row of cells
   std::vector<Eigen::Array4f> phase_weights_, votes_;
   std::vector<float> pixels_, magnitude_, open_row_, histogram_, energy_, normaliser_;
