@@ -50,7 +50,7 @@ std::vector<fs::path> files_of(const fs::path& folder, Predicate wanted) {
 }
 
 fs::path folder_of(const fs::path& pattern) {
-  const fs::path folder = pattern.has_parent_path() ? pattern.parent_path() : fs::path(".");
+  fs::path folder = pattern.has_parent_path() ? pattern.parent_path() : fs::path(".");
   if (!fs::is_directory(folder)) throw std::runtime_error("no folder " + folder.string());
   return folder;
 }

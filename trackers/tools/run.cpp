@@ -41,7 +41,7 @@ void check(const Options& options) {
     for (const std::string& name : known) list += (list.empty() ? "" : ", ") + name;
     throw std::runtime_error("unknown tracker \"" + options.tracker + "\" (known: " + list + ")");
   }
-  if (!options.box.empty()) parse_box(options.box);
+  if (options.box) parse_box(*options.box);
   if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
   if (!options.save.empty()) check_output("--save", options.save, options.input);
   if (!options.sheet.empty()) {
@@ -54,7 +54,7 @@ void check(const Options& options) {
 
 cv::Rect2d first_box(const Options& options, const std::vector<GroundTruth>& truth, Window* window,
                      const cv::Mat& image) {
-  if (!options.box.empty()) return parse_box(options.box);
+  if (options.box) return parse_box(*options.box);
   const auto index = static_cast<size_t>(options.start - 1);
   if (index < truth.size() && truth[index].visible) return truth[index].box;
   if (window != nullptr) {

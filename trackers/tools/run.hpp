@@ -1,13 +1,15 @@
 #pragma once
 
 #include <csignal>
+#include <optional>
 #include <string>
 
 namespace asterism::tools {
 
 /// The command line.
 struct Options {
-  std::string input, box, tracker = "dpt", out, save, sheet;
+  std::string input, tracker = "dpt", out, save, sheet;
+  std::optional<std::string> box;
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all
 };

@@ -17,7 +17,8 @@ namespace {
 void stop_cleanly_on_signals() {
   struct sigaction action = {};
   action.sa_handler = [](int signal) { asterism::tools::g_stop_signal = signal; };
-  action.sa_flags = SA_RESETHAND | SA_RESTART;  // the second Ctrl-C ends the process at once
+  action.sa_flags =
+      static_cast<int>(SA_RESETHAND | SA_RESTART);  // the second Ctrl-C ends the process at once
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
   std::signal(SIGPIPE, SIG_IGN);  // a reader of `--out -` that goes is a failed write like another

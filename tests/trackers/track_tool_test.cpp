@@ -1,0 +1,373 @@
+// asterism-track as a user runs it: the built program on images and videos made here.
+
+#include <gtest/gtest.h>
+#include <signal.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <filesystem>
+#include <fstream>
+#include <ground_truth.hpp>
+#include <image_source.hpp>
+#include <iterator>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <string>
+#include <thread>
+#include <utility>
+#include <vector>
+
+namespace asterism::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr int kFrames = 20;
+constexpr char kHeader[] = "frame,x,y,width,height,confidence,lost,milliseconds";
+
+cv::Mat noise(cv::Size size, int blur, double low, double high, std::uint64_t seed) {
+  cv::Mat image(size, CV_8UC3);
+  cv::RNG rng(seed);
+  rng.fill(image, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(image, image, {blur, blur}, 0);
+  cv::normalize(image, image, low, high, cv::NORM_MINMAX);
+  return image;
+}
+
+cv::Rect2d true_box(int frame) { return {60.0 + 3 * (frame - 1), 50.0 + (frame - 1), 48, 40}; }
+
+// A bright textured square that moves over dim texture.
+cv::Mat draw_frame(int frame) {
+  static const cv::Mat background = noise({320, 240}, 15, 20, 90, 1);
+  static const cv::Mat object = noise({48, 40}, 5, 100, 255, 2);
+  cv::Mat image = background.clone();
+  object.copyTo(image(cv::Rect(true_box(frame))));
+  return image;
+}
+
+std::string read(const fs::path& path) {
+  std::ifstream file(path);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+std::vector<std::string> lines_of(const fs::path& path) {
+  std::vector<std::string> lines;
+  std::ifstream file(path);
+  for (std::string line; std::getline(file, line);) lines.push_back(line);
+  return lines;
+}
+
+class TrackTool : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "asterism-track-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+
+  fs::path make_images(const std::string& name, int frames = kFrames) {
+    const fs::path folder = folder_ / name;
+    fs::create_directories(folder);
+    for (int i = 1; i <= frames; ++i) {
+      // Not padded: frame 10 comes after frame 9 only in natural order.
+      cv::imwrite((folder / ("img_" + std::to_string(i) + ".png")).string(), draw_frame(i));
+    }
+    return folder;
+  }
+
+  fs::path make_sequence(const std::string& truth_after = "") {
+    const fs::path folder = folder_ / "sequence";
+    make_images("sequence/color");
+    std::ofstream file(folder / "groundtruth.txt");
+    for (int i = 1; i <= kFrames; ++i) {
+      const cv::Rect2d b = true_box(i);
+      const double right = b.x + b.width, bottom = b.y + b.height;
+      file << b.x << ',' << bottom << ',' << b.x << ',' << b.y << ',' << right << ',' << b.y << ',' << right
+           << ',' << bottom << '\n';
+    }
+    file << truth_after;
+    return folder;
+  }
+
+  fs::path make_video() {
+    const fs::path path = folder_ / "video.avi";
+    cv::VideoWriter writer(path.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 12, {320, 240});
+    for (int i = 1; i <= kFrames; ++i) writer.write(draw_frame(i));
+    return path;
+  }
+
+  // The exit code; what the program prints is in out_ and err_ then.
+  int run(const std::string& arguments, bool with_tracker = true) {
+    const std::string command = "env -u DISPLAY -u WAYLAND_DISPLAY " ASTERISM_TRACK_TOOL " " + arguments +
+                                (with_tracker ? " --tracker kcf" : "") + " > " + path("out") + " 2> " +
+                                path("err");
+    const int status = std::system(command.c_str());
+    out_ = read(folder_ / "out");
+    err_ = read(folder_ / "err");
+    return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
+  }
+
+  // Runs into one line of error that has all of `parts`.
+  void expect_error(const std::string& arguments, const std::vector<std::string>& parts,
+                    bool with_tracker = true) {
+    SCOPED_TRACE(arguments);
+    EXPECT_GT(run(arguments, with_tracker), 0);
+    EXPECT_TRUE(err_.starts_with("asterism-track: ")) << err_;
+    EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
+    for (const std::string& part : parts)
+      EXPECT_NE(err_.find(part), std::string::npos) << part << " in " << err_;
+  }
+
+  // A CSV with frames first .. first + count - 1, in which the boxes are on the object.
+  void expect_boxes(const fs::path& csv, int first, int count) {
+    const std::vector<std::string> lines = lines_of(csv);
+    ASSERT_EQ(lines.size(), static_cast<size_t>(count + 1));
+    EXPECT_EQ(lines[0], kHeader);
+    for (int i = 0; i < count; ++i) {
+      const std::vector<double> v = parse_numbers(lines[static_cast<size_t>(i + 1)]);
+      ASSERT_EQ(v.size(), 8u) << lines[static_cast<size_t>(i + 1)];
+      EXPECT_EQ(v[0], first + i);
+      EXPECT_GT(overlap({v[1], v[2], v[3], v[4]}, true_box(first + i)), i == 0 ? 0.999 : 0.6)
+          << "frame " << v[0];
+      EXPECT_TRUE(v[5] >= 0 && v[5] <= 1) << v[5];
+      EXPECT_TRUE(v[6] == 0 || v[6] == 1) << v[6];
+      EXPECT_GE(v[7], 0);
+    }
+  }
+
+  std::string path(const std::string& name) const { return (folder_ / name).string(); }
+  std::string csv() const { return " --out " + path("boxes.csv"); }
+
+  static constexpr char kBox[] = " --box 60,50,48,40";
+  fs::path folder_;
+  std::string out_, err_;
+};
+
+TEST_F(TrackTool, FollowsThroughAFolder) {
+  ASSERT_EQ(run(make_images("images").string() + kBox + csv()), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  EXPECT_NE(err_.find("kcf: 20 frames, "), std::string::npos) << err_;
+  EXPECT_TRUE(out_.empty());
+}
+
+TEST_F(TrackTool, FollowsThroughAVideo) {
+  ASSERT_EQ(run(make_video().string() + kBox + csv()), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+}
+
+TEST_F(TrackTool, FollowsThroughPatterns) {
+  const std::string images = make_images("images").string();
+  for (const std::string pattern : {"/img_%d.png", "/*.png", "/img_?*.png"}) {
+    SCOPED_TRACE(pattern);
+    ASSERT_EQ(run("'" + images + pattern + "'" + kBox + csv()), 0) << err_;
+    expect_boxes(path("boxes.csv"), 1, kFrames);
+  }
+  ASSERT_EQ(run("'" + images + "/img_%02d.png' --box 87,59,48,40" + csv()), 0) << err_;
+  EXPECT_EQ(lines_of(path("boxes.csv")).size(), 12u) << "img_10.png to img_20.png have two digits";
+}
+
+TEST_F(TrackTool, StartsASequenceFromItsGroundTruthAndMeasuresTheOverlap) {
+  ASSERT_EQ(run(make_sequence().string() + csv()), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  EXPECT_NE(err_.find("mean overlap "), std::string::npos) << err_;
+  EXPECT_NE(err_.find(" in 19 frames"), std::string::npos) << err_;
+}
+
+TEST_F(TrackTool, StartsAndStopsWhereItIsTold) {
+  const std::string sequence = make_sequence().string(), video = make_video().string();
+  ASSERT_EQ(run(sequence + csv() + " --start 6 --frames 9"), 0) << err_;
+  expect_boxes(path("boxes.csv"), 6, 9);
+  ASSERT_EQ(run(video + csv() + " --start 6 --frames 9 --box 75,55,48,40"), 0) << err_;
+  expect_boxes(path("boxes.csv"), 6, 9);
+  expect_error(video + " --start 21" + kBox, {"no frame 21", "20"});
+}
+
+TEST_F(TrackTool, WritesBoxesToTheStandardOutput) {
+  ASSERT_EQ(run(make_images("images").string() + kBox + " --out -"), 0) << err_;
+  expect_boxes(path("out"), 1, kFrames);
+}
+
+TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
+  ASSERT_EQ(
+      run(make_video().string() + kBox + " --save " + path("overlay.mp4") + " --sheet " + path("sheet.png")),
+      0)
+      << err_;
+  cv::VideoCapture video(path("overlay.mp4"));
+  ASSERT_TRUE(video.isOpened());
+  EXPECT_EQ(video.get(cv::CAP_PROP_FPS), 12);
+  int frames = 0;
+  for (cv::Mat image; video.read(image); ++frames)
+    EXPECT_EQ(image.size(), cv::Size(640, 480)) << "small: doubled";
+  EXPECT_EQ(frames, kFrames);
+
+  const cv::Mat sheet = cv::imread(path("sheet.png"));
+  ASSERT_FALSE(sheet.empty());
+  EXPECT_GT(sheet.cols, 1600);
+  EXPECT_GT(sheet.rows, 600);
+  cv::Mat yellow;  // of the eight boxes
+  cv::inRange(sheet, cv::Scalar(0, 220, 220), cv::Scalar(40, 255, 255), yellow);
+  EXPECT_GT(cv::countNonZero(yellow), 8 * 4 * 40);
+}
+
+TEST_F(TrackTool, ReportsErrorsInOneLine) {
+  const std::string images = make_images("images", 3).string();
+  expect_error(path("missing.avi") + kBox, {"missing.avi"});
+  expect_error(path("missing") + "/%d.png" + kBox, {"missing"});
+  expect_error(images + "/x_%d.png" + kBox, {"no images"});
+  expect_error(images + "/%d_%d.png" + kBox, {"%d_%d.png"});
+  std::ofstream(path("text.avi")) << "no video\n";
+  expect_error(path("text.avi") + kBox, {"text.avi"});
+  fs::create_directory(path("empty"));
+  expect_error(path("empty") + kBox, {"no images"});
+
+  expect_error(images, {"--box"});
+  for (const std::string box :
+       {"1,2,3", "1,2,3,4,5", "a,b,c,d", "1,2,0,4", "1,2,3,-4", "1,2,nan,4", "1,2,3,4,"}) {
+    expect_error(images + " --box=" + box, {"--box"});
+  }
+  expect_error(images + " --box ''", {"--box"});
+  expect_error(images + " --box 4000,50,48,40" + csv(), {"kcf in frame 1: "});
+  expect_error(images + kBox + " --tracker magic", {"magic", "dpt", "coarse", "kcf"}, false);
+
+  for (const std::string option : {"--out", "--save", "--sheet"}) {
+    expect_error(images + kBox + " " + option + " " + path("no/x.mp4"), {option, path("no")});
+    expect_error(images + kBox + " " + option + " " + images, {option, "folder"});
+  }
+  expect_error(images + kBox + " --sheet " + path("sheet.what"), {"--sheet"});
+  expect_error(images + kBox + " --show", {"--show", "display"});
+  expect_error(images + kBox + " --bogus", {"--bogus"});
+  expect_error(images + "/*.png" + kBox, {"quotes"});
+  expect_error(images + kBox + " --start 0", {"--start"});
+}
+
+TEST_F(TrackTool, DoesNotOverwriteItsInput) {
+  const std::string video = make_video().string();
+  const auto size = fs::file_size(video);
+  expect_error(video + kBox + " --save " + video, {"--save", "input"});
+  EXPECT_EQ(fs::file_size(video), size);
+}
+
+TEST_F(TrackTool, ReportsAFullDisk) {
+  if (!fs::exists("/dev/full")) GTEST_SKIP() << "no /dev/full here";
+  expect_error(make_images("images", 3).string() + kBox + " --out /dev/full", {"/dev/full", "No space left"});
+}
+
+TEST_F(TrackTool, NamesFileAndLineOfMalformedGroundTruth) {
+  const std::string file = path("sequence") + "/groundtruth.txt";
+  for (const std::string line : {"1,2,3", "1,2,x,4", "1,2,3,4,5,6,7", "1,2,-3,4", "1,2,inf,4"}) {
+    expect_error(make_sequence(line + "\n").string(), {file + ":21: "});
+  }
+  expect_error(make_sequence("\n1,2,3,4\n").string(), {file + ":21: "});
+  EXPECT_EQ(run(make_sequence("\n\n").string()), 0) << "empty lines may end the file: " << err_;
+  std::ofstream(file, std::ios::trunc).close();
+  expect_error(path("sequence"), {file + ":1: "});
+}
+
+TEST_F(TrackTool, KeepsWhatThereIsBeforeAFrameThatCannotBeDecoded) {
+  const std::string images = make_images("images").string();
+  std::ofstream(images + "/img_11.png", std::ios::trunc) << "broken";
+  expect_error(images + kBox + csv() + " --save " + path("overlay.mp4") + " --sheet " + path("sheet.png"),
+               {"frame 11", "img_11.png"});
+  expect_boxes(path("boxes.csv"), 1, 10);
+  EXPECT_FALSE(cv::imread(path("sheet.png")).empty());
+  cv::VideoCapture video(path("overlay.mp4"));
+  int frames = 0;
+  for (cv::Mat image; video.read(image);) ++frames;
+  EXPECT_EQ(frames, 10);
+}
+
+TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {
+  // Far more frames than it can track before the signal comes.
+  const fs::path image = make_images("images", 1) / "img_1.png";
+  fs::create_directory(path("long"));
+  for (int i = 1; i <= 20000; ++i) fs::create_symlink(image, path("long/" + std::to_string(i) + ".png"));
+  for (const auto& [signal, code] : {std::pair(SIGINT, 130), std::pair(SIGTERM, 143)}) {
+    const std::string csv = path(std::to_string(signal) + ".csv"),
+                      sheet = path(std::to_string(signal) + ".png"),
+                      save = path(std::to_string(signal) + ".mp4");
+    const pid_t child = fork();
+    ASSERT_GE(child, 0);
+    if (child == 0) {
+      if (std::freopen("/dev/null", "w", stderr) == nullptr) _exit(99);
+      execl(ASTERISM_TRACK_TOOL, ASTERISM_TRACK_TOOL, path("long").c_str(), "--box", "60,50,48,40",
+            "--tracker", "kcf", "--out", csv.c_str(), "--sheet", sheet.c_str(), "--save", save.c_str(),
+            nullptr);
+      _exit(99);
+    }
+    for (int i = 0; i < 3000 && lines_of(csv).size() < 6; ++i) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(10));
+    }
+    kill(child, signal);
+    int status = 0;
+    ASSERT_EQ(waitpid(child, &status, 0), child);
+    ASSERT_TRUE(WIFEXITED(status)) << status;
+    EXPECT_EQ(WEXITSTATUS(status), code);
+
+    const std::vector<std::string> lines = lines_of(csv);
+    ASSERT_GE(lines.size(), 6u);
+    EXPECT_LT(lines.size(), 20000u);
+    EXPECT_EQ(read(csv).back(), '\n');
+    for (size_t i = 1; i < lines.size(); ++i) EXPECT_EQ(parse_numbers(lines[i]).size(), 8u) << lines[i];
+    EXPECT_FALSE(cv::imread(sheet).empty());
+    cv::VideoCapture video(save);
+    size_t frames = 0;
+    for (cv::Mat frame; video.read(frame);) ++frames;
+    EXPECT_EQ(frames, lines.size() - 1);
+  }
+}
+
+TEST_F(TrackTool, NotesAVideoThatEndsEarly) {
+  const std::string video = make_video().string();
+  // The index at the end goes, the header still announces all frames.
+  fs::resize_file(video, fs::file_size(video) / 2);
+  ASSERT_EQ(run(video + kBox + csv()), 0) << err_;
+  const std::vector<std::string> lines = lines_of(path("boxes.csv"));
+  EXPECT_GT(lines.size(), 5u);
+  EXPECT_LT(lines.size(), static_cast<size_t>(kFrames));
+}
+
+TEST(GroundTruthFile, GivesBoundingBoxesOfPolygonsAndRectangles) {
+  const fs::path path =
+      fs::path(testing::TempDir()) / ("asterism_truth_" + std::to_string(getpid()) + ".txt");
+  std::ofstream(path) << "10,20,5,3,30,12,25,31\r\n 1.5\t2 3 4 \nnan,nan,nan,nan\n0,0,0,0\n\n";
+  const std::vector<GroundTruth> truth = read_ground_truth(path);
+  fs::remove(path);
+  ASSERT_EQ(truth.size(), 4u);
+  EXPECT_EQ(truth[0].box, cv::Rect2d(5, 3, 25, 28));
+  EXPECT_EQ(truth[0].polygon[3], cv::Point2d(25, 31));
+  EXPECT_EQ(truth[1].box, cv::Rect2d(1.5, 2, 3, 4));
+  EXPECT_EQ(truth[1].polygon[2], cv::Point2d(4.5, 6));
+  EXPECT_TRUE(truth[0].visible && truth[1].visible);
+  EXPECT_FALSE(truth[2].visible || truth[3].visible);
+  EXPECT_THROW(read_ground_truth("/no/such/file"), std::runtime_error);
+}
+
+TEST(Overlap, IsIntersectionOverUnion) {
+  EXPECT_DOUBLE_EQ(overlap({0, 0, 10, 10}, {0, 0, 10, 10}), 1);
+  EXPECT_DOUBLE_EQ(overlap({0, 0, 10, 10}, {5, 0, 10, 10}), 1.0 / 3);
+  EXPECT_EQ(overlap({0, 0, 10, 10}, {10, 0, 10, 10}), 0);
+  EXPECT_EQ(overlap({0, 0, 0, 0}, {0, 0, 0, 0}), 0);
+  EXPECT_EQ(overlap({std::nan(""), 0, 1, 1}, {0, 0, 1, 1}), 0);
+}
+
+TEST(NaturalOrder, ComparesRunsOfDigitsAsNumbers) {
+  EXPECT_TRUE(natural_less("frame9", "frame10"));
+  EXPECT_TRUE(natural_less("frame009", "frame10"));
+  EXPECT_TRUE(natural_less("a1b2", "a1b10"));
+  EXPECT_TRUE(natural_less("a", "b"));
+  EXPECT_FALSE(natural_less("frame10", "frame9"));
+  EXPECT_FALSE(natural_less("x1", "x1"));
+  EXPECT_NE(natural_less("x01", "x1"), natural_less("x1", "x01"));
+  EXPECT_TRUE(natural_less("99999999999999999999998", "99999999999999999999999"));
+}
+
+}  // namespace
+}  // namespace asterism::tools
