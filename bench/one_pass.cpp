@@ -1,39 +1,35 @@
-// One-pass evaluation on a folder of annotated sequences: average overlap and speed of our trackers and of OpenCV's,
-// from the first frame's box, in one run.
+// One-pass evaluation on a folder of annotated sequences: average overlap and speed of our trackers and of
+// OpenCV's, from the first frame's box, on one thread, in one run.
 
 #include <CLI/CLI.hpp>
-#include <algorithm>
 #include <asterism/trackers/tracker.hpp>
-#include <chrono>
 #include <cstdio>
-#include <filesystem>
 #include <fstream>
-#include <functional>
 #include <map>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/tracking.hpp>
-#include <random>
 
-#include "ground_truth.hpp"
-#include "image_source.hpp"
+#include "evaluation.hpp"
 
 namespace {
 
-namespace fs = std::filesystem;
-using asterism::AnyTracker;
-using namespace asterism::tools;
+using namespace asterism::bench;
 
-// One run of one tracker: a box a frame, and what it cost.
-using Step = std::function<cv::Rect2d(const cv::Mat&)>;
-using Start = std::function<Step(const cv::Mat&, const cv::Rect2d&)>;
+/// What our trackers tell beside the box, over all runs.
+struct Diagnostics {
+  std::map<std::string, double> stage_milliseconds;
+  std::vector<bool> lost;  // one a frame
+};
 
-Start our_tracker(const std::string& name, std::map<std::string, double>& stages) {
-  return [name, &stages](const cv::Mat& image, const cv::Rect2d& box) -> Step {
-    auto tracker = std::make_shared<AnyTracker>(asterism::make_tracker(name));
+Start our_tracker(const std::string& name, Diagnostics& diagnostics) {
+  return [name, &diagnostics](const cv::Mat& image, const cv::Rect2d& box) -> Step {
+    auto tracker = std::make_shared<asterism::AnyTracker>(asterism::make_tracker(name));
     tracker->init(image, box);
-    return [tracker, &stages](const cv::Mat& frame) {
+    return [tracker, &diagnostics](const cv::Mat& frame) {
       const asterism::TrackResult result = tracker->update(frame);
-      for (const asterism::StageTime& t : result.times) stages[std::string(t.stage)] += t.milliseconds;
+      for (const asterism::StageTime& t : result.times)
+        diagnostics.stage_milliseconds[std::string(t.stage)] += t.milliseconds;
+      diagnostics.lost.push_back(result.lost);
       return result.box;
     };
   };
@@ -43,7 +39,7 @@ template <class OpenCvTracker>
 Start peer() {
   return [](const cv::Mat& image, const cv::Rect2d& start) -> Step {
     auto tracker = OpenCvTracker::create();
-    cv::Rect box(cvRound(start.x), cvRound(start.y), cvRound(start.width), cvRound(start.height));
+    const cv::Rect box(cvRound(start.x), cvRound(start.y), cvRound(start.width), cvRound(start.height));
     tracker->init(image, box);
     auto last = std::make_shared<cv::Rect>(box);
     return [tracker, last](const cv::Mat& frame) {
@@ -54,63 +50,43 @@ Start peer() {
   };
 }
 
-struct Score {
-  double overlap_sum = 0, seconds = 0;
-  int frames = 0;
-  double average_overlap() const { return frames > 0 ? overlap_sum / frames : 0; }
+struct Total {
+  double overlap = 0, seconds = 0;  // overlap: sum of the sequences' averages
+  std::vector<double> overlaps;     // of all frames
 };
-
-Score run(const Start& start, const std::vector<cv::Mat>& images, const std::vector<GroundTruth>& truth,
-          const cv::Point2d& jitter) {
-  Score score;
-  cv::Rect2d box = truth[0].box;
-  box.x += jitter.x;
-  box.y += jitter.y;
-  Step step = start(images[0], box);
-  for (std::size_t t = 1; t < images.size(); ++t) {
-    const auto before = std::chrono::steady_clock::now();
-    const cv::Rect2d found = step(images[t]);
-    score.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
-    score.overlap_sum += overlap(found, truth[t].box);
-    ++score.frames;
-  }
-  return score;
-}
 
 }  // namespace
 
 int main(int argc, char** argv) try {
   std::string folder, out;
-  std::vector<std::string> names = {"dpt", "coarse", "kcf", "csrt"}, only;
+  std::vector<std::string> names = {"dpt", "coarse", "kcf", "csrt", "cvkcf"}, only;
   int starts = 1;
   CLI::App app("One-pass evaluation: average overlap and frames per second on annotated sequences");
-  app.add_option("folder", folder, "folder of sequences in the VOT layout")->required()->check(CLI::ExistingDirectory);
+  app.add_option("folder", folder, "folder of sequences in the VOT layout")
+      ->required()
+      ->check(CLI::ExistingDirectory);
   app.add_option("--trackers", names, "dpt, coarse, kcf (ours), csrt, cvkcf (OpenCV's)")->delimiter(',');
   app.add_option("--sequences", only, "only these sequences")->delimiter(',');
   app.add_option("--starts", starts, "runs a sequence; all but the first move the start box by up to a pixel")
       ->check(CLI::Range(1, 1000));
-  app.add_option("--out", out, "also write the table as CSV");
+  app.add_option("--out", out, "also write the figures as CSV");
   CLI11_PARSE(app, argc, argv);
 
   cv::setNumThreads(1);
-  std::map<std::string, std::map<std::string, double>> stages;
+  std::map<std::string, Diagnostics> diagnostics;
   std::map<std::string, Start> trackers;
   for (const std::string& name : names) {
-    if (name == "csrt") trackers[name] = peer<cv::TrackerCSRT>();
-    else if (name == "cvkcf") trackers[name] = peer<cv::TrackerKCF>();
-    else {
+    if (name == "csrt") {
+      trackers[name] = peer<cv::TrackerCSRT>();
+    } else if (name == "cvkcf") {
+      trackers[name] = peer<cv::TrackerKCF>();
+    } else {
       asterism::make_tracker(name);  // an unknown name fails before the first run
-      trackers[name] = our_tracker(name, stages[name]);
+      trackers[name] = our_tracker(name, diagnostics[name]);
     }
   }
-
-  std::vector<fs::path> sequences;
-  for (const auto& entry : fs::directory_iterator(folder))
-    if (fs::exists(entry.path() / "groundtruth.txt") &&
-        (only.empty() || std::ranges::count(only, entry.path().filename().string()) > 0))
-      sequences.push_back(entry.path());
-  std::ranges::sort(sequences);
-  if (sequences.empty()) throw std::runtime_error("no sequence with a groundtruth.txt in " + folder);
+  const auto sequences = find_sequences(folder, only);
+  const auto offsets = start_offsets(starts);
 
   std::ofstream csv;
   if (!out.empty()) {
@@ -122,48 +98,55 @@ int main(int argc, char** argv) try {
   std::printf("%-12s %7s", "sequence", "frames");
   for (const std::string& name : names) std::printf(" %8s", name.c_str());
   std::printf("\n");
-  std::map<std::string, Score> total;
-  std::map<std::string, double> mean;
-  for (const fs::path& path : sequences) {
-    ImageSource source = ImageSource::open(path.string());
-    const std::vector<GroundTruth> truth = read_ground_truth(path / "groundtruth.txt");
-    std::vector<cv::Mat> images;
-    for (cv::Mat image; images.size() < truth.size() && source.next(image);) images.push_back(image.clone());
-    std::printf("%-12s %7zu", path.filename().c_str(), images.size());
+  std::map<std::string, Total> totals;
+  for (const auto& path : sequences) {
+    const Sequence sequence = load_sequence(path);
+    std::printf("%-12s %7zu", sequence.name.c_str(), sequence.images.size());
     for (const std::string& name : names) {
-      Score score;
-      // The portable engine and plain arithmetic: the same starts on every platform.
-      std::mt19937 random(1);
-      for (int s = 0; s < starts; ++s) {
-        const double u = static_cast<double>(random()) / 4294967296.0,
-                     v = static_cast<double>(random()) / 4294967296.0;
-        const cv::Point2d jitter = s == 0 ? cv::Point2d() : cv::Point2d(2 * u - 1, 2 * v - 1);
-        const Score one = run(trackers[name], images, truth, jitter);
-        score.overlap_sum += one.overlap_sum;
-        score.seconds += one.seconds;
-        score.frames += one.frames;
+      Total& total = totals[name];
+      double overlap = 0, seconds = 0;
+      for (const cv::Point2d& offset : offsets) {
+        const OnePass run = run_one_pass(trackers[name], sequence, offset);
+        overlap += run.average_overlap() / starts;
+        seconds += run.seconds;
+        total.overlaps.insert(total.overlaps.end(), run.overlaps.begin(), run.overlaps.end());
       }
-      total[name].seconds += score.seconds;
-      total[name].frames += score.frames;
-      mean[name] += score.average_overlap() / static_cast<double>(sequences.size());
-      std::printf(" %8.3f", score.average_overlap());
+      total.overlap += overlap;
+      total.seconds += seconds;
+      std::printf(" %8.3f", overlap);
       std::fflush(stdout);
-      if (csv.is_open())
-        csv << path.filename().string() << ',' << images.size() << ',' << name << ',' << score.average_overlap() << ','
-            << score.frames / score.seconds << std::endl;
+      if (csv.is_open()) {
+        const double frames = static_cast<double>(sequence.images.size() - 1) * starts;
+        csv << sequence.name << ',' << sequence.images.size() << ',' << name << ',' << overlap << ','
+            << frames / seconds << std::endl;
+        if (!csv) throw std::runtime_error("cannot write " + out);
+      }
     }
     std::printf("\n");
   }
+
   std::printf("%-20s", "mean");
-  for (const std::string& name : names) std::printf(" %8.3f", mean[name]);
+  for (const std::string& name : names)
+    std::printf(" %8.3f", totals[name].overlap / static_cast<double>(sequences.size()));
   std::printf("\n%-20s", "frames per second");
-  for (const std::string& name : names) std::printf(" %8.1f", total[name].frames / total[name].seconds);
-  std::printf("\n");
+  for (const std::string& name : names)
+    std::printf(" %8.1f", static_cast<double>(totals[name].overlaps.size()) / totals[name].seconds);
+  std::printf("\n\n");
   for (const std::string& name : names) {
-    if (stages[name].empty()) continue;
+    const Diagnostics& told = diagnostics[name];
+    if (told.lost.empty()) continue;
+    const std::vector<double>& overlaps = totals[name].overlaps;
     std::printf("%s, ms a frame:", name.c_str());
-    for (const auto& [stage, ms] : stages[name]) std::printf(" %s %.3f", stage.c_str(), ms / total[name].frames);
-    std::printf("\n");
+    for (const auto& [stage, ms] : told.stage_milliseconds)
+      std::printf(" %s %.3f", stage.c_str(), ms / static_cast<double>(overlaps.size()));
+    int flagged = 0, off = 0, both = 0;
+    for (std::size_t i = 0; i < overlaps.size(); ++i) {
+      flagged += told.lost[i];
+      off += overlaps[i] <= 0;
+      both += told.lost[i] && overlaps[i] <= 0;
+    }
+    std::printf("\n%s, lost: %d of %zu frames; of these %d have no overlap, as have %d in all\n",
+                name.c_str(), flagged, overlaps.size(), both, off);
   }
   return 0;
 } catch (const std::exception& error) {

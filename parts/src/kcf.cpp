@@ -43,11 +43,13 @@ int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
 Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size) {
   require(options.lambda > 0, "KcfOptions: lambda must be positive");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1, "KcfOptions: learning_rate must be in [0, 1]");
+  require(options.learning_rate >= 0 && options.learning_rate <= 1,
+          "KcfOptions: learning_rate must be in [0, 1]");
   require(options.label_sigma > 0, "KcfOptions: label_sigma must be positive");
   require(options.padding >= 0, "KcfOptions: padding must not be negative");
   require(options.kernel.sigma > 0, "KcfOptions: the kernel's sigma must be positive");
-  require(options.min_template_side >= options.cell_size && options.max_template_side >= options.min_template_side,
+  require(options.min_template_side >= options.cell_size &&
+              options.max_template_side >= options.min_template_side,
           "KcfOptions: template sides must satisfy cell_size <= min <= max");
 }
 
@@ -89,8 +91,8 @@ void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
   const double sigma = options_.label_sigma * mean_side * to_template / options_.cell_size;  // [cells]
   for (int r = 0; r < rows_; ++r)
     for (int c = 0; c < cols_; ++c)
-      plane_(r * cols_ + c) =
-          std::exp(-0.5 * (std::pow(wrapped(r, rows_), 2) + std::pow(wrapped(c, cols_), 2)) / (sigma * sigma));
+      plane_(r * cols_ + c) = std::exp(
+          -0.5 * (std::pow(wrapped(r, rows_), 2) + std::pow(wrapped(c, cols_), 2)) / (sigma * sigma));
   label_.resize(half);
   plane_fft_.forward(plane_.data(), label_.data());
 
@@ -112,7 +114,8 @@ Evidence Kcf::localize(const Frame& frame, const Point2& around) {
   // Zero shift to the middle of the map, so that it is a picture of the search window.
   for (int r = 0; r < rows_; ++r)
     for (int c = 0; c < cols_; ++c)
-      response_.values((r + rows_ / 2) % rows_, (c + cols_ / 2) % cols_) = static_cast<float>(plane_(r * cols_ + c));
+      response_.values((r + rows_ / 2) % rows_, (c + cols_ / 2) % cols_) =
+          static_cast<float>(plane_(r * cols_ + c));
   response_.spacing = scale_ * options_.cell_size;
   response_.origin = around - response_.spacing.cwiseProduct(Point2(cols_ / 2, rows_ / 2));
   return evidence_of(response_, options_.sub_pixel);
@@ -141,7 +144,8 @@ void Kcf::train(double sample_norm, double rate) {
   double sum = 0;
   for (Eigen::Index row = 0; row < kChannels * rows_; ++row) {
     const auto line = template_.segment(row * half_cols, half_cols);
-    sum += 2.0 * line.abs2().sum() - std::norm(line(0)) - (cols_ % 2 == 0 ? std::norm(line(half_cols - 1)) : 0.0f);
+    sum += 2.0 * line.abs2().sum() - std::norm(line(0)) -
+           (cols_ % 2 == 0 ? std::norm(line(half_cols - 1)) : 0.0f);
   }
   template_norm_ = sum / (rows_ * cols_);
 }
@@ -152,7 +156,8 @@ double Kcf::transform_patch(const Frame& frame, const Point2& centre) {
   sample_patch(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_);
   fhog_.compute(patch_, features_.data());
 
-  // The gray level of a cell is the mean of its pixels; the window's mean goes, as in Henriques' gray template.
+  // The gray level of a cell is the mean of its pixels; the window's mean goes, as in Henriques' gray
+  // template.
   cv::Mat gray(rows_, cols_, CV_32FC1, features_.data() + Fhog::kChannels * plane);
   cv::resize(patch_, cell_means_, {cols_, rows_}, 0, 0, cv::INTER_AREA);
   cell_means_.convertTo(gray, CV_32F, 1.0 / 255, -0.5);

@@ -7,7 +7,8 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-// Width of the box filter for one axis: the odd number nearest to the shrink factor, so that it moves nothing.
+// Width of the box filter for one axis: the odd number nearest to the shrink factor, so that it moves
+// nothing.
 int box_filter_width(double shrink) { return 2 * static_cast<int>(std::lround((shrink - 1) / 2)) + 1; }
 
 // [first, last] of the pixels that bilinear sampling of [low, high] reads, with a margin, inside [0, n).
@@ -37,7 +38,8 @@ void sample_patch(const cv::Mat& gray, const Point2& centre, const Size2& size, 
     source = smooth;
   }
   const cv::Matx23d to_source(step.x(), 0, first.x() - cols.start, 0, step.y(), first.y() - rows.start);
-  cv::warpAffine(source, patch, to_source, grid, cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+  cv::warpAffine(source, patch, to_source, grid, cv::INTER_LINEAR | cv::WARP_INVERSE_MAP,
+                 cv::BORDER_REPLICATE);
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

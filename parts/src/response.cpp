@@ -5,7 +5,8 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-// Vertex of the parabola through (-1, left), (0, centre), (1, right), centre being the largest; in [-1/2, 1/2].
+// Vertex of the parabola through (-1, left), (0, centre), (1, right), centre being the largest; in [-1/2,
+// 1/2].
 double parabola_vertex(double left, double centre, double right) {
   const double curvature = 2 * centre - left - right;
   return curvature > 0 ? 0.5 * (right - left) / curvature : 0;
@@ -15,10 +16,12 @@ double parabola_vertex(double left, double centre, double right) {
 
 double ResponseMap::at(const Point2& where) const {
   const Point2 grid = (where - origin).cwiseQuotient(spacing);
-  const double last_col = static_cast<double>(values.cols() - 1), last_row = static_cast<double>(values.rows() - 1);
+  const double last_col = static_cast<double>(values.cols() - 1),
+               last_row = static_cast<double>(values.rows() - 1);
   if (!(grid.x() >= 0 && grid.y() >= 0 && grid.x() <= last_col && grid.y() <= last_row)) return 0;
   const auto col = static_cast<Eigen::Index>(grid.x()), row = static_cast<Eigen::Index>(grid.y());
-  const Eigen::Index next_col = std::min(col + 1, values.cols() - 1), next_row = std::min(row + 1, values.rows() - 1);
+  const Eigen::Index next_col = std::min(col + 1, values.cols() - 1),
+                     next_row = std::min(row + 1, values.rows() - 1);
   const double u = grid.x() - static_cast<double>(col), v = grid.y() - static_cast<double>(row);
   const double value = (1 - v) * ((1 - u) * values(row, col) + u * values(row, next_col)) +
                        v * ((1 - u) * values(next_row, col) + u * values(next_row, next_col));

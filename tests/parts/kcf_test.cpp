@@ -15,12 +15,13 @@ namespace {
 using testing::shifted;
 using testing::texture;
 
-// A KCF written as what it is: kernel ridge regression on all circular shifts of one sample, with dense matrices.
+// A KCF written as what it is: kernel ridge regression on all circular shifts of one sample, with dense
+// matrices.
 class DenseKcf {
  public:
   // Features as the class documentation describes them: one column of cells a channel, under a Hann window.
-  static Eigen::MatrixXd features(const Frame& frame, const Point2& centre, const Size2& window, int rows, int cols,
-                                  int cell) {
+  static Eigen::MatrixXd features(const Frame& frame, const Point2& centre, const Size2& window, int rows,
+                                  int cols, int cell) {
     cv::Mat patch;
     sample_patch(frame.gray(), centre, window, {cols * cell, rows * cell}, patch);
     Eigen::ArrayXf hog(Fhog::kChannels * rows * cols);
@@ -30,7 +31,8 @@ class DenseKcf {
       for (int c = 0; c < cols; ++c) {
         const double hann = (0.5 - 0.5 * std::cos(2 * std::numbers::pi * r / (rows - 1))) *
                             (0.5 - 0.5 * std::cos(2 * std::numbers::pi * c / (cols - 1)));
-        for (int k = 0; k < Fhog::kChannels; ++k) x(r * cols + c, k) = hann * hog(k * rows * cols + r * cols + c);
+        for (int k = 0; k < Fhog::kChannels; ++k)
+          x(r * cols + c, k) = hann * hog(k * rows * cols + r * cols + c);
         const double mean = cv::mean(patch(cv::Rect(c * cell, r * cell, cell, cell)))[0];
         x(r * cols + c, Kcf::kChannels - 1) = hann * (std::round(mean) / 255 - 0.5);
       }
@@ -58,7 +60,8 @@ class DenseKcf {
     return a.cwiseProduct(b).sum() / n;
   }
 
-  DenseKcf(const KcfOptions& options, int rows, int cols, double sigma) : options_(options), rows_(rows), cols_(cols) {
+  DenseKcf(const KcfOptions& options, int rows, int cols, double sigma)
+      : options_(options), rows_(rows), cols_(cols) {
     y_.resize(rows * cols);
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < cols; ++c) {
@@ -75,7 +78,8 @@ class DenseKcf {
     Eigen::MatrixXd k(n, n);
     for (Eigen::Index i = 0; i < n; ++i)
       for (Eigen::Index j = 0; j < n; ++j)
-        k(i, j) = kappa(options_.kernel, shifts[static_cast<std::size_t>(i)], shifts[static_cast<std::size_t>(j)]);
+        k(i, j) =
+            kappa(options_.kernel, shifts[static_cast<std::size_t>(i)], shifts[static_cast<std::size_t>(j)]);
     return (k + options_.lambda * Eigen::MatrixXd::Identity(n, n)).ldlt().solve(y_);
   }
 
@@ -137,7 +141,8 @@ TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
     ASSERT_GT(scale, 0.1);
     for (int r = 0; r < n; ++r)
       for (int c = 0; c < n; ++c)
-        ASSERT_NEAR(kcf.response().values((r + n / 2) % n, (c + n / 2) % n), dense.response(y, r, c), 2e-4 * scale)
+        ASSERT_NEAR(kcf.response().values((r + n / 2) % n, (c + n / 2) % n), dense.response(y, r, c),
+                    2e-4 * scale)
             << "shift " << r << ", " << c;
   };
   dense.train(features(frame, centre), 1);
@@ -151,7 +156,8 @@ TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, KcfKernels,
-                         ::testing::Values(Kernel::Type::Gaussian, Kernel::Type::Polynomial, Kernel::Type::Linear));
+                         ::testing::Values(Kernel::Type::Gaussian, Kernel::Type::Polynomial,
+                                           Kernel::Type::Linear));
 
 TEST(Kcf, FulfilsThePartAxioms) { testing::check_part_axioms(Kcf()); }
 
@@ -166,7 +172,8 @@ TEST(Kcf, ReturnsItsLabelOnTheSampleItWasTrainedOn) {
   const double sigma = options.label_sigma * 60 / options.cell_size;
   for (Eigen::Index r = 0; r < values.rows(); ++r)
     for (Eigen::Index c = 0; c < values.cols(); ++c) {
-      const double dr = static_cast<double>(r - values.rows() / 2), dc = static_cast<double>(c - values.cols() / 2);
+      const double dr = static_cast<double>(r - values.rows() / 2),
+                   dc = static_cast<double>(c - values.cols() / 2);
       EXPECT_NEAR(values(r, c), std::exp(-0.5 * (dr * dr + dc * dc) / (sigma * sigma)), 0.02);
     }
 }
@@ -212,8 +219,8 @@ TEST(Kcf, SmallLargeAndThinTargets) {
   const cv::Mat image = texture(480, 640);
   const Frame frame(image);
   const KcfOptions options;
-  for (const Size2& size : {Size2(1, 1), Size2(3, 3), Size2(12, 9), Size2(300, 250), Size2(640, 480), Size2(500, 10),
-                            Size2(2, 400), Size2(640, 1)}) {
+  for (const Size2& size : {Size2(1, 1), Size2(3, 3), Size2(12, 9), Size2(300, 250), Size2(640, 480),
+                            Size2(500, 10), Size2(2, 400), Size2(640, 1)}) {
     Kcf kcf(options);
     kcf.init(frame, {320, 240}, size);
     const Evidence evidence = kcf.localize(frame, {320, 240});

@@ -94,15 +94,18 @@ TEST(SamplePatch, ReplicatesBorders) {
   cv::cvtColor(testing::texture(100, 120), gray, cv::COLOR_BGR2GRAY);
   cv::Mat padded, patch;
   cv::copyMakeBorder(gray, padded, 300, 300, 300, 300, cv::BORDER_REPLICATE);
-  for (const Point2& centre : {Point2(-0.5, -0.5), Point2(119.5, 50.5), Point2(-200.5, 40.5), Point2(300.5, 350.5)}) {
+  for (const Point2& centre :
+       {Point2(-0.5, -0.5), Point2(119.5, 50.5), Point2(-200.5, 40.5), Point2(300.5, 350.5)}) {
     sample_patch(gray, centre, {40, 30}, {40, 30}, patch);
-    const cv::Rect there(static_cast<int>(centre.x() - 19.5) + 300, static_cast<int>(centre.y() - 14.5) + 300, 40, 30);
-    EXPECT_EQ(cv::norm(patch, padded(there & cv::Rect({}, padded.size())), cv::NORM_INF), 0) << centre.transpose();
+    const cv::Rect there(static_cast<int>(centre.x() - 19.5) + 300, static_cast<int>(centre.y() - 14.5) + 300,
+                         40, 30);
+    EXPECT_EQ(cv::norm(patch, padded(there & cv::Rect({}, padded.size())), cv::NORM_INF), 0)
+        << centre.transpose();
   }
 }
 
-// A linear ramp is reproduced at any scale and sub-pixel position, up to the rounding to eight bits and the 1/32 px of
-// OpenCV's interpolation tables.
+// A linear ramp is reproduced at any scale and sub-pixel position, up to the rounding to eight bits and the
+// 1/32 px of OpenCV's interpolation tables.
 TEST(SamplePatch, IsExactOnARamp) {
   cv::Mat gray(200, 250, CV_8UC1);
   for (int r = 0; r < gray.rows; ++r)
@@ -114,7 +117,8 @@ TEST(SamplePatch, IsExactOnARamp) {
     for (int r = 0; r < 16; ++r)
       for (int c = 0; c < 24; ++c) {
         const Point2 at = centre + scale * Point2(c - 11.5, r - 7.5);
-        EXPECT_NEAR(patch.at<uchar>(r, c), (at.x() + at.y()) / 2 - 0.25, 1.0) << scale << " " << r << " " << c;
+        EXPECT_NEAR(patch.at<uchar>(r, c), (at.x() + at.y()) / 2 - 0.25, 1.0)
+            << scale << " " << r << " " << c;
       }
   }
 }

@@ -109,8 +109,9 @@ TEST_P(Trackers, RefusesBadStartsAndKeepsItsState) {
   reference.init(scene.frame(0), Scene::box(0));
   const double nan = std::nan("");
   for (const cv::Rect2d& box :
-       {cv::Rect2d(0, 0, 0, 10), cv::Rect2d(10, 10, -5, 5), cv::Rect2d(10, 10, 0.5, 20), cv::Rect2d(nan, 0, 10, 10),
-        cv::Rect2d(0, 0, INFINITY, 10), cv::Rect2d(320, 10, 20, 20), cv::Rect2d(-30, 10, 20, 20)})
+       {cv::Rect2d(0, 0, 0, 10), cv::Rect2d(10, 10, -5, 5), cv::Rect2d(10, 10, 0.5, 20),
+        cv::Rect2d(nan, 0, 10, 10), cv::Rect2d(0, 0, INFINITY, 10), cv::Rect2d(320, 10, 20, 20),
+        cv::Rect2d(-30, 10, 20, 20)})
     EXPECT_THROW(tracker.init(scene.frame(0), box), std::invalid_argument) << box;
   EXPECT_THROW(tracker.init(cv::Mat(), {1, 1, 5, 5}), std::invalid_argument);
   EXPECT_THROW(tracker.update(cv::Mat()), std::invalid_argument);
@@ -118,12 +119,14 @@ TEST_P(Trackers, RefusesBadStartsAndKeepsItsState) {
   for (int t = 1; t <= 3; ++t) expect_same(tracker.update(scene.frame(t)), reference.update(scene.frame(t)));
 }
 
-// The inputs of reference trackers' crashes: thin, tiny, as large as the frame, over its edge, on a constant image.
+// The inputs of reference trackers' crashes: thin, tiny, as large as the frame, over its edge, on a constant
+// image.
 TEST_P(Trackers, HandlesOddBoxes) {
   const cv::Mat first = texture(720, 1280, 2), second = testing::shifted(first, 1, 1);
   for (const cv::Rect2d& box :
-       {cv::Rect2d(5, 5, 500, 10), cv::Rect2d(600, 300, 1, 1), cv::Rect2d(0, 0, 1280, 720), cv::Rect2d(300, 2, 3, 700),
-        cv::Rect2d(-20, -20, 60, 60), cv::Rect2d(1270, 700, 40, 40), cv::Rect2d(-100, -100, 1500, 1000)}) {
+       {cv::Rect2d(5, 5, 500, 10), cv::Rect2d(600, 300, 1, 1), cv::Rect2d(0, 0, 1280, 720),
+        cv::Rect2d(300, 2, 3, 700), cv::Rect2d(-20, -20, 60, 60), cv::Rect2d(1270, 700, 40, 40),
+        cv::Rect2d(-100, -100, 1500, 1000)}) {
     AnyTracker tracker = make_tracker(GetParam());
     tracker.init(first, box);
     for (int t = 0; t < 3; ++t) {
@@ -212,7 +215,8 @@ TEST(Dpt, OccludedPartsAreNotUpdated) {
     const cv::Rect2d box = Scene::box(t);
     cv::rectangle(image, cv::Rect2d(box.x + 24, box.y - 10, 40, 84), cv::Scalar(40, 220, 40), cv::FILLED);
     const TrackResult result = tracker.update(image);
-    for (std::size_t i = 0; i < 4; ++i) (i % 2 == 0 ? left_updates : right_updates) += result.parts[i].updated;
+    for (std::size_t i = 0; i < 4; ++i)
+      (i % 2 == 0 ? left_updates : right_updates) += result.parts[i].updated;
     EXPECT_NEAR(result.box.x, box.x, 6) << t;
   }
   EXPECT_GE(left_updates, 8);
@@ -240,7 +244,8 @@ TEST(Dpt, FollowsSize) {
 TEST(Dpt, EveryGridAndTopologyTracks) {
   const Scene scene;
   for (const auto& [rows, cols] : {std::pair{1, 1}, {1, 2}, {2, 2}, {3, 3}, {4, 4}})
-    for (const Constellation constellation : {Constellation::Full, Constellation::Local, Constellation::Star}) {
+    for (const Constellation constellation :
+         {Constellation::Full, Constellation::Local, Constellation::Star}) {
       DptOptions options;
       options.grid_rows = rows;
       options.grid_cols = cols;

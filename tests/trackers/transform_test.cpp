@@ -44,7 +44,8 @@ TEST(FitTransform, IsTheLeastSquaresFit) {
   const Eigen::Matrix3d peer = Eigen::umeyama(Eigen::MatrixXd(from), Eigen::MatrixXd(to), true);
   double peer_residual = 0;
   for (int i = 0; i < 4; ++i)
-    peer_residual += (peer.topLeftCorner<2, 2>() * from.col(i) + peer.topRightCorner<2, 1>() - to.col(i)).squaredNorm();
+    peer_residual +=
+        (peer.topLeftCorner<2, 2>() * from.col(i) + peer.topRightCorner<2, 1>() - to.col(i)).squaredNorm();
   EXPECT_NEAR(residual(found), peer_residual, 1e-9);
   for (const TransformModel model :
        {TransformModel::Translation, TransformModel::Euclidean, TransformModel::Similarity}) {

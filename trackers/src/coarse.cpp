@@ -7,7 +7,8 @@
 namespace asterism::inline ASTERISM_ABI {
 
 void check_start(const Frame& frame, const cv::Rect2d& box) {
-  if (!(std::isfinite(box.x) && std::isfinite(box.y) && std::isfinite(box.width) && std::isfinite(box.height)))
+  if (!(std::isfinite(box.x) && std::isfinite(box.y) && std::isfinite(box.width) &&
+        std::isfinite(box.height)))
     throw std::invalid_argument("the start box is not finite");
   if (!(box.width >= 1 && box.height >= 1))
     throw std::invalid_argument("the start box must be at least one pixel wide and high");
@@ -40,9 +41,8 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
     for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
       for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
         const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
-        density_.values(row, col) =
-            std::max(0.0f, density_.values(row, col)) *
-            static_cast<float>(colour_.probability(estimate.segmentation, position));
+        density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
+                                    static_cast<float>(colour_.probability(estimate.segmentation, position));
       }
     estimate.evidence = evidence_of(density_, options_.root.sub_pixel);
     estimate.similarity = root_.similarity_at(estimate.evidence.position);

@@ -55,8 +55,8 @@ void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
   placement_.resize(2, part_count());
   for (int i = 0; i < part_count(); ++i) {
     const int row = i / cols, col = i % cols;
-    placement_.col(i) = centre_of(
-        {box.x + col * part_size.x(), box.y + row * part_size.y(), part_size.x(), part_size.y()});
+    placement_.col(i) =
+        centre_of({box.x + col * part_size.x(), box.y + row * part_size.y(), part_size.x(), part_size.y()});
     parts_[static_cast<std::size_t>(i)].init(frame, placement_.col(i), part_size);
   }
   springs_.set_rest_lengths(placement_);

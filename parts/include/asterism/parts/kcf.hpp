@@ -6,8 +6,8 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-/// The kernel kappa(z, z') of a correlation filter; c is the multi-channel circular correlation, n its number of
-/// elements (channels x rows x cols).
+/// The kernel kappa(z, z') of a correlation filter; c is the multi-channel circular correlation, n its number
+/// of elements (channels x rows x cols).
 struct Kernel {
   enum class Type {
     Gaussian,    ///< exp(-max(0, |z|^2 + |z'|^2 - 2 c) / (n sigma^2))
@@ -20,8 +20,8 @@ struct Kernel {
   double exponent = 9;
 };
 
-/// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's Sec. 3.1
-/// asks for.
+/// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
+/// Sec. 3.1 asks for.
 struct KcfOptions {
   Kernel kernel;
   /// Regularisation lambda of the ridge regression (Eq. kcf_cost), > 0.
@@ -33,8 +33,8 @@ struct KcfOptions {
   /// HOG cell [template pixels].
   int cell_size = 4;
   /// The search window adds this much around the target, >= 0: `padding` x each side if `proportional_window`
-  /// (Henriques), else `padding` x the geometric mean of the sides on both axes, which gives elongated targets room
-  /// across. Equal for square targets.
+  /// (Henriques), else `padding` x the geometric mean of the sides on both axes, which gives elongated
+  /// targets room across. Equal for square targets.
   double padding = 1.5;
   bool proportional_window = false;
   /// Small and large targets: the window is resampled so that the geometric mean of the target's sides in the
@@ -48,12 +48,12 @@ struct KcfOptions {
   bool sub_pixel = true;
 };
 
-/// Kernelised correlation filter on HOG and gray channels (Henriques et al., PAMI 2015; the paper's Sec. 2.1).
-/// A PartModel; copies are independent.
+/// Kernelised correlation filter on HOG and gray channels (Henriques et al., PAMI 2015; the paper's
+/// Sec. 2.1). A PartModel; copies are independent.
 ///
-/// 31 fHOG channels and the gray level, all on the cell grid and under a Hann window, feed one kernel. Spectra of
-/// features are single precision; the kernel's spectrum and A are double, since the spectrum's DC is about 1e3 and
-/// single precision would err by as much as lambda.
+/// 31 fHOG channels and the gray level, all on the cell grid and under a Hann window, feed one kernel.
+/// Spectra of features are single precision; the kernel's spectrum and A are double, since the spectrum's DC
+/// is about 1e3 and single precision would err by as much as lambda.
 class Kcf {
  public:
   static constexpr int kChannels = Fhog::kChannels + 1;
@@ -75,7 +75,8 @@ class Kcf {
   /// The target's size in the image [px], and that of its search window.
   const Size2& size() const { return size_; }
   Size2 window() const { return scale_.cwiseProduct(Size2(cols_, rows_)) * options_.cell_size; }
-  /// Let the target have another size in the image from now on: the window is stretched alike, the template stays.
+  /// Let the target have another size in the image from now on: the window is stretched alike, the template
+  /// stays.
   void resize(const Size2& size);
 
   const KcfOptions& options() const { return options_; }
@@ -86,7 +87,8 @@ class Kcf {
 
   // Windowed features of the patch around `centre` -> their spectra in `sample_`; returns their squared norm.
   double transform_patch(const Frame& frame, const Point2& centre);
-  // Kernel correlation of two spectra with all circular shifts (k^{xz}) -> its spectrum in `kernel_spectrum_`.
+  // Kernel correlation of two spectra with all circular shifts (k^{xz}) -> its spectrum in
+  // `kernel_spectrum_`.
   void correlate(const Eigen::ArrayXcf& z, double z_norm, const Eigen::ArrayXcf& x, double x_norm);
   // Train on the sample in `sample_` and blend with `rate` (1: forget everything before).
   void train(double sample_norm, double rate);
@@ -100,12 +102,12 @@ class Kcf {
   RealFft2<float> feature_fft_;  // all channels at once
   RealFft2<double> plane_fft_;   // one map
 
-  Eigen::ArrayXf hann_;                      // one plane of the cosine window
-  Spectrum label_;                           // Phi
-  Eigen::ArrayXcf template_;                 // z, the spectra of its channels
-  double template_norm_ = 0;                 // |z|^2
-  Spectrum numerator_, alpha_;               // of A, and A
-  Plane denominator_;                        // real: spectrum of a symmetric map
+  Eigen::ArrayXf hann_;         // one plane of the cosine window
+  Spectrum label_;              // Phi
+  Eigen::ArrayXcf template_;    // z, the spectra of its channels
+  double template_norm_ = 0;    // |z|^2
+  Spectrum numerator_, alpha_;  // of A, and A
+  Plane denominator_;           // real: spectrum of a symmetric map
   ResponseMap response_;
 
   // Buffers of localize and adapt, sized by init.

@@ -11,14 +11,14 @@ struct Evidence {
   Point2 position = Point2::Zero();
   /// Similarity at that position (the paper's w), about 1 for a perfect match, >= 0.
   double peak = 0;
-  /// Spatial uncertainty around the position [px^2], symmetric positive definite. The paper's weighted variance
-  /// sigma^2 (Sec. 2.3.3) is its trace: the average squared distance from the position.
+  /// Spatial uncertainty around the position [px^2], symmetric positive definite. The paper's weighted
+  /// variance sigma^2 (Sec. 2.3.3) is its trace: the average squared distance from the position.
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Identity();
 };
 
 /// A part's appearance model. Its axioms, tested for every model by `tests/parts/part_axioms.hpp`:
-/// shifting the frame shifts the evidence by as much; `localize` changes nothing that is learned; the same calls
-/// give the same results, bit for bit.
+/// shifting the frame shifts the evidence by as much; `localize` changes nothing that is learned; the same
+/// calls give the same results, bit for bit.
 ///
 /// - `init(frame, centre, size)`: learn the part anew from one frame. May be called again at any time. Throws
 ///   std::invalid_argument for a size that is not finite and positive or a centre that is not finite.
@@ -27,8 +27,8 @@ struct Evidence {
 ///   Evidence::peak]; 0 outside its search window.
 /// - `adapt(frame, at)`: update the model with the frame's appearance at a position.
 template <class P>
-concept PartModel = std::copyable<P> && requires(P part, const P& learned, const Frame& frame, const Point2& x,
-                                                 const Size2& size) {
+concept PartModel = std::copyable<P> &&
+    requires(P part, const P& learned, const Frame& frame, const Point2& x, const Size2& size) {
   part.init(frame, x, size);
   { part.localize(frame, x) } -> std::same_as<Evidence>;
   { learned.similarity_at(x) } -> std::convertible_to<double>;

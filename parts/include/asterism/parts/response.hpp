@@ -14,19 +14,18 @@ struct ResponseMap {
   Size2 spacing = Size2::Ones();
 
   /// Image position of a (sub-pixel) grid position.
-  Point2 position(double row, double col) const {
-    return origin + spacing.cwiseProduct(Point2(col, row));
-  }
+  Point2 position(double row, double col) const { return origin + spacing.cwiseProduct(Point2(col, row)); }
   /// Bilinear interpolation; 0 outside the grid. Negative responses count as 0: they are no similarity.
   double at(const Point2& position) const;
 };
 
 /// The peak of a response and its spread.
 ///
-/// position: the maximum, refined to sub-pixel by the vertex of a parabola in each axis (neighbours wrapped) if
-/// `sub_pixel`; peak: the response there on the grid; covariance: second moments about the position weighted by the
-/// response, negative responses counting as 0, so that its trace is the paper's weighted variance (Sec. 2.3.3).
-/// A map without any positive response gives its centre, peak 0 and the moments of a constant map.
+/// position: the maximum, refined to sub-pixel by the vertex of a parabola in each axis (neighbours wrapped)
+/// if `sub_pixel`; peak: the response there on the grid; covariance: second moments about the position
+/// weighted by the response, negative responses counting as 0, so that its trace is the paper's weighted
+/// variance (Sec. 2.3.3). A map without any positive response gives its centre, peak 0 and the moments of a
+/// constant map.
 Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -12,13 +12,13 @@ struct CoarseOptions {
   ColourOptions colour;
   /// Multiply the root's response with the colour probability; otherwise the layer is the root filter alone.
   bool use_colour = true;
-  /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the only
-  /// one that judges the whole target; docs/results/one-pass.md has the figures behind the value.
+  /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
+  /// only one that judges the whole target; docs/results/one-pass.md has the figures behind the value.
   double lost_below = 0.1;
 };
 
-/// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t, which
-/// together place the object's centre within the search region of the root.
+/// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t,
+/// which together place the object's centre within the search region of the root.
 class CoarseLayer {
  public:
   explicit CoarseLayer(const CoarseOptions& options = {});
@@ -54,8 +54,8 @@ class CoarseLayer {
   ResponseMap density_;  // Eq. position_posterior_root on the root's response grid
 };
 
-/// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos without
-/// colour. The box keeps its size.
+/// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos
+/// without colour. The box keeps its size.
 class CoarseTracker {
  public:
   explicit CoarseTracker(const CoarseOptions& options = {});

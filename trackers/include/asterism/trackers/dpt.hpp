@@ -16,27 +16,30 @@ struct DptOptions {
   /// The parts' filters; the paper's parameters are those of the root.
   KcfOptions part;
 
-  /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most kMaxParts.
+  /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most
+  /// kMaxParts.
   int grid_rows = 2, grid_cols = 2;
   Constellation constellation = Constellation::Full;
 
   /// Rate of the nominal spring lengths' update, alpha_spr (Sec. 2.5.2), in [0, 1].
   double spring_rate = 0.95;
-  /// A part is updated if its response at the MAP position is at least this fraction of the strongest part's ...
+  /// A part is updated if its response at the MAP position is at least this fraction of the strongest part's
+  /// ...
   double response_gate = 0.5;
-  /// ... and at least this fraction of its pixels are on the object according to the segmentation (Sec. 2.5.2).
+  /// ... and at least this fraction of its pixels are on the object according to the segmentation
+  /// (Sec. 2.5.2).
   double mask_gate = 0.2;
-  /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and size",
-  /// Sec. 2.5.2 fits a "Euclidean transform".
+  /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and
+  /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
 
   /// IDA's stopping rule. Open in the paper; see docs/results/one-pass.md.
   SolverOptions solver;
 };
 
-/// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a colour model, and a
-/// mid level of parts whose MAP constellation is the equilibrium of a spring system. `update` is the paper's
-/// Algorithm 2.
+/// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a colour model,
+/// and a mid level of parts whose MAP constellation is the equilibrium of a spring system. `update` is the
+/// paper's Algorithm 2.
 class Dpt {
  public:
   static constexpr int kMaxParts = 16;

@@ -6,14 +6,15 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-/// Stiffness of the spring between a part and its visually best position, k = w / sigma^2 (Eq. stiffness_static)
-/// [1/px^2]. Never below 1e-12 / sigma^2, so that a constellation without any response stays where it is.
+/// Stiffness of the spring between a part and its visually best position, k = w / sigma^2 (Eq.
+/// stiffness_static) [1/px^2]. Never below 1e-12 / sigma^2, so that a constellation without any response
+/// stays where it is.
 inline double static_stiffness(const Evidence& evidence) {
   return std::max(evidence.peak, 1e-12) / evidence.covariance.trace();
 }
 
-/// Stiffness of the spring between two parts, ((mu - |d_A|) / mu)^2 (Eq. stiffness_dynamic): the squared strain that
-/// their visually best positions, `distance` apart, put on the nominal length mu > 0.
+/// Stiffness of the spring between two parts, ((mu - |d_A|) / mu)^2 (Eq. stiffness_dynamic): the squared
+/// strain that their visually best positions, `distance` apart, put on the nominal length mu > 0.
 inline double dynamic_stiffness(double nominal_length, double distance) {
   const double strain = (nominal_length - distance) / nominal_length;
   return strain * strain;

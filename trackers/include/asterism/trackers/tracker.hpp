@@ -12,11 +12,11 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// What became of one part in one frame.
 struct PartState {
-  Point2 position;          ///< placement in the MAP constellation [px]
-  Size2 size;               ///< of the part's template in the image [px]
-  Point2 visual_best;       ///< visually most similar position x_A [px]
-  double weight = 0;        ///< response at the MAP position, compared by the update gate
-  bool updated = false;     ///< the appearance model was updated in this frame
+  Point2 position;       ///< placement in the MAP constellation [px]
+  Size2 size;            ///< of the part's template in the image [px]
+  Point2 visual_best;    ///< visually most similar position x_A [px]
+  double weight = 0;     ///< response at the MAP position, compared by the update gate
+  bool updated = false;  ///< the appearance model was updated in this frame
 };
 
 /// Milliseconds spent in one stage of `update`.
@@ -27,11 +27,11 @@ struct StageTime {
 
 /// A tracker's answer for one frame.
 struct TrackResult {
-  cv::Rect2d box;            ///< sub-pixel, axis-aligned; may reach over the frame's border
-  double confidence = 0;     ///< in [0, 1]
-  bool lost = false;         ///< the tracker does not believe in the box
+  cv::Rect2d box;         ///< sub-pixel, axis-aligned; may reach over the frame's border
+  double confidence = 0;  ///< in [0, 1]
+  bool lost = false;      ///< the tracker does not believe in the box
   std::vector<PartState> parts;
-  std::vector<Link> links;  ///< the springs between parts, as indices into `parts`
+  std::vector<Link> links;       ///< the springs between parts, as indices into `parts`
   std::vector<StageTime> times;  ///< in the order of the stages
 
   double milliseconds() const {
@@ -44,8 +44,9 @@ struct TrackResult {
 /// A single-object tracker.
 ///
 /// - `init(image, box)`: start on an object; may be called again at any time with any frame size. `box` is in
-///   pixels and covers x .. x + width - 1. Throws std::invalid_argument, and keeps the former state, for a box
-///   that is not finite, smaller than 1 x 1, or does not overlap the image, and for an image that Frame refuses.
+///   pixels and covers x .. x + width - 1. Throws std::invalid_argument, and keeps the former state, for a
+///   box that is not finite, smaller than 1 x 1, or does not overlap the image, and for an image that Frame
+///   refuses.
 /// - `update(image)`: the object's box in the next image. Throws std::logic_error before `init`, and
 ///   std::invalid_argument for an image that Frame refuses; the state is then as before the call.
 template <class T>
@@ -58,8 +59,8 @@ concept Tracker = requires(T tracker, const cv::Mat& image, const cv::Rect2d& bo
 class AnyTracker {
  public:
   template <Tracker T>
-    requires(!std::same_as<T, AnyTracker>)
-  AnyTracker(T tracker) : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
+  requires(!std::same_as<T, AnyTracker>) AnyTracker(T tracker)
+      : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
 
   void init(const cv::Mat& image, const cv::Rect2d& box) { self_->init(image, box); }
   TrackResult update(const cv::Mat& image) { return self_->update(image); }

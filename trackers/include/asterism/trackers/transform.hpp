@@ -20,10 +20,10 @@ enum class TransformModel {
   Similarity  ///< with a uniform scale, which Algorithm 2's "position and size" needs
 };
 
-/// The least-squares transform from one point set to another (2 x N each, columns correspond; Umeyama 1991, without
-/// reflection). Rotation and scale stay at their identity where the points do not determine them (N < 2, or all
-/// points of a set coincident). N = 0 gives the identity.
-PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from, const Eigen::Ref<const Eigen::Matrix2Xd>& to,
-                             TransformModel model);
+/// The least-squares transform from one point set to another (2 x N each, columns correspond; Umeyama 1991,
+/// without reflection). Rotation and scale stay at their identity where the points do not determine them (N <
+/// 2, or all points of a set coincident). N = 0 gives the identity.
+PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                             const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model);
 
 }  // namespace asterism::inline ASTERISM_ABI

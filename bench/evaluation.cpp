@@ -1,0 +1,96 @@
+#include "evaluation.hpp"
+
+#include <algorithm>
+#include <chrono>
+#include <numeric>
+#include <random>
+#include <stdexcept>
+
+#include "image_source.hpp"
+
+namespace asterism::bench {
+
+namespace fs = std::filesystem;
+
+namespace {
+
+constexpr std::size_t kBurnIn = 10;     // frames from a start on that do not count for accuracy
+constexpr std::size_t kRestartGap = 5;  // frames from a failure to the next start
+
+cv::Rect2d moved(const cv::Rect2d& box, const cv::Point2d& offset) {
+  return {box.x + offset.x, box.y + offset.y, box.width, box.height};
+}
+
+}  // namespace
+
+std::vector<fs::path> find_sequences(const fs::path& folder, const std::vector<std::string>& only) {
+  std::vector<fs::path> found;
+  for (const auto& entry : fs::directory_iterator(folder))
+    if (fs::exists(entry.path() / "groundtruth.txt") &&
+        (only.empty() || std::ranges::count(only, entry.path().filename().string()) > 0))
+      found.push_back(entry.path());
+  if (found.empty()) throw std::runtime_error("no sequence with a groundtruth.txt in " + folder.string());
+  std::ranges::sort(found);
+  return found;
+}
+
+Sequence load_sequence(const fs::path& folder) {
+  Sequence sequence{.name = folder.filename().string(),
+                    .images = {},
+                    .truth = tools::read_ground_truth(folder / "groundtruth.txt")};
+  tools::ImageSource source = tools::ImageSource::open(folder.string());
+  for (cv::Mat image; source.next(image);) sequence.images.push_back(image.clone());
+  if (sequence.images.size() != sequence.truth.size())
+    throw std::runtime_error(folder.string() + ": " + std::to_string(sequence.images.size()) +
+                             " images, but " + std::to_string(sequence.truth.size()) + " boxes");
+  return sequence;
+}
+
+std::vector<cv::Point2d> start_offsets(int count) {
+  std::mt19937 random(1);
+  const auto uniform = [&] { return static_cast<double>(random()) / 2147483648.0 - 1; };
+  std::vector<cv::Point2d> offsets(1);
+  while (static_cast<int>(offsets.size()) < count) {
+    const double x = uniform(), y = uniform();
+    offsets.emplace_back(x, y);
+  }
+  return offsets;
+}
+
+double OnePass::average_overlap() const {
+  return overlaps.empty()
+             ? 0
+             : std::reduce(overlaps.begin(), overlaps.end()) / static_cast<double>(overlaps.size());
+}
+
+OnePass run_one_pass(const Start& start, const Sequence& sequence, const cv::Point2d& offset) {
+  OnePass result;
+  const Step step = start(sequence.images[0], moved(sequence.truth[0].box, offset));
+  for (std::size_t t = 1; t < sequence.images.size(); ++t) {
+    const auto before = std::chrono::steady_clock::now();
+    const cv::Rect2d box = step(sequence.images[t]);
+    result.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
+    result.overlaps.push_back(tools::overlap(box, sequence.truth[t].box));
+  }
+  return result;
+}
+
+Supervised run_supervised(const Start& start, const Sequence& sequence, const cv::Point2d& offset) {
+  Supervised result;
+  for (std::size_t first = 0; first < sequence.images.size();) {
+    const Step step = start(sequence.images[first], moved(sequence.truth[first].box, offset));
+    std::size_t t = first + 1;
+    for (; t < sequence.images.size(); ++t) {
+      const double overlap = tools::overlap(step(sequence.images[t]), sequence.truth[t].box);
+      if (overlap <= 0) {
+        ++result.failures;
+        break;
+      }
+      if (t >= first + kBurnIn) result.overlaps.push_back(overlap);
+    }
+    first = t + kRestartGap;
+  }
+  return result;
+}
+
+}  // namespace asterism::bench
