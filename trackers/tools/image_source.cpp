@@ -5,6 +5,7 @@
 #include <cctype>
 #include <charconv>
 #include <opencv2/imgcodecs.hpp>
+#include <opencv2/videoio/registry.hpp>
 #include <stdexcept>
 #include <utility>
 
@@ -165,7 +166,9 @@ void ImageSource::use_video(const std::string& input) {
     if (all_digits(input) && error == std::errc{} && !fs::exists(input)) {
       video_.open(camera);
     } else {
-      video_.open(input);
+      // The other back ends take seconds to refuse what is no video, and start camera drivers for it.
+      const bool ffmpeg = cv::videoio_registry::hasBackend(cv::CAP_FFMPEG) && fs::exists(input);
+      video_.open(input, ffmpeg ? cv::CAP_FFMPEG : cv::CAP_ANY);
     }
   } catch (const cv::Exception&) {
     video_.release();  // a back end that is not there: the same to the user as one that refuses

@@ -14,7 +14,7 @@ struct CoarseOptions {
   bool use_colour = true;
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
   /// only one that judges the whole target; docs/results/one-pass.md has the figures behind the value.
-  double lost_below = 0.1;
+  double lost_below = 0.2;
 };
 
 /// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t,
