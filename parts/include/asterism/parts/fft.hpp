@@ -16,6 +16,9 @@ namespace asterism::inline ASTERISM_ABI {
 /// from several threads with different buffers, and objects may be made in several threads; with FFTW, no
 /// other code may plan at the same time unless it called fftw_make_planner_thread_safe.
 ///
+/// Neither allocates by itself, but FFTW takes buffers of its own for some sizes, OpenCV for all. With FFTW,
+/// powers of two and multiples of 8 are fastest and most odd sizes cost two to three times as much a pixel.
+///
 /// Buffers should be aligned as FFTW's SIMD code wants it (16 bytes: Eigen, cv::Mat and the default operator
 /// new are). Others are correct too, but slower and equal only up to rounding.
 template <typename Scalar>
