@@ -14,10 +14,11 @@ function(asterism_private_options target)
   set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF CXX_VISIBILITY_PRESET hidden)
 endfunction()
 
-# asterism_library(NAME [INTERFACE] SOURCES ... ) declares library asterism_NAME, exported as asterism::NAME,
-# whose public headers are in include/ of the current folder.
+# asterism_library(NAME [INTERFACE] [SOURCES ...] [HEADERS ...] [WITHOUT ...]) declares library asterism_NAME, exported
+# as asterism::NAME. Its public headers, in include/ of the current folder, are asterism/NAME.hpp and all of
+# asterism/NAME/ but those in WITHOUT, or else HEADERS.
 function(asterism_library name)
-  cmake_parse_arguments(PARSE_ARGV 1 arg "INTERFACE" "" "SOURCES")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "INTERFACE" "" "SOURCES;HEADERS;WITHOUT")
   set(target asterism_${name})
   if(arg_INTERFACE)
     add_library(${target} INTERFACE)
@@ -31,12 +32,24 @@ function(asterism_library name)
   add_library(asterism::${name} ALIAS ${target})
   set_target_properties(${target} PROPERTIES EXPORT_NAME ${name})
   target_compile_features(${target} ${scope} cxx_std_20)
-  target_include_directories(
-    ${target} ${scope} $<BUILD_INTERFACE:${CMAKE_CURRENT_SOURCE_DIR}/include>
-    $<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>)
+
+  set(include ${CMAKE_CURRENT_SOURCE_DIR}/include)
+  set(headers ${arg_HEADERS})
+  if(NOT headers)
+    file(GLOB_RECURSE headers RELATIVE ${include} CONFIGURE_DEPENDS ${include}/asterism/${name}/*.hpp)
+    if(EXISTS ${include}/asterism/${name}.hpp)
+      list(APPEND headers asterism/${name}.hpp)
+    endif()
+    list(REMOVE_ITEM headers "" ${arg_WITHOUT})
+  endif()
+  list(TRANSFORM headers PREPEND ${include}/)
+  target_sources(${target} ${scope} FILE_SET HEADERS BASE_DIRS ${include} FILES ${headers})
+
   set_property(GLOBAL APPEND PROPERTY ASTERISM_COMPONENTS ${name})
   if(ASTERISM_INSTALL)
-    install(TARGETS ${target} EXPORT Asterism_${name} ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR})
+    install(TARGETS ${target} EXPORT Asterism_${name}
+            ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}
+            FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
     install(EXPORT Asterism_${name} FILE Asterism_${name}.cmake NAMESPACE asterism::
             DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism)
   endif()
@@ -52,7 +65,8 @@ function(asterism_install_package)
   set(dir ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism)
   get_property(ASTERISM_COMPONENTS GLOBAL PROPERTY ASTERISM_COMPONENTS)
   configure_package_config_file(.cmake/AsterismConfig.cmake.in ${PROJECT_BINARY_DIR}/AsterismConfig.cmake
-                                INSTALL_DESTINATION ${dir})
+                                INSTALL_DESTINATION ${dir} NO_SET_AND_CHECK_MACRO
+                                NO_CHECK_REQUIRED_COMPONENTS_MACRO)
   write_basic_package_version_file(${PROJECT_BINARY_DIR}/AsterismConfigVersion.cmake
                                    COMPATIBILITY SameMinorVersion)
   install(FILES ${PROJECT_BINARY_DIR}/AsterismConfig.cmake ${PROJECT_BINARY_DIR}/AsterismConfigVersion.cmake
