@@ -74,7 +74,7 @@ class TrackTool : public testing::Test {
   void TearDown() override { fs::remove_all(folder_); }
 
   fs::path make_images(const std::string& name, int frames = kFrames) {
-    const fs::path folder = folder_ / name;
+    fs::path folder = folder_ / name;
     fs::create_directories(folder);
     for (int i = 1; i <= frames; ++i) {
       // Not padded: frame 10 comes after frame 9 only in natural order.
@@ -84,7 +84,7 @@ class TrackTool : public testing::Test {
   }
 
   fs::path make_sequence(const std::string& truth_after = "") {
-    const fs::path folder = folder_ / "sequence";
+    fs::path folder = folder_ / "sequence";
     make_images("sequence/color");
     std::ofstream file(folder / "groundtruth.txt");
     for (int i = 1; i <= kFrames; ++i) {
@@ -98,7 +98,7 @@ class TrackTool : public testing::Test {
   }
 
   fs::path make_video() {
-    const fs::path path = folder_ / "video.avi";
+    fs::path path = folder_ / "video.avi";
     cv::VideoWriter writer(path.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 12, {320, 240});
     for (int i = 1; i <= kFrames; ++i) writer.write(draw_frame(i));
     return path;
@@ -129,11 +129,12 @@ class TrackTool : public testing::Test {
   // A CSV with frames first .. first + count - 1, in which the boxes are on the object.
   void expect_boxes(const fs::path& csv, int first, int count) {
     const std::vector<std::string> lines = lines_of(csv);
-    ASSERT_EQ(lines.size(), static_cast<size_t>(count + 1));
+    ASSERT_EQ(static_cast<int>(lines.size()), count + 1);
     EXPECT_EQ(lines[0], kHeader);
     for (int i = 0; i < count; ++i) {
-      const std::vector<double> v = parse_numbers(lines[static_cast<size_t>(i + 1)]);
-      ASSERT_EQ(v.size(), 8u) << lines[static_cast<size_t>(i + 1)];
+      const std::string& line = lines[static_cast<size_t>(i) + 1];
+      const std::vector<double> v = parse_numbers(line);
+      ASSERT_EQ(v.size(), 8u) << line;
       EXPECT_EQ(v[0], first + i);
       EXPECT_GT(overlap({v[1], v[2], v[3], v[4]}, true_box(first + i)), i == 0 ? 0.999 : 0.6)
           << "frame " << v[0];
@@ -288,7 +289,7 @@ TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {
   // Far more frames than it can track before the signal comes.
   const fs::path image = make_images("images", 1) / "img_1.png";
   fs::create_directory(path("long"));
-  for (int i = 1; i <= 20000; ++i) fs::create_symlink(image, path("long/" + std::to_string(i) + ".png"));
+  for (int i = 1; i <= 3000; ++i) fs::create_symlink(image, path("long/" + std::to_string(i) + ".png"));
   for (const auto& [signal, code] : {std::pair(SIGINT, 130), std::pair(SIGTERM, 143)}) {
     const std::string csv = path(std::to_string(signal) + ".csv"),
                       sheet = path(std::to_string(signal) + ".png"),
@@ -313,7 +314,7 @@ TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {
 
     const std::vector<std::string> lines = lines_of(csv);
     ASSERT_GE(lines.size(), 6u);
-    EXPECT_LT(lines.size(), 20000u);
+    EXPECT_LT(lines.size(), 3000u);
     EXPECT_EQ(read(csv).back(), '\n');
     for (size_t i = 1; i < lines.size(); ++i) EXPECT_EQ(parse_numbers(lines[i]).size(), 8u) << lines[i];
     EXPECT_FALSE(cv::imread(sheet).empty());
