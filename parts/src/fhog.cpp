@@ -32,7 +32,7 @@ using QuadMap = Eigen::Map<Quad>;
 using ConstQuadMap = Eigen::Map<const Quad>;
 
 constexpr int kSigned = 18, kUnsigned = 9;
-// A gradient of exactly -20 k degrees with k = 0 lands in slot 18, which is orientation 0: one slot more is
+// A gradient between -10 and 0 degrees lands in slot 18, which is orientation 0 again: one slot more is
 // cheaper than a test a pixel.
 constexpr int kSlots = kSigned + 1;
 constexpr float kMaxPixel = 1e8F;  // keeps block energies far from overflow for every cell size
