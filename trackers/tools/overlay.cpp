@@ -144,39 +144,42 @@ void ContactSheet::add(const cv::Mat& frame, const TrackResult& result, int numb
   entries_.push_back(std::move(entry));
 }
 
-// The part of the frame that all tiles show: the union of the boxes with a margin, in the tile's proportions.
-cv::Rect ContactSheet::region() const {
-  const cv::Rect frame({0, 0}, entries_.front().frame.size());
-  const double scale = entries_.front().scale;
-  double left = frame.width, top = frame.height, right = 0, bottom = 0, margin = 0;
+// All tiles show the same magnification, in which the largest box has this part of a tile's height or width.
+cv::Size2d ContactSheet::region() const {
+  constexpr double kBoxInTile = 0.4;
+  double width = 1;
   for (const Entry& entry : entries_) {
     const cv::Rect2d& b = entry.result.box;
-    if (entry.frame.size() != frame.size() || !std::isfinite(b.x + b.y + b.width + b.height)) return frame;
-    left = std::min(left, b.x * scale), right = std::max(right, (b.x + b.width) * scale);
-    top = std::min(top, b.y * scale), bottom = std::max(bottom, (b.y + b.height) * scale);
-    margin = std::max({margin, 0.5 * b.width * scale, 0.5 * b.height * scale});
+    if (!std::isfinite(b.width + b.height)) continue;
+    width =
+        std::max(width, entry.scale * std::max(b.width, b.height * kTileWidth / kTileHeight) / kBoxInTile);
   }
-  constexpr double kAspect = static_cast<double>(kTileWidth) / kTileHeight;
-  double width = right - left + 2 * margin, height = bottom - top + 2 * margin;
-  width = std::max(width, height * kAspect), height = width / kAspect;
-  if (!(width < frame.width && height < frame.height)) return frame;
-  const double x = std::clamp((left + right - width) / 2, 0.0, frame.width - width);
-  const double y = std::clamp((top + bottom - height) / 2, 0.0, frame.height - height);
-  return cv::Rect(static_cast<int>(x), static_cast<int>(y), static_cast<int>(width),
-                  static_cast<int>(height)) &
-         frame;
+  return {width, width * kTileHeight / kTileWidth};
+}
+
+cv::Rect ContactSheet::cut(const Entry& entry, const cv::Size2d& region) {
+  const cv::Rect frame({0, 0}, entry.frame.size());
+  const cv::Rect2d& b = entry.result.box;
+  if (!std::isfinite(b.x + b.y + b.width + b.height)) return frame;
+  const auto place = [](double centre, double length, int limit) {
+    return length >= limit ? 0 : static_cast<int>(std::clamp(centre - length / 2, 0.0, limit - length));
+  };
+  const cv::Rect around(place((b.x + b.width / 2) * entry.scale, region.width, frame.width),
+                        place((b.y + b.height / 2) * entry.scale, region.height, frame.height),
+                        cvCeil(std::min<double>(region.width, frame.width)),
+                        cvCeil(std::min<double>(region.height, frame.height)));
+  return around & frame;
 }
 
 cv::Mat ContactSheet::draw() const {
   if (entries_.empty()) return {};
-  const cv::Rect shown = region();
+  const cv::Size2d shown = region();
   cv::Mat sheet(2 * kTileHeight + 3 * kTileGap, 4 * kTileWidth + 5 * kTileGap, CV_8UC3, cv::Scalar::all(32));
   const size_t tiles = std::min(kTiles, entries_.size());
   for (size_t k = 0; k < tiles; ++k) {
     const size_t chosen = tiles == 1 ? 0 : (k * (entries_.size() - 1) + (tiles - 1) / 2) / (tiles - 1);
     const Entry& entry = entries_[chosen];
-    const cv::Rect cut = shown & cv::Rect({0, 0}, entry.frame.size());
-    if (cut.empty()) continue;
+    const cv::Rect cut = ContactSheet::cut(entry, shown);
     const double zoom =
         std::min(static_cast<double>(kTileWidth) / cut.width, static_cast<double>(kTileHeight) / cut.height);
     cv::Mat tile;

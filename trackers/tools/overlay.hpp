@@ -29,8 +29,8 @@ void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point
 /// it.
 cv::Mat draw_overlay(const cv::Mat& frame, const TrackResult& result, int number, double fps);
 
-/// Eight frames evenly spread over a run of a length not known before, in two rows, each cut to the region
-/// through which the object moves. Memory is bounded whatever the run's length.
+/// Eight frames evenly spread over a run of a length not known before, in two rows, each cut to the object
+/// and what is around it. Memory is bounded whatever the run's length.
 class ContactSheet {
  public:
   void add(const cv::Mat& frame, const TrackResult& result, int number);
@@ -44,7 +44,8 @@ class ContactSheet {
     TrackResult result;
     int number = 0;
   };
-  cv::Rect region() const;
+  cv::Size2d region() const;
+  static cv::Rect cut(const Entry& entry, const cv::Size2d& region);
 
   std::vector<Entry> entries_;  // every `stride_`-th frame of the run
   int count_ = 0, stride_ = 1;
