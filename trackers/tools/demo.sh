@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # Builds asterism-track and follows a pedestrian with it; for Debian 12, as root or with sudo.
 #
-# The video is vtest.avi of Debian's package opencv-doc: a campus crossing, seen from above. The object is the man in
-# the dark leather jacket with a grey hood lying on its shoulders, a roll of white paper in his hand. From frame 250
-# he walks from the right towards the lamp post; in frames 277 to 284 the post cuts him in two from neck to foot and
-# its sign hides his head. He turns around at the left (frames 314 to 322, his face is seen now) and walks back, again
-# behind the post in frames 354 to 359, until frame 379 at the right.
+# The video is vtest.avi of Debian's package opencv-doc: people on a campus crossing, seen from above. The object is the
+# man in the dark leather jacket with a grey hood lying on its shoulders, a roll of white paper in his hand. From frame
+# 244 he walks from the right towards the lamp post; in frames 277 to 283 the post cuts him in two from neck to foot and
+# its sign hides his head. At the left he turns around (frames 314 to 322, his face is seen now) and comes back, again
+# behind post and sign in frames 354 to 359, and is in full view to the last frame, 376.
 set -euo pipefail
 
-start=250 frames=130 box=610,256,40,104
+start=244 frames=133 box=641,264,42,108
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
 build=$root/build/demo

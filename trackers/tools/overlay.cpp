@@ -147,7 +147,7 @@ void ContactSheet::add(const cv::Mat& frame, const TrackResult& result, int numb
 // All tiles show the same magnification, in which the largest box has this part of a tile's height or width.
 cv::Size2d ContactSheet::region() const {
   constexpr double kBoxInTile = 0.4;
-  double width = 1;
+  double width = 64;
   for (const Entry& entry : entries_) {
     const cv::Rect2d& b = entry.result.box;
     if (!std::isfinite(b.width + b.height)) continue;
