@@ -49,7 +49,8 @@ function(asterism_library name)
   if(ASTERISM_INSTALL)
     install(TARGETS ${target} EXPORT Asterism_${name}
             ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}
-            FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+            FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
+            INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})  # CMake before 3.23 knows no file sets
     install(EXPORT Asterism_${name} FILE Asterism_${name}.cmake NAMESPACE asterism::
             DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism)
   endif()

@@ -1,0 +1,78 @@
+# What find_package(Asterism) says where it cannot give what is asked for.
+cmake_minimum_required(VERSION 3.25)
+include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
+
+# ask(PREFIX ARGUMENTS [OPTION...]): find_package(Asterism ARGUMENTS), commas for blanks, of the installation in PREFIX.
+macro(ask prefix arguments)
+  fresh(${WORK}/components)
+  run(${CMAKE_COMMAND} -G ${GENERATOR} -DCMAKE_MAKE_PROGRAM=${MAKE_PROGRAM} -S ${scripts}/components
+      -B ${WORK}/components -DAsterism_DIR=${WORK}/${prefix}/${LIBDIR}/cmake/Asterism -DASK=${arguments} ${ARGN})
+endmacro()
+
+# found(COMPONENT EXPECTED)
+function(found component expected)
+  if(NOT result EQUAL 0)
+    fail("find_package was not to fail")
+  endif()
+  must_match("${out}" "-- found ${component}: ${expected}\n" "wrong verdict on ${component}")
+endfunction()
+
+# refused(REGEX...): find_package failed, and its message matches.
+function(refused)
+  if(result EQUAL 0)
+    fail("find_package was to fail")
+  endif()
+  string(REGEX REPLACE "[ \n]+" " " message "${err}")  # CMake wraps
+  foreach(regex IN LISTS ARGN)
+    must_match("${message}" "${regex}" "the message does not say why")
+  endforeach()
+endfunction()
+
+# Where the solver alone was built.
+ask(solver-only REQUIRED)
+found(Asterism 1)
+found(solver TRUE)
+ask(solver-only REQUIRED,COMPONENTS,parts)
+refused("component 'parts'" "built without it")
+ask(solver-only REQUIRED,COMPONENTS,nonsense)
+refused("component 'nonsense'" "built without it [(]it has: solver[)]")
+ask(solver-only REQUIRED,COMPONENTS,solver,OPTIONAL_COMPONENTS,trackers,cholmod)
+found(Asterism 1)
+found(solver TRUE)
+found(parts FALSE)
+found(trackers FALSE)
+found(cholmod FALSE)
+must_match("${out}" "-- find_package begins\n-- find_package ended\n" "an optional component is not worth a line")
+ask(solver-only COMPONENTS,parts)
+found(Asterism "(0|FALSE)")
+
+# Versions: this one and older patches of it serve, another minor or major version does not.
+string(REGEX MATCH "^([0-9]+)[.]([0-9]+)" minor ${VERSION})
+math(EXPR next_minor "${CMAKE_MATCH_2} + 1")
+math(EXPR next_major "${CMAKE_MATCH_1} + 1")
+foreach(version IN ITEMS ${minor} ${minor}.0 ${VERSION})
+  ask(solver-only ${version},REQUIRED,COMPONENTS,solver)
+  found(Asterism 1)
+endforeach()
+foreach(version IN ITEMS ${CMAKE_MATCH_1}.${next_minor} ${next_major} ${minor}.999)
+  ask(solver-only ${version},REQUIRED,COMPONENTS,solver)
+  refused("compatible with requested version \"${version}\"" "version: ${VERSION}")
+endforeach()
+
+# Where a component was built, but what it needs is gone.
+foreach(pair IN ITEMS solver:Eigen3 cholmod:CHOLMOD ceres:Ceres parts:OpenCV)
+  string(REPLACE ":" ";" pair ${pair})
+  list(GET pair 0 component)
+  list(GET pair 1 package)
+  if(component IN_LIST BUILT)
+    ask(moved/prefix REQUIRED,COMPONENTS,${component} -DCMAKE_DISABLE_FIND_PACKAGE_${package}=ON)
+    refused("component '${component}': ${package}, which it needs, is not found [(]Debian package lib[a-z0-9]+-dev[)]")
+    ask(moved/prefix OPTIONAL_COMPONENTS,${component} -DCMAKE_DISABLE_FIND_PACKAGE_${package}=ON)
+    found(Asterism 1)
+    found(${component} FALSE)
+  endif()
+endforeach()
+if("trackers" IN_LIST BUILT)
+  ask(moved/prefix REQUIRED,COMPONENTS,trackers -DCMAKE_DISABLE_FIND_PACKAGE_OpenCV=ON)
+  refused("component 'trackers': component 'parts', which it needs, is not found")
+endif()

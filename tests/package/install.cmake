@@ -1,0 +1,33 @@
+# Installs the built tree and moves it away; what is there must neither miss a header nor know where it was made.
+cmake_minimum_required(VERSION 3.25)
+include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
+
+fresh(${WORK}/stage)
+file(REMOVE_RECURSE ${WORK}/moved)
+must(${CMAKE_COMMAND} --install ${BINARY_DIR} --config ${CONFIG} --prefix ${WORK}/stage/prefix)
+file(MAKE_DIRECTORY ${WORK}/moved)
+file(RENAME ${WORK}/stage/prefix ${WORK}/moved/prefix)
+
+foreach(header IN LISTS HEADERS)
+  if(NOT EXISTS ${WORK}/moved/prefix/${INCLUDEDIR}/${header})
+    fail("public header ${header} is not installed")
+  endif()
+endforeach()
+
+file(GLOB_RECURSE files ${WORK}/moved/prefix/*.cmake)
+if(files STREQUAL "")
+  fail("no CMake files are installed")
+endif()
+foreach(file IN LISTS files)
+  file(READ ${file} text)
+  foreach(path IN ITEMS ${SOURCE_DIR} ${BINARY_DIR} ${WORK})
+    string(FIND "${text}" "${path}" at)
+    if(NOT at EQUAL -1)
+      fail("${file} mentions ${path}")
+    endif()
+  endforeach()
+  # Nothing of our own compile settings may reach a consumer.
+  if(text MATCHES "INTERFACE_(COMPILE_OPTIONS|LINK_OPTIONS|COMPILE_DEFINITIONS)")
+    fail("${file} exports ${CMAKE_MATCH_0}")
+  endif()
+endforeach()

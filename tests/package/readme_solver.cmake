@@ -1,0 +1,10 @@
+# The solver example of README.md (PROGRAM) prints what README.md says (EXPECTED).
+cmake_minimum_required(VERSION 3.25)
+execute_process(COMMAND ${PROGRAM} OUTPUT_VARIABLE out ERROR_VARIABLE err RESULT_VARIABLE result)
+file(READ ${EXPECTED} expected)
+if(NOT result EQUAL 0)
+  message(FATAL_ERROR "the example ended with ${result}: ${err}")
+endif()
+if(NOT out STREQUAL expected)
+  message(FATAL_ERROR "README.md shows\n${expected}\nbut the example prints\n${out}")
+endif()
