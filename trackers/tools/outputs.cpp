@@ -8,6 +8,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
+#include <vector>
 
 namespace asterism::tools {
 namespace {
@@ -109,14 +110,18 @@ void check_output(const std::string& option, const fs::path& path, const std::st
 }
 
 void write_image(const fs::path& path, const cv::Mat& image) {
-  bool written = false;
-  std::string reason;
+  // Encoded in memory: the codecs' own writing does not say why it failed.
+  std::vector<unsigned char> bytes;
   try {
-    written = cv::imwrite(path.string(), image);
+    cv::imencode(path.extension().string(), image, bytes);
   } catch (const cv::Exception& e) {
-    reason = ": " + e.err;
+    throw std::runtime_error("cannot write the image " + path.string() + ": " + e.err);
   }
-  if (!written) throw std::runtime_error("cannot write the image " + path.string() + reason);
+  errno = 0;
+  std::ofstream file(path, std::ios::binary);
+  file.write(reinterpret_cast<const char*>(bytes.data()), static_cast<std::streamsize>(bytes.size()));
+  file.flush();
+  if (!file || bytes.empty()) throw std::runtime_error("cannot write the image " + path.string() + why());
 }
 
 }  // namespace asterism::tools
