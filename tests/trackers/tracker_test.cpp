@@ -142,6 +142,21 @@ TEST_P(Trackers, HandlesOddBoxes) {
   for (int t = 0; t < 3; ++t) EXPECT_NEAR(tracker.update(flat).box.x, 100, 5);
 }
 
+// Frames that have nothing in common drive models and constellation wherever they like, but not out of the
+// numbers.
+TEST_P(Trackers, SurvivesNoise) {
+  AnyTracker tracker = make_tracker(GetParam());
+  tracker.init(texture(120, 160, 1), {50, 40, 40, 30});
+  for (std::uint32_t t = 2; t < 300; ++t) {
+    const TrackResult result = tracker.update(texture(120, 160, t));
+    ASSERT_TRUE(std::isfinite(result.box.x) && std::isfinite(result.box.y) &&
+                std::isfinite(result.confidence))
+        << t;
+    ASSERT_GE(result.box.width, 4) << t;
+    ASSERT_LE(result.box.width, 400) << t;
+  }
+}
+
 TEST_P(Trackers, SurvivesAChangeOfFrameSize) {
   const Scene scene;
   AnyTracker tracker = make_tracker(GetParam());

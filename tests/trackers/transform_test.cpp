@@ -84,6 +84,7 @@ TEST(Stiffness, FollowsTheEquations) {
   EXPECT_GT(static_stiffness(evidence), 0);
   EXPECT_DOUBLE_EQ(dynamic_stiffness(40, 50), 0.0625);
   EXPECT_DOUBLE_EQ(dynamic_stiffness(40, 40), 0);
+  EXPECT_EQ(dynamic_stiffness(0, 3), 0);
 }
 
 }  // namespace

@@ -48,6 +48,7 @@ void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
   const Frame frame(image);
   check_start(frame, box);
   coarse_.init(frame, box);
+  initial_size_ = coarse_.size();
 
   // Sec. 2.5.3: the box is split into equal non-overlapping parts.
   const int rows = options_.grid_rows, cols = options_.grid_cols;
@@ -90,7 +91,10 @@ TrackResult Dpt::update(const cv::Mat& image) {
 
   // Line 4: root position and size by the transform of the constellation.
   const PlaneTransform transform = fit_transform(placement_, placement, options_.transform);
-  coarse_.move(box_around(transform(coarse_.centre()), transform.scale * coarse_.size()));
+  const Size2 size = (transform.scale * coarse_.size())
+                         .cwiseMax(kMinScale * initial_size_)
+                         .cwiseMin(kMaxScale * initial_size_);
+  coarse_.move(box_around(transform(coarse_.centre()), size));
   placement_ = placement;
 
   // Line 5: spring lengths and part models.

@@ -43,6 +43,8 @@ struct DptOptions {
 class Dpt {
  public:
   static constexpr int kMaxParts = 16;
+  /// The box keeps to this range of its first size, whatever a collapsed or burst constellation says.
+  static constexpr double kMinScale = 0.1, kMaxScale = 10;
   using Springs = SpringSystem<double, 2, Eigen::Dynamic, kMaxParts>;
   using Placement = Springs::Points;  ///< 2 x N_p, a part is a column
 
@@ -71,6 +73,7 @@ class Dpt {
   Ida<Springs> solver_;
   Summary summary_;
   Placement placement_;  // X_{t-1}
+  Size2 initial_size_ = Size2::Zero();
   bool initialized_ = false;
 };
 

@@ -14,8 +14,10 @@ inline double static_stiffness(const Evidence& evidence) {
 }
 
 /// Stiffness of the spring between two parts, ((mu - |d_A|) / mu)^2 (Eq. stiffness_dynamic): the squared
-/// strain that their visually best positions, `distance` apart, put on the nominal length mu > 0.
+/// strain that their visually best positions, `distance` apart, put on the nominal length mu >= 0. 0 for mu =
+/// 0, where the strain is undefined.
 inline double dynamic_stiffness(double nominal_length, double distance) {
+  if (nominal_length <= 0) return 0;
   const double strain = (nominal_length - distance) / nominal_length;
   return strain * strain;
 }
