@@ -5,7 +5,8 @@ include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
 set(dir ${WORK}/parent)
 fresh(${dir})
 file(REMOVE_RECURSE ${WORK}/parent-prefix)
-must(${configure} -S ${scripts}/parent -B ${dir} -DASTERISM_SOURCE=${SOURCE_DIR} -DBUILD_TESTING=ON)
+must(${configure} -S ${scripts}/parent -B ${dir} -DASTERISM_SOURCE=${SOURCE_DIR} -DBUILD_TESTING=ON
+     -DCMAKE_BUILD_TYPE=) # none, which must stay so
 if(NOT err STREQUAL "")
   fail("the subproject wrote to standard error")
 endif()
