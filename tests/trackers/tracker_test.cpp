@@ -3,6 +3,8 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <cmath>
+#include <cstdio>
+#include <filesystem>
 
 #include "../parts/part_axioms.hpp"
 
@@ -70,6 +72,42 @@ TEST_P(Trackers, IsDeterministicAndStartsAnew) {
   once.init(scene.frame(0), Scene::box(0));
   twice.init(scene.frame(0), Scene::box(0));
   for (int t = 1; t <= 10; ++t) expect_same(once.update(scene.frame(t)), twice.update(scene.frame(t)));
+}
+
+// Prints every bit of a run, for AnotherProcess below.
+TEST_P(Trackers, Digest) {
+  const Scene scene;
+  AnyTracker tracker = make_tracker(GetParam());
+  tracker.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) {
+    const TrackResult result = tracker.update(scene.frame(t));
+    std::printf("digest %a %a %a %a %a", result.box.x, result.box.y, result.box.width, result.box.height,
+                result.confidence);
+    for (const PartState& part : result.parts)
+      std::printf(" %a %a %a", part.position.x(), part.position.y(), part.weight);
+    std::printf("\n");
+  }
+}
+
+// The same boxes bit for bit in every process, FFT plans included.
+TEST_P(Trackers, GivesTheSameBitsInAnotherProcess) {
+  if (!std::filesystem::exists("/proc/self/exe")) GTEST_SKIP() << "no /proc/self/exe here";
+  const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
+  const std::string test = ::testing::UnitTest::GetInstance()->current_test_info()->name();
+  const std::string filter = "All/Trackers.Digest" + test.substr(test.find('/'));
+  const auto run = [&] {
+    std::string digest;
+    FILE* pipe = popen((self + " --gtest_filter=" + filter).c_str(), "r");
+    if (pipe == nullptr) return digest;
+    char line[1024];
+    while (std::fgets(line, sizeof line, pipe) != nullptr)
+      if (std::string_view(line).starts_with("digest")) digest += line;
+    pclose(pipe);
+    return digest;
+  };
+  const std::string first = run();
+  EXPECT_EQ(std::count(first.begin(), first.end(), '\n'), 10);
+  EXPECT_EQ(first, run());
 }
 
 TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
