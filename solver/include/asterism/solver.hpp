@@ -4,6 +4,7 @@
 // <asterism/solver/ceres.hpp> belong to targets of their own.
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/ida.hpp>
+#include <asterism/solver/nonlinear_cg.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>

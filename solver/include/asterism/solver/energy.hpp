@@ -53,8 +53,8 @@ Point fixed_direction(Link link) {
 /// there (a spring with mu_ij > 0 wants its nodes apart), and any unit u makes -gradient a direction of
 /// strict descent.
 template <typename System>
-Spring<System> coincident_spring(const System& system, const typename System::Points& x, Link link) {
-  typename System::Point direction = x.col(link.i) - x.col(link.j);
+Spring<System> coincident_spring(const System& system, Link link, const typename System::Point& d) {
+  typename System::Point direction = d;
   const auto length = direction.stableNorm();
   if (!normalise(direction)) {
     direction = system.anchors.col(link.i) - system.anchors.col(link.j);
@@ -63,15 +63,15 @@ Spring<System> coincident_spring(const System& system, const typename System::Po
   return {length, direction};
 }
 
+/// The spring of `link` with d = x_i - x_j.
 template <typename System>
-Spring<System> spring(const System& system, const typename System::Points& x, Link link) {
+Spring<System> spring(const System& system, Link link, const typename System::Point& d) {
   using Scalar = typename System::Scalar;
   // Below this the squared length loses digits to underflow.
   constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
-  const typename System::Point d = x.col(link.i) - x.col(link.j);
   const Scalar square = d.squaredNorm();
   if (square < kTiny) [[unlikely]]
-    return coincident_spring(system, x, link);
+    return coincident_spring(system, link, d);
   const Scalar length = std::sqrt(square);
   return {length, d * (Scalar(1) / length)};
 }
@@ -91,7 +91,7 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   }
   int l = 0;
   for (const Link& link : system.links()) {
-    const auto [length, direction] = spring(system, x, link);
+    const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
     const Scalar stretch = length - system.rest_length[l];
     const Scalar tension = system.link_stiffness[l] * stretch;
     const Point force = tension * direction;
@@ -111,7 +111,7 @@ void for_each_hessian_block(const System& system, const typename System::Points&
   for (int i = 0; i < system.nodes(); ++i) add(i, i, Block(system.anchor_stiffness[i] * Block::Identity()));
   int l = 0;
   for (const Link& link : system.links()) {
-    const auto [length, direction] = spring(system, x, link);
+    const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
     const Scalar mu = system.rest_length[l];
     // Curvature across the spring relative to along it: 1 - mu / r, which has no limit at r = 0.
     Scalar across = mu > 0 ? 0 : 1;
@@ -148,7 +148,8 @@ typename System::Scalar energy(const System& system, const typename System::Poin
   }
   int l = 0;
   for (const Link& link : system.links()) {
-    const Scalar stretch = detail::spring(system, x, link).length - system.rest_length[l];
+    const Scalar stretch =
+        detail::spring(system, link, x.col(link.i) - x.col(link.j)).length - system.rest_length[l];
     twice += system.link_stiffness[l] * stretch * stretch;
     ++l;
   }

@@ -12,6 +12,14 @@
 
 namespace asterism::inline ASTERISM_ABI::detail {
 
+/// What a sum of the energies of all springs may be off by.
+template <typename System>
+typename System::Scalar rounding_of_energy(const System& system, typename System::Scalar energy) {
+  using Scalar = typename System::Scalar;
+  const auto terms = static_cast<Scalar>(system.nodes() + system.link_count());
+  return terms * std::numeric_limits<Scalar>::epsilon() * energy;
+}
+
 /// The frame around every solver's iterations: validation before, and the library's own verdict after, so
 /// that all methods are held to the same rule and bad input costs nobody an x. It keeps its memory between
 /// solves.
@@ -76,9 +84,7 @@ class Session {
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     Scalar energy = energy_and_gradient(system, x, gradient_);
     if (!std::isfinite(energy) || !gradient_.allFinite()) reason = Status::NumericalFailure;
-    const Scalar terms = static_cast<Scalar>(system.nodes() + system.link_count());
-    const Scalar rounding = terms * std::numeric_limits<Scalar>::epsilon() * energy_;
-    if (reason == Status::NumericalFailure || energy > energy_ + rounding) {
+    if (reason == Status::NumericalFailure || energy > energy_ + rounding_of_energy(system, energy_)) {
       x = start_;
       energy = energy_and_gradient(system, x, gradient_);
       if (summary.message.empty()) summary.message = "no step lowered the energy";

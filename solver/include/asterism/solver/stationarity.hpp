@@ -34,21 +34,18 @@ typename System::Scalar characteristic_length(const System& system, const typena
   return std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
 }
 
-/// A_ii = k_i + sum_j k_ij, the diagonal of K_dyn: the stiffness that node i moves against when the others
-/// stand still.
+namespace detail {
+
 template <typename System>
-typename System::NodeVector node_stiffness(const System& system) {
-  typename System::NodeVector result = system.anchor_stiffness;
+void node_stiffness(const System& system, typename System::NodeVector& result) {
+  result = system.anchor_stiffness;
   int l = 0;
   for (const Link& link : system.links()) {
     result[link.i] += system.link_stiffness[l];
     result[link.j] += system.link_stiffness[l];
     ++l;
   }
-  return result;
 }
-
-namespace detail {
 
 /// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length at the start.
 template <typename System>
@@ -64,17 +61,22 @@ class StoppingRule {
       if (system.anchor_stiffness[i] > 0)
         extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
     }
-    weights_ = node_stiffness(system);
+    node_stiffness(system, weights_);
     if (!(length > 0)) {  // all of x on the one point that anchors and springs want it at
       weights_.setZero();
       tolerance_ = static_cast<Scalar>(tolerance);
       return std::isfinite(length);
     }
-    for (auto& weight : weights_) weight = weight > 0 ? 1 / (weight * length) : Scalar(0);
+    bool in_range = true;
+    for (auto& weight : weights_) {
+      if (!(weight > 0)) continue;
+      weight = 1 / (weight * length);
+      in_range &= weight > 0 && std::isfinite(weight);
+    }
     // A coordinate is known to eps |x|, so g_i / A_ii cannot be resolved below a few times that.
     constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
     tolerance_ = std::max(static_cast<Scalar>(tolerance), kRounding * (1 + extent / length));
-    return std::isfinite(tolerance_) && weights_.allFinite();
+    return in_range && std::isfinite(tolerance_);
   }
 
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
@@ -99,6 +101,15 @@ class StoppingRule {
 };
 
 }  // namespace detail
+
+/// A_ii = k_i + sum_j k_ij, the diagonal of K_dyn: the stiffness that node i moves against when the others
+/// stand still.
+template <typename System>
+typename System::NodeVector node_stiffness(const System& system) {
+  typename System::NodeVector result;
+  detail::node_stiffness(system, result);
+  return result;
+}
 
 /// How far x is from a stationary point, without units: max_i |dE/dx_i| / (A_ii L), with A_ii the
 /// node_stiffness and L the characteristic_length. It is the largest distance, in units of L, that a node

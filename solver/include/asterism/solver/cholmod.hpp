@@ -1,0 +1,60 @@
+#pragma once
+
+#include <Eigen/CholmodSupport>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/ida.hpp>
+#include <asterism/solver/sparse_cholesky.hpp>
+#include <new>
+#include <string_view>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Factorisation policy of Ida: CHOLMOD (SuiteSparse) with its own choice of ordering, simplicial or
+/// supernodal; for very large sparse systems. Works in double whatever the system's scalar. The ordering is
+/// computed once a topology. Silent. Uses the heap. Needs target asterism::cholmod.
+template <typename System>
+class CholmodCholesky {
+ public:
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kIdaName = "IDA, CHOLMOD";
+
+  CholmodCholesky() { cholesky_.cholmod().print = 0; }
+
+  /// Assembles and factors K_dyn; false where it is not positive definite in double.
+  bool factorize(const System& system) {
+    if (stiffness_.assemble(system)) {
+      cholesky_.analyzePattern(stiffness_.matrix());
+      check_memory();
+    }
+    cholesky_.factorize(stiffness_.matrix());
+    check_memory();
+    return cholesky_.info() == Eigen::Success;
+  }
+
+  /// x <- x - K_dyn^-1 g, all dimensions at once.
+  void descend(const Points& gradient, Points& x) {
+    right_hand_side_ = gradient.transpose().template cast<double>();
+    step_ = cholesky_.solve(right_hand_side_);
+    check_memory();
+    x -= step_.transpose().template cast<typename System::Scalar>();
+  }
+
+ private:
+  using RightHandSide = Eigen::Matrix<double, Eigen::Dynamic, System::kDim>;
+
+  void check_memory() {
+    if (cholesky_.cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+  }
+
+  detail::SparseStiffness<double> stiffness_;
+  Eigen::CholmodDecomposition<detail::SparseStiffness<double>::Matrix> cholesky_;
+  RightHandSide right_hand_side_;
+  RightHandSide step_;
+};
+
+/// Ida with CHOLMOD.
+template <typename System>
+using CholmodIda = Ida<System, CholmodCholesky<System>>;
+
+}  // namespace asterism::inline ASTERISM_ABI

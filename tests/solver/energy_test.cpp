@@ -1,0 +1,265 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/stationarity.hpp>
+#include <cmath>
+#include <type_traits>
+
+#include "random_system.hpp"
+
+namespace asterism {
+namespace {
+
+template <typename System>
+class Energy : public ::testing::Test {};
+
+using Systems = ::testing::Types<SpringSystem<double, 1, 3>, SpringSystem<double, 2, 1>,
+                                 SpringSystem<double, 2, 4>, SpringSystem<double, 3, 4>,
+                                 SpringSystem<double, 2, Eigen::Dynamic, 12>, SpringSystem<double, 2>,
+                                 SpringSystem<double, 3>, SpringSystem<float, 2, 4>, SpringSystem<float, 3>>;
+TYPED_TEST_SUITE(Energy, Systems);
+
+template <typename System>
+testing::RandomSystem<System> make(std::uint64_t seed) {
+  testing::Rng rng(seed);
+  constexpr int n = System::kNodes == Eigen::Dynamic ? 7 : System::kNodes;
+  return testing::random_system<System>(rng, System::TopologyType::full(n));
+}
+
+// The same system in double, where differences have digits to spare.
+template <typename System>
+auto in_double(const testing::RandomSystem<System>& from) {
+  using Double = SpringSystem<double, System::kDim>;
+  testing::RandomSystem<Double> to{Double(Topology<>::from_links(from.system.nodes(), from.system.links())),
+                                   from.start.template cast<double>()};
+  to.system.anchors = from.system.anchors.template cast<double>();
+  to.system.anchor_stiffness = from.system.anchor_stiffness.template cast<double>();
+  to.system.rest_length = from.system.rest_length.template cast<double>();
+  to.system.link_stiffness = from.system.link_stiffness.template cast<double>();
+  return to;
+}
+
+template <typename Scalar>
+constexpr double rounding() {
+  return std::is_same_v<Scalar, float> ? 2e-5 : 1e-12;
+}
+
+TYPED_TEST(Energy, IsTheSumOverTheSprings) {
+  const auto [system, x] = make<TypeParam>(1);
+  double expected = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    expected +=
+        0.5 * double(system.anchor_stiffness[i]) * double((x.col(i) - system.anchors.col(i)).squaredNorm());
+  }
+  int l = 0;
+  for (const Link& link : system.links()) {
+    const double stretch = double(system.rest_length[l]) - double((x.col(link.i) - x.col(link.j)).norm());
+    expected += 0.5 * double(system.link_stiffness[l]) * stretch * stretch;
+    ++l;
+  }
+  typename TypeParam::Points g;
+  EXPECT_NEAR(double(energy(system, x)), expected, rounding<typename TypeParam::Scalar>() * expected);
+  EXPECT_NEAR(double(energy_and_gradient(system, x, g)), expected,
+              rounding<typename TypeParam::Scalar>() * expected);
+  EXPECT_EQ(g, gradient(system, x));
+}
+
+TYPED_TEST(Energy, GradientMatchesFiniteDifferences) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const auto original = make<TypeParam>(seed);
+    const auto [system, x] = in_double(original);
+    const Eigen::MatrixXd analytic = gradient(original.system, original.start).template cast<double>();
+    Eigen::MatrixXd numeric(x.rows(), x.cols());
+    const double h = 1e-6;
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      auto forward = x;
+      auto backward = x;
+      forward.reshaped()[c] += h;
+      backward.reshaped()[c] -= h;
+      numeric.reshaped()[c] = (energy(system, forward) - energy(system, backward)) / (2 * h);
+    }
+    const double tolerance = std::is_same_v<typename TypeParam::Scalar, float> ? 1e-5 : 1e-7;
+    EXPECT_LT((analytic - numeric).norm(), tolerance * numeric.norm());
+  }
+}
+
+TYPED_TEST(Energy, HessianMatchesFiniteDifferences) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    const auto original = make<TypeParam>(seed);
+    const auto [system, x] = in_double(original);
+    const Eigen::MatrixXd analytic = hessian(original.system, original.start).template cast<double>();
+    Eigen::MatrixXd numeric(x.size(), x.size());
+    const double h = 1e-6;
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      auto forward = x;
+      auto backward = x;
+      forward.reshaped()[c] += h;
+      backward.reshaped()[c] -= h;
+      numeric.col(c) = ((gradient(system, forward) - gradient(system, backward)) / (2 * h)).reshaped();
+    }
+    const double tolerance = std::is_same_v<typename TypeParam::Scalar, float> ? 1e-5 : 1e-6;
+    EXPECT_LT((analytic - numeric).norm(), tolerance * numeric.norm());
+    EXPECT_EQ(analytic, analytic.transpose());
+  }
+}
+
+TYPED_TEST(Energy, SparseHessianIsTheDenseOne) {
+  const auto [system, x] = make<TypeParam>(3);
+  const Eigen::MatrixXd dense = hessian(system, x).template cast<double>();
+  const Eigen::MatrixXd sparse = Eigen::MatrixXd(sparse_hessian(system, x).template cast<double>());
+  EXPECT_LE((dense - sparse).norm(), rounding<typename TypeParam::Scalar>() * dense.norm());
+}
+
+// x_i = x_j: the gradient is that of a spring along u, the limit of x_i - x_j -> 0 along u.
+template <typename System>
+void expect_coincident_limit(const System& system, const typename System::Points& x,
+                             const typename System::Point& u) {
+  const auto g = gradient(system, x);
+  ASSERT_TRUE(g.allFinite());
+  auto apart = x;
+  apart.col(0) += 1e-9 * u;
+  EXPECT_LT((gradient(system, apart) - g).norm(), 1e-7 * g.norm());
+  auto descended = x;
+  descended -= 1e-6 * g;
+  EXPECT_LT(energy(system, descended), energy(system, x));
+  EXPECT_NEAR(energy(system, x), energy(system, apart), 1e-7);
+}
+
+TEST(CoincidentNodes, PartAlongTheirAnchors) {
+  SpringSystem<double, 2, 2> system(Topology<2>::full());
+  system.anchors << 3, 0, 4, 0;
+  system.anchor_stiffness << 1, 1;
+  system.rest_length << 2;
+  system.link_stiffness << 5;
+  Eigen::Matrix2d x;
+  x << 1, 1, 1, 1;
+  expect_coincident_limit(system, x, {0.6, 0.8});
+}
+
+TEST(CoincidentNodes, PartAlongAFixedDirectionWhereAnchorsCoincideToo) {
+  SpringSystem<double, 3> system(Topology<>::full(3));
+  system.anchors.setConstant(2);
+  system.anchor_stiffness.setOnes();
+  system.rest_length.setConstant(1);
+  system.link_stiffness.setConstant(1);
+  const Eigen::Matrix3Xd x = system.anchors;
+  const auto g = gradient(system, x);
+  EXPECT_GT(g.colwise().norm().minCoeff(), 0.1);
+  EXPECT_EQ(g, gradient(system, x));
+  EXPECT_LT(g.rowwise().sum().norm(), 1e-15);  // internal forces balance
+  const Link forward[] = {{0, 1}};
+  const Link backward[] = {{1, 0}};
+  for (const auto& links : {forward, backward}) {
+    SpringSystem<double, 3> pair(Topology<>::from_links(2, {links, 1}));
+    pair.anchors.setZero();
+    pair.anchor_stiffness.setOnes();
+    pair.rest_length.setOnes();
+    pair.link_stiffness.setOnes();
+    static Eigen::Matrix3Xd first;
+    const Eigen::Matrix3Xd now = gradient(pair, Eigen::Matrix3Xd(pair.anchors));
+    EXPECT_NEAR(now.col(0).norm(), 1, 1e-15);
+    if (links == forward) first = now;
+    EXPECT_EQ(now, first);  // a link has no orientation
+  }
+}
+
+TEST(CoincidentNodes, HessianIsFiniteAndExactForZeroRestLength) {
+  SpringSystem<double, 2> system(Topology<>::full(2));
+  system.anchors << 0, 1, 0, 0;
+  system.anchor_stiffness.setZero();
+  system.link_stiffness.setConstant(3);
+  const Eigen::Matrix2Xd x = Eigen::Matrix2Xd::Constant(2, 2, 0.5);
+  system.rest_length.setConstant(0);
+  Eigen::Matrix4d expected;  // 3/2 |x_0 - x_1|^2
+  expected << 3, 0, -3, 0, 0, 3, 0, -3, -3, 0, 3, 0, 0, -3, 0, 3;
+  EXPECT_EQ(hessian(system, x), expected);
+  system.rest_length.setConstant(2);
+  const Eigen::Matrix4d along = hessian(system, x);
+  EXPECT_DOUBLE_EQ(along(0, 0), 3);
+  EXPECT_DOUBLE_EQ(along(1, 1), 0);
+}
+
+TEST(CoincidentNodes, LengthsBelowTheSquareRootOfTheSmallestNumberAreNotZero) {
+  SpringSystem<double, 2> system(Topology<>::full(2));
+  system.anchors << 0, 0, 0, 1;
+  system.anchor_stiffness.setZero();
+  system.link_stiffness.setOnes();
+  system.rest_length.setOnes();
+  Eigen::Matrix2Xd x(2, 2);
+  x << 1e-200, 0, 0, 0;
+  EXPECT_NEAR(gradient(system, x)(0, 0), -1, 1e-15);
+  EXPECT_NEAR(gradient(system, x)(1, 0), 0, 1e-15);
+}
+
+// The energy is not convex: two nodes nearer than their rest length.
+TEST(EnergyExamples, IsNotConvex) {
+  SpringSystem<double, 2, 2> system(Topology<2>::full());
+  system.anchors << -0.1, 0.1, 0, 0;
+  system.anchor_stiffness.setConstant(0.01);
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  const Eigen::Vector4d eigenvalues =
+      Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(hessian(system, system.anchors)).eigenvalues();
+  EXPECT_LT((eigenvalues - Eigen::Vector4d(-7.99, 0.01, 0.01, 2.01)).norm(), 1e-12);
+  Eigen::Matrix2d left;
+  left << -0.5, 0.5, 0, 0;
+  const Eigen::Matrix2d right = -left;
+  const Eigen::Matrix2d middle = (left + right) / 2;
+  EXPECT_NEAR(energy(system, left), 0.0016, 1e-12);
+  EXPECT_NEAR(energy(system, right), 0.0036, 1e-12);
+  EXPECT_NEAR(energy(system, middle), 0.5001, 1e-12);
+}
+
+TEST(EnergyExamples, DuplicatedLinksAddUp) {
+  const Link twice[] = {{0, 1}, {1, 0}};
+  SpringSystem<double, 2> parallel(Topology<>::from_links(2, twice));
+  SpringSystem<double, 2> single(Topology<>::full(2));
+  for (auto* system : {&parallel, &single}) {
+    system->anchors << 0, 1, 0, 2;
+    system->anchor_stiffness << 1, 2;
+    system->rest_length.setConstant(3);
+  }
+  parallel.link_stiffness << 1.5, 2.5;
+  single.link_stiffness << 4;
+  EXPECT_NEAR(energy(parallel, parallel.anchors), energy(single, single.anchors), 1e-14);
+  EXPECT_LT((gradient(parallel, parallel.anchors) - gradient(single, single.anchors)).norm(), 1e-14);
+}
+
+TEST(Stationarity, IsTheLargestForceOverStiffnessAndLength) {
+  SpringSystem<double, 2> system(Topology<>::from_links(2, {}));
+  system.anchors << -3, 3, 0, 0;  // root mean square about the centroid: 3
+  system.anchor_stiffness << 2, 4;
+  Eigen::Matrix2Xd x = system.anchors;
+  x(0, 0) += 0.3;
+  x(1, 1) += 0.6;
+  EXPECT_NEAR(characteristic_length(system, x), 3, 1e-15);
+  EXPECT_NEAR(stationarity(system, x), 0.2, 1e-15);  // node 1 would move 0.6
+}
+
+TEST(Stationarity, LengthFallsBackToTheSpreadOfX) {
+  SpringSystem<double, 2> system(Topology<>::full(2));
+  system.anchors.setConstant(5);
+  system.anchor_stiffness.setOnes();
+  system.rest_length.setZero();
+  system.link_stiffness.setOnes();
+  Eigen::Matrix2Xd x = system.anchors;
+  EXPECT_EQ(characteristic_length(system, x), 0);
+  EXPECT_EQ(stationarity(system, x), 0);
+  x(0, 0) += 4;
+  x(0, 1) -= 4;
+  EXPECT_DOUBLE_EQ(characteristic_length(system, x), 4);
+  EXPECT_GT(stationarity(system, x), 0.1);
+}
+
+TEST(Stationarity, IgnoresAnchorsAndLinksWithoutStiffness) {
+  SpringSystem<double, 2> system(Topology<>::full(3));
+  system.anchors << -1, 1, 1e9, 0, 0, 0;
+  system.anchor_stiffness << 1, 1, 0;
+  system.rest_length << 1, 1, 1e9;
+  system.link_stiffness << 1, 1, 0;
+  EXPECT_NEAR(characteristic_length(system, system.anchors), 1, 1e-15);
+}
+
+}  // namespace
+}  // namespace asterism
