@@ -1,5 +1,5 @@
-// video FILE: writes a small video of a textured object that starts at the box of README.md's example and moves over a
-// textured background; prints the number of frames and where the object ends.
+// video FILE: writes a small video of a textured object that starts at the box of README.md's example and
+// moves over a textured background; prints the number of frames and where the object ends.
 #include <iostream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>

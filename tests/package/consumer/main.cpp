@@ -51,8 +51,9 @@ bool tracks() {
   cv::Mat image(120, 160, CV_8UC3);
   for (int y = 0; y < image.rows; ++y) {
     for (int x = 0; x < image.cols; ++x) {
-      image.at<cv::Vec3b>(y, x) = cv::Vec3b(cv::saturate_cast<uchar>(x), cv::saturate_cast<uchar>((x * y) % 200),
-                                            cv::saturate_cast<uchar>((x / 8 + y / 8) % 2 * 200));
+      image.at<cv::Vec3b>(y, x) =
+          cv::Vec3b(cv::saturate_cast<uchar>(x), cv::saturate_cast<uchar>((x * y) % 200),
+                    cv::saturate_cast<uchar>((x / 8 + y / 8) % 2 * 200));
     }
   }
   for (const std::string& name : asterism::tracker_names()) {
@@ -69,7 +70,8 @@ bool tracks() {
 
 int main() {
   const std::string version = std::to_string(ASTERISM_VERSION_MAJOR) + "." +
-                              std::to_string(ASTERISM_VERSION_MINOR) + "." + std::to_string(ASTERISM_VERSION_PATCH);
+                              std::to_string(ASTERISM_VERSION_MINOR) + "." +
+                              std::to_string(ASTERISM_VERSION_PATCH);
   bool ok = check(version == VERSION, "version " + version);
   ok = solves(asterism::Ida<System>()) && ok;
 #ifdef HAVE_CHOLMOD
