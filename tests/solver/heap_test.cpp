@@ -65,7 +65,9 @@ long allocations_in(Solve&& solve) {
 template <typename System, template <typename...> typename Solver>
 void expect_no_heap(int n) {
   testing::Rng rng(5);
-  const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
+  const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+  const auto& system = random.system;
+  const auto& start = random.start;
   Summary summary;
   typename System::Points x = start;
   EXPECT_EQ(allocations_in([&] { summary = Solver<System>().solve(system, x); }), 0) << "n = " << n;
@@ -109,7 +111,9 @@ TEST(Heap, DynamicSizesUseItOnce) {
   using System = SpringSystem<double, 2>;
   testing::Rng rng(6);
   for (const int n : {4, 30}) {
-    const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(n));
+    const auto random = testing::random_system<System>(rng, Topology<>::full(n));
+    const auto& system = random.system;
+    const auto& start = random.start;
     Ida<System> ida;
     NonlinearCg<System> cg;
     System::Points x = start;

@@ -168,7 +168,9 @@ TEST(Ida, EnergyNeverRises) {
 
 TEST(Ida, SizesAgree) {
   testing::Rng rng(15);
-  const auto [fixed, start] = testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
+  const auto random = testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
+  const auto& fixed = random.system;
+  const auto& start = random.start;
   const auto solved = [&](auto system) {
     system.anchors = fixed.anchors;
     system.anchor_stiffness = fixed.anchor_stiffness;

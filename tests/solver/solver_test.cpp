@@ -85,7 +85,14 @@ class EverySolver : public ::testing::Test {
     return result;
   }
 
-  static Summary solve(const SystemType& system, PointsType& x) { return SolverType().solve(system, x); }
+  // Ceres compares energies, whose rounding hides the last digits of x.
+  static constexpr double tolerance() { return SolverType::name().starts_with("Ceres") ? 1e-6 : 1e-8; }
+
+  static Summary solve(const SystemType& system, PointsType& x) {
+    SolverType solver;
+    solver.options.tolerance = tolerance();
+    return solver.solve(system, x);
+  }
 };
 TYPED_TEST_SUITE(EverySolver, Cases);
 
@@ -123,7 +130,7 @@ TYPED_TEST(EverySolver, ReachesStationaryPointsOfThePapersSystems) {
     Points x = start;
     const Summary summary = this->solve(system, x);
     EXPECT_EQ(summary.status, Status::Converged) << "seed " << seed << ": " << summary;
-    EXPECT_LE(stationarity(system, x), TestFixture::kDouble ? 1.0001e-6 : 1e-5);
+    EXPECT_LE(stationarity(system, x), TestFixture::kDouble ? 1.0001 * this->tolerance() : 1e-5);
     EXPECT_LT(summary.final_energy, summary.initial_energy);
     if (std::abs(summary.final_energy - double(energy(system, by_ida))) < 1e-3 * summary.final_energy) ++same;
   }
@@ -238,11 +245,11 @@ void expect_equivariant(Change&& change, double scale_of_length, double scale_of
   for (std::uint64_t seed = 31; seed <= 35; ++seed) {
     const auto [system, start] = Fixture::near_minimum(seed);
     Points x = start;
-    const Summary summary = Solver().solve(system, x);
+    const Summary summary = Fixture::solve(system, x);
     auto changed = system;
     Points changed_x = start;
     change(changed, changed_x);
-    const Summary changed_summary = Solver().solve(changed, changed_x);
+    const Summary changed_summary = Fixture::solve(changed, changed_x);
     ASSERT_EQ(changed_summary.status, Status::Converged) << changed_summary;
     Points expected = x;
     auto unused = system;
@@ -403,6 +410,7 @@ TYPED_TEST(EverySolver, RefusesBadInputAndLeavesXAlone) {
     EXPECT_EQ(summary.iterations, -1);
   }
   auto [system, x] = this->random(9);
+  solver.options.tolerance = this->tolerance();
   EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
 }
 
@@ -465,24 +473,20 @@ TYPED_TEST(EverySolver, IsDeterministic) {
   EXPECT_EQ(first, second);
 }
 
-TYPED_TEST(EverySolver, FloatAndDoubleAgree) {
+TYPED_TEST(EverySolver, AgreesWithIdaInDouble) {
   ASTERISM_USE_FIXTURE;
-  if constexpr (TestFixture::kDouble) {
-    GTEST_SKIP() << "the float cases compare with double";
-  } else {
-    const auto [system, start] = this->near_minimum(13);
-    Points x = start;
-    EXPECT_EQ(this->solve(system, x).status, Status::Converged);
-    using Double = SpringSystem<double, System::kDim>;
-    Double in_double(Topology<>::from_links(kNodes, system.links()));
-    in_double.anchors = system.anchors.template cast<double>();
-    in_double.anchor_stiffness = system.anchor_stiffness.template cast<double>();
-    in_double.rest_length = system.rest_length.template cast<double>();
-    in_double.link_stiffness = system.link_stiffness.template cast<double>();
-    typename Double::Points expected = start.template cast<double>();
-    EXPECT_EQ(solve_ida(in_double, expected).status, Status::Converged);
-    EXPECT_LT((x.template cast<double>() - expected).norm(), 1e-3);
-  }
+  const auto [system, start] = this->near_minimum(13);
+  Points x = start;
+  EXPECT_EQ(this->solve(system, x).status, Status::Converged);
+  using Double = SpringSystem<double, System::kDim>;
+  Double in_double(Topology<>::from_links(kNodes, system.links()));
+  in_double.anchors = system.anchors.template cast<double>();
+  in_double.anchor_stiffness = system.anchor_stiffness.template cast<double>();
+  in_double.rest_length = system.rest_length.template cast<double>();
+  in_double.link_stiffness = system.link_stiffness.template cast<double>();
+  typename Double::Points expected = start.template cast<double>();
+  EXPECT_EQ(solve_ida(in_double, expected).status, Status::Converged);
+  EXPECT_LT((x.template cast<double>() - expected).norm(), TestFixture::kDouble ? 1e-4 : 1e-3);
 }
 
 TEST(SummaryText, SaysWhatHappened) {

@@ -89,11 +89,11 @@ class Message {
 /// What every solver takes.
 struct SolverOptions {
   /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
-  /// rotation and scale of the points and to the unit of stiffness. 1e-6 with nodes 30 px apart: no node
-  /// would move by more than 3e-5 px if the others stood still. Below the rounding of the coordinates it is
-  /// raised to that; methods that compare energies cannot go much below the square root of the scalar's
-  /// epsilon.
-  double tolerance = 1e-6;
+  /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
+  /// would move by more than 3e-7 px if the others stood still. Below the rounding of the coordinates it is
+  /// raised to that. Methods that compare energies (Ceres) may stop at NoProgress below some 1e-7, the square
+  /// root of the scalar's epsilon.
+  double tolerance = 1e-8;
 
   /// Iterations at most; 0 evaluates the start.
   int max_iterations = 10000;
