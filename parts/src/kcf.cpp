@@ -16,8 +16,8 @@ void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-// The number of cells nearest to `wanted` whose FFT is fast: a multiple of four (odd sizes cost up to four times as
-// much with FFTW).
+// The number of cells nearest to `wanted` whose FFT is fast: a multiple of four (odd sizes cost up to four
+// times as much with FFTW).
 int fast_cells(double wanted) { return 4 * std::max(1, static_cast<int>(std::lround(wanted / 4))); }
 
 // Symmetric Hann window of n >= 2 samples.

@@ -19,6 +19,8 @@ struct Sequence {
   double least_overlap;  // of the whole run; measured values are in docs/results/one-pass.md
 };
 
+void PrintTo(const Sequence& sequence, std::ostream* out) { *out << sequence.name; }
+
 class RealSequence : public ::testing::TestWithParam<Sequence> {};
 
 TEST_P(RealSequence, IsTrackedFromTheFirstBox) {
