@@ -50,6 +50,7 @@ std::vector<Variant> variants() {
   };
   dpt("dpt", [](DptOptions&) {});
   coarse("coarse layer alone", [](CoarseOptions&) {});
+  coarse("coarse, prior 3/8", [](CoarseOptions& o) { o.colour.foreground_prior = 0.375; });
   coarse("root filter alone", [](CoarseOptions& o) {
     o.use_colour = false;
     o.root.proportional_window = true;
@@ -58,7 +59,7 @@ std::vector<Variant> variants() {
   dpt("star of links", [](DptOptions& o) { o.constellation = Constellation::Star; });
   dpt("no colour", [](DptOptions& o) { o.coarse.use_colour = false; });
   dpt("no MRF", [](DptOptions& o) { o.coarse.colour.mrf.enabled = false; });
-  dpt("foreground prior 1/2", [](DptOptions& o) { o.coarse.colour.foreground_prior = 0.5; });
+  dpt("foreground prior 3/8", [](DptOptions& o) { o.coarse.colour.foreground_prior = 0.375; });
   dpt("no response gate", [](DptOptions& o) { o.response_gate = 0; });
   dpt("no mask gate", [](DptOptions& o) { o.mask_gate = 0; });
   dpt("Euclidean transform", [](DptOptions& o) { o.transform = TransformModel::Euclidean; });

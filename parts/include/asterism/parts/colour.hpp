@@ -13,7 +13,7 @@ struct ColourOptions {
   /// The background histogram's region is the box enlarged by this factor, without the box: alpha_sur, > 1.
   double surrounding = 1.6;
   /// Prior probability of the foreground in Bayes' rule, in (0, 1). The paper leaves it open.
-  double foreground_prior = 0.375;
+  double foreground_prior = 0.5;
   /// Bounds of (foreground pixels) / (box area) for the segmentation to be informative: alpha_min, alpha_max
   /// in Eq. uniform_component.
   double min_area_ratio = 0.2;
