@@ -20,7 +20,8 @@ std::atomic<long> allocations{0};
 }
 
 #ifdef ASTERISM_TEST_ASAN
-#include <sanitizer/allocator_interface.h>
+extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*, std::size_t),
+                                                         void (*on_free)(const volatile void*));
 namespace {
 [[maybe_unused]] const int kHook = __sanitizer_install_malloc_and_free_hooks(
     [](const volatile void*, std::size_t) { ++allocations; }, [](const volatile void*) {});

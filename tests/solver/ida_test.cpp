@@ -13,6 +13,11 @@
 
 #include "random_system.hpp"
 
+// Read by AddressSanitizer, which would rather abort than let an allocation fail.
+extern "C" __attribute__((visibility("default"), used)) const char* __asan_default_options() {
+  return "allocator_may_return_null=1";
+}
+
 namespace asterism {
 namespace {
 

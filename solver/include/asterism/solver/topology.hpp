@@ -146,7 +146,7 @@ class NearestNeighbours {
   const auto& of(int query) {
     query_ = query;
     found_.clear();
-    search(0, order_.size(), 0);
+    if (k_ > 0) search(0, order_.size(), 0);
     return found_;
   }
 
