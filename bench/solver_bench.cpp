@@ -1,4 +1,4 @@
-// Solvers on the random systems of the paper's Sec. 4.2.1, per size, to one stopping rule. Time is per solve;
+// Solvers on the random systems of the paper's Sec. 3.2.1, per size, to one stopping rule. Time is per solve;
 // counters give the mean iterations and time an iteration, and the share of solves that converged.
 #include <asterism/solver.hpp>
 
