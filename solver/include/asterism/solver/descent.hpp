@@ -1,0 +1,146 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/session.hpp>
+#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/summary.hpp>
+#include <cmath>
+#include <cstddef>
+#include <string_view>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Metric of Lbfgs: the diagonal of K_dyn, which costs nothing to invert. For sparse systems whose anchors
+/// are not weak beside the springs.
+template <typename System>
+class JacobiMetric {
+ public:
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kName = "Jacobi";
+
+  /// False where the diagonal leaves the range of the scalar.
+  bool factorize(const System& system) {
+    detail::node_stiffness(system, inverse_);
+    inverse_ = inverse_.cwiseInverse();
+    return inverse_.allFinite();
+  }
+
+  /// x <- x - diag(K_dyn)^-1 g.
+  void descend(const Points& gradient, Points& x) const { x.noalias() -= gradient * inverse_.asDiagonal(); }
+
+ private:
+  typename System::NodeVector inverse_;
+};
+
+namespace detail {
+
+/// A method's name and its policy's, "L-BFGS, dense Cholesky", joined by the compiler.
+template <const std::string_view& kMethod, typename Policy>
+class NameWithPolicy {
+  static constexpr std::string_view policy() {
+    if constexpr (requires { Policy::kName; }) {
+      return Policy::kName;
+    } else {
+      return Policy::kIdaName.substr(Policy::kIdaName.find(", ") + 2);
+    }
+  }
+  static constexpr auto kText = [] {
+    std::array<char, kMethod.size() + 2 + policy().size()> text{};
+    auto* end = std::copy(kMethod.begin(), kMethod.end(), text.begin());
+    *end++ = ',';
+    *end++ = ' ';
+    std::copy(policy().begin(), policy().end(), end);
+    return text;
+  }();
+
+ public:
+  static constexpr std::string_view value{kText.data(), kText.size()};
+};
+
+/// The minimiser along a direction of IDA's quadratic, which lies above the energy: the longest step that is
+/// known to lower the energy without looking, whatever the direction of descent. `slope` is the gradient
+/// times the direction, negative.
+template <typename System>
+typename System::Scalar majorised_step(const System& system, const typename System::Points& direction,
+                                       typename System::Scalar slope) {
+  typename System::Scalar curvature = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    curvature += system.anchor_stiffness[i] * direction.col(i).squaredNorm();
+  }
+  int l = 0;
+  for (const Link& link : system.links()) {
+    curvature += system.link_stiffness[l++] * (direction.col(link.i) - direction.col(link.j)).squaredNorm();
+  }
+  return -slope / curvature;
+}
+
+/// The iterate of a descent method, and its line search.
+template <typename System>
+class DescentState {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  /// Energy and gradient at the start x.
+  void start(const System& system, const Points& x, Summary& summary) {
+    energy_ = lowest_ = energy_and_gradient(system, x, gradient_);
+    ++summary.energy_evaluations, ++summary.gradient_evaluations;
+  }
+
+  const Points& gradient() const { return gradient_; }
+  const Points& previous_gradient() const { return other_gradient_; }
+  Scalar slope() const { return slope_; }  ///< along the last direction, at the point that it led to
+
+  /// Moves x by step * direction, with the first step of `step`, shorter ones by interpolation, and at last
+  /// majorised_step that gives a sufficient decrease (Armijo, c1 = 1e-4; Nocedal & Wright, section 3.1).
+  /// Where the rounding of the energy hides a decrease, the slopes at both ends tell it, as they would for a
+  /// parabola (Hager & Zhang 2005), and the lowest energy so far is kept to within its rounding. `step`
+  /// becomes the one taken. False, with x as it was, where rounding or overflow leave none.
+  bool search(const System& system, Points& x, const Points& direction, Scalar slope, Scalar& step,
+              Summary& summary) {
+    constexpr Scalar kDecrease = Scalar(1e-4);
+    constexpr Scalar kFlatter = Scalar(0.8);
+    const Scalar rounding = rounding_of_energy(system, lowest_);
+    Scalar sure = -1;
+    while (true) {
+      other_x_ = x + step * direction;
+      const Scalar energy = energy_and_gradient(system, other_x_, other_gradient_);
+      ++summary.energy_evaluations, ++summary.gradient_evaluations;
+      slope_ = other_gradient_.cwiseProduct(direction).sum();
+      const bool lower = energy <= energy_ + kDecrease * step * slope;
+      if (lower || (energy <= lowest_ + rounding && slope_ <= -kFlatter * slope)) {
+        x.swap(other_x_);
+        gradient_.swap(other_gradient_);
+        energy_ = energy;
+        lowest_ = std::min(lowest_, energy);
+        return true;
+      }
+      if (sure < 0) {
+        sure = majorised_step(system, direction, slope);
+        if (!(sure > 0 && sure < step)) return false;
+      } else if (!(step > sure)) {
+        return false;
+      }
+      // Minimum of the parabola through the energies and the slope at the start.
+      Scalar shorter = -slope * step * step / (2 * (energy - energy_ - slope * step));
+      shorter = std::isfinite(shorter) ? std::clamp(shorter, step / 10, step / 2) : step / 10;
+      step = std::max(shorter, sure);
+    }
+  }
+
+ private:
+  Points gradient_;
+  Points other_x_;
+  Points other_gradient_;
+  Scalar energy_ = 0;
+  Scalar lowest_ = 0;
+  Scalar slope_ = 0;
+};
+
+}  // namespace detail
+
+}  // namespace asterism::inline ASTERISM_ABI

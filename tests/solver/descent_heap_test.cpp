@@ -1,0 +1,99 @@
+// L-BFGS and Newton-CG of fixed and bounded sizes never touch the heap in solve: every malloc is counted.
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+#include <atomic>
+#include <cstddef>
+
+#include "random_system.hpp"
+
+#if defined(__SANITIZE_ADDRESS__)
+#define ASTERISM_TEST_ASAN
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define ASTERISM_TEST_ASAN
+#endif
+#endif
+
+namespace {
+std::atomic<long> allocations{0};
+}
+
+#ifndef ASTERISM_TEST_ASAN
+// glibc lets a program replace malloc; operator new and Eigen come through it.
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_realloc(void*, std::size_t);
+
+void* malloc(std::size_t size) {
+  ++allocations;
+  return __libc_malloc(size);
+}
+void* realloc(void* memory, std::size_t size) {
+  ++allocations;
+  return __libc_realloc(memory, size);
+}
+}
+#endif
+
+namespace asterism {
+namespace {
+
+template <typename Solver, typename System>
+long allocations_in_solve(Solver& solver, const System& system, typename System::Points& x) {
+  const long before = allocations;
+  const Summary summary = solver.solve(system, x);
+  const long count = allocations - before;
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  return count;
+}
+
+template <typename Solver, typename System>
+void expect_no_heap(const System& system, const typename System::Points& start) {
+  auto x = start;
+  Solver solver;
+  EXPECT_EQ(allocations_in_solve(solver, system, x), 0) << Solver::name() << ", n = " << system.nodes();
+}
+
+template <typename System>
+void expect_no_heap(int n) {
+  testing::Rng rng(5);
+  const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
+  expect_no_heap<Lbfgs<System>>(system, start);
+  expect_no_heap<Lbfgs<System, JacobiMetric<System>>>(system, start);
+  expect_no_heap<NewtonCg<System>>(system, start);
+  expect_no_heap<NewtonCg<System, DenseCholesky<System>>>(system, start);
+}
+
+TEST(DescentHeap, FixedAndBoundedSizesDoNotUseIt) {
+  expect_no_heap<SpringSystem<double, 2, 1>>(1);
+  expect_no_heap<SpringSystem<double, 2, 4>>(4);
+  expect_no_heap<SpringSystem<float, 3, 9>>(9);
+  expect_no_heap<SpringSystem<double, 2, 25>>(25);
+  expect_no_heap<SpringSystem<double, 2, Eigen::Dynamic, 9>>(4);
+  expect_no_heap<SpringSystem<float, 2, Eigen::Dynamic, 36>>(30);
+  expect_no_heap<SpringSystem<double, 2, Eigen::Dynamic, 64>>(64);
+}
+
+// Also shows that the counter counts.
+TEST(DescentHeap, DynamicSizesUseItOnce) {
+#ifdef ASTERISM_TEST_ASAN
+  GTEST_SKIP() << "the sanitizer's malloc is not counted";
+#endif
+  using System = SpringSystem<double, 2>;
+  testing::Rng rng(6);
+  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(30));
+  const auto check = [&, &system = system, &start = start](auto solver) {
+    System::Points x = start;
+    EXPECT_GT(allocations_in_solve(solver, system, x), 0);
+    x = start;
+    EXPECT_EQ(allocations_in_solve(solver, system, x), 0);
+  };
+  check(Lbfgs<System>());
+  check(Lbfgs<System, JacobiMetric<System>>());
+  check(NewtonCg<System>());
+  check(NewtonCg<System, DenseCholesky<System>>());
+}
+
+}  // namespace
+}  // namespace asterism

@@ -1,0 +1,496 @@
+// L-BFGS and Newton-CG with every policy: same minima as IDA, energy that never rises, robustness, and the
+// Hessian product against the assembled Hessian.
+#include <asterism/solver.hpp>
+
+#ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/cholmod.hpp>
+#endif
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <type_traits>
+
+#include "random_system.hpp"
+#include "sparse_system.hpp"
+
+namespace asterism {
+namespace {
+
+template <typename Solver_, typename System_>
+struct Case {
+  using Solver = Solver_;
+  using System = System_;
+};
+
+template <template <typename, typename> typename Method, template <typename> typename Policy, typename System>
+using With = Case<Method<System, Policy<System>>, System>;
+
+using Fixed2 = SpringSystem<double, 2, 4>;
+using Dynamic2 = SpringSystem<double, 2>;
+using Dynamic3 = SpringSystem<double, 3>;
+using Fixed2f = SpringSystem<float, 2, 4>;
+using Bounded2 = SpringSystem<double, 2, Eigen::Dynamic, 8>;
+using Bounded3f = SpringSystem<float, 3, Eigen::Dynamic, 8>;
+
+using Cases = ::testing::Types<
+#ifdef ASTERISM_TEST_CHOLMOD
+    With<Lbfgs, CholmodCholesky, Dynamic2>, With<NewtonCg, CholmodCholesky, Dynamic2>,
+#endif
+    With<Lbfgs, DenseCholesky, Fixed2>, With<Lbfgs, DenseCholesky, Bounded3f>,
+    With<Lbfgs, SparseCholesky, Dynamic2>, With<Lbfgs, JacobiMetric, Dynamic3>,
+    With<Lbfgs, JacobiMetric, Fixed2f>, With<NewtonCg, JacobiPreconditioner, Dynamic3>,
+    With<NewtonCg, JacobiPreconditioner, Fixed2f>, With<NewtonCg, DenseCholesky, Bounded2>,
+    With<NewtonCg, SparseCholesky, Dynamic3>>;
+
+template <typename C>
+class Descent : public ::testing::Test {
+ public:
+  using SystemType = typename C::System;
+  using SolverType = typename C::Solver;
+  using PointsType = typename SystemType::Points;
+  using ScalarType = typename SystemType::Scalar;
+
+  static_assert(asterism::Solver<SolverType, SystemType>);
+  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
+  static constexpr bool kJacobi = SolverType::name().ends_with("Jacobi");
+  static constexpr int kSize = SystemType::kNodes == Eigen::Dynamic ? 6 : SystemType::kNodes;
+
+  static testing::RandomSystem<SystemType> random(std::uint64_t seed, int n = kSize) {
+    testing::Rng rng(seed);
+    return testing::random_system<SystemType>(rng, SystemType::TopologyType::full(n));
+  }
+
+  // A minimum, and a start in its basin.
+  static testing::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
+    auto result = random(seed);
+    EXPECT_EQ(solve_ida(result.system, result.start).status, Status::Converged);
+    testing::Rng rng(seed);
+    result.start += testing::random_points<SystemType>(rng, kSize, -0.02, 0.02);
+    return result;
+  }
+
+  static void expect_rounding(double a, double b) {
+    EXPECT_NEAR(a, b, (kDouble ? 1e-9 : 1e-4) * std::abs(b));
+  }
+};
+TYPED_TEST_SUITE(Descent, Cases);
+
+// Members of a dependent base class, by their short names.
+#define ASTERISM_USE_FIXTURE                                        \
+  using System [[maybe_unused]] = typename TestFixture::SystemType; \
+  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
+  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
+  using Solver [[maybe_unused]] = typename TestFixture::SolverType
+
+TYPED_TEST(Descent, FindsIdasMinimumFromItsBasin) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    const auto [system, start] = this->near_minimum(seed);
+    Points by_ida = start;
+    Points x = start;
+    const Summary ida = solve_ida(system, by_ida);
+    const Summary summary = Solver().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << "seed " << seed << ": " << summary;
+    this->expect_rounding(summary.final_energy, ida.final_energy);
+    EXPECT_LT((x - by_ida).norm(), TestFixture::kDouble ? 1e-5 : 5e-3) << "seed " << seed;
+  }
+}
+
+// From far off the methods may choose different minima; in IDA's metric they hardly ever do.
+TYPED_TEST(Descent, FindsIdasMinimumFromFarMostly) {
+  ASTERISM_USE_FIXTURE;
+  constexpr int kSystems = 100;
+  int same = 0;
+  for (std::uint64_t seed = 1; seed <= kSystems; ++seed) {
+    const auto [system, start] = this->random(seed);
+    Points by_ida = start;
+    Points x = start;
+    const double expected = solve_ida(system, by_ida).final_energy;
+    const Summary summary = Solver().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << "seed " << seed << ": " << summary;
+    EXPECT_LT(stationarity(system, x), TestFixture::kDouble ? 1.0001e-8 : 1e-5);
+    EXPECT_LT(summary.final_energy, summary.initial_energy);
+    if (std::abs(summary.final_energy - expected) < 1e-4 * expected) ++same;
+  }
+  EXPECT_GE(same, TestFixture::kJacobi ? 85 : 95);
+}
+
+TYPED_TEST(Descent, EnergyNeverRises) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    const auto [system, start] = this->random(seed);
+    Solver solver;
+    double last = double(energy(system, start));
+    for (int iterations = 1; iterations <= 60; ++iterations) {
+      solver.options.max_iterations = iterations;
+      Points x = start;
+      const Summary summary = solver.solve(system, x);
+      EXPECT_LE(summary.iterations, iterations);
+      EXPECT_LE(summary.final_energy, last + double(detail::rounding_of_energy(system, Scalar(last))));
+      last = std::min(last, summary.final_energy);
+      if (summary.status == Status::Converged) break;
+      EXPECT_EQ(summary.status, Status::MaxIterations);
+    }
+  }
+}
+
+TYPED_TEST(Descent, WeakAnchors) {
+  ASTERISM_USE_FIXTURE;
+  for (const double ratio : {1e-2, 1e-3, 1e-4, 1e-6}) {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      auto [system, start] = this->random(seed);
+      system.anchor_stiffness *= static_cast<Scalar>(ratio);
+      Points x = start;
+      const Summary summary = Solver().solve(system, x);
+      if (TestFixture::kDouble) {
+        EXPECT_EQ(summary.status, Status::Converged)
+            << "ratio " << ratio << ", seed " << seed << ": " << summary;
+      } else if (ratio > 1e-5) {
+        EXPECT_TRUE(summary.usable()) << summary;
+      }
+      EXPECT_LE(summary.final_energy, summary.initial_energy);
+      EXPECT_TRUE(x.allFinite());
+    }
+  }
+}
+
+TYPED_TEST(Descent, StrongAnchors) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    auto [system, start] = this->random(seed);
+    system.anchor_stiffness *= static_cast<Scalar>(1e6);
+    const Summary summary = Solver().solve(system, start);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_LT((start - system.anchors).norm(), 1e-3);
+  }
+}
+
+TYPED_TEST(Descent, CoincidentNodesPart) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    auto [system, start] = this->random(seed);
+    for (const bool anchors_too : {false, true}) {
+      if (anchors_too) system.anchors.colwise() = system.anchors.col(0).eval();
+      Points x = start;
+      x.colwise() = start.col(0).eval();
+      const Summary summary = Solver().solve(system, x);
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+      EXPECT_LT(summary.final_energy, summary.initial_energy);
+      EXPECT_GT((x.col(0) - x.col(1)).norm(), 1e-3);
+    }
+  }
+}
+
+TYPED_TEST(Descent, NearlyCoincidentNodes) {
+  ASTERISM_USE_FIXTURE;
+  for (const double distance : {1e-3, 1e-6, 1e-12, 1e-30}) {
+    auto [system, start] = this->random(3);
+    start.setZero();
+    start.row(0).setLinSpaced(0, static_cast<Scalar>(distance));
+    const Summary summary = Solver().solve(system, start);
+    EXPECT_EQ(summary.status, Status::Converged) << "distance " << distance << ": " << summary;
+  }
+}
+
+// Without rest lengths the energy is a convex quadratic with matrix K_dyn.
+TYPED_TEST(Descent, ZeroRestLengths) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    auto [system, start] = this->random(seed);
+    system.rest_length.setZero();
+    Points by_ida = start;
+    Points x = start;
+    solve_ida(system, by_ida);
+    const Summary summary = Solver().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_LT((x - by_ida).norm(), TestFixture::kDouble ? 1e-6 : 1e-3);
+    if (!TestFixture::kJacobi && TestFixture::kDouble) {
+      EXPECT_LE(summary.iterations, 4);
+    }
+  }
+}
+
+TYPED_TEST(Descent, MovesTurnsAndScalesWithTheSystem) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 21; seed <= 25; ++seed) {
+    const auto [system, start] = this->near_minimum(seed);
+    Points x = start;
+    ASSERT_EQ(Solver().solve(system, x).status, Status::Converged);
+    for (const double scale : {1e-4, 1.0, 1e5}) {
+      for (const double stiffness : {1e-6, 1e5}) {
+        Eigen::Matrix<Scalar, System::kDim, System::kDim> rotation;
+        rotation.setIdentity();
+        rotation(0, 0) = rotation(1, 1) = Scalar(0.28);
+        rotation(0, 1) = Scalar(-0.96);
+        rotation(1, 0) = Scalar(0.96);
+        const auto change = [&](const Points& p) -> Points {
+          return static_cast<Scalar>(scale) * ((rotation * p).array() + Scalar(2)).matrix();
+        };
+        auto changed = system;
+        changed.anchors = change(system.anchors);
+        changed.rest_length *= static_cast<Scalar>(scale);
+        changed.anchor_stiffness *= static_cast<Scalar>(stiffness);
+        changed.link_stiffness *= static_cast<Scalar>(stiffness);
+        Points changed_x = change(start);
+        const Summary summary = Solver().solve(changed, changed_x);
+        EXPECT_EQ(summary.status, Status::Converged) << summary;
+        EXPECT_LT((changed_x - change(x)).norm(), (TestFixture::kDouble ? 1e-5 : 5e-3) * scale);
+      }
+    }
+  }
+}
+
+TYPED_TEST(Descent, SummaryTellsTheTruth) {
+  ASTERISM_USE_FIXTURE;
+  const auto [system, start] = this->random(3);
+  Points x = start;
+  const Summary summary = Solver().solve(system, x);
+  EXPECT_EQ(summary.solver, Solver::name());
+  EXPECT_EQ(summary.initial_energy, double(energy(system, start)));
+  EXPECT_EQ(summary.final_energy, double(energy(system, x)));
+  EXPECT_EQ(summary.gradient_norm, double(gradient(system, x).norm()));
+  EXPECT_GT(summary.iterations, 0);
+  EXPECT_GT(summary.gradient_evaluations, summary.iterations);
+  EXPECT_GT(summary.linear_solves, 0);
+  EXPECT_GE(summary.factorizations, 0);
+
+  Solver none;
+  none.options.max_iterations = 0;
+  x = start;
+  EXPECT_EQ(none.solve(system, x).status, Status::MaxIterations);
+  EXPECT_EQ(x, start);
+}
+
+TYPED_TEST(Descent, StaysAtAStationaryPoint) {
+  ASTERISM_USE_FIXTURE;
+  auto system = this->random(6).system;
+  system.set_rest_lengths(system.anchors);
+  Points x = system.anchors;
+  const Summary summary = Solver().solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_EQ(summary.iterations, 0);
+  EXPECT_EQ(x, system.anchors);
+}
+
+TYPED_TEST(Descent, SameBitsFromAUsedObject) {
+  ASTERISM_USE_FIXTURE;
+  const auto [system, start] = this->random(12);
+  auto [other, other_x] = this->random(13);
+  Points first = start;
+  Points second = start;
+  Solver solver;
+  solver.solve(system, first);
+  solver.solve(other, other_x);
+  solver.solve(system, second);
+  EXPECT_EQ(first, second);
+}
+
+TYPED_TEST(Descent, RefusesBadInputAndLeavesXAlone) {
+  ASTERISM_USE_FIXTURE;
+  constexpr Scalar kNan = std::numeric_limits<Scalar>::quiet_NaN();
+  constexpr Scalar kHuge = std::numeric_limits<Scalar>::max() / 2;
+  Solver solver;  // reused: bad input must not spoil it
+  for (int what = 0; what < 9; ++what) {
+    auto [system, x] = this->random(9);
+    if (what == 0) system.anchors(0, 1) = kNan;
+    if (what == 1) system.link_stiffness[2] = -1;
+    if (what == 2) system.rest_length[1] = kNan;
+    if (what == 3) system.anchor_stiffness.setZero();
+    if (what == 4) x(1, 3) = kNan;
+    if (what == 5) system.anchors.setConstant(kHuge);
+    if (what == 6) system.rest_length.setConstant(kHuge);
+    if (what == 7) system.link_stiffness.setConstant(kHuge);
+    if (what == 8) x *= kHuge;
+    const Points before = x;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(summary.status, what < 5 ? Status::InvalidInput : Status::NumericalFailure) << summary;
+    EXPECT_EQ(std::memcmp(x.data(), before.data(), sizeof(Scalar) * static_cast<std::size_t>(x.size())), 0);
+  }
+  auto [system, x] = this->random(9);
+  EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
+}
+
+TYPED_TEST(Descent, ToleranceOfZeroStopsAtRounding) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    const auto [system, start] = this->random(seed);
+    Points x = start;
+    Solver solver;
+    solver.options.tolerance = 0;
+    solver.options.max_iterations = 2000;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_TRUE(summary.usable()) << summary;
+    EXPECT_LT(summary.iterations, 2000) << summary;
+    EXPECT_LT(stationarity(system, x), TestFixture::kDouble ? 1e-12 : 1e-4) << summary;
+  }
+}
+
+template <typename System>
+void expect_same_minimum_as_ida(int n, int systems) {
+  int same[4] = {};
+  for (int i = 0; i < systems; ++i) {
+    testing::Rng rng(static_cast<std::uint64_t>(100 + i));
+    const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+    typename System::Points by_ida = random.start;
+    const double expected = solve_ida(random.system, by_ida).final_energy;
+    int method = 0;
+    const auto check = [&](auto solver) {
+      auto x = random.start;
+      const Summary summary = solver.solve(random.system, x);
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+      EXPECT_LT(stationarity(random.system, x), 1.0001e-8);
+      EXPECT_LT(summary.final_energy, 1.1 * expected) << summary;
+      if (std::abs(summary.final_energy - expected) < 1e-6 * expected) ++same[method];
+      ++method;
+    };
+    check(Lbfgs<System>());
+    check(NewtonCg<System, DenseCholesky<System>>());
+    check(Lbfgs<System, JacobiMetric<System>>());
+    check(NewtonCg<System>());
+  }
+  EXPECT_GE(same[0], systems * 90 / 100) << "n = " << n;
+  EXPECT_GE(same[1], systems * 85 / 100) << "n = " << n;
+  // The diagonal metric leads elsewhere more often.
+  EXPECT_GE(same[2], systems / 2) << "n = " << n;
+  EXPECT_GE(same[3], systems / 2) << "n = " << n;
+}
+
+TEST(DescentOfLargerSystems, FindsIdasMinimum) {
+  expect_same_minimum_as_ida<SpringSystem<double, 2, Eigen::Dynamic, 16>>(16, 60);
+  expect_same_minimum_as_ida<SpringSystem<double, 2>>(64, 20);
+  expect_same_minimum_as_ida<SpringSystem<double, 3>>(25, 20);
+}
+
+TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
+  using System = SpringSystem<double, 2>;
+  testing::Rng rng(5);
+  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(64));
+  System::Points x = start;
+  const int ida = solve_ida(system, x).iterations;
+  x = start;
+  EXPECT_LT(Lbfgs<System>().solve(system, x).iterations, ida / 3);
+  x = start;
+  EXPECT_LT(NewtonCg<System>().solve(system, x).iterations, ida / 6);
+}
+
+template <typename System>
+void expect_sparse_agreement(int n) {
+  auto [system, minimum] = testing::sparse_system<System>(1, n);
+  ASSERT_EQ(Lbfgs<System>(system).solve(system, minimum).status, Status::Converged);
+  const double expected = double(energy(system, minimum));
+  testing::Rng rng(2);
+  const typename System::Points start = minimum + testing::random_points<System>(rng, n, -0.003, 0.003);
+  const auto check = [&, &system = system](auto solver) {
+    auto x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_NEAR(summary.final_energy, expected, 1e-9 * expected) << summary;
+  };
+  check(SparseIda<System>());
+  check(Lbfgs<System, JacobiMetric<System>>());
+  check(Lbfgs<System, SparseCholesky<System>>());
+  check(NewtonCg<System>());
+  check(NewtonCg<System, SparseCholesky<System>>());
+#ifdef ASTERISM_TEST_CHOLMOD
+  check(Lbfgs<System, CholmodCholesky<System>>());
+  check(NewtonCg<System, CholmodCholesky<System>>());
+#endif
+}
+
+TEST(DescentOfSparseSystems, EveryPolicyFindsTheSameMinimum) {
+  expect_sparse_agreement<SpringSystem<double, 2>>(300);
+  expect_sparse_agreement<SpringSystem<double, 3>>(200);
+}
+
+TEST(DescentOfSparseSystems, TenThousandNodes) {
+  using System = SpringSystem<double, 2>;
+  const auto [system, start] = testing::sparse_system<System>(3, 10000);
+  for (const bool newton : {false, true}) {
+    System::Points x = start;
+    const Summary summary =
+        newton ? NewtonCg<System>().solve(system, x) : Lbfgs<System, JacobiMetric<System>>().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_LT(summary.final_energy, 0.2 * summary.initial_energy);
+  }
+}
+
+template <typename System>
+void expect_product_of_hessian(const System& system, const typename System::Points& x) {
+  using Points = typename System::Points;
+  using Vector = Eigen::Matrix<typename System::Scalar, Eigen::Dynamic, 1>;
+  detail::HessianOperator<System> product;
+  product.set(system, x);
+  const auto dense = hessian(system, x);
+  testing::Rng rng(1);
+  for (int i = 0; i < 5; ++i) {
+    const Points v = testing::random_points<System>(rng, system.nodes(), -1, 1);
+    Points result;
+    product.apply(system, v, result);
+    const Vector expected = dense * Eigen::Map<const Vector>(v.data(), v.size());
+    const double rounding = 100 * double(std::numeric_limits<typename System::Scalar>::epsilon());
+    EXPECT_LE(double((Eigen::Map<const Vector>(result.data(), result.size()) - expected).norm()),
+              rounding * double(dense.norm()));
+  }
+}
+
+template <typename System>
+void expect_products_of_hessian(int n) {
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    testing::Rng rng(seed);
+    auto [system, x] = testing::random_system<System>(rng, System::TopologyType::full(n));
+    expect_product_of_hessian(system, x);
+    if (n > 1) x.col(1) = x.col(0);
+    expect_product_of_hessian(system, x);
+    system.rest_length.setZero();
+    expect_product_of_hessian(system, x);
+  }
+}
+
+TEST(HessianProduct, IsTheHessians) {
+  expect_products_of_hessian<SpringSystem<double, 1>>(5);
+  expect_products_of_hessian<SpringSystem<double, 2, 4>>(4);
+  expect_products_of_hessian<SpringSystem<double, 2, 1>>(1);
+  expect_products_of_hessian<SpringSystem<double, 3>>(9);
+  expect_products_of_hessian<SpringSystem<float, 3, Eigen::Dynamic, 8>>(8);
+  expect_products_of_hessian<SpringSystem<double, 5>>(4);
+}
+
+template <typename System>
+void expect_solved(int n) {
+  testing::Rng rng(4);
+  const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
+  const auto check = [&, &system = system, &start = start](auto solver) {
+    typename System::Points x = start;
+    EXPECT_EQ(solver.solve(system, x).status, Status::Converged) << solver.name();
+  };
+  check(Lbfgs<System>());
+  check(Lbfgs<System, JacobiMetric<System>>());
+  check(NewtonCg<System>());
+  check(NewtonCg<System, DenseCholesky<System>>());
+}
+
+TEST(DescentOfOddShapes, OneNodeOneDimensionAndMany) {
+  expect_solved<SpringSystem<double, 1, 1>>(1);
+  expect_solved<SpringSystem<double, 1, Eigen::Dynamic, 1>>(1);
+  expect_solved<SpringSystem<double, 1>>(7);
+  expect_solved<SpringSystem<float, 2, 1>>(1);
+  expect_solved<SpringSystem<double, 2, Eigen::Dynamic, 2>>(2);
+  expect_solved<SpringSystem<double, 4, 5>>(5);
+}
+
+TEST(DescentNames, SayThePolicy) {
+  using System = SpringSystem<double, 2>;
+  EXPECT_EQ(Lbfgs<System>::name(), "L-BFGS, dense Cholesky");
+  EXPECT_EQ((Lbfgs<System, JacobiMetric<System>>::name()), "L-BFGS, Jacobi");
+  EXPECT_EQ(NewtonCg<System>::name(), "Newton-CG, Jacobi");
+  EXPECT_EQ((NewtonCg<System, SparseCholesky<System>>::name()), "Newton-CG, sparse Cholesky");
+}
+
+}  // namespace
+}  // namespace asterism
