@@ -16,6 +16,7 @@
 #include <vector>
 
 #include "../tests/solver/random_system.hpp"
+#include "../tests/solver/sparse_system.hpp"
 
 namespace {
 
@@ -97,6 +98,59 @@ BENCHMARK(solve<Ceres<CeresMethod::LevenbergMarquardtSparse>, Dynamic>)
     ->Arg(16)
     ->Arg(36);
 BENCHMARK(solve<Ceres<CeresMethod::NonlinearCg>, Dynamic>)->Name("ceres/ncg")->Arg(4)->Arg(16)->Arg(36);
+#endif
+
+template <template <typename> typename Policy>
+using LbfgsWith = Lbfgs<Dynamic, Policy<Dynamic>>;
+template <template <typename> typename Policy>
+using NewtonCgWith = NewtonCg<Dynamic, Policy<Dynamic>>;
+
+BENCHMARK(solve<Lbfgs<Fixed4>, Fixed4>)->Name("lbfgs/fixed")->Arg(4);
+BENCHMARK(solve<Lbfgs<Dynamic>, Dynamic>)
+    ->Name("lbfgs/dynamic")
+    ->Arg(4)
+    ->Arg(16)
+    ->Arg(36)
+    ->Arg(64)
+    ->Arg(100)
+    ->Arg(200);
+BENCHMARK(solve<NewtonCg<Fixed4>, Fixed4>)->Name("newton_cg/fixed")->Arg(4);
+BENCHMARK(solve<NewtonCgWith<DenseCholesky>, Dynamic>)
+    ->Name("newton_cg/dynamic")
+    ->Arg(4)
+    ->Arg(16)
+    ->Arg(36)
+    ->Arg(64)
+    ->Arg(100)
+    ->Arg(200);
+BENCHMARK(solve<Ida<Dynamic>, Dynamic>)->Name("ida/dynamic")->Arg(200);
+
+// Large systems of local links.
+template <typename Solver>
+void solve_sparse(benchmark::State& state) {
+  const auto [system, start] = asterism::testing::sparse_system<Dynamic>(1, static_cast<int>(state.range(0)));
+  Summary summary;
+  for (auto _ : state) {
+    Solver solver;
+    solver.options = kOptions;
+    auto x = start;
+    summary = solver.solve(system, x);
+    benchmark::DoNotOptimize(x.data());
+  }
+  state.SetLabel(std::string(Solver::name()));
+  state.counters["iterations"] = summary.iterations;
+  state.counters["converged"] = summary.status == Status::Converged;
+  state.counters["energy"] = summary.final_energy;
+}
+
+#define ASTERISM_SPARSE(solver, name) \
+  BENCHMARK(solve_sparse<solver>)->Name(name)->Arg(10000)->Arg(100000)->Unit(benchmark::kMillisecond)
+ASTERISM_SPARSE(LbfgsWith<JacobiMetric>, "lbfgs/sparse_jacobi");
+ASTERISM_SPARSE(LbfgsWith<SparseCholesky>, "lbfgs/sparse");
+ASTERISM_SPARSE(NewtonCg<Dynamic>, "newton_cg/sparse_jacobi");
+#ifdef ASTERISM_BENCH_CHOLMOD
+ASTERISM_SPARSE(LbfgsWith<CholmodCholesky>, "lbfgs/sparse_cholmod");
+ASTERISM_SPARSE(CholmodIda<Dynamic>, "ida/sparse_cholmod");
 #endif
 
 }  // namespace
