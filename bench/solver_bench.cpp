@@ -80,6 +80,10 @@ BENCHMARK(solve<NonlinearCg<Dynamic>, Dynamic>)
     ->Arg(36)
     ->Arg(64)
     ->Arg(100);
+BENCHMARK(solve<Newton<Fixed4>, Fixed4>)->Name("newton/fixed")->Arg(4);
+BENCHMARK(solve<Newton<Fixed4f>, Fixed4f>)->Name("newton/fixed_float")->Arg(4);
+BENCHMARK(solve<Newton<Bounded>, Bounded>)->Name("newton/bounded_16")->Arg(4)->Arg(9)->Arg(16);
+BENCHMARK(solve<Newton<Dynamic>, Dynamic>)->Name("newton/dynamic")->Arg(4)->Arg(9)->Arg(16)->Arg(36);
 #ifdef ASTERISM_BENCH_CHOLMOD
 BENCHMARK(solve<CholmodIda<Dynamic>, Dynamic>)->Name("ida/cholmod")->Arg(36)->Arg(100);
 #endif

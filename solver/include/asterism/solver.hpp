@@ -2,10 +2,12 @@
 
 // The solver room: all of asterism::solver. The adapters <asterism/solver/cholmod.hpp> and
 // <asterism/solver/ceres.hpp> belong to targets of their own.
+#include <asterism/solver/align.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/ida.hpp>
 #include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/newton.hpp>
 #include <asterism/solver/newton_cg.hpp>
 #include <asterism/solver/nonlinear_cg.hpp>
 #include <asterism/solver/spring_system.hpp>

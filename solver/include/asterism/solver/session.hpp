@@ -30,8 +30,8 @@ class Session {
   using Points = typename System::Points;
 
   /// Runs iterate(summary), which improves x and returns why it stopped, between validation and verdict.
-  template <typename Iterate>
-  Summary run(std::string_view name, const SolverOptions& options, const System& system, Points& x,
+  template <typename Options, typename Iterate>
+  Summary run(std::string_view name, const Options& options, const System& system, Points& x,
               Iterate&& iterate) {
     const auto begin = std::chrono::steady_clock::now();
     Summary summary;
@@ -57,17 +57,31 @@ class Session {
   /// Whether an iterate with this gradient is stationary. A gradient with NaN counts as done: the verdict
   /// rejects it.
   bool done(const Points& gradient) const { return rule_.reached(gradient); }
+  /// The tolerance asked for, or the rounding of the coordinates where that is more.
+  Scalar tolerance() const { return rule_.tolerance(); }
+
+  /// The library's energy and gradient at x. Where the method ends at this x, the verdict is on these and
+  /// does not compute them again; before the first call, they are those at the start.
+  void evaluate(const System& system, const Points& x) {
+    energy_ = energy_and_gradient(system, x, gradient_);
+    evaluated_ = x;
+    is_evaluated_ = true;
+  }
+  Scalar energy() const { return energy_; }
+  const Points& gradient() const { return gradient_; }
 
  private:
-  bool start(const SolverOptions& options, const System& system, const Points& x, Summary& summary) {
+  template <typename Options>
+  bool start(const Options& options, const System& system, const Points& x, Summary& summary) {
     summary.status = Status::InvalidInput;
-    summary.message = validate(system, x, scratch_);
-    if (!(options.tolerance >= 0 && std::isfinite(options.tolerance))) {
-      summary.message = "option tolerance is negative or not finite";
-    } else if (options.max_iterations < 0) {
-      summary.message = "option max_iterations is negative";
+    summary.message = {};
+    if (const Defect defect = validate(system, x, scratch_)) {
+      summary.message = defect;
+    } else if (const char* problem = options.problem()) {
+      summary.message = problem;
     }
     if (!summary.message.empty()) return false;
+    is_evaluated_ = false;
 
     start_ = x;
     energy_ = energy_and_gradient(system, x, gradient_);
@@ -76,17 +90,19 @@ class Session {
       summary.message = "energy or gradient at the start leave the range of the scalar";
       return false;
     }
+    start_energy_ = energy_;
     summary.initial_energy = static_cast<double>(energy_);
     return true;
   }
 
   // `reason` is what the method says; energy and gradient at x have the last word.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
-    Scalar energy = energy_and_gradient(system, x, gradient_);
-    if (!std::isfinite(energy) || !gradient_.allFinite()) reason = Status::NumericalFailure;
-    if (reason == Status::NumericalFailure || energy > energy_ + rounding_of_energy(system, energy_)) {
+    if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
+    if (!std::isfinite(energy_) || !gradient_.allFinite()) reason = Status::NumericalFailure;
+    if (reason == Status::NumericalFailure ||
+        energy_ > start_energy_ + rounding_of_energy(system, start_energy_)) {
       x = start_;
-      energy = energy_and_gradient(system, x, gradient_);
+      energy_ = energy_and_gradient(system, x, gradient_);
       if (summary.message.empty()) summary.message = "no step lowered the energy";
       if (reason != Status::NumericalFailure) reason = Status::NoProgress;
     } else if (rule_.reached(gradient_)) {
@@ -100,7 +116,7 @@ class Session {
                         : reason == Status::MaxIterations ? "not yet stationary"
                                                           : "stopped short of the tolerance";
     }
-    summary.final_energy = static_cast<double>(energy);
+    summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = static_cast<double>(gradient_.norm());
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
   }
@@ -109,7 +125,10 @@ class Session {
   ComponentScratch<System> scratch_;
   Points start_;
   Points gradient_;
+  Points evaluated_;  // by evaluate(), if that was called
+  bool is_evaluated_ = false;
   Scalar energy_ = 0;
+  Scalar start_energy_ = 0;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI::detail

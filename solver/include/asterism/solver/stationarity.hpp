@@ -79,6 +79,7 @@ class StoppingRule {
     return in_range && std::isfinite(tolerance_);
   }
 
+  Scalar tolerance() const { return tolerance_; }
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
   /// Also true for a gradient with NaN, which no further iteration can cure.
   bool reached(const typename System::Points& gradient) const {

@@ -6,6 +6,7 @@
 #include <concepts>
 #include <cstddef>
 #include <cstring>
+#include <limits>
 #include <ostream>
 #include <string_view>
 
@@ -97,6 +98,14 @@ struct SolverOptions {
 
   /// Iterations at most; 0 evaluates the start.
   int max_iterations = 10000;
+
+  /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
+  constexpr const char* problem() const {
+    if (!(tolerance >= 0 && tolerance <= std::numeric_limits<double>::max()))
+      return "option tolerance is negative or not finite";
+    if (max_iterations < 0) return "option max_iterations is negative";
+    return nullptr;
+  }
 };
 
 /// What every solver returns. Numbers are -1 until they are known. Energies, gradient norm and stationarity
@@ -115,6 +124,8 @@ struct Summary {
   double final_energy = -1;       ///< E at the x returned
   double gradient_norm = -1;      ///< |dE/dx| at the x returned [stiffness x px]
   double stationarity = -1;       ///< at the x returned, see SolverOptions::tolerance
+  int positive_definite = -1;     ///< 1: the Hessian at the x returned is, x is a strict local minimum if
+                                  ///< stationary; 0: it is not; -1: the method did not look
   double seconds = -1;            ///< wall-clock time in solve
 
   /// x is finite and at least as good as the start.

@@ -1,0 +1,150 @@
+#pragma once
+
+#include <Eigen/Eigenvalues>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/spring_system.hpp>
+#include <cmath>
+#include <limits>
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace detail {
+
+/// The rotation R (or, if allowed, reflection) that maximises trace(R^T M), for M = sum_i k_i q_i p_i^T the
+/// one that turns the points p_i nearest to q_i; identity for M = 0. Two dimensions: the angle's tangent is
+/// (M10 - M01) / (M00 + M11). Three: Horn's quaternion (Closed-form solution of absolute orientation, 1987).
+/// More: singular vectors (Kabsch 1976).
+template <typename Scalar, int Dim>
+Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim> M, bool allow_reflection) {
+  using Matrix = Eigen::Matrix<Scalar, Dim, Dim>;
+  const Scalar largest = M.cwiseAbs().maxCoeff();
+  if (!(largest > 0 && std::isfinite(largest))) return Matrix::Identity();
+  M /= largest;
+  constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  Matrix R = Matrix::Identity();
+  if constexpr (Dim == 2) {
+    Scalar cosine = M(0, 0) + M(1, 1);
+    Scalar sine = M(1, 0) - M(0, 1);
+    Scalar square = cosine * cosine + sine * sine;
+    const Scalar mirrored_cosine = M(0, 0) - M(1, 1);
+    const Scalar mirrored_sine = M(1, 0) + M(0, 1);
+    const Scalar mirrored_square = mirrored_cosine * mirrored_cosine + mirrored_sine * mirrored_sine;
+    const bool mirror = allow_reflection && mirrored_square > (1 + kRounding) * square;
+    if (mirror) {
+      cosine = mirrored_cosine;
+      sine = mirrored_sine;
+      square = mirrored_square;
+    }
+    if (!(square > kRounding * kRounding)) return R;  // no angle is better than another
+    const Scalar inverse = 1 / std::sqrt(square);
+    cosine *= inverse;
+    sine *= inverse;
+    R << cosine, mirror ? sine : -sine, sine, mirror ? -cosine : cosine;
+  } else if constexpr (Dim == 3) {
+    Eigen::Matrix<Scalar, 4, 4> N;  // lower triangle
+    N(0, 0) = M(0, 0) + M(1, 1) + M(2, 2);
+    N(1, 0) = M(2, 1) - M(1, 2);
+    N(2, 0) = M(0, 2) - M(2, 0);
+    N(3, 0) = M(1, 0) - M(0, 1);
+    N(1, 1) = M(0, 0) - M(1, 1) - M(2, 2);
+    N(2, 1) = M(1, 0) + M(0, 1);
+    N(3, 1) = M(0, 2) + M(2, 0);
+    N(2, 2) = -M(0, 0) + M(1, 1) - M(2, 2);
+    N(3, 2) = M(2, 1) + M(1, 2);
+    N(3, 3) = -M(0, 0) - M(1, 1) + M(2, 2);
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, 4, 4>> solver(N);
+    if (solver.info() != Eigen::Success) return R;
+    // -M has the matrix -N, and minus a rotation is a reflection.
+    const auto& values = solver.eigenvalues();
+    const bool mirror = allow_reflection && -values[0] > (1 + kRounding) * values[3];
+    const Eigen::Matrix<Scalar, 4, 1> q = solver.eigenvectors().col(mirror ? 0 : 3).normalized();
+    const Scalar w = q[0], x = q[1], y = q[2], z = q[3];
+    R << 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),  //
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),   //
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y);
+    if (mirror) R = -R;
+  } else if constexpr (Dim == 1) {
+    if (allow_reflection && M(0, 0) < 0) R(0, 0) = -1;
+  } else {
+    const Eigen::JacobiSVD<Matrix> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Matrix U = svd.matrixU();
+    if (!allow_reflection && (U * svd.matrixV().transpose()).determinant() < 0) U.col(Dim - 1) *= -1;
+    R = U * svd.matrixV().transpose();
+  }
+  return R;
+}
+
+/// rigid_alignment in place; false where x stays as it was.
+template <typename System>
+bool align(const System& system, typename System::Points& x, bool allow_reflection) {
+  using Scalar = typename System::Scalar;
+  using Point = typename System::Point;
+  const int n = system.nodes();
+  Scalar total = 0;
+  Scalar extent = 0;
+  Point centre = Point::Zero();
+  Point anchor_centre = Point::Zero();
+  for (int i = 0; i < n; ++i) {
+    const Scalar k = system.anchor_stiffness[i];
+    if (!(k > 0)) continue;  // its anchor means nothing
+    total += k;
+    centre += k * x.col(i);
+    anchor_centre += k * system.anchors.col(i);
+    extent = std::max({extent, x.col(i).cwiseAbs().maxCoeff(), system.anchors.col(i).cwiseAbs().maxCoeff()});
+  }
+  if (!(total > 0 && std::isfinite(total))) return false;
+  centre *= 1 / total;
+  anchor_centre *= 1 / total;
+
+  Eigen::Matrix<Scalar, System::kDim, System::kDim> M;
+  M.setZero();
+  Scalar spread = 0;
+  Scalar anchor_spread = 0;
+  Scalar before = 0;
+  for (int i = 0; i < n; ++i) {
+    const Scalar k = system.anchor_stiffness[i];
+    if (!(k > 0)) continue;
+    const Point p = x.col(i) - centre;
+    const Point q = system.anchors.col(i) - anchor_centre;
+    M += (k * q) * p.transpose();
+    spread += k * p.squaredNorm();
+    anchor_spread += k * q.squaredNorm();
+    before += k * (x.col(i) - system.anchors.col(i)).squaredNorm();
+  }
+  // On one point up to rounding: nothing to turn.
+  constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  const Scalar rounding = total * (kRounding * extent) * (kRounding * extent);
+  if (!(spread > rounding && anchor_spread > rounding)) M.setZero();
+  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
+
+  Scalar after = 0;
+  for (int i = 0; i < n; ++i) {
+    const Scalar k = system.anchor_stiffness[i];
+    if (k > 0) after += k * (R * (x.col(i) - centre) + anchor_centre - system.anchors.col(i)).squaredNorm();
+  }
+  if (!(after < before)) return false;
+  for (int i = 0; i < n; ++i) x.col(i) = R * (x.col(i) - centre) + anchor_centre;
+  return true;
+}
+
+}  // namespace detail
+
+/// x (Dim x N) moved and turned as one rigid body to where sum_i k_i |x_i - a_i|^2 is least (weighted
+/// Procrustes, in closed form). No spring between nodes changes its length, so the energy cannot rise; the
+/// slowest modes of a system with weak anchors are gone in one step. `allow_reflection` also admits the
+/// mirror image, where that is nearer. Does not allocate.
+///
+/// Where the nodes that hang on anchors, or those anchors, coincide (also: one anchor alone has stiffness), x
+/// is moved and not turned; where no rigid motion is better, without any anchor stiffness, or for numbers
+/// that overflow, x is returned as it is.
+template <typename System>
+typename System::Points rigid_alignment(const System& system, const typename System::Points& x,
+                                        bool allow_reflection = false) {
+  typename System::Points result = x;
+  detail::align(system, result, allow_reflection);
+  return result;
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

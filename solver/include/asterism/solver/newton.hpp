@@ -1,0 +1,452 @@
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <asterism/solver/align.hpp>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/dense_cholesky.hpp>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/session.hpp>
+#include <asterism/solver/summary.hpp>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace detail {
+
+/// f(integral_constant<int, kFrom>), ..., f(integral_constant<int, kTo - 1>).
+template <int kFrom, int kTo, typename F>
+constexpr void unroll(F&& f) {
+  if constexpr (kFrom < kTo) {
+    f(std::integral_constant<int, kFrom>());
+    unroll<kFrom + 1, kTo>(f);
+  }
+}
+
+/// The linear system H p = g of a Newton step, as H bordered by g: column j holds H's column j from the
+/// diagonal down, then g_j. Factored in place to H + repair = L D L^T, whose elimination runs over the border
+/// too and so does the forward substitution.
+template <typename System>
+class NewtonMatrix {
+ public:
+  using Scalar = typename System::Scalar;
+  using Point = typename System::Point;
+  using Points = typename System::Points;
+
+  /// Takes the size and the rounding of the pivots from the system.
+  void reset(const System& system) {
+    size_ = kDim * system.nodes();
+    if constexpr (kMaxSize == Eigen::Dynamic) {
+      const auto size = static_cast<std::size_t>(size_);
+      values_.resize(size * (size + 1));
+      inverse_pivots_.resize(size);
+    }
+    node_stiffness(system, rounding_);
+    rounding_ *= 8 * std::numeric_limits<Scalar>::epsilon();
+  }
+
+  /// Writes energy, gradient and Hessian at x. With `clamp`, a spring's curvature across its axis, k_ij (1 -
+  /// mu_ij / r_ij), is not let below 0, which makes the matrix positive definite but not the Hessian.
+  Scalar assemble(const System& system, const Points& x, bool clamp, Points& gradient) {
+    const int n = size();
+    std::fill_n(values_.data(), n * stride(), Scalar(0));
+    gradient.resize(kDim, system.nodes());
+    Scalar twice = 0;
+    for (int i = 0; i < system.nodes(); ++i) {
+      const Scalar k = system.anchor_stiffness[i];
+      const Point d = x.col(i) - system.anchors.col(i);
+      gradient.col(i) = k * d;
+      twice += k * d.squaredNorm();
+      for (int c = 0; c < kDim; ++c) at(kDim * i + c, kDim * i + c) = k;
+    }
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const Scalar k = system.link_stiffness[l];
+      const Scalar mu = system.rest_length[l];
+      ++l;
+      const Point d = x.col(link.i) - x.col(link.j);
+      const Scalar square = d.squaredNorm();
+      Scalar length;
+      Point u;
+      Scalar ratio;  // mu / r = 1 - c
+      if (square < kTiny) [[unlikely]] {
+        const auto coincident = coincident_spring(system, link, d);
+        length = coincident.length;
+        u = coincident.direction;
+        ratio = mu > 0 ? 1 : 0;
+        if (length > 0 && std::isfinite(mu / length)) ratio = mu / length;
+      } else {
+        length = std::sqrt(square);
+        const Scalar inverse = 1 / length;
+        u = d * inverse;
+        ratio = mu * inverse;
+      }
+      const Scalar stretch = length - mu;
+      const Scalar tension = k * stretch;
+      twice += tension * stretch;
+      const Point force = tension * u;
+      gradient.col(link.i) += force;
+      gradient.col(link.j) -= force;
+
+      // k (u u^T + c (I - u u^T)) = k (1 - c) u u^T + k c I
+      if (clamp) ratio = std::min(ratio, Scalar(1));
+      const Scalar bend = k * ratio;
+      const Scalar across = k - bend;
+      const int low = kDim * std::min(link.i, link.j);
+      const int high = kDim * std::max(link.i, link.j);
+      for (int column = 0; column < kDim; ++column) {
+        const Scalar bend_u = bend * u[column];
+        for (int row = column; row < kDim; ++row) {
+          const Scalar value = row == column ? bend_u * u[row] + across : bend_u * u[row];
+          at(low + row, low + column) += value;
+          at(high + row, high + column) += value;
+          at(high + row, low + column) -= value;
+          if (row != column) at(high + column, low + row) -= value;
+        }
+      }
+    }
+    for (int i = 0; i < system.nodes(); ++i) {
+      for (int c = 0; c < kDim; ++c) at(n, kDim * i + c) = gradient(c, i);
+    }
+    return twice / 2;
+  }
+
+  /// L D L^T without pivoting. A pivot that is negative is replaced by its absolute value, one that is
+  /// rounding alone by that rounding; true if there was none, that is if the matrix is positive definite.
+  bool factorize() {
+    repaired_ = false;
+    negative_ = -1;
+    if constexpr (kUnrolled) {
+      unroll<0, kSize>([this](auto k) { this->template eliminate<k>(); });
+    } else {
+      for (int k = 0; k < size(); ++k) {
+        const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)] = 1 / repair(k);
+        const Scalar* pivot_column = &at(0, k);
+        for (int j = k + 1; j < size(); ++j) {
+          const Scalar factor = pivot_column[j] * inverse;
+          Scalar* column = &at(0, j);
+          for (int i = j; i <= size(); ++i) column[i] -= factor * pivot_column[i];
+        }
+      }
+    }
+    return !repaired_;
+  }
+
+  /// p of (L D L^T) p = g into `step`; returns g . p, Newton's decrement squared.
+  Scalar solve(Points& step) const {
+    step.resize(kDim, size() / kDim);
+    Scalar* p = step.data();
+    Scalar decrement = 0;
+    const auto substitute = [&](int k) {
+      const Scalar* column = &at(0, k);
+      const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)];
+      Scalar value = column[size()];
+      decrement += value * value * inverse;
+      for (int i = size() - 1; i > k; --i) value -= column[i] * p[i];
+      p[k] = value * inverse;
+    };
+    if constexpr (kUnrolled) {
+      unroll<0, kSize>([&](auto k) { substitute(kSize - 1 - k); });
+    } else {
+      for (int k = size() - 1; k >= 0; --k) substitute(k);
+    }
+    return decrement;
+  }
+
+  /// The energy of displacing every node of x by its rounding, some units in the last place.
+  Scalar energy_of_rounding(const Points& x) const {
+    const Scalar rounding = 8 * std::numeric_limits<Scalar>::epsilon() * x.cwiseAbs().maxCoeff();
+    return rounding_.sum() / (8 * std::numeric_limits<Scalar>::epsilon()) * rounding * rounding;
+  }
+
+  /// A direction v along which the matrix that was factored has negative curvature, from the first negative
+  /// pivot d_k: v = L^-T e_k has v^T H v = d_k, which is returned; 0 if no pivot was negative beyond
+  /// rounding.
+  Scalar negative_curvature(Points& direction) const {
+    if (negative_ < 0) return 0;
+    direction.setZero(kDim, size() / kDim);
+    Scalar* v = direction.data();
+    v[negative_] = 1;
+    for (int k = negative_ - 1; k >= 0; --k) {
+      Scalar sum = 0;
+      for (int i = negative_; i > k; --i) sum += at(i, k) * v[i];
+      v[k] = -sum * inverse_pivots_[static_cast<std::size_t>(k)];
+    }
+    return -at(negative_, negative_);  // its sign was repaired
+  }
+
+ private:
+  static constexpr int kDim = System::kDim;
+  static constexpr int kSize = times<System::kNodes>(kDim);
+  static constexpr int kMaxSize = times<System::kMaxNodes>(kDim);
+  static constexpr bool kUnrolled = kSize != Eigen::Dynamic && kSize <= 12;
+  static constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
+
+  template <int kLength>
+  using Storage = std::conditional_t<
+      kMaxSize == Eigen::Dynamic, std::vector<Scalar>,
+      std::array<Scalar, static_cast<std::size_t>(kMaxSize == Eigen::Dynamic ? 1 : kLength)>>;
+
+  int size() const {
+    if constexpr (kSize != Eigen::Dynamic) return kSize;
+    return size_;
+  }
+  int stride() const { return size() + 1; }
+  Scalar& at(int row, int column) { return values_[static_cast<std::size_t>(column * stride() + row)]; }
+  const Scalar& at(int row, int column) const {
+    return values_[static_cast<std::size_t>(column * stride() + row)];
+  }
+
+  Scalar repair(int k) {
+    const Scalar pivot = at(k, k);
+    const Scalar rounding = rounding_[k / kDim];
+    if (pivot > rounding) [[likely]]
+      return pivot;
+    if (pivot < -rounding && negative_ < 0) negative_ = k;
+    repaired_ = true;
+    const Scalar least = rounding > 0 ? rounding : Scalar(1);  // a node without stiffness stays
+    return at(k, k) = std::max(std::abs(pivot), least);
+  }
+
+  template <int k>
+  void eliminate() {
+    Scalar* pivot_column = values_.data() + k * (kSize + 1);
+    const Scalar inverse = inverse_pivots_[k] = 1 / repair(k);
+    unroll<k + 1, kSize>([&](auto j) {
+      const Scalar factor = pivot_column[j] * inverse;
+      Scalar* column = values_.data() + j * (kSize + 1);
+      unroll<j, kSize + 1>([&](auto i) { column[i] -= factor * pivot_column[i]; });
+    });
+  }
+
+  int size_ = 0;
+  bool repaired_ = false;
+  int negative_ = -1;                            // index of the first negative pivot
+  typename System::NodeVector rounding_;         // of the pivots of a node
+  Storage<(kMaxSize + 1) * kMaxSize> values_{};  // column-major
+  Storage<kMaxSize> inverse_pivots_{};
+};
+
+}  // namespace detail
+
+/// What Newton takes.
+struct NewtonOptions : SolverOptions {
+  /// Starts with rigid_alignment of x, unless x is stationary. It is not counted as an iteration.
+  bool align = true;
+
+  /// The alignment may also mirror x: for constellations whose mirror image is as good.
+  bool allow_reflection = false;
+
+  /// Goes on from stationary points whose Hessian has a negative eigenvalue.
+  bool escape_saddles = true;
+
+  constexpr NewtonOptions() = default;
+  constexpr NewtonOptions(const SolverOptions& options) : SolverOptions(options) {}
+};
+
+/// Newton's method for small constellations: some 10 nodes or fewer where all are linked, beyond that its
+/// cost, cubic in the nodes, overtakes that of the methods with cheaper iterations.
+///
+/// Each iteration solves with the energy's Hessian, whose springs have curvature k_ij along their axis and
+/// k_ij (1 - mu_ij / r_ij) across it. Where it is not positive definite, the first two steps clamp the latter
+/// to 0 (IDA's majoriser has k_ij in its place), later ones repair the negative pivots of L D L^T by their
+/// absolute value. Steps backtrack until the energy falls (Armijo); where none does, an IDA step takes over,
+/// which lowers it always. Close to a minimum the error squares from one iteration to the next; a step whose
+/// predicted gain, half of Newton's decrement, is below the tolerance's share of the energy is taken as the
+/// last and left to the stopping rule to confirm.
+///
+/// At a stationary point whose Hessian has a negative pivot it goes on along the negative curvature.
+/// Summary::positive_definite says what the Hessian is at the end, as of the last factorisation: at the x
+/// returned, or one such last step before it.
+///
+/// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
+template <typename System>
+class Newton {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  NewtonOptions options;
+
+  Newton() = default;
+  /// For type deduction: Newton(system).solve(system, x).
+  explicit Newton(const System&, const NewtonOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return "Newton, repaired LDL^T"; }
+
+  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
+  /// Hessian is singular or saddles are not to be escaped. Statuses other than Converged: MaxIterations,
+  /// InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step lowers the energy
+  /// beyond its rounding.
+  Summary solve(const System& system, Points& x) {
+    return session_.run(name(), options, system, x, [&](Summary& summary) {
+      if (options.align && options.max_iterations > 0 && !session_.done(session_.gradient())) {
+        detail::align(system, x, options.allow_reflection);
+      }
+      realign_ = options.align && hangs_loosely(system);
+      matrix_.reset(system);
+      energy_ = assemble(system, x, gradient_, summary);
+      while (true) {
+        const bool stationary = session_.done(gradient_);
+        const bool last = summary.iterations == options.max_iterations;
+        if (last && !stationary) {
+          summary.positive_definite = -1;
+          return Status::MaxIterations;
+        }
+        const bool definite = factorize(summary);
+        summary.positive_definite = definite;
+        if (stationary) {
+          if (last ||
+              !(definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
+            return Status::Converged;
+          continue;
+        }
+        if (!definite && summary.iterations < kClampedSteps) {
+          matrix_.assemble(system, x, true, gradient_);
+          ++summary.gradient_evaluations;
+          factorize(summary);
+        }
+        const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
+        ++summary.linear_solves;
+        if (definite && decrement <= 2 * session_.tolerance() * energy_ && finish(system, x, summary))
+          return Status::Converged;
+        if (!search(system, x, decrement, summary) && !majorise(system, x, summary))
+          return Status::NoProgress;
+      }
+    });
+  }
+
+ private:
+  static constexpr int kClampedSteps = 2;
+
+  // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+  // follow.
+  bool hangs_loosely(const System& system) const {
+    return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
+  }
+
+  // The Hessian into the matrix, energy and gradient at x.
+  Scalar assemble(const System& system, const Points& x, Points& gradient, Summary& summary) {
+    ++summary.energy_evaluations;
+    ++summary.gradient_evaluations;
+    return matrix_.assemble(system, x, false, gradient);
+  }
+
+  bool factorize(Summary& summary) {
+    ++summary.factorizations;
+    return matrix_.factorize();
+  }
+
+  // The whole step, if the stopping rule is met after it.
+  bool finish(const System& system, Points& x, Summary& summary) {
+    next_x_ = x - step_;
+    if (realign_) detail::align(system, next_x_, false);
+    session_.evaluate(system, next_x_);
+    ++summary.energy_evaluations;
+    ++summary.gradient_evaluations;
+    if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, energy_))) return false;
+    if (!session_.done(session_.gradient())) return false;
+    x = next_x_;
+    ++summary.iterations;
+    return true;
+  }
+
+  void accept(Points& x, Scalar energy, Summary& summary) {
+    x.swap(next_x_);
+    gradient_.swap(next_gradient_);
+    energy_ = energy;
+    ++summary.iterations;
+  }
+
+  // Backtracks along -step_ until the energy falls by a share of what its slope promises.
+  bool search(const System& system, Points& x, Scalar decrement, Summary& summary) {
+    constexpr int kMaxTrials = 12;
+    constexpr Scalar kDecrease = Scalar(1e-4);
+    if (!(decrement > 0 && std::isfinite(decrement))) return false;
+    const Scalar rounding = detail::rounding_of_energy(system, energy_);
+    Scalar t = 1;
+    for (int trial = 0; trial < kMaxTrials; ++trial) {
+      next_x_ = x - t * step_;
+      if (realign_) detail::align(system, next_x_, false);
+      const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+      bool falls = next <= energy_ - kDecrease * t * decrement && next < energy_;
+      // In the last digits of the energy the gradient tells more.
+      if (!falls && decrement <= 8 * rounding && next <= energy_ + rounding) {
+        falls = next_gradient_.squaredNorm() < gradient_.squaredNorm() / 4;
+      }
+      if (falls) {
+        accept(x, next, summary);
+        return true;
+      }
+      // The minimum of the parabola through what is known.
+      const Scalar vertex = t * t * decrement / (2 * (next - energy_ + t * decrement));
+      t = vertex > t / 10 ? std::min(vertex, t / 2) : t / 10;  // also for energies that are not finite
+    }
+    return false;
+  }
+
+  // One more step where forces are below the tolerance but, for weak anchors, the energy is not.
+  bool polish(const System& system, Points& x, Summary& summary) {
+    const Scalar decrement = matrix_.solve(step_);
+    ++summary.linear_solves;
+    if (!(decrement > 2 * session_.tolerance() * energy_)) return false;
+    if (!(energy_ > matrix_.energy_of_rounding(x))) return false;
+    return search(system, x, decrement, summary);
+  }
+
+  // IDA's step, which cannot raise the energy.
+  bool majorise(const System& system, Points& x, Summary& summary) {
+    ++summary.factorizations;
+    if (!majoriser_.factorize(system)) return false;
+    next_x_ = x;
+    majoriser_.descend(gradient_, next_x_);
+    ++summary.linear_solves;
+    const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+    if (!(next < energy_)) return false;
+    accept(x, next, summary);
+    return true;
+  }
+
+  // From a saddle down along negative curvature: the longest of ever shorter steps, to either side, that
+  // lowers the energy by a tenth of what the curvature promises.
+  bool escape(const System& system, Points& x, Summary& summary) {
+    Scalar curvature = matrix_.negative_curvature(step_);
+    if (!(curvature < 0)) return false;
+    const Scalar scale =
+        characteristic_length(system, x) / std::sqrt(step_.colwise().squaredNorm().maxCoeff());
+    step_ *= scale;
+    curvature *= scale * scale;
+    const Scalar rounding = detail::rounding_of_energy(system, energy_);
+    constexpr int kMaxHalvings = 30;
+    Scalar t = Scalar(0.5);
+    for (int trial = 0; trial < kMaxHalvings; ++trial, t /= 2) {
+      const Scalar ahead = energy(system, next_x_ = x + t * step_);
+      const Scalar behind = energy(system, next_x_ = x - t * step_);
+      summary.energy_evaluations += 2;
+      if (!(std::min(ahead, behind) < energy_ + t * t * curvature / 20 - rounding)) continue;
+      next_x_ = ahead <= behind ? Points(x + t * step_) : Points(x - t * step_);
+      const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+      accept(x, next, summary);
+      return true;
+    }
+    return false;
+  }
+
+  detail::Session<System> session_;
+  detail::NewtonMatrix<System> matrix_;
+  DenseCholesky<System> majoriser_;
+  bool realign_ = false;  // after every step
+  Scalar energy_ = 0;     // at x, as gradient_
+  Points gradient_;
+  Points step_;
+  Points next_x_;
+  Points next_gradient_;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,148 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <asterism/solver/align.hpp>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/validate.hpp>
+#include <limits>
+
+#include "random_system.hpp"
+
+namespace asterism {
+namespace {
+
+template <typename System_>
+class Alignment : public ::testing::Test {
+ public:
+  using System = System_;
+  using Points = typename System::Points;
+  using Scalar = typename System::Scalar;
+  using Matrix = Eigen::Matrix<Scalar, System::kDim, System::kDim>;
+  static constexpr int kSize = System::kNodes == Eigen::Dynamic ? 7 : System::kNodes;
+  static constexpr double kTolerance = std::is_same_v<Scalar, double> ? 1e-12 : 1e-4;
+
+  static testing::RandomSystem<System> random(std::uint64_t seed) {
+    testing::Rng rng(seed);
+    return testing::random_system<System>(rng, System::TopologyType::full(kSize));
+  }
+
+  static double anchor_energy(System system, const Points& x) {
+    system.link_stiffness.setZero();
+    return static_cast<double>(energy(system, x));
+  }
+
+  /// The textbook's way: SVD of the covariance, last singular vector turned where it would be a mirror.
+  static Points by_svd(const System& system, const Points& x, bool allow_reflection) {
+    using Point = typename System::Point;
+    const auto& k = system.anchor_stiffness;
+    const Point centre = x * k / k.sum();
+    const Point anchor_centre = system.anchors * k / k.sum();
+    const Matrix M =
+        (system.anchors.colwise() - anchor_centre) * k.asDiagonal() * (x.colwise() - centre).transpose();
+    const Eigen::JacobiSVD<Matrix> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Matrix U = svd.matrixU();
+    if (!allow_reflection && Matrix(U * svd.matrixV().transpose()).determinant() < 0)
+      U.col(System::kDim - 1) *= -1;
+    return (U * svd.matrixV().transpose() * (x.colwise() - centre)).colwise() + anchor_centre;
+  }
+};
+
+using Systems =
+    ::testing::Types<SpringSystem<double, 2, 4>, SpringSystem<float, 3, Eigen::Dynamic, 9>,
+                     SpringSystem<double, 3>, SpringSystem<double, 4, 5>, SpringSystem<double, 1, 3>>;
+TYPED_TEST_SUITE(Alignment, Systems);
+
+TYPED_TEST(Alignment, IsTheTextbooks) {
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    const auto [system, start] = this->random(seed);
+    for (const bool reflect : {false, true}) {
+      const auto x = rigid_alignment(system, start, reflect);
+      const auto expected = this->by_svd(system, start, reflect);
+      EXPECT_NEAR(this->anchor_energy(system, x), this->anchor_energy(system, expected),
+                  this->kTolerance * this->anchor_energy(system, start))
+          << "seed " << seed;
+    }
+  }
+}
+
+TYPED_TEST(Alignment, KeepsSpringsAndNeverRaisesTheEnergy) {
+  for (std::uint64_t seed = 1; seed <= 50; ++seed) {
+    const auto [system, start] = this->random(seed);
+    for (const bool reflect : {false, true}) {
+      const auto x = rigid_alignment(system, start, reflect);
+      const double before = double(energy(system, start));
+      EXPECT_LE(double(energy(system, x)), before * (1 + this->kTolerance));
+      for (const Link& link : system.links()) {
+        EXPECT_NEAR(double((x.col(link.i) - x.col(link.j)).norm()),
+                    double((start.col(link.i) - start.col(link.j)).norm()), this->kTolerance * 10);
+      }
+      const auto again = rigid_alignment(system, x, reflect);
+      constexpr bool kDouble = std::is_same_v<typename TypeParam::Scalar, double>;
+      EXPECT_LT(double((again - x).norm()), kDouble ? 1e-6 : 1e-2);
+    }
+  }
+}
+
+TYPED_TEST(Alignment, UndoesARigidMotion) {
+  using Value = typename TypeParam::Scalar;
+  const auto [system, start] = this->random(3);
+  typename TypeParam::Points x = system.anchors;
+  if constexpr (TypeParam::kDim > 1) {
+    x.row(0) = Value(0.28) * system.anchors.row(0) - Value(0.96) * system.anchors.row(1);
+    x.row(1) = Value(0.96) * system.anchors.row(0) + Value(0.28) * system.anchors.row(1);
+  }
+  x.array() += 5;
+  EXPECT_LT(double((rigid_alignment(system, x) - system.anchors).norm()), 100 * this->kTolerance);
+  x.row(0) *= -1;
+  EXPECT_GT(double((rigid_alignment(system, x) - system.anchors).norm()), 1e-3);
+  EXPECT_LT(double((rigid_alignment(system, x, true) - system.anchors).norm()), 100 * this->kTolerance);
+}
+
+TYPED_TEST(Alignment, OneAnchorTranslates) {
+  auto [system, start] = this->random(4);
+  system.anchor_stiffness.setZero();
+  system.anchor_stiffness[1] = 2;
+  const auto x = rigid_alignment(system, start);
+  const typename TypeParam::Point shift = system.anchors.col(1) - start.col(1);
+  EXPECT_LT(double((x - (start.colwise() + shift)).norm()), 10 * this->kTolerance);
+}
+
+TYPED_TEST(Alignment, CoincidentPointsTranslate) {
+  auto [system, start] = this->random(5);
+  auto x = start;
+  x.colwise() = start.col(0).eval();
+  const auto together = rigid_alignment(system, x);
+  EXPECT_LT(double((together.colwise() - together.col(0)).norm()), this->kTolerance);
+  system.anchors.setConstant(7);  // a spread constellation on coincident anchors: its shape does not turn
+  const auto spread = rigid_alignment(system, start);
+  const typename TypeParam::Point shift = spread.col(0) - start.col(0);
+  EXPECT_LT(double((spread - (start.colwise() + shift)).norm()), 100 * this->kTolerance);
+}
+
+TYPED_TEST(Alignment, LeavesAloneWhatItCannotImprove) {
+  auto [system, start] = this->random(6);
+  EXPECT_EQ(rigid_alignment(system, system.anchors), system.anchors);
+  system.anchor_stiffness.setZero();
+  EXPECT_EQ(rigid_alignment(system, start), start);
+  system.anchor_stiffness.setConstant(std::numeric_limits<typename TypeParam::Scalar>::max());
+  EXPECT_EQ(rigid_alignment(system, start), start);
+  system.anchor_stiffness.setOnes();
+  const typename TypeParam::Points huge =
+      start * (std::numeric_limits<typename TypeParam::Scalar>::max() / 4);
+  EXPECT_TRUE(rigid_alignment(system, huge).allFinite());
+}
+
+// Opposite corners swapped and the rest on the axis: every angle is as good as another.
+TEST(Alignment2, AmbiguousAngleIsNoRotation) {
+  SpringSystem<double, 2, 4> system(Topology<4>::full());
+  system.anchors << 1, 0, -1, 0, 0, 1, 0, -1;
+  system.anchor_stiffness.setOnes();
+  Eigen::Matrix<double, 2, 4> x = system.anchors;
+  x.row(1) *= -1;
+  EXPECT_EQ(rigid_alignment(system, x), x);
+  EXPECT_LT((rigid_alignment(system, x, true) - system.anchors).norm(), 1e-14);
+}
+
+}  // namespace
+}  // namespace asterism

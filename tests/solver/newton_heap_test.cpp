@@ -1,0 +1,114 @@
+// Newton and alignment of fixed and bounded sizes never touch the heap: every malloc of the program is
+// counted.
+#include <gtest/gtest.h>
+
+#include <asterism/solver/newton.hpp>
+#include <atomic>
+#include <cstddef>
+
+#include "random_system.hpp"
+
+#if defined(__SANITIZE_ADDRESS__)
+#define ASTERISM_TEST_ASAN
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define ASTERISM_TEST_ASAN
+#endif
+#endif
+
+namespace {
+std::atomic<long> allocations{0};
+}
+
+#ifdef ASTERISM_TEST_ASAN
+extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*, std::size_t),
+                                                         void (*on_free)(const volatile void*));
+namespace {
+[[maybe_unused]] const int kHook = __sanitizer_install_malloc_and_free_hooks(
+    [](const volatile void*, std::size_t) { ++allocations; }, [](const volatile void*) {});
+}
+#else
+// glibc lets a program replace malloc; operator new and Eigen come through it.
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+void* __libc_memalign(std::size_t, std::size_t);
+
+void* malloc(std::size_t size) {
+  ++allocations;
+  return __libc_malloc(size);
+}
+void* calloc(std::size_t count, std::size_t size) {
+  ++allocations;
+  return __libc_calloc(count, size);
+}
+void* realloc(void* memory, std::size_t size) {
+  ++allocations;
+  return __libc_realloc(memory, size);
+}
+void* aligned_alloc(std::size_t alignment, std::size_t size) {
+  ++allocations;
+  return __libc_memalign(alignment, size);
+}
+}
+#endif
+
+namespace asterism {
+namespace {
+
+template <typename Solve>
+long allocations_in(Solve&& solve) {
+  const long before = allocations;
+  solve();
+  return allocations - before;
+}
+
+template <typename System>
+void expect_no_heap(int n) {
+  testing::Rng rng(5);
+  const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+  auto system = random.system;
+  auto x = random.start;
+  Summary summary;
+  EXPECT_EQ(allocations_in([&] { summary = Newton<System>().solve(system, x); }), 0) << "n = " << n;
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_EQ(allocations_in([&] {  // weak anchors, coincident nodes
+              system.anchor_stiffness *= typename System::Scalar(1e-5);
+              x.setConstant(3);
+              summary = Newton<System>().solve(system, x);
+            }),
+            0);
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_EQ(allocations_in([&] { x = rigid_alignment(system, random.start, true); }), 0);
+  EXPECT_EQ(allocations_in([&] {
+              system.anchor_stiffness.setZero();
+              summary = Newton<System>().solve(system, x);
+            }),
+            0);
+  EXPECT_EQ(summary.status, Status::InvalidInput);
+}
+
+TEST(Heap, NewtonOfFixedAndBoundedSizesDoesNotUseIt) {
+  expect_no_heap<SpringSystem<double, 2, 1>>(1);
+  expect_no_heap<SpringSystem<double, 2, 4>>(4);
+  expect_no_heap<SpringSystem<double, 2, Eigen::Dynamic, 9>>(4);
+  expect_no_heap<SpringSystem<float, 3, Eigen::Dynamic, 16>>(16);
+  expect_no_heap<SpringSystem<double, 2, Eigen::Dynamic, 64>>(30);
+}
+
+// Also shows that the counter counts.
+TEST(Heap, NewtonOfDynamicSizesUsesItOnce) {
+  using System = SpringSystem<double, 2>;
+  testing::Rng rng(6);
+  const auto random = testing::random_system<System>(rng, Topology<>::full(12));
+  const auto& system = random.system;
+  Newton<System> newton;
+  System::Points x = random.start;
+  EXPECT_GT(allocations_in([&] { newton.solve(system, x); }), 0);
+  x = random.start;
+  EXPECT_EQ(allocations_in([&] { newton.solve(system, x); }), 0);
+}
+
+}  // namespace
+}  // namespace asterism

@@ -1,0 +1,479 @@
+#include <gtest/gtest.h>
+
+#include <Eigen/Cholesky>
+#include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <asterism/solver/ida.hpp>
+#include <asterism/solver/newton.hpp>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+#include "random_system.hpp"
+
+namespace asterism {
+namespace {
+
+using Fixed = SpringSystem<double, 2, 4>;
+
+template <typename System>
+double least_eigenvalue(const System& system, const typename System::Points& x) {
+  const Eigen::MatrixXd H = hessian(system, x).template cast<double>();
+  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues()[0];
+}
+
+TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
+  testing::Rng rng(2);
+  int definite = 0;
+  for (int round = 0; round < 200; ++round) {
+    const auto [system, x] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    detail::NewtonMatrix<Fixed> matrix;
+    matrix.reset(system);
+    Fixed::Points gradient, expected_gradient, step;
+    EXPECT_EQ(matrix.assemble(system, x, false, gradient), energy_and_gradient(system, x, expected_gradient));
+    EXPECT_EQ(gradient, expected_gradient);
+    const auto H = hessian(system, x);
+    const bool is_definite = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues()[0] > 0;
+    EXPECT_EQ(matrix.factorize(), is_definite);
+    Fixed::Points direction;
+    if (is_definite) {
+      ++definite;
+      const double decrement = matrix.solve(step);
+      const Eigen::Map<const Eigen::Matrix<double, 8, 1>> g(gradient.data());
+      const Eigen::Matrix<double, 8, 1> p = H.ldlt().solve(g);
+      EXPECT_LT((Eigen::Map<const Eigen::Matrix<double, 8, 1>>(step.data()) - p).norm(), 1e-9 * p.norm());
+      EXPECT_NEAR(decrement, g.dot(p), 1e-9 * decrement);
+      EXPECT_EQ(matrix.negative_curvature(direction), 0);
+    } else {
+      const double curvature = matrix.negative_curvature(direction);
+      EXPECT_LT(curvature, 0);
+      const Eigen::Map<const Eigen::Matrix<double, 8, 1>> v(direction.data());
+      EXPECT_NEAR(v.dot(H * v), curvature, 1e-8 * H.norm() * v.squaredNorm());
+      EXPECT_GT(matrix.solve(step), 0);  // repaired: a direction of descent
+    }
+    matrix.assemble(system, x, true, gradient);
+    EXPECT_TRUE(matrix.factorize());
+  }
+  EXPECT_GT(definite, 20);
+  EXPECT_LT(definite, 180);
+}
+
+// One code path unrolled, one with loops.
+TEST(NewtonMatrix, SizesAgree) {
+  testing::Rng rng(3);
+  for (int round = 0; round < 50; ++round) {
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    const auto check = [&, &fixed = system, &from = start]<typename Other>(std::type_identity<Other>) {
+      Other other(Other::TopologyType::full(4));
+      other.anchors = fixed.anchors;
+      other.anchor_stiffness = fixed.anchor_stiffness;
+      other.rest_length = fixed.rest_length;
+      other.link_stiffness = fixed.link_stiffness;
+      Fixed::Points x = from;
+      typename Other::Points y = from;
+      Newton(fixed).solve(fixed, x);
+      Newton<Other>().solve(other, y);
+      EXPECT_LT((x - y).norm(), 1e-7);
+    };
+    check(std::type_identity<SpringSystem<double, 2>>());
+    check(std::type_identity<SpringSystem<double, 2, Eigen::Dynamic, 16>>());
+  }
+}
+
+struct Tally {
+  int same = 0;
+  int converged = 0;
+  std::vector<int> evaluations;
+  int percentile(double p) {
+    std::sort(evaluations.begin(), evaluations.end());
+    return evaluations[static_cast<std::size_t>(p * static_cast<double>(evaluations.size() - 1))];
+  }
+};
+
+Tally against_ida(testing::Kind kind, int systems) {
+  testing::Rng rng(4);
+  Newton<Fixed> newton;
+  Ida<Fixed> ida;
+  Tally tally;
+  for (int round = 0; round < systems; ++round) {
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), kind);
+    auto x = start;
+    auto y = start;
+    const Summary summary = newton.solve(system, x);
+    const Summary by_ida = ida.solve(system, y);
+    EXPECT_LE(summary.final_energy, summary.initial_energy);
+    EXPECT_EQ(summary.positive_definite, 1) << summary;
+    EXPECT_GT(least_eigenvalue(system, x), 0);
+    tally.converged += summary.status == Status::Converged;
+    tally.same += std::abs(summary.final_energy - by_ida.final_energy) <= 1e-6 * by_ida.final_energy;
+    tally.evaluations.push_back(summary.gradient_evaluations);
+  }
+  return tally;
+}
+
+TEST(Newton, ReachesIdasMinimumInFewEvaluations) {
+  auto lit = against_ida(testing::Kind::Lit, 1000);
+  EXPECT_EQ(lit.converged, 1000);
+  EXPECT_GE(lit.same, 990);
+  EXPECT_LE(lit.percentile(0.5), 8);
+  auto track = against_ida(testing::Kind::Track, 1000);
+  EXPECT_EQ(track.converged, 1000);
+  EXPECT_GE(track.same, 990);
+  EXPECT_LE(track.percentile(0.5), 4);
+  EXPECT_LE(track.percentile(0.95), 6);
+}
+
+TEST(Newton, WeakAnchorsCostLittle) {
+  for (const double weakness : {1e-4, 1e-6, 1e-8, 1e-10, 1e-12}) {
+    testing::Rng rng(5);
+    Newton<Fixed> newton;
+    Tally tally;
+    for (int round = 0; round < 500; ++round) {
+      auto [system, x] = testing::random_system<Fixed>(rng, Topology<4>::full());
+      system.anchor_stiffness *= weakness;
+      const Summary summary = newton.solve(system, x);
+      tally.converged += summary.status == Status::Converged;
+      tally.evaluations.push_back(summary.gradient_evaluations);
+      Newton<Fixed> finer;
+      finer.options.tolerance = 1e-14;
+      auto y = x;
+      const Summary polished = finer.solve(system, y);
+      EXPECT_LE(summary.final_energy, polished.final_energy * (1 + 1e-6));
+    }
+    EXPECT_EQ(tally.converged, 500) << weakness;
+    EXPECT_LE(tally.percentile(0.5), 13) << weakness;
+    EXPECT_LE(tally.percentile(0.95), 32) << weakness;
+  }
+}
+
+TEST(Newton, EnergyFallsFromIterationToIteration) {
+  for (const auto kind : {testing::Kind::Lit, testing::Kind::Disp}) {
+    testing::Rng rng(6);
+    for (int round = 0; round < 100; ++round) {
+      const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), kind);
+      double last = energy(system, start);
+      for (int count = 1; count < 12; ++count) {
+        Newton<Fixed> newton;
+        newton.options.max_iterations = count;
+        auto x = start;
+        const Summary summary = newton.solve(system, x);
+        EXPECT_LE(summary.final_energy, last * (1 + 1e-13));
+        EXPECT_LE(summary.iterations, count);
+        last = summary.final_energy;
+      }
+    }
+  }
+}
+
+template <typename System>
+class NewtonOf : public ::testing::Test {};
+using Systems = ::testing::Types<SpringSystem<float, 2, 4>, SpringSystem<double, 3, 4>,
+                                 SpringSystem<double, 2>, SpringSystem<float, 3, Eigen::Dynamic, 8>>;
+TYPED_TEST_SUITE(NewtonOf, Systems);
+
+TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
+  constexpr bool kDouble = std::is_same_v<typename TypeParam::Scalar, double>;
+  constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
+  testing::Rng rng(7);
+  Newton<TypeParam> newton;
+  int converged = 0;
+  for (int round = 0; round < 100; ++round) {
+    const auto [system, start] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+    auto x = start;
+    const Summary summary = newton.solve(system, x);
+    EXPECT_TRUE(summary.usable()) << summary;
+    converged += summary.status == Status::Converged;
+    EXPECT_LE(summary.final_energy, summary.initial_energy);
+    EXPECT_EQ(summary.final_energy, double(energy(system, x)));
+    EXPECT_EQ(summary.gradient_norm, double(gradient(system, x).norm()));
+    if (summary.status == Status::Converged) {
+      EXPECT_EQ(summary.positive_definite, 1);
+      EXPECT_GT(least_eigenvalue(system, x), 0);
+    }
+  }
+  EXPECT_GE(converged, kDouble ? 100 : 98);
+}
+
+TYPED_TEST(NewtonOf, ZeroRestLengthsAreAQuadratic) {
+  constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
+  testing::Rng rng(8);
+  auto [system, x] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+  system.rest_length.setZero();
+  const Summary summary = Newton<TypeParam>().solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_LE(summary.iterations, 2);
+}
+
+TYPED_TEST(NewtonOf, CoincidentNodesPart) {
+  constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
+  testing::Rng rng(9);
+  for (int round = 0; round < 20; ++round) {
+    auto [system, x] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+    x.colwise() = x.col(0).eval();
+    const Summary summary = Newton<TypeParam>().solve(system, x);
+    EXPECT_TRUE(summary.usable()) << summary;
+    EXPECT_LT(summary.final_energy, summary.initial_energy);
+    system.anchors.setConstant(5);  // nothing but the node numbers to tell them apart
+    x = system.anchors;
+    const Summary collapsed = Newton<TypeParam>().solve(system, x);
+    EXPECT_TRUE(collapsed.usable()) << collapsed;
+    EXPECT_TRUE(x.allFinite());
+    EXPECT_LT(collapsed.final_energy, collapsed.initial_energy);
+  }
+}
+
+// All on a line, in the wrong order: IDA cannot leave the line.
+TEST(Newton, LeavesTheLineThatIdaStaysOn) {
+  Fixed system(Topology<4>::full());
+  system.anchors << 0, 10, 20, 30, 0, 0, 0, 0;
+  system.anchor_stiffness.setConstant(0.01);
+  Fixed::Points square;
+  square << 0, 20, 20, 0, 0, 0, 20, 20;
+  system.set_rest_lengths(square);
+  system.link_stiffness.setOnes();
+  Fixed::Points x = system.anchors;
+  const Summary ida = solve_ida(system, x);
+  ASSERT_EQ(ida.status, Status::Converged);
+  EXPECT_EQ(ida.positive_definite, -1);
+  EXPECT_LT(least_eigenvalue(system, x), -0.1);
+
+  // From the line and from the saddle itself, alike every time.
+  for (const Fixed::Points& start : {system.anchors, x}) {
+    Fixed::Points y = start;
+    const Summary newton = Newton(system).solve(system, y);
+    EXPECT_EQ(newton.status, Status::Converged) << newton;
+    EXPECT_EQ(newton.positive_definite, 1);
+    EXPECT_LT(newton.final_energy, 0.2 * ida.final_energy);
+    EXPECT_GT(least_eigenvalue(system, y), 0);
+    Fixed::Points again = start;
+    Newton(system).solve(system, again);
+    EXPECT_EQ(again, y);
+  }
+
+  NewtonOptions options;
+  options.escape_saddles = false;
+  Fixed::Points y = x;
+  const Summary kept = Newton(system, options).solve(system, y);
+  EXPECT_EQ(kept.status, Status::Converged);
+  EXPECT_EQ(kept.positive_definite, 0);
+  EXPECT_EQ(y, x);
+}
+
+// N = 2 between its anchors the wrong way round: the counterexample to convexity.
+TEST(Newton, LeavesTheSaddleOfTwoNodes) {
+  SpringSystem<double, 2> system(Topology<>::full(2));
+  system.anchors << -0.1, 0.1, 0, 0;
+  system.anchor_stiffness.setConstant(0.01);
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  Eigen::Matrix2Xd x(2, 2);
+  x << 0.5, -0.5, 0, 0;
+  NewtonOptions options;
+  options.align = false;
+  const Summary summary = Newton(system, options).solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_NEAR(summary.final_energy, 0.0016, 1e-4);
+}
+
+TEST(Newton, FlatDirectionsAreNoSaddles) {
+  SpringSystem<double, 2> system(Topology<>::full(2));  // two nodes on one anchor: a circle of minimisers
+  system.anchors.setZero();
+  system.anchor_stiffness.setOnes();
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  Eigen::Matrix2Xd x(2, 2);
+  x << 0.2, -0.3, 0.1, 0.2;
+  const Summary summary = Newton(system).solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_NEAR(summary.final_energy, 1.0 / 6, 1e-9);
+}
+
+TEST(Newton, MovesWithTheSystem) {
+  testing::Rng rng(10);
+  for (int round = 0; round < 20; ++round) {
+    auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    Fixed::Points minimum = start;
+    solve_ida(system, minimum);
+    start = minimum + testing::random_points<Fixed>(rng, 4, -0.02, 0.02);
+    auto x = start;
+    const Summary summary = Newton(system).solve(system, x);
+    for (const double s : {1e-6, 1e5}) {
+      auto scaled = system;
+      scaled.anchors *= s;
+      scaled.rest_length *= s;
+      Fixed::Points y = start * s;
+      EXPECT_EQ(Newton(scaled).solve(scaled, y).iterations, summary.iterations);
+      EXPECT_LT((y - x * s).norm(), 1e-6 * s);
+      auto stiff = system;
+      stiff.anchor_stiffness *= s;
+      stiff.link_stiffness *= s;
+      y = start;
+      EXPECT_EQ(Newton(stiff).solve(stiff, y).iterations, summary.iterations);
+      EXPECT_LT((y - x).norm(), 1e-6);
+    }
+    Eigen::Matrix2d rotation;
+    rotation << 0.28, -0.96, 0.96, 0.28;
+    auto moved = system;
+    moved.anchors = (rotation * system.anchors).array() + 4;
+    Fixed::Points y = (rotation * start).array() + 4;
+    EXPECT_NEAR(Newton(moved).solve(moved, y).iterations, summary.iterations, 1);
+    EXPECT_LT((y - Fixed::Points((rotation * x).array() + 4)).norm(), 1e-6);
+  }
+}
+
+TEST(Newton, AlignmentMirrorsOnlyIfAllowed) {
+  testing::Rng rng(11);
+  auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  system.anchor_stiffness *= 1e-4;
+  system.set_rest_lengths(system.anchors);
+  Fixed::Points mirrored = system.anchors;
+  mirrored.row(0) *= -1;
+  NewtonOptions options;
+  Fixed::Points x = mirrored;
+  EXPECT_GT(Newton(system, options).solve(system, x).final_energy, 1e-6);
+  options.allow_reflection = true;
+  x = mirrored;
+  EXPECT_LT(Newton(system, options).solve(system, x).final_energy, 1e-15);
+}
+
+TEST(Newton, BadInputLeavesXAlone) {
+  testing::Rng rng(12);
+  const auto [good, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  Newton<Fixed> newton;
+  for (int what = 0; what < 6; ++what) {
+    auto system = good;
+    auto x = start;
+    Newton<Fixed>& solver = newton;
+    solver.options = NewtonOptions();
+    if (what == 0) system.link_stiffness[2] = -1;
+    if (what == 1) system.anchors(0, 1) = std::numeric_limits<double>::quiet_NaN();
+    if (what == 2) system.anchor_stiffness.setZero();
+    if (what == 3) solver.options.tolerance = -1;
+    if (what == 4) solver.options.max_iterations = -1;
+    if (what == 5) system.rest_length[0] = std::numeric_limits<double>::infinity();
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(summary.status, Status::InvalidInput) << what;
+    EXPECT_EQ(summary.positive_definite, -1);
+    EXPECT_EQ(x, start);
+  }
+  for (int what = 0; what < 4; ++what) {
+    constexpr double kHuge = std::numeric_limits<double>::max() / 2;
+    auto system = good;
+    auto x = start;
+    newton.options = NewtonOptions();
+    if (what == 0) system.anchors.setConstant(kHuge);
+    if (what == 1) system.rest_length.setConstant(kHuge);
+    if (what == 2) system.link_stiffness.setConstant(kHuge);
+    if (what == 3) x *= kHuge;
+    const auto before = x;
+    EXPECT_EQ(newton.solve(system, x).status, Status::NumericalFailure) << what;
+    EXPECT_EQ(x, before);
+  }
+}
+
+TEST(Newton, IterationLimits) {
+  testing::Rng rng(13);
+  const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  Newton<Fixed> newton;
+  newton.options.max_iterations = 0;
+  auto x = start;
+  Summary summary = newton.solve(system, x);
+  EXPECT_EQ(summary.status, Status::MaxIterations);
+  EXPECT_EQ(x, start);
+  newton.options.max_iterations = 2;
+  summary = newton.solve(system, x);
+  EXPECT_EQ(summary.status, Status::MaxIterations);
+  EXPECT_EQ(summary.iterations, 2);
+  EXPECT_EQ(summary.positive_definite, -1);
+}
+
+TEST(Newton, StaysAtAStationaryPoint) {
+  testing::Rng rng(14);
+  auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  system.set_rest_lengths(system.anchors);
+  Fixed::Points x = system.anchors;
+  const Summary summary = Newton(system).solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_EQ(summary.iterations, 0);
+  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(x, system.anchors);
+}
+
+TEST(Newton, ExtremesOfStiffness) {
+  testing::Rng rng(15);
+  for (int round = 0; round < 50; ++round) {
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    for (const double factor : {1e-25, 1e-16, 1e12}) {
+      auto extreme = system;
+      extreme.anchor_stiffness *= factor;
+      auto x = start;
+      const Summary summary = Newton(extreme).solve(extreme, x);
+      EXPECT_TRUE(summary.usable()) << summary;
+      EXPECT_TRUE(x.allFinite());
+      EXPECT_LE(summary.final_energy, summary.initial_energy);
+    }
+    auto stiff = system;
+    stiff.link_stiffness[0] = 1e14;
+    stiff.rest_length[0] = 1e-6;
+    auto x = start;
+    EXPECT_TRUE(Newton(stiff).solve(stiff, x).usable());
+  }
+}
+
+TEST(Newton, OneNodeAndNoLinks) {
+  SpringSystem<double, 2, 1> system(Topology<1>::full());
+  system.anchors << 3, 4;
+  system.anchor_stiffness.setOnes();
+  SpringSystem<double, 2, 1>::Points x;
+  x << -1, 7;
+  EXPECT_EQ(Newton(system).solve(system, x).status, Status::Converged);
+  EXPECT_LT((x - system.anchors).norm(), 1e-12);
+}
+
+TEST(IdaRelaxation, IsMonotoneAndFaster) {
+  testing::Rng rng(16);
+  long plain_iterations = 0;
+  long relaxed_iterations = 0;
+  for (int round = 0; round < 50; ++round) {
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    for (const double w : {0.3, 1.5, 1.95}) {
+      double last = energy(system, start);
+      for (int count = 1; count < 8; ++count) {
+        Ida<Fixed> ida;
+        ida.options.relaxation = w;
+        ida.options.max_iterations = count;
+        auto x = start;
+        const double next = ida.solve(system, x).final_energy;
+        EXPECT_LE(next, last * (1 + 1e-13));
+        last = next;
+      }
+    }
+    IdaOptions options;
+    auto x = start;
+    plain_iterations += Ida(system, options).solve(system, x).iterations;
+    options.relaxation = 1.7;
+    x = start;
+    const Summary summary = Ida(system, options).solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged);
+    relaxed_iterations += summary.iterations;
+  }
+  EXPECT_LT(relaxed_iterations, plain_iterations * 3 / 4);
+}
+
+TEST(IdaRelaxation, OutOfRangeIsRefused) {
+  testing::Rng rng(17);
+  const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  for (const double w : {0.0, -1.0, 2.0, std::nan("")}) {
+    IdaOptions options;
+    options.relaxation = w;
+    auto x = start;
+    const Summary summary = Ida(system, options).solve(system, x);
+    EXPECT_EQ(summary.status, Status::InvalidInput);
+    EXPECT_EQ(summary.message, "option relaxation is not between 0 and 2");
+    EXPECT_EQ(x, start);
+  }
+}
+
+}  // namespace
+}  // namespace asterism
