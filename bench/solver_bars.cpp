@@ -70,12 +70,12 @@ template <typename Solver, typename System>
 ToGap to_gap(const std::vector<RandomSystem<System>>& systems, int repeats) {
   Solver solver;
   std::vector<double> iterations, seconds;
-  for (const auto& [system, start] : systems) {
+  for (const RandomSystem<System>& sample : systems) {
     const auto energy_after = [&](int count, double tolerance) {
       solver.options.max_iterations = count;
       solver.options.tolerance = tolerance;
-      auto x = start;
-      return solver.solve(system, x).final_energy;
+      auto x = sample.start;
+      return solver.solve(sample.system, x).final_energy;
     };
     const double target = (1 + kGap) * energy_after(100000, 1e-10);
     int enough = 1, too_few = 0;
