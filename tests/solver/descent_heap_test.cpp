@@ -2,48 +2,17 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
-#include <atomic>
-#include <cstddef>
 
+#include "counting_allocator.hpp"
 #include "random_system.hpp"
-
-#if defined(__SANITIZE_ADDRESS__)
-#define ASTERISM_TEST_ASAN
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ASTERISM_TEST_ASAN
-#endif
-#endif
-
-namespace {
-std::atomic<long> allocations{0};
-}
-
-#ifndef ASTERISM_TEST_ASAN
-// glibc lets a program replace malloc; operator new and Eigen come through it.
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_realloc(void*, std::size_t);
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* realloc(void* memory, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(memory, size);
-}
-}
-#endif
 
 namespace asterism {
 namespace {
 
 template <typename Solver, typename System>
 long allocations_in_solve(Solver& solver, const System& system, typename System::Points& x) {
-  const long before = allocations;
-  const Summary summary = solver.solve(system, x);
-  const long count = allocations - before;
+  Summary summary;
+  const long count = testing::allocations_in([&] { summary = solver.solve(system, x); });
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   return count;
 }

@@ -3,66 +3,14 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver/newton.hpp>
-#include <atomic>
-#include <cstddef>
 
+#include "counting_allocator.hpp"
 #include "random_system.hpp"
-
-#if defined(__SANITIZE_ADDRESS__)
-#define ASTERISM_TEST_ASAN
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ASTERISM_TEST_ASAN
-#endif
-#endif
-
-namespace {
-std::atomic<long> allocations{0};
-}
-
-#ifdef ASTERISM_TEST_ASAN
-extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*, std::size_t),
-                                                         void (*on_free)(const volatile void*));
-namespace {
-[[maybe_unused]] const int kHook = __sanitizer_install_malloc_and_free_hooks(
-    [](const volatile void*, std::size_t) { ++allocations; }, [](const volatile void*) {});
-}
-#else
-// glibc lets a program replace malloc; operator new and Eigen come through it.
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-void* __libc_realloc(void*, std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-void* realloc(void* memory, std::size_t size) {
-  ++allocations;
-  return __libc_realloc(memory, size);
-}
-void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  ++allocations;
-  return __libc_memalign(alignment, size);
-}
-}
-#endif
 
 namespace asterism {
 namespace {
 
-template <typename Solve>
-long allocations_in(Solve&& solve) {
-  const long before = allocations;
-  solve();
-  return allocations - before;
-}
+using testing::allocations_in;
 
 template <typename System>
 void expect_no_heap(int n) {
