@@ -46,9 +46,6 @@ TEST(DescentHeap, FixedAndBoundedSizesDoNotUseIt) {
 
 // Also shows that the counter counts.
 TEST(DescentHeap, DynamicSizesUseItOnce) {
-#ifdef ASTERISM_TEST_ASAN
-  GTEST_SKIP() << "the sanitizer's malloc is not counted";
-#endif
   using System = SpringSystem<double, 2>;
   testing::Rng rng(6);
   const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(30));
