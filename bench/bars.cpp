@@ -1,0 +1,64 @@
+#include "bars.hpp"
+
+#include <algorithm>
+#include <cstdarg>
+#include <cstddef>
+#include <cstdio>
+
+namespace asterism::bench {
+
+double cpu_seconds() {
+  std::timespec t{};
+  clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+  return static_cast<double>(t.tv_sec) + 1e-9 * static_cast<double>(t.tv_nsec);
+}
+
+double percentile(std::vector<double> values, double p) {
+  const auto at = static_cast<std::ptrdiff_t>(p * static_cast<double>(values.size() - 1));
+  std::nth_element(values.begin(), values.begin() + at, values.end());
+  return values[static_cast<std::size_t>(at)];
+}
+
+double median(std::vector<double> values) { return percentile(std::move(values), 0.5); }
+
+std::string format(const char* pattern, ...) {
+  char text[200];
+  std::va_list values;
+  va_start(values, pattern);
+  std::vsnprintf(text, sizeof text, pattern, values);
+  va_end(values);
+  return text;
+}
+
+void Bars::line(const std::string& name, const std::string& measured, const std::string& bar,
+                const std::string& aim, bool met, bool aim_met) {
+  std::printf("%-46s %-42s %-22s %-14s %s\n", name.c_str(), measured.c_str(), bar.c_str(), aim.c_str(),
+              !met      ? "NOT MET"
+              : aim_met ? "met, and the aim"
+                        : "met");
+  std::fflush(stdout);
+  missed_ += !met;
+}
+
+// The patterns are literals of the callers.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wformat-nonliteral"
+void Bars::at_most(const std::string& name, const char* pattern, double measured, double bar, double aim) {
+  line(name, format(pattern, measured), "<= " + format(pattern, bar), format(pattern, aim), measured <= bar,
+       measured <= aim);
+}
+
+void Bars::at_least(const std::string& name, const char* pattern, double measured, double bar, double aim) {
+  line(name, format(pattern, measured), ">= " + format(pattern, bar), format(pattern, aim), measured >= bar,
+       measured >= aim);
+}
+#pragma GCC diagnostic pop
+
+void Bars::times_faster(const std::string& name, double seconds, double other_seconds, double bar,
+                        double aim) {
+  const double ratio = other_seconds / seconds;
+  line(name, format("%.3g x (%.3g us against %.3g us)", ratio, 1e6 * seconds, 1e6 * other_seconds),
+       format(">= %g x", bar), format("%g x", aim), ratio >= bar, ratio >= aim);
+}
+
+}  // namespace asterism::bench

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <ctime>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "../tests/solver/random_system.hpp"
+
+namespace asterism::bench {
+
+/// CPU time of this thread [s].
+double cpu_seconds();
+double median(std::vector<double> values);
+/// The value below which the share p of `values` lies.
+double percentile(std::vector<double> values, double p);
+/// printf into a string.
+[[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
+
+/// What the solvers are measured by: prints a line a bar with what was measured, the bar, the aim beyond it,
+/// and whether they are met.
+class Bars {
+ public:
+  /// With `quick`, fewer systems; of the groups of bars, those whose name contains `filter`.
+  Bars(bool quick, std::string filter) : quick_(quick), filter_(std::move(filter)) {}
+
+  bool quick() const { return quick_; }
+  bool wanted(std::string_view group) const { return group.find(filter_) != std::string_view::npos; }
+  int missed() const { return missed_; }
+
+  void line(const std::string& name, const std::string& measured, const std::string& bar,
+            const std::string& aim, bool met, bool aim_met);
+  /// A figure that has to be small; `pattern` prints it, as "%.3g us".
+  void at_most(const std::string& name, const char* pattern, double measured, double bar, double aim);
+  /// A figure that has to be large.
+  void at_least(const std::string& name, const char* pattern, double measured, double bar, double aim);
+  /// A solver's time against another's in the same run: at least `bar` times faster, `aim` times hoped for.
+  void times_faster(const std::string& name, double seconds, double other_seconds, double bar, double aim);
+
+ private:
+  bool quick_;
+  std::string filter_;
+  int missed_ = 0;
+};
+
+/// `count` systems of a kind, of one seed.
+template <typename System>
+std::vector<testing::RandomSystem<System>> samples(int count, const typename System::TopologyType& topology,
+                                                   testing::Kind kind) {
+  testing::Rng rng(1);
+  std::vector<testing::RandomSystem<System>> result;
+  result.reserve(static_cast<std::size_t>(count));
+  for (int i = 0; i < count; ++i) result.push_back(testing::random_system<System>(rng, topology, kind));
+  return result;
+}
+
+// The groups, one a file.
+void small_bars(Bars& bars);
+void dense_bars(Bars& bars);
+void sparse_bars(Bars& bars);
+void batch_bars(Bars& bars);
+void robustness_bars(Bars& bars);
+
+}  // namespace asterism::bench

@@ -1,0 +1,53 @@
+// Random systems with a defect each: no NaN, no energy increase, the tolerance kept; the same minimum as Ida.
+#include <asterism/solver.hpp>
+#include <cmath>
+
+#include "bars.hpp"
+
+namespace asterism::bench {
+
+void robustness_bars(Bars& bars) {
+  if (!bars.wanted("robustness")) return;
+  using System = SpringSystem<double, 2, 4>;
+  using testing::Kind;
+  const int count = bars.quick() ? 10000 : 1000000;
+  testing::Rng rng(7);
+  int bad = 0, converged = 0, plain = 0, same = 0, saddles = 0;
+  Newton<System> newton;
+  Ida<System> ida;
+  for (int i = 0; i < count; ++i) {
+    auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(),
+                                                          i % 2 == 0 ? Kind::Lit : Kind::Track);
+    const int defect = i % 20;
+    if (defect == 2) start.col(1) = start.col(0);
+    if (defect == 4) system.anchors.col(1) = system.anchors.col(0);
+    if (defect == 6) system.rest_length.setZero();
+    if (defect == 8) start.row(1).setZero(), system.anchors.row(1).setZero();
+    if (defect == 10) system.link_stiffness[0] = 1e14;
+    if (defect == 12) system.anchor_stiffness *= 1e-12;
+    if (defect == 14) system.link_stiffness.setZero();
+    if (defect == 16) start.setZero(), system.anchors.setZero();
+    auto x = start;
+    const Summary summary = newton.solve(system, x);
+    bad += !summary.usable() || !x.allFinite() ||
+           !(summary.final_energy <= summary.initial_energy * (1 + 1e-12));
+    converged += summary.status == Status::Converged;
+    if (summary.status == Status::Converged && defect != 16) {
+      const Eigen::SelfAdjointEigenSolver<DenseHessian<System>> modes(hessian(system, x),
+                                                                      Eigen::EigenvaluesOnly);
+      saddles += modes.eigenvalues()[0] < -1e-6 * modes.eigenvalues().tail<1>()[0];
+    }
+    if (defect == 0 && plain < 10000) {
+      auto by_ida = start;
+      const double expected = ida.solve(system, by_ida).final_energy;
+      ++plain;
+      same += std::abs(summary.final_energy - expected) <= 1e-6 * expected;
+    }
+  }
+  bars.at_most(format("%d systems: NaN or a rise of energy", count), "%g", bad, 0, 0);
+  bars.at_least("converged to the tolerance", "%.4f %%", 100.0 * converged / count, 99.9, 100);
+  bars.at_most("saddles reported as converged", "%g", saddles, 0, 0);
+  bars.at_least("the minimum of Ida (N=4 LIT)", "%.2f %%", 100.0 * same / plain, 99, 99.9);
+}
+
+}  // namespace asterism::bench

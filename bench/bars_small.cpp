@@ -1,0 +1,81 @@
+// One small system: four nodes in the plane, fixed size, double.
+#include <asterism/solver.hpp>
+
+#ifdef ASTERISM_BENCH_CERES
+#include <asterism/solver/ceres.hpp>
+#endif
+
+#include <algorithm>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "bars.hpp"
+#include "to_gap.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+using testing::Kind;
+
+void speed(Bars& bars) {
+  using System = SpringSystem<double, 2, 4>;
+  for (const Kind kind : {Kind::Lit, Kind::Track}) {
+    const bool lit = kind == Kind::Lit;
+    const std::string name = lit ? "N=4 LIT Newton" : "N=4 TRACK Newton";
+    const auto systems = samples<System>(bars.quick() ? 200 : 2000, System::TopologyType::full(), kind);
+    const ToGap newton = to_gap<Newton<System>>(systems, 20), ida = to_gap<Ida<System>>(systems, 20);
+    bars.at_most(name + ", to a gap of 1e-6, mean", "%.3g us", 1e6 * newton.mean_seconds, lit ? 0.9 : 0.5,
+                 lit ? 0.6 : 0.35);
+    bars.times_faster(name + " against Ida, mean", newton.mean_seconds, ida.mean_seconds, lit ? 3 : 10,
+                      lit ? 3 : 10);
+#ifdef ASTERISM_BENCH_CERES
+    using Ceres = reference::Ceres<System, reference::CeresMethod::LevenbergMarquardtDense>;
+    const std::vector few(systems.begin(), systems.begin() + 100);
+    bars.times_faster(name + " against Ceres dense LM, median", newton.median_seconds,
+                      to_gap<Ceres>(few, 3).median_seconds, lit ? 45 : 25, lit ? 45 : 25);
+#endif
+  }
+}
+
+template <typename System>
+void weak_anchors(Bars& bars, const std::string& name, int nodes, bool is_bar) {
+  for (const double weakness : {1e-4, 1e-6, 1e-8, 1e-10, 1e-12}) {
+    auto systems = samples<System>(bars.quick() ? 200 : 1000, System::TopologyType::full(nodes), Kind::Lit);
+    std::vector<double> evaluations, gaps;
+    for (auto& [system, start] : systems) {
+      system.anchor_stiffness *= weakness;
+      Newton<System> solver;
+      auto x = start;
+      const Summary summary = solver.solve(system, x);
+      evaluations.push_back(summary.gradient_evaluations);
+      solver.options.tolerance = 0;
+      solver.options.max_iterations = 200;
+      auto best = x;
+      const double least = solver.solve(system, best).final_energy;
+      gaps.push_back((summary.final_energy - least) / std::max(least, std::numeric_limits<double>::min()));
+    }
+    const double half = median(evaluations), tail = percentile(evaluations, 0.95);
+    const double gap = percentile(gaps, 0.99);
+    const auto verdict = [&](const std::string& what, const std::string& measured, const std::string& wanted,
+                             bool met) {
+      bars.line(name + format(", anchors x %g, ", weakness) + what, measured, is_bar ? wanted : "-",
+                is_bar ? "-" : wanted, met || !is_bar, met);
+    };
+    verdict("evaluations", format("median %.0f, 95 %% %.0f", half, tail), "10, 30", half <= 10 && tail <= 30);
+    verdict("gap", format("99 %% %.1e", gap), "<= 1e-12", gap <= 1e-12);
+  }
+}
+
+}  // namespace
+
+void small_bars(Bars& bars) {
+  if (!bars.wanted("small")) return;
+  speed(bars);
+  weak_anchors<SpringSystem<double, 2, 4>>(bars, "N=4", 4, true);
+  weak_anchors<SpringSystem<double, 2>>(bars, "N=16", 16, false);
+  weak_anchors<SpringSystem<double, 3, 4>>(bars, "N=4, 3-D", 4, false);
+}
+
+}  // namespace asterism::bench
