@@ -4,6 +4,7 @@
 #include <Eigen/SVD>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/energy.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <limits>
@@ -81,13 +82,21 @@ template <typename System>
 bool align(const System& system, typename System::Points& x, bool allow_reflection) {
   using Scalar = typename System::Scalar;
   using Point = typename System::Point;
+  if (system.fixed_count() != 0) return false;
   const int n = system.nodes();
+  // An anchor's spring, or the one that lies above its loss here: lowering these lowers that.
+  const auto weight = [&](int i) {
+    const Scalar k = system.anchor_stiffness[i];
+    if constexpr (System::kPlainAnchors) return k;
+    const Point d = x.col(i) - system.anchors.col(i);
+    return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
+  };
   Scalar total = 0;
   Scalar extent = 0;
   Point centre = Point::Zero();
   Point anchor_centre = Point::Zero();
   for (int i = 0; i < n; ++i) {
-    const Scalar k = system.anchor_stiffness[i];
+    const Scalar k = weight(i);
     if (!(k > 0)) continue;  // its anchor means nothing
     total += k;
     centre += k * x.col(i);
@@ -104,14 +113,14 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   Scalar anchor_spread = 0;
   Scalar before = 0;
   for (int i = 0; i < n; ++i) {
-    const Scalar k = system.anchor_stiffness[i];
+    const Scalar k = weight(i);
     if (!(k > 0)) continue;
     const Point p = x.col(i) - centre;
     const Point q = system.anchors.col(i) - anchor_centre;
     M += (k * q) * p.transpose();
     spread += k * p.squaredNorm();
     anchor_spread += k * q.squaredNorm();
-    before += k * (x.col(i) - system.anchors.col(i)).squaredNorm();
+    before += anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
   }
   // On one point up to rounding: nothing to turn.
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
@@ -121,8 +130,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 
   Scalar after = 0;
   for (int i = 0; i < n; ++i) {
-    const Scalar k = system.anchor_stiffness[i];
-    if (k > 0) after += k * (R * (x.col(i) - centre) + anchor_centre - system.anchors.col(i)).squaredNorm();
+    if (!(system.anchor_stiffness[i] > 0)) continue;
+    const Point moved = R * (x.col(i) - centre) + anchor_centre;
+    after += anchor_force(system, i, moved - system.anchors.col(i)).energy;
   }
   if (!(after < before)) return false;
   for (int i = 0; i < n; ++i) x.col(i) = R * (x.col(i) - centre) + anchor_centre;
@@ -138,7 +148,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 ///
 /// Where the nodes that hang on anchors, or those anchors, coincide (also: one anchor alone has stiffness), x
 /// is moved and not turned; where no rigid motion is better, without any anchor stiffness, or for numbers
-/// that overflow, x is returned as it is.
+/// that overflow, x is returned as it is, and so it is with fixed nodes. For a robust loss the anchors count
+/// as the springs that lie above it at x, for information matrices as their largest eigenvalue, and x is
+/// returned as it is where that does not lower the energy.
 template <typename System>
 typename System::Points rigid_alignment(const System& system, const typename System::Points& x,
                                         bool allow_reflection = false) {

@@ -32,6 +32,8 @@ class DenseCholesky {
       stiffness_(link.i, link.j) -= k;
       stiffness_(link.j, link.i) -= k;
     }
+    if (system.fixed_count() != 0) [[unlikely]]
+      isolate_fixed(system);
     cholesky_.compute(stiffness_);
     if (cholesky_.info() != Eigen::Success) return false;
     // A pivot that is rounding alone: the anchors are too weak for the springs in this scalar.
@@ -57,6 +59,16 @@ class DenseCholesky {
   }
 
  private:
+  // The matrix of the other nodes alone; the gradient of a fixed one is zero, and so is its step.
+  void isolate_fixed(const System& system) {
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (!system.is_fixed(i)) continue;
+      stiffness_.row(i).setZero();
+      stiffness_.col(i).setZero();
+      stiffness_(i, i) = 1;
+    }
+  }
+
   static constexpr int kInverseUpTo = 16;
   using Matrix = Eigen::Matrix<Scalar, System::kNodes, System::kNodes, Eigen::ColMajor, System::kMaxNodes,
                                System::kMaxNodes>;

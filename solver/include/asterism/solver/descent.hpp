@@ -18,6 +18,7 @@ namespace asterism::inline ASTERISM_ABI {
 template <typename System>
 class JacobiMetric {
  public:
+  using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
   static constexpr std::string_view kName = "Jacobi";
@@ -25,7 +26,7 @@ class JacobiMetric {
   /// False where the diagonal leaves the range of the scalar.
   bool factorize(const System& system) {
     detail::node_stiffness(system, inverse_);
-    inverse_ = inverse_.cwiseInverse();
+    for (auto& k : inverse_) k = 1 / (k > 0 ? k : Scalar(1));  // a fixed node may have none
     return inverse_.allFinite();
   }
 

@@ -76,6 +76,85 @@ Spring<System> spring(const System& system, Link link, const typename System::Po
   return {length, d * (Scalar(1) / length)};
 }
 
+/// S d with the anchor's shape S.
+template <typename System>
+typename System::Point anchor_shaped(const System& system, int i, const typename System::Point& d) {
+  if constexpr (System::kAnisotropic) {
+    return system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i) * d;
+  } else {
+    return d;
+  }
+}
+
+/// Energy and gradient of node i's anchor with d = x_i - a_i.
+template <typename System>
+struct AnchorForce {
+  typename System::Scalar energy;
+  typename System::Point gradient;
+};
+
+template <typename System>
+AnchorForce<System> anchor_force(const System& system, int i, const typename System::Point& d) {
+  const typename System::Scalar k = system.anchor_stiffness[i];
+  if constexpr (System::kPlainAnchors) {
+    return {k * d.squaredNorm() / 2, k * d};
+  } else {
+    const typename System::Point shaped = anchor_shaped(system, i, d);
+    const auto loss = system.anchor_loss(d.dot(shaped));
+    return {k * loss.value / 2, (k * loss.first) * shaped};
+  }
+}
+
+/// d2E/dx_i2 of node i's anchor, of 1/2 k rho(d^T S d): k (rho' S + 2 rho'' S d (S d)^T). With `clamp`
+/// without the second term, which is negative.
+template <typename System>
+auto anchor_curvature(const System& system, int i, const typename System::Point& d, bool clamp) {
+  using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim>;
+  const typename System::Scalar k = system.anchor_stiffness[i];
+  if constexpr (System::kPlainAnchors) {
+    return Block(k * Block::Identity());
+  } else {
+    const typename System::Point shaped = anchor_shaped(system, i, d);
+    const auto loss = system.anchor_loss(d.dot(shaped));
+    Block block = Block::Identity();
+    if constexpr (System::kAnisotropic)
+      block = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
+    block *= k * loss.first;
+    if (!clamp) block += (2 * k * loss.second) * shaped * shaped.transpose();
+    return block;
+  }
+}
+
+/// The force and the curvatures of link l at length r: along it, and across it, where a link that pulls at
+/// its end resists sideways as well.
+template <typename Scalar>
+struct LinkForce {
+  Scalar energy;
+  Scalar tension;
+  Scalar along;
+  Scalar across;  // has no limit at r = 0; taken as 0 where the link pushes there
+};
+
+template <typename System>
+LinkForce<typename System::Scalar> link_force(const System& system, int l, typename System::Scalar r) {
+  const typename System::Scalar k = system.link_stiffness[l];
+  const auto phi = system.link_potential(r, system.rest_length[l]);
+  const auto ratio = phi.first / r;
+  const auto across =
+      r > 0 && std::isfinite(ratio) ? ratio : (phi.first < 0 ? typename System::Scalar(0) : phi.second);
+  return {k * phi.value, k * phi.first, k * phi.second, k * across};
+}
+
+/// A fixed node does not move, whatever pulls at it.
+template <typename System>
+void clear_fixed(const System& system, typename System::Points& gradient) {
+  if (system.fixed_count() == 0) [[likely]]
+    return;
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) gradient.col(i).setZero();
+  }
+}
+
 /// Gradient and, if wanted, energy (else 0) in one pass over the springs.
 template <bool kWithEnergy, typename System>
 typename System::Scalar evaluate(const System& system, const typename System::Points& x,
@@ -83,45 +162,61 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   using Scalar = typename System::Scalar;
   using Point = typename System::Point;
   gradient.resize(System::kDim, system.nodes());
-  Scalar twice = 0;
+  Scalar energy = 0;
   for (int i = 0; i < system.nodes(); ++i) {
-    const Point d = x.col(i) - system.anchors.col(i);
-    gradient.col(i) = system.anchor_stiffness[i] * d;
-    if constexpr (kWithEnergy) twice += system.anchor_stiffness[i] * d.squaredNorm();
+    const auto anchor = anchor_force(system, i, x.col(i) - system.anchors.col(i));
+    gradient.col(i) = anchor.gradient;
+    if constexpr (kWithEnergy) energy += anchor.energy;
   }
   int l = 0;
   for (const Link& link : system.links()) {
     const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
-    const Scalar stretch = length - system.rest_length[l];
-    const Scalar tension = system.link_stiffness[l] * stretch;
-    const Point force = tension * direction;
+    const auto phi = system.link_potential(length, system.rest_length[l]);
+    const Scalar k = system.link_stiffness[l];
+    const Point force = (k * phi.first) * direction;
     gradient.col(link.i) += force;
     gradient.col(link.j) -= force;
-    if constexpr (kWithEnergy) twice += tension * stretch;
+    if constexpr (kWithEnergy) energy += k * phi.value;
     ++l;
   }
-  return twice / 2;
+  clear_fixed(system, gradient);
+  return energy;
 }
 
 /// Calls add(node, node, block) for the Dim x Dim blocks of the Hessian; a block may come more than once.
+/// With `clamp`, curvature below 0 counts as 0, which makes the matrix positive semi-definite. A fixed node
+/// is coupled to none and has its springs' stiffness on the diagonal.
 template <typename System, typename Add>
-void for_each_hessian_block(const System& system, const typename System::Points& x, Add&& add) {
+void for_each_hessian_block(const System& system, const typename System::Points& x, bool clamp, Add&& add) {
   using Scalar = typename System::Scalar;
   using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim>;
-  for (int i = 0; i < system.nodes(); ++i) add(i, i, Block(system.anchor_stiffness[i] * Block::Identity()));
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) [[unlikely]] {
+      const Scalar k = system.anchor_stiffness[i];
+      add(i, i, Block((k > 0 ? k : Scalar(1)) * Block::Identity()));
+    } else {
+      add(i, i, anchor_curvature(system, i, x.col(i) - system.anchors.col(i), clamp));
+    }
+  }
   int l = 0;
   for (const Link& link : system.links()) {
     const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
-    const Scalar mu = system.rest_length[l];
-    // Curvature across the spring relative to along it: 1 - mu / r, which has no limit at r = 0.
-    Scalar across = mu > 0 ? 0 : 1;
-    if (length > 0 && std::isfinite(mu / length)) across = 1 - mu / length;
+    auto force = link_force(system, l, length);
+    if (clamp) {
+      force.along = std::max(force.along, Scalar(0));
+      force.across = std::max(force.across, Scalar(0));
+    }
     const Block along = direction * direction.transpose();
-    const Block block = system.link_stiffness[l] * (along + across * (Block::Identity() - along));
-    add(link.i, link.i, block);
-    add(link.j, link.j, block);
-    add(link.i, link.j, Block(-block));
-    add(link.j, link.i, Block(-block));
+    const Block block = force.along * along + force.across * (Block::Identity() - along);
+    const Block stiffness = system.link_stiffness[l] * Block::Identity();
+    const bool fixed_i = system.is_fixed(link.i);
+    const bool fixed_j = system.is_fixed(link.j);
+    add(link.i, link.i, fixed_i ? stiffness : block);
+    add(link.j, link.j, fixed_j ? stiffness : block);
+    if (!fixed_i && !fixed_j) {
+      add(link.i, link.j, Block(-block));
+      add(link.j, link.i, Block(-block));
+    }
     ++l;
   }
 }
@@ -137,28 +232,28 @@ constexpr int times(int factor) {
 // validate: NaN in is NaN out.
 
 /// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
-/// second 1/2 that its forces (Eq. 13) imply. Not convex: a spring shorter than its rest length has negative
+/// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)
+/// + sum_ij k_ij phi(|x_i - x_j|, mu_ij). Not convex: a spring shorter than its rest length has negative
 /// curvature across its axis.
 template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
-  using Scalar = typename System::Scalar;
-  Scalar twice = 0;
+  typename System::Scalar energy = 0;
   for (int i = 0; i < system.nodes(); ++i) {
-    twice += system.anchor_stiffness[i] * (x.col(i) - system.anchors.col(i)).squaredNorm();
+    energy += detail::anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
   }
   int l = 0;
   for (const Link& link : system.links()) {
-    const Scalar stretch =
-        detail::spring(system, link, x.col(link.i) - x.col(link.j)).length - system.rest_length[l];
-    twice += system.link_stiffness[l] * stretch * stretch;
+    const auto length = detail::spring(system, link, x.col(link.i) - x.col(link.j)).length;
+    energy += system.link_stiffness[l] * system.link_potential(length, system.rest_length[l]).value;
     ++l;
   }
-  return twice / 2;
+  return energy;
 }
 
 /// Writes dE/dx_i = k_i (x_i - a_i) + sum_j k_ij (r_ij - mu_ij) u_ij into column i of `gradient` (Dim x N)
 /// and returns E(x). Minus the gradient is the paper's F_nodes (Eq. 15). Where two linked nodes coincide,
-/// u_ij is the direction of a_i - a_j, or a fixed one of (i, j) where the anchors coincide too.
+/// u_ij is the direction of a_i - a_j, or a fixed one of (i, j) where the anchors coincide too. The column of
+/// a fixed node is zero.
 template <typename System>
 typename System::Scalar energy_and_gradient(const System& system, const typename System::Points& x,
                                             typename System::Points& gradient) {
@@ -181,13 +276,14 @@ using DenseHessian = Eigen::Matrix<typename System::Scalar, detail::times<System
 
 /// d2E/dx2, (Dim N) x (Dim N), symmetric; coordinate d of node i is row Dim i + d. A spring contributes
 /// k_ij (u u^T + (1 - mu_ij / r_ij) (I - u u^T)), indefinite where r_ij < mu_ij. Where two linked nodes
-/// coincide and mu_ij > 0, the curvature across the spring is minus infinity and k_ij u u^T alone is used.
+/// coincide and mu_ij > 0, the curvature across the spring is minus infinity and k_ij u u^T alone is used. A
+/// fixed node is coupled to none; its diagonal has the stiffness of its springs.
 template <typename System>
 DenseHessian<System> hessian(const System& system, const typename System::Points& x) {
   constexpr int kDim = System::kDim;
   DenseHessian<System> result;
   result.setZero(kDim * system.nodes(), kDim * system.nodes());
-  detail::for_each_hessian_block(system, x, [&](int i, int j, const auto& block) {
+  detail::for_each_hessian_block(system, x, false, [&](int i, int j, const auto& block) {
     result.template block<kDim, kDim>(kDim * i, kDim * j) += block;
   });
   return result;
@@ -201,7 +297,7 @@ Eigen::SparseMatrix<typename System::Scalar> sparse_hessian(const System& system
   std::vector<Eigen::Triplet<typename System::Scalar>> entries;
   entries.reserve(static_cast<std::size_t>(kDim) * kDim *
                   (static_cast<std::size_t>(system.nodes()) + 4 * system.links().size()));
-  detail::for_each_hessian_block(system, x, [&](int i, int j, const auto& block) {
+  detail::for_each_hessian_block(system, x, false, [&](int i, int j, const auto& block) {
     for (int row = 0; row < kDim; ++row) {
       for (int column = 0; column < kDim; ++column) {
         entries.emplace_back(kDim * i + row, kDim * j + column, block(row, column));

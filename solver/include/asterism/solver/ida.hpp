@@ -67,8 +67,8 @@ class Ida {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (K_dyn is not positive definite to the digits of Scalar),
   /// OutOfMemory, and NoProgress where rounding stops the iteration first.
-  Summary solve(const System& system, Points& x) {
-    return session_.run(name(), options, system, x, [&](Summary& summary) {
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       summary.factorizations = 1;
       if (!factorization_.factorize(system)) {  // Algorithm 1, line 1
         summary.message =

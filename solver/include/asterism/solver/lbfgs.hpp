@@ -38,8 +38,8 @@ class Lbfgs {
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Metric>::value; }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for Ida::solve.
-  Summary solve(const System& system, Points& x) {
-    return session_.run(name(), options, system, x, [&](Summary& summary) {
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       ++summary.factorizations;
       if (!metric_.factorize(system)) {
         summary.message =

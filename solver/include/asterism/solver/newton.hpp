@@ -48,62 +48,67 @@ class NewtonMatrix {
       inverse_pivots_.resize(size);
     }
     node_stiffness(system, rounding_);
-    rounding_ *= 8 * std::numeric_limits<Scalar>::epsilon();
+    rounding_ *= kRounding;
   }
 
-  /// Writes energy, gradient and Hessian at x. With `clamp`, a spring's curvature across its axis, k_ij (1 -
-  /// mu_ij / r_ij), is not let below 0, which makes the matrix positive definite but not the Hessian.
+  /// Writes energy, gradient and Hessian at x. With `clamp`, negative curvatures count as 0, as that of a
+  /// short spring across its axis, k_ij (1 - mu_ij / r_ij): the matrix is not the Hessian then, but positive
+  /// definite.
   Scalar assemble(const System& system, const Points& x, bool clamp, Points& gradient) {
     const int n = size();
     std::fill_n(values_.data(), n * stride(), Scalar(0));
     gradient.resize(kDim, system.nodes());
-    Scalar twice = 0;
+    Scalar energy = 0;
     for (int i = 0; i < system.nodes(); ++i) {
-      const Scalar k = system.anchor_stiffness[i];
       const Point d = x.col(i) - system.anchors.col(i);
-      gradient.col(i) = k * d;
-      twice += k * d.squaredNorm();
-      for (int c = 0; c < kDim; ++c) at(kDim * i + c, kDim * i + c) = k;
+      const auto anchor = anchor_force(system, i, d);
+      gradient.col(i) = anchor.gradient;
+      energy += anchor.energy;
+      if constexpr (System::kPlainAnchors) {
+        for (int c = 0; c < kDim; ++c) at(kDim * i + c, kDim * i + c) = system.anchor_stiffness[i];
+      } else {
+        const auto block = anchor_curvature(system, i, d, clamp);
+        for (int c = 0; c < kDim; ++c) {
+          for (int r = c; r < kDim; ++r) at(kDim * i + r, kDim * i + c) = block(r, c);
+        }
+      }
     }
     int l = 0;
     for (const Link& link : system.links()) {
-      const Scalar k = system.link_stiffness[l];
-      const Scalar mu = system.rest_length[l];
-      ++l;
       const Point d = x.col(link.i) - x.col(link.j);
       const Scalar square = d.squaredNorm();
-      Scalar length;
       Point u;
-      Scalar ratio;  // mu / r = 1 - c
+      LinkForce<Scalar> force;
       if (square < kTiny) [[unlikely]] {
         const auto coincident = coincident_spring(system, link, d);
-        length = coincident.length;
         u = coincident.direction;
-        ratio = mu > 0 ? 1 : 0;
-        if (length > 0 && std::isfinite(mu / length)) ratio = mu / length;
+        force = link_force(system, l, coincident.length);
       } else {
-        length = std::sqrt(square);
+        const Scalar length = std::sqrt(square);
         const Scalar inverse = 1 / length;
         u = d * inverse;
-        ratio = mu * inverse;
+        const Scalar k = system.link_stiffness[l];
+        const auto phi = system.link_potential(length, system.rest_length[l]);
+        force = {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
       }
-      const Scalar stretch = length - mu;
-      const Scalar tension = k * stretch;
-      twice += tension * stretch;
-      const Point force = tension * u;
-      gradient.col(link.i) += force;
-      gradient.col(link.j) -= force;
+      ++l;
+      energy += force.energy;
+      const Point pull = force.tension * u;
+      gradient.col(link.i) += pull;
+      gradient.col(link.j) -= pull;
 
-      // k (u u^T + c (I - u u^T)) = k (1 - c) u u^T + k c I
-      if (clamp) ratio = std::min(ratio, Scalar(1));
-      const Scalar bend = k * ratio;
-      const Scalar across = k - bend;
+      // along u u^T + across (I - u u^T) = (along - across) u u^T + across I
+      if (clamp) {
+        force.along = std::max(force.along, Scalar(0));
+        force.across = std::max(force.across, Scalar(0));
+      }
+      const Scalar bend = force.along - force.across;
       const int low = kDim * std::min(link.i, link.j);
       const int high = kDim * std::max(link.i, link.j);
       for (int column = 0; column < kDim; ++column) {
         const Scalar bend_u = bend * u[column];
         for (int row = column; row < kDim; ++row) {
-          const Scalar value = row == column ? bend_u * u[row] + across : bend_u * u[row];
+          const Scalar value = row == column ? bend_u * u[row] + force.across : bend_u * u[row];
           at(low + row, low + column) += value;
           at(high + row, high + column) += value;
           at(high + row, low + column) -= value;
@@ -111,10 +116,12 @@ class NewtonMatrix {
         }
       }
     }
+    if (system.fixed_count() != 0) [[unlikely]]
+      isolate_fixed(system, gradient);
     for (int i = 0; i < system.nodes(); ++i) {
       for (int c = 0; c < kDim; ++c) at(n, kDim * i + c) = gradient(c, i);
     }
-    return twice / 2;
+    return energy;
   }
 
   /// L D L^T without pivoting. A pivot that is negative is replaced by its absolute value, one that is
@@ -161,8 +168,8 @@ class NewtonMatrix {
 
   /// The energy of displacing every node of x by its rounding, some units in the last place.
   Scalar energy_of_rounding(const Points& x) const {
-    const Scalar rounding = 8 * std::numeric_limits<Scalar>::epsilon() * x.cwiseAbs().maxCoeff();
-    return rounding_.sum() / (8 * std::numeric_limits<Scalar>::epsilon()) * rounding * rounding;
+    const Scalar rounding = kRounding * x.cwiseAbs().maxCoeff();
+    return rounding_.sum() / kRounding * rounding * rounding;
   }
 
   /// A direction v along which the matrix that was factored has negative curvature, from the first negative
@@ -186,6 +193,7 @@ class NewtonMatrix {
   static constexpr int kSize = times<System::kNodes>(kDim);
   static constexpr int kMaxSize = times<System::kMaxNodes>(kDim);
   static constexpr bool kUnrolled = kSize != Eigen::Dynamic && kSize <= 12;
+  static constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   static constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
 
   template <int kLength>
@@ -201,6 +209,19 @@ class NewtonMatrix {
   Scalar& at(int row, int column) { return values_[static_cast<std::size_t>(column * stride() + row)]; }
   const Scalar& at(int row, int column) const {
     return values_[static_cast<std::size_t>(column * stride() + row)];
+  }
+
+  // A fixed node is coupled to none, and its step is zero.
+  void isolate_fixed(const System& system, Points& gradient) {
+    clear_fixed(system, gradient);
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (!system.is_fixed(i)) continue;
+      for (int k = kDim * i; k < kDim * (i + 1); ++k) {
+        for (int j = 0; j < k; ++j) at(k, j) = 0;
+        for (int j = k; j < size(); ++j) at(j, k) = 0;
+        at(k, k) = rounding_[i] > 0 ? rounding_[i] / kRounding : Scalar(1);
+      }
+    }
   }
 
   Scalar repair(int k) {
@@ -284,8 +305,8 @@ class Newton {
   /// Hessian is singular or saddles are not to be escaped. Statuses other than Converged: MaxIterations,
   /// InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step lowers the energy
   /// beyond its rounding.
-  Summary solve(const System& system, Points& x) {
-    return session_.run(name(), options, system, x, [&](Summary& summary) {
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       if (options.align && options.max_iterations > 0 && !session_.done(session_.gradient())) {
         detail::align(system, x, options.allow_reflection);
       }

@@ -16,16 +16,14 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace detail {
 
-/// The curvature of a spring across it, relative to along it; see for_each_hessian_block.
-template <typename Scalar>
-Scalar curvature_across(Scalar length, Scalar rest_length) {
-  const Scalar ratio = rest_length / length;
-  if (length > 0 && std::isfinite(ratio)) return 1 - ratio;
-  return rest_length > 0 ? Scalar(0) : Scalar(1);
-}
+/// A Dim x Dim block a node, side by side.
+template <typename System>
+using NodeBlocks = Eigen::Matrix<typename System::Scalar, System::kDim, times<System::kNodes>(System::kDim),
+                                 (System::kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), System::kDim,
+                                 times<System::kMaxNodes>(System::kDim)>;
 
-/// The Hessian of the energy at one x as an operator: a symmetric Dim x Dim block a link, and the anchors'
-/// stiffness. Conventions are those of hessian().
+/// The Hessian of the energy at one x as an operator: a symmetric Dim x Dim block a link, and a node's
+/// anchor. Conventions are those of hessian(), but for the rows of fixed nodes, which are zero.
 template <typename System>
 class HessianOperator {
  public:
@@ -39,27 +37,41 @@ class HessianOperator {
     int l = 0;
     for (const Link& link : system.links()) {
       const auto [length, u] = spring(system, link, x.col(link.i) - x.col(link.j));
-      const Scalar across = curvature_across(length, system.rest_length[l]);
-      const Scalar k = system.link_stiffness[l];
+      const auto force = link_force(system, l, length);
       int at = 0;
       for (int a = 0; a < kDim; ++a) {
         for (int b = a; b < kDim; ++b) {
-          blocks_(at++, l) = k * ((1 - across) * u[a] * u[b] + (a == b ? across : Scalar(0)));
+          blocks_(at++, l) = (force.along - force.across) * u[a] * u[b] + (a == b ? force.across : Scalar(0));
         }
       }
       ++l;
+    }
+    if constexpr (!System::kPlainAnchors) {
+      anchor_blocks_.resize(kDim, kDim * system.nodes());
+      for (int i = 0; i < system.nodes(); ++i) {
+        anchor_blocks_.template block<kDim, kDim>(0, kDim * i) =
+            anchor_curvature(system, i, x.col(i) - system.anchors.col(i), false);
+      }
     }
   }
 
   /// result = H v.
   void apply(const System& system, const Points& v, Points& result) const {
-    result = v * system.anchor_stiffness.asDiagonal();
+    if constexpr (System::kPlainAnchors) {
+      result = v * system.anchor_stiffness.asDiagonal();
+    } else {
+      result.resize(kDim, system.nodes());
+      for (int i = 0; i < system.nodes(); ++i) {
+        result.col(i) = anchor_blocks_.template block<kDim, kDim>(0, kDim * i) * v.col(i);
+      }
+    }
     int l = 0;
     for (const Link& link : system.links()) {
       const typename System::Point force = times(l++, v.col(link.i) - v.col(link.j));
       result.col(link.i) += force;
       result.col(link.j) -= force;
     }
+    clear_fixed(system, result);
   }
 
  private:
@@ -87,6 +99,7 @@ class HessianOperator {
   Eigen::Matrix<Scalar, kPacked, Eigen::Dynamic, (kPacked == 1 ? Eigen::RowMajor : Eigen::ColMajor), kPacked,
                 kMaxLinks>
       blocks_;  // upper triangles, row by row
+  NodeBlocks<System> anchor_blocks_;
 };
 
 }  // namespace detail
@@ -105,18 +118,25 @@ class JacobiPreconditioner {
   void update(const System& system, const Points& x) {
     const int n = system.nodes();
     blocks_.resize(kDim, kDim * n);
-    for (int i = 0; i < n; ++i) at(i) = system.anchor_stiffness[i] * Block::Identity();
+    for (int i = 0; i < n; ++i) {
+      at(i) = detail::anchor_curvature(system, i, x.col(i) - system.anchors.col(i), true);
+    }
     int l = 0;
     for (const Link& link : system.links()) {
       const auto [length, u] = detail::spring(system, link, x.col(link.i) - x.col(link.j));
-      const Scalar across = std::max(Scalar(0), detail::curvature_across(length, system.rest_length[l]));
-      const Scalar k = system.link_stiffness[l++];
-      const Block block = (k * across) * Block::Identity() + (k * (1 - across)) * u * u.transpose();
+      const auto force = detail::link_force(system, l, length);
+      const Scalar across = std::max(force.across, Scalar(0));
+      const Scalar along = std::max(force.along, kFloor * system.link_stiffness[l++]);
+      const Block block = across * Block::Identity() + (along - across) * u * u.transpose();
       at(link.i) += block;
       at(link.j) += block;
     }
     for (int i = 0; i < n; ++i) {  // a node on parallel springs alone would have a singular block
       const Scalar trace = at(i).trace();
+      if (!(trace > 0)) {  // fixed, and no spring at it has stiffness
+        at(i).setIdentity();
+        continue;
+      }
       const Block scaled = at(i) / trace + kFloor * Block::Identity();
       at(i) = scaled.inverse() / trace;
     }
@@ -135,9 +155,7 @@ class JacobiPreconditioner {
 
   auto at(int i) { return blocks_.template block<kDim, kDim>(0, kDim * i); }
 
-  Eigen::Matrix<Scalar, kDim, detail::times<System::kNodes>(kDim),
-                (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim, detail::times<System::kMaxNodes>(kDim)>
-      blocks_;
+  detail::NodeBlocks<System> blocks_;
 };
 
 /// Truncated Newton: the Newton step to as many digits as it is worth, by conjugate gradients.
@@ -165,8 +183,8 @@ class NewtonCg {
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. An iteration is an update of x, a
   /// linear solve an application of the preconditioner. Statuses as for Ida::solve.
-  Summary solve(const System& system, Points& x) {
-    return session_.run(name(), options, system, x, [&](Summary& summary) {
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       if constexpr (kFactored) {
         ++summary.factorizations;
         if (!preconditioner_.factorize(system)) {

@@ -8,6 +8,7 @@
 #include <chrono>
 #include <cmath>
 #include <new>
+#include <optional>
 #include <string_view>
 
 namespace asterism::inline ASTERISM_ABI::detail {
@@ -29,21 +30,22 @@ class Session {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  /// Runs iterate(summary), which improves x and returns why it stopped, between validation and verdict.
+  /// Runs iterate(system, summary), which improves x and returns why it stopped, between validation and
+  /// verdict. The system that it gets is the given one, grounded where the options want that.
   template <typename Options, typename Iterate>
-  Summary run(std::string_view name, const Options& options, const System& system, Points& x,
+  Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
     const auto begin = std::chrono::steady_clock::now();
     Summary summary;
     summary.solver = name;
     bool started = false;
     try {
-      if (start(options, system, x, summary)) {
+      if (const System* system = start(options, given, x, summary)) {
         started = true;
         summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
         summary.linear_solves = summary.factorizations = 0;
         summary.message = {};
-        judge(iterate(summary), system, x, summary);
+        judge(iterate(*system, summary), *system, x, summary);
       }
     } catch (const std::bad_alloc&) {
       if (started) x = start_;
@@ -67,32 +69,54 @@ class Session {
     evaluated_ = x;
     is_evaluated_ = true;
   }
+  /// The same for energy and gradient that the method has from the library's functions.
+  void adopt(const Points& x, Scalar energy, const Points& gradient) {
+    energy_ = energy;
+    gradient_ = gradient;
+    evaluated_ = x;
+    is_evaluated_ = true;
+  }
   Scalar energy() const { return energy_; }
   const Points& gradient() const { return gradient_; }
 
  private:
+  // The system to solve, nullptr with the reason in the summary where there is none.
   template <typename Options>
-  bool start(const Options& options, const System& system, const Points& x, Summary& summary) {
+  const System* start(const Options& options, const System& given, const Points& x, Summary& summary) {
     summary.status = Status::InvalidInput;
     summary.message = {};
-    if (const Defect defect = validate(system, x, scratch_)) {
+    const System* system = &given;
+    if (const Defect defect = validate_values(given, x)) {
       summary.message = defect;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
+    } else if (options.ground_components) {
+      system = grounded(given);
+    } else if (const Defect floating = validate_components(given, scratch_)) {
+      summary.message = floating;
     }
-    if (!summary.message.empty()) return false;
+    if (!summary.message.empty()) return nullptr;
     is_evaluated_ = false;
 
     start_ = x;
-    energy_ = energy_and_gradient(system, x, gradient_);
-    if (!std::isfinite(energy_) || !gradient_.allFinite() || !rule_.set(system, x, options.tolerance)) {
+    energy_ = energy_and_gradient(*system, x, gradient_);
+    if (!std::isfinite(energy_) || !gradient_.allFinite() || !rule_.set(*system, x, options.tolerance)) {
       summary.status = Status::NumericalFailure;
       summary.message = "energy or gradient at the start leave the range of the scalar";
-      return false;
+      return nullptr;
     }
     start_energy_ = energy_;
     summary.initial_energy = static_cast<double>(energy_);
-    return true;
+    return system;
+  }
+
+  // Holds one node of each component that no anchor holds: a component like that has the same energy wherever
+  // it is moved to, and this keeps it where the start has it.
+  const System* grounded(const System& given) {
+    if (first_floating_node(given, scratch_) < 0) return &given;
+    grounded_ = given;
+    for_each_floating_component(given, scratch_, [this](int i) { grounded_->fix(i); });
+    return &*grounded_;
   }
 
   // `reason` is what the method says; energy and gradient at x have the last word.
@@ -122,10 +146,11 @@ class Session {
   }
 
   StoppingRule<System> rule_;
+  std::optional<System> grounded_;
   ComponentScratch<System> scratch_;
   Points start_;
   Points gradient_;
-  Points evaluated_;  // by evaluate(), if that was called
+  Points evaluated_;  // where energy_ and gradient_ are from, if is_evaluated_
   bool is_evaluated_ = false;
   Scalar energy_ = 0;
   Scalar start_energy_ = 0;

@@ -14,7 +14,7 @@ namespace asterism::inline ASTERISM_ABI {
 namespace detail {
 
 /// The lower triangle of K_dyn as a sparse matrix, whose pattern is made once a topology and refilled after
-/// that.
+/// that. Fixed nodes are coupled to none.
 template <typename Scalar>
 class SparseStiffness {
  public:
@@ -36,8 +36,11 @@ class SparseStiffness {
       const auto k = static_cast<Scalar>(system.link_stiffness[l]);
       values[diagonal_[link.i]] += k;
       values[diagonal_[link.j]] += k;
-      values[off_diagonal_[l]] -= k;
+      if (!system.is_fixed(link.i) && !system.is_fixed(link.j)) values[off_diagonal_[l]] -= k;
       ++l;
+    }
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) values[diagonal_[i]] = 1;
     }
     return is_new;
   }

@@ -99,6 +99,11 @@ struct SolverOptions {
   /// Iterations at most; 0 evaluates the start.
   int max_iterations = 10000;
 
+  /// What to do with a connected component that no anchor holds (links of zero stiffness do not connect): its
+  /// energy does not change as it moves. False: InvalidInput, naming a node of it. True: its first node is
+  /// held where the start has it, which costs no energy.
+  bool ground_components = false;
+
   /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
   constexpr const char* problem() const {
     if (!(tolerance >= 0 && tolerance <= std::numeric_limits<double>::max()))

@@ -14,10 +14,11 @@ using ComponentScratch =
     Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor,
                   System::kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : System::kMaxNodes + 1, 1>;
 
-/// The first node without a path of positive stiffness to an anchor, or -1.
-template <typename System>
-int first_floating_node(const System& system, ComponentScratch<System>& parent) {
-  if ((system.anchor_stiffness.array() > 0).all()) return -1;
+/// Calls visit(i) for the first node of each connected component without anchor stiffness or a fixed node;
+/// links of zero stiffness do not connect.
+template <typename System, typename Visit>
+void for_each_floating_component(const System& system, ComponentScratch<System>& parent, Visit&& visit) {
+  if ((system.anchor_stiffness.array() > 0).all()) return;
   const int n = system.nodes();
   parent.setLinSpaced(n + 1, 0, n);
   const auto root = [&parent](int node) {
@@ -25,16 +26,48 @@ int first_floating_node(const System& system, ComponentScratch<System>& parent) 
     return node;
   };
   for (int i = 0; i < n; ++i) {
-    if (system.anchor_stiffness[i] > 0) parent[root(i)] = root(n);
+    if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(i)] = root(n);
   }
   int l = 0;
   for (const Link& link : system.links()) {
     if (system.link_stiffness[l++] > 0) parent[root(link.i)] = root(link.j);
   }
   for (int i = 0; i < n; ++i) {
-    if (root(i) != root(n)) return i;
+    if (root(i) == root(n)) continue;
+    visit(i);
+    parent[root(i)] = root(n);
+  }
+}
+
+/// The first of those nodes, or -1.
+template <typename System>
+int first_floating_node(const System& system, ComponentScratch<System>& scratch) {
+  int first = -1;
+  for_each_floating_component(system, scratch, [&first](int i) { first = first < 0 ? i : first; });
+  return first;
+}
+
+/// The first node whose anchor's shape is not a symmetric matrix with eigenvalues from 0 to 1, or -1.
+template <typename System>
+int first_bad_shape(const System& system) {
+  using Scalar = typename System::Scalar;
+  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim>;
+  constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
+  for (int i = 0; i < system.nodes(); ++i) {
+    const Block shape = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
+    if (!shape.allFinite() || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
+    const Eigen::SelfAdjointEigenSolver<Block> modes(shape, Eigen::EigenvaluesOnly);
+    if (!(modes.eigenvalues().minCoeff() >= -kRounding && modes.eigenvalues().maxCoeff() <= 1 + kRounding))
+      return i;
   }
   return -1;
+}
+
+/// What is wrong with the parameters of a loss or potential, nullptr for nothing or none.
+template <typename Function>
+const char* parameter_problem(const Function& function) {
+  if constexpr (requires { function.problem(); }) return function.problem();
+  return nullptr;
 }
 
 template <typename Matrix>
@@ -54,9 +87,10 @@ int first_bad_entry(const Vector& values) {
   return -1;
 }
 
+/// All of asterism::validate but the search for floating components.
 template <typename System>
-Defect validate(const System& system, const typename System::Points& x, ComponentScratch<System>& scratch) {
-  if (system.topology().defect()) return system.topology().defect();
+Defect validate_values(const System& system, const typename System::Points& x) {
+  if (system.defect()) return system.defect();
   const int n = system.nodes();
   if (n == 0) return {"system", -1, "has no nodes"};
   if (system.anchors.cols() != n) return {"anchors", -1, "are not one a node"};
@@ -73,7 +107,19 @@ Defect validate(const System& system, const typename System::Points& x, Componen
   if (const int l = first_bad_entry(system.rest_length); l >= 0) return {"rest length", l, kNotPositive};
   if (const int l = first_bad_entry(system.link_stiffness); l >= 0)
     return {"link stiffness", l, kNotPositive};
+  if constexpr (System::kAnisotropic) {
+    if (system.anchor_shape.cols() != System::kDim * n) return {"anchor shape", -1, "is not one a node"};
+    if (const int i = first_bad_shape(system); i >= 0)
+      return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
+  }
+  if (const char* problem = parameter_problem(system.anchor_loss)) return {"anchor loss", -1, problem};
+  if (const char* problem = parameter_problem(system.link_potential)) return {"link potential", -1, problem};
   if (const int i = first_column_not_finite(x); i >= 0) return {"x of node", i, kNotFinite};
+  return {};
+}
+
+template <typename System>
+Defect validate_components(const System& system, ComponentScratch<System>& scratch) {
   if (const int i = first_floating_node(system, scratch); i >= 0) {
     return {"node", i, "is in a connected component without anchor stiffness"};
   }
@@ -83,12 +129,13 @@ Defect validate(const System& system, const typename System::Points& x, Componen
 }  // namespace detail
 
 /// What a solver would refuse `system` and `x` for: NaN, infinity, a negative stiffness or rest length, a bad
-/// link, a wrong size, or a connected component (links of zero stiffness do not connect) without anchor
-/// stiffness.
+/// link, a wrong size, an information matrix that is none, a scale that is not positive, or a connected
+/// component (links of zero stiffness do not connect) without anchor stiffness or a fixed node.
 template <typename System>
 Defect validate(const System& system, const typename System::Points& x) {
+  if (const Defect defect = detail::validate_values(system, x)) return defect;
   detail::ComponentScratch<System> scratch;
-  return detail::validate(system, x, scratch);
+  return detail::validate_components(system, scratch);
 }
 
 }  // namespace asterism::inline ASTERISM_ABI
