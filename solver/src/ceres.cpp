@@ -116,6 +116,10 @@ ceres::Solver::Options options_of(CeresMethod method) {
     case CeresMethod::LevenbergMarquardtSparse:
       options.linear_solver_type = ceres::SPARSE_NORMAL_CHOLESKY;
       break;
+    case CeresMethod::Lbfgs:
+      options.minimizer_type = ceres::LINE_SEARCH;
+      options.line_search_direction_type = ceres::LBFGS;
+      break;
     case CeresMethod::NonlinearCg:
       options.minimizer_type = ceres::LINE_SEARCH;
       options.line_search_direction_type = ceres::NONLINEAR_CONJUGATE_GRADIENT;
@@ -139,6 +143,7 @@ Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterati
   const auto node = [&](int i) { return x + static_cast<std::ptrdiff_t>(i) * problem.dim; };
   for (int i = 0; i < problem.nodes; ++i) {
     ceres_problem.AddParameterBlock(node(i), problem.dim);
+    if (problem.is_fixed(i)) ceres_problem.SetParameterBlockConstant(node(i));
     if (!(problem.anchor_stiffness[i] > 0)) continue;
     const double* anchor = problem.anchors + static_cast<std::ptrdiff_t>(i) * problem.dim;
     ceres_problem.AddResidualBlock(new AnchorResidual(problem.dim, problem.anchor_stiffness[i], anchor),

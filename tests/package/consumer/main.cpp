@@ -8,6 +8,9 @@
 #ifdef HAVE_CERES
 #include <asterism/solver/ceres.hpp>
 #endif
+#ifdef HAVE_LBFGS
+#include <asterism/solver/liblbfgs.hpp>
+#endif
 #ifdef HAVE_PARTS
 #include <asterism/parts/kcf.hpp>
 #endif
@@ -79,6 +82,9 @@ int main() {
 #endif
 #ifdef HAVE_CERES
   ok = solves(asterism::reference::Ceres<System>()) && ok;
+#endif
+#ifdef HAVE_LBFGS
+  ok = solves(asterism::reference::Liblbfgs<System>()) && ok;
 #endif
 #ifdef HAVE_PARTS
   ok = check(asterism::PartModel<asterism::Kcf>, "Kcf is a PartModel") && ok;

@@ -7,6 +7,7 @@
 #include <functional>
 #include <span>
 #include <string_view>
+#include <type_traits>
 
 namespace asterism::inline ASTERISM_ABI::reference {
 
@@ -14,6 +15,7 @@ namespace asterism::inline ASTERISM_ABI::reference {
 enum class CeresMethod {
   LevenbergMarquardtDense,   ///< DENSE_NORMAL_CHOLESKY
   LevenbergMarquardtSparse,  ///< SPARSE_NORMAL_CHOLESKY with Ceres's default library
+  Lbfgs,                     ///< line search (Wolfe, cubic interpolation), LBFGS of rank 20, Ceres's default
   NonlinearCg,  ///< line search (Wolfe, cubic interpolation), NONLINEAR_CONJUGATE_GRADIENT, Polak-Ribiere
 };
 
@@ -28,6 +30,7 @@ struct CeresProblem {
   const double* anchor_stiffness = nullptr;
   const double* rest_length = nullptr;
   const double* link_stiffness = nullptr;
+  std::function<bool(int node)> is_fixed;
   /// Replaces d = x_i - x_j (dim) by the direction of spring `link`, and returns its length.
   std::function<double(const Link& link, double* d)> spring;
   /// Whether x (dim x nodes) is stationary by the library's rule.
@@ -49,6 +52,8 @@ Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterati
 /// Iterations are Ceres's successful and unsuccessful steps. Needs target asterism::ceres.
 template <typename System, CeresMethod kMethod = CeresMethod::LevenbergMarquardtSparse>
 class Ceres {
+  static_assert(std::is_same_v<typename System::Model, Springs>, "least squares of springs alone");
+
  public:
   using Points = typename System::Points;
 
@@ -64,6 +69,8 @@ class Ceres {
         return "Ceres, Levenberg-Marquardt, dense Cholesky";
       case CeresMethod::LevenbergMarquardtSparse:
         return "Ceres, Levenberg-Marquardt, sparse Cholesky";
+      case CeresMethod::Lbfgs:
+        return "Ceres, L-BFGS";
       case CeresMethod::NonlinearCg:
         return "Ceres, nonlinear CG";
     }
@@ -73,8 +80,8 @@ class Ceres {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, OutOfMemory, NumericalFailure where Ceres fails, and NoProgress where it
   /// gives up.
-  Summary solve(const System& system, Points& x) {
-    return session_.run(name(), options, system, x, [&](Summary& summary) {
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       constexpr int kDim = System::kDim;
       using Scalar = typename System::Scalar;
 
@@ -97,6 +104,7 @@ class Ceres {
       problem.anchor_stiffness = copy.anchor_stiffness.data();
       problem.rest_length = copy.rest_length.data();
       problem.link_stiffness = copy.link_stiffness.data();
+      problem.is_fixed = [&system](int node) { return system.is_fixed(node); };
       problem.spring = [&copy](const Link& link, double* d) {
         Eigen::Map<Eigen::Matrix<double, kDim, 1>> difference(d);
         const auto [length, direction] = asterism::detail::spring(copy, link, difference);

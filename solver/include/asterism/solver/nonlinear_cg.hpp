@@ -2,7 +2,10 @@
 
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/descent.hpp>
+#include <asterism/solver/energy.hpp>
 #include <asterism/solver/session.hpp>
+#include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
 #include <limits>
@@ -81,15 +84,101 @@ bool strong_wolfe(const RayPoint<Scalar>& start, Scalar first_step, Scalar round
   return false;
 }
 
+/// Central or forward differences of the energy, of step h = max(|x_c|, L) times the root of the scalar's
+/// epsilon that balances their error and the energy's rounding; L is the characteristic length.
+template <typename System, bool kCentral>
+class DifferencedEnergy {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  static constexpr bool kNumeric = true;
+
+  void start(const System& system, const Points& x) {
+    constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
+    typical_ = characteristic_length(system, x);
+    relative_step_ = kCentral ? std::cbrt(kEpsilon) : std::sqrt(kEpsilon);
+  }
+
+  Scalar operator()(const System& system, const Points& x, Points& gradient, Summary& summary) {
+    const Scalar here = energy(system, x);
+    summary.energy_evaluations += 1 + static_cast<int>(kCentral ? 2 * x.size() : x.size());
+    gradient.resize(x.rows(), x.cols());
+    moved_ = x;
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      Scalar& coordinate = moved_.data()[c];
+      const Scalar at = coordinate;
+      const Scalar step = relative_step_ * std::max(std::abs(at), typical_);
+      const Scalar above = coordinate = at + step;
+      const Scalar energy_above = energy(system, moved_);
+      Scalar below = at;
+      Scalar energy_below = here;
+      if constexpr (kCentral) {
+        below = coordinate = at - step;
+        energy_below = energy(system, moved_);
+      }
+      gradient.data()[c] = (energy_above - energy_below) / (above - below);
+      coordinate = at;
+    }
+    clear_fixed(system, gradient);
+    return here;
+  }
+
+ private:
+  Points moved_;
+  Scalar typical_ = 1;
+  Scalar relative_step_ = 0;
+};
+
 }  // namespace detail
+
+/// Gradient of NonlinearCg: the energy's own.
+template <typename System>
+class AnalyticGradient {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kName = "analytic gradient";
+  static constexpr bool kNumeric = false;
+
+  void start(const System&, const Points&) {}
+
+  Scalar operator()(const System& system, const Points& x, Points& gradient, Summary& summary) {
+    ++summary.energy_evaluations, ++summary.gradient_evaluations;
+    return energy_and_gradient(system, x, gradient);
+  }
+};
+
+/// Gradient of NonlinearCg: forward differences, Dim N more energies each, as optimisers take them that are
+/// given the energy alone. Right to half of the scalar's digits, so tolerances below some 1e-7 in double may
+/// end at NoProgress.
+template <typename System>
+class ForwardDifferences : public detail::DifferencedEnergy<System, false> {
+ public:
+  static constexpr std::string_view kName = "forward differences";
+};
+
+/// Gradient of NonlinearCg: central differences, 2 Dim N more energies each; right to two thirds of the
+/// scalar's digits.
+template <typename System>
+class CentralDifferences : public detail::DifferencedEnergy<System, true> {
+ public:
+  static constexpr std::string_view kName = "central differences";
+};
 
 /// Nonlinear conjugate gradients, Polak-Ribiere+ with a strong Wolfe line search, restarted along the
 /// steepest descent where a direction or its line search fails. The general-purpose method that the paper
 /// compares IDA with (Nocedal & Wright, section 5.2). Evaluates energy and gradient together, more than once
 /// an iteration.
 ///
+/// `Gradient` is AnalyticGradient (default), ForwardDifferences or CentralDifferences. Each energy that a
+/// difference takes is counted as an energy evaluation, and no gradient evaluation is. The method sees
+/// nothing but its differences; when to stop is decided on the analytic gradient, as for every solver, which
+/// is not counted.
+///
 /// Keeps its workspace: reuse an object to solve without allocation, one thread at a time.
-template <typename System>
+template <typename System, typename Gradient = AnalyticGradient<System>>
 class NonlinearCg {
  public:
   using Scalar = typename System::Scalar;
@@ -101,22 +190,21 @@ class NonlinearCg {
   /// For type deduction: NonlinearCg(system).solve(system, x).
   explicit NonlinearCg(const System&, const SolverOptions& o = {}) : options(o) {}
 
-  static constexpr std::string_view name() { return "nonlinear CG, Polak-Ribiere+"; }
+  static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Gradient>::value; }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step
   /// along the steepest descent lowers the energy beyond its rounding.
-  Summary solve(const System& system, Points& x) {
-    return session_.run(name(), options, system, x, [&](Summary& summary) {
-      const auto count = [&summary] { ++summary.energy_evaluations, ++summary.gradient_evaluations; };
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       detail::RayPoint<Scalar> start;
-      start.energy = energy_and_gradient(system, x, gradient_);
-      count();
+      evaluate_.start(system, x);
+      start.energy = evaluate_(system, x, gradient_, summary);
       bool restart = true;
       Scalar step = 0;
       Scalar next_energy = 0;
       while (true) {
-        if (session_.done(gradient_)) return Status::Converged;
+        if (stationary(system, x)) return Status::Converged;
         if (summary.iterations == options.max_iterations) return Status::MaxIterations;
 
         const Scalar previous_slope = start.slope;
@@ -125,7 +213,7 @@ class NonlinearCg {
           restart = true;
           direction_ = -gradient_;
           start.slope = -gradient_.squaredNorm();
-          step = majorised_step(system, start.slope);
+          step = detail::majorised_step(system, direction_, start.slope);
         } else {
           step *= previous_slope / start.slope;  // the same first-order decrease as before
         }
@@ -134,8 +222,7 @@ class NonlinearCg {
             start, step, detail::rounding_of_energy(system, start.energy), [&](Scalar trial) {
               step = trial;
               next_x_ = x + trial * direction_;
-              next_energy = energy_and_gradient(system, next_x_, next_gradient_);
-              count();
+              next_energy = evaluate_(system, next_x_, next_gradient_, summary);
               return detail::RayPoint<Scalar>{trial, next_energy,
                                               next_gradient_.cwiseProduct(direction_).sum()};
             });
@@ -160,19 +247,15 @@ class NonlinearCg {
   }
 
  private:
-  // The minimum along direction_ of IDA's quadratic above the energy: lowers the energy for certain, and has
-  // the right scale whatever the units.
-  Scalar majorised_step(const System& system, Scalar slope) const {
-    Scalar curvature = 0;
-    for (int i = 0; i < system.nodes(); ++i) {
-      curvature += system.anchor_stiffness[i] * direction_.col(i).squaredNorm();
+  static constexpr std::string_view kMethod = "nonlinear CG";
+
+  bool stationary(const System& system, const Points& x) {
+    if constexpr (Gradient::kNumeric) {
+      detail::evaluate<false>(system, x, analytic_gradient_);
+      return session_.done(analytic_gradient_);
+    } else {
+      return session_.done(gradient_);
     }
-    int l = 0;
-    for (const Link& link : system.links()) {
-      curvature +=
-          system.link_stiffness[l++] * (direction_.col(link.i) - direction_.col(link.j)).squaredNorm();
-    }
-    return -slope / curvature;
   }
 
   detail::Session<System> session_;
@@ -180,6 +263,8 @@ class NonlinearCg {
   Points direction_;
   Points next_x_;
   Points next_gradient_;
+  Points analytic_gradient_;  // of numeric ones
+  Gradient evaluate_;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,106 @@
+// The references, Ceres, liblbfgs and nonlinear CG with numeric gradients, by what every solver promises.
+#include "every_solver.hpp"
+
+#ifdef ASTERISM_TEST_CERES
+#include <asterism/solver/ceres.hpp>
+#endif
+#ifdef ASTERISM_TEST_LBFGS
+#include <asterism/solver/liblbfgs.hpp>
+#endif
+
+#include <cstdint>
+#include <string_view>
+
+namespace asterism {
+namespace {
+
+template <typename System>
+using ForwardCg = NonlinearCg<System, ForwardDifferences<System>>;
+template <typename System>
+using CentralCg = NonlinearCg<System, CentralDifferences<System>>;
+
+#ifdef ASTERISM_TEST_CERES
+template <typename System>
+using CeresDense = reference::Ceres<System, reference::CeresMethod::LevenbergMarquardtDense>;
+template <typename System>
+using CeresSparse = reference::Ceres<System, reference::CeresMethod::LevenbergMarquardtSparse>;
+template <typename System>
+using CeresLbfgs = reference::Ceres<System, reference::CeresMethod::Lbfgs>;
+template <typename System>
+using CeresCg = reference::Ceres<System, reference::CeresMethod::NonlinearCg>;
+#endif
+
+using Cases = ::testing::Types<
+#ifdef ASTERISM_TEST_CERES
+    Case<CeresDense, Fixed2>, Case<CeresSparse, Bounded3f>, Case<CeresLbfgs, Dynamic2>,
+    Case<CeresCg, Dynamic3>,
+#endif
+#ifdef ASTERISM_TEST_LBFGS
+    Case<reference::Liblbfgs, Fixed2>, Case<reference::Liblbfgs, Dynamic3>,
+#endif
+    Case<ForwardCg, Fixed2>, Case<CentralCg, Fixed2>, Case<CentralCg, Dynamic3>>;
+INSTANTIATE_TYPED_TEST_SUITE_P(Reference, EverySolver, Cases);
+
+testing::RandomSystem<Dynamic2> dynamic_system(std::uint64_t seed, int n) {
+  testing::Rng rng(seed);
+  return testing::random_system<Dynamic2>(rng, Topology<>::full(n));
+}
+
+template <typename Gradient>
+void expect_differences(int energies_a_gradient, double accuracy) {
+  const auto [system, start] = dynamic_system(1, 6);
+  Gradient differences;
+  Summary summary;
+  summary.energy_evaluations = summary.gradient_evaluations = 0;
+  differences.start(system, start);
+  Dynamic2::Points numeric;
+  EXPECT_EQ(differences(system, start, numeric, summary), energy(system, start));
+  EXPECT_EQ(summary.energy_evaluations, energies_a_gradient);
+  EXPECT_EQ(summary.gradient_evaluations, 0);
+  const Dynamic2::Points analytic = gradient(system, start);
+  const double error = (numeric - analytic).norm() / analytic.norm();
+  EXPECT_LT(error, accuracy);
+  EXPECT_GT(error, accuracy * 1e-4);  // they are differences
+
+  // As many for each gradient that a solve takes, the one at the start included.
+  auto x = start;
+  NonlinearCg<Dynamic2, Gradient> solver;
+  solver.options.tolerance = 1e-6;
+  const Summary solved = solver.solve(system, x);
+  EXPECT_EQ(solved.status, Status::Converged) << solved;
+  EXPECT_EQ(solved.gradient_evaluations, 0);
+  EXPECT_EQ(solved.energy_evaluations % energies_a_gradient, 0);
+  EXPECT_GT(solved.energy_evaluations, energies_a_gradient * solved.iterations);
+}
+
+TEST(NumericGradients, CountEachEnergy) {
+  expect_differences<ForwardDifferences<Dynamic2>>(1 + 2 * 6, 1e-6);
+  expect_differences<CentralDifferences<Dynamic2>>(1 + 4 * 6, 1e-8);
+}
+
+#ifdef ASTERISM_TEST_LBFGS
+TEST(LiblbfgsWords, AreInTheMessage) {
+  const auto [system, start] = dynamic_system(2, 16);
+  reference::Liblbfgs<Dynamic2> solver;
+  solver.options.tolerance = 1e-6;
+  auto x = start;
+  EXPECT_EQ(solver.solve(system, x).message, "LBFGS_STOP (1)");
+  x = start;
+  solver.options.max_iterations = 3;
+  const Summary few = solver.solve(system, x);
+  EXPECT_EQ(few.message, "LBFGSERR_MAXIMUMITERATION: the maximum number of iterations (-997)");
+  EXPECT_EQ(few.iterations, 3);
+  EXPECT_EQ(few.energy_evaluations, few.gradient_evaluations);
+  // Where it gives up, it says so, and the library says how far it came.
+  x = start;
+  solver.options.max_iterations = 10000;
+  solver.options.tolerance = 0;
+  const Summary most = solver.solve(system, x);
+  EXPECT_EQ(most.status, Status::NoProgress);
+  EXPECT_TRUE(std::string_view(most.message).starts_with("LBFGSERR_")) << most;
+  EXPECT_LT(most.stationarity, 1e-6);
+}
+#endif
+
+}  // namespace
+}  // namespace asterism
