@@ -1,0 +1,788 @@
+#pragma once
+
+// Newton's method of newton.hpp in lanes: one system a lane, all lanes in step, a lane that is done taking
+// the next system. Every iteration evaluates the trial point whole (energy, gradient, Hessian, factors and
+// the step from there), so that lanes which backtrack keep time with those which do not. What does not end
+// well in a few dozen of these is left to the scalar solver.
+#include "batch_lanes.hpp"
+
+namespace asterism::lanes_v0_1 {
+namespace {
+
+template <int k>
+struct Index {
+  [[gnu::always_inline]] constexpr operator int() const { return k; }
+};
+
+template <int kFrom, int kTo, typename F>
+ASTERISM_INLINE void unroll(F&& f) {
+  if constexpr (kFrom < kTo) {
+    f(Index<kFrom>());
+    unroll<kFrom + 1, kTo>(static_cast<F&&>(f));
+  }
+}
+
+template <typename T>
+struct Real;
+template <>
+struct Real<double> {
+  static constexpr double kEpsilon = __DBL_EPSILON__;
+  static constexpr double kTiny = __DBL_MIN__ / __DBL_EPSILON__;
+  static constexpr double kMax = __DBL_MAX__;
+  static constexpr double kCoincident = 1e100;  // mu / r from here on: the nodes coincide
+};
+template <>
+struct Real<float> {
+  static constexpr float kEpsilon = __FLT_EPSILON__;
+  static constexpr float kTiny = __FLT_MIN__ / __FLT_EPSILON__;
+  static constexpr float kMax = __FLT_MAX__;
+  static constexpr float kCoincident = 1e10F;
+};
+
+/// The largest systems of the kernels whose size is not compiled in.
+constexpr int kMostCoordinates = 30;
+constexpr int kMostLinks = 120;
+
+/// `kFixed` nodes, every pair linked; or, with 0, any topology of at most kMostCoordinates and kMostLinks.
+template <typename L, int kDim, int kFixed>
+class LaneNewton {
+  using T = typename L::T;
+  using V = typename L::V;
+  using M = typename L::M;
+  using R = Real<T>;
+
+  static constexpr bool kFull = kFixed > 0;
+  static constexpr int kLanes = L::kLanes;
+  static constexpr int kNodes = kFull ? kFixed : kMostCoordinates / kDim;
+  static constexpr int kSize = kDim * kNodes;
+  static constexpr int kLinks = kFull ? kFixed * (kFixed - 1) / 2 : kMostLinks;
+  static constexpr int kHessian = kFull ? kSize * (kSize + 1) : kSize * (kSize + 3) / 2;
+  static constexpr int kClampedSteps = 2;
+  static constexpr int kMostTrials = 60;  // evaluations of a system in its lane
+  static constexpr unsigned kAll = (1U << kLanes) - 1;
+
+ public:
+  static void solve(const Planes<T>& planes, const Settings& settings, std::ptrdiff_t first,
+                    std::ptrdiff_t last) {
+    const LaneNewton self(planes, settings);
+    for (std::ptrdiff_t s = first; s < last; s += kLanes) self.prepare(s);
+    self.iterate(first, last);
+    for (std::ptrdiff_t s = first; s < last; s += kLanes) self.judge(s);
+  }
+
+ private:
+  LaneNewton(const Planes<T>& planes, const Settings& settings)
+      : planes_(planes), stride_(planes.stride), nodes_(planes.nodes), links_(planes.link_count) {
+    const double floor = 8 * R::kEpsilon;
+    tolerance_ = static_cast<T>(settings.tolerance);
+    if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
+    max_iterations_ = static_cast<T>(settings.max_iterations);
+    align_ = settings.align;
+    T* work = planes.work;
+    final_x_ = work;
+    work += size() * stride_;
+    rounding_ = work;
+    work += nodes() * stride_;
+    tolerances_ = work;
+    reach_ = work + stride_;
+    floor_ = work + 2 * stride_;
+    mode_ = work + 3 * stride_;
+    energy_before_ = work + 4 * stride_;
+    extent_ = work + 5 * stride_;
+  }
+
+  // Sizes, known to the compiler where they are fixed.
+  [[gnu::always_inline]] int nodes() const {
+    if constexpr (kFull) return kNodes;
+    return nodes_;
+  }
+  [[gnu::always_inline]] int size() const { return kDim * nodes(); }
+  [[gnu::always_inline]] int links() const {
+    if constexpr (kFull) return kLinks;
+    return links_;
+  }
+
+  template <int kFrom = 0, typename F>
+  [[gnu::always_inline]] void each_node(F&& f) const {
+    if constexpr (kFull) {
+      unroll<kFrom, kNodes>(static_cast<F&&>(f));
+    } else {
+      for (int i = kFrom; i < nodes_; ++i) f(i);
+    }
+  }
+  template <typename F>
+  [[gnu::always_inline]] void each_coordinate(F&& f) const {
+    if constexpr (kFull) {
+      unroll<0, kSize>(static_cast<F&&>(f));
+    } else {
+      for (int i = 0; i < size(); ++i) f(i);
+    }
+  }
+  // f(link, i, j)
+  template <typename F>
+  [[gnu::always_inline]] void each_link(F&& f) const {
+    if constexpr (kFull) {
+      unroll<0, kNodes>([&](auto i) ASTERISM_INLINED {
+        unroll<i + 1, kNodes>(
+            [&](auto j) ASTERISM_INLINED { f(Index<i * kNodes - i*(i + 1) / 2 + j - i - 1>(), i, j); });
+      });
+    } else {
+      for (int l = 0; l < links_; ++l) f(l, planes_.ends[2 * l], planes_.ends[2 * l + 1]);
+    }
+  }
+
+  [[gnu::always_inline]] V plane(const T* planes, int which, std::ptrdiff_t s) const {
+    return L::load(planes + which * stride_ + s);
+  }
+
+  /// Inputs looked through, x aligned, and what the stopping rule measures by (stationarity.hpp).
+  [[gnu::noinline]] void prepare(std::ptrdiff_t s) const {
+    V x[kSize], a[kSize], k[kNodes], stiffness[kNodes];
+    V finite = L::set(0), least = L::set(0), count = L::set(0), extent = L::set(0), total = L::set(0);
+    M all_held = L::mask(kAll);
+    V centroid[kDim];
+    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = L::set(0); });
+    each_node([&](auto i) ASTERISM_INLINED {
+      k[i] = stiffness[i] = plane(planes_.anchor_stiffness, i, s);
+      finite = L::fma(k[i], L::set(0), finite);
+      least = L::min(k[i], least);
+      total = total + k[i];
+      const M held = L::less(L::set(0), k[i]);
+      all_held = L::both(all_held, held);
+      count = count + L::select(held, L::set(1), L::set(0));
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const int c = kDim * i + d;
+        x[c] = plane(planes_.x, c, s);
+        a[c] = plane(planes_.anchors, c, s);
+        finite = L::fma(x[c], L::set(0), L::fma(a[c], L::set(0), finite));
+        const V held_a = L::select(held, a[c], L::set(0));
+        centroid[d] = centroid[d] + held_a;
+        extent = L::max(L::max(L::abs(x[c]), L::abs(held_a)), extent);
+      });
+    });
+    const V inverse_count = L::inverse(count);
+    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = centroid[d] * inverse_count; });
+    V square = L::set(0);
+    each_node([&](auto i) ASTERISM_INLINED {
+      V distance = L::set(0);
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const V e = a[kDim * i + d] - centroid[d];
+        distance = L::fma(e, e, distance);
+      });
+      square = square + L::select(L::less(L::set(0), k[i]), distance, L::set(0));
+    });
+    V link_total = L::set(0);
+    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+      const V kl = plane(planes_.link_stiffness, l, s);
+      const V mu = plane(planes_.rest_length, l, s);
+      finite = L::fma(kl, L::set(0), L::fma(mu, L::set(0), finite));
+      least = L::min(kl, L::min(mu, least));
+      const M pulls = L::less(L::set(0), kl);
+      const V one = L::select(pulls, L::set(1), L::set(0));
+      count = count + one;
+      square = L::fma(mu * mu, one, square);
+      stiffness[i] = stiffness[i] + kl;
+      stiffness[j] = stiffness[j] + kl;
+      link_total = link_total + kl;
+    });
+    const V length = L::sqrt(square * L::inverse(count));
+    constexpr T kRounding = 8 * R::kEpsilon;
+    const V inverse_length = L::inverse(length);
+    const V tolerance =
+        L::max(L::set(tolerance_), L::set(kRounding) * L::fma(extent, inverse_length, L::set(1)));
+    const V reach = tolerance * length;
+    V stiffness_total = L::set(0);
+    V least_stiffness = stiffness[0];
+    each_node([&](auto i) ASTERISM_INLINED {
+      stiffness_total = stiffness_total + stiffness[i];
+      least_stiffness = L::min(stiffness[i], least_stiffness);
+      L::store(rounding_ + i * stride_ + s, L::set(kRounding) * stiffness[i]);
+    });
+    const V rounding = L::set(kRounding) * extent;
+    const V floor = stiffness_total * rounding * rounding;
+    M good = L::both(L::at_most(finite, L::set(0)), L::at_most(L::set(0), least));
+    good = L::both(good, L::both(L::less(L::set(0), reach), L::less(reach, L::set(R::kMax))));
+    good = L::both(good, L::both(L::less(floor, L::set(R::kMax)), L::less(L::set(0), least_stiffness)));
+    good = L::both(good, L::less(tolerance, L::set(R::kMax)));
+    if (L::bits(L::without(good, all_held)) != 0) [[unlikely]]
+      good = L::both(good, connected(s, k));
+    if (align_) align(x, a, k, extent, good);
+    each_coordinate([&](auto c) ASTERISM_INLINED { L::store(final_x_ + c * stride_ + s, x[c]); });
+    const M loose = L::less(L::set(10) * total, link_total);
+    const V mode = L::select(loose, L::set(align_ ? 2 : 1), L::set(1));
+    L::store(mode_ + s, L::select(good, mode, L::set(0)));
+    L::store(tolerances_ + s, tolerance);
+    L::store(reach_ + s, reach);
+    L::store(floor_ + s, floor);
+    L::store(extent_ + s, extent);
+  }
+
+  /// Where every node has a path of positive stiffness to an anchor.
+  [[gnu::noinline]] M connected(std::ptrdiff_t s, const V* k) const {
+    V held[kNodes] = {};
+    each_node([&](auto i)
+                  ASTERISM_INLINED { held[i] = L::select(L::less(L::set(0), k[i]), L::set(1), L::set(0)); });
+    for (int sweep = 1; sweep < nodes(); ++sweep) {
+      each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+        const V kl = plane(planes_.link_stiffness, l, s);
+        const V either = L::select(L::less(L::set(0), kl), L::max(held[i], held[j]), L::set(0));
+        held[i] = L::max(held[i], either);
+        held[j] = L::max(held[j], either);
+      });
+    }
+    V all = held[0];
+    each_node([&](auto i) ASTERISM_INLINED { all = L::min(all, held[i]); });
+    return L::less(L::set(0), all);
+  }
+
+  /// detail::align of align.hpp in the lanes of `which`.
+  template <typename Coordinates, typename Anchors, typename Stiffness>
+  [[gnu::always_inline]] void align(Coordinates& x, const Anchors& a, const Stiffness& k, V extent,
+                                    M which) const {
+    V total = L::set(0);
+    V centre[kDim], anchor_centre[kDim];
+    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centre[d] = anchor_centre[d] = L::set(0); });
+    each_node([&](auto i) ASTERISM_INLINED {
+      total = total + k[i];
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        centre[d] = L::fma(k[i], x[kDim * i + d], centre[d]);
+        anchor_centre[d] = L::fma(k[i], a[kDim * i + d], anchor_centre[d]);
+      });
+    });
+    const V inverse_total = L::inverse(total);
+    unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+      centre[d] = centre[d] * inverse_total;
+      anchor_centre[d] = anchor_centre[d] * inverse_total;
+    });
+    V product[kDim * kDim];  // sum k q p^T
+    unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { product[e] = L::set(0); });
+    V spread = L::set(0), anchor_spread = L::set(0), before = L::set(0);
+    each_node([&](auto i) ASTERISM_INLINED {
+      V p[kDim], kq[kDim];
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        p[d] = x[kDim * i + d] - centre[d];
+        const V q = a[kDim * i + d] - anchor_centre[d];
+        kq[d] = k[i] * q;
+        anchor_spread = L::fma(kq[d], q, anchor_spread);
+        spread = L::fma(k[i] * p[d], p[d], spread);
+        const V offset = x[kDim * i + d] - a[kDim * i + d];
+        before = L::fma(k[i] * offset, offset, before);
+      });
+      unroll<0, kDim>([&](auto row) ASTERISM_INLINED {
+        unroll<0, kDim>([&](auto column) ASTERISM_INLINED {
+          product[kDim * row + column] = L::fma(kq[row], p[column], product[kDim * row + column]);
+        });
+      });
+    });
+    V rotation[kDim * kDim];
+    const V rounding = L::set(8 * R::kEpsilon) * extent;
+    const V on_a_point = total * rounding * rounding;
+    const M turns = L::both(L::less(on_a_point, spread), L::less(on_a_point, anchor_spread));
+    nearest_rotation(product, turns, rotation);
+
+    V after = L::set(0);
+    V moved[kSize];
+    each_node([&](auto i) ASTERISM_INLINED {
+      V p[kDim];
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED { p[d] = x[kDim * i + d] - centre[d]; });
+      unroll<0, kDim>([&](auto row) ASTERISM_INLINED {
+        V y = anchor_centre[row];
+        unroll<0, kDim>([&](auto column)
+                            ASTERISM_INLINED { y = L::fma(rotation[kDim * row + column], p[column], y); });
+        moved[kDim * i + row] = y;
+        const V offset = y - a[kDim * i + row];
+        after = L::fma(k[i] * offset, offset, after);
+      });
+    });
+    const M nearer = L::both(which, L::less(after, before));
+    each_coordinate([&](auto c) ASTERISM_INLINED { x[c] = L::select(nearer, moved[c], x[c]); });
+  }
+
+  /// nearest_rotation of align.hpp; identity where `turns` is not.
+  [[gnu::always_inline]] static void nearest_rotation(const V* product, M turns, V* rotation) {
+    V square = L::set(0);
+    unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { square = L::fma(product[e], product[e], square); });
+    if constexpr (kDim == 2) {
+      const V cosine = product[0] + product[3];
+      const V sine = product[2] - product[1];
+      const V both = L::fma(cosine, cosine, sine * sine);
+      const M angle = L::both(turns, L::less(L::set(64 * R::kEpsilon * R::kEpsilon) * square, both));
+      const V inverse = L::inverse_sqrt(L::select(angle, both, L::set(1)));
+      const V c = L::select(angle, cosine * inverse, L::set(1));
+      const V s = L::select(angle, sine * inverse, L::set(0));
+      rotation[0] = rotation[3] = c;
+      rotation[1] = L::set(0) - s;
+      rotation[2] = s;
+    } else {
+      static_assert(kDim == 3);
+      // Horn's matrix, shifted to be positive semidefinite, to the 2^8th power: its columns are the
+      // quaternion unless two rotations are nearly as good, when a mixture of them is.
+      const M any = L::both(turns, L::less(L::set(0), square));
+      const V inverse = L::inverse_sqrt(L::select(any, square, L::set(1)));
+      V m[9];
+      unroll<0, 9>([&](auto e) ASTERISM_INLINED { m[e] = product[e] * inverse; });
+      const V shift = L::set(static_cast<T>(1.7320508075688772));  // |eigenvalues| <= sqrt(3) |M|
+      V q[10] = {m[0] + m[4] + m[8] + shift,
+                 m[7] - m[5],
+                 m[2] - m[6],
+                 m[3] - m[1],
+                 m[0] - m[4] - m[8] + shift,
+                 m[1] + m[3],
+                 m[2] + m[6],
+                 m[4] - m[0] - m[8] + shift,
+                 m[5] + m[7],
+                 m[8] - m[0] - m[4] + shift};
+      constexpr int kAt[4][4] = {{0, 1, 2, 3}, {1, 4, 5, 6}, {2, 5, 7, 8}, {3, 6, 8, 9}};
+      for (int power = 0; power < 8; ++power) {
+        V p[10];
+        unroll<0, 4>([&](auto row) ASTERISM_INLINED {
+          unroll<row, 4>([&](auto column) ASTERISM_INLINED {
+            V sum = q[kAt[row][0]] * q[kAt[0][column]];
+            sum = L::fma(q[kAt[row][1]], q[kAt[1][column]], sum);
+            sum = L::fma(q[kAt[row][2]], q[kAt[2][column]], sum);
+            p[kAt[row][column]] = L::fma(q[kAt[row][3]], q[kAt[3][column]], sum);
+          });
+        });
+        const V scale = L::inverse(p[0] + p[4] + p[7] + p[9]);
+        unroll<0, 10>([&](auto e) ASTERISM_INLINED { q[e] = p[e] * scale; });
+      }
+      V h[4] = {q[0], q[1], q[2], q[3]};
+      V largest = q[0];
+      unroll<1, 4>([&](auto c) ASTERISM_INLINED {
+        const V diagonal = q[kAt[c][c]];
+        const M larger = L::less(largest, diagonal);
+        largest = L::max(largest, diagonal);
+        unroll<0, 4>([&](auto r) ASTERISM_INLINED { h[r] = L::select(larger, q[kAt[r][c]], h[r]); });
+      });
+      const V norm = L::inverse_sqrt(h[0] * h[0] + h[1] * h[1] + h[2] * h[2] + h[3] * h[3]);
+      const V w = L::select(any, h[0] * norm, L::set(1)), x = L::select(any, h[1] * norm, L::set(0)),
+              y = L::select(any, h[2] * norm, L::set(0)), z = L::select(any, h[3] * norm, L::set(0));
+      const V one = L::set(1), two = L::set(2);
+      rotation[0] = one - two * (y * y + z * z);
+      rotation[1] = two * (x * y - w * z);
+      rotation[2] = two * (x * z + w * y);
+      rotation[3] = two * (x * y + w * z);
+      rotation[4] = one - two * (x * x + z * z);
+      rotation[5] = two * (y * z - w * x);
+      rotation[6] = two * (x * z - w * y);
+      rotation[7] = two * (y * z + w * x);
+      rotation[8] = one - two * (x * x + y * y);
+    }
+  }
+
+  /// What the lanes work on.
+  struct State {
+    V x[kSize];  // accepted last
+    V p[kSize];  // the step from there: the trial point is x - t p
+    V a[kSize];
+    V k[kNodes];
+    V rounding[kNodes];  // of pivots
+    V mu[kLinks];
+    V kl[kLinks];
+    V energy;  // at x; infinite before the first evaluation
+    V decrement;
+    V t;
+    V tolerance;
+    V floor;
+    V extent;
+    V mode;
+    V clamped;  // steps left with curvature across springs clamped
+    V iterations;
+    V trials;
+    std::ptrdiff_t index[kLanes];
+    unsigned live;
+  };
+
+  void iterate(std::ptrdiff_t first, std::ptrdiff_t last) const {
+    State state;
+    clear(state);
+    std::ptrdiff_t next = first;
+    refill(state, kAll, next, last);
+    while (state.live != 0) {
+      const unsigned done = advance(state);
+      if (done != 0) {
+        state.live &= ~done;
+        refill(state, done, next, last);
+      }
+    }
+  }
+
+  static void clear(State& state) {
+    V* values = state.x;
+    constexpr int kCount = 3 * kSize + 2 * kNodes + 2 * kLinks + 10;
+    for (int v = 0; v < kCount; ++v) values[v] = L::set(0);
+    state.live = 0;
+  }
+
+  // The next systems into free lanes.
+  void refill(State& state, unsigned free, std::ptrdiff_t& next, std::ptrdiff_t last) const {
+    unsigned taken = 0;
+    const std::ptrdiff_t from = next;
+    for (; free != 0 && next < last; free &= free - 1) {
+      taken |= free & (0U - free);
+      state.index[__builtin_ctz(free)] = next++;
+    }
+    if (taken == 0) return;
+    state.live |= taken;
+    const M which = L::mask(taken);
+    const auto take = [&](V& values, const T* plane) ASTERISM_INLINED {
+      if constexpr (requires { L::expand(which, plane, values); }) {
+        values = L::expand(which, plane + from, values);
+      } else {
+        T lanes[kLanes];
+        L::store(lanes, values);
+        const T* at = plane + from;
+        for (unsigned rest = taken; rest != 0; rest &= rest - 1) lanes[__builtin_ctz(rest)] = *at++;
+        values = L::load(lanes);
+      }
+    };
+    each_coordinate([&](auto c) ASTERISM_INLINED {
+      take(state.x[c], final_x_ + c * stride_);
+      take(state.a[c], planes_.anchors + c * stride_);
+      state.p[c] = L::select(which, L::set(0), state.p[c]);
+    });
+    each_node([&](auto i) ASTERISM_INLINED {
+      take(state.k[i], planes_.anchor_stiffness + i * stride_);
+      take(state.rounding[i], rounding_ + i * stride_);
+    });
+    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
+      take(state.mu[l], planes_.rest_length + l * stride_);
+      take(state.kl[l], planes_.link_stiffness + l * stride_);
+    });
+    take(state.tolerance, tolerances_);
+    take(state.floor, floor_);
+    take(state.extent, extent_);
+    take(state.mode, mode_);
+    state.energy = L::select(which, L::set(R::kMax), state.energy);
+    const V zero = L::set(0);
+    state.decrement = L::select(which, zero, state.decrement);
+    state.t = L::select(which, zero, state.t);
+    state.iterations = L::select(which, zero, state.iterations);
+    state.trials = L::select(which, zero, state.trials);
+    state.clamped = L::select(which, L::set(kClampedSteps + 1), state.clamped);
+  }
+
+  struct Evaluation {
+    V energy;
+    V decrement;  // Newton's, squared
+    M definite;   // no pivot was repaired, no curvature clamped
+  };
+
+  /// Energy, Hessian (clamped where `limit` is 1 and not where it is huge), its factors and Newton's step at
+  /// x. NaN for the energy where nodes coincide.
+  template <typename Coordinates>
+  [[gnu::always_inline]] Evaluation evaluate(const State& s, const Coordinates& x, V limit, V* step) const {
+    const int n = size();
+    V h[kHessian];
+    V g[kSize];
+    const auto at = [&](auto row, auto column) ASTERISM_INLINED -> V& {
+      if constexpr (kFull) {
+        return h[column * (kSize + 1) + row];
+      } else {
+        return h[column * (n + 1) - column * (column - 1) / 2 + row - column];
+      }
+    };
+    V twice = L::set(0);
+    if constexpr (!kFull) {
+      for (int e = 0; e < n * (n + 3) / 2; ++e) h[e] = L::set(0);
+    }
+    each_node([&](auto i) ASTERISM_INLINED {
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const int c = kDim * i + d;
+        const V e = x[c] - s.a[c];
+        g[c] = s.k[i] * e;
+        twice = L::fma(g[c], e, twice);
+        unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
+          if constexpr (r >= d) at(kDim * i + r, c) = r == d ? s.k[i] : L::set(0);
+        });
+      });
+    });
+    V most = L::set(0);  // mu / r
+    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+      const V k = s.kl[l], mu = s.mu[l];
+      V d[kDim];
+      V square = L::set(0);
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        d[c] = x[kDim * i + c] - x[kDim * j + c];
+        square = c == 0 ? d[c] * d[c] : L::fma(d[c], d[c], square);
+      });
+      const V inverse = L::inverse_sqrt(L::max(square, L::set(R::kTiny)));
+      const V ratio = mu * inverse;
+      most = L::max(most, ratio);
+      const V stretch = L::fma(square, inverse, L::set(0) - mu);
+      twice = L::fma(k * stretch, stretch, twice);
+      const V pull = L::fnma(k, ratio, k);  // k (1 - mu / r)
+      const V bend = k * L::min(ratio, limit);
+      const V across = k - bend;
+      const V bend_d = bend * (inverse * inverse);
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        g[kDim * i + c] = L::fma(pull, d[c], g[kDim * i + c]);
+        g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
+        const V b = bend_d * d[c];
+        unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
+          if constexpr (r >= c) {
+            // The block of the two nodes, which is minus that of each.
+            const V value = r == c ? L::fnms(b, d[r], across) : L::set(0) - b * d[r];
+            at(kDim * i + r, kDim * i + c) = at(kDim * i + r, kDim * i + c) - value;
+            at(kDim * j + r, kDim * j + c) = at(kDim * j + r, kDim * j + c) - value;
+            if constexpr (kFull) {
+              at(kDim * j + r, kDim * i + c) = value;
+              if constexpr (r != c) at(kDim * j + c, kDim * i + r) = value;
+            } else {
+              const int low = kDim * (i < j ? i : j), high = kDim * (i < j ? j : i);
+              at(high + r, low + c) = at(high + r, low + c) + value;
+              if constexpr (r != c) at(high + c, low + r) = at(high + c, low + r) + value;
+            }
+          }
+        });
+      });
+    });
+
+    // L D L^T of H bordered by g, as NewtonMatrix has it.
+    M definite = L::at_most(most, limit);
+    V inverse_pivot[kSize];
+    V decrement = L::set(0);
+    const auto pivot = [&](auto c) ASTERISM_INLINED {
+      const V least = s.rounding[c / kDim];
+      const V value = at(c, c);
+      definite = L::both(definite, L::less(least, value));
+      return inverse_pivot[c] = L::inverse(L::max(L::abs(value), least));
+    };
+    if constexpr (kFull) {
+      unroll<0, kSize>([&](auto c) ASTERISM_INLINED {
+        const V inverse = pivot(c);
+        unroll<c + 1, kSize>([&](auto j) ASTERISM_INLINED {
+          const V factor = at(j, c) * inverse;
+          unroll<j, kSize>([&](auto i) ASTERISM_INLINED { at(i, j) = L::fnma(factor, at(i, c), at(i, j)); });
+          g[j] = L::fnma(factor, g[c], g[j]);
+        });
+      });
+      unroll<0, kSize>([&](auto back) ASTERISM_INLINED {
+        constexpr int c = kSize - 1 - back;
+        V value = g[c];
+        const V scaled = value * inverse_pivot[c];
+        decrement = L::fma(value, scaled, decrement);
+        unroll<0, kSize - 1 - c>([&](auto m) ASTERISM_INLINED {
+          constexpr int i = kSize - 1 - m;
+          value = L::fnma(at(Index<i>(), Index<c>()), step[i], value);
+        });
+        step[c] = value * inverse_pivot[c];
+      });
+    } else {
+      for (int c = 0; c < n; ++c) {
+        const V inverse = pivot(c);
+        const V* pivot_column = &at(c, c) - c;
+        for (int j = c + 1; j < n; ++j) {
+          const V factor = pivot_column[j] * inverse;
+          V* column = &at(j, j) - j;
+          for (int i = j; i < n; ++i) column[i] = L::fnma(factor, pivot_column[i], column[i]);
+          g[j] = L::fnma(factor, g[c], g[j]);
+        }
+      }
+      for (int c = n - 1; c >= 0; --c) {
+        V value = g[c];
+        decrement = L::fma(value * value, inverse_pivot[c], decrement);
+        const V* column = &at(c, c) - c;
+        for (int i = n - 1; i > c; --i) value = L::fnma(column[i], step[i], value);
+        step[c] = value * inverse_pivot[c];
+      }
+    }
+    const M apart = L::less(most, L::set(R::kCoincident));
+    const V energy = L::select(apart, L::set(T(0.5)) * twice, L::set(static_cast<T>(__builtin_nan(""))));
+    return {energy, decrement, definite};
+  }
+
+  // One evaluation of every lane; the lanes that are done with their systems.
+  [[gnu::noinline]] unsigned advance(State& s) const {
+    V y[kSize], q[kSize];
+    each_coordinate([&](auto c) ASTERISM_INLINED { y[c] = L::fnma(s.t, s.p[c], s.x[c]); });
+    const M loose = L::less(L::set(1), s.mode);
+    if ((L::bits(loose) & s.live) != 0) [[unlikely]]
+      align(y, s.a, s.k, s.extent, loose);
+    const V zero = L::set(0), one = L::set(1);
+    const V limit = L::select(L::less(one, s.clamped), one, L::set(R::kMax));
+    const Evaluation e = evaluate(s, y, limit, q);
+
+    // Armijo; in the last digits of the energy, rounding is let pass.
+    const T terms = static_cast<T>(nodes() + links()) * R::kEpsilon;
+    const V rounding = L::set(terms) * s.energy;
+    const V slack = L::select(L::less(s.decrement, L::set(8) * rounding), rounding, zero);
+    const V target = L::fnma(L::set(T(1e-4)) * s.t, s.decrement, s.energy + slack);
+    const M falls = L::at_most(e.energy, target);
+    const M close =
+        L::both(e.definite, L::at_most(e.decrement, L::set(2) * L::max(s.tolerance * e.energy, s.floor)));
+    const M finished = L::both(falls, close);
+
+    // Otherwise to the minimum of the parabola.
+    const V vertex =
+        s.t * s.t * s.decrement * L::inverse(L::set(2) * (e.energy - s.energy + s.t * s.decrement));
+    const V shorter = L::max(L::min(vertex, L::set(T(0.5)) * s.t), L::set(T(0.1)) * s.t);
+    const M stuck = L::without(L::at_most(s.t, L::set(T(1e-5))), falls);
+    const V trials = s.trials + one;
+    s.trials = trials;
+    const V count = s.iterations + L::select(L::both(falls, L::less(zero, s.t)), one, zero);
+    const M late = L::both(falls, L::at_most(L::set(max_iterations_), count));
+    const M lost = L::either(L::either(L::at_most(L::set(kMostTrials), trials), stuck),
+                             L::either(L::less(s.mode, one), late));
+    s.iterations = count;
+    s.energy = L::select(falls, e.energy, s.energy);
+    s.decrement = L::select(falls, e.decrement, s.decrement);
+    s.t = L::select(falls, one, shorter);
+    s.clamped = L::select(falls, L::max(s.clamped - one, zero), s.clamped);
+    each_coordinate([&](auto c) ASTERISM_INLINED {
+      s.x[c] = L::select(falls, y[c], s.x[c]);
+      s.p[c] = L::select(falls, q[c], s.p[c]);
+    });
+    const unsigned done = L::bits(L::either(finished, lost)) & s.live;
+    if (done != 0) write(s, done, L::bits(finished), L::bits(late));
+    return done;
+  }
+
+  // Out of the lanes: with the last step where that was small enough to take unseen.
+  void write(State& s, unsigned done, unsigned finished, unsigned late) const {
+    const V last_step = L::select(L::mask(finished), L::set(1), L::set(0));
+    T out[kSize][kLanes];
+    each_coordinate([&](auto c) ASTERISM_INLINED { L::store(out[c], L::fnma(last_step, s.p[c], s.x[c])); });
+    T energy[kLanes], iterations[kLanes], mode[kLanes];
+    L::store(energy, s.energy);
+    L::store(iterations, s.iterations + last_step);
+    L::store(mode, s.mode);
+    for (unsigned rest = done; rest != 0; rest &= rest - 1) {
+      const int lane = __builtin_ctz(rest);
+      const std::ptrdiff_t index = s.index[lane];
+      each_coordinate([&](auto c) ASTERISM_INLINED { final_x_[c * stride_ + index] = out[c][lane]; });
+      energy_before_[index] = energy[lane];
+      planes_.iterations[index] = static_cast<std::int32_t>(iterations[lane]);
+      const bool is_in = mode[lane] >= 1;
+      const unsigned bit = 1U << lane;
+      planes_.outcome[index] = !is_in                  ? kLeft
+                               : (finished & bit) != 0 ? kConverged
+                               : (late & bit) != 0     ? kStopped
+                                                       : kLeft;
+    }
+  }
+
+  /// The library's verdict (session.hpp) on what the lanes arrived at.
+  [[gnu::noinline]] void judge(std::ptrdiff_t s) const {
+    V start[kSize], x[kSize], a[kSize], g[kSize];
+    V k[kNodes];
+    V twice = L::set(0), twice_start = L::set(0);
+    each_node([&](auto i) ASTERISM_INLINED {
+      k[i] = plane(planes_.anchor_stiffness, i, s);
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const int c = kDim * i + d;
+        start[c] = plane(planes_.x, c, s);
+        x[c] = plane(final_x_, c, s);
+        a[c] = plane(planes_.anchors, c, s);
+        const V e = x[c] - a[c];
+        g[c] = k[i] * e;
+        twice = L::fma(g[c], e, twice);
+        const V f = start[c] - a[c];
+        twice_start = L::fma(k[i] * f, f, twice_start);
+      });
+    });
+    V most = L::set(0);
+    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+      const V kl = plane(planes_.link_stiffness, l, s), mu = plane(planes_.rest_length, l, s);
+      V d[kDim];
+      V square = L::set(0), square_start = L::set(0);
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        d[c] = x[kDim * i + c] - x[kDim * j + c];
+        square = L::fma(d[c], d[c], square);
+        const V f = start[kDim * i + c] - start[kDim * j + c];
+        square_start = L::fma(f, f, square_start);
+      });
+      const V inverse = L::inverse_sqrt(L::max(square, L::set(R::kTiny)));
+      const V ratio = mu * inverse;
+      most = L::max(most, ratio);
+      const V stretch = L::fma(square, inverse, L::set(0) - mu);
+      twice = L::fma(kl * stretch, stretch, twice);
+      const V pull = L::fnma(kl, ratio, kl);
+      const V stretch_start =
+          L::fma(square_start, L::inverse_sqrt(L::max(square_start, L::set(R::kTiny))), L::set(0) - mu);
+      twice_start = L::fma(kl * stretch_start, stretch_start, twice_start);
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        g[kDim * i + c] = L::fma(pull, d[c], g[kDim * i + c]);
+        g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
+      });
+    });
+    // max |g_i| / A_ii against tolerance times L.
+    V largest = L::set(0);
+    each_node([&](auto i) ASTERISM_INLINED {
+      const V inverse = L::inverse(plane(rounding_, i, s)) * L::set(8 * R::kEpsilon);
+      V square = L::set(0);
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const V e = g[kDim * i + d] * inverse;
+        square = L::fma(e, e, square);
+      });
+      largest = L::max(largest, square);
+    });
+    const V reach = L::load(reach_ + s), tolerance = L::load(tolerances_ + s);
+    const V ratio = L::sqrt(largest) * L::inverse(reach);  // of stationarity and tolerance
+    const V half = L::set(T(0.5));
+    const V energy = half * twice, initial = half * twice_start, before = L::load(energy_before_ + s);
+    const T terms = static_cast<T>(nodes() + links()) * R::kEpsilon;
+    M sound = L::both(L::less(most, L::set(R::kCoincident)), L::at_most(energy, initial));
+    sound = L::both(sound, L::at_most(energy, L::fma(L::set(terms), before, before)));
+    sound = L::both(sound, L::less(initial, L::set(R::kMax)));
+    const unsigned is_sound = L::bits(sound), is_stationary = L::bits(L::at_most(ratio, L::set(1)));
+    unsigned taken = 0;
+    for (int lane = 0; lane < kLanes; ++lane) {
+      std::int32_t& outcome = planes_.outcome[s + lane];
+      const bool stationary = (is_stationary >> lane & 1U) != 0;
+      if ((is_sound >> lane & 1U) == 0 || stationary != (outcome == kConverged)) outcome = kLeft;
+      if (outcome != kLeft) taken |= 1U << lane;
+    }
+    const M which = L::mask(taken);
+    each_coordinate([&](auto c) ASTERISM_INLINED {
+      L::store(planes_.x + c * stride_ + s, L::select(which, x[c], start[c]));
+    });
+    L::store(planes_.initial_energy + s, initial);
+    L::store(planes_.final_energy + s, energy);
+    L::store(planes_.stationarity + s, ratio * tolerance);
+  }
+
+  const Planes<T>& planes_;
+  std::ptrdiff_t stride_;
+  int nodes_;
+  int links_;
+  T tolerance_;
+  T max_iterations_;
+  bool align_;
+  T *final_x_, *rounding_, *tolerances_, *reach_, *floor_, *mode_, *energy_before_, *extent_;
+};
+
+/// The kernel of a topology, from the fixed ones and the one for any.
+template <typename L, int kDim>
+Kernel<typename L::T> kernel_of(int nodes, int link_count, bool is_full) {
+  if (is_full) {
+    switch (kDim * nodes) {
+      case kDim * 2:
+        return &LaneNewton<L, kDim, 2>::solve;
+      case kDim * 3:
+        return &LaneNewton<L, kDim, 3>::solve;
+      case kDim * 4:
+        return &LaneNewton<L, kDim, 4>::solve;
+      default:
+        break;
+    }
+    if constexpr (kDim == 2) {
+      if (nodes == 5) return &LaneNewton<L, kDim, 5>::solve;
+      if (nodes == 6) return &LaneNewton<L, kDim, 6>::solve;
+    }
+  }
+  if (nodes < 1 || kDim * nodes > kMostCoordinates || link_count > kMostLinks) return nullptr;
+  return &LaneNewton<L, kDim, 0>::solve;
+}
+
+template <typename L>
+Kernel<typename L::T> kernel_for(int dim, int nodes, int link_count, bool is_full) {
+  if (dim == 2) return kernel_of<L, 2>(nodes, link_count, is_full);
+  if (dim == 3) return kernel_of<L, 3>(nodes, link_count, is_full);
+  return nullptr;
+}
+
+constexpr KernelSet kKernels{&kernel_for<FloatLanes>, &kernel_for<DoubleLanes>};
+
+}  // namespace
+}  // namespace asterism::lanes_v0_1
