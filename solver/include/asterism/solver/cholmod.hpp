@@ -53,6 +53,45 @@ class CholmodCholesky {
   RightHandSide step_;
 };
 
+/// Factorisation policy of SparseNewton: CHOLMOD with its own choice of ordering, for very large systems.
+/// Works in double whatever the system's scalar. Silent. Uses the heap. Needs target asterism::cholmod.
+template <typename System>
+class CholmodLlt {
+ public:
+  using Matrix = Eigen::SparseMatrix<double>;
+  using Vector = Eigen::VectorXd;
+
+  static constexpr std::string_view kName = "CHOLMOD";
+
+  CholmodLlt() { cholesky_.cholmod().print = 0; }
+
+  /// Orders a new pattern, of a lower triangle.
+  void analyze(const Matrix& lower) {
+    cholesky_.analyzePattern(lower);
+    check_memory();
+  }
+
+  /// False where the matrix is not positive definite in double.
+  bool factorize(const Matrix& lower) {
+    cholesky_.factorize(lower);
+    check_memory();
+    return cholesky_.info() == Eigen::Success;
+  }
+
+  /// step = matrix^-1 gradient, both of the matrix's size.
+  void solve(const Vector& gradient, Vector& step) {
+    step = cholesky_.solve(gradient);
+    check_memory();
+  }
+
+ private:
+  void check_memory() {
+    if (cholesky_.cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+  }
+
+  Eigen::CholmodDecomposition<Matrix> cholesky_;
+};
+
 /// Ida with CHOLMOD.
 template <typename System>
 using CholmodIda = Ida<System, CholmodCholesky<System>>;

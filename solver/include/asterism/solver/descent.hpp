@@ -92,6 +92,7 @@ class DescentState {
     ++summary.energy_evaluations, ++summary.gradient_evaluations;
   }
 
+  Scalar energy() const { return energy_; }
   const Points& gradient() const { return gradient_; }
   const Points& previous_gradient() const { return other_gradient_; }
   Scalar slope() const { return slope_; }  ///< along the last direction, at the point that it led to

@@ -1,0 +1,367 @@
+#pragma once
+
+#include <Eigen/SparseCholesky>
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <asterism/solver/align.hpp>
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/descent.hpp>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/session.hpp>
+#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/summary.hpp>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <numeric>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace detail {
+
+/// The lower triangle of the Hessian as a sparse matrix of `MatrixScalar`, (Dim N) x (Dim N), whose pattern
+/// is made once a topology and refilled after that.
+template <typename System, typename MatrixScalar>
+class SparseHessian {
+ public:
+  using Matrix = Eigen::SparseMatrix<MatrixScalar>;
+  using Points = typename System::Points;
+  static constexpr int kDim = System::kDim;
+
+  /// Makes the pattern for the system's links, if it is not theirs already; true where it is new and has to
+  /// be analysed.
+  bool prepare(const System& system) {
+    const auto links = system.links();
+    if (matrix_.rows() == kDim * system.nodes() &&
+        std::equal(links.begin(), links.end(), links_.begin(), links_.end()))
+      return false;
+    make_pattern(system.nodes(), links);
+    return true;
+  }
+
+  /// Fills in the Hessian at x. With `clamp`, no anchor or link has negative curvature, which makes the
+  /// matrix positive semi-definite; with anchors, definite. A fixed node is coupled to none.
+  void assemble(const System& system, const Points& x, bool clamp) {
+    matrix_.coeffs().setZero();
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) [[unlikely]] {
+        add_diagonal(i, Block(Block::Identity()));
+      } else {
+        add_diagonal(i, anchor_curvature(system, i, x.col(i) - system.anchors.col(i), clamp));
+      }
+    }
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const auto [length, u] = spring(system, link, x.col(link.i) - x.col(link.j));
+      auto force = link_force(system, l, length);
+      if (clamp) {
+        force.along = std::max(force.along, Scalar(0));
+        force.across = std::max(force.across, Scalar(0));
+      }
+      const Block block =
+          force.across * Block::Identity() + ((force.along - force.across) * u) * u.transpose();
+      const bool fixed_i = system.is_fixed(link.i);
+      const bool fixed_j = system.is_fixed(link.j);
+      if (!fixed_i) add_diagonal(link.i, block);
+      if (!fixed_j) add_diagonal(link.j, block);
+      if (!fixed_i && !fixed_j) subtract_off_diagonal(std::min(link.i, link.j), rank_[l], block);
+      ++l;
+    }
+  }
+
+  /// Multiplies the diagonal.
+  void scale_diagonal(MatrixScalar factor) {
+    for (Eigen::Index c = 0; c < matrix_.cols(); ++c) *column(static_cast<int>(c)) *= factor;
+  }
+
+  const Matrix& matrix() const { return matrix_; }
+
+ private:
+  using Scalar = typename System::Scalar;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim>;
+
+  // The values of a column, from the diagonal down.
+  MatrixScalar* column(int c) { return matrix_.valuePtr() + matrix_.outerIndexPtr()[c]; }
+
+  void add_diagonal(int i, const Block& block) {
+    for (int c = 0; c < kDim; ++c) {
+      MatrixScalar* const values = column(kDim * i + c);
+      for (int r = c; r < kDim; ++r) values[r - c] += static_cast<MatrixScalar>(block(r, c));
+    }
+  }
+
+  // The block of `low` and the neighbour that is its `rank`-th above it.
+  void subtract_off_diagonal(int low, int rank, const Block& block) {
+    for (int c = 0; c < kDim; ++c) {
+      MatrixScalar* const values = column(kDim * low + c) + (kDim - c) + kDim * rank;
+      for (int r = 0; r < kDim; ++r) values[r] -= static_cast<MatrixScalar>(block(r, c));
+    }
+  }
+
+  void make_pattern(int n, std::span<const Link> links) {
+    const auto ends = [&links](int l) {
+      const Link& link = links[static_cast<std::size_t>(l)];
+      return std::minmax(link.i, link.j);
+    };
+    std::vector<int> order(links.size());
+    std::iota(order.begin(), order.end(), 0);
+    std::sort(order.begin(), order.end(), [&ends](int a, int b) { return ends(a) < ends(b); });
+
+    // A node's neighbours of higher number, each once, also where links are parallel.
+    std::vector<int> first(static_cast<std::size_t>(n) + 1, 0);
+    std::vector<int> neighbours;
+    rank_.resize(links.size());
+    neighbours.reserve(links.size());
+    int low = -1;
+    for (const int l : order) {
+      const auto [i, j] = ends(l);
+      while (low < i) first[static_cast<std::size_t>(++low)] = static_cast<int>(neighbours.size());
+      const auto begin = first[static_cast<std::size_t>(low)];
+      if (static_cast<int>(neighbours.size()) == begin || neighbours.back() != j) neighbours.push_back(j);
+      rank_[static_cast<std::size_t>(l)] = static_cast<int>(neighbours.size()) - 1 - begin;
+    }
+    while (low < n) first[static_cast<std::size_t>(++low)] = static_cast<int>(neighbours.size());
+
+    matrix_.resize(kDim * n, kDim * n);
+    matrix_.resizeNonZeros(n * kDim * (kDim + 1) / 2 +
+                           kDim * kDim * static_cast<Eigen::Index>(neighbours.size()));
+    int at = 0;
+    for (int i = 0; i < n; ++i) {
+      for (int c = 0; c < kDim; ++c) {
+        matrix_.outerIndexPtr()[kDim * i + c] = at;
+        for (int r = c; r < kDim; ++r) matrix_.innerIndexPtr()[at++] = kDim * i + r;
+        for (int k = first[static_cast<std::size_t>(i)]; k < first[static_cast<std::size_t>(i) + 1]; ++k) {
+          const int j = neighbours[static_cast<std::size_t>(k)];
+          for (int r = 0; r < kDim; ++r) matrix_.innerIndexPtr()[at++] = kDim * j + r;
+        }
+      }
+    }
+    matrix_.outerIndexPtr()[kDim * n] = at;
+    links_.assign(links.begin(), links.end());
+  }
+
+  Matrix matrix_;
+  std::vector<Link> links_;  // of the pattern
+  std::vector<int> rank_;    // a link's place among the neighbours above its lower node
+};
+
+}  // namespace detail
+
+/// Factorisation policy of SparseNewton: Eigen's SimplicialLDLT with AMD ordering. Uses the heap.
+template <typename System>
+class SparseLdlt {
+ public:
+  using Scalar = typename System::Scalar;
+  using Matrix = Eigen::SparseMatrix<Scalar>;
+  using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
+
+  static constexpr std::string_view kName = "sparse LDL^T";
+
+  /// Orders a new pattern, of a lower triangle.
+  void analyze(const Matrix& lower) { ldlt_.analyzePattern(lower); }
+
+  /// False where the matrix is not positive definite to the digits of the scalar.
+  bool factorize(const Matrix& lower) {
+    ldlt_.factorize(lower);
+    if (ldlt_.info() != Eigen::Success) return false;
+    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+    const Vector pivots = ldlt_.permutationPinv() * ldlt_.vectorD();
+    for (Eigen::Index c = 0; c < pivots.size(); ++c) {
+      if (!(pivots[c] > kRounding * lower.valuePtr()[lower.outerIndexPtr()[c]])) return false;
+    }
+    return true;
+  }
+
+  /// step = matrix^-1 gradient, both of the matrix's size.
+  void solve(const Vector& gradient, Vector& step) { step = ldlt_.solve(gradient); }
+
+  /// A direction v with v^T matrix v < 0 from the last factorisation, of a matrix that is not positive
+  /// definite: L^T v = e at the least pivot. Returns v^T matrix v, 0 where no pivot is negative.
+  Scalar negative_curvature(Vector& v) const {
+    if (ldlt_.info() != Eigen::Success) return 0;
+    Eigen::Index least = 0;
+    const Scalar pivot = ldlt_.vectorD().minCoeff(&least);
+    if (!(pivot < 0)) return 0;
+    v.setZero(ldlt_.rows());
+    v[least] = 1;
+    ldlt_.matrixU().solveInPlace(v);
+    v = (ldlt_.permutationPinv() * v).eval();
+    return pivot;
+  }
+
+ private:
+  Eigen::SimplicialLDLT<Matrix> ldlt_;
+};
+
+/// What SparseNewton takes.
+struct SparseNewtonOptions : SolverOptions {
+  /// Starts with rigid_alignment of x, unless x is stationary. It is not counted as an iteration.
+  bool align = true;
+
+  /// Goes on from stationary points whose Hessian has a negative pivot, where the factorisation shows it
+  /// (SparseLdlt does).
+  bool escape_saddles = true;
+
+  constexpr SparseNewtonOptions() = default;
+  constexpr SparseNewtonOptions(const SolverOptions& options) : SolverOptions(options) {}
+};
+
+/// Newton's method with a sparse factorisation of the Hessian, for large constellations whose anchors are
+/// weak beside the links: the number of its iterations hardly depends on the anchors, where that of methods
+/// without the Hessian grows as they weaken. In the plane a factorisation is about O(N^1.5) in time and O(N
+/// log N) in memory for N nodes with local links (George 1973).
+///
+/// Where the Hessian is not positive definite, negative curvature of links and anchors counts as none, and
+/// where that is not definite to the scalar's digits (anchors weaker than its epsilon), the diagonal is
+/// raised. The line search accepts lower energies alone; where it fails, the gradient scaled by the diagonal
+/// of K_dyn is tried, which fails for rounding alone.
+///
+/// Summary::positive_definite says what the Hessian is at the x returned. `Factorization` is SparseLdlt or
+/// CholmodLlt. The ordering is computed once a topology; an object holds its workspace, one thread at a time.
+template <typename System, typename Factorization = SparseLdlt<System>>
+class SparseNewton {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  SparseNewtonOptions options;
+
+  SparseNewton() = default;
+  /// For type deduction: SparseNewton(system).solve(system, x).
+  explicit SparseNewton(const System&, const SparseNewtonOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Factorization>::value; }
+
+  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
+  /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+      if (options.align && options.max_iterations > 0 && !session_.done(session_.gradient())) {
+        detail::align(system, x, false);
+      }
+      if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
+      state_.start(system, x, summary);
+      int clamped_steps = 0;
+      while (true) {
+        const bool stationary = session_.done(state_.gradient());
+        const bool last = summary.iterations == options.max_iterations;
+        if (last && !stationary) {
+          summary.positive_definite = -1;
+          return Status::MaxIterations;
+        }
+        bool definite = false;
+        if (stationary || clamped_steps == 0) {
+          hessian_.assemble(system, x, false);
+          definite = factorize(summary);
+          clamped_steps = definite ? 0 : kClampedSteps;
+          summary.positive_definite = definite;
+        } else {
+          --clamped_steps;
+        }
+        if (last) return Status::Converged;
+        if (stationary && !definite) {
+          if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
+          continue;
+        }
+        if (!definite) repair(system, x, summary);
+        // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
+        const Scalar slope = newton_direction(summary);
+        if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
+        if (!search(system, x, slope, summary)) {
+          if (stationary) return Status::Converged;
+          direction_ = -state_.gradient() * node_stiffness_inverse(system).asDiagonal();
+          const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
+          if (!search(system, x, steepest, summary)) return Status::NoProgress;
+        }
+      }
+    });
+  }
+
+ private:
+  static constexpr std::string_view kMethod = "Newton";
+  static constexpr int kClampedSteps = 3;  // before the Hessian itself is tried again
+  using Matrix = typename Factorization::Matrix;
+  using MatrixScalar = typename Matrix::Scalar;
+  using Vector = Eigen::Matrix<MatrixScalar, Eigen::Dynamic, 1>;
+
+  bool factorize(Summary& summary) {
+    ++summary.factorizations;
+    return factorization_.factorize(hessian_.matrix());
+  }
+
+  // Factors a positive definite matrix in the Hessian's place.
+  void repair(const System& system, const Points& x, Summary& summary) {
+    hessian_.assemble(system, x, true);
+    MatrixScalar shift = 64 * std::numeric_limits<MatrixScalar>::epsilon();
+    while (!factorize(summary) && shift < 1) {
+      hessian_.scale_diagonal(1 + shift);
+      shift *= 256;
+    }
+  }
+
+  // direction_ = -matrix^-1 g; returns the slope along it.
+  Scalar newton_direction(Summary& summary) {
+    const Points& gradient = state_.gradient();
+    right_hand_side_ = gradient.reshaped().template cast<MatrixScalar>();
+    factorization_.solve(right_hand_side_, step_);
+    ++summary.linear_solves;
+    direction_ = -step_.template cast<Scalar>().reshaped(gradient.rows(), gradient.cols());
+    return gradient.cwiseProduct(direction_).sum();
+  }
+
+  bool search(const System& system, Points& x, Scalar slope, Summary& summary) {
+    Scalar step = 1;
+    if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) return false;
+    ++summary.iterations;
+    return true;
+  }
+
+  typename System::NodeVector node_stiffness_inverse(const System& system) const {
+    typename System::NodeVector result;
+    detail::node_stiffness(system, result);
+    return (result.array() > 0).select(result.cwiseInverse(), Scalar(0));
+  }
+
+  // From a saddle down along negative curvature: the longest of ever shorter steps, to either side, that
+  // lowers the energy by a tenth of what the curvature promises.
+  bool escape(const System& system, Points& x, Summary& summary) {
+    if constexpr (requires { factorization_.negative_curvature(step_); }) {
+      auto curvature = static_cast<Scalar>(factorization_.negative_curvature(step_));
+      if (!(curvature < 0)) return false;
+      direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
+      const Scalar scale =
+          characteristic_length(system, x) / std::sqrt(direction_.colwise().squaredNorm().maxCoeff());
+      direction_ *= scale;
+      curvature *= scale * scale;
+      const Scalar here = state_.energy();
+      const Scalar rounding = detail::rounding_of_energy(system, here);
+      constexpr int kMaxHalvings = 30;
+      Scalar t = Scalar(0.5);
+      for (int trial = 0; trial < kMaxHalvings; ++trial, t /= 2) {
+        const Scalar ahead = energy(system, next_x_ = x + t * direction_);
+        const Scalar behind = energy(system, next_x_ = x - t * direction_);
+        summary.energy_evaluations += 2;
+        if (!(std::min(ahead, behind) < here + t * t * curvature / 20 - rounding)) continue;
+        x += (ahead <= behind ? t : -t) * direction_;
+        state_.start(system, x, summary);
+        ++summary.iterations;
+        return true;
+      }
+    }
+    return false;
+  }
+
+  detail::Session<System> session_;
+  detail::DescentState<System> state_;
+  detail::SparseHessian<System, MatrixScalar> hessian_;
+  Factorization factorization_;
+  Vector right_hand_side_;
+  Vector step_;
+  Points direction_;
+  Points next_x_;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI
