@@ -1,8 +1,9 @@
 #pragma once
 
-// The solver room: all of asterism::solver. The adapters <asterism/solver/cholmod.hpp> and
-// <asterism/solver/ceres.hpp> belong to targets of their own.
+// The solver room: all of asterism::solver. The adapters <asterism/solver/cholmod.hpp>,
+// <asterism/solver/ceres.hpp> and <asterism/solver/liblbfgs.hpp> belong to targets of their own.
 #include <asterism/solver/align.hpp>
+#include <asterism/solver/covariance.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/ida.hpp>
