@@ -1,5 +1,4 @@
-// L-BFGS and Newton-CG with every policy: same minima as IDA, energy that never rises, robustness, and the
-// Hessian product against the assembled Hessian.
+// L-BFGS and Newton-CG with every policy: same minima as IDA, energy that never rises, robustness.
 #include <asterism/solver.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
@@ -17,7 +16,6 @@
 #include <type_traits>
 
 #include "random_system.hpp"
-#include "sparse_system.hpp"
 
 namespace asterism {
 namespace {
@@ -329,167 +327,6 @@ TYPED_TEST(Descent, ToleranceOfZeroStopsAtRounding) {
     EXPECT_LT(summary.iterations, 2000) << summary;
     EXPECT_LT(stationarity(system, x), TestFixture::kDouble ? 1e-12 : 1e-4) << summary;
   }
-}
-
-template <typename System>
-void expect_same_minimum_as_ida(int n, int systems) {
-  int same[4] = {};
-  for (int i = 0; i < systems; ++i) {
-    testing::Rng rng(static_cast<std::uint64_t>(100 + i));
-    const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
-    typename System::Points by_ida = random.start;
-    const double expected = solve_ida(random.system, by_ida).final_energy;
-    int method = 0;
-    const auto check = [&](auto solver) {
-      auto x = random.start;
-      const Summary summary = solver.solve(random.system, x);
-      EXPECT_EQ(summary.status, Status::Converged) << summary;
-      EXPECT_LT(stationarity(random.system, x), 1.0001e-8);
-      EXPECT_LT(summary.final_energy, 1.1 * expected) << summary;
-      if (std::abs(summary.final_energy - expected) < 1e-6 * expected) ++same[method];
-      ++method;
-    };
-    check(Lbfgs<System>());
-    check(NewtonCg<System, DenseCholesky<System>>());
-    check(Lbfgs<System, JacobiMetric<System>>());
-    check(NewtonCg<System>());
-  }
-  EXPECT_GE(same[0], systems * 90 / 100) << "n = " << n;
-  EXPECT_GE(same[1], systems * 85 / 100) << "n = " << n;
-  // The diagonal metric leads elsewhere more often.
-  EXPECT_GE(same[2], systems / 2) << "n = " << n;
-  EXPECT_GE(same[3], systems / 2) << "n = " << n;
-}
-
-TEST(DescentOfLargerSystems, FindsIdasMinimum) {
-  expect_same_minimum_as_ida<SpringSystem<double, 2, Eigen::Dynamic, 16>>(16, 60);
-  expect_same_minimum_as_ida<SpringSystem<double, 2>>(64, 20);
-  expect_same_minimum_as_ida<SpringSystem<double, 3>>(25, 20);
-}
-
-TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
-  using System = SpringSystem<double, 2>;
-  testing::Rng rng(5);
-  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(64));
-  System::Points x = start;
-  const int ida = solve_ida(system, x).iterations;
-  x = start;
-  EXPECT_LT(Lbfgs<System>().solve(system, x).iterations, ida / 3);
-  x = start;
-  EXPECT_LT(NewtonCg<System>().solve(system, x).iterations, ida / 6);
-}
-
-template <typename System>
-void expect_sparse_agreement(int n) {
-  auto [system, minimum] = testing::sparse_system<System>(1, n);
-  ASSERT_EQ(Lbfgs<System>(system).solve(system, minimum).status, Status::Converged);
-  const double expected = double(energy(system, minimum));
-  testing::Rng rng(2);
-  const typename System::Points start = minimum + testing::random_points<System>(rng, n, -0.003, 0.003);
-  const auto check = [&, &system = system](auto solver) {
-    auto x = start;
-    const Summary summary = solver.solve(system, x);
-    EXPECT_EQ(summary.status, Status::Converged) << summary;
-    EXPECT_NEAR(summary.final_energy, expected, 1e-9 * expected) << summary;
-  };
-  check(SparseIda<System>());
-  check(Lbfgs<System, JacobiMetric<System>>());
-  check(Lbfgs<System, SparseCholesky<System>>());
-  check(NewtonCg<System>());
-  check(NewtonCg<System, SparseCholesky<System>>());
-#ifdef ASTERISM_TEST_CHOLMOD
-  check(Lbfgs<System, CholmodCholesky<System>>());
-  check(NewtonCg<System, CholmodCholesky<System>>());
-#endif
-}
-
-TEST(DescentOfSparseSystems, EveryPolicyFindsTheSameMinimum) {
-  expect_sparse_agreement<SpringSystem<double, 2>>(300);
-  expect_sparse_agreement<SpringSystem<double, 3>>(200);
-}
-
-TEST(DescentOfSparseSystems, TenThousandNodes) {
-  using System = SpringSystem<double, 2>;
-  const auto [system, start] = testing::sparse_system<System>(3, 10000);
-  for (const bool newton : {false, true}) {
-    System::Points x = start;
-    const Summary summary =
-        newton ? NewtonCg<System>().solve(system, x) : Lbfgs<System, JacobiMetric<System>>().solve(system, x);
-    EXPECT_EQ(summary.status, Status::Converged) << summary;
-    EXPECT_LT(summary.final_energy, 0.2 * summary.initial_energy);
-  }
-}
-
-template <typename System>
-void expect_product_of_hessian(const System& system, const typename System::Points& x) {
-  using Points = typename System::Points;
-  using Vector = Eigen::Matrix<typename System::Scalar, Eigen::Dynamic, 1>;
-  detail::HessianOperator<System> product;
-  product.set(system, x);
-  const auto dense = hessian(system, x);
-  testing::Rng rng(1);
-  for (int i = 0; i < 5; ++i) {
-    const Points v = testing::random_points<System>(rng, system.nodes(), -1, 1);
-    Points result;
-    product.apply(system, v, result);
-    const Vector expected = dense * Eigen::Map<const Vector>(v.data(), v.size());
-    const double rounding = 100 * double(std::numeric_limits<typename System::Scalar>::epsilon());
-    EXPECT_LE(double((Eigen::Map<const Vector>(result.data(), result.size()) - expected).norm()),
-              rounding * double(dense.norm()));
-  }
-}
-
-template <typename System>
-void expect_products_of_hessian(int n) {
-  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    testing::Rng rng(seed);
-    auto [system, x] = testing::random_system<System>(rng, System::TopologyType::full(n));
-    expect_product_of_hessian(system, x);
-    if (n > 1) x.col(1) = x.col(0);
-    expect_product_of_hessian(system, x);
-    system.rest_length.setZero();
-    expect_product_of_hessian(system, x);
-  }
-}
-
-TEST(HessianProduct, IsTheHessians) {
-  expect_products_of_hessian<SpringSystem<double, 1>>(5);
-  expect_products_of_hessian<SpringSystem<double, 2, 4>>(4);
-  expect_products_of_hessian<SpringSystem<double, 2, 1>>(1);
-  expect_products_of_hessian<SpringSystem<double, 3>>(9);
-  expect_products_of_hessian<SpringSystem<float, 3, Eigen::Dynamic, 8>>(8);
-  expect_products_of_hessian<SpringSystem<double, 5>>(4);
-}
-
-template <typename System>
-void expect_solved(int n) {
-  testing::Rng rng(4);
-  const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
-  const auto check = [&, &system = system, &start = start](auto solver) {
-    typename System::Points x = start;
-    EXPECT_EQ(solver.solve(system, x).status, Status::Converged) << solver.name();
-  };
-  check(Lbfgs<System>());
-  check(Lbfgs<System, JacobiMetric<System>>());
-  check(NewtonCg<System>());
-  check(NewtonCg<System, DenseCholesky<System>>());
-}
-
-TEST(DescentOfOddShapes, OneNodeOneDimensionAndMany) {
-  expect_solved<SpringSystem<double, 1, 1>>(1);
-  expect_solved<SpringSystem<double, 1, Eigen::Dynamic, 1>>(1);
-  expect_solved<SpringSystem<double, 1>>(7);
-  expect_solved<SpringSystem<float, 2, 1>>(1);
-  expect_solved<SpringSystem<double, 2, Eigen::Dynamic, 2>>(2);
-  expect_solved<SpringSystem<double, 4, 5>>(5);
-}
-
-TEST(DescentNames, SayThePolicy) {
-  using System = SpringSystem<double, 2>;
-  EXPECT_EQ(Lbfgs<System>::name(), "L-BFGS, dense Cholesky");
-  EXPECT_EQ((Lbfgs<System, JacobiMetric<System>>::name()), "L-BFGS, Jacobi");
-  EXPECT_EQ(NewtonCg<System>::name(), "Newton-CG, Jacobi");
-  EXPECT_EQ((NewtonCg<System, SparseCholesky<System>>::name()), "Newton-CG, sparse Cholesky");
 }
 
 }  // namespace

@@ -1,0 +1,118 @@
+// L-BFGS and Newton-CG on larger, sparse and oddly shaped systems, and the Hessian product against the
+// assembled Hessian.
+#include <asterism/solver.hpp>
+
+#ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/cholmod.hpp>
+#endif
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+
+#include "random_system.hpp"
+#include "sparse_system.hpp"
+
+namespace asterism {
+namespace {
+
+template <typename System>
+void expect_same_minimum_as_ida(int n, int systems) {
+  int same[4] = {};
+  for (int i = 0; i < systems; ++i) {
+    testing::Rng rng(static_cast<std::uint64_t>(100 + i));
+    const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+    typename System::Points by_ida = random.start;
+    const double expected = solve_ida(random.system, by_ida).final_energy;
+    int method = 0;
+    const auto check = [&](auto solver) {
+      auto x = random.start;
+      const Summary summary = solver.solve(random.system, x);
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+      EXPECT_LT(stationarity(random.system, x), 1.0001e-8);
+      EXPECT_LT(summary.final_energy, 1.1 * expected) << summary;
+      if (std::abs(summary.final_energy - expected) < 1e-6 * expected) ++same[method];
+      ++method;
+    };
+    check(Lbfgs<System>());
+    check(NewtonCg<System, DenseCholesky<System>>());
+    check(Lbfgs<System, JacobiMetric<System>>());
+    check(NewtonCg<System>());
+  }
+  EXPECT_GE(same[0], systems * 90 / 100) << "n = " << n;
+  EXPECT_GE(same[1], systems * 85 / 100) << "n = " << n;
+  // The diagonal metric leads elsewhere more often.
+  EXPECT_GE(same[2], systems / 2) << "n = " << n;
+  EXPECT_GE(same[3], systems / 2) << "n = " << n;
+}
+
+TEST(DescentOfLargerSystems, FindsIdasMinimum) {
+  expect_same_minimum_as_ida<SpringSystem<double, 2, Eigen::Dynamic, 16>>(16, 60);
+  expect_same_minimum_as_ida<SpringSystem<double, 2>>(64, 20);
+  expect_same_minimum_as_ida<SpringSystem<double, 3>>(25, 20);
+}
+
+TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
+  using System = SpringSystem<double, 2>;
+  testing::Rng rng(5);
+  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(64));
+  System::Points x = start;
+  const int ida = solve_ida(system, x).iterations;
+  x = start;
+  EXPECT_LT(Lbfgs<System>().solve(system, x).iterations, ida / 3);
+  x = start;
+  EXPECT_LT(NewtonCg<System>().solve(system, x).iterations, ida / 6);
+}
+
+template <typename System>
+void expect_sparse_agreement(int n) {
+  auto [system, minimum] = testing::sparse_system<System>(1, n);
+  ASSERT_EQ(Lbfgs<System>(system).solve(system, minimum).status, Status::Converged);
+  const double expected = double(energy(system, minimum));
+  testing::Rng rng(2);
+  const typename System::Points start = minimum + testing::random_points<System>(rng, n, -0.003, 0.003);
+  const auto check = [&, &system = system](auto solver) {
+    auto x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_NEAR(summary.final_energy, expected, 1e-9 * expected) << summary;
+  };
+  check(SparseIda<System>());
+  check(Lbfgs<System, JacobiMetric<System>>());
+  check(Lbfgs<System, SparseCholesky<System>>());
+  check(NewtonCg<System>());
+  check(NewtonCg<System, SparseCholesky<System>>());
+#ifdef ASTERISM_TEST_CHOLMOD
+  check(Lbfgs<System, CholmodCholesky<System>>());
+  check(NewtonCg<System, CholmodCholesky<System>>());
+#endif
+}
+
+TEST(DescentOfSparseSystems, EveryPolicyFindsTheSameMinimum) {
+  expect_sparse_agreement<SpringSystem<double, 2>>(300);
+  expect_sparse_agreement<SpringSystem<double, 3>>(200);
+}
+
+TEST(DescentOfSparseSystems, TenThousandNodes) {
+  using System = SpringSystem<double, 2>;
+  const auto [system, start] = testing::sparse_system<System>(3, 10000);
+  for (const bool newton : {false, true}) {
+    System::Points x = start;
+    const Summary summary =
+        newton ? NewtonCg<System>().solve(system, x) : Lbfgs<System, JacobiMetric<System>>().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_LT(summary.final_energy, 0.2 * summary.initial_energy);
+  }
+}
+
+TEST(DescentNames, SayThePolicy) {
+  using System = SpringSystem<double, 2>;
+  EXPECT_EQ(Lbfgs<System>::name(), "L-BFGS, dense Cholesky");
+  EXPECT_EQ((Lbfgs<System, JacobiMetric<System>>::name()), "L-BFGS, Jacobi");
+  EXPECT_EQ(NewtonCg<System>::name(), "Newton-CG, Jacobi");
+  EXPECT_EQ((NewtonCg<System, SparseCholesky<System>>::name()), "Newton-CG, sparse Cholesky");
+}
+
+}  // namespace
+}  // namespace asterism
