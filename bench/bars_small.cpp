@@ -47,6 +47,7 @@ void weak_anchors(Bars& bars, const std::string& name, int nodes, bool is_bar) {
     for (auto& [system, start] : systems) {
       system.anchor_stiffness *= weakness;
       Newton<System> solver;
+      solver.options.tolerance = 1e-12;
       auto x = start;
       const Summary summary = solver.solve(system, x);
       evaluations.push_back(summary.gradient_evaluations);

@@ -39,16 +39,15 @@ class NewtonMatrix {
   using Point = typename System::Point;
   using Points = typename System::Points;
 
-  /// Takes the size and the rounding of the pivots from the system.
-  void reset(const System& system) {
-    size_ = kDim * system.nodes();
+  /// Takes the size and, from the nodes' stiffness, the rounding of the pivots.
+  void reset(const typename System::NodeVector& stiffness) {
+    size_ = kDim * static_cast<int>(stiffness.size());
     if constexpr (kMaxSize == Eigen::Dynamic) {
       const auto size = static_cast<std::size_t>(size_);
       values_.resize(size * (size + 1));
       inverse_pivots_.resize(size);
     }
-    node_stiffness(system, rounding_);
-    rounding_ *= kRounding;
+    rounding_ = kRounding * stiffness;
   }
 
   /// Writes energy, gradient and Hessian at x. With `clamp`, negative curvatures count as 0, as that of a
@@ -56,7 +55,9 @@ class NewtonMatrix {
   /// definite.
   Scalar assemble(const System& system, const Points& x, bool clamp, Points& gradient) {
     const int n = size();
-    std::fill_n(values_.data(), n * stride(), Scalar(0));
+    Eigen::Map<Eigen::Array<Scalar, kSize == Eigen::Dynamic ? kSize : kSize*(kSize + 1), 1>>(values_.data(),
+                                                                                             n * stride())
+        .setZero();
     gradient.resize(kDim, system.nodes());
     Scalar energy = 0;
     for (int i = 0; i < system.nodes(); ++i) {
@@ -105,14 +106,18 @@ class NewtonMatrix {
       const Scalar bend = force.along - force.across;
       const int low = kDim * std::min(link.i, link.j);
       const int high = kDim * std::max(link.i, link.j);
+      Scalar* const low_low = &at(low, low);
+      Scalar* const high_low = &at(high, low);
+      Scalar* const high_high = &at(high, high);
       for (int column = 0; column < kDim; ++column) {
         const Scalar bend_u = bend * u[column];
-        for (int row = column; row < kDim; ++row) {
+        for (int row = 0; row < kDim; ++row) {
           const Scalar value = row == column ? bend_u * u[row] + force.across : bend_u * u[row];
-          at(low + row, low + column) += value;
-          at(high + row, high + column) += value;
-          at(high + row, low + column) -= value;
-          if (row != column) at(high + column, low + row) -= value;
+          const int here = column * stride() + row;
+          high_low[here] -= value;
+          if (row < column) continue;
+          low_low[here] += value;
+          high_high[here] += value;
         }
       }
     }
@@ -153,10 +158,11 @@ class NewtonMatrix {
     const auto substitute = [&](int k) {
       const Scalar* column = &at(0, k);
       const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)];
-      Scalar value = column[size()];
-      decrement += value * value * inverse;
-      for (int i = size() - 1; i > k; --i) value -= column[i] * p[i];
-      p[k] = value * inverse;
+      Scalar value = column[size()] * inverse;
+      decrement += column[size()] * value;
+      // The column is divided by its pivot here, where no p is waited for.
+      for (int i = size() - 1; i > k; --i) value -= (column[i] * inverse) * p[i];
+      p[k] = value;
     };
     if constexpr (kUnrolled) {
       unroll<0, kSize>([&](auto k) { substitute(kSize - 1 - k); });
@@ -238,11 +244,19 @@ class NewtonMatrix {
   template <int k>
   void eliminate() {
     Scalar* pivot_column = values_.data() + k * (kSize + 1);
+    // What the next pivot waits for: a square, while the division runs, a product and a difference.
+    Scalar next = 0;
+    if constexpr (k + 1 < kSize) next = pivot_column[k + 1] * pivot_column[k + 1];
     const Scalar inverse = inverse_pivots_[k] = 1 / repair(k);
     unroll<k + 1, kSize>([&](auto j) {
       const Scalar factor = pivot_column[j] * inverse;
       Scalar* column = values_.data() + j * (kSize + 1);
-      unroll<j, kSize + 1>([&](auto i) { column[i] -= factor * pivot_column[i]; });
+      if constexpr (j == k + 1) {
+        column[j] -= next * inverse;
+        unroll<j + 1, kSize + 1>([&](auto i) { column[i] -= factor * pivot_column[i]; });
+      } else {
+        unroll<j, kSize + 1>([&](auto i) { column[i] -= factor * pivot_column[i]; });
+      }
     });
   }
 
@@ -275,12 +289,12 @@ struct NewtonOptions : SolverOptions {
 /// cost, cubic in the nodes, overtakes that of the methods with cheaper iterations.
 ///
 /// Each iteration solves with the energy's Hessian, whose springs have curvature k_ij along their axis and
-/// k_ij (1 - mu_ij / r_ij) across it. Where it is not positive definite, the first two steps clamp the latter
-/// to 0 (IDA's majoriser has k_ij in its place), later ones repair the negative pivots of L D L^T by their
-/// absolute value. Steps backtrack until the energy falls (Armijo); where none does, an IDA step takes over,
-/// which lowers it always. Close to a minimum the error squares from one iteration to the next; a step whose
-/// predicted gain, half of Newton's decrement, is below the tolerance's share of the energy is taken as the
-/// last and left to the stopping rule to confirm.
+/// k_ij (1 - mu_ij / r_ij) across it. Up to the first four steps, as long as they promise to lose more than
+/// half of the energy, clamp the latter at 0 (IDA's majoriser has k_ij in its place); later ones repair
+/// negative pivots of L D L^T by their absolute value. Steps backtrack until the energy falls (Armijo); where
+/// none does, an IDA step takes over, which lowers it always. Close to a minimum the error squares from one
+/// iteration to the next; a step whose predicted gain, half of Newton's decrement, is below the tolerance's
+/// share of the energy is taken as the last and left to the stopping rule to confirm.
 ///
 /// At a stationary point whose Hessian has a negative pivot it goes on along the negative curvature.
 /// Summary::positive_definite says what the Hessian is at the end, as of the last factorisation: at the x
@@ -311,32 +325,38 @@ class Newton {
         detail::align(system, x, options.allow_reflection);
       }
       realign_ = options.align && hangs_loosely(system);
-      matrix_.reset(system);
+      matrix_.reset(session_.node_stiffness());
+      clamps_ = true;
       energy_ = assemble(system, x, gradient_, summary);
       while (true) {
         const bool stationary = session_.done(gradient_);
         const bool last = summary.iterations == options.max_iterations;
         if (last && !stationary) {
+          session_.adopt(x, energy_, gradient_);
           summary.positive_definite = -1;
           return Status::MaxIterations;
         }
-        const bool definite = factorize(summary);
-        summary.positive_definite = definite;
-        if (stationary) {
-          if (last ||
-              !(definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
-            return Status::Converged;
-          continue;
+        if (stationary && clamps_) {
+          clamps_ = false;
+          assemble(system, x, gradient_, summary);
         }
-        if (!definite && summary.iterations < kClampedSteps) {
-          matrix_.assemble(system, x, true, gradient_);
-          ++summary.gradient_evaluations;
-          factorize(summary);
+        ++summary.factorizations;
+        const bool definite = matrix_.factorize();
+        summary.positive_definite = clamps_ ? -1 : definite;
+        if (stationary) {
+          if (!last &&
+              (definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
+            continue;
+          session_.adopt(x, energy_, gradient_);
+          return Status::Converged;
         }
         const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
         ++summary.linear_solves;
-        if (definite && decrement <= 2 * session_.tolerance() * energy_ && finish(system, x, summary))
+        if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * energy_ &&
+            finish(system, x, summary))
           return Status::Converged;
+        // Far off: the step promises to lose more than half of the energy.
+        clamps_ = decrement > energy_ && summary.iterations + 1 < kClampedSteps;
         if (!search(system, x, decrement, summary) && !majorise(system, x, summary))
           return Status::NoProgress;
       }
@@ -344,7 +364,7 @@ class Newton {
   }
 
  private:
-  static constexpr int kClampedSteps = 2;
+  static constexpr int kClampedSteps = 4;
 
   // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
   // follow.
@@ -352,16 +372,11 @@ class Newton {
     return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
   }
 
-  // The Hessian into the matrix, energy and gradient at x.
+  // The Hessian, clamped or not, into the matrix, energy and gradient at x.
   Scalar assemble(const System& system, const Points& x, Points& gradient, Summary& summary) {
     ++summary.energy_evaluations;
     ++summary.gradient_evaluations;
-    return matrix_.assemble(system, x, false, gradient);
-  }
-
-  bool factorize(Summary& summary) {
-    ++summary.factorizations;
-    return matrix_.factorize();
+    return matrix_.assemble(system, x, clamps_, gradient);
   }
 
   // The whole step, if the stopping rule is met after it.
@@ -462,6 +477,7 @@ class Newton {
   detail::Session<System> session_;
   detail::NewtonMatrix<System> matrix_;
   DenseCholesky<System> majoriser_;
+  bool clamps_ = false;   // the matrix at x is the clamped one
   bool realign_ = false;  // after every step
   Scalar energy_ = 0;     // at x, as gradient_
   Points gradient_;

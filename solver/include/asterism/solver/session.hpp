@@ -62,6 +62,9 @@ class Session {
   /// The tolerance asked for, or the rounding of the coordinates where that is more.
   Scalar tolerance() const { return rule_.tolerance(); }
 
+  /// A_ii of the system that is solved.
+  const typename System::NodeVector& node_stiffness() const { return rule_.node_stiffness(); }
+
   /// The library's energy and gradient at x. Where the method ends at this x, the verdict is on these and
   /// does not compute them again; before the first call, they are those at the start.
   void evaluate(const System& system, const Points& x) {

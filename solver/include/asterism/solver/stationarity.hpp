@@ -19,8 +19,9 @@ typename System::Scalar characteristic_length(const System& system, const typena
   for (int i = 0; i < system.nodes(); ++i) {
     if (!(system.anchor_stiffness[i] > 0)) continue;
     ++count;
-    centroid += (system.anchors.col(i) - centroid) / static_cast<Scalar>(count);
+    centroid += system.anchors.col(i);
   }
+  if (count > 0) centroid /= static_cast<Scalar>(count);
   Scalar sum = 0;
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.anchor_stiffness[i] > 0) sum += (system.anchors.col(i) - centroid).squaredNorm();
@@ -61,17 +62,17 @@ class StoppingRule {
       if (system.anchor_stiffness[i] > 0)
         extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
     }
-    node_stiffness(system, weights_);
+    detail::node_stiffness(system, stiffness_);
+    weights_.setZero(system.nodes());
     if (!(length > 0)) {  // all of x on the one point that anchors and springs want it at
-      weights_.setZero();
       tolerance_ = static_cast<Scalar>(tolerance);
       return std::isfinite(length);
     }
     bool in_range = true;
-    for (auto& weight : weights_) {
-      if (!(weight > 0)) continue;
-      weight = 1 / (weight * length);
-      in_range &= weight > 0 && std::isfinite(weight);
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (!(stiffness_[i] > 0)) continue;
+      weights_[i] = 1 / (stiffness_[i] * length);
+      in_range &= weights_[i] > 0 && std::isfinite(weights_[i]);
     }
     // A coordinate is known to eps |x|, so g_i / A_ii cannot be resolved below a few times that.
     constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
@@ -80,6 +81,8 @@ class StoppingRule {
   }
 
   Scalar tolerance() const { return tolerance_; }
+  /// A_ii, see asterism::node_stiffness.
+  const typename System::NodeVector& node_stiffness() const { return stiffness_; }
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
   /// Also true for a gradient with NaN, which no further iteration can cure.
   bool reached(const typename System::Points& gradient) const {
@@ -97,7 +100,8 @@ class StoppingRule {
     return largest;
   }
 
-  typename System::NodeVector weights_;  // 1 / (A_ii L)
+  typename System::NodeVector stiffness_;  // A_ii
+  typename System::NodeVector weights_;    // 1 / (A_ii L)
   Scalar tolerance_ = 0;
 };
 
