@@ -24,7 +24,9 @@ RandomSystem<System> sparse_system(std::uint64_t seed, int n) {
   system.set_rest_lengths(nodes);
   system.link_stiffness = (0.1 * system.rest_length.array()).square().inverse();
   const double mean = system.link_stiffness.mean();
-  for (int i = 0; i < n; ++i) system.anchor_stiffness[i] = 0.5 + rng.uniform(0, 1) * mean;
+  for (int i = 0; i < n; ++i) {
+    system.anchor_stiffness[i] = static_cast<typename System::Scalar>(0.5 + rng.uniform(0, 1) * mean);
+  }
   return result;
 }
 

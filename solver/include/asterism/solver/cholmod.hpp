@@ -63,7 +63,10 @@ class CholmodLlt {
 
   static constexpr std::string_view kName = "CHOLMOD";
 
-  CholmodLlt() { cholesky_.cholmod().print = 0; }
+  CholmodLlt() {
+    cholesky_.cholmod().print = 0;
+    cholesky_.cholmod().final_ll = 1;  // L D L^T would not notice negative pivots
+  }
 
   /// Orders a new pattern, of a lower triangle.
   void analyze(const Matrix& lower) {

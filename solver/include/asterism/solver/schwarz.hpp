@@ -267,7 +267,8 @@ class Decomposition {
 
 /// What Schwarz takes.
 struct SchwarzOptions : SolverOptions {
-  /// Starts with rigid_alignment of x, unless x is stationary. It is not counted as an iteration.
+  /// Starts with rigid_alignment of x, unless x is stationary, and repeats it after each sweep. It is not
+  /// counted as an iteration.
   bool align = true;
 
   constexpr SchwarzOptions() = default;
@@ -331,6 +332,7 @@ class Schwarz {
 
   Status iterate(const System& system, Points& x, Summary& summary) {
     global_.options = options;
+    if constexpr (requires { global_.options.align; }) global_.options.align = options.align;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
     local_.options.tolerance = kFirstTolerance;
@@ -360,6 +362,7 @@ class Schwarz {
         if (decomposition_.solve(s, local_, x).status == Status::OutOfMemory) throw std::bad_alloc();
       }
       ++summary.iterations;
+      if (options.align) detail::align(system, x, false);
       const Scalar after = energy(system, x);
       ++summary.energy_evaluations;
       const bool exact = local_.options.tolerance <= least;

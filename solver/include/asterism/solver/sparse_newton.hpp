@@ -198,7 +198,8 @@ class SparseLdlt {
 
 /// What SparseNewton takes.
 struct SparseNewtonOptions : SolverOptions {
-  /// Starts with rigid_alignment of x, unless x is stationary. It is not counted as an iteration.
+  /// Starts with rigid_alignment of x, unless x is stationary, and repeats it after each step where anchors
+  /// are weak beside the links. It is not counted as an iteration.
   bool align = true;
 
   /// Goes on from stationary points whose Hessian has a negative pivot, where the factorisation shows it
@@ -242,6 +243,7 @@ class SparseNewton {
       if (options.align && options.max_iterations > 0 && !session_.done(session_.gradient())) {
         detail::align(system, x, false);
       }
+      const bool realign = options.align && hangs_loosely(system);
       if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
       state_.start(system, x, summary);
       int clamped_steps = 0;
@@ -276,6 +278,7 @@ class SparseNewton {
           const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
           if (!search(system, x, steepest, summary)) return Status::NoProgress;
         }
+        if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
       }
     });
   }
@@ -286,6 +289,12 @@ class SparseNewton {
   using Matrix = typename Factorization::Matrix;
   using MatrixScalar = typename Matrix::Scalar;
   using Vector = Eigen::Matrix<MatrixScalar, Eigen::Dynamic, 1>;
+
+  // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+  // follow.
+  bool hangs_loosely(const System& system) const {
+    return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
+  }
 
   bool factorize(Summary& summary) {
     ++summary.factorizations;

@@ -1,0 +1,260 @@
+// Alternating minimisation over subdomains: how the nodes are divided, and the minima it finds.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <asterism/solver.hpp>
+#include <asterism/solver/schwarz.hpp>
+#include <asterism/solver/sparse_newton.hpp>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <vector>
+
+#include "random_system.hpp"
+#include "sparse_system.hpp"
+
+namespace asterism {
+namespace {
+
+using Plane = SpringSystem<double, 2>;
+using Space = SpringSystem<double, 3>;
+using Planef = SpringSystem<float, 2>;
+
+TEST(Partition, ConnectedSubdomainsOfTheSizeWanted) {
+  for (const int size : {1, 20, 100, 5000}) {
+    const auto [system, start] = testing::sparse_system<Plane>(1, 2000);
+    const detail::Neighbours neighbours(2000, system.links());
+    const detail::Partition partition(2000, neighbours, size);
+    std::vector<int> sorted = partition.order;
+    std::sort(sorted.begin(), sorted.end());
+    for (int i = 0; i < 2000; ++i) ASSERT_EQ(sorted[i], i);  // each node once
+    EXPECT_EQ(partition.first.back(), 2000);
+    EXPECT_LE(partition.count(), 4 * 2000 / size + 1);
+    std::vector<int> owner(2000);
+    for (int s = 0; s < partition.count(); ++s) {
+      EXPECT_LT(partition.first[s], partition.first[s + 1]);
+      for (int k = partition.first[s]; k < partition.first[s + 1]; ++k) owner[partition.order[k]] = s;
+    }
+    for (int s = 0; s < partition.count(); ++s) {
+      std::vector<int> reached = {partition.order[partition.first[s]]};
+      std::vector<bool> seen(2000, false);
+      seen[reached[0]] = true;
+      for (std::size_t next = 0; next < reached.size(); ++next) {
+        for (const auto [node, link] : neighbours.of(reached[next])) {
+          if (owner[node] == s && !seen[node]) seen[node] = true, reached.push_back(node);
+        }
+      }
+      EXPECT_EQ(static_cast<int>(reached.size()), partition.first[s + 1] - partition.first[s]);
+    }
+  }
+}
+
+TEST(Decomposition, RenumbersAndRestores) {
+  detail::Decomposition<Plane> decomposition;
+  for (const int n : {8, 50, 700, 300}) {
+    auto [system, start] = testing::sparse_system<Plane>(2, n);
+    for (const double weakness : {1.0, 0.1}) {
+      system.anchor_stiffness *= weakness;
+      decomposition.set(system, 40);
+      const auto x = decomposition.renumbered(start);
+      EXPECT_NEAR(energy(decomposition.system(), x), energy(system, start), 1e-12 * energy(system, start));
+      Plane::Points back(2, n);
+      decomposition.restore(x, back);
+      EXPECT_EQ(back, start);
+    }
+  }
+}
+
+TEST(Decomposition, ASubdomainLowersTheEnergyOfAll) {
+  const auto [system, start] = testing::sparse_system<Plane>(3, 500);
+  detail::Decomposition<Plane> decomposition;
+  decomposition.set(system, 50);
+  auto x = decomposition.renumbered(start);
+  NewtonCg<Plane> solver;
+  double last = energy(system, start);
+  for (int s = 0; s < decomposition.count(); ++s) {
+    const Summary summary = decomposition.solve(s, solver, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    const double now = energy(decomposition.system(), x);
+    EXPECT_NEAR(last - now, summary.initial_energy - summary.final_energy, 1e-9 * last);
+    EXPECT_LE(now, last);
+    last = now;
+  }
+}
+
+template <typename System_, template <typename> typename Global>
+struct Case {
+  using System = System_;
+  using Solver = Schwarz<System, Global<System>>;
+};
+template <typename System>
+using JacobiNewtonCg = NewtonCg<System>;
+template <typename System>
+using LdltNewton = SparseNewton<System>;
+
+using Cases = ::testing::Types<Case<Plane, JacobiNewtonCg>, Case<Plane, LdltNewton>,
+                               Case<Space, JacobiNewtonCg>, Case<Planef, JacobiNewtonCg>>;
+
+template <typename C>
+class SchwarzTest : public ::testing::Test {
+ public:
+  using SystemType = typename C::System;
+  using SolverType = typename C::Solver;
+  using PointsType = typename SystemType::Points;
+  using ScalarType = typename SystemType::Scalar;
+
+  static_assert(asterism::Solver<SolverType, SystemType>);
+  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
+
+  static void expect_converged(const Summary& summary) {
+    if (kDouble) {
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+    } else {
+      EXPECT_TRUE(summary.usable()) << summary;
+    }
+    EXPECT_LE(summary.final_energy, summary.initial_energy * (1 + 1e-6));
+  }
+};
+TYPED_TEST_SUITE(SchwarzTest, Cases);
+
+// Members of a dependent base class, by their short names.
+#define ASTERISM_USE_FIXTURE                                        \
+  using System [[maybe_unused]] = typename TestFixture::SystemType; \
+  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
+  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
+  using Solver [[maybe_unused]] = typename TestFixture::SolverType
+
+TYPED_TEST(SchwarzTest, FindsNewtonsMinimumFromItsBasin) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    auto [system, start] = testing::sparse_system<System>(seed, 1500);
+    EXPECT_TRUE(SparseNewton<System>().solve(system, start).usable());
+    const Points minimum = start;
+    testing::Rng rng(seed);
+    start += testing::random_points<System>(rng, system.nodes(), -0.003, 0.003);
+    const Summary summary = Solver().solve(system, start);
+    this->expect_converged(summary);
+    const double least = double(energy(system, minimum));
+    EXPECT_NEAR(summary.final_energy, least, (TestFixture::kDouble ? 1e-9 : 1e-3) * least);
+  }
+}
+
+TYPED_TEST(SchwarzTest, ConvergesFromFarInFewSteps) {
+  ASTERISM_USE_FIXTURE;
+  const auto [system, start] = testing::sparse_system<System>(4, 3000);
+  Points x = start;
+  const Summary summary = Solver().solve(system, x);
+  this->expect_converged(summary);
+  if (!TestFixture::kDouble) return;
+  EXPECT_LT(stationarity(system, x), 1.0001e-8);
+  Points all_at_once = start;
+  const Summary newton = NewtonCg<System>().solve(system, all_at_once);
+  EXPECT_LT(2 * summary.iterations, newton.iterations);
+  EXPECT_LT(2 * summary.energy_evaluations, newton.energy_evaluations);
+  EXPECT_NEAR(summary.final_energy, newton.final_energy, 0.01 * newton.final_energy);
+}
+
+TYPED_TEST(SchwarzTest, EnergyNeverRises) {
+  ASTERISM_USE_FIXTURE;
+  const auto [system, start] = testing::sparse_system<System>(5, 1200);
+  Solver solver;
+  double last = std::numeric_limits<double>::max();
+  for (int iterations = 0; iterations <= 20; ++iterations) {
+    solver.options.max_iterations = iterations;
+    Points x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_LE(summary.iterations, iterations);
+    EXPECT_LE(summary.final_energy,
+              last + double(detail::rounding_of_energy(system, static_cast<Scalar>(last))));
+    last = std::min(last, summary.final_energy);
+    if (summary.status == Status::Converged) break;
+  }
+}
+
+TYPED_TEST(SchwarzTest, WeakAnchors) {
+  ASTERISM_USE_FIXTURE;
+  for (const double ratio : {1e-2, 1e-4, 1e-8}) {
+    if (!TestFixture::kDouble && ratio < 1e-3) break;
+    auto [system, start] = testing::sparse_system<System>(6, 800);
+    system.anchor_stiffness *= static_cast<Scalar>(ratio);
+    const Summary summary = Solver().solve(system, start);
+    this->expect_converged(summary);
+  }
+}
+
+TYPED_TEST(SchwarzTest, SameResultsWhenReused) {
+  ASTERISM_USE_FIXTURE;
+  Solver solver;
+  for (const int n : {900, 900, 700}) {
+    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+      auto [system, start] = testing::sparse_system<System>(seed, n);
+      for (const Scalar change : {Scalar(1), Scalar(0.3)}) {
+        system.anchor_stiffness *= change;
+        Points x = start;
+        Points fresh = start;
+        const Summary summary = solver.solve(system, x);
+        Solver().solve(system, fresh);
+        this->expect_converged(summary);
+        EXPECT_EQ(x, fresh);
+      }
+    }
+  }
+}
+
+// Two constellations side by side, nodes without links, fixed nodes, and one node that all others hang on.
+TYPED_TEST(SchwarzTest, AnyTopology) {
+  ASTERISM_USE_FIXTURE;
+  const auto solved = [&](int n, const std::vector<Link>& links, bool fix) {
+    testing::Rng rng(7);
+    auto [system, start] = testing::random_system<System>(rng, System::TopologyType::from_links(n, links));
+    system.link_stiffness = system.link_stiffness.cwiseMin(Scalar(1e5));
+    system.anchor_stiffness.setConstant(Scalar(1e3));
+    if (fix) {
+      system.fix(0);
+      system.fix(n - 1);
+    }
+    Points x = start;
+    this->expect_converged(Solver().solve(system, x));
+    if (fix) {
+      EXPECT_EQ(x.col(0), start.col(0));
+      EXPECT_EQ(x.col(n - 1), start.col(n - 1));
+    }
+  };
+  solved(1, {}, false);
+  solved(700, {}, true);
+  std::vector<Link> chains;
+  for (int i = 1; i < 900; ++i) {
+    if (i != 400 && i != 401) chains.push_back({i, i - 1});
+  }
+  solved(900, chains, false);
+  solved(900, chains, true);
+  std::vector<Link> star;
+  for (int i = 0; i < 800; ++i) {
+    if (i != 500) star.push_back({i, 500});
+  }
+  solved(800, star, false);
+  solved(800, star, true);
+}
+
+TYPED_TEST(SchwarzTest, BadInputIsRefused) {
+  ASTERISM_USE_FIXTURE;
+  auto [system, start] = testing::sparse_system<System>(3, 20);
+  system.link_stiffness[3] = -1;
+  const Points before = start;
+  EXPECT_EQ(Solver().solve(system, start).status, Status::InvalidInput);
+  EXPECT_EQ(start, before);
+}
+
+TEST(Schwarz, TakesManyNodes) {
+  const auto [system, start] = testing::sparse_system<Plane>(1, 200000);
+  Schwarz<Plane> solver;
+  solver.options.max_iterations = 2;
+  auto x = start;
+  const Summary summary = solver.solve(system, x);
+  EXPECT_EQ(summary.status, Status::MaxIterations) << summary;
+  EXPECT_LT(summary.final_energy, 0.1 * summary.initial_energy);
+}
+
+}  // namespace
+}  // namespace asterism

@@ -1,0 +1,256 @@
+// Newton's method with a sparse factorisation: Ida's minima, weak anchors, and the sparse Hessian itself.
+#include <asterism/solver.hpp>
+#include <asterism/solver/sparse_newton.hpp>
+
+#ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/cholmod.hpp>
+#endif
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+#include <vector>
+
+#include "random_system.hpp"
+#include "sparse_system.hpp"
+
+namespace asterism {
+namespace {
+
+using Plane = SpringSystem<double, 2>;
+using Space = SpringSystem<double, 3>;
+using Planef = SpringSystem<float, 2>;
+
+template <typename System_, template <typename> typename Factorization>
+struct Case {
+  using System = System_;
+  using Solver = SparseNewton<System, Factorization<System>>;
+};
+
+using Cases = ::testing::Types<
+#ifdef ASTERISM_TEST_CHOLMOD
+    Case<Plane, CholmodLlt>, Case<Planef, CholmodLlt>,
+#endif
+    Case<Plane, SparseLdlt>, Case<Space, SparseLdlt>, Case<Planef, SparseLdlt>>;
+
+template <typename C>
+class SparseNewtonTest : public ::testing::Test {
+ public:
+  using SystemType = typename C::System;
+  using SolverType = typename C::Solver;
+  using PointsType = typename SystemType::Points;
+  using ScalarType = typename SystemType::Scalar;
+
+  static_assert(asterism::Solver<SolverType, SystemType>);
+  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
+
+  static void expect_converged(const Summary& summary) {
+    if (kDouble) {
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+    } else {
+      EXPECT_TRUE(summary.usable()) << summary;
+    }
+    EXPECT_LE(summary.final_energy, summary.initial_energy * (1 + 1e-6));
+  }
+};
+TYPED_TEST_SUITE(SparseNewtonTest, Cases);
+
+// Members of a dependent base class, by their short names.
+#define ASTERISM_USE_FIXTURE                                        \
+  using System [[maybe_unused]] = typename TestFixture::SystemType; \
+  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
+  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
+  using Solver [[maybe_unused]] = typename TestFixture::SolverType
+
+TYPED_TEST(SparseNewtonTest, MatrixIsTheHessian) {
+  ASTERISM_USE_FIXTURE;
+  const std::vector<Link> links = {{3, 0}, {1, 2}, {0, 3}, {4, 1}, {2, 0}, {2, 1}};  // some of them parallel
+  testing::Rng rng(1);
+  const auto [system, x] = testing::random_system<System>(rng, System::TopologyType::from_links(6, links));
+  detail::SparseHessian<System, Scalar> sparse;
+  EXPECT_TRUE(sparse.prepare(system));
+  EXPECT_FALSE(sparse.prepare(system));
+  sparse.assemble(system, x, false);
+  const Eigen::MatrixXd dense = hessian(system, x).template cast<double>();
+  const Eigen::MatrixXd full =
+      Eigen::MatrixXd(Eigen::SparseMatrix<Scalar>(sparse.matrix().template selfadjointView<Eigen::Lower>())
+                          .template cast<double>());
+  EXPECT_LT((full - dense).norm(), (TestFixture::kDouble ? 1e-13 : 1e-5) * dense.norm());
+
+  sparse.assemble(system, x, true);
+  const Eigen::MatrixXd clamped =
+      Eigen::MatrixXd(Eigen::SparseMatrix<Scalar>(sparse.matrix().template selfadjointView<Eigen::Lower>())
+                          .template cast<double>());
+  const Eigen::MatrixXd difference = clamped - dense;
+  using Solver3 = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>;
+  EXPECT_GT(Solver3(clamped).eigenvalues()[0], 0);
+  EXPECT_GT(Solver3(difference).eigenvalues()[0], -1e-4 * dense.norm());  // adds curvature alone
+}
+
+TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    auto [system, start] = testing::sparse_system<System>(seed, 150);
+    EXPECT_TRUE(solve_ida(system, start).usable());
+    testing::Rng rng(seed);
+    start += testing::random_points<System>(rng, system.nodes(), -0.01, 0.01);
+    Points by_ida = start;
+    const Summary ida = solve_ida(system, by_ida);
+    const Summary summary = Solver().solve(system, start);
+    this->expect_converged(summary);
+    EXPECT_NEAR(summary.final_energy, ida.final_energy,
+                (TestFixture::kDouble ? 1e-8 : 1e-4) * ida.final_energy);
+    EXPECT_LT((start - by_ida).norm(), TestFixture::kDouble ? 1e-3 : 0.1);
+    EXPECT_EQ(summary.positive_definite, 1);
+    EXPECT_LT(summary.iterations, 12);
+  }
+}
+
+TYPED_TEST(SparseNewtonTest, EnergyNeverRises) {
+  ASTERISM_USE_FIXTURE;
+  const auto [system, start] = testing::sparse_system<System>(1, 300);
+  Solver solver;
+  double last = std::numeric_limits<double>::max();
+  for (int iterations = 0; iterations <= 60; ++iterations) {
+    solver.options.max_iterations = iterations;
+    Points x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_LE(summary.iterations, iterations);
+    EXPECT_LE(summary.final_energy,
+              last + double(detail::rounding_of_energy(system, static_cast<Scalar>(last))));
+    last = std::min(last, summary.final_energy);
+    if (summary.status == Status::Converged) break;
+  }
+}
+
+TYPED_TEST(SparseNewtonTest, WeakAnchorsWhereIdaGetsStuck) {
+  ASTERISM_USE_FIXTURE;
+  for (const double ratio : {1e-2, 1e-4, 1e-6, 1e-8}) {
+    if (!TestFixture::kDouble && ratio < 1e-3) break;
+    auto [system, start] = testing::sparse_system<System>(2, 200);
+    system.anchor_stiffness *= static_cast<Scalar>(ratio);
+    Points x = start;
+    const Summary summary = Solver().solve(system, x);
+    this->expect_converged(summary);
+    EXPECT_LT(summary.iterations, 300);
+    if (ratio > 1e-5 || !TestFixture::kDouble) continue;
+    SolverOptions options;
+    options.max_iterations = 300;
+    EXPECT_NE(Ida<System>(system, options).solve(system, start).status, Status::Converged);
+  }
+}
+
+TYPED_TEST(SparseNewtonTest, SameResultsWhenReused) {
+  ASTERISM_USE_FIXTURE;
+  Solver solver;
+  for (const int n : {60, 60, 80, 60, 7}) {
+    for (std::uint64_t seed = 1; seed <= 2; ++seed) {
+      auto [system, start] = testing::sparse_system<System>(seed, n);
+      for (const Scalar change : {Scalar(1), Scalar(0.3)}) {
+        system.anchor_stiffness *= change;
+        Points x = start;
+        Points fresh = start;
+        const Summary summary = solver.solve(system, x);
+        Solver().solve(system, fresh);
+        this->expect_converged(summary);
+        EXPECT_EQ(x, fresh);
+      }
+    }
+  }
+}
+
+TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
+  ASTERISM_USE_FIXTURE;
+  for (std::uint64_t seed = 1; seed <= 5; ++seed) {
+    auto [system, start] = testing::sparse_system<System>(seed, 100);
+    start *= Scalar(0.3);  // all links too short
+    Solver solver;
+    solver.options.align = false;
+    const Summary summary = solver.solve(system, start);
+    this->expect_converged(summary);
+    EXPECT_EQ(summary.positive_definite, 1);
+  }
+}
+
+TYPED_TEST(SparseNewtonTest, SmallAndDisconnected) {
+  ASTERISM_USE_FIXTURE;
+  const auto on_anchors = [&](int n, const std::vector<Link>& links) {
+    testing::Rng rng(4);
+    auto [system, start] = testing::random_system<System>(rng, System::TopologyType::from_links(n, links));
+    const Summary summary = Solver().solve(system, start);
+    this->expect_converged(summary);
+    for (int i = 0; i < n; ++i) {
+      bool linked = false;
+      for (const Link& link : links) linked |= link.i == i || link.j == i;
+      if (!linked) {
+        EXPECT_LT((start.col(i) - system.anchors.col(i)).norm(), 1e-5);
+      }
+    }
+  };
+  on_anchors(1, {});
+  on_anchors(5, {});
+  on_anchors(2, {{1, 0}});
+  on_anchors(7, {{0, 1}, {1, 2}, {4, 5}, {5, 4}});
+}
+
+TYPED_TEST(SparseNewtonTest, FixedNodesStay) {
+  ASTERISM_USE_FIXTURE;
+  auto [system, start] = testing::sparse_system<System>(3, 100);
+  for (const int i : {0, 17, 18, 99}) system.fix(i);
+  Points x = start;
+  this->expect_converged(Solver().solve(system, x));
+  for (const int i : {0, 17, 18, 99}) EXPECT_EQ(x.col(i), start.col(i));
+  EXPECT_GT((x - start).norm(), 1);
+}
+
+TYPED_TEST(SparseNewtonTest, BadInputIsRefused) {
+  ASTERISM_USE_FIXTURE;
+  auto [system, start] = testing::sparse_system<System>(3, 20);
+  system.link_stiffness[3] = -1;
+  const Points before = start;
+  EXPECT_EQ(Solver().solve(system, start).status, Status::InvalidInput);
+  EXPECT_EQ(start, before);
+}
+
+TEST(SparseNewton, EscapesSaddles) {
+  testing::Rng rng(5);
+  auto [system, start] = testing::random_system<Plane>(rng, Topology<>::full(6));
+  start.row(1).setZero();
+  system.anchors.row(1).setZero();
+  SparseNewton<Plane> solver;
+  solver.options.escape_saddles = false;
+  auto x = start;
+  const Summary saddle = solver.solve(system, x);
+  EXPECT_EQ(saddle.status, Status::Converged) << saddle;
+  EXPECT_EQ(saddle.positive_definite, 0);
+  solver.options.escape_saddles = true;
+  x = start;
+  const Summary minimum = solver.solve(system, x);
+  EXPECT_EQ(minimum.status, Status::Converged) << minimum;
+  EXPECT_EQ(minimum.positive_definite, 1);
+  EXPECT_LT(minimum.final_energy, 0.9 * saddle.final_energy);
+}
+
+TEST(SparseNewton, RobustAndAnisotropicAnchors) {
+  using Robust = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
+                              Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
+  const auto plain = testing::sparse_system<Plane>(6, 100);
+  Robust system(plain.system.topology());
+  system.anchors = plain.system.anchors;
+  system.rest_length = plain.system.rest_length;
+  system.link_stiffness = plain.system.link_stiffness;
+  for (int i = 0; i < 100; ++i) {
+    system.set_anchor_information(
+        i, Eigen::Vector2d(plain.system.anchor_stiffness[i], 1).asDiagonal().toDenseMatrix());
+  }
+  auto x = plain.start;
+  const Summary summary = SparseNewton<Robust>().solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_EQ(summary.positive_definite, 1);
+}
+
+}  // namespace
+}  // namespace asterism
