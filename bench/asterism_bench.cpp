@@ -4,6 +4,7 @@
 #include <string>
 
 #include "bars.hpp"
+#include "crossovers.hpp"
 
 namespace {
 
@@ -13,6 +14,7 @@ int run_bars(bool quick, const std::string& group) {
   std::printf("%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");
   small_bars(bars);
   dense_bars(bars);
+  sparse_bars(bars);
   robustness_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
@@ -32,6 +34,16 @@ int main(int argc, char** argv) {
   bars->add_option("--group", group, "one group alone")
       ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness"}));
 
+  CLI::App* crossovers = app.add_subcommand(
+      "crossovers", "times what Auto chooses from, against size, linking and strength of the anchors");
+  bool dense = false, sparse = false;
+  crossovers->add_flag("--quick", quick, "sparse systems of up to 1e4 nodes");
+  crossovers->add_flag("--dense", dense, "fully connected systems alone");
+  crossovers->add_flag("--sparse", sparse, "sparse systems alone");
+
   CLI11_PARSE(app, argc, argv);
-  return run_bars(quick, group);
+  if (bars->parsed()) return run_bars(quick, group);
+  if (dense || !sparse) asterism::bench::dense_crossovers();
+  if (sparse || !dense) asterism::bench::sparse_crossovers(quick);
+  return 0;
 }

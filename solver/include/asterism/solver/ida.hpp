@@ -10,18 +10,19 @@
 namespace asterism::inline ASTERISM_ABI {
 
 /// What Ida takes.
-struct IdaOptions : SolverOptions {
+struct IdaOptions : AlignedOptions {
   /// Over-relaxation w: each step is w times IDA's. 0 < w < 2, else InvalidInput; every such w is monotone,
   /// as E falls by at least w (1 - w / 2) g^T K_dyn^-1 g. 1 is the paper's algorithm. Some 1.7 needs fewer
   /// iterations, and may end in another minimum.
   double relaxation = 1;
 
-  constexpr IdaOptions() = default;
-  constexpr IdaOptions(const SolverOptions& options) : SolverOptions(options) {}
+  /// Without alignment, as the paper.
+  constexpr IdaOptions() { align = false; }
+  constexpr IdaOptions(const SolverOptions& options) : AlignedOptions(options) { align = false; }
 
   constexpr const char* problem() const {
     if (!(relaxation > 0 && relaxation < 2)) return "option relaxation is not between 0 and 2";
-    return SolverOptions::problem();
+    return AlignedOptions::problem();
   }
 };
 

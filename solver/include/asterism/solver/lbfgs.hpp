@@ -29,11 +29,11 @@ class Lbfgs {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  SolverOptions options;
+  AlignedOptions options;
 
   Lbfgs() = default;
   /// For type deduction: Lbfgs(system).solve(system, x).
-  explicit Lbfgs(const System&, const SolverOptions& o = {}) : options(o) {}
+  explicit Lbfgs(const System&, const AlignedOptions& o = {}) : options(o) {}
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Metric>::value; }
 

@@ -271,18 +271,12 @@ class NewtonMatrix {
 }  // namespace detail
 
 /// What Newton takes.
-struct NewtonOptions : SolverOptions {
-  /// Starts with rigid_alignment of x, unless x is stationary. It is not counted as an iteration.
-  bool align = true;
-
-  /// The alignment may also mirror x: for constellations whose mirror image is as good.
-  bool allow_reflection = false;
-
+struct NewtonOptions : AlignedOptions {
   /// Goes on from stationary points whose Hessian has a negative eigenvalue.
   bool escape_saddles = true;
 
   constexpr NewtonOptions() = default;
-  constexpr NewtonOptions(const SolverOptions& options) : SolverOptions(options) {}
+  constexpr NewtonOptions(const SolverOptions& options) : AlignedOptions(options) {}
 };
 
 /// Newton's method for small constellations: some 10 nodes or fewer where all are linked, beyond that its
@@ -321,10 +315,9 @@ class Newton {
   /// beyond its rounding.
   Summary solve(const System& given, Points& x) {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if (options.align && options.max_iterations > 0 && !session_.done(session_.gradient())) {
-        detail::align(system, x, options.allow_reflection);
-      }
-      realign_ = options.align && hangs_loosely(system);
+      // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+      // follow.
+      realign_ = options.align && detail::has_weak_anchors(system);
       matrix_.reset(session_.node_stiffness());
       clamps_ = true;
       energy_ = assemble(system, x, gradient_, summary);
@@ -365,12 +358,6 @@ class Newton {
 
  private:
   static constexpr int kClampedSteps = 4;
-
-  // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
-  // follow.
-  bool hangs_loosely(const System& system) const {
-    return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
-  }
 
   // The Hessian, clamped or not, into the matrix, energy and gradient at x.
   Scalar assemble(const System& system, const Points& x, Points& gradient, Summary& summary) {

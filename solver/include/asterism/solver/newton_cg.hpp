@@ -173,11 +173,11 @@ class NewtonCg {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  SolverOptions options;
+  AlignedOptions options;
 
   NewtonCg() = default;
   /// For type deduction: NewtonCg(system).solve(system, x).
-  explicit NewtonCg(const System&, const SolverOptions& o = {}) : options(o) {}
+  explicit NewtonCg(const System&, const AlignedOptions& o = {}) : options(o) {}
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Preconditioner>::value; }
 

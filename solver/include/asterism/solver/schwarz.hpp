@@ -265,16 +265,6 @@ class Decomposition {
 
 }  // namespace detail
 
-/// What Schwarz takes.
-struct SchwarzOptions : SolverOptions {
-  /// Starts with rigid_alignment of x, unless x is stationary, and repeats it after each sweep. It is not
-  /// counted as an iteration.
-  bool align = true;
-
-  constexpr SchwarzOptions() = default;
-  constexpr SchwarzOptions(const SolverOptions& options) : SolverOptions(options) {}
-};
-
 /// Alternating minimisation over overlapping subdomains, for large sparse constellations (Schwarz's method
 /// for minimisation: Tai & Espedal 1998), finished by a method for all nodes at once.
 ///
@@ -296,11 +286,11 @@ class Schwarz {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  SchwarzOptions options;
+  AlignedOptions options;
 
   Schwarz() = default;
   /// For type deduction: Schwarz(system).solve(system, x).
-  explicit Schwarz(const System&, const SchwarzOptions& o = {}) : options(o) {}
+  explicit Schwarz(const System&, const AlignedOptions& o = {}) : options(o) {}
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, GlobalName>::value; }
 
@@ -311,7 +301,6 @@ class Schwarz {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       if (session_.done(session_.gradient())) return Status::Converged;
       if (options.max_iterations == 0) return Status::MaxIterations;
-      if (options.align) detail::align(system, x, false);
       decomposition_.set(system, kSubdomain);
       renumbered_ = decomposition_.renumbered(x);
       const Status status = iterate(decomposition_.system(), renumbered_, summary);

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/solver/align.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/stationarity.hpp>
@@ -31,7 +32,8 @@ class Session {
   using Points = typename System::Points;
 
   /// Runs iterate(system, summary), which improves x and returns why it stopped, between validation and
-  /// verdict. The system that it gets is the given one, grounded where the options want that.
+  /// verdict, after the alignment if the options have one and want it. The system that it gets is the given
+  /// one, grounded where the options want that.
   template <typename Options, typename Iterate>
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
@@ -45,6 +47,10 @@ class Session {
         summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
         summary.linear_solves = summary.factorizations = 0;
         summary.message = {};
+        if constexpr (requires { options.align; }) {
+          if (options.align && options.max_iterations > 0 && !done(gradient_))
+            align(*system, x, options.allow_reflection);
+        }
         judge(iterate(*system, summary), *system, x, summary);
       }
     } catch (const std::bad_alloc&) {

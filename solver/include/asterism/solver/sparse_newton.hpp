@@ -197,17 +197,14 @@ class SparseLdlt {
 };
 
 /// What SparseNewton takes.
-struct SparseNewtonOptions : SolverOptions {
-  /// Starts with rigid_alignment of x, unless x is stationary, and repeats it after each step where anchors
-  /// are weak beside the links. It is not counted as an iteration.
-  bool align = true;
-
+struct SparseNewtonOptions : AlignedOptions {
   /// Goes on from stationary points whose Hessian has a negative pivot, where the factorisation shows it
   /// (SparseLdlt does).
   bool escape_saddles = true;
 
   constexpr SparseNewtonOptions() = default;
-  constexpr SparseNewtonOptions(const SolverOptions& options) : SolverOptions(options) {}
+  constexpr SparseNewtonOptions(const SolverOptions& options) : AlignedOptions(options) {}
+  constexpr SparseNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
 };
 
 /// Newton's method with a sparse factorisation of the Hessian, for large constellations whose anchors are
@@ -240,9 +237,6 @@ class SparseNewton {
   /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
   Summary solve(const System& given, Points& x) {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if (options.align && options.max_iterations > 0 && !session_.done(session_.gradient())) {
-        detail::align(system, x, false);
-      }
       const bool realign = options.align && hangs_loosely(system);
       if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
       state_.start(system, x, summary);

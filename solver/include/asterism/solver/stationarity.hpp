@@ -48,6 +48,12 @@ void node_stiffness(const System& system, typename System::NodeVector& result) {
   }
 }
 
+/// Whether the anchors hold on to the nodes by less than a tenth of what the links hold.
+template <typename System>
+bool has_weak_anchors(const System& system) {
+  return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
+}
+
 /// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length at the start.
 template <typename System>
 class StoppingRule {

@@ -113,6 +113,19 @@ struct SolverOptions {
   }
 };
 
+/// What solvers take that can start with rigid_alignment of x (unless x is stationary, or max_iterations 0):
+/// it is not counted as an iteration, cannot raise the energy, and removes the modes that are slowest where
+/// anchors are weak.
+struct AlignedOptions : SolverOptions {
+  bool align = true;
+
+  /// The alignment may also mirror x: for constellations whose mirror image is as good.
+  bool allow_reflection = false;
+
+  constexpr AlignedOptions() = default;
+  constexpr AlignedOptions(const SolverOptions& options) : SolverOptions(options) {}
+};
+
 /// What every solver returns. Numbers are -1 until they are known. Energies, gradient norm and stationarity
 /// are computed by this library from x, whatever the solver, and their cost is in `seconds` but not in the
 /// counts.

@@ -1,0 +1,96 @@
+#pragma once
+
+#include <asterism/solver/config.hpp>
+#include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/newton.hpp>
+#include <asterism/solver/newton_cg.hpp>
+#include <asterism/solver/schwarz.hpp>
+#include <asterism/solver/sparse_cholesky.hpp>
+#include <asterism/solver/summary.hpp>
+#include <cstdint>
+#include <string_view>
+#include <type_traits>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// The default: the method that is fastest for a system of this size, linking and strength of anchors.
+///
+///   up to 16 nodes                                  Newton
+///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
+///   few links a node, up to 1000 nodes              NewtonCg
+///   few links a node, more nodes                    Schwarz
+///   the same with anchors weak beside the links     Lbfgs from the sparsely factored K_dyn
+///
+/// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver says which method
+/// it was, and goes on with NewtonCg where a matrix cannot be factored. All of them start with
+/// rigid_alignment.
+///
+/// An object holds its workspace: reuse it to solve without allocation, one thread at a time. Sparse methods
+/// use the heap; fixed and bounded sizes take dense ones, which do not.
+template <typename System>
+class Auto {
+ public:
+  using Points = typename System::Points;
+
+  AlignedOptions options;
+
+  Auto() = default;
+  /// For type deduction: Auto(system).solve(system, x).
+  explicit Auto(const System&, const AlignedOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return "auto"; }
+
+  /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for the method that is
+  /// chosen.
+  Summary solve(const System& system, Points& x) {
+    const int n = system.nodes();
+    if (n <= kNewton) return solve_by(newton_, system, x);
+    if constexpr (kHasMore) {
+      const std::int64_t pairs = std::int64_t{n} * (n - 1) / 2;
+      if (!kHeap || 3 * std::int64_t{system.link_count()} > pairs) {
+        const Summary summary = solve_by(lbfgs_, system, x);
+        if (summary.status != Status::NumericalFailure) return summary;
+      } else if (n > kSmallSparse) {
+        if (!detail::has_weak_anchors(system)) return solve_by(schwarz_, system, x);
+        const Summary summary = solve_by(sparse_lbfgs_, system, x);
+        if (summary.status != Status::NumericalFailure) return summary;
+      }
+      return solve_by(newton_cg_, system, x);
+    } else {
+      return solve_by(newton_, system, x);
+    }
+  }
+
+ private:
+  static constexpr int kNewton = 16;
+  static constexpr int kSmallSparse = 1000;
+  static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
+  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton;
+
+  struct Nothing {
+    AlignedOptions options;
+    Summary solve(const System&, Points&) { return {}; }
+  };
+  template <bool kWanted, typename Solver>
+  using If = std::conditional_t<kWanted, Solver, Nothing>;
+
+  template <typename Solver>
+  Summary solve_by(Solver& solver, const System& system, Points& x) {
+    static_cast<AlignedOptions&>(solver.options) = options;
+    return solver.solve(system, x);
+  }
+
+  Newton<System> newton_;
+  If<kHasMore, Lbfgs<System>> lbfgs_;
+  If<kHasMore, NewtonCg<System>> newton_cg_;
+  If<kHeap, Schwarz<System>> schwarz_;
+  If<kHeap, Lbfgs<System, SparseCholesky<System>>> sparse_lbfgs_;
+};
+
+/// One solve by Auto with a workspace of its own; see Auto::solve. Keep an Auto where solves repeat.
+template <typename System>
+Summary solve(const System& system, typename System::Points& x, const AlignedOptions& options = {}) {
+  return Auto<System>(system, options).solve(system, x);
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,352 @@
+// Inputs with a defined answer however odd: what docs/solver.md promises under "Edges", on Ida, Newton,
+// Lbfgs, NewtonCg and Auto.
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+#include <cmath>
+#include <limits>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "random_system.hpp"
+
+namespace asterism {
+namespace {
+
+using System = SpringSystem<double, 2>;
+using Points = System::Points;
+
+template <typename S>
+class Edges : public ::testing::Test {
+ public:
+  static Summary solve(const System& system, Points& x, const SolverOptions& options = {}) {
+    S solver;
+    static_cast<SolverOptions&>(solver.options) = options;
+    return solver.solve(system, x);
+  }
+};
+using Solvers = ::testing::Types<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
+                                 SparseNewton<System>, Auto<System>>;
+TYPED_TEST_SUITE(Edges, Solvers);
+
+testing::RandomSystem<System> random(std::uint64_t seed, int n = 5) {
+  testing::Rng rng(seed);
+  return testing::random_system<System>(rng, Topology<>::full(n));
+}
+
+// Converged at a point that is stationary, and no higher than the start.
+void expect_solved(const System& system, const Points& x, const Summary& summary) {
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_TRUE(x.allFinite());
+  EXPECT_LE(summary.final_energy, summary.initial_energy * (1 + 1e-12));
+  EXPECT_NEAR(summary.final_energy, energy(system, x), 1e-12 * summary.initial_energy);
+}
+
+TYPED_TEST(Edges, CoincidentNodesPart) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    auto [system, start] = random(seed);
+    start.col(1) = start.col(0);
+    system.anchors.col(1) = system.anchors.col(0);
+    Points x = start;
+    expect_solved(system, x, TestFixture::solve(system, x));
+    EXPECT_GT((x.col(0) - x.col(1)).norm(), 1e-6);
+  }
+}
+
+TYPED_TEST(Edges, AllNodesOnOnePointSpread) {
+  auto [system, start] = random(1);
+  start.setConstant(3);
+  system.anchors.setConstant(3);
+  Points x = start;
+  expect_solved(system, x, TestFixture::solve(system, x));
+  EXPECT_LT(energy(system, x), 0.9 * energy(system, start));
+}
+
+TYPED_TEST(Edges, ZeroRestLengthsPullTogether) {
+  auto [system, start] = random(2);
+  system.rest_length.setZero();
+  Points x = start;
+  expect_solved(system, x, TestFixture::solve(system, x));
+  // Convex then, and linear: K_dyn x = k a.
+  Eigen::MatrixXd K = system.anchor_stiffness.asDiagonal();
+  for (int l = 0; const Link& link : system.links()) {
+    const double k = system.link_stiffness[l++];
+    K(link.i, link.i) += k, K(link.j, link.j) += k, K(link.i, link.j) -= k, K(link.j, link.i) -= k;
+  }
+  const Points expected =
+      (K.ldlt().solve(Eigen::MatrixXd((system.anchors * system.anchor_stiffness.asDiagonal()).transpose())))
+          .transpose();
+  EXPECT_LT((x - expected).cwiseAbs().maxCoeff(), 1e-6);
+}
+
+TYPED_TEST(Edges, LinksWithoutStiffnessLeaveNodesToTheirAnchors) {
+  auto [system, start] = random(3);
+  system.link_stiffness.setZero();
+  Points x = start;
+  expect_solved(system, x, TestFixture::solve(system, x));
+  EXPECT_LT((x - system.anchors).cwiseAbs().maxCoeff(), 1e-7);
+}
+
+TYPED_TEST(Edges, StiffnessFromTheSmallestToTheLargest) {
+  for (const double unit : {1e-12, 1.0, 1e14}) {  // of all springs: no difference
+    auto [system, start] = random(4);
+    Points expected = start;
+    expect_solved(system, expected, TestFixture::solve(system, expected));
+    system.anchor_stiffness *= unit;
+    system.link_stiffness *= unit;
+    Points x = start;
+    expect_solved(system, x, TestFixture::solve(system, x));
+    EXPECT_LT((x - expected).cwiseAbs().maxCoeff(), 1e-5) << unit;
+  }
+  for (const double factor : {1e-12, 1e14}) {  // of one spring beside the others
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      auto [system, start] = random(seed);
+      system.link_stiffness[0] *= factor;
+      Points x = start;
+      const Summary summary = TestFixture::solve(system, x);
+      EXPECT_TRUE(summary.usable()) << summary;
+      EXPECT_LE(summary.final_energy, summary.initial_energy);
+      EXPECT_TRUE(x.allFinite());
+    }
+  }
+}
+
+TYPED_TEST(Edges, ComponentsWithoutAnchorAreRefusedOrGrounded) {
+  System system(Topology<>::from_links(5, std::vector<Link>{{0, 1}, {2, 3}, {3, 4}, {2, 4}}));
+  system.anchors.setZero();
+  system.anchor_stiffness << 1, 0, 0, 0, 0;
+  system.rest_length.setConstant(1);
+  system.link_stiffness.setOnes();
+  Points start(2, 5);
+  start << 0, 2, 10, 12, 11, 0.1, 0, 5, 5.2, 7;
+  Points x = start;
+  Summary summary = TestFixture::solve(system, x);
+  EXPECT_EQ(summary.status, Status::InvalidInput);
+  EXPECT_EQ(summary.message, "node 2 is in a connected component without anchor stiffness");
+  EXPECT_EQ(x, start);
+
+  SolverOptions options;
+  options.ground_components = true;
+  summary = TestFixture::solve(system, x, options);
+  expect_solved(system, x, summary);
+  EXPECT_NEAR(summary.final_energy, 0, 1e-10);
+  EXPECT_EQ(x.col(2), start.col(2));
+}
+
+TYPED_TEST(Edges, NothingButAFloatingConstellation) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    auto [system, start] = random(seed);
+    system.anchor_stiffness.setZero();
+    SolverOptions options;
+    options.ground_components = true;
+    Points x = start;
+    expect_solved(system, x, TestFixture::solve(system, x, options));
+    EXPECT_EQ(x.col(0), start.col(0));
+    EXPECT_LT((x - start).cwiseAbs().maxCoeff(), 5);  // it does not run away
+  }
+}
+
+TYPED_TEST(Edges, IsolatedNodesGoToTheirAnchors) {
+  System system(Topology<>::from_links(3, std::vector<Link>{{0, 1}}));
+  system.anchors << 0, 5, 9, 0, 0, 9;
+  system.anchor_stiffness << 1, 1, 1e-3;
+  system.rest_length.setConstant(5);
+  system.link_stiffness.setOnes();
+  Points x = Points::Ones(2, 3);
+  x(0, 1) = 2;
+  expect_solved(system, x, TestFixture::solve(system, x));
+  EXPECT_LT((x - system.anchors).cwiseAbs().maxCoeff(), 1e-5);
+}
+
+TYPED_TEST(Edges, OneNodeAndNoLinks) {
+  System system(Topology<>::full(1));
+  system.anchors << 3, 4;
+  system.anchor_stiffness << 2;
+  Points x = Points::Zero(2, 1);
+  expect_solved(system, x, TestFixture::solve(system, x));
+  EXPECT_LT((x - system.anchors).norm(), 1e-9);
+}
+
+TYPED_TEST(Edges, DuplicateLinksAddUp) {
+  auto [system, start] = random(6, 3);
+  System doubled(Topology<>::from_links(3, std::vector<Link>{{0, 1}, {0, 2}, {1, 2}, {2, 1}}));
+  doubled.anchors = system.anchors;
+  doubled.anchor_stiffness = system.anchor_stiffness;
+  doubled.rest_length << system.rest_length, system.rest_length[2];
+  doubled.link_stiffness << system.link_stiffness[0], system.link_stiffness[1],
+      0.25 * system.link_stiffness[2], 0.75 * system.link_stiffness[2];
+  Points x = start, y = start;
+  expect_solved(system, x, TestFixture::solve(system, x));
+  expect_solved(doubled, y, TestFixture::solve(doubled, y));
+  EXPECT_LT((x - y).cwiseAbs().maxCoeff(), 1e-6);
+}
+
+TYPED_TEST(Edges, BadInputIsNamedAndCostsNothing) {
+  const double nan = std::numeric_limits<double>::quiet_NaN();
+  const double infinity = std::numeric_limits<double>::infinity();
+  const auto refused = [](auto&& spoil) {
+    auto [system, start] = random(7);
+    spoil(system, start);
+    Points x = start;
+    const Summary summary = TestFixture::solve(system, x);
+    EXPECT_EQ(summary.status, Status::InvalidInput);
+    EXPECT_TRUE((x.array() == start.array() || start.array().isNaN()).all());
+    return std::string(std::string_view(summary.message));
+  };
+  EXPECT_EQ(refused([&](System& s, Points&) { s.anchors(1, 3) = nan; }), "anchor 3 is not finite");
+  EXPECT_EQ(refused([&](System& s, Points&) { s.anchor_stiffness[2] = -1; }),
+            "anchor stiffness 2 is negative or not finite");
+  EXPECT_EQ(refused([&](System& s, Points&) { s.rest_length[4] = -1e-9; }),
+            "rest length 4 is negative or not finite");
+  EXPECT_EQ(refused([&](System& s, Points&) { s.link_stiffness[9] = infinity; }),
+            "link stiffness 9 is negative or not finite");
+  EXPECT_EQ(refused([&](System&, Points& x) { x(0, 4) = nan; }), "x of node 4 is not finite");
+  EXPECT_EQ(refused([&](System& s, Points& x) {
+              s = System(Topology<>::from_links(2, std::vector<Link>{{1, 1}}));
+              x.resize(2, 2);
+              x.setZero();
+            }),
+            "link 0 joins a node to itself");
+  EXPECT_EQ(refused([&](System& s, Points& x) {
+              s = System(Topology<>::full(0));
+              x.resize(2, 0);
+            }),
+            "system has no nodes");
+}
+
+// Both IDA and Newton's method stay on the line of a collinear start; what leaves it is the search for
+// negative curvature.
+TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
+  System system(Topology<>::full(3));
+  system.anchors << 0, 0.4, 1, 0, 0, 0;
+  system.anchor_stiffness.setConstant(0.05);
+  system.rest_length.setConstant(1);
+  system.link_stiffness.setOnes();
+  const Points start = system.anchors;
+
+  Points by_ida = start;
+  const Summary ida = Ida<System>().solve(system, by_ida);
+  EXPECT_EQ(ida.status, Status::Converged);
+  EXPECT_EQ(ida.positive_definite, -1);  // it does not look
+  EXPECT_EQ(by_ida.row(1).norm(), 0);
+
+  Points held = start;
+  Newton<System> newton;
+  newton.options.escape_saddles = false;
+  const Summary saddle = newton.solve(system, held);
+  EXPECT_EQ(saddle.positive_definite, 0);
+
+  Points x = start;
+  for (const Summary& summary : {Newton<System>().solve(system, x), Auto<System>().solve(system, x)}) {
+    EXPECT_EQ(summary.status, Status::Converged);
+    EXPECT_EQ(summary.positive_definite, 1);
+    EXPECT_LT(summary.final_energy, 0.5 * ida.final_energy);
+  }
+}
+
+TEST(LargeSystem, OfAMillionNodesIsAccepted) {
+  // A chain: the memory and the time of one iteration, no more.
+  constexpr int kNodes = 1000000;
+  std::vector<Link> links;
+  links.reserve(kNodes - 1);
+  for (int i = 0; i + 1 < kNodes; ++i) links.push_back({i, i + 1});
+  System system(Topology<>::from_links(kNodes, links));
+  for (int i = 0; i < kNodes; ++i) system.anchors.col(i) << i, 0.1 * (i % 7);
+  system.anchor_stiffness.setOnes();
+  system.rest_length.setConstant(1.1);
+  system.link_stiffness.setOnes();
+  Points x = system.anchors;
+  Lbfgs<System, JacobiMetric<System>> solver;
+  solver.options.max_iterations = 2;
+  const Summary summary = solver.solve(system, x);
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_LT(summary.final_energy, summary.initial_energy);
+}
+
+TEST(FarFromTheOrigin, FloatConvergesToTheRoundingOfItsCoordinates) {
+  using Float = SpringSystem<float, 2, 4>;
+  for (const float offset : {0.0f, 1e4f, 1e6f}) {
+    testing::Rng rng(8);
+    auto [system, start] =
+        testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full(), testing::Kind::Track);
+    auto expected = start;
+    Newton<SpringSystem<double, 2, 4>>().solve(system, expected);
+    Float far(Topology<4>::full());
+    far.anchors = (system.anchors.array() + offset).cast<float>();
+    far.anchor_stiffness = system.anchor_stiffness.cast<float>();
+    far.rest_length = system.rest_length.cast<float>();
+    far.link_stiffness = system.link_stiffness.cast<float>();
+    Float::Points x = (start.array() + offset).cast<float>();
+    const Summary summary = Newton<Float>().solve(far, x);
+    EXPECT_TRUE(summary.usable()) << summary;
+    EXPECT_LT((x.cast<double>().array() - offset - expected.array()).abs().maxCoeff(), 1e-5 + 4e-6 * offset)
+        << offset;
+  }
+}
+
+TEST(AutoSolver, SaysWhatItChose) {
+  const auto chosen = [](const System& system, Points x) {
+    const Summary summary = Auto<System>().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    return std::string(summary.solver);
+  };
+  const auto small = random(1, 4), medium = random(1, 40);
+  EXPECT_EQ(chosen(small.system, small.start), Newton<System>::name());
+  EXPECT_EQ(chosen(medium.system, medium.start), Lbfgs<System>::name());
+  testing::Rng rng(1);
+  const Points nodes = testing::random_points<System>(rng, 200, 0, 14);
+  const auto sparse = testing::random_system<System>(rng, Topology<>::k_nearest(nodes, 3));
+  EXPECT_EQ(chosen(sparse.system, sparse.start), NewtonCg<System>::name());
+  auto x = small.start;
+  EXPECT_EQ(solve(small.system, x).status, Status::Converged);
+}
+
+TEST(AutoSolver, GoesOnWhereNoFactorisationCan) {
+  auto [system, start] = random(1, 40);
+  system.anchor_stiffness *= 1e-18;
+  Points x = start;
+  Lbfgs<System> lbfgs;
+  EXPECT_EQ(lbfgs.solve(system, x).status, Status::NumericalFailure);
+  EXPECT_EQ(x, start);
+  const Summary summary = Auto<System>().solve(system, x);
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_EQ(summary.solver, NewtonCg<System>::name());
+  EXPECT_LT(summary.final_energy, 0.1 * summary.initial_energy);
+}
+
+TEST(MultiStartSolver, NeverEndsHigherAndOftenLower) {
+  using Fixed = SpringSystem<double, 2, 4>;
+  int lower = 0;
+  for (std::uint64_t seed = 1; seed <= 100; ++seed) {
+    testing::Rng rng(seed);
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), testing::Kind::Orig);
+    auto single = start, many = start;
+    const Summary one = Newton<Fixed>().solve(system, single);
+    MultiStart<Fixed, Newton<Fixed>> solver;
+    const Summary best = solver.solve(system, many);
+    EXPECT_EQ(best.status, Status::Converged);
+    EXPECT_LE(best.final_energy, one.final_energy);
+    EXPECT_EQ(best.initial_energy, one.initial_energy);
+    EXPECT_EQ(best.final_energy, energy(system, many));
+    EXPECT_GT(best.iterations, one.iterations);
+    lower += best.final_energy < 0.999 * one.final_energy;
+    auto again = start;
+    solver.solve(system, again);
+    EXPECT_EQ(again, many);  // no randomness that is not its own
+  }
+  EXPECT_GE(lower, 3);
+  EXPECT_LE(lower, 40);
+}
+
+TEST(MultiStartSolver, RefusesOptionsThatAreNone) {
+  const auto [system, start] = random(1);
+  MultiStart<System, Newton<System>> solver;
+  solver.options.starts = 0;
+  Points x = start;
+  EXPECT_EQ(solver.solve(system, x).status, Status::InvalidInput);
+  EXPECT_EQ(x, start);
+}
+
+}  // namespace
+}  // namespace asterism
