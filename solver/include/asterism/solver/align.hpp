@@ -20,9 +20,13 @@ namespace detail {
 template <typename Scalar, int Dim>
 Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim> M, bool allow_reflection) {
   using Matrix = Eigen::Matrix<Scalar, Dim, Dim>;
-  const Scalar largest = M.cwiseAbs().maxCoeff();
-  if (!(largest > 0 && std::isfinite(largest))) return Matrix::Identity();
-  M /= largest;
+  Scalar size = M.squaredNorm();
+  if (!(size > std::numeric_limits<Scalar>::min() && std::isfinite(size * size))) [[unlikely]] {
+    const Scalar largest = M.cwiseAbs().maxCoeff();
+    if (!(largest > 0 && std::isfinite(largest))) return Matrix::Identity();
+    M /= largest;
+    size = M.squaredNorm();
+  }
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   Matrix R = Matrix::Identity();
   if constexpr (Dim == 2) {
@@ -38,7 +42,7 @@ Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim>
       sine = mirrored_sine;
       square = mirrored_square;
     }
-    if (!(square > kRounding * kRounding)) return R;  // no angle is better than another
+    if (!(square > kRounding * kRounding * size)) return R;  // no angle is better than another
     const Scalar inverse = 1 / std::sqrt(square);
     cosine *= inverse;
     sine *= inverse;
@@ -92,7 +96,6 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
   };
   Scalar total = 0;
-  Scalar extent = 0;
   Point centre = Point::Zero();
   Point anchor_centre = Point::Zero();
   for (int i = 0; i < n; ++i) {
@@ -101,17 +104,16 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     total += k;
     centre += k * x.col(i);
     anchor_centre += k * system.anchors.col(i);
-    extent = std::max({extent, x.col(i).cwiseAbs().maxCoeff(), system.anchors.col(i).cwiseAbs().maxCoeff()});
   }
   if (!(total > 0 && std::isfinite(total))) return false;
-  centre *= 1 / total;
-  anchor_centre *= 1 / total;
+  const Scalar inverse = 1 / total;
+  centre *= inverse;
+  anchor_centre *= inverse;
 
   Eigen::Matrix<Scalar, System::kDim, System::kDim> M;
   M.setZero();
   Scalar spread = 0;
   Scalar anchor_spread = 0;
-  Scalar before = 0;
   for (int i = 0; i < n; ++i) {
     const Scalar k = weight(i);
     if (!(k > 0)) continue;
@@ -120,21 +122,30 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     M += (k * q) * p.transpose();
     spread += k * p.squaredNorm();
     anchor_spread += k * q.squaredNorm();
-    before += anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
   }
   // On one point up to rounding: nothing to turn.
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-  const Scalar rounding = total * (kRounding * extent) * (kRounding * extent);
+  const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
+  const Scalar rounding = kRounding * kRounding * offset;
   if (!(spread > rounding && anchor_spread > rounding)) M.setZero();
   const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
 
-  Scalar after = 0;
-  for (int i = 0; i < n; ++i) {
-    if (!(system.anchor_stiffness[i] > 0)) continue;
-    const Point moved = R * (x.col(i) - centre) + anchor_centre;
-    after += anchor_force(system, i, moved - system.anchors.col(i)).energy;
+  if constexpr (System::kPlainAnchors) {
+    // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
+    const Scalar gain =
+        total * (centre - anchor_centre).squaredNorm() +
+        2 * (R - Eigen::Matrix<Scalar, System::kDim, System::kDim>::Identity()).cwiseProduct(M).sum();
+    if (!(gain > kRounding * (spread + anchor_spread) + rounding)) return false;
+  } else {
+    Scalar before = 0;
+    Scalar after = 0;
+    for (int i = 0; i < n; ++i) {
+      const Point moved = R * (x.col(i) - centre) + anchor_centre;
+      before += anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
+      after += anchor_force(system, i, moved - system.anchors.col(i)).energy;
+    }
+    if (!(after < before)) return false;
   }
-  if (!(after < before)) return false;
   for (int i = 0; i < n; ++i) x.col(i) = R * (x.col(i) - centre) + anchor_centre;
   return true;
 }
