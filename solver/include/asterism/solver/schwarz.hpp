@@ -5,6 +5,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/newton_cg.hpp>
+#include <asterism/solver/partition.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/topology.hpp>
@@ -18,91 +19,6 @@
 namespace asterism::inline ASTERISM_ABI {
 
 namespace detail {
-
-/// Who is next to whom: node i's neighbours and the links to them.
-class Neighbours {
- public:
-  struct Neighbour {
-    int node;
-    int link;
-  };
-
-  Neighbours() = default;
-  Neighbours(int n, std::span<const Link> links)
-      : first_(static_cast<std::size_t>(n) + 1, 0), neighbours_(2 * links.size()) {
-    for (const Link& link : links) ++first_[link.i], ++first_[link.j];
-    int sum = 0;
-    for (int& first : first_) sum += std::exchange(first, sum);
-    std::vector<int> next(first_);
-    int l = 0;
-    for (const Link& link : links) {
-      neighbours_[next[link.i]++] = {link.j, l};
-      neighbours_[next[link.j]++] = {link.i, l};
-      ++l;
-    }
-  }
-
-  std::span<const Neighbour> of(int i) const {
-    return {neighbours_.data() + first_[i], neighbours_.data() + first_[i + 1]};
-  }
-
- private:
-  std::vector<int> first_;
-  std::vector<Neighbour> neighbours_;
-};
-
-/// A partition of nodes into connected subdomains of some `size` nodes each, grown breadth first one beside
-/// the other. order[k] is the k-th node, subdomain s has those from first[s] to first[s + 1].
-struct Partition {
-  std::vector<int> order;
-  std::vector<int> first;
-
-  Partition() = default;
-  Partition(int n, const Neighbours& neighbours, int size) {
-    constexpr int kNone = -1;
-    std::vector<int> owner(static_cast<std::size_t>(n), kNone);
-    std::vector<int> seen(static_cast<std::size_t>(n), kNone);
-    std::vector<int> frontier;  // nodes next to a subdomain, oldest first
-    std::vector<int> grown;
-    std::size_t oldest = 0;
-    int count = 0;
-    int unseen = 0;
-    while (true) {
-      while (oldest < frontier.size() && owner[frontier[oldest]] != kNone) ++oldest;
-      while (oldest == frontier.size() && unseen < n && owner[unseen] != kNone) ++unseen;
-      if (oldest == frontier.size() && unseen == n) break;
-      grown.assign(1, oldest < frontier.size() ? frontier[oldest] : unseen);
-      seen[grown[0]] = count;
-      int beside = kNone;
-      for (std::size_t next = 0; next < grown.size() && next < static_cast<std::size_t>(size); ++next) {
-        owner[grown[next]] = count;
-        for (const auto [node, link] : neighbours.of(grown[next])) {
-          if (owner[node] == kNone) {
-            if (std::exchange(seen[node], count) != count) grown.push_back(node);
-          } else if (owner[node] != count) {
-            beside = owner[node];
-          }
-        }
-      }
-      if (grown.size() > static_cast<std::size_t>(size)) {
-        frontier.insert(frontier.end(), grown.begin() + size, grown.end());
-      } else if (beside != kNone && grown.size() < static_cast<std::size_t>(size / 4)) {
-        for (const int node : grown) owner[node] = beside;  // what is left between others
-        continue;
-      }
-      ++count;
-    }
-    first.assign(static_cast<std::size_t>(count) + 1, 0);
-    for (const int s : owner) ++first[s];
-    int sum = 0;
-    for (int& f : first) sum += std::exchange(f, sum);
-    order.resize(static_cast<std::size_t>(n));
-    std::vector<int> next(first);
-    for (int i = 0; i < n; ++i) order[next[owner[i]]++] = i;
-  }
-
-  int count() const { return static_cast<int>(first.size()) - 1; }
-};
 
 /// Fills `to` with the values of some nodes and links of `from`.
 template <typename System>

@@ -8,15 +8,12 @@
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/session.hpp>
+#include <asterism/solver/sparse_blocks.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
-#include <cstddef>
 #include <limits>
-#include <numeric>
 #include <string_view>
-#include <utility>
-#include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -27,30 +24,22 @@ namespace detail {
 template <typename System, typename MatrixScalar>
 class SparseHessian {
  public:
-  using Matrix = Eigen::SparseMatrix<MatrixScalar>;
   using Points = typename System::Points;
   static constexpr int kDim = System::kDim;
 
   /// Makes the pattern for the system's links, if it is not theirs already; true where it is new and has to
   /// be analysed.
-  bool prepare(const System& system) {
-    const auto links = system.links();
-    if (matrix_.rows() == kDim * system.nodes() &&
-        std::equal(links.begin(), links.end(), links_.begin(), links_.end()))
-      return false;
-    make_pattern(system.nodes(), links);
-    return true;
-  }
+  bool prepare(const System& system) { return blocks_.prepare(system.nodes(), system.links()); }
 
   /// Fills in the Hessian at x. With `clamp`, no anchor or link has negative curvature, which makes the
   /// matrix positive semi-definite; with anchors, definite. A fixed node is coupled to none.
   void assemble(const System& system, const Points& x, bool clamp) {
-    matrix_.coeffs().setZero();
+    blocks_.set_zero();
     for (int i = 0; i < system.nodes(); ++i) {
       if (system.is_fixed(i)) [[unlikely]] {
-        add_diagonal(i, Block(Block::Identity()));
+        blocks_.add(i, Block(Block::Identity()));
       } else {
-        add_diagonal(i, anchor_curvature(system, i, x.col(i) - system.anchors.col(i), clamp));
+        blocks_.add(i, anchor_curvature(system, i, x.col(i) - system.anchors.col(i), clamp));
       }
     }
     int l = 0;
@@ -65,87 +54,24 @@ class SparseHessian {
           force.across * Block::Identity() + ((force.along - force.across) * u) * u.transpose();
       const bool fixed_i = system.is_fixed(link.i);
       const bool fixed_j = system.is_fixed(link.j);
-      if (!fixed_i) add_diagonal(link.i, block);
-      if (!fixed_j) add_diagonal(link.j, block);
-      if (!fixed_i && !fixed_j) subtract_off_diagonal(std::min(link.i, link.j), rank_[l], block);
+      if (!fixed_i) blocks_.add(link.i, block);
+      if (!fixed_j) blocks_.add(link.j, block);
+      if (!fixed_i && !fixed_j) blocks_.add_link(l, -block);
       ++l;
     }
   }
 
-  /// Multiplies the diagonal.
   void scale_diagonal(MatrixScalar factor) {
-    for (Eigen::Index c = 0; c < matrix_.cols(); ++c) *column(static_cast<int>(c)) *= factor;
+    for (int c = 0; c < matrix().cols(); ++c) blocks_.diagonal(c) *= factor;
   }
 
-  const Matrix& matrix() const { return matrix_; }
+  const Eigen::SparseMatrix<MatrixScalar>& matrix() const { return blocks_.matrix(); }
 
  private:
   using Scalar = typename System::Scalar;
   using Block = Eigen::Matrix<Scalar, kDim, kDim>;
 
-  // The values of a column, from the diagonal down.
-  MatrixScalar* column(int c) { return matrix_.valuePtr() + matrix_.outerIndexPtr()[c]; }
-
-  void add_diagonal(int i, const Block& block) {
-    for (int c = 0; c < kDim; ++c) {
-      MatrixScalar* const values = column(kDim * i + c);
-      for (int r = c; r < kDim; ++r) values[r - c] += static_cast<MatrixScalar>(block(r, c));
-    }
-  }
-
-  // The block of `low` and the neighbour that is its `rank`-th above it.
-  void subtract_off_diagonal(int low, int rank, const Block& block) {
-    for (int c = 0; c < kDim; ++c) {
-      MatrixScalar* const values = column(kDim * low + c) + (kDim - c) + kDim * rank;
-      for (int r = 0; r < kDim; ++r) values[r] -= static_cast<MatrixScalar>(block(r, c));
-    }
-  }
-
-  void make_pattern(int n, std::span<const Link> links) {
-    const auto ends = [&links](int l) {
-      const Link& link = links[static_cast<std::size_t>(l)];
-      return std::minmax(link.i, link.j);
-    };
-    std::vector<int> order(links.size());
-    std::iota(order.begin(), order.end(), 0);
-    std::sort(order.begin(), order.end(), [&ends](int a, int b) { return ends(a) < ends(b); });
-
-    // A node's neighbours of higher number, each once, also where links are parallel.
-    std::vector<int> first(static_cast<std::size_t>(n) + 1, 0);
-    std::vector<int> neighbours;
-    rank_.resize(links.size());
-    neighbours.reserve(links.size());
-    int low = -1;
-    for (const int l : order) {
-      const auto [i, j] = ends(l);
-      while (low < i) first[static_cast<std::size_t>(++low)] = static_cast<int>(neighbours.size());
-      const auto begin = first[static_cast<std::size_t>(low)];
-      if (static_cast<int>(neighbours.size()) == begin || neighbours.back() != j) neighbours.push_back(j);
-      rank_[static_cast<std::size_t>(l)] = static_cast<int>(neighbours.size()) - 1 - begin;
-    }
-    while (low < n) first[static_cast<std::size_t>(++low)] = static_cast<int>(neighbours.size());
-
-    matrix_.resize(kDim * n, kDim * n);
-    matrix_.resizeNonZeros(n * kDim * (kDim + 1) / 2 +
-                           kDim * kDim * static_cast<Eigen::Index>(neighbours.size()));
-    int at = 0;
-    for (int i = 0; i < n; ++i) {
-      for (int c = 0; c < kDim; ++c) {
-        matrix_.outerIndexPtr()[kDim * i + c] = at;
-        for (int r = c; r < kDim; ++r) matrix_.innerIndexPtr()[at++] = kDim * i + r;
-        for (int k = first[static_cast<std::size_t>(i)]; k < first[static_cast<std::size_t>(i) + 1]; ++k) {
-          const int j = neighbours[static_cast<std::size_t>(k)];
-          for (int r = 0; r < kDim; ++r) matrix_.innerIndexPtr()[at++] = kDim * j + r;
-        }
-      }
-    }
-    matrix_.outerIndexPtr()[kDim * n] = at;
-    links_.assign(links.begin(), links.end());
-  }
-
-  Matrix matrix_;
-  std::vector<Link> links_;  // of the pattern
-  std::vector<int> rank_;    // a link's place among the neighbours above its lower node
+  SparseBlocks<MatrixScalar, kDim> blocks_;
 };
 
 }  // namespace detail
