@@ -59,7 +59,7 @@ class LaneNewton {
   static constexpr int kHessian = kFull ? kSize * (kSize + 1) : kSize * (kSize + 3) / 2;
   static constexpr int kClampedSteps = 2;
   static constexpr int kMostTrials = 60;  // evaluations of a system in its lane
-  static constexpr unsigned kAll = (1U << kLanes) - 1;
+  static constexpr unsigned kAll = static_cast<unsigned>((1ULL << kLanes) - 1);
 
  public:
   static void solve(const Planes<T>& planes, const Settings& settings, std::ptrdiff_t first,
@@ -77,7 +77,7 @@ class LaneNewton {
     tolerance_ = static_cast<T>(settings.tolerance);
     if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
     max_iterations_ = static_cast<T>(settings.max_iterations);
-    align_ = settings.align;
+    align_ = settings.align && settings.max_iterations > 0;
     T* work = planes.work;
     final_x_ = work;
     work += size() * stride_;
@@ -89,6 +89,7 @@ class LaneNewton {
     mode_ = work + 3 * stride_;
     energy_before_ = work + 4 * stride_;
     extent_ = work + 5 * stride_;
+    short_step_ = work + 6 * stride_;
   }
 
   // Sizes, known to the compiler where they are fixed.
@@ -215,6 +216,8 @@ class LaneNewton {
     L::store(reach_ + s, reach);
     L::store(floor_ + s, floor);
     L::store(extent_ + s, extent);
+    // A step of this length leaves a gradient of the tolerance, as the second derivatives go as 1 / length.
+    L::store(short_step_ + s, L::max(L::set(T(0.25)) * reach * length, rounding * rounding));
   }
 
   /// Where every node has a path of positive stiffness to an anchor.
@@ -384,6 +387,7 @@ class LaneNewton {
     V t;
     V tolerance;
     V floor;
+    V short_step;
     V extent;
     V mode;
     V clamped;  // steps left with curvature across springs clamped
@@ -409,33 +413,25 @@ class LaneNewton {
 
   static void clear(State& state) {
     V* values = state.x;
-    constexpr int kCount = 3 * kSize + 2 * kNodes + 2 * kLinks + 10;
+    constexpr int kCount = 3 * kSize + 2 * kNodes + 2 * kLinks + 11;
     for (int v = 0; v < kCount; ++v) values[v] = L::set(0);
     state.live = 0;
   }
 
   // The next systems into free lanes.
   void refill(State& state, unsigned free, std::ptrdiff_t& next, std::ptrdiff_t last) const {
-    unsigned taken = 0;
-    const std::ptrdiff_t from = next;
     for (; free != 0 && next < last; free &= free - 1) {
-      taken |= free & (0U - free);
-      state.index[__builtin_ctz(free)] = next++;
+      const int lane = __builtin_ctz(free);
+      state.index[lane] = next;
+      state.live |= 1U << lane;
+      insert(state, L::mask(1U << lane), next++);
     }
-    if (taken == 0) return;
-    state.live |= taken;
-    const M which = L::mask(taken);
-    const auto take = [&](V& values, const T* plane) ASTERISM_INLINED {
-      if constexpr (requires { L::expand(which, plane, values); }) {
-        values = L::expand(which, plane + from, values);
-      } else {
-        T lanes[kLanes];
-        L::store(lanes, values);
-        const T* at = plane + from;
-        for (unsigned rest = taken; rest != 0; rest &= rest - 1) lanes[__builtin_ctz(rest)] = *at++;
-        values = L::load(lanes);
-      }
-    };
+  }
+
+  // System s into the one lane of `which`.
+  [[gnu::always_inline]] void insert(State& state, M which, std::ptrdiff_t s) const {
+    const auto take = [&](V& values, const T* plane)
+                          ASTERISM_INLINED { values = L::select(which, L::set(plane[s]), values); };
     each_coordinate([&](auto c) ASTERISM_INLINED {
       take(state.x[c], final_x_ + c * stride_);
       take(state.a[c], planes_.anchors + c * stride_);
@@ -451,6 +447,7 @@ class LaneNewton {
     });
     take(state.tolerance, tolerances_);
     take(state.floor, floor_);
+    take(state.short_step, short_step_);
     take(state.extent, extent_);
     take(state.mode, mode_);
     state.energy = L::select(which, L::set(R::kMax), state.energy);
@@ -459,7 +456,7 @@ class LaneNewton {
     state.t = L::select(which, zero, state.t);
     state.iterations = L::select(which, zero, state.iterations);
     state.trials = L::select(which, zero, state.trials);
-    state.clamped = L::select(which, L::set(kClampedSteps + 1), state.clamped);
+    state.clamped = L::select(which, L::set(kClampedSteps), state.clamped);
   }
 
   struct Evaluation {
@@ -555,18 +552,18 @@ class LaneNewton {
           const V factor = at(j, c) * inverse;
           unroll<j, kSize>([&](auto i) ASTERISM_INLINED { at(i, j) = L::fnma(factor, at(i, c), at(i, j)); });
           g[j] = L::fnma(factor, g[c], g[j]);
+          at(c, j) = factor;
         });
       });
       unroll<0, kSize>([&](auto back) ASTERISM_INLINED {
         constexpr int c = kSize - 1 - back;
-        V value = g[c];
-        const V scaled = value * inverse_pivot[c];
-        decrement = L::fma(value, scaled, decrement);
+        V value = g[c] * inverse_pivot[c];
+        decrement = L::fma(g[c], value, decrement);
         unroll<0, kSize - 1 - c>([&](auto m) ASTERISM_INLINED {
           constexpr int i = kSize - 1 - m;
-          value = L::fnma(at(Index<i>(), Index<c>()), step[i], value);
+          value = L::fnma(at(Index<c>(), Index<i>()), step[i], value);
         });
-        step[c] = value * inverse_pivot[c];
+        step[c] = value;
       });
     } else {
       for (int c = 0; c < n; ++c) {
@@ -600,7 +597,7 @@ class LaneNewton {
     if ((L::bits(loose) & s.live) != 0) [[unlikely]]
       align(y, s.a, s.k, s.extent, loose);
     const V zero = L::set(0), one = L::set(1);
-    const V limit = L::select(L::less(one, s.clamped), one, L::set(R::kMax));
+    const V limit = L::select(L::less(zero, s.clamped), one, L::set(R::kMax));
     const Evaluation e = evaluate(s, y, limit, q);
 
     // Armijo; in the last digits of the energy, rounding is let pass.
@@ -609,9 +606,18 @@ class LaneNewton {
     const V slack = L::select(L::less(s.decrement, L::set(8) * rounding), rounding, zero);
     const V target = L::fnma(L::set(T(1e-4)) * s.t, s.decrement, s.energy + slack);
     const M falls = L::at_most(e.energy, target);
-    const M close =
-        L::both(e.definite, L::at_most(e.decrement, L::set(2) * L::max(s.tolerance * e.energy, s.floor)));
-    const M finished = L::both(falls, close);
+    V longest = zero;  // of the nodes' steps, squared
+    each_node([&](auto i) ASTERISM_INLINED {
+      V square = q[kDim * i] * q[kDim * i];
+      unroll<1, kDim>([&](auto d)
+                          ASTERISM_INLINED { square = L::fma(q[kDim * i + d], q[kDim * i + d], square); });
+      longest = L::max(longest, square);
+    });
+    const V count = s.iterations + L::select(L::both(falls, L::less(zero, s.t)), one, zero);
+    const M in_time = L::less(count, L::set(max_iterations_));
+    M close = L::at_most(e.decrement, L::set(2) * L::max(s.tolerance * e.energy, s.floor));
+    close = L::both(close, L::at_most(longest, s.short_step));
+    const M finished = L::both(L::both(falls, in_time), L::both(close, e.definite));
 
     // Otherwise to the minimum of the parabola.
     const V vertex =
@@ -620,8 +626,7 @@ class LaneNewton {
     const M stuck = L::without(L::at_most(s.t, L::set(T(1e-5))), falls);
     const V trials = s.trials + one;
     s.trials = trials;
-    const V count = s.iterations + L::select(L::both(falls, L::less(zero, s.t)), one, zero);
-    const M late = L::both(falls, L::at_most(L::set(max_iterations_), count));
+    const M late = L::without(falls, in_time);
     const M lost = L::either(L::either(L::at_most(L::set(kMostTrials), trials), stuck),
                              L::either(L::less(s.mode, one), late));
     s.iterations = count;
@@ -723,7 +728,7 @@ class LaneNewton {
     const V energy = half * twice, initial = half * twice_start, before = L::load(energy_before_ + s);
     const T terms = static_cast<T>(nodes() + links()) * R::kEpsilon;
     M sound = L::both(L::less(most, L::set(R::kCoincident)), L::at_most(energy, initial));
-    sound = L::both(sound, L::at_most(energy, L::fma(L::set(terms), before, before)));
+    sound = L::both(sound, L::at_most(energy, L::fma(L::set(4 * terms), before, before)));
     sound = L::both(sound, L::less(initial, L::set(R::kMax)));
     const unsigned is_sound = L::bits(sound), is_stationary = L::bits(L::at_most(ratio, L::set(1)));
     unsigned taken = 0;
@@ -749,7 +754,7 @@ class LaneNewton {
   T tolerance_;
   T max_iterations_;
   bool align_;
-  T *final_x_, *rounding_, *tolerances_, *reach_, *floor_, *mode_, *energy_before_, *extent_;
+  T *final_x_, *rounding_, *tolerances_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;
 };
 
 /// The kernel of a topology, from the fixed ones and the one for any.

@@ -88,9 +88,16 @@ constexpr std::string_view to_string(Simd simd) {
 
 /// Whether the library and this machine have it.
 inline bool is_available(Simd simd) {
-  using namespace lanes_v0_1;
-  return simd == Simd::Auto || simd == Simd::Portable ||
-         kernels(simd == Simd::Avx512 ? kAvx512 : kAvx2) != nullptr;
+  switch (simd) {
+    case Simd::Auto:
+    case Simd::Portable:
+      return true;
+    case Simd::Avx2:
+      return lanes_v0_1::kernels(lanes_v0_1::kAvx2) != nullptr;
+    case Simd::Avx512:
+      return lanes_v0_1::kernels(lanes_v0_1::kAvx512) != nullptr;
+  }
+  return false;
 }
 
 /// What Simd::Auto stands for.
@@ -172,10 +179,11 @@ class SpringBatch {
 
   /// Copies a system of the same topology and its start (Dim x N) to place `index`, from float or double. In
   /// a batch of float they are taken relative to the centroid of the anchors, in double: a constellation far
-  /// from the origin loses nothing.
+  /// from the origin loses nothing. Springs alone: fixed nodes make the place an invalid one.
   template <typename OtherSystem>
   void set(int index, const OtherSystem& system, const typename OtherSystem::Points& start) {
     static_assert(OtherSystem::kDim == Dim);
+    static_assert(std::is_same_v<typename OtherSystem::Model, Springs>, "a batch has springs alone");
     eigen_assert(0 <= index && index < count_);
     eigen_assert(system.nodes() == nodes() && system.link_count() == link_count());
     Eigen::Matrix<double, Dim, 1> centre = Eigen::Matrix<double, Dim, 1>::Zero();
@@ -193,7 +201,10 @@ class SpringBatch {
     for (int i = 0; i < nodes(); ++i) {
       for (int d = 0; d < Dim; ++d) put(static_cast<double>(system.anchors(d, i)) - centre[d]);
     }
-    for (int i = 0; i < nodes(); ++i) put(system.anchor_stiffness[i]);
+    constexpr double kInvalid = std::numeric_limits<double>::quiet_NaN();
+    for (int i = 0; i < nodes(); ++i) {
+      put(system.is_fixed(i) ? kInvalid : static_cast<double>(system.anchor_stiffness[i]));
+    }
     for (int l = 0; l < link_count(); ++l) put(system.rest_length[l]);
     for (int l = 0; l < link_count(); ++l) put(system.link_stiffness[l]);
     for (int i = 0; i < nodes(); ++i) {
@@ -398,7 +409,7 @@ class BatchNewton {
     const Settings settings{options.tolerance, options.max_iterations, options.align};
     // Tasks are cut by the size of the batch alone.
     const int count = batch.size();
-    const int chunk = kernel == nullptr ? 64 : std::clamp((count / 32 + 15) / 16 * 16, 512, 4096);
+    const int chunk = kernel == nullptr ? 64 : std::clamp((count / 32 + 31) / 32 * 32, 512, 4096);
     std::atomic<int> by_scalar{0};
     executor((count + chunk - 1) / chunk, [&](int task) {
       const int first = task * chunk;

@@ -47,9 +47,9 @@ struct Settings {
   bool align;
 };
 
-constexpr int kPadding = 16;  ///< lanes of the widest kernel
+constexpr int kPadding = 32;  ///< lanes of the widest kernel
 
-constexpr int work_planes(int dim, int nodes) { return dim * nodes + nodes + 6; }
+constexpr int work_planes(int dim, int nodes) { return dim * nodes + nodes + 7; }
 
 /// Solves the systems first, ..., last - 1.
 template <typename T>
