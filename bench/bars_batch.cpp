@@ -1,0 +1,115 @@
+// Many small systems at once, on one thread.
+#include <algorithm>
+#include <asterism/solver/batch.hpp>
+#include <limits>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "bars.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+using testing::Kind;
+using Reference = SpringSystem<double, 2, 4>;
+using Samples = std::vector<testing::RandomSystem<Reference>>;
+
+// Guarantees the gap that the bars are for: at a minimum whose Hessian is positive definite, half of Newton's
+// decrement is below this share of the energy.
+constexpr double kTolerance = 1e-6;
+
+/// What an instruction set and scalar ought to reach [ns a system].
+struct Goal {
+  double bar;
+  double aim;
+};
+
+constexpr double kNone = std::numeric_limits<double>::infinity();
+
+Goal goal(Simd simd, bool is_double, bool lit) {
+  switch (simd) {
+    case Simd::Avx512:
+      if (lit) return is_double ? Goal{190, 100} : Goal{95, 50};
+      return is_double ? Goal{130, 100} : Goal{70, 50};
+    case Simd::Avx2:
+      if (lit) return is_double ? Goal{260, 190} : Goal{120, 95};
+      break;
+    default:
+      break;
+  }
+  return {kNone, kNone};
+}
+
+/// Energies above that of the minimum they are nearest to, in double, relative to it.
+template <typename Batch>
+std::vector<double> gaps(const Batch& batch, const Samples& systems) {
+  Newton<Reference> newton;
+  newton.options.tolerance = 1e-12;
+  newton.options.align = false;  // the minimum at hand, though another be better
+  std::vector<double> result;
+  for (int s = 0; s < batch.size(); ++s) {
+    const Reference& system = systems[static_cast<std::size_t>(s)].system;
+    Reference::Points x = batch.points(s);
+    const double reached = energy(system, x);
+    newton.solve(system, x);
+    const double least = energy(system, x);
+    result.push_back((reached - least) / std::max(least, std::numeric_limits<double>::min()));
+  }
+  return result;
+}
+
+template <typename Scalar>
+void measure(Bars& bars, const Samples& systems, bool lit) {
+  using Batch = SpringBatch<Scalar, 2, 4>;
+  constexpr bool kDouble = std::is_same_v<Scalar, double>;
+  Batch given(Topology<4>::full(), static_cast<int>(systems.size()));
+  for (int s = 0; s < given.size(); ++s) {
+    const auto& [system, start] = systems[static_cast<std::size_t>(s)];
+    given.set(s, system, start);
+  }
+  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
+    if (!is_available(simd)) continue;
+    BatchNewton<Batch> solver;
+    solver.options.tolerance = kTolerance;
+    solver.simd = simd;
+    Batch batch = given;
+    BatchSummary summary;
+    double seconds = kNone;
+    for (int repeat = 0; repeat < 7; ++repeat) {
+      batch = given;
+      const double before = cpu_seconds();
+      summary = solver.solve(batch);
+      seconds = std::min(seconds, cpu_seconds() - before);
+    }
+    const std::vector<double> gap = gaps(batch, systems);
+    const std::string name = std::string("N=4 ") + (lit ? "LIT" : "TRACK") + " batch, " +
+                             std::string(to_string(simd)) + (kDouble ? ", double" : ", float");
+    const double nanoseconds = 1e9 * seconds / batch.size();
+    const auto [bar, aim] = goal(simd, kDouble, lit);
+    if (bar < kNone) {
+      bars.at_most(name, "%.3g ns a system", nanoseconds, bar, aim);
+    } else {
+      bars.line(name, format("%.3g ns a system", nanoseconds), "-", "-", true, true);
+    }
+    const double most = percentile(gap, 0.999);
+    bars.line("  gap, scalar, converged",
+              format("99.9 %% %.1e, worst %.1e; %d; %.3f %%", most, *std::max_element(gap.begin(), gap.end()),
+                     summary.by_scalar, 100.0 * summary.converged / batch.size()),
+              "99.9 % <= 1e-6", "-", most <= 1e-6, most <= 1e-6);
+  }
+}
+
+}  // namespace
+
+void batch_bars(Bars& bars) {
+  if (!bars.wanted("batch")) return;
+  for (const Kind kind : {Kind::Lit, Kind::Track}) {
+    const auto systems = samples<Reference>(bars.quick() ? 10000 : 100000, Topology<4>::full(), kind);
+    measure<double>(bars, systems, kind == Kind::Lit);
+    measure<float>(bars, systems, kind == Kind::Lit);
+  }
+}
+
+}  // namespace asterism::bench
