@@ -15,6 +15,7 @@ int run_bars(bool quick, const std::string& group) {
   small_bars(bars);
   dense_bars(bars);
   sparse_bars(bars);
+  batch_bars(bars);
   robustness_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
