@@ -26,19 +26,19 @@ TEST(Partition, ConnectedSubdomainsOfTheSizeWanted) {
     const auto [system, start] = testing::sparse_system<Plane>(1, 2000);
     const detail::Neighbours neighbours(2000, system.links());
     const detail::Partition partition(2000, neighbours, size);
-    std::vector<int> sorted = partition.order;
+    detail::Indexed<int> sorted = partition.order;
     std::sort(sorted.begin(), sorted.end());
     for (int i = 0; i < 2000; ++i) ASSERT_EQ(sorted[i], i);  // each node once
     EXPECT_EQ(partition.first.back(), 2000);
     EXPECT_LE(partition.count(), 4 * 2000 / size + 1);
-    std::vector<int> owner(2000);
+    detail::Indexed<int> owner(2000);
     for (int s = 0; s < partition.count(); ++s) {
       EXPECT_LT(partition.first[s], partition.first[s + 1]);
       for (int k = partition.first[s]; k < partition.first[s + 1]; ++k) owner[partition.order[k]] = s;
     }
     for (int s = 0; s < partition.count(); ++s) {
-      std::vector<int> reached = {partition.order[partition.first[s]]};
-      std::vector<bool> seen(2000, false);
+      detail::Indexed<int> reached = {partition.order[partition.first[s]]};
+      detail::Indexed<char> seen(2000, false);
       seen[reached[0]] = true;
       for (std::size_t next = 0; next < reached.size(); ++next) {
         for (const auto [node, link] : neighbours.of(reached[next])) {

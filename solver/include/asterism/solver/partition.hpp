@@ -2,12 +2,29 @@
 
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/topology.hpp>
+#include <concepts>
 #include <cstddef>
 #include <span>
 #include <utility>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI::detail {
+
+/// A std::vector whose indices are ints, as those of nodes and links are.
+template <typename T>
+class Indexed : public std::vector<T> {
+ public:
+  using std::vector<T>::vector;
+
+  template <std::integral Index>
+  T& operator[](Index i) {
+    return std::vector<T>::operator[](static_cast<std::size_t>(i));
+  }
+  template <std::integral Index>
+  const T& operator[](Index i) const {
+    return std::vector<T>::operator[](static_cast<std::size_t>(i));
+  }
+};
 
 /// Who is next to whom: node i's neighbours and the links to them.
 class Neighbours {
@@ -23,7 +40,7 @@ class Neighbours {
     for (const Link& link : links) ++first_[link.i], ++first_[link.j];
     int sum = 0;
     for (int& first : first_) sum += std::exchange(first, sum);
-    std::vector<int> next(first_);
+    Indexed<int> next(first_);
     int l = 0;
     for (const Link& link : links) {
       neighbours_[next[link.i]++] = {link.j, l};
@@ -37,23 +54,23 @@ class Neighbours {
   }
 
  private:
-  std::vector<int> first_;
-  std::vector<Neighbour> neighbours_;
+  Indexed<int> first_;
+  Indexed<Neighbour> neighbours_;
 };
 
 /// A partition of nodes into connected subdomains of some `size` nodes each, grown breadth first one beside
 /// the other. order[k] is the k-th node, subdomain s has those from first[s] to first[s + 1].
 struct Partition {
-  std::vector<int> order;
-  std::vector<int> first;
+  Indexed<int> order;
+  Indexed<int> first;
 
   Partition() = default;
   Partition(int n, const Neighbours& neighbours, int size) {
     constexpr int kNone = -1;
-    std::vector<int> owner(static_cast<std::size_t>(n), kNone);
-    std::vector<int> seen(static_cast<std::size_t>(n), kNone);
-    std::vector<int> frontier;  // nodes next to a subdomain, oldest first
-    std::vector<int> grown;
+    Indexed<int> owner(static_cast<std::size_t>(n), kNone);
+    Indexed<int> seen(static_cast<std::size_t>(n), kNone);
+    Indexed<int> frontier;  // nodes next to a subdomain, oldest first
+    Indexed<int> grown;
     std::size_t oldest = 0;
     int count = 0;
     int unseen = 0;
@@ -87,7 +104,7 @@ struct Partition {
     int sum = 0;
     for (int& f : first) sum += std::exchange(f, sum);
     order.resize(static_cast<std::size_t>(n));
-    std::vector<int> next(first);
+    Indexed<int> next(first);
     for (int i = 0; i < n; ++i) order[next[owner[i]]++] = i;
   }
 

@@ -14,7 +14,6 @@
 #include <span>
 #include <string_view>
 #include <utility>
-#include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -123,7 +122,9 @@ class Decomposition {
       return false;
     const auto links = system.links();
     for (int k = 0; const Link& link : renumbered_->links()) {
-      if (Link{partition_.order[link.i], partition_.order[link.j]} != links[links_[k++]]) return false;
+      if (Link{partition_.order[link.i], partition_.order[link.j]} !=
+          links[static_cast<std::size_t>(links_[k++])])
+        return false;
     }
     return true;
   }
@@ -137,13 +138,13 @@ class Decomposition {
     for (int k = 0; const int i : partition_.order) local_[i] = k++;
 
     // Links in the order of their lower node.
-    std::vector<int> next(static_cast<std::size_t>(n) + 1, 0);
+    Indexed<int> next(static_cast<std::size_t>(n) + 1, 0);
     const auto lower = [this](const Link& link) { return std::min(local_[link.i], local_[link.j]); };
     for (const Link& link : links) ++next[lower(link)];
     int sum = 0;
     for (int& at : next) sum += std::exchange(at, sum);
     links_.resize(links.size());
-    std::vector<Link> renumbered(links.size());
+    Indexed<Link> renumbered(links.size());
     for (int l = 0; const Link& link : links) {
       const int at = next[lower(link)]++;
       links_[at] = l++;
@@ -170,12 +171,12 @@ class Decomposition {
 
   std::optional<System> renumbered_;
   Partition partition_;
-  std::vector<int> links_;  // a renumbered link's number in the system given
-  Neighbours neighbours_;   // by the new numbers
-  std::vector<int> local_;  // a node's number in the present subsystem
-  std::vector<int> nodes_;  // of the present subsystem: those that move, then those that are held
-  std::vector<Link> sub_links_;
-  std::vector<int> sub_link_numbers_;
+  Indexed<int> links_;     // a renumbered link's number in the system given
+  Neighbours neighbours_;  // by the new numbers
+  Indexed<int> local_;     // a node's number in the present subsystem
+  Indexed<int> nodes_;     // of the present subsystem: those that move, then those that are held
+  Indexed<Link> sub_links_;
+  Indexed<int> sub_link_numbers_;
   Points sub_x_;
 };
 
@@ -237,7 +238,6 @@ class Schwarz {
 
   Status iterate(const System& system, Points& x, Summary& summary) {
     global_.options = options;
-    if constexpr (requires { global_.options.align; }) global_.options.align = options.align;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
     local_.options.tolerance = kFirstTolerance;

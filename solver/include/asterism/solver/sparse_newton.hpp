@@ -163,7 +163,7 @@ class SparseNewton {
   /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
   Summary solve(const System& given, Points& x) {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      const bool realign = options.align && hangs_loosely(system);
+      const bool realign = options.align && detail::has_weak_anchors(system);
       if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
       state_.start(system, x, summary);
       int clamped_steps = 0;
@@ -198,6 +198,8 @@ class SparseNewton {
           const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
           if (!search(system, x, steepest, summary)) return Status::NoProgress;
         }
+        // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+        // follow.
         if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
       }
     });
@@ -209,12 +211,6 @@ class SparseNewton {
   using Matrix = typename Factorization::Matrix;
   using MatrixScalar = typename Matrix::Scalar;
   using Vector = Eigen::Matrix<MatrixScalar, Eigen::Dynamic, 1>;
-
-  // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
-  // follow.
-  bool hangs_loosely(const System& system) const {
-    return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
-  }
 
   bool factorize(Summary& summary) {
     ++summary.factorizations;
