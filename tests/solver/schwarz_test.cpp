@@ -247,7 +247,7 @@ TYPED_TEST(SchwarzTest, BadInputIsRefused) {
 }
 
 TEST(Schwarz, TakesManyNodes) {
-  const auto [system, start] = testing::sparse_system<Plane>(1, 200000);
+  const auto [system, start] = testing::sparse_system<Plane>(1, 100000);
   Schwarz<Plane> solver;
   solver.options.max_iterations = 2;
   auto x = start;
