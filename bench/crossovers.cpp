@@ -86,9 +86,9 @@ void dense_crossovers() {
 }
 
 void sparse_crossovers(bool quick) {
-  std::printf("\n%-26s %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "six nearest", "dense", "LB Jacobi", "LB chol.",
-              "CG Jacobi", "Newton", "Auto", "energy");
-  for (const double weakness : {1.0, 1e-2, 1e-4}) {
+  std::printf("\n%-26s %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "six nearest", "LB Jacobi", "LB chol.",
+              "CG Jacobi", "Schwarz", "Sch.+LDL", "Auto", "energy");
+  for (const double weakness : {1.0, 1e-2, 1e-4, 1e-6}) {
     for (const int n : {30, 100, 300, 1000, 10000, 100000}) {
       if (quick && n > 10000) break;
       Systems systems;
@@ -96,15 +96,9 @@ void sparse_crossovers(bool quick) {
         systems.push_back(testing::sparse_system<System>(seed, n));
       }
       systems = weakened(std::move(systems), weakness);
-      const std::string name = format("anchors x %g, N=%d", weakness, n);
-      const Cost chosen = cost<Auto<System>>(systems);
-      if (n <= 1000) {
-        row<Lbfgs<System>, Lbfgs<System, JacobiMetric<System>>, Lbfgs<System, SparseCholesky<System>>,
-            NewtonCg<System>, SparseNewton<System>>(name, systems, chosen);
-      } else {
-        row<Lbfgs<System, JacobiMetric<System>>, Lbfgs<System, SparseCholesky<System>>, NewtonCg<System>,
-            SparseNewton<System>>(name + " (not dense)", systems, chosen);
-      }
+      row<Lbfgs<System, JacobiMetric<System>>, Lbfgs<System, SparseCholesky<System>>, NewtonCg<System>,
+          Schwarz<System>, Schwarz<System, SparseNewton<System>>>(format("anchors x %g, N=%d", weakness, n),
+                                                                  systems, cost<Auto<System>>(systems));
     }
   }
 }

@@ -1,7 +1,9 @@
-// Newton and alignment of fixed and bounded sizes never touch the heap: every malloc of the program is
-// counted.
+// Newton, Auto, multi-start and alignment of fixed and bounded sizes never touch the heap: every malloc of
+// the program is counted.
 #include <gtest/gtest.h>
 
+#include <asterism/solver/auto.hpp>
+#include <asterism/solver/multi_start.hpp>
 #include <asterism/solver/newton.hpp>
 
 #include "counting_allocator.hpp"
@@ -35,6 +37,19 @@ void expect_no_heap(int n) {
             }),
             0);
   EXPECT_EQ(summary.status, Status::InvalidInput);
+  EXPECT_EQ(allocations_in([&] {
+              SolverOptions options;
+              options.ground_components = true;
+              summary = Newton<System>(system, options).solve(system, x);
+            }),
+            0);
+  EXPECT_TRUE(summary.usable()) << summary;
+  x = random.start;
+  EXPECT_EQ(allocations_in([&] { summary = solve(random.system, x); }), 0);
+  EXPECT_TRUE(summary.usable()) << summary;
+  x = random.start;
+  EXPECT_EQ(allocations_in([&] { summary = MultiStart<System, Auto<System>>().solve(random.system, x); }), 0);
+  EXPECT_TRUE(summary.usable()) << summary;
 }
 
 TEST(Heap, NewtonOfFixedAndBoundedSizesDoesNotUseIt) {

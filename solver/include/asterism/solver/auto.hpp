@@ -5,7 +5,7 @@
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/newton_cg.hpp>
 #include <asterism/solver/schwarz.hpp>
-#include <asterism/solver/sparse_cholesky.hpp>
+#include <asterism/solver/sparse_newton.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cstdint>
 #include <string_view>
@@ -19,7 +19,8 @@ namespace asterism::inline ASTERISM_ABI {
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              NewtonCg
 ///   few links a node, more nodes                    Schwarz
-///   the same with anchors weak beside the links     Lbfgs from the sparsely factored K_dyn
+///   the same, the sum of k_i below 1e-4 of the sum  NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
+///   of k_ij                                         up to 300,000, Schwarz beyond
 ///
 /// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver says which method
 /// it was, and goes on with NewtonCg where a matrix cannot be factored. All of them start with
@@ -30,6 +31,7 @@ namespace asterism::inline ASTERISM_ABI {
 template <typename System>
 class Auto {
  public:
+  using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
   AlignedOptions options;
@@ -51,9 +53,9 @@ class Auto {
         const Summary summary = solve_by(lbfgs_, system, x);
         if (summary.status != Status::NumericalFailure) return summary;
       } else if (n > kSmallSparse) {
-        if (!detail::has_weak_anchors(system)) return solve_by(schwarz_, system, x);
-        const Summary summary = solve_by(sparse_lbfgs_, system, x);
-        if (summary.status != Status::NumericalFailure) return summary;
+        const bool weak = system.anchor_stiffness.sum() < kWeak * system.link_stiffness.sum();
+        if (!weak || n > kFactored) return solve_by(schwarz_, system, x);
+        if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
       }
       return solve_by(newton_cg_, system, x);
     } else {
@@ -64,6 +66,9 @@ class Auto {
  private:
   static constexpr int kNewton = 16;
   static constexpr int kSmallSparse = 1000;
+  static constexpr int kMediumSparse = 30000;
+  static constexpr int kFactored = 300000;  // beyond, a factor of the Hessian takes too long
+  static constexpr Scalar kWeak = Scalar(1e-4);
   static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
   static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton;
 
@@ -84,7 +89,7 @@ class Auto {
   If<kHasMore, Lbfgs<System>> lbfgs_;
   If<kHasMore, NewtonCg<System>> newton_cg_;
   If<kHeap, Schwarz<System>> schwarz_;
-  If<kHeap, Lbfgs<System, SparseCholesky<System>>> sparse_lbfgs_;
+  If<kHeap, Schwarz<System, SparseNewton<System>>> factored_schwarz_;
 };
 
 /// One solve by Auto with a workspace of its own; see Auto::solve. Keep an Auto where solves repeat.
