@@ -14,10 +14,10 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Limited memory BFGS (Nocedal & Wright, section 7.2) that starts from IDA's metric.
 ///
-/// IDA's step -K_dyn^-1 g takes every spring to be as stiff across as it is along itself. Here the last eight
+/// IDA's step -K_dyn^-1 g takes every spring to be as stiff across as it is along itself. Here the last six
 /// steps and what they did to the gradient correct that: the inverse Hessian is taken to be gamma K_dyn^-1
 /// plus their update, in the compact form of Byrd, Nocedal and Schnabel (1994). An iteration costs what one
-/// of IDA costs and some products of eight vectors, and many fewer are needed. The line search accepts lower
+/// of IDA costs and some products of six vectors, and many fewer are needed. The line search accepts lower
 /// energies alone; where direction or search fail, the memory is dropped and IDA's step is taken, which
 /// cannot fail but for rounding.
 ///
@@ -50,8 +50,11 @@ class Lbfgs {
       forget(x.size());
       majorised_descent(summary);
       while (true) {
-        if (session_.done(state_.gradient())) return Status::Converged;
-        if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+        const bool converged = session_.done(state_.gradient());
+        if (converged || summary.iterations == options.max_iterations) {
+          session_.adopt(x, state_.energy(), state_.gradient());
+          return converged ? Status::Converged : Status::MaxIterations;
+        }
 
         quasi_newton_direction();
         Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
@@ -73,7 +76,7 @@ class Lbfgs {
 
  private:
   static constexpr std::string_view kMethod = "L-BFGS";
-  static constexpr int kMemory = 8;
+  static constexpr int kMemory = 6;
   // Least change of slope along a step, as a share of the slope, for its pair to be remembered.
   static constexpr Scalar kCurvature = Scalar(1e-3);
   static constexpr int kSize = detail::times<System::kNodes>(System::kDim);
@@ -104,12 +107,14 @@ class Lbfgs {
   }
 
   // The slot of the pair that is `age`-th oldest.
-  int slot(int age) const { return used_ < kMemory ? age : (next_ + age) % kMemory; }
+  int slot(int age) const {
+    if (used_ < kMemory) return age;
+    return next_ + age < kMemory ? next_ + age : next_ + age - kMemory;
+  }
 
   // The products of the pairs remembered with the gradient.
   void times_gradient(const History& history, SmallVector& product) const {
-    const auto gradient = as_vector(state_.gradient());
-    for (int i = 0; i < used_; ++i) product[i] = history.col(i).dot(gradient);
+    product.head(used_).noalias() = history.leftCols(used_).transpose() * as_vector(state_.gradient());
   }
 
   // direction_ = -H g with H = gamma K^-1 + [S, gamma W] [R^-T (D + gamma Y^T W) R^-1, -R^-T; -R^-1, 0]
@@ -120,24 +125,24 @@ class Lbfgs {
     if (used_ == 0) return;
     SmallVector u;
     SmallVector top;
+    SmallVector changed;                    // Y^T W u
     for (int i = used_ - 1; i >= 0; --i) {  // u = R^-1 S^T g
       const int at = slot(i);
       Scalar rest = steps_gradient_[at];
       for (int j = i + 1; j < used_; ++j) rest -= steps_changes_(at, slot(j)) * u[slot(j)];
-      u[at] = rest / steps_changes_(at, at);
+      u[at] = rest * inverse_curvatures_[at];
     }
+    changed.head(used_).noalias() = changes_changes_.topLeftCorner(used_, used_).lazyProduct(u.head(used_));
     for (int i = 0; i < used_; ++i) {  // top = R^-T ((D + gamma Y^T W) u - gamma W^T g)
       const int at = slot(i);
-      Scalar rest = steps_changes_(at, at) * u[at] - gamma_ * changes_gradient_[at];
-      for (int j = 0; j < used_; ++j) rest += gamma_ * changes_changes_(at, j) * u[j];
+      Scalar rest = steps_changes_(at, at) * u[at] + gamma_ * (changed[at] - changes_gradient_[at]);
       for (int j = 0; j < i; ++j) rest -= steps_changes_(slot(j), at) * top[slot(j)];
-      top[at] = rest / steps_changes_(at, at);
+      top[at] = rest * inverse_curvatures_[at];
     }
     auto direction = as_vector(direction_);
+    direction.noalias() += changes_.leftCols(used_) * u.head(used_);
     direction *= gamma_;
-    for (int i = 0; i < used_; ++i) {
-      direction += (gamma_ * u[i]) * changes_.col(i) - top[i] * steps_.col(i);
-    }
+    direction.noalias() -= steps_.leftCols(used_) * top.head(used_);
   }
 
   // Takes in the pair of the last step, unless the slope hardly changed along it or fell (no positive
@@ -167,6 +172,7 @@ class Lbfgs {
           changes_gradient_[i] - old_changes_gradient[i];
     }
     steps_changes_(newest, newest) = curvature;
+    inverse_curvatures_[newest] = 1 / curvature;
     const Scalar square = changes_gradient_[newest] - newest_changes_gradient;  // y . K^-1 y
     changes_changes_(newest, newest) = square;
     gamma_ = curvature / square;
@@ -179,10 +185,11 @@ class Lbfgs {
   Points descent_;           // -K_dyn^-1 g
   Points previous_descent_;  // at the iterate before
   Points direction_;
-  History steps_;          // S
-  History changes_;        // W = K_dyn^-1 Y
-  Small steps_changes_;    // S^T Y, upper triangle in order of age
-  Small changes_changes_;  // Y^T W
+  History steps_;                   // S
+  History changes_;                 // W = K_dyn^-1 Y
+  Small steps_changes_;             // S^T Y, upper triangle in order of age
+  Small changes_changes_;           // Y^T W
+  SmallVector inverse_curvatures_;  // of D
   SmallVector steps_gradient_;
   SmallVector changes_gradient_;  // W^T g
   Scalar gamma_ = 1;

@@ -13,8 +13,8 @@
 
 namespace asterism::inline ASTERISM_ABI::reference {
 
-/// liblbfgs as a reference for the library's own solvers: L-BFGS with a memory of eight, as Lbfgs has, and
-/// More and Thuente's line search, all else as liblbfgs sets it, in double. Its own tolerances are off: it is
+/// liblbfgs as a reference for the library's own solvers: L-BFGS with a memory of six, as Lbfgs has, and
+/// More and Thuente's line search, as liblbfgs sets them, in double. Its own tolerances are off: it is
 /// stopped by the same rule as every other solver, and its verdict is recomputed. liblbfgs's words are in the
 /// message. Needs target asterism::lbfgs.
 template <typename System>
@@ -53,7 +53,6 @@ class Liblbfgs {
 
       lbfgs_parameter_t parameters;
       lbfgs_parameter_init(&parameters);
-      parameters.m = 8;
       parameters.epsilon = 0;
       parameters.max_iterations = options.max_iterations;
       const int code =

@@ -39,13 +39,23 @@ namespace detail {
 
 template <typename System>
 void node_stiffness(const System& system, typename System::NodeVector& result) {
+  using Scalar = typename System::Scalar;
   result = system.anchor_stiffness;
+  // Links often come node by node, whose sum is then kept out of memory.
+  int node = -1;
+  Scalar sum = 0;
   int l = 0;
   for (const Link& link : system.links()) {
-    result[link.i] += system.link_stiffness[l];
+    if (link.i != node) {
+      if (node >= 0) result[node] += sum;
+      node = link.i;
+      sum = 0;
+    }
+    sum += system.link_stiffness[l];
     result[link.j] += system.link_stiffness[l];
     ++l;
   }
+  if (node >= 0) result[node] += sum;
 }
 
 /// Whether the anchors hold on to the nodes by less than a tenth of what the links hold.

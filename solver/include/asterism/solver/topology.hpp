@@ -57,6 +57,7 @@ class Topology {
     for (int i = 0; i < topology.nodes(); ++i) {
       for (int j = i + 1; j < topology.nodes(); ++j) topology.add({i, j});
     }
+    topology.is_full_ = true;
     return topology;
   }
 
@@ -87,6 +88,8 @@ class Topology {
 
   int nodes() const { return nodes_; }
   int link_count() const { return link_count_; }
+  /// Made by full(), so that the links' order is known.
+  bool is_full() const { return is_full_; }
   std::span<const Link> links() const { return {links_.data(), static_cast<std::size_t>(link_count_)}; }
 
   /// The first thing wrong with the list this topology was made of.
@@ -126,6 +129,7 @@ class Topology {
 
   int nodes_ = 0;
   int link_count_ = 0;
+  bool is_full_ = false;
   Storage links_{};
   Defect defect_;
 };
