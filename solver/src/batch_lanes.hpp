@@ -336,49 +336,5 @@ using FloatLanes = Lanes4<float>;
 
 #endif
 
-/// Two vectors as one: operations that do not wait for each other, where one vector's would.
-template <typename L>
-struct Twice {
-  using T = typename L::T;
-  struct V {
-    typename L::V a, b;
-    [[gnu::always_inline]] friend inline V operator+(V v, V w) { return {v.a + w.a, v.b + w.b}; }
-    [[gnu::always_inline]] friend inline V operator-(V v, V w) { return {v.a - w.a, v.b - w.b}; }
-    [[gnu::always_inline]] friend inline V operator*(V v, V w) { return {v.a * w.a, v.b * w.b}; }
-  };
-  struct M {
-    typename L::M a, b;
-  };
-  static constexpr int kLanes = 2 * L::kLanes;
-
-  ASTERISM_INLINE V set(T a) { return {L::set(a), L::set(a)}; }
-  ASTERISM_INLINE V load(const T* a) { return {L::load(a), L::load(a + L::kLanes)}; }
-  ASTERISM_INLINE void store(T* a, V v) {
-    L::store(a, v.a);
-    L::store(a + L::kLanes, v.b);
-  }
-  ASTERISM_INLINE V fma(V u, V v, V w) { return {L::fma(u.a, v.a, w.a), L::fma(u.b, v.b, w.b)}; }
-  ASTERISM_INLINE V fnma(V u, V v, V w) { return {L::fnma(u.a, v.a, w.a), L::fnma(u.b, v.b, w.b)}; }
-  ASTERISM_INLINE V fnms(V u, V v, V w) { return {L::fnms(u.a, v.a, w.a), L::fnms(u.b, v.b, w.b)}; }
-  ASTERISM_INLINE V min(V v, V w) { return {L::min(v.a, w.a), L::min(v.b, w.b)}; }
-  ASTERISM_INLINE V max(V v, V w) { return {L::max(v.a, w.a), L::max(v.b, w.b)}; }
-  ASTERISM_INLINE V abs(V v) { return {L::abs(v.a), L::abs(v.b)}; }
-  ASTERISM_INLINE V sqrt(V v) { return {L::sqrt(v.a), L::sqrt(v.b)}; }
-  ASTERISM_INLINE V inverse(V v) { return {L::inverse(v.a), L::inverse(v.b)}; }
-  ASTERISM_INLINE V inverse_sqrt(V v) { return {L::inverse_sqrt(v.a), L::inverse_sqrt(v.b)}; }
-  ASTERISM_INLINE M less(V v, V w) { return {L::less(v.a, w.a), L::less(v.b, w.b)}; }
-  ASTERISM_INLINE M at_most(V v, V w) { return {L::at_most(v.a, w.a), L::at_most(v.b, w.b)}; }
-  ASTERISM_INLINE V select(M m, V v, V w) { return {L::select(m.a, v.a, w.a), L::select(m.b, v.b, w.b)}; }
-  ASTERISM_INLINE V expand(M m, const T* a, V v) requires requires { L::expand(m.a, a, v.a); }
-  { return {L::expand(m.a, a, v.a), L::expand(m.b, a + __builtin_popcount(L::bits(m.a)), v.b)}; }
-  ASTERISM_INLINE unsigned bits(M m) { return L::bits(m.a) | L::bits(m.b) << L::kLanes; }
-  ASTERISM_INLINE M mask(unsigned bits) {
-    return {L::mask(bits & ((1U << L::kLanes) - 1)), L::mask(bits >> L::kLanes)};
-  }
-  ASTERISM_INLINE M both(M m, M n) { return {L::both(m.a, n.a), L::both(m.b, n.b)}; }
-  ASTERISM_INLINE M either(M m, M n) { return {L::either(m.a, n.a), L::either(m.b, n.b)}; }
-  ASTERISM_INLINE M without(M m, M n) { return {L::without(m.a, n.a), L::without(m.b, n.b)}; }
-};
-
 }  // namespace
 }  // namespace asterism::lanes_v0_1

@@ -6,6 +6,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/dense_cholesky.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/hessian_operator.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
@@ -130,10 +131,12 @@ class NewtonMatrix {
   }
 
   /// L D L^T without pivoting. A pivot that is negative is replaced by its absolute value, one that is
-  /// rounding alone by that rounding; true if there was none, that is if the matrix is positive definite.
+  /// rounding alone by the node's stiffness; true if there was none, that is if the matrix is positive
+  /// definite.
   bool factorize() {
     repaired_ = false;
     negative_ = -1;
+    most_negative_ = -1;
     if constexpr (kUnrolled) {
       unroll<0, kSize>([this](auto k) { this->template eliminate<k>(); });
     } else {
@@ -178,9 +181,10 @@ class NewtonMatrix {
     return rounding_.sum() / kRounding * rounding * rounding;
   }
 
-  /// A direction v along which the matrix that was factored has negative curvature, from the first negative
-  /// pivot d_k: v = L^-T e_k has v^T H v = d_k, which is returned; 0 if no pivot was negative beyond
-  /// rounding.
+  /// A direction v along which the matrix H that was factored has negative curvature, from the most negative
+  /// pivot d_k: v = L^-T e_k has v^T (H + R) v = |d_k|, where R, what pivots were repaired by, is not
+  /// negative and has 2 |d_k| at k. Returns -|d_k|, which v^T H v is not above; 0 if no pivot was negative
+  /// beyond rounding.
   Scalar negative_curvature(Points& direction) const {
     if (negative_ < 0) return 0;
     direction.setZero(kDim, size() / kDim);
@@ -235,10 +239,15 @@ class NewtonMatrix {
     const Scalar rounding = rounding_[k / kDim];
     if (pivot > rounding) [[likely]]
       return pivot;
-    if (pivot < -rounding && negative_ < 0) negative_ = k;
+    if (pivot < most_negative_ * rounding) {
+      most_negative_ = pivot / rounding;
+      negative_ = k;
+    }
     repaired_ = true;
-    const Scalar least = rounding > 0 ? rounding : Scalar(1);  // a node without stiffness stays
-    return at(k, k) = std::max(std::abs(pivot), least);
+    // Of a direction without curvature IDA's is assumed, for steps along it to be short; 1 for a node without
+    // stiffness, which stays.
+    const Scalar flat = rounding > 0 ? rounding / kRounding : Scalar(1);
+    return at(k, k) = pivot < -rounding ? -pivot : flat;
   }
 
   template <int k>
@@ -262,7 +271,8 @@ class NewtonMatrix {
 
   int size_ = 0;
   bool repaired_ = false;
-  int negative_ = -1;                            // index of the first negative pivot
+  int negative_ = -1;                            // the pivot most negative beside its node's stiffness
+  Scalar most_negative_ = -1;                    // in units of its rounding
   typename System::NodeVector rounding_;         // of the pivots of a node
   Storage<(kMaxSize + 1) * kMaxSize> values_{};  // column-major
   Storage<kMaxSize> inverse_pivots_{};
@@ -436,11 +446,48 @@ class Newton {
     return true;
   }
 
+  // Improves step_, a direction of negative curvature, and returns its curvature: minimises v^T H v / v^T A
+  // v, A being the nodes' stiffness, over v and its gradient, some times. A pivot's direction may bend stiff
+  // springs that its curvature hardly sees.
+  Scalar bend_downwards(const System& system, const Points& x) {
+    constexpr int kRounds = 20;
+    const auto& A = session_.node_stiffness();
+    hessian_.set(system, x);
+    const auto normalise = [&A](Points& v) {
+      const Scalar square = (v.colwise().squaredNorm().transpose().array() * A.array()).sum();
+      if (square > 0) v /= std::sqrt(square);
+      return square > 0;
+    };
+    normalise(step_);
+    hessian_.apply(system, step_, next_x_);  // H v
+    Scalar curvature = step_.cwiseProduct(next_x_).sum();
+    for (int round = 0; round < kRounds; ++round) {
+      for (Eigen::Index i = 0; i < x.cols(); ++i) {
+        next_gradient_.col(i) = A[i] > 0
+                                    ? typename System::Point(next_x_.col(i) / A[i] - curvature * step_.col(i))
+                                    : typename System::Point(System::Point::Zero());
+      }
+      if (!normalise(next_gradient_)) break;
+      hessian_.apply(system, next_gradient_, next_x_);
+      const Scalar mixed = step_.cwiseProduct(next_x_).sum();
+      const Scalar other = next_gradient_.cwiseProduct(next_x_).sum();
+      // The lower eigenvector of [curvature mixed; mixed other].
+      const Scalar half = (other - curvature) / 2;
+      const Scalar lower = curvature + half - std::sqrt(half * half + mixed * mixed);
+      if (!(lower < curvature)) break;
+      step_ = mixed * step_ + (lower - curvature) * next_gradient_;
+      if (!normalise(step_)) break;
+      hessian_.apply(system, step_, next_x_);
+      curvature = step_.cwiseProduct(next_x_).sum();
+    }
+    return curvature;
+  }
+
   // From a saddle down along negative curvature: the longest of ever shorter steps, to either side, that
   // lowers the energy by a tenth of what the curvature promises.
   bool escape(const System& system, Points& x, Summary& summary) {
-    Scalar curvature = matrix_.negative_curvature(step_);
-    if (!(curvature < 0)) return false;
+    if (!(matrix_.negative_curvature(step_) < 0)) return false;
+    Scalar curvature = bend_downwards(system, x);
     const Scalar scale =
         characteristic_length(system, x) / std::sqrt(step_.colwise().squaredNorm().maxCoeff());
     step_ *= scale;
@@ -463,6 +510,7 @@ class Newton {
 
   detail::Session<System> session_;
   detail::NewtonMatrix<System> matrix_;
+  detail::HessianOperator<System> hessian_;  // at saddles
   DenseCholesky<System> majoriser_;
   bool clamps_ = false;   // the matrix at x is the clamped one
   bool realign_ = false;  // after every step
