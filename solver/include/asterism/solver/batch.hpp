@@ -365,7 +365,7 @@ class BatchNewton {
     const auto begin = std::chrono::steady_clock::now();
     BatchSummary summary;
     summary.status = Status::InvalidInput;
-    summary.message = {};
+    summary.message.clear();
     summary.simd = simd == Simd::Auto ? widest_simd() : simd;
     if (const Defect& defect = batch.topology().defect()) {
       summary.message = defect;

@@ -46,7 +46,7 @@ class Session {
         started = true;
         summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
         summary.linear_solves = summary.factorizations = 0;
-        summary.message = {};
+        summary.message.clear();
         if constexpr (requires { options.align; }) {
           if (options.align && options.max_iterations > 0 && !done(gradient_))
             align(*system, x, options.allow_reflection);
@@ -93,7 +93,7 @@ class Session {
   template <typename Options>
   const System* start(const Options& options, const System& given, const Points& x, Summary& summary) {
     summary.status = Status::InvalidInput;
-    summary.message = {};
+    summary.message.clear();
     const System* system = &given;
     if (const Defect defect = validate_values(given, x)) {
       summary.message = defect;
@@ -145,9 +145,9 @@ class Session {
     }
     summary.status = reason;
     if (summary.message.empty()) {
-      summary.message = reason == Status::Converged       ? "stationary to the tolerance"
-                        : reason == Status::MaxIterations ? "not yet stationary"
-                                                          : "stopped short of the tolerance";
+      summary.message.assign(reason == Status::Converged       ? "stationary to the tolerance"
+                             : reason == Status::MaxIterations ? "not yet stationary"
+                                                               : "stopped short of the tolerance");
     }
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = static_cast<double>(gradient_.norm());

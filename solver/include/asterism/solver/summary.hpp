@@ -61,6 +61,13 @@ class Message {
     append(defect.problem);
   }
 
+  /// In place, as a solve of a microsecond notices a copy.
+  Message& assign(std::string_view text) {
+    size_ = 0;
+    return append(text);
+  }
+  void clear() { size_ = 0; }
+
   Message& append(std::string_view text) {
     const std::size_t count = std::min(text.size(), sizeof text_ - size_);
     std::memcpy(text_ + size_, text.data(), count);
