@@ -9,6 +9,7 @@
 
 #include "../tests/solver/sparse_system.hpp"
 #include "bars.hpp"
+#include "comparison_solvers.hpp"
 
 namespace asterism::bench {
 
@@ -70,16 +71,17 @@ Systems weakened(Systems systems, double factor) {
 
 void dense_crossovers() {
   std::printf("CPU time of a solve to stationarity %g [us], median; * the fastest\n\n", kTolerance);
-  std::printf("%-26s %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS", "Newton-CG", "Auto",
-              "energy");
+  std::printf("%-26s %9s  %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS",
+              "Newton-CG", "Ida", "Anderson", "Chebyshev", "Auto", "energy");
   for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
     for (const double weakness : {1.0, 1e-4}) {
       for (const int n : {4, 6, 9, 12, 16, 20, 25, 36, 64, 100}) {
         const int count = std::max(5, 400 / n);
         const auto systems = weakened(samples<System>(count, Topology<>::full(n), kind), weakness);
         const std::string name = kind == testing::Kind::Lit ? "LIT" : "TRACK";
-        row<Newton<System>, Lbfgs<System>, NewtonCg<System, DenseCholesky<System>>>(
-            name + format(", anchors x %g, N=%d", weakness, n), systems, cost<Auto<System>>(systems));
+        row<Newton<System>, Lbfgs<System>, NewtonCg<System, DenseCholesky<System>>, Ida<System>,
+            AndersonIda<System>, ChebyshevIda<System>>(name + format(", anchors x %g, N=%d", weakness, n),
+                                                       systems, cost<Auto<System>>(systems));
       }
     }
   }

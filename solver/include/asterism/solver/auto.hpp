@@ -15,7 +15,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// The default: the method that is fastest for a system of this size, linking and strength of anchors.
 ///
-///   up to 16 nodes                                  Newton
+///   up to 12 nodes                                  Newton
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              NewtonCg
 ///   few links a node, more nodes                    Schwarz
@@ -64,7 +64,7 @@ class Auto {
   }
 
  private:
-  static constexpr int kNewton = 16;
+  static constexpr int kNewton = 12;
   static constexpr int kSmallSparse = 1000;
   static constexpr int kMediumSparse = 30000;
   static constexpr int kFactored = 300000;  // beyond, a factor of the Hessian takes too long
