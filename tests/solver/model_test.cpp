@@ -172,6 +172,8 @@ using PlainLbfgs = Lbfgs<System>;
 template <typename System>
 using PlainNewtonCg = NewtonCg<System>;
 template <typename System>
+using PlainNonlinearCg = NonlinearCg<System>;
+template <typename System>
 using PlainSparseNewton = SparseNewton<System>;
 
 TYPED_TEST(EveryModel, SolversAgree) {
@@ -179,7 +181,7 @@ TYPED_TEST(EveryModel, SolversAgree) {
   finds_minimum<TypeParam, PlainLbfgs>();
   finds_minimum<TypeParam, PlainNewtonCg>();
   finds_minimum<TypeParam, PlainSparseNewton>();
-  finds_minimum<TypeParam, NonlinearCg>();
+  finds_minimum<TypeParam, PlainNonlinearCg>();
   finds_minimum<TypeParam, Newton>();
 }
 
@@ -227,7 +229,9 @@ TYPED_TEST(EveryModel, FixedNodesStayAndTheOthersFindTheirMinimum) {
 TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
   using System = SpringSystem<double, 2>;
   testing::Rng rng(3);
-  auto [system, start] = testing::random_system<System>(rng, Topology<>::full(6));
+  const auto random = testing::random_system<System>(rng, Topology<>::full(6));
+  System system = random.system;
+  const System::Points start = random.start;
   System penalised = system;
   penalised.anchors.col(2) = start.col(2);
   penalised.anchor_stiffness[2] = 1e12 * system.anchor_stiffness[2];

@@ -193,6 +193,7 @@ class SpringBatch {
       if (!centre.allFinite()) centre.setZero();
     }
     for (int d = 0; d < Dim; ++d) origins_.data()[at(d) + index] = centre[d];
+    if (nodes() == 0) return;
     Scalar* value = values_.data() + index;
     const auto put = [&](auto number) {
       *value = static_cast<Scalar>(number);
@@ -215,12 +216,13 @@ class SpringBatch {
   /// System `index` with x relative to its origin, as the solver sees it.
   void get(int index, System& system, Points& x) const {
     eigen_assert(0 <= index && index < count_);
+    x.resize(Dim, nodes());
+    if (nodes() == 0) return;
     const Scalar* value = values_.data() + index;
     const auto take = [&](Scalar& number) {
       number = *value;
       value += stride_;
     };
-    x.resize(Dim, nodes());
     for (int i = 0; i < nodes(); ++i) {
       for (int d = 0; d < Dim; ++d) take(system.anchors(d, i));
     }
