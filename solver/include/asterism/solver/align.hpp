@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/Eigenvalues>
 #include <Eigen/SVD>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
@@ -12,6 +11,44 @@
 namespace asterism::inline ASTERISM_ABI {
 
 namespace detail {
+
+/// Eigenvalues of the symmetric matrix whose lower triangle is A's, onto its diagonal, and eigenvectors, the
+/// columns of V, by Jacobi's rotations (Golub & Van Loan, section 8.5). Some microseconds; Eigen's solver
+/// takes seconds to compile for each size and scalar.
+template <typename Scalar, int n>
+void diagonalise(Eigen::Matrix<Scalar, n, n>& A, Eigen::Matrix<Scalar, n, n>& V) {
+  constexpr int kMaxSweeps = 30;  // five or six do: convergence is quadratic
+  V.setIdentity();
+  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+    bool is_diagonal = true;
+    for (int q = 1; q < n; ++q) {
+      for (int p = 0; p < q; ++p) {
+        const Scalar off = A(q, p);
+        const Scalar scale = std::abs(A(p, p)) + std::abs(A(q, q));
+        A(q, p) = 0;
+        if (!(std::abs(off) > std::numeric_limits<Scalar>::epsilon() / 4 * scale)) continue;
+        is_diagonal = false;
+        const Scalar cotangent = (A(q, q) - A(p, p)) / (2 * off);  // of twice the angle
+        const Scalar tangent =
+            std::copysign(1 / (std::abs(cotangent) + std::sqrt(1 + cotangent * cotangent)), cotangent);
+        const Scalar cosine = 1 / std::sqrt(1 + tangent * tangent);
+        const Scalar sine = tangent * cosine;
+        A(p, p) -= tangent * off;
+        A(q, q) += tangent * off;
+        const auto turn = [cosine, sine](Scalar& a, Scalar& b) {
+          const Scalar turned = cosine * a - sine * b;
+          b = sine * a + cosine * b;
+          a = turned;
+        };
+        for (int k = 0; k < n; ++k) {
+          if (k != p && k != q) turn(k < p ? A(p, k) : A(k, p), k < q ? A(q, k) : A(k, q));
+          turn(V(k, p), V(k, q));
+        }
+      }
+    }
+    if (is_diagonal) return;
+  }
+}
 
 /// The rotation R (or, if allowed, reflection) that maximises trace(R^T M), for M = sum_i k_i q_i p_i^T the
 /// one that turns the points p_i nearest to q_i; identity for M = 0. Two dimensions: the angle's tangent is
@@ -59,12 +96,17 @@ Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim>
     N(2, 2) = -M(0, 0) + M(1, 1) - M(2, 2);
     N(3, 2) = M(2, 1) + M(1, 2);
     N(3, 3) = -M(0, 0) - M(1, 1) + M(2, 2);
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, 4, 4>> solver(N);
-    if (solver.info() != Eigen::Success) return R;
+    Eigen::Matrix<Scalar, 4, 4> vectors;
+    diagonalise(N, vectors);
+    int least = 0;
+    int largest = 0;
+    for (int k = 1; k < 4; ++k) {
+      if (N(k, k) < N(least, least)) least = k;
+      if (N(k, k) > N(largest, largest)) largest = k;
+    }
     // -M has the matrix -N, and minus a rotation is a reflection.
-    const auto& values = solver.eigenvalues();
-    const bool mirror = allow_reflection && -values[0] > (1 + kRounding) * values[3];
-    const Eigen::Matrix<Scalar, 4, 1> q = solver.eigenvectors().col(mirror ? 0 : 3).normalized();
+    const bool mirror = allow_reflection && -N(least, least) > (1 + kRounding) * N(largest, largest);
+    const Eigen::Matrix<Scalar, 4, 1> q = vectors.col(mirror ? least : largest).normalized();
     const Scalar w = q[0], x = q[1], y = q[2], z = q[3];
     R << 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),  //
         2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),   //

@@ -79,6 +79,19 @@ typename System::Scalar majorised_step(const System& system, const typename Syst
   return -slope / curvature;
 }
 
+/// The direction of descent -A^-1 g for the nodes' stiffness A; zero for nodes without.
+template <typename NodeVector, typename Points>
+void scaled_descent(const NodeVector& node_stiffness, const Points& gradient, Points& direction) {
+  direction.resizeLike(gradient);
+  for (Eigen::Index i = 0; i < gradient.cols(); ++i) {
+    if (node_stiffness[i] > 0) {
+      direction.col(i) = -gradient.col(i) / node_stiffness[i];
+    } else {
+      direction.col(i).setZero();
+    }
+  }
+}
+
 /// The iterate of a descent method, and its line search.
 template <typename System>
 class DescentState {

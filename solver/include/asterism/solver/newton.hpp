@@ -4,9 +4,10 @@
 #include <array>
 #include <asterism/solver/align.hpp>
 #include <asterism/solver/config.hpp>
-#include <asterism/solver/dense_cholesky.hpp>
+#include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/hessian_operator.hpp>
+#include <asterism/solver/saddle.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
@@ -138,16 +139,12 @@ class NewtonMatrix {
     negative_ = -1;
     most_negative_ = -1;
     if constexpr (kUnrolled) {
-      unroll<0, kSize>([this](auto k) { this->template eliminate<k>(); });
+      unroll<0, kSize / 2>([this](auto pair) { this->template eliminate_pair<2 * pair>(); });
+      if constexpr (kSize % 2 == 1) inverse_pivots_[kSize - 1] = 1 / repair(kSize - 1);
     } else {
       for (int k = 0; k < size(); ++k) {
-        const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)] = 1 / repair(k);
-        const Scalar* pivot_column = &at(0, k);
-        for (int j = k + 1; j < size(); ++j) {
-          const Scalar factor = pivot_column[j] * inverse;
-          Scalar* column = &at(0, j);
-          for (int i = j; i <= size(); ++i) column[i] -= factor * pivot_column[i];
-        }
+        inverse_pivots_[static_cast<std::size_t>(k)] = 1 / repair(k);
+        for (int j = k + 1; j < size(); ++j) subtract(k, j);
       }
     }
     return !repaired_;
@@ -250,22 +247,49 @@ class NewtonMatrix {
     return at(k, k) = pivot < -rounding ? -pivot : flat;
   }
 
+  // Column `to`, from its diagonal down, less the outer product of column `from` over its pivot.
+  void subtract(int from, int to) {
+    const Scalar* pivot_column = &at(0, from);
+    const Scalar factor = pivot_column[to] * inverse_pivots_[static_cast<std::size_t>(from)];
+    Scalar* column = &at(0, to);
+    for (int i = to; i <= size(); ++i) column[i] -= factor * pivot_column[i];
+  }
+
+  // Pivots k and k + 1. The reciprocal of the second is the first over the determinant d of both, which is
+  // divided by while the first is; elimination is bound by such chains.
   template <int k>
-  void eliminate() {
-    Scalar* pivot_column = values_.data() + k * (kSize + 1);
-    // What the next pivot waits for: a square, while the division runs, a product and a difference.
-    Scalar next = 0;
-    if constexpr (k + 1 < kSize) next = pivot_column[k + 1] * pivot_column[k + 1];
-    const Scalar inverse = inverse_pivots_[k] = 1 / repair(k);
-    unroll<k + 1, kSize>([&](auto j) {
-      const Scalar factor = pivot_column[j] * inverse;
-      Scalar* column = values_.data() + j * (kSize + 1);
-      if constexpr (j == k + 1) {
-        column[j] -= next * inverse;
-        unroll<j + 1, kSize + 1>([&](auto i) { column[i] -= factor * pivot_column[i]; });
-      } else {
-        unroll<j, kSize + 1>([&](auto i) { column[i] -= factor * pivot_column[i]; });
+  void eliminate_pair() {
+    const Scalar d = at(k, k) * at(k + 1, k + 1) - at(k + 1, k) * at(k + 1, k);
+    const Scalar inverse_d = 1 / d;
+    const Scalar first = repair(k);
+    inverse_pivots_[k] = 1 / first;
+    subtract(k, k + 1);
+    if (!repaired_ && at(k + 1, k + 1) > rounding_[(k + 1) / kDim] && std::isnormal(inverse_d)) [[likely]] {
+      inverse_pivots_[k + 1] = first * inverse_d;
+    } else {
+      inverse_pivots_[k + 1] = 1 / repair(k + 1);
+    }
+    if constexpr (k + 3 < kSize) {
+      // What the next pair waits for: products, while the divisions run.
+      const Scalar* second = &at(0, k + 1);
+      const Scalar low = second[k + 2] * second[k + 2];
+      const Scalar mixed = second[k + 2] * second[k + 3];
+      const Scalar high = second[k + 3] * second[k + 3];
+      subtract(k, k + 2);
+      subtract(k, k + 3);
+      const Scalar inverse = inverse_pivots_[k + 1];
+      at(k + 2, k + 2) -= low * inverse;
+      at(k + 3, k + 2) -= mixed * inverse;
+      at(k + 3, k + 3) -= high * inverse;
+      for (int j = k + 2; j < k + 4; ++j) {
+        const Scalar factor = second[j] * inverse;
+        Scalar* column = &at(0, j);
+        for (int i = k + 4; i <= kSize; ++i) column[i] -= factor * second[i];
       }
+    }
+    unroll<(k + 3 < kSize ? k + 4 : k + 2), kSize>([this](auto j) {
+      subtract(k, j);
+      subtract(k + 1, j);
     });
   }
 
@@ -296,9 +320,10 @@ struct NewtonOptions : AlignedOptions {
 /// k_ij (1 - mu_ij / r_ij) across it. Up to the first four steps, as long as they promise to lose more than
 /// half of the energy, clamp the latter at 0 (IDA's majoriser has k_ij in its place); later ones repair
 /// negative pivots of L D L^T by their absolute value. Steps backtrack until the energy falls (Armijo); where
-/// none does, an IDA step takes over, which lowers it always. Close to a minimum the error squares from one
-/// iteration to the next; a step whose predicted gain, half of Newton's decrement, is below the tolerance's
-/// share of the energy is taken as the last and left to the stopping rule to confirm.
+/// none does, the gradient's direction takes over, to the minimum of IDA's majoriser, which lowers it always.
+/// Close to a minimum the error squares from one iteration to the next; a step whose predicted gain, half of
+/// Newton's decrement, is below the tolerance's share of the energy is taken as the last and left to the
+/// stopping rule to confirm.
 ///
 /// At a stationary point whose Hessian has a negative pivot it goes on along the negative curvature.
 /// Summary::positive_definite says what the Hessian is at the end, as of the last factorisation: at the x
@@ -433,13 +458,12 @@ class Newton {
     return search(system, x, decrement, summary);
   }
 
-  // IDA's step, which cannot raise the energy.
+  // The gradient scaled by the nodes' stiffness, as far down as IDA's majoriser is sure of.
   bool majorise(const System& system, Points& x, Summary& summary) {
-    ++summary.factorizations;
-    if (!majoriser_.factorize(system)) return false;
-    next_x_ = x;
-    majoriser_.descend(gradient_, next_x_);
-    ++summary.linear_solves;
+    detail::scaled_descent(session_.node_stiffness(), gradient_, step_);
+    const Scalar slope = gradient_.cwiseProduct(step_).sum();
+    if (!(slope < 0)) return false;
+    next_x_ = x + detail::majorised_step(system, step_, slope) * step_;
     const Scalar next = assemble(system, next_x_, next_gradient_, summary);
     if (!(next < energy_)) return false;
     accept(x, next, summary);
@@ -483,38 +507,24 @@ class Newton {
     return curvature;
   }
 
-  // From a saddle down along negative curvature: the longest of ever shorter steps, to either side, that
-  // lowers the energy by a tenth of what the curvature promises.
+  // From a saddle down along negative curvature.
   bool escape(const System& system, Points& x, Summary& summary) {
     if (!(matrix_.negative_curvature(step_) < 0)) return false;
-    Scalar curvature = bend_downwards(system, x);
-    const Scalar scale =
-        characteristic_length(system, x) / std::sqrt(step_.colwise().squaredNorm().maxCoeff());
-    step_ *= scale;
-    curvature *= scale * scale;
-    const Scalar rounding = detail::rounding_of_energy(system, energy_);
-    constexpr int kMaxHalvings = 30;
-    Scalar t = Scalar(0.5);
-    for (int trial = 0; trial < kMaxHalvings; ++trial, t /= 2) {
-      const Scalar ahead = energy(system, next_x_ = x + t * step_);
-      const Scalar behind = energy(system, next_x_ = x - t * step_);
-      summary.energy_evaluations += 2;
-      if (!(std::min(ahead, behind) < energy_ + t * t * curvature / 20 - rounding)) continue;
-      next_x_ = ahead <= behind ? Points(x + t * step_) : Points(x - t * step_);
-      const Scalar next = assemble(system, next_x_, next_gradient_, summary);
-      accept(x, next, summary);
-      return true;
-    }
-    return false;
+    const Scalar curvature = bend_downwards(system, x);
+    const Scalar t = detail::step_off_saddle(system, x, energy_, curvature, step_, next_x_, summary);
+    if (t == 0) return false;
+    next_x_ = x + t * step_;
+    const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+    accept(x, next, summary);
+    return true;
   }
 
   detail::Session<System> session_;
   detail::NewtonMatrix<System> matrix_;
   detail::HessianOperator<System> hessian_;  // at saddles
-  DenseCholesky<System> majoriser_;
-  bool clamps_ = false;   // the matrix at x is the clamped one
-  bool realign_ = false;  // after every step
-  Scalar energy_ = 0;     // at x, as gradient_
+  bool clamps_ = false;                      // the matrix at x is the clamped one
+  bool realign_ = false;                     // after every step
+  Scalar energy_ = 0;                        // at x, as gradient_
   Points gradient_;
   Points step_;
   Points next_x_;

@@ -7,6 +7,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/saddle.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/sparse_blocks.hpp>
 #include <asterism/solver/stationarity.hpp>
@@ -194,7 +195,7 @@ class SparseNewton {
         if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
         if (!search(system, x, slope, summary)) {
           if (stationary) return Status::Converged;
-          direction_ = -state_.gradient() * node_stiffness_inverse(system).asDiagonal();
+          detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
           const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
           if (!search(system, x, steepest, summary)) return Status::NoProgress;
         }
@@ -244,37 +245,19 @@ class SparseNewton {
     return true;
   }
 
-  typename System::NodeVector node_stiffness_inverse(const System& system) const {
-    typename System::NodeVector result;
-    detail::node_stiffness(system, result);
-    return (result.array() > 0).select(result.cwiseInverse(), Scalar(0));
-  }
-
-  // From a saddle down along negative curvature: the longest of ever shorter steps, to either side, that
-  // lowers the energy by a tenth of what the curvature promises.
+  // From a saddle down along negative curvature.
   bool escape(const System& system, Points& x, Summary& summary) {
     if constexpr (requires { factorization_.negative_curvature(step_); }) {
-      auto curvature = static_cast<Scalar>(factorization_.negative_curvature(step_));
+      const auto curvature = static_cast<Scalar>(factorization_.negative_curvature(step_));
       if (!(curvature < 0)) return false;
       direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
-      const Scalar scale =
-          characteristic_length(system, x) / std::sqrt(direction_.colwise().squaredNorm().maxCoeff());
-      direction_ *= scale;
-      curvature *= scale * scale;
-      const Scalar here = state_.energy();
-      const Scalar rounding = detail::rounding_of_energy(system, here);
-      constexpr int kMaxHalvings = 30;
-      Scalar t = Scalar(0.5);
-      for (int trial = 0; trial < kMaxHalvings; ++trial, t /= 2) {
-        const Scalar ahead = energy(system, next_x_ = x + t * direction_);
-        const Scalar behind = energy(system, next_x_ = x - t * direction_);
-        summary.energy_evaluations += 2;
-        if (!(std::min(ahead, behind) < here + t * t * curvature / 20 - rounding)) continue;
-        x += (ahead <= behind ? t : -t) * direction_;
-        state_.start(system, x, summary);
-        ++summary.iterations;
-        return true;
-      }
+      const Scalar t =
+          detail::step_off_saddle(system, x, state_.energy(), curvature, direction_, next_x_, summary);
+      if (t == 0) return false;
+      x += t * direction_;
+      state_.start(system, x, summary);
+      ++summary.iterations;
+      return true;
     }
     return false;
   }
