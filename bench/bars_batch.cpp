@@ -12,9 +12,9 @@ namespace asterism::bench {
 
 namespace {
 
-using testing::Kind;
+using Kind;
 using Reference = SpringSystem<double, 2, 4>;
-using Samples = std::vector<testing::RandomSystem<Reference>>;
+using Samples = std::vector<RandomSystem<Reference>>;
 
 // Guarantees the gap that the bars are for: at a minimum whose Hessian is positive definite, half of Newton's
 // decrement is below this share of the energy.

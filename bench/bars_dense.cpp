@@ -22,7 +22,7 @@ namespace asterism::bench {
 namespace {
 
 using System = SpringSystem<double, 2>;
-using Samples = std::vector<testing::RandomSystem<System>>;
+using Samples = std::vector<RandomSystem<System>>;
 
 Samples first(const Samples& systems, std::size_t count) {
   return {systems.begin(), systems.begin() + static_cast<std::ptrdiff_t>(std::min(systems.size(), count))};
@@ -60,7 +60,7 @@ Other best_of_ceres(const Samples& systems) {
 /// L-BFGS, nonlinear CG and, where they are there, liblbfgs and Ceres against the library's own choice.
 template <typename Ours>
 void general_bar(Bars& bars, int nodes, int count) {
-  const Samples systems = samples<System>(count, Topology<>::full(nodes), testing::Kind::Lit);
+  const Samples systems = samples<System>(count, Topology<>::full(nodes), Kind::Lit);
   const int repeats = std::max(1, 2000 / (nodes * nodes));
   const double ours = to_gap<Ours>(systems, repeats).median_seconds;
   std::vector<Other> others;
@@ -94,7 +94,7 @@ void dense_bars(Bars& bars) {
   for (const Size& size : {Size{16, 60, 2}, {64, 10, 3}, {100, 6, 3}, {200, 3, 3.5}}) {
     if (bars.quick() && size.nodes > 64) break;
     const std::string name = format("N=%d LIT L-BFGS", size.nodes);
-    const Samples systems = samples<System>(size.count, Topology<>::full(size.nodes), testing::Kind::Lit);
+    const Samples systems = samples<System>(size.count, Topology<>::full(size.nodes), Kind::Lit);
     const double ours = to_gap<Ours>(systems, 5).median_seconds;
     bars.times_faster(name + " against Ida", ours, to_gap<Ida<System>>(systems, 1).median_seconds, size.ida,
                       size.ida);

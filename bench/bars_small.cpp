@@ -17,7 +17,7 @@ namespace asterism::bench {
 
 namespace {
 
-using testing::Kind;
+using Kind;
 
 void speed(Bars& bars) {
   using System = SpringSystem<double, 2, 4>;

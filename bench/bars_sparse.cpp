@@ -12,8 +12,8 @@
 #include <string>
 #include <vector>
 
-#include "../tests/solver/sparse_system.hpp"
 #include "bars.hpp"
+#include "sparse_system.hpp"
 #include "to_gap.hpp"
 
 namespace asterism::bench {
@@ -42,7 +42,7 @@ void sparse_bars(Bars& bars) {
        {Size{10000, "1e4", 0.15, 0.075}, {100000, "1e5", 4, 2}, {1000000, "1e6", 120, 60}}) {
     if (bars.quick() && size.nodes > 100000) break;
     const std::string name = format("N=%s, 6 nearest, ", size.name);
-    const std::vector systems = {testing::sparse_system<System>(1, size.nodes)};
+    const std::vector systems = {sparse_system<System>(1, size.nodes)};
     const int repeats = size.nodes > 10000 ? 1 : 5;
     const ToGap schwarz = to_gap<Schwarz<System>>(systems, repeats);
     bars.at_most(name + "Schwarz", "%.3g s", schwarz.median_seconds, size.seconds, size.aim);

@@ -7,16 +7,16 @@
 #include <string>
 #include <vector>
 
-#include "../tests/solver/sparse_system.hpp"
 #include "bars.hpp"
 #include "comparison_solvers.hpp"
+#include "sparse_system.hpp"
 
 namespace asterism::bench {
 
 namespace {
 
 using System = SpringSystem<double, 2>;
-using Systems = std::vector<testing::RandomSystem<System>>;
+using Systems = std::vector<RandomSystem<System>>;
 
 constexpr double kTolerance = 1e-6;
 
@@ -73,12 +73,12 @@ void dense_crossovers() {
   std::printf("CPU time of a solve to stationarity %g [us], median; * the fastest\n\n", kTolerance);
   std::printf("%-26s %9s  %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS",
               "Newton-CG", "Ida", "Anderson", "Chebyshev", "Auto", "energy");
-  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
+  for (const Kind kind : {Kind::Lit, Kind::Track}) {
     for (const double weakness : {1.0, 1e-4}) {
       for (const int n : {4, 6, 9, 12, 16, 20, 25, 36, 64, 100}) {
         const int count = std::max(5, 400 / n);
         const auto systems = weakened(samples<System>(count, Topology<>::full(n), kind), weakness);
-        const std::string name = kind == testing::Kind::Lit ? "LIT" : "TRACK";
+        const std::string name = kind == Kind::Lit ? "LIT" : "TRACK";
         row<Newton<System>, Lbfgs<System>, NewtonCg<System, DenseCholesky<System>>, Ida<System>,
             AndersonIda<System>, ChebyshevIda<System>>(name + format(", anchors x %g, N=%d", weakness, n),
                                                        systems, cost<Auto<System>>(systems));
@@ -95,7 +95,7 @@ void sparse_crossovers(bool quick) {
       if (quick && n > 10000) break;
       Systems systems;
       for (std::uint64_t seed = 1; seed <= (n <= 1000 ? 5 : 1); ++seed) {
-        systems.push_back(testing::sparse_system<System>(seed, n));
+        systems.push_back(sparse_system<System>(seed, n));
       }
       systems = weakened(std::move(systems), weakness);
       row<Lbfgs<System, JacobiMetric<System>>, Lbfgs<System, SparseCholesky<System>>, NewtonCg<System>,

@@ -17,7 +17,7 @@ struct ToGap {
 /// CPU time of a solver from the start of each system to a relative energy gap above its own minimum. The
 /// number of iterations that this takes is found first, then exactly those are timed, `repeats` times.
 template <typename Solver, typename System>
-ToGap to_gap(const std::vector<testing::RandomSystem<System>>& systems, int repeats, double gap = 1e-6) {
+ToGap to_gap(const std::vector<RandomSystem<System>>& systems, int repeats, double gap = 1e-6) {
   Solver solver;
   std::vector<double> iterations, seconds;
   for (const auto& sample : systems) {
@@ -58,8 +58,7 @@ ToGap to_gap(const std::vector<testing::RandomSystem<System>>& systems, int repe
 
 /// Mean CPU time of one solve with the solver's own stopping rule at `tolerance`.
 template <typename Solver, typename System>
-double seconds_to_tolerance(const std::vector<testing::RandomSystem<System>>& systems, double tolerance,
-                            int repeats) {
+double seconds_to_tolerance(const std::vector<RandomSystem<System>>& systems, double tolerance, int repeats) {
   Solver solver;
   solver.options.tolerance = tolerance;
   const double before = cpu_seconds();

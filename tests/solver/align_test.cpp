@@ -7,7 +7,7 @@
 #include <asterism/solver/validate.hpp>
 #include <limits>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -22,9 +22,9 @@ class Alignment : public ::testing::Test {
   static constexpr int kSize = System::kNodes == Eigen::Dynamic ? 7 : System::kNodes;
   static constexpr double kTolerance = std::is_same_v<Scalar, double> ? 1e-12 : 1e-4;
 
-  static testing::RandomSystem<System> random(std::uint64_t seed) {
-    testing::Rng rng(seed);
-    return testing::random_system<System>(rng, System::TopologyType::full(kSize));
+  static bench::RandomSystem<System> random(std::uint64_t seed) {
+    bench::Rng rng(seed);
+    return bench::random_system<System>(rng, System::TopologyType::full(kSize));
   }
 
   static double anchor_energy(System system, const Points& x) {

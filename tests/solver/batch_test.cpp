@@ -12,26 +12,26 @@
 #include <utility>
 #include <vector>
 
+#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
-#include "random_system.hpp"
 
 namespace asterism {
 namespace {
 
+using bench::Kind;
+using bench::Rng;
 using testing::allocations_in;
-using testing::Kind;
-using testing::Rng;
 
 using Fixed = SpringSystem<double, 2, 4>;
 
 template <typename System>
-using Samples = std::vector<testing::RandomSystem<System>>;
+using Samples = std::vector<bench::RandomSystem<System>>;
 
 template <typename System>
 Samples<System> samples(int count, const typename System::TopologyType& topology, Kind kind = Kind::Lit) {
   Rng rng(3);
   Samples<System> result;
-  for (int i = 0; i < count; ++i) result.push_back(testing::random_system<System>(rng, topology, kind));
+  for (int i = 0; i < count; ++i) result.push_back(bench::random_system<System>(rng, topology, kind));
   return result;
 }
 
@@ -362,7 +362,7 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
       system.anchor_stiffness *= Scalar(1e12);
       break;
     default:
-      x += testing::random_points<System>(rng, system.nodes(), -1, 1);
+      x += bench::random_points<System>(rng, system.nodes(), -1, 1);
       break;
   }
 }
@@ -686,7 +686,7 @@ TEST(SolveEach, MixedSizes) {
   std::vector<System> systems;
   std::vector<System::Points> starts;
   for (int s = 0; s < 200; ++s) {
-    auto [system, start] = testing::random_system<System>(rng, Topology<>::full(2 + s % 9));
+    auto [system, start] = bench::random_system<System>(rng, Topology<>::full(2 + s % 9));
     if (s == 50) system.rest_length[0] = -1;
     systems.push_back(std::move(system));
     starts.push_back(std::move(start));

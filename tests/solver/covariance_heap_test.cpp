@@ -3,8 +3,8 @@
 
 #include <asterism/solver/covariance.hpp>
 
+#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
-#include "random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -13,8 +13,8 @@ using testing::allocations_in;
 
 template <typename System>
 void expect_no_heap(int n) {
-  testing::Rng rng(5);
-  auto [system, x] = testing::random_system<System>(rng, System::TopologyType::full(n));
+  bench::Rng rng(5);
+  auto [system, x] = bench::random_system<System>(rng, System::TopologyType::full(n));
   system.set_rest_lengths(x);
   system.anchors = x;
   bool computed = false;
@@ -39,8 +39,8 @@ TEST(Heap, CovariancesOfFixedAndBoundedSizesDoNotUseIt) {
 // Also shows that the counter counts.
 TEST(Heap, CovariancesOfDynamicSizesUseIt) {
   using System = SpringSystem<double, 2>;
-  testing::Rng rng(6);
-  auto [system, x] = testing::random_system<System>(rng, Topology<>::full(12));
+  bench::Rng rng(6);
+  auto [system, x] = bench::random_system<System>(rng, Topology<>::full(12));
   system.set_rest_lengths(x);
   system.anchors = x;
   EXPECT_GT(allocations_in([&, &system = system, &x = x] { (void)covariance(system, x); }), 0);

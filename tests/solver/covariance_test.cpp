@@ -14,23 +14,23 @@
 #include <string_view>
 #include <vector>
 
-#include "random_system.hpp"
-#include "sparse_system.hpp"
+#include "../../bench/random_system.hpp"
+#include "../../bench/sparse_system.hpp"
 
 namespace asterism {
 namespace {
 
-using testing::Kind;
-using testing::Rng;
+using bench::Kind;
+using bench::Rng;
 
 using Fixed2 = SpringSystem<double, 2, 4>;
 using Dynamic2 = SpringSystem<double, 2>;
 
 /// A random system with x at a strict local minimum.
 template <typename System>
-testing::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = Kind::Lit) {
+bench::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = Kind::Lit) {
   Rng rng(seed);
-  auto result = testing::random_system<System>(rng, System::TopologyType::full(n), kind);
+  auto result = bench::random_system<System>(rng, System::TopologyType::full(n), kind);
   const Summary summary = Newton<System>().solve(result.system, result.start);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   EXPECT_EQ(summary.positive_definite, 1);
@@ -39,16 +39,16 @@ testing::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = 
 
 /// A random system and an x at which all its springs are stretched, so that its Hessian is positive definite.
 template <typename System>
-testing::RandomSystem<System> stretched(std::uint64_t seed, int n) {
+bench::RandomSystem<System> stretched(std::uint64_t seed, int n) {
   Rng rng(seed);
-  auto result = testing::random_system<System>(rng, System::TopologyType::full(n));
+  auto result = bench::random_system<System>(rng, System::TopologyType::full(n));
   result.system.set_rest_lengths(result.start);
   result.system.rest_length *= typename System::Scalar(0.9);
   return result;
 }
 
-testing::RandomSystem<Dynamic2> sparse_at_minimum(std::uint64_t seed, int n) {
-  auto result = testing::sparse_system<Dynamic2>(seed, n);
+bench::RandomSystem<Dynamic2> sparse_at_minimum(std::uint64_t seed, int n) {
+  auto result = bench::sparse_system<Dynamic2>(seed, n);
   EXPECT_EQ((Lbfgs<Dynamic2, JacobiMetric<Dynamic2>>().solve(result.system, result.start).status),
             Status::Converged);
   return result;
@@ -141,7 +141,7 @@ TEST(Covariance, SelectedInverseIsTheInverse) {
   for (int i = 0; i + 1 < 30; ++i) chain.push_back({i + 1, i});
   for (const Topology<>& topology : {Topology<>::full(20), Topology<>::star(30, 7),
                                      Topology<>::from_links(30, chain), Topology<>::from_links(30, {})}) {
-    auto [system, x] = testing::random_system<Dynamic2>(rng, topology);
+    auto [system, x] = bench::random_system<Dynamic2>(rng, topology);
     ASSERT_EQ(Newton<Dynamic2>().solve(system, x).status, Status::Converged);
     NodeCovariances<Dynamic2> sparse;
     NodeCovariances<Dynamic2> dense;
@@ -410,7 +410,7 @@ TEST(Covariance, OfOtherModels) {
 
 TEST(Covariance, OfAHundredThousandNodesInSeconds) {
   const int n = 100000;
-  auto [system, x] = testing::sparse_system<Dynamic2>(1, n);
+  auto [system, x] = bench::sparse_system<Dynamic2>(1, n);
   system.set_rest_lengths(x);  // a minimum without a solve
   system.anchors = x;
   const auto begin = std::chrono::steady_clock::now();

@@ -11,8 +11,8 @@
 #include <cmath>
 #include <cstdint>
 
-#include "random_system.hpp"
-#include "sparse_system.hpp"
+#include "../../bench/random_system.hpp"
+#include "../../bench/sparse_system.hpp"
 
 namespace asterism {
 namespace {
@@ -21,8 +21,8 @@ template <typename System>
 void expect_same_minimum_as_ida(int n, int systems) {
   int same[4] = {};
   for (int i = 0; i < systems; ++i) {
-    testing::Rng rng(static_cast<std::uint64_t>(100 + i));
-    const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+    bench::Rng rng(static_cast<std::uint64_t>(100 + i));
+    const auto random = bench::random_system<System>(rng, System::TopologyType::full(n));
     typename System::Points by_ida = random.start;
     const double expected = solve_ida(random.system, by_ida).final_energy;
     int method = 0;
@@ -55,8 +55,8 @@ TEST(DescentOfLargerSystems, FindsIdasMinimum) {
 
 TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
   using System = SpringSystem<double, 2>;
-  testing::Rng rng(5);
-  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(64));
+  bench::Rng rng(5);
+  const auto [system, start] = bench::random_system<System>(rng, Topology<>::full(64));
   System::Points x = start;
   const int ida = solve_ida(system, x).iterations;
   x = start;
@@ -67,11 +67,11 @@ TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
 
 template <typename System>
 void expect_sparse_agreement(int n) {
-  auto [system, minimum] = testing::sparse_system<System>(1, n);
+  auto [system, minimum] = bench::sparse_system<System>(1, n);
   ASSERT_EQ(Lbfgs<System>(system).solve(system, minimum).status, Status::Converged);
   const double expected = double(energy(system, minimum));
-  testing::Rng rng(2);
-  const typename System::Points start = minimum + testing::random_points<System>(rng, n, -0.003, 0.003);
+  bench::Rng rng(2);
+  const typename System::Points start = minimum + bench::random_points<System>(rng, n, -0.003, 0.003);
   const auto check = [&, &system = system](auto solver) {
     auto x = start;
     const Summary summary = solver.solve(system, x);
@@ -96,7 +96,7 @@ TEST(DescentOfSparseSystems, EveryPolicyFindsTheSameMinimum) {
 
 TEST(DescentOfSparseSystems, TenThousandNodes) {
   using System = SpringSystem<double, 2>;
-  const auto [system, start] = testing::sparse_system<System>(3, 10000);
+  const auto [system, start] = bench::sparse_system<System>(3, 10000);
   for (const bool newton : {false, true}) {
     System::Points x = start;
     const Summary summary =

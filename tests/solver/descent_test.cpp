@@ -15,7 +15,7 @@
 #include <string_view>
 #include <type_traits>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -59,17 +59,17 @@ class Descent : public ::testing::Test {
   static constexpr bool kJacobi = SolverType::name().ends_with("Jacobi");
   static constexpr int kSize = SystemType::kNodes == Eigen::Dynamic ? 6 : SystemType::kNodes;
 
-  static testing::RandomSystem<SystemType> random(std::uint64_t seed, int n = kSize) {
-    testing::Rng rng(seed);
-    return testing::random_system<SystemType>(rng, SystemType::TopologyType::full(n));
+  static bench::RandomSystem<SystemType> random(std::uint64_t seed, int n = kSize) {
+    bench::Rng rng(seed);
+    return bench::random_system<SystemType>(rng, SystemType::TopologyType::full(n));
   }
 
   // A minimum, and a start in its basin.
-  static testing::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
+  static bench::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
     auto result = random(seed);
     EXPECT_EQ(solve_ida(result.system, result.start).status, Status::Converged);
-    testing::Rng rng(seed);
-    result.start += testing::random_points<SystemType>(rng, kSize, -0.02, 0.02);
+    bench::Rng rng(seed);
+    result.start += bench::random_points<SystemType>(rng, kSize, -0.02, 0.02);
     return result;
   }
 

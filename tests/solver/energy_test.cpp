@@ -6,7 +6,7 @@
 #include <cmath>
 #include <type_traits>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -21,18 +21,18 @@ using Systems = ::testing::Types<SpringSystem<double, 1, 3>, SpringSystem<double
 TYPED_TEST_SUITE(Energy, Systems);
 
 template <typename System>
-testing::RandomSystem<System> make(std::uint64_t seed) {
-  testing::Rng rng(seed);
+bench::RandomSystem<System> make(std::uint64_t seed) {
+  bench::Rng rng(seed);
   constexpr int n = System::kNodes == Eigen::Dynamic ? 7 : System::kNodes;
-  return testing::random_system<System>(rng, System::TopologyType::full(n));
+  return bench::random_system<System>(rng, System::TopologyType::full(n));
 }
 
 // The same system in double, where differences have digits to spare.
 template <typename System>
-auto in_double(const testing::RandomSystem<System>& from) {
+auto in_double(const bench::RandomSystem<System>& from) {
   using Double = SpringSystem<double, System::kDim>;
-  testing::RandomSystem<Double> to{Double(Topology<>::from_links(from.system.nodes(), from.system.links())),
-                                   from.start.template cast<double>()};
+  bench::RandomSystem<Double> to{Double(Topology<>::from_links(from.system.nodes(), from.system.links())),
+                                 from.start.template cast<double>()};
   to.system.anchors = from.system.anchors.template cast<double>();
   to.system.anchor_stiffness = from.system.anchor_stiffness.template cast<double>();
   to.system.rest_length = from.system.rest_length.template cast<double>();

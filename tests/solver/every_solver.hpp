@@ -14,7 +14,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -46,17 +46,17 @@ class EverySolver : public ::testing::Test {
   static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
   static constexpr int kSize = SystemType::kNodes == Eigen::Dynamic ? 6 : SystemType::kNodes;
 
-  static testing::RandomSystem<SystemType> random(std::uint64_t seed) {
-    testing::Rng rng(seed);
-    return testing::random_system<SystemType>(rng, SystemType::TopologyType::full(kSize));
+  static bench::RandomSystem<SystemType> random(std::uint64_t seed) {
+    bench::Rng rng(seed);
+    return bench::random_system<SystemType>(rng, SystemType::TopologyType::full(kSize));
   }
 
   // A minimum, and a start in its basin.
-  static testing::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
+  static bench::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
     auto result = random(seed);
     EXPECT_EQ(DenseIda<SystemType>().solve(result.system, result.start).status, Status::Converged);
-    testing::Rng rng(seed);
-    result.start += testing::random_points<SystemType>(rng, kSize, -0.02, 0.02);
+    bench::Rng rng(seed);
+    result.start += bench::random_points<SystemType>(rng, kSize, -0.02, 0.02);
     return result;
   }
 

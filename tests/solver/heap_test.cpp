@@ -3,8 +3,8 @@
 
 #include <asterism/solver.hpp>
 
+#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
-#include "random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -13,8 +13,8 @@ using testing::allocations_in;
 
 template <typename System, template <typename...> typename Solver>
 void expect_no_heap(int n) {
-  testing::Rng rng(5);
-  const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+  bench::Rng rng(5);
+  const auto random = bench::random_system<System>(rng, System::TopologyType::full(n));
   const auto& system = random.system;
   const auto& start = random.start;
   Summary summary;
@@ -54,9 +54,9 @@ TEST(Heap, NonlinearCgOfFixedAndBoundedSizesDoesNotUseIt) { expect_no_heap_of_an
 // Also shows that the counter counts.
 TEST(Heap, DynamicSizesUseItOnce) {
   using System = SpringSystem<double, 2>;
-  testing::Rng rng(6);
+  bench::Rng rng(6);
   for (const int n : {4, 30}) {
-    const auto random = testing::random_system<System>(rng, Topology<>::full(n));
+    const auto random = bench::random_system<System>(rng, Topology<>::full(n));
     const auto& system = random.system;
     const auto& start = random.start;
     Ida<System> ida;

@@ -8,7 +8,7 @@
 #include <functional>
 #include <string>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -76,9 +76,9 @@ struct Kit {
   static constexpr int kNodes = 6;
   using System = SpringSystem<double, kDimension, Eigen::Dynamic, 8, ModelType>;
 
-  static testing::RandomSystem<System> random(std::uint64_t seed) {
-    testing::Rng rng(seed);
-    auto result = testing::random_system<System>(rng, System::TopologyType::full(kNodes));
+  static bench::RandomSystem<System> random(std::uint64_t seed) {
+    bench::Rng rng(seed);
+    auto result = bench::random_system<System>(rng, System::TopologyType::full(kNodes));
     if constexpr (System::kAnisotropic) {
       for (int i = 0; i < kNodes; ++i) {
         Eigen::Matrix<double, kDimension, kDimension> root;
@@ -154,9 +154,9 @@ void finds_minimum() {
     Newton<System> newton;
     ASSERT_EQ(newton.solve(system, start).status, Status::Converged);
     const double expected = energy(system, start);
-    testing::Rng rng(seed);
+    bench::Rng rng(seed);
     auto x = start;
-    x += testing::random_points<System>(rng, Kit::kNodes, -1e-3, 1e-3);
+    x += bench::random_points<System>(rng, Kit::kNodes, -1e-3, 1e-3);
     SolverOf<System> solver;
     solver.options.max_iterations = 100000;
     const Summary summary = solver.solve(system, x);
@@ -228,8 +228,8 @@ TYPED_TEST(EveryModel, FixedNodesStayAndTheOthersFindTheirMinimum) {
 
 TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
   using System = SpringSystem<double, 2>;
-  testing::Rng rng(3);
-  const auto random = testing::random_system<System>(rng, Topology<>::full(6));
+  bench::Rng rng(3);
+  const auto random = bench::random_system<System>(rng, Topology<>::full(6));
   System system = random.system;
   const System::Points start = random.start;
   System penalised = system;
@@ -256,8 +256,8 @@ TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
 
 TEST(FixedNodes, AllOfThem) {
   using System = SpringSystem<double, 2, 4>;
-  testing::Rng rng(3);
-  auto [system, start] = testing::random_system<System>(rng, Topology<4>::full());
+  bench::Rng rng(3);
+  auto [system, start] = bench::random_system<System>(rng, Topology<4>::full());
   for (int i = 0; i < 4; ++i) system.fix(i);
   auto x = start;
   const Summary summary = Newton<System>().solve(system, x);
@@ -322,8 +322,8 @@ TEST(RobustAnchors, IgnoreAnOutlierThatDragsASpring) {
 }
 
 TEST(RobustAnchors, AreSpringsWithinTheirScale) {
-  testing::Rng rng(5);
-  const auto [system, start] = testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
+  bench::Rng rng(5);
+  const auto [system, start] = bench::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
   SpringSystem<double, 2, 4, 4, Model<Hooke, Huber>> robust(Topology<4>::full());
   robust.anchors = system.anchors;
   robust.anchor_stiffness = system.anchor_stiffness;

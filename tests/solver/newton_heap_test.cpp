@@ -6,8 +6,8 @@
 #include <asterism/solver/multi_start.hpp>
 #include <asterism/solver/newton.hpp>
 
+#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
-#include "random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -16,8 +16,8 @@ using testing::allocations_in;
 
 template <typename System>
 void expect_no_heap(int n) {
-  testing::Rng rng(5);
-  const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
+  bench::Rng rng(5);
+  const auto random = bench::random_system<System>(rng, System::TopologyType::full(n));
   auto system = random.system;
   auto x = random.start;
   Summary summary;
@@ -63,8 +63,8 @@ TEST(Heap, NewtonOfFixedAndBoundedSizesDoesNotUseIt) {
 // Also shows that the counter counts.
 TEST(Heap, NewtonOfDynamicSizesUsesItOnce) {
   using System = SpringSystem<double, 2>;
-  testing::Rng rng(6);
-  const auto random = testing::random_system<System>(rng, Topology<>::full(12));
+  bench::Rng rng(6);
+  const auto random = bench::random_system<System>(rng, Topology<>::full(12));
   const auto& system = random.system;
   Newton<System> newton;
   System::Points x = random.start;

@@ -9,7 +9,7 @@
 #include <limits>
 #include <vector>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -23,10 +23,10 @@ double least_eigenvalue(const System& system, const typename System::Points& x) 
 }
 
 TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
-  testing::Rng rng(2);
+  bench::Rng rng(2);
   int definite = 0;
   for (int round = 0; round < 200; ++round) {
-    const auto [system, x] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, x] = bench::random_system<Fixed>(rng, Topology<4>::full());
     detail::NewtonMatrix<Fixed> matrix;
     matrix.reset(node_stiffness(system));
     Fixed::Points gradient, expected_gradient, step;
@@ -60,9 +60,9 @@ TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
 
 // One code path unrolled, one with loops.
 TEST(NewtonMatrix, SizesAgree) {
-  testing::Rng rng(3);
+  bench::Rng rng(3);
   for (int round = 0; round < 50; ++round) {
-    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
     const auto check = [&, &fixed = system, &from = start]<typename Other>(std::type_identity<Other>) {
       Other other(Other::TopologyType::full(4));
       other.anchors = fixed.anchors;
@@ -90,13 +90,13 @@ struct Tally {
   }
 };
 
-Tally against_ida(testing::Kind kind, int systems) {
-  testing::Rng rng(4);
+Tally against_ida(bench::Kind kind, int systems) {
+  bench::Rng rng(4);
   Newton<Fixed> newton;
   Ida<Fixed> ida;
   Tally tally;
   for (int round = 0; round < systems; ++round) {
-    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), kind);
+    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full(), kind);
     auto x = start;
     auto y = start;
     const Summary summary = newton.solve(system, x);
@@ -112,11 +112,11 @@ Tally against_ida(testing::Kind kind, int systems) {
 }
 
 TEST(Newton, ReachesIdasMinimumInFewEvaluations) {
-  auto lit = against_ida(testing::Kind::Lit, 1000);
+  auto lit = against_ida(bench::Kind::Lit, 1000);
   EXPECT_EQ(lit.converged, 1000);
   EXPECT_GE(lit.same, 990);
   EXPECT_LE(lit.percentile(0.5), 8);
-  auto track = against_ida(testing::Kind::Track, 1000);
+  auto track = against_ida(bench::Kind::Track, 1000);
   EXPECT_EQ(track.converged, 1000);
   EXPECT_GE(track.same, 990);
   EXPECT_LE(track.percentile(0.5), 4);
@@ -125,11 +125,11 @@ TEST(Newton, ReachesIdasMinimumInFewEvaluations) {
 
 TEST(Newton, WeakAnchorsCostLittle) {
   for (const double weakness : {1e-4, 1e-6, 1e-8, 1e-10, 1e-12}) {
-    testing::Rng rng(5);
+    bench::Rng rng(5);
     Newton<Fixed> newton;
     Tally tally;
     for (int round = 0; round < 500; ++round) {
-      auto [system, x] = testing::random_system<Fixed>(rng, Topology<4>::full());
+      auto [system, x] = bench::random_system<Fixed>(rng, Topology<4>::full());
       system.anchor_stiffness *= weakness;
       const Summary summary = newton.solve(system, x);
       tally.converged += summary.status == Status::Converged;
@@ -147,10 +147,10 @@ TEST(Newton, WeakAnchorsCostLittle) {
 }
 
 TEST(Newton, EnergyFallsFromIterationToIteration) {
-  for (const auto kind : {testing::Kind::Lit, testing::Kind::Disp}) {
-    testing::Rng rng(6);
+  for (const auto kind : {bench::Kind::Lit, bench::Kind::Disp}) {
+    bench::Rng rng(6);
     for (int round = 0; round < 100; ++round) {
-      const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), kind);
+      const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full(), kind);
       double last = energy(system, start);
       for (int count = 1; count < 12; ++count) {
         Newton<Fixed> newton;
@@ -174,11 +174,11 @@ TYPED_TEST_SUITE(NewtonOf, Systems);
 TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
   constexpr bool kDouble = std::is_same_v<typename TypeParam::Scalar, double>;
   constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
-  testing::Rng rng(7);
+  bench::Rng rng(7);
   Newton<TypeParam> newton;
   int converged = 0;
   for (int round = 0; round < 100; ++round) {
-    const auto [system, start] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+    const auto [system, start] = bench::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
     auto x = start;
     const Summary summary = newton.solve(system, x);
     EXPECT_TRUE(summary.usable()) << summary;
@@ -196,8 +196,8 @@ TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
 
 TYPED_TEST(NewtonOf, ZeroRestLengthsAreAQuadratic) {
   constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
-  testing::Rng rng(8);
-  auto [system, x] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+  bench::Rng rng(8);
+  auto [system, x] = bench::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
   system.rest_length.setZero();
   const Summary summary = Newton<TypeParam>().solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
@@ -206,9 +206,9 @@ TYPED_TEST(NewtonOf, ZeroRestLengthsAreAQuadratic) {
 
 TYPED_TEST(NewtonOf, CoincidentNodesPart) {
   constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
-  testing::Rng rng(9);
+  bench::Rng rng(9);
   for (int round = 0; round < 20; ++round) {
-    auto [system, x] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+    auto [system, x] = bench::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
     x.colwise() = x.col(0).eval();
     const Summary summary = Newton<TypeParam>().solve(system, x);
     EXPECT_TRUE(summary.usable()) << summary;
@@ -290,12 +290,12 @@ TEST(Newton, FlatDirectionsAreNoSaddles) {
 }
 
 TEST(Newton, MovesWithTheSystem) {
-  testing::Rng rng(10);
+  bench::Rng rng(10);
   for (int round = 0; round < 20; ++round) {
-    auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
     Fixed::Points minimum = start;
     solve_ida(system, minimum);
-    start = minimum + testing::random_points<Fixed>(rng, 4, -0.02, 0.02);
+    start = minimum + bench::random_points<Fixed>(rng, 4, -0.02, 0.02);
     auto x = start;
     const Summary summary = Newton(system).solve(system, x);
     for (const double s : {1e-6, 1e5}) {
@@ -323,8 +323,8 @@ TEST(Newton, MovesWithTheSystem) {
 }
 
 TEST(Newton, AlignmentMirrorsOnlyIfAllowed) {
-  testing::Rng rng(11);
-  auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  bench::Rng rng(11);
+  auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
   system.anchor_stiffness *= 1e-4;
   system.set_rest_lengths(system.anchors);
   Fixed::Points mirrored = system.anchors;
@@ -338,8 +338,8 @@ TEST(Newton, AlignmentMirrorsOnlyIfAllowed) {
 }
 
 TEST(Newton, BadInputLeavesXAlone) {
-  testing::Rng rng(12);
-  const auto [good, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  bench::Rng rng(12);
+  const auto [good, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
   Newton<Fixed> newton;
   for (int what = 0; what < 6; ++what) {
     auto system = good;
@@ -373,8 +373,8 @@ TEST(Newton, BadInputLeavesXAlone) {
 }
 
 TEST(Newton, IterationLimits) {
-  testing::Rng rng(13);
-  const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  bench::Rng rng(13);
+  const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
   Newton<Fixed> newton;
   newton.options.max_iterations = 0;
   auto x = start;
@@ -389,8 +389,8 @@ TEST(Newton, IterationLimits) {
 }
 
 TEST(Newton, StaysAtAStationaryPoint) {
-  testing::Rng rng(14);
-  auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  bench::Rng rng(14);
+  auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
   system.set_rest_lengths(system.anchors);
   Fixed::Points x = system.anchors;
   const Summary summary = Newton(system).solve(system, x);
@@ -401,9 +401,9 @@ TEST(Newton, StaysAtAStationaryPoint) {
 }
 
 TEST(Newton, ExtremesOfStiffness) {
-  testing::Rng rng(15);
+  bench::Rng rng(15);
   for (int round = 0; round < 50; ++round) {
-    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
     for (const double factor : {1e-25, 1e-16, 1e12}) {
       auto extreme = system;
       extreme.anchor_stiffness *= factor;
@@ -432,11 +432,11 @@ TEST(Newton, OneNodeAndNoLinks) {
 }
 
 TEST(IdaRelaxation, IsMonotoneAndFaster) {
-  testing::Rng rng(16);
+  bench::Rng rng(16);
   long plain_iterations = 0;
   long relaxed_iterations = 0;
   for (int round = 0; round < 50; ++round) {
-    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
     for (const double w : {0.3, 1.5, 1.95}) {
       double last = energy(system, start);
       for (int count = 1; count < 8; ++count) {
@@ -462,8 +462,8 @@ TEST(IdaRelaxation, IsMonotoneAndFaster) {
 }
 
 TEST(IdaRelaxation, OutOfRangeIsRefused) {
-  testing::Rng rng(17);
-  const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
+  bench::Rng rng(17);
+  const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
   for (const double w : {0.0, -1.0, 2.0, std::nan("")}) {
     IdaOptions options;
     options.relaxation = w;

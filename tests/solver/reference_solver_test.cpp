@@ -41,9 +41,9 @@ using Cases = ::testing::Types<
     Case<ForwardCg, Fixed2>, Case<CentralCg, Fixed2>, Case<CentralCg, Dynamic3>>;
 INSTANTIATE_TYPED_TEST_SUITE_P(Reference, EverySolver, Cases);
 
-testing::RandomSystem<Dynamic2> dynamic_system(std::uint64_t seed, int n) {
-  testing::Rng rng(seed);
-  return testing::random_system<Dynamic2>(rng, Topology<>::full(n));
+bench::RandomSystem<Dynamic2> dynamic_system(std::uint64_t seed, int n) {
+  bench::Rng rng(seed);
+  return bench::random_system<Dynamic2>(rng, Topology<>::full(n));
 }
 
 template <typename Gradient>

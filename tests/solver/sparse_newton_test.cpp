@@ -14,8 +14,8 @@
 #include <type_traits>
 #include <vector>
 
-#include "random_system.hpp"
-#include "sparse_system.hpp"
+#include "../../bench/random_system.hpp"
+#include "../../bench/sparse_system.hpp"
 
 namespace asterism {
 namespace {
@@ -68,8 +68,8 @@ TYPED_TEST_SUITE(SparseNewtonTest, Cases);
 TYPED_TEST(SparseNewtonTest, MatrixIsTheHessian) {
   ASTERISM_USE_FIXTURE;
   const std::vector<Link> links = {{3, 0}, {1, 2}, {0, 3}, {4, 1}, {2, 0}, {2, 1}};  // some of them parallel
-  testing::Rng rng(1);
-  const auto [system, x] = testing::random_system<System>(rng, System::TopologyType::from_links(6, links));
+  bench::Rng rng(1);
+  const auto [system, x] = bench::random_system<System>(rng, System::TopologyType::from_links(6, links));
   detail::SparseHessian<System, Scalar> sparse;
   EXPECT_TRUE(sparse.prepare(system));
   EXPECT_FALSE(sparse.prepare(system));
@@ -93,10 +93,10 @@ TYPED_TEST(SparseNewtonTest, MatrixIsTheHessian) {
 TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
   ASTERISM_USE_FIXTURE;
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    auto [system, start] = testing::sparse_system<System>(seed, 150);
+    auto [system, start] = bench::sparse_system<System>(seed, 150);
     EXPECT_TRUE(solve_ida(system, start).usable());
-    testing::Rng rng(seed);
-    start += testing::random_points<System>(rng, system.nodes(), -0.01, 0.01);
+    bench::Rng rng(seed);
+    start += bench::random_points<System>(rng, system.nodes(), -0.01, 0.01);
     Points by_ida = start;
     const Summary ida = solve_ida(system, by_ida);
     const Summary summary = Solver().solve(system, start);
@@ -111,7 +111,7 @@ TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
 
 TYPED_TEST(SparseNewtonTest, EnergyNeverRises) {
   ASTERISM_USE_FIXTURE;
-  const auto [system, start] = testing::sparse_system<System>(1, 300);
+  const auto [system, start] = bench::sparse_system<System>(1, 300);
   Solver solver;
   double last = std::numeric_limits<double>::max();
   for (int iterations = 0; iterations <= 60; ++iterations) {
@@ -130,7 +130,7 @@ TYPED_TEST(SparseNewtonTest, WeakAnchorsWhereIdaGetsStuck) {
   ASTERISM_USE_FIXTURE;
   for (const double ratio : {1e-2, 1e-4, 1e-6, 1e-8}) {
     if (!TestFixture::kDouble && ratio < 1e-3) break;
-    auto [system, start] = testing::sparse_system<System>(2, 200);
+    auto [system, start] = bench::sparse_system<System>(2, 200);
     system.anchor_stiffness *= static_cast<Scalar>(ratio);
     Points x = start;
     const Summary summary = Solver().solve(system, x);
@@ -148,7 +148,7 @@ TYPED_TEST(SparseNewtonTest, SameResultsWhenReused) {
   Solver solver;
   for (const int n : {60, 60, 80, 60, 7}) {
     for (std::uint64_t seed = 1; seed <= 2; ++seed) {
-      auto [system, start] = testing::sparse_system<System>(seed, n);
+      auto [system, start] = bench::sparse_system<System>(seed, n);
       for (const Scalar change : {Scalar(1), Scalar(0.3)}) {
         system.anchor_stiffness *= change;
         Points x = start;
@@ -165,7 +165,7 @@ TYPED_TEST(SparseNewtonTest, SameResultsWhenReused) {
 TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
   ASTERISM_USE_FIXTURE;
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    auto [system, start] = testing::sparse_system<System>(seed, 100);
+    auto [system, start] = bench::sparse_system<System>(seed, 100);
     start *= Scalar(0.3);  // all links too short
     Solver solver;
     solver.options.align = false;
@@ -178,8 +178,8 @@ TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
 TYPED_TEST(SparseNewtonTest, SmallAndDisconnected) {
   ASTERISM_USE_FIXTURE;
   const auto on_anchors = [&](int n, const std::vector<Link>& links) {
-    testing::Rng rng(4);
-    auto [system, start] = testing::random_system<System>(rng, System::TopologyType::from_links(n, links));
+    bench::Rng rng(4);
+    auto [system, start] = bench::random_system<System>(rng, System::TopologyType::from_links(n, links));
     const Summary summary = Solver().solve(system, start);
     this->expect_converged(summary);
     for (int i = 0; i < n; ++i) {
@@ -198,7 +198,7 @@ TYPED_TEST(SparseNewtonTest, SmallAndDisconnected) {
 
 TYPED_TEST(SparseNewtonTest, FixedNodesStay) {
   ASTERISM_USE_FIXTURE;
-  auto [system, start] = testing::sparse_system<System>(3, 100);
+  auto [system, start] = bench::sparse_system<System>(3, 100);
   for (const int i : {0, 17, 18, 99}) system.fix(i);
   Points x = start;
   this->expect_converged(Solver().solve(system, x));
@@ -208,7 +208,7 @@ TYPED_TEST(SparseNewtonTest, FixedNodesStay) {
 
 TYPED_TEST(SparseNewtonTest, BadInputIsRefused) {
   ASTERISM_USE_FIXTURE;
-  auto [system, start] = testing::sparse_system<System>(3, 20);
+  auto [system, start] = bench::sparse_system<System>(3, 20);
   system.link_stiffness[3] = -1;
   const Points before = start;
   EXPECT_EQ(Solver().solve(system, start).status, Status::InvalidInput);
@@ -216,8 +216,8 @@ TYPED_TEST(SparseNewtonTest, BadInputIsRefused) {
 }
 
 TEST(SparseNewton, EscapesSaddles) {
-  testing::Rng rng(5);
-  auto [system, start] = testing::random_system<Plane>(rng, Topology<>::full(6));
+  bench::Rng rng(5);
+  auto [system, start] = bench::random_system<Plane>(rng, Topology<>::full(6));
   start.row(1).setZero();
   system.anchors.row(1).setZero();
   SparseNewton<Plane> solver;
@@ -237,7 +237,7 @@ TEST(SparseNewton, EscapesSaddles) {
 TEST(SparseNewton, RobustAndAnisotropicAnchors) {
   using Robust = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
                               Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
-  const auto plain = testing::sparse_system<Plane>(6, 100);
+  const auto plain = bench::sparse_system<Plane>(6, 100);
   Robust system(plain.system.topology());
   system.anchors = plain.system.anchors;
   system.rest_length = plain.system.rest_length;

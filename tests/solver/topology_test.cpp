@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "random_system.hpp"
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -42,10 +42,10 @@ TEST(Topology, StarLinksTheCentreToTheOthers) {
 template <int Dim>
 void expect_nearest_neighbours_as_by_brute_force() {
   using System = SpringSystem<double, Dim>;
-  testing::Rng rng(7);
+  bench::Rng rng(7);
   constexpr int kNodes = 150;
   constexpr int kNeighbours = 5;
-  auto points = testing::random_points<System>(rng, kNodes, 0, 1);
+  auto points = bench::random_points<System>(rng, kNodes, 0, 1);
   points.col(17) = points.col(3);  // coincident points are neighbours like others
   std::set<std::pair<int, int>> expected;
   for (int i = 0; i < kNodes; ++i) {
