@@ -66,13 +66,14 @@ foreach(version IN LISTS others)
 endforeach()
 
 # Where a component was built, but what it needs is gone.
-foreach(pair IN ITEMS solver:Eigen3 cholmod:CHOLMOD ceres:Ceres lbfgs:LIBLBFGS parts:OpenCV)
+foreach(pair IN ITEMS solver:Eigen3 cholmod:CHOLMOD ceres:Ceres lbfgs:LIBLBFGS json:nlohmann_json
+                      parts:OpenCV)
   string(REPLACE ":" ";" pair ${pair})
   list(GET pair 0 component)
   list(GET pair 1 package)
   if(component IN_LIST BUILT)
     ask(moved/prefix REQUIRED,COMPONENTS,${component} -DCMAKE_DISABLE_FIND_PACKAGE_${package}=ON)
-    refused("component '${component}': ${package}, which it needs, is not found [(]Debian package lib[a-z0-9]+-dev[)]")
+    refused("component '${component}': ${package}, which it needs, is not found [(]Debian package [a-z0-9-]+-dev[)]")
     ask(moved/prefix OPTIONAL_COMPONENTS,${component} -DCMAKE_DISABLE_FIND_PACKAGE_${package}=ON)
     found(Asterism 1)
     found(${component} FALSE)

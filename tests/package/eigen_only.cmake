@@ -21,7 +21,7 @@ if(NOT err STREQUAL "")
   fail("configuring with Eigen alone wrote to standard error")
 endif()
 foreach(expected IN ITEMS "cholmod is off: CHOLMOD;libsuitesparse-dev" "ceres is off: Ceres;libceres-dev"
-                          "lbfgs is off: liblbfgs;liblbfgs-dev"
+                          "lbfgs is off: liblbfgs;liblbfgs-dev" "json is off: nlohmann-json;nlohmann-json3-dev"
                           "parts,[^\n]*asterism::trackers,[^\n]* off: OpenCV[^\n]*;libopencv-dev")
   list(GET expected 0 what)
   list(GET expected 1 debian)
@@ -31,8 +31,8 @@ foreach(expected IN ITEMS "cholmod is off: CHOLMOD;libsuitesparse-dev" "ceres is
   endif()
 endforeach()
 count("${out}" "-- Asterism: asterism::" lines)
-if(NOT lines EQUAL 4)
-  fail("${lines} lines about missing targets, not 4")
+if(NOT lines EQUAL 5)
+  fail("${lines} lines about missing targets, not 5")
 endif()
 if(out MATCHES "Could NOT find|Looking for")
   fail("a find module prints: ${CMAKE_MATCH_0}")
@@ -46,7 +46,7 @@ file(GLOB rooms RELATIVE ${WORK}/solver-only/${INCLUDEDIR}/asterism ${WORK}/solv
 if(NOT rooms STREQUAL "solver;solver.hpp")
   fail("installed with Eigen alone: ${rooms}")
 endif()
-foreach(adapter IN ITEMS cholmod ceres liblbfgs)
+foreach(adapter IN ITEMS cholmod ceres liblbfgs json)
   if(EXISTS ${WORK}/solver-only/${INCLUDEDIR}/asterism/solver/${adapter}.hpp)
     fail("the header of asterism::${adapter} is installed without it")
   endif()
@@ -56,8 +56,8 @@ consume(eigen-only ${WORK}/solver-only solver)
 # Every option off, nothing to say.
 fresh(${WORK}/all-off)
 must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/all-off -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_WITH_CHOLMOD=OFF
-     -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_PARTS=OFF -DASTERISM_BUILD_TESTS=OFF
-     -DASTERISM_BUILD_BENCH=OFF)
+     -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_WITH_PARTS=OFF
+     -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
 if(out MATCHES "Asterism:")
   fail("says what is missing though it was not asked for")
 endif()
@@ -66,8 +66,8 @@ endif()
 if("parts" IN_LIST BUILT)
   fresh(${WORK}/no-fftw)
   must(${configure} -S ${SOURCE_DIR} -B ${WORK}/no-fftw -DASTERISM_FFTW_INCLUDE_DIR= -DASTERISM_WITH_CHOLMOD=OFF
-       -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_BUILD_TOOLS=OFF -DASTERISM_BUILD_TESTS=OFF
-       -DASTERISM_BUILD_BENCH=OFF)
+       -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_BUILD_TOOLS=OFF
+       -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
   count("${out}" "Asterism: " lines)
   if(NOT lines EQUAL 1 OR NOT out MATCHES "-- Asterism: FFTW not found [(]Debian package libfftw3-dev[)]")
     fail("not one line for FFTW")

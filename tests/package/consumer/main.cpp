@@ -11,6 +11,10 @@
 #ifdef HAVE_LBFGS
 #include <asterism/solver/liblbfgs.hpp>
 #endif
+#ifdef HAVE_JSON
+#include <asterism/solver/json.hpp>
+#include <sstream>
+#endif
 #ifdef HAVE_PARTS
 #include <asterism/parts/kcf.hpp>
 #endif
@@ -85,6 +89,11 @@ int main() {
 #endif
 #ifdef HAVE_LBFGS
   ok = solves(asterism::reference::Liblbfgs<System>()) && ok;
+#endif
+#ifdef HAVE_JSON
+  std::stringstream file;
+  asterism::write_system(file, triangle(), triangle().anchors);
+  ok = check(asterism::parse_systems<System>(file.str()).at(0).start == triangle().anchors, "JSON") && ok;
 #endif
 #ifdef HAVE_PARTS
   ok = check(asterism::PartModel<asterism::Kcf>, "Kcf is a PartModel") && ok;
