@@ -1,0 +1,97 @@
+#pragma once
+
+#include <benchmark/benchmark.h>
+
+#include <asterism/solver/batch.hpp>
+#include <asterism/solver/spring_rows.hpp>
+#include <asterism/solver/spring_system.hpp>
+#include <cstdint>
+#include <string>
+#include <type_traits>
+
+#include "hardware_counters.hpp"
+#include "random_system.hpp"
+#include "sparse_system.hpp"
+
+namespace asterism::bench {
+
+// The systems that kernels are measured on. Fixed sizes are compiled in.
+using Fixed = SpringSystem<double, 2, 4>;
+using FixedFloat = SpringSystem<float, 2, 4>;
+using FixedSpace = SpringSystem<double, 3, 4>;
+using Dynamic = SpringSystem<double, 2>;
+using DynamicFloat = SpringSystem<float, 2>;
+using DynamicSpace = SpringSystem<double, 3>;
+
+enum class Linking {
+  Full,    ///< all nodes with all: the paper's Sec. 3.2.1
+  Nearest  ///< each node with its six nearest
+};
+
+/// Random system number `index` of a linking.
+template <typename System>
+RandomSystem<System> make_system(Linking linking, int nodes, int index) {
+  if constexpr (System::kNodes == Eigen::Dynamic) {
+    if (linking == Linking::Nearest) return sparse_system<System>(static_cast<std::uint64_t>(index), nodes);
+  }
+  return numbered_system<System>(Kind::Lit, System::TopologyType::full(nodes),
+                                 static_cast<std::uint64_t>(index));
+}
+
+/// The name of a benchmark: "kernel/double/2-D/fixed/4", "kernel/double/2-D/nearest/10000".
+template <typename System>
+std::string name_of(const std::string& kernel, Linking linking, int nodes) {
+  const char* const scalar = std::is_same_v<typename System::Scalar, float> ? "float" : "double";
+  const char* const kind = linking == Linking::Nearest        ? "nearest"
+                           : System::kNodes == Eigen::Dynamic ? "dynamic"
+                                                              : "fixed";
+  return kernel + "/" + scalar + "/" + std::to_string(System::kDim) + "-D/" + kind + "/" +
+         std::to_string(nodes);
+}
+
+/// What the energy of a system and its gradient are computed with: in a build for SSE2, SpringRows asks the
+/// processor for AVX2.
+template <typename System>
+Simd instructions_of_springs(const System& system) {
+  constexpr bool kAsks =
+      std::is_same_v<typename System::Scalar, double> && EIGEN_MAX_STATIC_ALIGN_BYTES == 16;
+  return kAsks && asterism::detail::SpringRows<System>::serve(system) && is_available(Simd::Avx2)
+             ? Simd::Avx2
+             : Simd::Portable;
+}
+
+/// Multiply-adds in registers that the processor does, two operations each, with the widest vectors of some
+/// instructions: the arithmetic limit [1/s]. Measured at the first call.
+template <typename Scalar>
+double arithmetic_peak(Simd instructions);
+
+/// CPU time of this thread [s].
+double thread_seconds();
+
+/// Runs `work`, which does `repeats` of what is to be timed, as the benchmark's loop: one iteration of it is
+/// one repeat. Counters: `cycles` and `instructions` of an iteration where the processor tells; for an
+/// iteration of `flops` > 0 operations their rate `flops` [1/s], and `of_peak`, its share of the peak of
+/// `Scalar` and `instructions`.
+template <typename Scalar, typename Work>
+void measure(benchmark::State& state, double flops, Simd instructions, Work&& work, int repeats = 1) {
+  HardwareCounters counters;
+  counters.start();
+  const double begin = thread_seconds();
+  while (state.KeepRunningBatch(repeats)) work();
+  const double seconds = thread_seconds() - begin;
+  if (counters.stop()) {
+    state.counters["cycles"] = {counters.cycles(), benchmark::Counter::kAvgIterations};
+    state.counters["instructions"] = {counters.instructions(), benchmark::Counter::kAvgIterations};
+  }
+  if (flops > 0) {
+    state.counters["flops"] = {flops, benchmark::Counter::kIsIterationInvariantRate};
+    state.counters["of_peak"] =
+        flops * static_cast<double>(state.iterations()) / seconds / arithmetic_peak<Scalar>(instructions);
+  }
+}
+
+// What there is, one file each.
+void add_kernels();
+void add_methods();
+
+}  // namespace asterism::bench

@@ -1,0 +1,92 @@
+#pragma once
+
+/// Floating-point operations that the kernels' formulas take: additions, products, divisions and square roots
+/// count as one each, whatever they cost; comparisons, index arithmetic and what an implementation does
+/// beside the formula as none. D dimensions, N nodes, M links; systems of springs alone.
+namespace asterism::bench::flops {
+
+// Of a link: difference and length of its nodes, its stretch.
+constexpr double length(int D) { return 3 * D; }  // D differences, D squares, D - 1 sums, root
+constexpr double stretch = 1;
+
+/// E(x): an anchor's k |x - a|^2 and a link's k (mu - r)^2, summed, halved once.
+template <typename System>
+double energy(const System& system) {
+  constexpr int D = System::kDim;
+  return system.nodes() * (3 * D + 1) + system.link_count() * (length(D) + stretch + 3);
+}
+
+/// dE/dx: an anchor's k (x - a), and a link's k (mu - r) / r times the difference, at both its nodes.
+template <typename System>
+double gradient(const System& system) {
+  constexpr int D = System::kDim;
+  return system.nodes() * 2 * D + system.link_count() * (length(D) + stretch + 2 + 3 * D);
+}
+
+/// Both, with what they have in common once.
+template <typename System>
+double energy_and_gradient(const System& system) {
+  constexpr int D = System::kDim;
+  return gradient(system) + system.nodes() * 2 * D + system.link_count() * 2;
+}
+
+// The block of a link's curvature from its length: u, the two curvatures, and bend u u^T + across I.
+constexpr double curvature(int D) { return (1 + D) + 4 + D + D * (D + 1) / 2 + D; }
+
+/// The lower triangle of d2E/dx2: a link's block is added to two diagonal blocks and one beside them.
+template <typename System>
+double hessian(const System& system) {
+  constexpr int D = System::kDim;
+  return system.link_count() * (length(D) + curvature(D) + D * (D + 1) + D * D);
+}
+
+/// Energy, gradient and the lower triangle of the Hessian.
+template <typename System>
+double newton_assembly(const System& system) {
+  return energy_and_gradient(system) + hessian(system) - system.link_count() * length(System::kDim);
+}
+
+/// The Hessian as one block a link.
+template <typename System>
+double operator_set(const System& system) {
+  return system.link_count() * (length(System::kDim) + curvature(System::kDim));
+}
+
+/// H v: a link's block times a difference, at both its nodes.
+template <typename System>
+double operator_apply(const System& system) {
+  constexpr int D = System::kDim;
+  return system.nodes() * D + system.link_count() * (D + D * (2 * D - 1) + 2 * D);
+}
+
+/// L D L^T of a matrix of order n with a right-hand side that is substituted forwards on the way.
+constexpr double ldlt(double n) { return (n - 1) * n * (2 * n - 1) / 6 + 2 * n * (n - 1) + n; }
+
+/// L^-T D^-1, and the product of right-hand side and result.
+constexpr double ldlt_solve(double n) { return n * (n - 1) + 3 * n; }
+
+/// K_dyn, N x N: assembled, L L^T, and for up to 40 nodes, as DenseCholesky does, its inverse from L.
+template <typename System>
+double dense_cholesky(const System& system) {
+  const double n = system.nodes();
+  return 3 * system.link_count() + n * n * n / 3 + (n <= 40 ? 2 * n * n * n / 3 : 0);
+}
+
+/// x - K_dyn^-1 g by two triangular solves or one product for each dimension, which take the same.
+template <typename System>
+double dense_cholesky_solve(const System& system) {
+  const double n = system.nodes();
+  return System::kDim * (2 * n * n + n);
+}
+
+/// Rigid alignment but for the rotation itself, which takes the same for any N.
+template <typename System>
+double alignment(const System& system) {
+  constexpr int D = System::kDim;
+  constexpr int centres = 4 * D + 1;
+  constexpr int moments = 2 * D + D + 2 * D * D + 2 * (2 * D + 1);
+  constexpr int move = D + 2 * D * D;
+  return system.nodes() * (centres + moments + move);
+}
+
+}  // namespace asterism::bench::flops

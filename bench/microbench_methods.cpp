@@ -1,0 +1,206 @@
+// What an iteration of each method takes: solves that stop after a fixed number of iterations, before any of
+// their systems converges, divided by that number. Each solve's own costs are in it, spread over its
+// iterations: validation, alignment, factorisation where the method factors once, and the verdict. And what a
+// system of a batch takes, with each of the instructions that the machine has, on one thread.
+#include <algorithm>
+#include <asterism/solver.hpp>
+#include <asterism/solver/batch.hpp>
+#include <cstddef>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+#include "microbench.hpp"
+#include "microbench_flops.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+// Operations of the kernels that the summary counts; vectors that are added, scaled or multiplied in between
+// are left out, except where they are most of the work.
+
+template <typename System>
+double flops_of(const Ida<System>&, const System& system, const Summary& summary) {
+  return summary.gradient_evaluations * flops::gradient(system) +
+         summary.factorizations * flops::dense_cholesky(system) +
+         summary.linear_solves * flops::dense_cholesky_solve(system);
+}
+
+template <typename System>
+double flops_of(const Newton<System>&, const System& system, const Summary& summary) {
+  const double order = System::kDim * system.nodes();
+  return summary.gradient_evaluations * flops::newton_assembly(system) +
+         summary.factorizations * flops::ldlt(order) + summary.linear_solves * flops::ldlt_solve(order);
+}
+
+template <typename System>
+double flops_of(const NonlinearCg<System>&, const System& system, const Summary& summary) {
+  return summary.gradient_evaluations * flops::energy_and_gradient(system);
+}
+
+template <typename System>
+double flops_of(const Lbfgs<System>&, const System& system, const Summary& summary) {
+  // Two products with the steps and two with the changes of gradient, up to six of each.
+  double pairs = 0;
+  for (int i = 0; i < summary.iterations; ++i) pairs += std::min(i, 6);
+  return summary.gradient_evaluations * flops::energy_and_gradient(system) +
+         summary.factorizations * flops::dense_cholesky(system) +
+         summary.linear_solves * flops::dense_cholesky_solve(system) +
+         pairs * 4 * 2 * System::kDim * system.nodes();
+}
+
+template <typename System>
+double flops_of(const NewtonCg<System>&, const System& system, const Summary& summary) {
+  constexpr int D = System::kDim;
+  // An inner iteration applies the Hessian and the preconditioner; its vectors' sums and products are three
+  // and two. The first application of the preconditioner is the outer iteration's.
+  const double inner = summary.linear_solves - summary.iterations;
+  return summary.gradient_evaluations * flops::energy_and_gradient(system) +
+         summary.iterations * flops::operator_set(system) +
+         inner * (flops::operator_apply(system) + 10 * D * system.nodes()) +
+         summary.linear_solves * 2 * D * D * system.nodes();
+}
+
+// The sparse methods: not counted.
+template <typename Solver, typename System>
+double flops_of(const Solver&, const System&, const Summary&) {
+  return 0;
+}
+
+template <typename System>
+struct Samples {
+  std::vector<RandomSystem<System>> systems;
+  double flops = 0;  // an iteration, their mean
+};
+
+// Systems whose solve does not end within its iterations; none where most do.
+template <typename Solver, typename System>
+Samples<System> samples(Solver& solver, Linking linking, int nodes) {
+  const std::size_t count = nodes <= 16 ? 64 : nodes <= 1000 ? 8 : 1;
+  Samples<System> result;
+  for (int index = 0; result.systems.size() < count; ++index) {
+    if (index == 100 * static_cast<int>(count)) return {};
+    auto sample = make_system<System>(linking, nodes, index);
+    auto x = sample.start;
+    const Summary summary = solver.solve(sample.system, x);
+    if (summary.status != Status::MaxIterations) continue;
+    result.flops +=
+        flops_of(solver, sample.system, summary) / summary.iterations / static_cast<double>(count);
+    result.systems.push_back(std::move(sample));
+  }
+  return result;
+}
+
+template <typename Solver, typename System>
+void iterations(benchmark::State& state, Linking linking, int nodes, int count) {
+  Solver solver;
+  solver.options.tolerance = 0;
+  solver.options.max_iterations = count;
+  const auto [systems, flops] = samples<Solver, System>(solver, linking, nodes);
+  if (systems.empty()) return state.SkipWithError("it converges within fewer iterations");
+  std::size_t next = 0;
+  typename System::Points x;
+  const auto solve = [&, &all = systems] {
+    const auto& [system, start] = all[next];
+    next = next + 1 == all.size() ? 0 : next + 1;
+    x = start;
+    benchmark::DoNotOptimize(solver.solve(system, x).iterations);
+  };
+  measure<typename System::Scalar>(state, flops, instructions_of_springs(systems[0].system), solve, count);
+}
+
+template <typename Solver, typename System>
+void add(const std::string& method, Linking linking, int nodes, int count) {
+  benchmark::RegisterBenchmark(name_of<System>(method, linking, nodes).c_str(), [=](benchmark::State& state) {
+    iterations<Solver, System>(state, linking, nodes, count);
+  });
+}
+
+// Iterations that each method does not converge in, from most starts.
+template <typename System>
+void add_newton(int nodes) {
+  add<Newton<System>, System>("newton", Linking::Full, nodes, 3);
+}
+
+template <typename System>
+void add_ida(int nodes) {
+  add<Ida<System>, System>("ida", Linking::Full, nodes, 20);
+}
+
+constexpr int kSystems = 4096;
+
+// Solves to the tolerance that batches are used with, for a start that is put back each time.
+template <typename Batch>
+void batch_solve(benchmark::State& state, Simd instructions, int nodes) {
+  using System = typename Batch::System;
+  const auto topology = System::TopologyType::full(nodes);
+  Batch batch(topology, kSystems);
+  for (int s = 0; s < kSystems; ++s) {
+    const auto sample = make_system<System>(Linking::Full, nodes, s);
+    batch.set(s, sample.system, sample.start);
+  }
+  std::vector<Eigen::Array<typename Batch::Scalar, Eigen::Dynamic, 1>> starts;
+  for (int i = 0; i < nodes; ++i) {
+    for (int d = 0; d < Batch::kDim; ++d) starts.emplace_back(batch.x(i, d));
+  }
+  BatchNewton<Batch> solver;
+  solver.options.tolerance = 1e-6;
+  solver.simd = instructions;
+  const auto solve = [&] {
+    auto start = starts.begin();
+    for (int i = 0; i < nodes; ++i) {
+      for (int d = 0; d < Batch::kDim; ++d) batch.x(i, d) = *start++;
+    }
+    benchmark::DoNotOptimize(solver.solve(batch).converged);
+  };
+
+  // An iteration, and the start, is at least one evaluation, factorisation and solve; steps that were taken
+  // back are not counted.
+  solve();
+  const System system(topology);
+  const double order = Batch::kDim * nodes;
+  double evaluations = 0;
+  for (int s = 0; s < kSystems; ++s) evaluations += (1 + batch.iterations(s)) / static_cast<double>(kSystems);
+  const double flops =
+      evaluations * (flops::newton_assembly(system) + flops::ldlt(order) + flops::ldlt_solve(order));
+  measure<typename Batch::Scalar>(state, flops, instructions, solve, kSystems);
+  state.counters["evaluations"] = evaluations;
+}
+
+template <typename Batch>
+void add_batch(int nodes) {
+  for (const Simd instructions : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
+    if (!is_available(instructions)) continue;
+    const std::string kernel = "batch_newton/" + std::string(to_string(instructions));
+    benchmark::RegisterBenchmark(
+        name_of<typename Batch::System>(kernel, Linking::Full, nodes).c_str(),
+        [=](benchmark::State& state) { batch_solve<Batch>(state, instructions, nodes); });
+  }
+}
+
+}  // namespace
+
+void add_methods() {
+  add_newton<Fixed>(4);
+  add_newton<FixedFloat>(4);
+  add_newton<FixedSpace>(4);
+  add_ida<Fixed>(4);
+  for (const int nodes : {4, 16, 64}) {
+    add_newton<Dynamic>(nodes);
+    add_ida<Dynamic>(nodes);
+    add<Lbfgs<Dynamic>, Dynamic>("lbfgs", Linking::Full, nodes, 8);
+    add<NewtonCg<Dynamic>, Dynamic>("newton_cg", Linking::Full, nodes, 3);
+    add<NonlinearCg<Dynamic>, Dynamic>("nonlinear_cg", Linking::Full, nodes, 8);
+  }
+  constexpr int kMany = 10000;
+  add<NewtonCg<Dynamic>, Dynamic>("newton_cg", Linking::Nearest, kMany, 5);
+  add<SparseNewton<Dynamic>, Dynamic>("sparse_newton", Linking::Nearest, kMany, 5);
+  add<Schwarz<Dynamic>, Dynamic>("schwarz", Linking::Nearest, kMany, 2);
+
+  add_batch<SpringBatch<double, 2, 4>>(4);
+  add_batch<SpringBatch<float, 2, 4>>(4);
+  add_batch<SpringBatch<double, 3, 4>>(4);
+}
+
+}  // namespace asterism::bench
