@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <asterism/trackers/dpt.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -23,6 +24,10 @@
 #include <thread>
 #include <utility>
 #include <vector>
+
+#ifdef ASTERISM_TEST_JSON
+#include <asterism/solver/json.hpp>
+#endif
 
 namespace asterism::tools {
 namespace {
@@ -217,6 +222,75 @@ TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
   cv::inRange(sheet, cv::Scalar(0, 220, 220), cv::Scalar(40, 255, 255), yellow);
   EXPECT_GT(cv::countNonZero(yellow), 8 * 4 * 40);
 }
+
+#ifdef ASTERISM_TEST_JSON
+TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
+  const std::string images = make_images("images").string() + kBox + " --tracker dpt";
+  ASSERT_EQ(run(images + csv() + " --record-systems " + path("systems.jsonl"), false), 0) << err_;
+  const auto systems = read_systems<Dpt::Springs>(path("systems.jsonl"));
+  ASSERT_EQ(systems.size(), static_cast<size_t>(kFrames - 1)) << "none in the first frame";
+  for (int frame = 2; frame <= kFrames; ++frame) {
+    const auto& [system, start, name, origin] = systems[static_cast<size_t>(frame - 2)];
+    EXPECT_EQ(name, "images/frame " + std::to_string(frame));
+    EXPECT_EQ(origin.at("tracker"), "dpt");
+    EXPECT_EQ(origin.at("frame"), frame);
+    EXPECT_EQ(origin.at("solver"), Ida<Dpt::Springs>::name());
+    EXPECT_EQ(origin.at("status"), "converged");
+    EXPECT_EQ(system.nodes(), 4);
+    EXPECT_NE(start, system.anchors);
+    // Solved from its start again, it ends as it did.
+    Dpt::Placement x = start;
+    const Summary summary = Ida<Dpt::Springs>(system, DptOptions().solver).solve(system, x);
+    EXPECT_NEAR(summary.iterations, origin.at("iterations").get<int>(), 1);
+    EXPECT_NEAR(summary.initial_energy, origin.at("initial_energy").get<double>(), 1e-12);
+    EXPECT_NEAR(summary.final_energy, origin.at("final_energy").get<double>(), 1e-12);
+  }
+
+  // The tracker does not notice.
+  ASSERT_EQ(run(images + " --out " + path("alone.csv"), false), 0) << err_;
+  const std::vector<std::string> with = lines_of(path("boxes.csv")), without = lines_of(path("alone.csv"));
+  ASSERT_EQ(with.size(), without.size());
+  const auto box = [](const std::string& line) { return line.substr(0, line.rfind(',')); };  // no time
+  for (size_t i = 0; i < with.size(); ++i) EXPECT_EQ(box(with[i]), box(without[i]));
+}
+
+TEST_F(TrackTool, NamesRecordedSystemsAfterTheInput) {
+  const std::string file = path("systems.jsonl"), record = " --tracker dpt --record-systems " + file;
+  ASSERT_EQ(run(make_sequence().string() + "/ --start 6 --frames 3" + record, false), 0) << err_;
+  ASSERT_EQ(read_systems<Dpt::Springs>(file).size(), 2u);
+  EXPECT_EQ(read_systems<Dpt::Springs>(file)[0].name, "sequence/frame 7");
+  ASSERT_EQ(run(make_video().string() + kBox + " --frames 2" + record, false), 0) << err_;
+  ASSERT_EQ(read_systems<Dpt::Springs>(file).size(), 1u) << "a former file is replaced";
+  EXPECT_EQ(read_systems<Dpt::Springs>(file)[0].name, "video.avi/frame 2");
+}
+
+TEST_F(TrackTool, ReportsSystemsThatItCannotRecord) {
+  const std::string images = make_images("images", 3).string(), record = " --record-systems ";
+  for (const std::string tracker : {"kcf", "coarse"}) {
+    expect_error(images + kBox + " --tracker " + tracker + record + path("s.jsonl"),
+                 {"--record-systems: ", tracker, "(dpt does)"}, false);
+    EXPECT_FALSE(fs::exists(path("s.jsonl")));
+  }
+  const std::string dpt = " --tracker dpt" + record, video = make_video().string();
+  expect_error(images + kBox + dpt + path("no/s.jsonl"), {"--record-systems", path("no")}, false);
+  expect_error(images + kBox + dpt + images, {"--record-systems", "folder"}, false);
+  expect_error(video + kBox + dpt + video, {"--record-systems", "input"}, false);
+  if (fs::exists("/dev/full")) {
+    expect_error(images + kBox + dpt + "/dev/full", {"/dev/full", "No space left"}, false);
+  }
+  // The former frames' systems are kept where one fails.
+  std::ofstream(images + "/img_3.png", std::ios::trunc) << "broken";
+  expect_error(images + kBox + dpt + path("s.jsonl"), {"img_3.png"}, false);
+  EXPECT_EQ(read_systems(path("s.jsonl")).size(), 1u);
+}
+#else
+TEST_F(TrackTool, SaysThatItCannotRecordSystems) {
+  expect_error(
+      make_images("images", 3).string() + kBox + " --tracker dpt --record-systems " + path("s.jsonl"),
+      {"--record-systems", "built without", "nlohmann-json3-dev"}, false);
+  EXPECT_FALSE(fs::exists(path("s.jsonl")));
+}
+#endif
 
 TEST_F(TrackTool, ReportsErrorsInOneLine) {
   const std::string images = make_images("images", 3).string();

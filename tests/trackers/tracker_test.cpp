@@ -256,6 +256,58 @@ TEST(Dpt, PartsTileTheBoxAndTheirSpringsFollowTheEquations) {
   }
 }
 
+TEST(Dpt, ShowsWhatItSolves) {
+  struct Solve {
+    Dpt::Springs system;
+    Dpt::Placement start;
+    Summary summary;
+  };
+  std::vector<Solve> solves;
+  DptOptions options;
+  options.on_solve = [&](const Dpt::Springs& system, const Dpt::Placement& start, const Summary& summary) {
+    solves.push_back({system, start, summary});
+  };
+  const Scene scene;
+  Dpt watched(options), alone;
+  watched.init(scene.frame(0), Scene::box(0));
+  alone.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) {
+    const TrackResult result = watched.update(scene.frame(t));
+    expect_same(result, alone.update(scene.frame(t)));
+    // The recorded system leads from the recorded start to the tracker's own placement.
+    ASSERT_EQ(solves.size(), static_cast<std::size_t>(t));
+    const Solve& last = solves.back();
+    Dpt::Placement x = last.start;
+    Ida<Dpt::Springs> solver(last.system, options.solver);
+    const Summary summary = solver.solve(last.system, x);
+    EXPECT_EQ(summary.iterations, last.summary.iterations);
+    EXPECT_EQ(summary.initial_energy, last.summary.initial_energy);
+    EXPECT_EQ(summary.final_energy, last.summary.final_energy);
+    for (std::size_t i = 0; i < 4; ++i)
+      EXPECT_EQ(x.col(static_cast<Eigen::Index>(i)), result.parts[i].position);
+  }
+}
+
+TEST(Dpt, GoesOnAfterAnObserverThatThrows) {
+  DptOptions options;
+  bool throws = false;
+  options.on_solve = [&](const auto&, const auto&, const Summary&) {
+    if (throws) throw std::runtime_error("full");
+  };
+  const Scene scene;
+  Dpt disturbed(options), alone;
+  disturbed.init(scene.frame(0), Scene::box(0));
+  alone.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 6; ++t) {
+    throws = t == 3;
+    if (throws) {
+      EXPECT_THROW(disturbed.update(scene.frame(t)), std::runtime_error);
+    } else {
+      expect_same(disturbed.update(scene.frame(t)), alone.update(scene.frame(t)));
+    }
+  }
+}
+
 // Half of the object is covered: the covered parts must not learn the cover.
 TEST(Dpt, OccludedPartsAreNotUpdated) {
   const Scene scene;

@@ -86,8 +86,14 @@ TrackResult Dpt::update(const cv::Mat& image) {
   result.times.push_back({"parts", clock.lap()});
 
   // Line 3: the MAP constellation.
+  Placement start;
+  if (options_.on_solve) start = placement;
   summary_ = solver_.solve(springs_, placement);
   result.times.push_back({"springs", clock.lap()});
+  if (options_.on_solve) {
+    options_.on_solve(springs_, start, summary_);
+    clock.lap();
+  }
 
   // Line 4: root position and size by the transform of the constellation.
   const PlaneTransform transform = fit_transform(placement_, placement, options_.transform);

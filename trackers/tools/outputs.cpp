@@ -24,9 +24,9 @@ void append(std::string& line, double value, int decimals = 4) {
   line.append(buffer.data(), end);
 }
 
-std::string why() { return errno == 0 ? "" : std::string(": ") + std::strerror(errno); }
-
 }  // namespace
+
+std::string why() { return errno == 0 ? "" : std::string(": ") + std::strerror(errno); }
 
 CsvFile::CsvFile(const std::string& path) : name_(path == "-" ? "the standard output" : path) {
   errno = 0;

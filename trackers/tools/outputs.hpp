@@ -41,6 +41,9 @@ class VideoFile {
   cv::VideoWriter writer_;
 };
 
+/// The reason in errno as ": reason", empty where it is 0.
+std::string why();
+
 /// Throws std::runtime_error, which names `option`, where a file cannot be made at `path` since there is no
 /// such folder, or where it is the input.
 void check_output(const std::string& option, const std::filesystem::path& path, const std::string& input);

@@ -1,6 +1,7 @@
 #include "run.hpp"
 
 #include <algorithm>
+#include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <chrono>
 #include <cmath>
@@ -15,6 +16,7 @@
 #include "outputs.hpp"
 #include "overlay.hpp"
 #include "progress.hpp"
+#include "system_recorder.hpp"
 #include "window.hpp"
 
 namespace asterism::tools {
@@ -44,6 +46,14 @@ void check(const Options& options) {
   if (options.box) parse_box(*options.box);
   if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
   if (!options.save.empty()) check_output("--save", options.save, options.input);
+  if (!options.systems.empty()) {
+    SystemRecorder::check_built();
+    if (options.tracker != "dpt") {
+      throw std::runtime_error("--record-systems: tracker \"" + options.tracker +
+                               "\" solves no spring systems (dpt does)");
+    }
+    check_output("--record-systems", options.systems, options.input);
+  }
   if (!options.sheet.empty()) {
     check_output("--sheet", options.sheet, options.input);
     if (!cv::haveImageWriter(options.sheet)) {
@@ -70,6 +80,12 @@ cv::Rect2d first_box(const Options& options, const std::vector<GroundTruth>& tru
       "where is the object? Give its first box by --box x,y,width,height, select it with the mouse by "
       "--show, or "
       "use a folder with groundtruth.txt");
+}
+
+// What the recorded systems are called after: the last part of the input's path.
+std::string name_of(const std::string& input) {
+  const std::filesystem::path path = std::filesystem::absolute(input).lexically_normal();
+  return (path.has_filename() ? path : path.parent_path()).filename().string();
 }
 
 // Everything that a run leaves behind.
@@ -149,7 +165,9 @@ void run(const Options& options) {
   const int available = source.frame_count() > 0 ? source.frame_count() - options.start + 1 : options.frames;
   const int total = options.frames > 0 ? std::min(available, options.frames) : available;
 
-  AnyTracker tracker = make_tracker(options.tracker);
+  std::optional<SystemRecorder> recorder;
+  if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input));
+  AnyTracker tracker = recorder ? AnyTracker(recorder->make_tracker()) : make_tracker(options.tracker);
   TrackResult result;
   result.box = first_box(options, truth, window ? &*window : nullptr, image);
   result.confidence = 1;
@@ -186,6 +204,7 @@ void run(const Options& options) {
         score.overlaps += overlap(result.box, truth[at].box);
         ++score.compared;
       }
+      if (recorder) recorder->write(source.position());
       go_on = outputs.add(image, result, source.position(), milliseconds);
       progress.report(score.updates + 1);
     }

@@ -8,7 +8,7 @@ namespace asterism::tools {
 
 /// The command line.
 struct Options {
-  std::string input, tracker = "dpt", out, save, sheet;
+  std::string input, tracker = "dpt", out, save, sheet, systems;
   std::optional<std::string> box;
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all

@@ -53,6 +53,8 @@ int run_command_line(int argc, char** argv) {
   app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");
   app.add_option("--save", options.save, "overlay video (.mp4)");
   app.add_option("--sheet", options.sheet, "contact sheet of eight frames (.png)");
+  app.add_option("--record-systems", options.systems,
+                 "file of the spring systems that dpt solves, with their starts, as JSON lines (.jsonl)");
   app.add_flag("--show", options.show,
                "show the overlay; q stops, space pauses; also to select the first box");
   app.add_option("--start", options.start, "number of the first frame, from 1")->check(count);

@@ -4,6 +4,7 @@
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/transform.hpp>
+#include <functional>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -12,6 +13,9 @@ enum class Constellation { Full, Local, Star };
 
 /// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. What the paper leaves open is said so.
 struct DptOptions {
+  static constexpr int kMaxParts = 16;
+  using Springs = SpringSystem<double, 2, Eigen::Dynamic, kMaxParts>;
+
   CoarseOptions coarse;
   /// The parts' filters; the paper's parameters are those of the root.
   KcfOptions part;
@@ -35,6 +39,11 @@ struct DptOptions {
 
   /// IDA's stopping rule. Open in the paper; see docs/results/one-pass.md.
   SolverOptions solver;
+
+  /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)
+  /// and its summary, to look at or to record them; none if empty. What it throws leaves `update`, and the
+  /// next one goes on from the frame before.
+  std::function<void(const Springs& system, const Springs::Points& start, const Summary& summary)> on_solve;
 };
 
 /// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a colour model,
@@ -42,10 +51,10 @@ struct DptOptions {
 /// paper's Algorithm 2.
 class Dpt {
  public:
-  static constexpr int kMaxParts = 16;
+  static constexpr int kMaxParts = DptOptions::kMaxParts;
   /// The box keeps to this range of its first size, whatever a collapsed or burst constellation says.
   static constexpr double kMinScale = 0.1, kMaxScale = 10;
-  using Springs = SpringSystem<double, 2, Eigen::Dynamic, kMaxParts>;
+  using Springs = DptOptions::Springs;
   using Placement = Springs::Points;  ///< 2 x N_p, a part is a column
 
   /// Throws std::invalid_argument for options out of range.
