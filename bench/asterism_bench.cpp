@@ -1,15 +1,25 @@
 // asterism-bench: the solver laboratory.
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <cstdio>
+#include <exception>
 #include <string>
+#include <vector>
+
+#ifdef ASTERISM_BENCH_MPI
+#include <mpi.h>
+#endif
 
 #include "bars.hpp"
 #include "crossovers.hpp"
+#include "experiments.hpp"
+#include "solve.hpp"
 
 namespace {
 
+using namespace asterism::bench;
+
 int run_bars(bool quick, const std::string& group) {
-  using namespace asterism::bench;
   Bars bars(quick, group);
   std::printf("%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");
   small_bars(bars);
@@ -21,9 +31,111 @@ int run_bars(bool quick, const std::string& group) {
   return 0;
 }
 
-}  // namespace
+/// Shares an experiment among the processes of mpirun; one process without it.
+class Processes {
+ public:
+#ifdef ASTERISM_BENCH_MPI
+  Processes(int& argc, char**& argv) {
+    MPI_Init(&argc, &argv);
+    MPI_Comm_rank(MPI_COMM_WORLD, &shard_.index);
+    MPI_Comm_size(MPI_COMM_WORLD, &shard_.count);
+  }
+  ~Processes() {
+    if (std::uncaught_exceptions() > 0) MPI_Abort(MPI_COMM_WORLD, 1);
+    MPI_Finalize();
+  }
+  std::function<void()> barrier() const {
+    return [] { MPI_Barrier(MPI_COMM_WORLD); };
+  }
+#else
+  Processes(int&, char**&) {}
+  std::function<void()> barrier() const { return {}; }
+#endif
+  Processes(const Processes&) = delete;
+  Processes& operator=(const Processes&) = delete;
+  Shard shard() const { return shard_; }
 
-int main(int argc, char** argv) {
+ private:
+  Shard shard_;
+};
+
+/// What an experiment is asked for on the command line, with its own defaults.
+struct ExperimentCommand {
+  Experiment (*make)(const Selection&);
+  CLI::App* app = nullptr;
+  std::vector<std::string> kinds = {"lit"};
+  std::vector<int> sizes;
+  std::vector<int> sparse_sizes;
+  std::string solvers;
+  int systems;
+  std::string recorded;
+  std::string folder = "results";
+
+  ExperimentCommand(CLI::App& parent, const char* name, const char* what,
+                    Experiment (*experiment)(const Selection&), std::vector<int> default_sizes,
+                    std::string default_solvers, int default_systems)
+      : make(experiment),
+        sizes(std::move(default_sizes)),
+        solvers(std::move(default_solvers)),
+        systems(default_systems) {
+    app = parent.add_subcommand(name, what);
+    std::vector<std::string> known;
+    for (const Kind kind : kKinds) known.emplace_back(to_string(kind));
+    app->add_option("--kinds", kinds, "random systems: lit, orig, disp, track")
+        ->delimiter(',')
+        ->check(CLI::IsMember(known))
+        ->capture_default_str();
+    app->add_option("--sizes", sizes, "nodes of the fully connected systems")
+        ->delimiter(',')
+        ->check(CLI::Range(1, 10000))
+        ->capture_default_str();
+    app->add_option("--sparse", sparse_sizes, "nodes of the systems of local links, too")
+        ->delimiter(',')
+        ->check(CLI::Range(10, 10000000));
+    app->add_option("--solvers", solvers, "names as `asterism-bench solvers` lists them, or all")
+        ->capture_default_str();
+    app->add_option("--systems", systems, "systems of each kind and size; a tenth beyond 100 nodes")
+        ->check(CLI::Range(1, 100000000))
+        ->capture_default_str();
+    app->add_option("--recorded", recorded,
+                    "file of systems (asterism-track --record-systems), the kind real");
+    app->add_option("--results", folder, "folder of the results; what it has is not measured again")
+        ->capture_default_str();
+  }
+
+  int run(const Processes& processes, const std::string& command) const {
+    Selection selection;
+    for (const Kind kind : kKinds) {
+      if (std::find(kinds.begin(), kinds.end(), to_string(kind)) != kinds.end())
+        selection.kinds.push_back(kind);
+    }
+    selection.sizes = sizes;
+    selection.sparse_sizes = sparse_sizes;
+    selection.solvers = solvers_named(solvers);
+    selection.systems = systems;
+    if (!recorded.empty())
+      selection.recorded = std::make_shared<const std::vector<Problem>>(read_problems(recorded));
+    const Experiment experiment = make(selection);
+    const Results results = run_cells(experiment.name, experiment.cells,
+                                      {folder, command, processes.shard(), processes.barrier()});
+    if (stop_signal() != 0) return 128 + stop_signal();
+    if (processes.shard().index == 0) experiment.report(results);
+    return 0;
+  }
+};
+
+int list_solvers() {
+  for (const SolverEntry& entry : solvers()) {
+    std::printf("%-16s %-22s %s\n", entry.name.c_str(), entry.package.c_str(), entry.title.c_str());
+  }
+  return 0;
+}
+
+int run_command_line(int argc, char** argv) {
+  std::string command = "asterism-bench";
+  for (int a = 1; a < argc; ++a) command += std::string(" ") + argv[a];
+  const Processes processes(argc, argv);
+
   CLI::App app("The solver laboratory: what the solvers are measured by.", "asterism-bench");
   app.require_subcommand(1);
 
@@ -42,9 +154,74 @@ int main(int argc, char** argv) {
   crossovers->add_flag("--dense", dense, "fully connected systems alone");
   crossovers->add_flag("--sparse", sparse, "sparse systems alone");
 
+  CLI::App* solver_list = app.add_subcommand("solvers", "lists the solvers that experiments can ask for");
+
+  CLI::App* solve = app.add_subcommand("solve", "every solver on the systems of a file: a table each");
+  std::string file, chosen = "all";
+  Limits limits;
+  solve->add_option("FILE", file, "JSON as in docs/system-json.md")->required();
+  solve->add_option("--solver,--solvers", chosen, "names, separated by commas, or all")
+      ->capture_default_str();
+  solve->add_option("--tolerance", limits.tolerance, "of the stopping rule")->capture_default_str();
+  solve->add_option("--iterations", limits.iterations, "at most")->capture_default_str();
+
+  // From the paper's comparison outwards; what takes too long for a size is left out there.
+  const ExperimentCommand experiments[] = {
+      {app,
+       "convergence",
+       "energy that remains after each iteration (the paper's Figure 7)",
+       convergence,
+       {4, 16, 64},
+       "ida,ncg,ncg-forward,newton,lbfgs,liblbfgs,ceres-dense",
+       10000},
+      {app,
+       "scaling",
+       "iterations and time against the number of parts (Figure 9)",
+       scaling,
+       {4, 9, 16, 25, 36, 64, 100, 200, 400, 1000},
+       "ida,ncg,newton,lbfgs,newton-cg,auto,schwarz,liblbfgs",
+       100},
+      {app,
+       "hard",
+       "near-coincident pairs, weak anchors, stiff pairs, saddles (Figure 8)",
+       hard,
+       {4},
+       "all",
+       100},
+      {app,
+       "minima",
+       "how often solvers and starts end in different minima",
+       minima,
+       {4, 9, 16},
+       "ida,ida-relaxed,newton,lbfgs,ncg,ceres-dense",
+       300},
+      {app, "pareto", "accuracy against time", pareto, {4, 16, 64}, "all", 20}};
+
   CLI11_PARSE(app, argc, argv);
   if (bars->parsed()) return run_bars(quick, group);
-  if (dense || !sparse) asterism::bench::dense_crossovers();
-  if (sparse || !dense) asterism::bench::sparse_crossovers(quick);
+  if (crossovers->parsed()) {
+    if (dense || !sparse) dense_crossovers();
+    if (sparse || !dense) sparse_crossovers(quick);
+    return 0;
+  }
+  if (solver_list->parsed()) return list_solvers();
+  if (solve->parsed()) {
+    solve_file(file, solvers_named(chosen), limits);
+    return 0;
+  }
+  for (const ExperimentCommand& experiment : experiments) {
+    if (experiment.app->parsed()) return experiment.run(processes, command);
+  }
   return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run_command_line(argc, argv);
+  } catch (const std::exception& e) {
+    std::fprintf(stderr, "asterism-bench: %s\n", e.what());
+    return 1;
+  }
 }

@@ -1,21 +1,13 @@
 #pragma once
 
-#include <ctime>
 #include <string>
 #include <string_view>
 #include <vector>
 
+#include "measure.hpp"
 #include "random_system.hpp"
 
 namespace asterism::bench {
-
-/// CPU time of this thread [s].
-double cpu_seconds();
-double median(std::vector<double> values);
-/// The value below which the share p of `values` lies.
-double percentile(std::vector<double> values, double p);
-/// printf into a string.
-[[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
 
 /// What the solvers are measured by: prints a line a bar with what was measured, the bar, the aim beyond it,
 /// and whether they are met.

@@ -12,7 +12,6 @@ namespace asterism::bench {
 
 namespace {
 
-using Kind;
 using Reference = SpringSystem<double, 2, 4>;
 using Samples = std::vector<RandomSystem<Reference>>;
 

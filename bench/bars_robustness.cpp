@@ -9,7 +9,6 @@ namespace asterism::bench {
 void robustness_bars(Bars& bars) {
   if (!bars.wanted("robustness")) return;
   using System = SpringSystem<double, 2, 4>;
-  using Kind;
   const int count = bars.quick() ? 10000 : 1000000;
   Rng rng(7);
   int bad = 0, converged = 0, plain = 0, same = 0, saddles = 0, polished = 0, within = 0;

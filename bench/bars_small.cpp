@@ -17,8 +17,6 @@ namespace asterism::bench {
 
 namespace {
 
-using Kind;
-
 void speed(Bars& bars) {
   using System = SpringSystem<double, 2, 4>;
   for (const Kind kind : {Kind::Lit, Kind::Track}) {

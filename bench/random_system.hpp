@@ -79,7 +79,7 @@ constexpr std::string_view to_string(Kind kind) {
   return kNames[static_cast<std::size_t>(kind)];
 }
 
-namespace detail {
+namespace generation {
 
 template <int kDim>
 using Doubles = Eigen::Matrix<double, kDim, Eigen::Dynamic>;
@@ -116,12 +116,12 @@ void draw_anchor_stiffness(Rng& rng, System& system, double sum_of_links) {
   }
 }
 
-}  // namespace detail
+}  // namespace generation
 
 /// Dim x n coordinates, each uniform in [low, high), drawn node by node.
 template <typename System>
 typename System::Points random_points(Rng& rng, int n, double low, double high) {
-  return detail::random_points<System::kDim>(rng, n, low, high).template cast<typename System::Scalar>();
+  return generation::random_points<System::kDim>(rng, n, low, high).template cast<typename System::Scalar>();
 }
 
 /// Random systems of the paper's Sec. 3.2.1: nodes p uniform in the unit cube, displaced by d of up to 0.5 an
@@ -131,11 +131,11 @@ typename System::Points random_points(Rng& rng, int n, double low, double high) 
 template <typename System>
 RandomSystem<System> random_paper_system(Rng& rng, const typename System::TopologyType& topology, Kind kind) {
   using Scalar = typename System::Scalar;
-  using Doubles = detail::Doubles<System::kDim>;
+  using Doubles = generation::Doubles<System::kDim>;
   const int n = topology.nodes();
-  const Doubles nodes = detail::random_points<System::kDim>(rng, n, 0, 1);
-  const Doubles displaced = nodes + detail::random_points<System::kDim>(rng, n, -0.5, 0.5);
-  const Doubles anchor_displacement = detail::random_points<System::kDim>(rng, n, -0.25, 0.25);
+  const Doubles nodes = generation::random_points<System::kDim>(rng, n, 0, 1);
+  const Doubles displaced = nodes + generation::random_points<System::kDim>(rng, n, -0.5, 0.5);
+  const Doubles anchor_displacement = generation::random_points<System::kDim>(rng, n, -0.25, 0.25);
 
   RandomSystem<System> result{System(topology), displaced.template cast<Scalar>()};
   System& system = result.system;
@@ -143,13 +143,13 @@ RandomSystem<System> random_paper_system(Rng& rng, const typename System::Topolo
       Doubles((kind == Kind::Orig ? nodes : displaced) + anchor_displacement).template cast<Scalar>();
   double sum = 0;
   for (int l = 0; const Link& link : system.links()) {
-    const double k =
-        detail::paper_stiffness(detail::distance<System::kDim>(kind == Kind::Disp ? displaced : nodes, link));
-    system.rest_length[l] = static_cast<Scalar>(detail::distance<System::kDim>(nodes, link));
+    const double k = generation::paper_stiffness(
+        generation::distance<System::kDim>(kind == Kind::Disp ? displaced : nodes, link));
+    system.rest_length[l] = static_cast<Scalar>(generation::distance<System::kDim>(nodes, link));
     system.link_stiffness[l++] = static_cast<Scalar>(k);
     sum += k;
   }
-  detail::draw_anchor_stiffness(rng, system, sum);
+  generation::draw_anchor_stiffness(rng, system, sum);
   return result;
 }
 
@@ -160,7 +160,7 @@ template <typename System>
 RandomSystem<System> random_track_system(Rng& rng, const typename System::TopologyType& topology) {
   using Scalar = typename System::Scalar;
   constexpr int kDim = System::kDim;
-  using Doubles = detail::Doubles<kDim>;
+  using Doubles = generation::Doubles<kDim>;
   const int n = topology.nodes();
   const auto cells = [](int side) {
     int count = 1;
@@ -189,8 +189,8 @@ RandomSystem<System> random_track_system(Rng& rng, const typename System::Topolo
   }
   system.anchors = anchors.template cast<Scalar>();
   for (int l = 0; const Link& link : system.links()) {
-    const double length = detail::distance<kDim>(grid, link);
-    const double strain = (length - detail::distance<kDim>(anchors, link)) / length;
+    const double length = generation::distance<kDim>(grid, link);
+    const double strain = (length - generation::distance<kDim>(anchors, link)) / length;
     system.rest_length[l] = static_cast<Scalar>(length);
     system.link_stiffness[l++] = static_cast<Scalar>(strain * strain);
   }

@@ -1,4 +1,5 @@
 #include <ceres/ceres.h>
+#include <ceres/version.h>
 #include <glog/logging.h>
 
 #include <algorithm>
@@ -8,7 +9,11 @@
 #include <mutex>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI::reference::detail {
+namespace asterism::inline ASTERISM_ABI::reference {
+
+const char* ceres_version() { return CERES_VERSION_STRING; }
+
+namespace detail {
 
 namespace {
 
@@ -183,4 +188,6 @@ Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterati
   return result.IsSolutionUsable() ? Status::NoProgress : Status::NumericalFailure;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI::reference::detail
+}  // namespace detail
+
+}  // namespace asterism::inline ASTERISM_ABI::reference

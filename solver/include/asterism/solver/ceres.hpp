@@ -43,6 +43,9 @@ Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterati
 
 }  // namespace detail
 
+/// Version of the Ceres that was compiled with, such as "2.1.0".
+const char* ceres_version();
+
 /// Ceres as a reference for the library's own solvers: residuals sqrt(k_i) (x_i - a_i) and sqrt(k_ij) (r_ij -
 /// mu_ij) with analytic Jacobians, in double whatever the system's scalar. Ceres's own tolerances are off: it
 /// is stopped by the same rule as every other solver, and its verdict is recomputed. Silent; Ceres's words

@@ -1,0 +1,107 @@
+#include "experiments.hpp"
+
+#include <cstdio>
+#include <map>
+
+#include "sparse_system.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+// Small enough for a cell to take about a second with the slower solvers.
+int chunk_size(int nodes) {
+  if (nodes <= 16) return 100;
+  if (nodes <= 100) return 10;
+  return 1;
+}
+
+}  // namespace
+
+std::vector<Chunk> chunks(const Selection& selection) {
+  std::vector<std::vector<Chunk>> by_group;
+  const auto add = [&](const std::string& group, int nodes, bool is_sparse, int count,
+                       std::function<Problem(int)> problem) {
+    auto& result = by_group.emplace_back();
+    const int size = chunk_size(nodes);
+    for (int first = 0; first < count; first += size) {
+      result.push_back({group, nodes, is_sparse, first, std::min(size, count - first), problem});
+    }
+  };
+  for (const Kind kind : selection.kinds) {
+    for (const int n : selection.sizes) {
+      // Large systems are fewer, and vary less.
+      const int count = n <= 100 ? selection.systems : std::max(1, selection.systems / 10);
+      add(std::string(to_string(kind)) + "/" + std::to_string(n), n, false, count, [kind, n](int index) {
+        return numbered_system<System>(kind, Topology<>::full(n), static_cast<std::uint64_t>(index));
+      });
+    }
+  }
+  for (const int n : selection.sparse_sizes) {
+    add("sparse/" + std::to_string(n), n, true, std::clamp(selection.systems / 10, 1, 1000000 / n + 1),
+        [n](int index) { return sparse_system<System>(static_cast<std::uint64_t>(index) + 1, n); });
+  }
+  std::map<int, std::vector<int>> recorded;
+  for (std::size_t i = 0; i < selection.recorded->size(); ++i) {
+    recorded[(*selection.recorded)[i].system.nodes()].push_back(static_cast<int>(i));
+  }
+  for (const auto& [n, indices] : recorded) {
+    const auto count = static_cast<int>(indices.size());
+    add("real/" + std::to_string(n), n, false, count, [all = selection.recorded, indices](int index) {
+      return (*all)[static_cast<std::size_t>(indices[static_cast<std::size_t>(index)])];
+    });
+  }
+
+  std::vector<Chunk> result;
+  for (std::size_t round = 0, more = 1; more != 0; ++round) {
+    more = 0;
+    for (const auto& group : by_group) {
+      if (round >= group.size()) continue;
+      result.push_back(group[round]);
+      ++more;
+    }
+  }
+  return result;
+}
+
+std::vector<Cell> cells_of(const Selection& selection,
+                           const std::function<Json(Runner&, const Chunk&)>& measure) {
+  std::vector<Cell> cells;
+  for (const Chunk& chunk : chunks(selection)) {
+    for (const SolverEntry& solver : selection.solvers) {
+      if (chunk.nodes > (chunk.is_sparse ? solver.sparse_nodes : solver.dense_nodes)) continue;
+      cells.push_back({chunk.group + "/" + std::to_string(chunk.first) + "+" + std::to_string(chunk.count) +
+                           "/" + solver.name,
+                       [chunk, solver, measure] {
+                         const auto runner = solver.make(chunk.nodes);
+                         Json json{{"group", chunk.group}, {"solver", solver.name}, {"systems", chunk.count}};
+                         json.update(measure(*runner, chunk));
+                         return json;
+                       }});
+    }
+  }
+  return cells;
+}
+
+std::vector<const Json*> cells_with(const Results& results, const std::string& group,
+                                    const std::string& solver) {
+  std::vector<const Json*> found;
+  for (const auto& [key, cell] : results) {
+    if (cell["group"] == group && cell["solver"] == solver) found.push_back(&cell);
+  }
+  return found;
+}
+
+std::vector<std::string> groups(const Selection& selection) {
+  std::vector<std::string> result;
+  for (const Chunk& chunk : chunks(selection)) {
+    if (std::find(result.begin(), result.end(), chunk.group) == result.end()) result.push_back(chunk.group);
+  }
+  return result;
+}
+
+void claim(const char* text, bool reproduced, const std::string& evidence) {
+  std::printf("  %s: %s\n    %s\n", reproduced ? "reproduced" : "NOT reproduced", text, evidence.c_str());
+}
+
+}  // namespace asterism::bench

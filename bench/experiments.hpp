@@ -1,0 +1,72 @@
+#pragma once
+
+// The experiments of the laboratory: what each measures and stores, and what it says of the paper's claims.
+
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "laboratory.hpp"
+#include "store.hpp"
+
+namespace asterism::bench {
+
+/// What an experiment is run on.
+struct Selection {
+  std::vector<Kind> kinds;
+  std::vector<int> sizes;  ///< nodes, fully connected
+  std::vector<int> sparse_sizes;
+  std::vector<SolverEntry> solvers;
+  int systems = 0;  ///< of each kind and size
+  /// A fifth kind, "real": of their own sizes.
+  std::shared_ptr<const std::vector<Problem>> recorded = std::make_shared<std::vector<Problem>>();
+};
+
+struct Experiment {
+  std::string name;
+  std::vector<Cell> cells;
+  /// Prints the tables and what of the paper's claims they bear out.
+  std::function<void(const Results&)> report;
+};
+
+/// Energy that remains after each iteration (the paper's Figure 7).
+Experiment convergence(const Selection& selection);
+/// Iterations and time against the number of parts (Figure 9).
+Experiment scaling(const Selection& selection);
+/// Near-coincident pairs, weak anchors, stiff pairs and saddles (Figure 8).
+Experiment hard(const Selection& selection);
+/// How often solvers and starts end in different minima.
+Experiment minima(const Selection& selection);
+/// Accuracy against time.
+Experiment pareto(const Selection& selection);
+
+/// A group of systems that an experiment measures at one go.
+struct Chunk {
+  std::string group;  ///< "lit/4", "sparse/10000", "real/4"
+  int nodes = 0;
+  bool is_sparse = false;
+  int first = 0;
+  int count = 0;
+  std::function<Problem(int index)> problem;
+};
+
+/// The chunks of a selection, a chunk of each group in turn, so that slow drifts of the machine meet all
+/// alike.
+std::vector<Chunk> chunks(const Selection& selection);
+
+/// For each chunk and each solver that reaches it a cell "group/first/solver" that stores
+/// measure(runner, problem after problem).
+std::vector<Cell> cells_of(const Selection& selection,
+                           const std::function<Json(Runner&, const Chunk&)>& measure);
+
+/// Cells by group and solver: report's view.
+std::vector<const Json*> cells_with(const Results& results, const std::string& group,
+                                    const std::string& solver);
+/// The groups of a selection, in order.
+std::vector<std::string> groups(const Selection& selection);
+
+/// A line on one of the paper's claims.
+void claim(const char* text, bool reproduced, const std::string& evidence);
+
+}  // namespace asterism::bench

@@ -1,0 +1,164 @@
+// Near-coincident pairs, weak anchors, stiff pairs and saddles: the paper's Figure 8 and more.
+#include <cmath>
+#include <cstdio>
+
+#include "experiments.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+/// A way to make systems hard, and how far it is taken.
+struct Case {
+  std::string name;
+  std::vector<double> levels;
+  /// Problem number `index` of four nodes, at a level.
+  std::function<Problem(int index, double level)> problem;
+};
+
+Problem lit(int index) {
+  return numbered_system<System>(Kind::Lit, Topology<>::full(4), static_cast<std::uint64_t>(index));
+}
+
+// The paper's: rest length `level` between the first two nodes, whose others they share, and the stiffness
+// (0.1 length)^-2 that goes with it.
+Problem near_coincident(int index, double level) {
+  Problem problem = lit(index);
+  System& system = problem.system;
+  const auto link_of = [&](int i, int j) {
+    int l = 0;
+    while (system.links()[static_cast<std::size_t>(l)] != Link{i, j}) ++l;
+    return l;
+  };
+  system.rest_length[link_of(0, 1)] = level;
+  system.link_stiffness[link_of(0, 1)] = 1 / (0.01 * level * level);
+  for (const int j : {2, 3}) {
+    system.rest_length[link_of(1, j)] = system.rest_length[link_of(0, j)];
+    system.link_stiffness[link_of(1, j)] = system.link_stiffness[link_of(0, j)];
+  }
+  return problem;
+}
+
+Problem weak_anchors(int index, double level) {
+  Problem problem = lit(index);
+  problem.system.anchor_stiffness *= level;
+  return problem;
+}
+
+Problem stiff_pair(int index, double level) {
+  Problem problem = lit(index);
+  problem.system.link_stiffness[0] *= level;
+  return problem;
+}
+
+// Start and anchors on a line, which no gradient leaves; with weak anchors, rest lengths want the plane.
+Problem saddle(int index, double level) {
+  Problem problem = lit(index);
+  problem.system.anchor_stiffness *= level;
+  problem.system.anchors.row(1).setZero();
+  problem.start.row(1).setZero();
+  return problem;
+}
+
+const std::vector<Case>& cases() {
+  static const std::vector<Case> result = {
+      {"near-coincident", {1e-1, 1e-2, 1e-3, 1e-4, 1e-6}, near_coincident},
+      {"weak-anchors", {1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12}, weak_anchors},
+      {"stiff-pair", {1e2, 1e4, 1e6, 1e8, 1e12}, stiff_pair},
+      {"saddle", {1, 1e-1, 1e-2}, saddle}};
+  return result;
+}
+
+Json coordinates(const Points& x) {
+  Json result = Json::array();
+  for (const auto& column : x.colwise()) result.push_back({column[0], column[1]});
+  return result;
+}
+
+// The first problem is drawn: nodes before and after.
+Json measure(Runner& runner, const Case& hard, double level, int systems) {
+  Json cell{{"energies", Json::array()}, {"iterations", Json::array()}, {"statuses", Json::array()}};
+  Points x;
+  for (int index = 0; index < systems; ++index) {
+    const Problem problem = hard.problem(index, level);
+    runner.load(problem);
+    const Summary summary = runner.solve({1e-8, 10000}, x);
+    cell["energies"].push_back(summary.final_energy);
+    cell["iterations"].push_back(summary.iterations);
+    cell["statuses"].push_back(std::string(to_string(summary.status)));
+    if (index == 0) {
+      cell["anchors"] = coordinates(problem.system.anchors);
+      cell["start"] = coordinates(problem.start);
+      cell["end"] = coordinates(x);
+    }
+  }
+  return cell;
+}
+
+}  // namespace
+
+Experiment hard(const Selection& selection) {
+  const int systems = std::min(selection.systems, 100);
+  std::vector<Cell> cells;
+  for (const Case& hard : cases()) {
+    for (const double level : hard.levels) {
+      const std::string group = hard.name + "/" + format("%g", level);
+      for (const SolverEntry& solver : selection.solvers) {
+        if (solver.dense_nodes < 4) continue;
+        cells.push_back({group + "/" + std::to_string(systems) + "/" + solver.name, [=] {
+                           const auto runner = solver.make(4);
+                           Json cell{{"group", group}, {"solver", solver.name}, {"systems", systems}};
+                           cell["case"] = hard.name;
+                           cell["level"] = level;
+                           cell.update(measure(*runner, hard, level, systems));
+                           return cell;
+                         }});
+      }
+    }
+  }
+
+  const auto report = [selection, systems](const Results& results) {
+    double worst_ida = 0, worst_cg = 0;  // shares that ended far above the best, near-coincident
+    for (const Case& hard : cases()) {
+      for (const double level : hard.levels) {
+        const std::string group = hard.name + "/" + format("%g", level);
+        std::vector<double> best(static_cast<std::size_t>(systems), std::numeric_limits<double>::infinity());
+        const auto energies = [&](const std::string& solver, auto&& take) {
+          for (const Json* cell : cells_with(results, group, solver)) {
+            for (std::size_t s = 0; s < best.size(); ++s) take(s, (*cell)["energies"][s].get<double>());
+          }
+        };
+        for (const SolverEntry& solver : selection.solvers)
+          energies(solver.name, [&](std::size_t s, double e) { best[s] = std::min(best[s], e); });
+        std::printf("\n%s: excess over the lowest energy found; %d systems\n", group.c_str(), systems);
+        std::printf("  %-14s %10s %10s %12s %12s %12s\n", "", "median", "95 %", "> 1 % above", "unconverged",
+                    "iterations");
+        for (const SolverEntry& solver : selection.solvers) {
+          const auto found = cells_with(results, group, solver.name);
+          if (found.empty()) continue;
+          std::vector<double> excess, iterations;
+          int far = 0, unconverged = 0;
+          energies(solver.name, [&](std::size_t s, double e) {
+            excess.push_back(e / std::max(best[s], 1e-300) - 1);
+            far += excess.back() > 0.01;
+          });
+          for (const double k : (*found[0])["iterations"]) iterations.push_back(k);
+          for (const std::string status : (*found[0])["statuses"]) unconverged += status != "converged";
+          std::printf("  %-14s %10.1e %10.1e %12d %12d %12.0f\n", solver.name.c_str(), median(excess),
+                      percentile(excess, 0.95), far, unconverged, median(iterations));
+          if (hard.name != "near-coincident") continue;
+          if (solver.name == "ida") worst_ida = std::max(worst_ida, far / double(systems));
+          if (solver.name == "ncg-forward") worst_cg = std::max(worst_cg, far / double(systems));
+        }
+      }
+    }
+    std::printf("\n");
+    claim("with near-coincident nodes CG with numeric gradients stops at higher energies, where IDA does not",
+          worst_cg > 0.2 && worst_ida < 0.1,
+          format("more than 1 %% above the best: IDA %.0f %%, CG %.0f %% at the worst level", 100 * worst_ida,
+                 100 * worst_cg));
+  };
+  return {"hard", cells, report};
+}
+
+}  // namespace asterism::bench

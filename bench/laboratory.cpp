@@ -1,0 +1,85 @@
+#include "laboratory.hpp"
+
+#include <asterism/solver/json.hpp>
+#include <sstream>
+#include <stdexcept>
+
+namespace asterism::bench {
+
+namespace {
+
+std::vector<SolverEntry>& entries() {
+  static std::vector<SolverEntry> all;  // filled by static objects of other files
+  return all;
+}
+
+}  // namespace
+
+Registration::Registration(SolverEntry entry) {
+  auto& all = entries();
+  const auto at = std::find_if(all.begin(), all.end(),
+                               [&](const SolverEntry& other) { return other.name >= entry.name; });
+  if (at != all.end() && at->name == entry.name) throw std::logic_error("two solvers named " + entry.name);
+  all.insert(at, std::move(entry));
+}
+
+const std::vector<SolverEntry>& solvers() { return entries(); }
+
+std::vector<SolverEntry> solvers_named(const std::string& list) {
+  if (list == "all") return solvers();
+  using asterism::detail::stored::edit_distance;
+  std::vector<SolverEntry> result;
+  std::istringstream names(list);
+  for (std::string name; std::getline(names, name, ',');) {
+    const auto& all = solvers();
+    const auto at =
+        std::find_if(all.begin(), all.end(), [&](const SolverEntry& entry) { return entry.name == name; });
+    if (at == all.end()) {
+      const auto nearest = std::min_element(all.begin(), all.end(), [&](const auto& a, const auto& b) {
+        return edit_distance(a.name, name) < edit_distance(b.name, name);
+      });
+      throw std::invalid_argument("no solver is named " + name + "; the nearest is " + nearest->name);
+    }
+    result.push_back(*at);
+  }
+  if (result.empty()) throw std::invalid_argument("the list of solvers is empty");
+  return result;
+}
+
+ToGap to_gap(Runner& runner, double gap) {
+  constexpr int kMost = 100000;
+  Points x;
+  const auto energy_after = [&](int iterations, double tolerance) {
+    return runner.solve({tolerance, iterations}, x).final_energy;
+  };
+  ToGap result;
+  result.minimum = energy_after(kMost, 1e-10);
+  const double target = (1 + gap) * result.minimum;
+  int enough = 0, too_few = -1;
+  while (energy_after(enough, 0) > target) {
+    if (enough >= kMost) {
+      result.iterations = -1;
+      return result;
+    }
+    too_few = enough;
+    enough = std::max(1, 2 * enough);
+  }
+  while (enough - too_few > 1) {
+    const int middle = too_few + (enough - too_few) / 2;
+    (energy_after(middle, 0) > target ? too_few : enough) = middle;
+  }
+  result.iterations = enough;
+  result.seconds = steady_seconds(runner, {0, enough});
+  return result;
+}
+
+double steady_seconds(Runner& runner, const Limits& limits) {
+  int repeats = 1;
+  while (true) {
+    const double seconds = runner.seconds(limits, repeats);
+    if (seconds * repeats >= 1e-3 || repeats > 1000000) return seconds;
+    repeats = std::max(2 * repeats, static_cast<int>(1.2e-3 / std::max(seconds, 1e-9)));
+  }
+}
+
+}  // namespace asterism::bench

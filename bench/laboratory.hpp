@@ -1,0 +1,155 @@
+#pragma once
+
+// What the experiments work on: problems, and solvers by name.
+
+#include <algorithm>
+#include <asterism/solver/spring_system.hpp>
+#include <asterism/solver/summary.hpp>
+#include <functional>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "measure.hpp"
+#include "random_system.hpp"
+
+namespace asterism::bench {
+
+using System = SpringSystem<double, 2>;
+using Points = System::Points;
+using Problem = RandomSystem<System>;
+
+/// When a solver stops.
+struct Limits {
+  double tolerance = 1e-8;  ///< as SolverOptions::tolerance
+  int iterations = 100000;
+};
+
+/// A solver at work, with its workspace.
+class Runner {
+ public:
+  virtual ~Runner() = default;
+
+  /// Takes the problem, in the types that the solver is compiled for; to be called first.
+  virtual void load(const Problem& problem) = 0;
+
+  /// Moves x from the problem's start. Energies and status are the library's verdict, whoever solved.
+  virtual Summary solve(const Limits& limits, Points& x) = 0;
+
+  /// CPU time of one such solve [s], the mean of `repeats`: all that the solver does, setup included.
+  virtual double seconds(const Limits& limits, int repeats) = 0;
+};
+
+/// A solver that anyone can ask for by name.
+struct SolverEntry {
+  std::string name;     ///< as in --solvers
+  std::string title;    ///< what it says of itself
+  std::string package;  ///< where it is from, with the version
+  /// Nodes beyond which the experiments do not ask it, as it would take minutes: fully connected systems, and
+  /// systems of local links.
+  int dense_nodes = 0;
+  int sparse_nodes = 0;
+  /// Compiled for systems of this many nodes, where it is for any.
+  std::function<std::unique_ptr<Runner>(int nodes)> make;
+
+  bool reaches(const System& system) const {
+    const bool is_dense = 6L * system.link_count() >= 1L * system.nodes() * (system.nodes() - 1);
+    return system.nodes() <= (is_dense ? dense_nodes : sparse_nodes);
+  }
+};
+
+/// All solvers, in the order of their names.
+const std::vector<SolverEntry>& solvers();
+/// Those of a list such as "ida,newton", or "all". Throws std::invalid_argument that names the nearest known
+/// one.
+std::vector<SolverEntry> solvers_named(const std::string& list);
+
+/// Makes a solver known: one static object of this in a file of bench/solvers/ adds it to every experiment.
+struct Registration {
+  explicit Registration(SolverEntry entry);
+};
+
+/// Runner of a class with `options` and `solve` as the library's solvers have, for the system type that it is
+/// compiled for.
+template <typename Solver, typename Native = System>
+class RunnerOf final : public Runner {
+ public:
+  Solver& solver() { return solver_; }
+
+  void load(const Problem& problem) override {
+    const System& system = problem.system;
+    Native& native = system_.emplace(native_topology(system));
+    native.anchors = system.anchors;
+    native.anchor_stiffness = system.anchor_stiffness;
+    native.rest_length = system.rest_length;
+    native.link_stiffness = system.link_stiffness;
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) native.fix(i);
+    }
+    start_ = problem.start;
+  }
+
+  Summary solve(const Limits& limits, Points& x) override {
+    set(limits);
+    x_ = start_;
+    const Summary summary = solver_.solve(*system_, x_);
+    x = x_;
+    return summary;
+  }
+
+  double seconds(const Limits& limits, int repeats) override {
+    set(limits);
+    const double before = cpu_seconds();
+    for (int r = 0; r < repeats; ++r) {
+      x_ = start_;
+      solver_.solve(*system_, x_);
+    }
+    return (cpu_seconds() - before) / repeats;
+  }
+
+ private:
+  // The full one where it is, which some solvers are faster for.
+  static typename Native::TopologyType native_topology(const System& system) {
+    using Topology = typename Native::TopologyType;
+    const int n = system.nodes();
+    if (system.link_count() == n * (n - 1) / 2) {
+      Topology full = Topology::full(n);
+      if (std::equal(full.links().begin(), full.links().end(), system.links().begin())) return full;
+    }
+    return Topology::from_links(n, system.links());
+  }
+
+  void set(const Limits& limits) {
+    solver_.options.tolerance = limits.tolerance;
+    solver_.options.max_iterations = limits.iterations;
+  }
+
+  Solver solver_;
+  std::optional<Native> system_;
+  typename Native::Points start_;
+  typename Native::Points x_;
+};
+
+/// Factory of a solver that is compiled for any number of nodes.
+template <typename Solver>
+std::unique_ptr<Runner> make_runner(int) {
+  return std::make_unique<RunnerOf<Solver>>();
+}
+
+/// What it takes a solver to come close to a minimum.
+struct ToGap {
+  int iterations = 0;  ///< -1 where it does not arrive
+  double seconds = 0;  ///< CPU time of so many, setup included
+  double minimum = 0;  ///< the energy that the gap is measured from
+};
+
+/// For the runner's problem, the fewest iterations after which the energy is within the relative `gap` of the
+/// minimum that the solver itself goes to, and their time.
+ToGap to_gap(Runner& runner, double gap);
+
+/// CPU time of one solve [s], repeated until it takes a millisecond in all.
+double steady_seconds(Runner& runner, const Limits& limits);
+
+}  // namespace asterism::bench

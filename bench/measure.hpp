@@ -1,0 +1,16 @@
+#pragma once
+
+#include <string>
+#include <vector>
+
+namespace asterism::bench {
+
+/// CPU time of this thread [s]: the one clock of the laboratory.
+double cpu_seconds();
+double median(std::vector<double> values);
+/// The value below which the share p of `values` lies.
+double percentile(std::vector<double> values, double p);
+/// printf into a string.
+[[gnu::format(printf, 1, 2)]] std::string format(const char* pattern, ...);
+
+}  // namespace asterism::bench

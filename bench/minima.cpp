@@ -1,0 +1,124 @@
+// How often solvers and starts end in different minima: the energy is not convex.
+#include <algorithm>
+#include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/newton.hpp>
+#include <cmath>
+#include <cstdio>
+
+#include "experiments.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+constexpr int kStarts = 60;
+constexpr double kSame = 1e-6;  // energies that differ by less, relatively, are of one minimum
+
+/// Energies of the different minima that random starts and the problem's own lead to, ascending.
+std::vector<double> minima_of(const Problem& problem) {
+  const System& system = problem.system;
+  const int n = system.nodes();
+  // Starts in a cube about the anchors that is half as large again.
+  const Eigen::Vector2d low = system.anchors.rowwise().minCoeff();
+  const Eigen::Vector2d size = system.anchors.rowwise().maxCoeff() - low;
+  Rng rng(static_cast<std::uint64_t>(n));
+  std::vector<double> energies;
+  Newton<System> newton;
+  Lbfgs<System> lbfgs;
+  for (int s = 0; s < kStarts; ++s) {
+    Points x = problem.start;
+    if (s > 0) {
+      for (int i = 0; i < n; ++i)
+        for (int d = 0; d < 2; ++d) x(d, i) = low[d] + size[d] * rng.uniform(-0.25, 1.25);
+    }
+    newton.options.align = lbfgs.options.align = s == 0;  // from where they are
+    const Summary summary = n <= 16 ? newton.solve(system, x) : lbfgs.solve(system, x);
+    if (summary.status == Status::Converged) energies.push_back(summary.final_energy);
+  }
+  std::sort(energies.begin(), energies.end());
+  const auto same = [](double a, double b) { return b - a <= kSame * b; };
+  energies.erase(std::unique(energies.begin(), energies.end(), same), energies.end());
+  return energies;
+}
+
+Json measure(Runner& runner, const Chunk& chunk, double weakness) {
+  std::vector<double> ends, lowest;
+  std::vector<int> counts;
+  Points x;
+  for (int index = chunk.first; index < chunk.first + chunk.count; ++index) {
+    Problem problem = chunk.problem(index);
+    problem.system.anchor_stiffness *= weakness;
+    const std::vector<double> all = minima_of(problem);
+    counts.push_back(static_cast<int>(all.size()));
+    lowest.push_back(all.empty() ? 0 : all.front());
+    runner.load(problem);
+    ends.push_back(runner.solve({1e-8, 100000}, x).final_energy);
+  }
+  return {
+      {"weakness", weakness}, {"starts", kStarts}, {"minima", counts}, {"lowest", lowest}, {"ends", ends}};
+}
+
+}  // namespace
+
+Experiment minima(const Selection& selection) {
+  std::vector<Cell> cells;
+  const std::vector<double> weaknesses = {1, 1e-2, 1e-4};
+  for (const double weakness : weaknesses) {
+    for (Cell& cell : cells_of(selection, [weakness](Runner&runner, const Chunk&chunk) {
+           return measure(runner, chunk, weakness);
+         })) {
+      cell.key = format("anchors x %g/", weakness) + cell.key;
+      cells.push_back(std::move(cell));
+    }
+  }
+  const auto report = [selection, weaknesses](const Results& results) {
+    double several = 0;
+    for (const std::string& group : groups(selection)) {
+      for (const double weakness : weaknesses) {
+        const auto collect = [&](const std::string& solver, const char* field) {
+          std::vector<double> values;
+          for (const Json* cell : cells_with(results, group, solver)) {
+            if ((*cell)["weakness"] != weakness) continue;
+            for (const double v : (*cell)[field]) values.push_back(v);
+          }
+          return values;
+        };
+        const auto ida = collect("ida", "ends");
+        bool first = true;
+        for (const SolverEntry& solver : selection.solvers) {
+          const auto counts = collect(solver.name, "minima");
+          const auto lowest = collect(solver.name, "lowest");
+          const auto ends = collect(solver.name, "ends");
+          if (ends.empty()) continue;
+          if (first) {
+            const auto many = std::count_if(counts.begin(), counts.end(), [](double c) { return c > 1; });
+            several = std::max(several, double(many) / double(counts.size()));
+            std::printf("\n%s, anchors x %g: %.1f %% of %zu systems have two minima or more (%d starts)\n",
+                        group.c_str(), weakness, 100.0 * double(many) / double(counts.size()), counts.size(),
+                        kStarts);
+            first = false;
+          }
+          int missed = 0, other = 0;
+          std::vector<double> excess = {0};
+          for (std::size_t s = 0; s < ends.size(); ++s) {
+            const bool above = ends[s] > lowest[s] * (1 + 1e-4);
+            missed += above;
+            if (above) excess.push_back(ends[s] / lowest[s] - 1);
+            if (s < ida.size()) other += std::abs(ends[s] - ida[s]) > 1e-4 * ida[s];
+          }
+          std::printf(
+              "  %-14s misses the lowest in %5.1f %% (median excess %.0f %%), not where IDA ends in %5.1f "
+              "%%\n",
+              solver.name.c_str(), 100.0 * missed / double(ends.size()), 100 * median(excess),
+              100.0 * other / double(ends.size()));
+        }
+      }
+    }
+    std::printf("\n");
+    claim("the energy is convex", several == 0,
+          format("up to %.0f %% of a kind's systems have two minima or more", 100 * several));
+  };
+  return {"minima", cells, report};
+}
+
+}  // namespace asterism::bench

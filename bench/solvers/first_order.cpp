@@ -1,0 +1,25 @@
+// Methods that need the gradient alone: L-BFGS and the paper's nonlinear conjugate gradients.
+#include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/nonlinear_cg.hpp>
+
+#include "asterism_solvers.hpp"
+
+namespace asterism::bench {
+namespace {
+
+template <template <typename> typename Gradient>
+SolverEntry nonlinear_cg(const std::string& name, int dense_nodes, int sparse_nodes) {
+  using Solver = NonlinearCg<System, Gradient<System>>;
+  return {name, std::string(Solver::name()), kOurs, dense_nodes, sparse_nodes, make_runner<Solver>};
+}
+
+const Registration kLbfgs(ours<Lbfgs>("lbfgs", 1000, 0));
+using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
+const Registration kJacobi({"lbfgs-jacobi", std::string(JacobiLbfgs::name()), kOurs, 1000, 100000,
+                            make_runner<JacobiLbfgs>});
+const Registration kCg(nonlinear_cg<AnalyticGradient>("ncg", 1000, 10000));
+const Registration kForward(nonlinear_cg<ForwardDifferences>("ncg-forward", 64, 0));
+const Registration kCentral(nonlinear_cg<CentralDifferences>("ncg-central", 64, 0));
+
+}  // namespace
+}  // namespace asterism::bench

@@ -1,0 +1,23 @@
+// Methods that use the Hessian, and the library's choice.
+#include <asterism/solver/auto.hpp>
+#include <asterism/solver/newton.hpp>
+#include <asterism/solver/newton_cg.hpp>
+#include <asterism/solver/schwarz.hpp>
+#include <asterism/solver/sparse_newton.hpp>
+
+#include "asterism_solvers.hpp"
+
+namespace asterism::bench {
+namespace {
+
+const Registration kNewton(ours<Newton>("newton", 64, 0));
+const Registration kNewtonCg({"newton-cg", std::string(NewtonCg<System>::name()), kOurs, 400, 100000,
+                              make_runner<NewtonCg<System>>});
+const Registration kSparseNewton({"newton-sparse", std::string(SparseNewton<System>::name()), kOurs, 100,
+                                  100000, make_runner<SparseNewton<System>>});
+const Registration kSchwarz({"schwarz", std::string(Schwarz<System>::name()), kOurs, 0, 1000000,
+                             make_runner<Schwarz<System>>});
+const Registration kAuto(ours<Auto>("auto", 1000, 1000000));
+
+}  // namespace
+}  // namespace asterism::bench

@@ -1,0 +1,92 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/session.hpp>
+#include <asterism/solver/summary.hpp>
+#include <string_view>
+
+#include "../laboratory.hpp"
+
+namespace asterism::bench {
+
+/// The energy of a system as other packages want it: a function of 2 N numbers, scaled to unit stiffness and
+/// length, for their constants to fit, with the laboratory's stopping rule.
+class Objective {
+ public:
+  Objective(const System& system, const Points& start, asterism::detail::Session<System>& session,
+            Summary& summary)
+      : system_(system), session_(session), summary_(summary), x_(start), gradient_(start) {
+    const double length = characteristic_length(system, start);
+    const double stiffness = node_stiffness(system).maxCoeff();
+    if (length > 0) length_ = length;
+    if (stiffness > 0) stiffness_ = stiffness;
+    best_energy_ = summary.initial_energy;
+    best_ = start;
+  }
+
+  int size() const { return static_cast<int>(x_.size()); }
+  void write(const Points& x, double* numbers) const {
+    Eigen::Map<Points>(numbers, 2, x.cols()) = x / length_;
+  }
+
+  /// Energy at `numbers`, with its gradient where that is not null.
+  double operator()(const double* numbers, double* gradient) {
+    x_ = length_ * Eigen::Map<const Points>(numbers, 2, x_.cols());
+    const double energy = energy_and_gradient(system_, x_, gradient_);
+    ++summary_.energy_evaluations;
+    summary_.gradient_evaluations += gradient != nullptr;
+    if (energy < best_energy_) {
+      best_energy_ = energy;
+      best_ = x_;
+      done_ = session_.done(gradient_);
+    }
+    const double unit = stiffness_ * length_;
+    if (gradient != nullptr) Eigen::Map<Points>(gradient, 2, x_.cols()) = gradient_ / unit;
+    return energy / (unit * length_);
+  }
+
+  /// Whether the lowest point seen is stationary by the stopping rule.
+  bool done() const { return done_; }
+  /// The lowest point seen.
+  const Points& best() const { return best_; }
+
+ private:
+  const System& system_;
+  asterism::detail::Session<System>& session_;
+  Summary& summary_;
+  Points x_;
+  Points gradient_;
+  Points best_;
+  double best_energy_ = 0;
+  double length_ = 1;
+  double stiffness_ = 1;
+  bool done_ = false;
+};
+
+/// A minimiser of another package as a solver. `Method` has a static name() and
+/// static Status minimise(Objective&, const Points& start, int max_iterations, Summary&), which asks the
+/// objective's done() when to stop and counts iterations.
+template <typename Method>
+class PeerSolver {
+ public:
+  SolverOptions options;
+
+  static constexpr std::string_view name() { return Method::name(); }
+
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+      if (session_.done(session_.gradient())) return Status::Converged;
+      if (options.max_iterations == 0) return Status::MaxIterations;
+      Objective objective(system, x, session_, summary);
+      const Status status = Method::minimise(objective, x, options.max_iterations, summary);
+      x = objective.best();
+      return objective.done() ? Status::Converged : status;
+    });
+  }
+
+ private:
+  asterism::detail::Session<System> session_;
+};
+
+}  // namespace asterism::bench

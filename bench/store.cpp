@@ -1,0 +1,220 @@
+#include "store.hpp"
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <chrono>
+#include <csignal>
+#include <cstdio>
+#include <ctime>
+#include <fstream>
+#include <set>
+#include <stdexcept>
+#include <thread>
+
+#include "laboratory.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+namespace fs = std::filesystem;
+
+volatile std::sig_atomic_t g_stop_signal = 0;
+
+void stop_on_signals() {
+  struct sigaction action = {};
+  action.sa_handler = [](int signal) { g_stop_signal = signal; };
+  action.sa_flags =
+      static_cast<int>(SA_RESETHAND | SA_RESTART);  // the second Ctrl-C ends the process at once
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+// Of a fixed computation, some 100 us [s].
+double calibration_seconds() {
+  const double before = cpu_seconds();
+  volatile double sink = 1;
+  double x = 1;
+  for (int i = 0; i < 50000; ++i) x = 1 / (x + 0.5);
+  sink = x;
+  (void)sink;
+  return cpu_seconds() - before;
+}
+
+double calibrate() {
+  std::vector<double> seconds(9);
+  for (double& s : seconds) s = calibration_seconds();
+  return median(seconds);
+}
+
+std::string now() {
+  const std::time_t time = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&time, &utc);
+  return format("%04d-%02d-%02dT%02d:%02d:%02dZ", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday,
+                utc.tm_hour, utc.tm_min, utc.tm_sec);
+}
+
+/// Runs and cells of a results file.
+struct Contents {
+  std::vector<Json> runs;
+  std::map<std::string, Json> cells;
+
+  void read(const fs::path& path) {
+    std::ifstream file(path);
+    if (!file) return;
+    int number = 0;
+    const auto first_run = static_cast<int>(runs.size());
+    for (std::string line; std::getline(file, line);) {
+      ++number;
+      const bool is_complete = !file.eof();  // ends in a newline
+      Json json = Json::parse(line, nullptr, false);
+      if (json.is_discarded() && !is_complete) return;
+      const auto fail = [&](const char* what) {
+        throw std::runtime_error(path.string() + ", line " + std::to_string(number) + ": " + what);
+      };
+      if (!json.is_object() || !json.contains("run") || !json["run"].is_number_integer())
+        fail("not a line of results");
+      json["run"] = first_run + json["run"].get<int>();
+      if (json.contains("machine")) {
+        runs.push_back(json);
+      } else if (json.contains("key") && json["key"].is_string()) {
+        cells[json["key"]] = json;
+      } else {
+        fail("neither a run nor a cell");
+      }
+    }
+  }
+};
+
+fs::path part_path(const RunOptions& options, const std::string& name, int shard) {
+  return options.folder / (name + ".part" + std::to_string(shard) + ".jsonl");
+}
+
+std::string duration(double seconds) {
+  if (seconds < 90) return format("%.0f s", seconds);
+  if (seconds < 5400) return format("%.0f min", seconds / 60);
+  return format("%.1f h", seconds / 3600);
+}
+
+}  // namespace
+
+int stop_signal() { return g_stop_signal; }
+
+Json machine() {
+  Json result;
+  std::ifstream info("/proc/cpuinfo");
+  for (std::string line; std::getline(info, line);) {
+    if (line.starts_with("model name")) {
+      result["cpu"] = line.substr(line.find(':') + 2);
+      break;
+    }
+  }
+  result["cores"] = std::thread::hardware_concurrency();
+#ifdef __clang__
+  result["compiler"] = "clang " __clang_version__;
+#else
+  result["compiler"] = "gcc " __VERSION__;
+#endif
+  result["build"] = ASTERISM_BENCH_BUILD;
+  std::set<std::string> packages = {
+      format("Eigen %d.%d.%d", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)};
+  for (const SolverEntry& entry : solvers()) packages.insert(entry.package);
+  result["packages"] = packages;
+  // The quartiles of a fixed computation's time over its median: how steady the clock is.
+  std::vector<double> seconds(101);
+  for (double& s : seconds) s = calibration_seconds();
+  result["clock_spread"] = (percentile(seconds, 0.75) - percentile(seconds, 0.25)) / median(seconds);
+  return result;
+}
+
+Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options) {
+  stop_on_signals();
+  fs::create_directories(options.folder);
+  const fs::path merged = options.folder / (name + ".jsonl");
+  const bool is_sharded = options.shard.count > 1;
+  const fs::path path = is_sharded ? part_path(options, name, options.shard.index) : merged;
+
+  const auto read_all = [&] {
+    Contents contents;
+    contents.read(merged);
+    // Parts of this run, and of an earlier one that was interrupted.
+    std::vector<fs::path> parts;
+    for (const auto& entry : fs::directory_iterator(options.folder)) {
+      if (entry.path().filename().string().starts_with(name + ".part")) parts.push_back(entry.path());
+    }
+    std::sort(parts.begin(), parts.end());
+    for (const fs::path& part : parts) contents.read(part);
+    return std::pair(std::move(contents), parts);
+  };
+  const auto write = [&](const Contents& contents) {
+    const fs::path scratch = merged.string() + ".new";
+    std::ofstream file(scratch);
+    for (const Json& run : contents.runs) file << run << '\n';
+    std::set<std::string> written;
+    for (const Cell& cell : cells) {  // in the order of the experiment
+      const auto at = contents.cells.find(cell.key);
+      if (at != contents.cells.end() && written.insert(cell.key).second) file << at->second << '\n';
+    }
+    for (const auto& [key, cell] : contents.cells) {  // of other settings
+      if (!written.contains(key)) file << cell << '\n';
+    }
+    file.close();
+    if (!file) throw std::runtime_error("cannot write " + scratch.string());
+    fs::rename(scratch, merged);
+  };
+
+  const auto wait = [&] {
+    if (options.barrier) options.barrier();
+  };
+
+  auto [contents, parts] = read_all();
+  wait();  // all have read before any writes
+  if (options.shard.index == 0) {
+    write(contents);  // without an incomplete last line, and with what an interrupted run left in parts
+    for (const fs::path& part : parts) fs::remove(part);
+  }
+  wait();
+  std::vector<const Cell*> open;
+  for (std::size_t c = 0; c < cells.size(); ++c) {
+    if (static_cast<int>(c % static_cast<std::size_t>(options.shard.count)) != options.shard.index) continue;
+    if (!contents.cells.contains(cells[c].key)) open.push_back(&cells[c]);
+  }
+
+  if (!open.empty()) {
+    const int run = is_sharded ? 0 : static_cast<int>(contents.runs.size());
+    std::ofstream file(path, is_sharded ? std::ios::trunc : std::ios::app);
+    Json header{{"run", run}, {"machine", machine()}, {"command", options.command}, {"started", now()}};
+    file << header << std::endl;
+    const double steady = calibrate();
+    const auto begin = std::chrono::steady_clock::now();
+    for (std::size_t done = 0; done < open.size() && g_stop_signal == 0; ++done) {
+      Json line{{"key", open[done]->key}, {"run", run}, {"clock", 0}};
+      line.update(open[done]->measure());
+      line["clock"] = calibrate() / steady;
+      file << line << std::endl;
+      if (!file) throw std::runtime_error("cannot write " + path.string());
+      const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+      const double left =
+          elapsed / static_cast<double>(done + 1) * static_cast<double>(open.size() - done - 1);
+      std::fprintf(stderr, "\r%s: %zu of %zu cells, %s left   ", name.c_str(), done + 1, open.size(),
+                   duration(left).c_str());
+    }
+    std::fprintf(stderr, "\n");
+  }
+  wait();
+  if (g_stop_signal != 0) {
+    std::fprintf(stderr, "%s: interrupted; the same command goes on from here\n", name.c_str());
+    return {};
+  }
+  if (options.shard.index != 0) return {};
+
+  std::tie(contents, parts) = read_all();
+  write(contents);
+  for (const fs::path& part : parts) fs::remove(part);
+  Results results;
+  for (const Cell& cell : cells) results.emplace_back(cell.key, contents.cells.at(cell.key));
+  return results;
+}
+
+}  // namespace asterism::bench

@@ -1,0 +1,59 @@
+#pragma once
+
+// Results of experiments, kept as they come.
+
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <string>
+#include <vector>
+
+namespace asterism::bench {
+
+using Json = nlohmann::ordered_json;
+
+/// A share of an experiment: of the cells, those whose number leaves `index` when divided by `count`.
+struct Shard {
+  int index = 0;
+  int count = 1;
+};
+
+/// The part of an experiment that is done at one go, a second or so, and stored as a whole.
+struct Cell {
+  std::string key;  ///< unique in the experiment; says all that the measurement depends on
+  std::function<Json()> measure;
+};
+
+/// Measured cells by their keys, in the order of the experiment.
+using Results = std::vector<std::pair<std::string, Json>>;
+
+/// What an experiment runs with.
+struct RunOptions {
+  std::filesystem::path folder;
+  std::string command;  ///< as typed, for the record
+  Shard shard;
+  std::function<void()> barrier;  ///< waits for all shards of this run; empty where there is one
+};
+
+/// Measures the cells that folder/name.jsonl does not have yet, each stored as soon as it is there, with
+/// progress and the time left on standard error. Interrupted (SIGINT, SIGTERM) it ends after the cell at
+/// work, and the same command goes on from there. Shards write files of their own, and the first one merges
+/// them.
+///
+/// The file has one JSON object a line: {"run": number, "machine": ..., "command": ..., "started": ...} for
+/// each run, {"key": ..., "run": number, "clock": ..., ...} for each cell; `clock` is the time of a fixed
+/// computation beside the cell over that at the start of the run: how steady the machine was.
+///
+/// Returns all cells, empty in a shard that is not the first, or where interrupted. Throws std::runtime_error
+/// that names file and line where a file is damaged, but for a last line that is incomplete: that cell is
+/// measured again.
+Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options);
+
+/// CPU, compiler, flags and versions of what takes part.
+Json machine();
+
+/// The signal that asked this process to stop, 0 for none.
+int stop_signal();
+
+}  // namespace asterism::bench
