@@ -323,6 +323,11 @@ TEST(Json, NamesSourceLineAndSystem) {
               ::testing::AllOf(StartsWith("f:2: "), HasSubstr("1e999")));
   EXPECT_EQ(error(good + "\n" + R"({"dim": 2, "dim": 2})"), "f:2: duplicate key \"dim\"");
   EXPECT_EQ(error(R"({"origin": {"a": {"x": 1}, "b": {"x": 1, "x": 2}}})"), "f:1: duplicate key \"x\"");
+  EXPECT_EQ(error("{\n\"a\": 1,\n\"a\": 2}"), "f: duplicate key \"a\"");
+  EXPECT_EQ(error("{\n\"a\": 1e999}"), "f: number overflow parsing '1e999'");
+  EXPECT_EQ(error(R"({"asterism_system": 1, "fi\nxed": 0})"),
+            "f:1: unknown key \"fi\\nxed\" (the nearest known one is \"fixed\")");
+  EXPECT_LT(error("{\"" + std::string(100000, 'x')).size(), 300u);
   EXPECT_EQ(error(std::string(200000, '[')), error(std::string(200, '[')));
   EXPECT_EQ(error(std::string(101, '[') + std::string(101, ']')), "f:1: is nested more than 100 deep");
   EXPECT_EQ(error(std::string(100, '[') + std::string(100, ']')),

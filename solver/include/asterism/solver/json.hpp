@@ -57,12 +57,14 @@ namespace detail::stored {
 using Json = nlohmann::json;
 
 inline constexpr int kVersion = 1;
-inline constexpr std::array<const char*, 12> kKeys = {"asterism_system", "name",
-                                                      "origin",          "dim",
-                                                      "anchors",         "anchor_stiffness",
-                                                      "anchor_shape",    "links",
-                                                      "rest_length",     "link_stiffness",
-                                                      "fixed",           "start"};
+inline constexpr std::array<const char*, 12> kKeys = {
+    "asterism_system", "name",
+    "origin",          "dim",
+    "anchors",         "anchor_stiffness",
+    "anchor_shape",    "links",
+    "rest_length",     "link_stiffness",
+    "fixed",           "start",
+};
 
 /// The texts one after the other.
 template <typename... Texts>
@@ -178,14 +180,19 @@ inline std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
+/// A key as an error shows it: on one line, and not all of a very long one.
+inline std::string key_text(std::string_view key) {
+  return Json(key.substr(0, 40)).dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
 inline void check_keys(const Json& object) {
   for (const auto& [key, value] : object.items()) {
     if (std::find(kKeys.begin(), kKeys.end(), key) != kKeys.end()) continue;
-    const std::string_view unknown = std::string_view(key).substr(0, 40);
+    const std::string_view unknown = std::string_view(key).substr(0, 40);  // the distance takes its length
     const auto nearest = std::min_element(kKeys.begin(), kKeys.end(), [&](const char* a, const char* b) {
       return edit_distance(unknown, a) < edit_distance(unknown, b);
     });
-    refuse("unknown key \"", unknown, "\" (the nearest known one is \"", *nearest, "\")");
+    refuse("unknown key ", key_text(unknown), " (the nearest known one is ", key_text(*nearest), ")");
   }
 }
 
@@ -203,9 +210,10 @@ inline int checked_dimension(const Json& object) {
   return dim.get<int>();
 }
 
-/// Parses `text`, whose first line has number `line`. Keys given twice are errors; so is nesting that would
-/// use up the stack where such values are copied.
-inline Json parse(std::string_view text, const std::string& source, std::ptrdiff_t line) {
+/// Parses `text`, which begins in line `line` of the source; `place` is what other errors name. Keys given
+/// twice are errors; so is nesting that would use up the stack where such values are copied.
+inline Json parse(std::string_view text, const std::string& source, std::ptrdiff_t line,
+                  const std::string& place) {
   constexpr int kMaxDepth = 100;
   std::array<std::set<std::string>, kMaxDepth + 2> keys;  // of the open objects, by depth
   const auto check = [&keys](int depth, Json::parse_event_t event, Json& value) {
@@ -214,14 +222,14 @@ inline Json parse(std::string_view text, const std::string& source, std::ptrdiff
       keys[static_cast<std::size_t>(depth) + 1].clear();
     } else if (event == Json::parse_event_t::key) {
       const std::string& key = value.get_ref<const std::string&>();
-      if (!keys[static_cast<std::size_t>(depth)].insert(key).second) refuse("duplicate key \"", key, "\"");
+      if (!keys[static_cast<std::size_t>(depth)].insert(key).second) refuse("duplicate key ", key_text(key));
     }
     return true;
   };
   const auto reason = [](const Json::exception& e, const char* end_of_prefix) {
     const std::string what = e.what();
     const std::size_t end = what.find(end_of_prefix);
-    return end == std::string::npos ? what : what.substr(end + 2);
+    return what.substr(end == std::string::npos ? 0 : end + 2, 200);  // it may quote megabytes
   };
   try {
     return Json::parse(text.begin(), text.end(), check);
@@ -230,9 +238,9 @@ inline Json parse(std::string_view text, const std::string& source, std::ptrdiff
     line += std::count(read.begin(), read.end(), '\n');
     refuse(source, ":", std::to_string(line), ": not JSON: ", reason(e, ": "));
   } catch (const Json::out_of_range& e) {  // "[json.exception...] number overflow parsing '1e999'"
-    refuse(source, ":", std::to_string(line), ": ", reason(e, "] "));
+    refuse(place, ": ", reason(e, "] "));
   } catch (const std::runtime_error& e) {
-    refuse(source, ":", std::to_string(line), ": ", e.what());
+    refuse(place, ": ", e.what());
   }
 }
 
@@ -253,15 +261,18 @@ void for_each_object(std::string_view text, const std::string& source, Visit&& v
   };
 
   bool first = true;
-  std::ptrdiff_t number = 1;
-  for (std::string_view rest = text; !rest.empty(); ++number) {
+  std::ptrdiff_t line_number = 1;
+  for (std::string_view rest = text; !rest.empty(); ++line_number) {
     const std::string_view line = rest.substr(0, rest.find('\n'));
     rest.remove_prefix(std::min(rest.size(), line.size() + 1));
     if (line.find_first_not_of(" \t\r") == std::string_view::npos) continue;
     // It is JSON lines if the first line is a value by itself.
-    if (first && !Json::accept(line.begin(), line.end())) return value(parse(text, source, 1), source);
+    if (first && !Json::accept(line.begin(), line.end())) {
+      return value(parse(text, source, 1, source), source);
+    }
     first = false;
-    value(parse(line, source, number), concat(source, ":", std::to_string(number)));
+    const std::string place = concat(source, ":", std::to_string(line_number));
+    value(parse(line, source, line_number, place), place);
   }
 }
 
