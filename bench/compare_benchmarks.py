@@ -9,6 +9,7 @@ whether the two differ by more than chance.
 The test is Mann and Whitney's U: exact for few repetitions without ties, else by the normal approximation. As a
 comparison makes many tests at once, significance is decided by Benjamini and Hochberg's procedure: of the
 differences marked, the expected share of chance ones is below alpha. The interval is the bootstrap's.
+What is significant belongs to the two runs, code or not: --least leaves out what is too small to care for.
 """
 
 import argparse
@@ -102,40 +103,50 @@ def significant(p_values, alpha):
     return [p <= limit for p in p_values]
 
 
+def natural(name):
+    """Sorts numbers in a name by their value."""
+    return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in name.split("/")]
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("old", help="JSON of the version to compare with")
     parser.add_argument("new", help="JSON of the version in question")
     parser.add_argument("--metric", default="cpu_time", help="cpu_time (default), real_time or a counter")
     parser.add_argument("--alpha", type=float, default=0.05, help="level of significance (default 0.05)")
+    parser.add_argument("--least", type=float, default=0, help="least change to mark, as 0.05 (default 0)")
     options = parser.parse_args()
+    if not 0 < options.alpha < 1:
+        raise BadInput("--alpha is not between 0 and 1")
 
     old, new = read(options.old, options.metric), read(options.new, options.metric)
-    names = [name for name in old if name in new]
+    names = sorted(old.keys() & new.keys(), key=natural)
     if not names:
         raise BadInput(f"{options.old} and {options.new} have no benchmark in common")
     for name in names:
-        if min(old[name]) <= 0 or min(new[name]) <= 0:
+        if not all(value > 0 for value in old[name] + new[name]):
             raise BadInput(f"{options.metric} of {name} is not positive")
 
     p_values = [mann_whitney(old[name], new[name]) for name in names]
     believed = significant(p_values, options.alpha)
     unit = " [ns]" if options.metric in ("cpu_time", "real_time") else ""
-    confidence = 1 - options.alpha
-    print(f"{options.metric}{unit}: medians, new / old with its {100 * confidence:g} % interval")
+    print(f"{options.metric}{unit}: medians, new / old with its {100 * (1 - options.alpha):g} % interval")
     width = max(len(name) for name in names)
     print(f"{'':{width}} {'old':>10} {'new':>10} {'ratio':>7} {'interval':>15} {'p':>8}")
+    marked = 0
     for name, p, is_significant in zip(names, p_values, believed):
         before, after = statistics.median(old[name]), statistics.median(new[name])
-        low, high = ratio_interval(old[name], new[name], confidence)
-        verdict = ("lower" if after < before else "higher") if is_significant else ""
+        ratio = after / before
+        low, high = ratio_interval(old[name], new[name], 1 - options.alpha)
         interval = f"{low:.3f} - {high:.3f}"
-        print(
-            f"{name:{width}} {before:10.4g} {after:10.4g} {after / before:7.3f} {interval:>15} {p:8.2g} {verdict}".rstrip()
-        )
-    print(f"{sum(believed)} of {len(names)} differ significantly")
+        line = f"{name:{width}} {before:10.4g} {after:10.4g} {ratio:7.3f} {interval:>15} {p:8.2g}"
+        if is_significant and abs(ratio - 1) >= options.least:
+            line += " lower" if ratio < 1 else " higher"
+            marked += 1
+        print(line)
+    print(f"{marked} of {len(names)} differ significantly")
     for path, mine, other in ((options.old, old, new), (options.new, new, old)):
-        alone = [name for name in mine if name not in other]
+        alone = sorted(mine.keys() - other.keys(), key=natural)
         if alone:
             print(f"in {path} alone: {', '.join(alone)}")
 

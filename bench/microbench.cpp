@@ -13,11 +13,12 @@ namespace asterism::bench {
 namespace {
 
 // Operations in `rounds` rounds of multiply-adds, c <- c a + b, on chains of vectors that do not wait for
-// each other: enough for the latency of any processor, few enough for 16 registers.
+// each other: as many as 16 registers hold beside a and b, as fewer leave SSE2, where a multiply-add is two
+// instructions, waiting for its own results.
 #define ASTERISM_CHAINS(name, bytes, ...)                                          \
   template <typename Scalar>                                                       \
   __VA_ARGS__ double name(int rounds, Scalar factor, Scalar addend) {              \
-    constexpr int kChains = 12;                                                    \
+    constexpr int kChains = 14;                                                    \
     typedef Scalar Vector [[gnu::vector_size(bytes)]];                             \
     const Vector a = factor - Vector{};                                            \
     const Vector b = addend - Vector{};                                            \

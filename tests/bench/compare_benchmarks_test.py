@@ -125,6 +125,7 @@ class Script(unittest.TestCase):
         self.assertIn("1.100", lines[2])
         self.assertTrue(self.compare(new, old)[2].endswith("lower"))
         self.assertEqual(self.compare("--alpha", "1e-9", old, new)[-1], "0 of 2 differ significantly")
+        self.assertEqual(self.compare("--least", "0.11", old, new)[-1], "0 of 2 differ significantly")
 
     def test_units_and_counters(self):
         old = self.write("old.json", {"energy/4": self.TIMES})
@@ -132,6 +133,11 @@ class Script(unittest.TestCase):
         self.assertIn("1.000", self.compare(old, new)[2])
         lines = self.compare("--metric", "instructions", old, old)
         self.assertEqual(lines[2].split()[1], "80.2")
+
+    def test_sorted_by_name_and_size(self):
+        path = self.write("a.json", {name: self.TIMES for name in ("ida/16", "energy/64", "ida/4")})
+        lines = self.compare(path, path)[2:5]
+        self.assertEqual([line.split()[0] for line in lines], ["energy/64", "ida/4", "ida/16"])
 
     def test_names_what_only_one_has(self):
         old = self.write("old.json", {"energy/4": self.TIMES, "gone": self.TIMES})
@@ -148,6 +154,7 @@ class Script(unittest.TestCase):
         self.expect_complaint("--benchmark_repetitions", good, single)
         self.expect_complaint("in common", good, self.write("other.json", {"gradient/4": self.TIMES}))
         self.expect_complaint("no benchmark has cycles", "--metric", "cycles", good, good)
+        self.expect_complaint("--alpha", "--alpha", "5", good, good)
         self.expect_complaint("not positive", good, self.write("zero.json", {"energy/4": [0.0] * 4}))
 
 
