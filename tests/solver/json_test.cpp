@@ -20,6 +20,7 @@ namespace {
 
 namespace fs = std::filesystem;
 using nlohmann::json;
+using namespace std::string_view_literals;
 using Plane = SpringSystem<double, 2>;
 using Space = SpringSystem<double, 3>;
 template <int Dim>
@@ -147,10 +148,14 @@ TEST(Json, ReadsOneSystemAnArrayAndJsonLines) {
   const std::string one = pair().dump(), two = named.dump();
   EXPECT_EQ(parse_systems(one).size(), 1u);
   EXPECT_EQ(parse_systems(pair().dump(2)).size(), 1u);
-  for (const std::string& text :
-       {one + "\n" + two, one + "\r\n\r\n \t\n" + two + "\r\n", "\n\n" + one + "\n" + two + "\n",
-        "[" + one + "," + two + "]", json::array({pair(), named}).dump(2), "[" + one + "]\n[" + two + "]",
-        "\xEF\xBB\xBF" + one + "\n" + two}) {
+  const std::vector<std::string> texts = {one + "\n" + two,
+                                          one + "\r\n\r\n \t\n" + two + "\r\n",
+                                          "\n\n" + one + "\n" + two + "\n",
+                                          "[" + one + "," + two + "]",
+                                          json::array({pair(), named}).dump(2),
+                                          "[" + one + "]\n[" + two + "]",
+                                          "\xEF\xBB\xBF" + one + "\n" + two};
+  for (const std::string& text : texts) {
     SCOPED_TRACE(text);
     const auto systems = parse_systems<Plane>(text);
     ASSERT_EQ(systems.size(), 2u);
@@ -341,7 +346,7 @@ TEST(Json, SurvivesGarbage) {
   object["fixed"] = {1};
   object["origin"] = {{"a", {1, 2}}};
   const std::string good = object.dump() + "\n" + pair_in_space().dump() + "\n";
-  const std::string letters = "{}[]\",:0123456789.-+eEnultrfas \n\\\x00\xff";
+  const std::string_view letters = "{}[]\",:0123456789.-+eEnultrfas \n\\\0\xff"sv;
   int read = 0, refused = 0;
   for (int round = 0; round < 20000; ++round) {
     std::string text = good;
@@ -382,7 +387,7 @@ TEST(Json, WritesNothingThatCannotBeRead) {
   auto stored = system_from_json(pair());
   const auto error = [](const StoredSystem<>& system) {
     std::ostringstream file;
-    const std::string what = error_of([&] { write_system(file, system); });
+    std::string what = error_of([&] { write_system(file, system); });
     EXPECT_EQ(file.str().empty(), what != "(none)");
     return what;
   };
