@@ -1,17 +1,7 @@
 // Fully connected systems of 16 to 200 nodes, and no general optimiser near from 2 to 1000.
-#include <asterism/solver.hpp>
-
-#ifdef ASTERISM_BENCH_CERES
-#include <asterism/solver/ceres.hpp>
-#endif
-#ifdef ASTERISM_BENCH_LBFGS
-#include <asterism/solver/liblbfgs.hpp>
-#endif
-
 #include <algorithm>
 #include <cstddef>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "bars.hpp"
@@ -21,98 +11,64 @@ namespace asterism::bench {
 
 namespace {
 
-using System = SpringSystem<double, 2>;
-using Samples = std::vector<RandomSystem<System>>;
-
-Samples first(const Samples& systems, std::size_t count) {
-  return {systems.begin(), systems.begin() + static_cast<std::ptrdiff_t>(std::min(systems.size(), count))};
-}
-
 /// Someone else's solver, its time, and that of ours on the same systems.
 struct Other {
-  std::string name;
+  std::string title;
   double seconds;
   double ours;
+  double ratio() const { return seconds / ours; }
 };
 
-#ifdef ASTERISM_BENCH_CERES
-/// The fastest configuration of Ceres; each takes up to minutes a system.
-template <typename Ours>
-Other best_of_ceres(const Samples& systems) {
-  using reference::CeresMethod;
-  const Samples few = first(systems, 5);
-  const double ours = to_gap<Ours>(few, 5).median_seconds;
-  std::vector<std::pair<double, std::string>> times;
-  const auto add = [&](auto solver) {
-    times.emplace_back(to_gap<decltype(solver)>(few, 1).median_seconds, solver.name());
-  };
-  if (systems.front().system.nodes() <= 64) {  // dense Jacobians of 20000 x 400 are not for them
-    add(reference::Ceres<System, CeresMethod::LevenbergMarquardtDense>());
+/// Of the solvers whose names start with one of `prefixes` and that reach the problems, the one that comes
+/// nearest to ours, on a few of the problems, as some take up to minutes each.
+Other nearest(const std::string& ours, const std::vector<std::string>& prefixes,
+              const std::vector<Problem>& all, std::size_t count) {
+  const std::vector<Problem> few(all.begin(),
+                                 all.begin() + static_cast<std::ptrdiff_t>(std::min(all.size(), count)));
+  const double seconds = times_to_gap(ours, few).median_seconds;
+  Other best{"", 0, seconds};
+  for (const SolverEntry& entry : solvers()) {
+    const bool wanted = std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& prefix) {
+      return entry.name.starts_with(prefix);
+    });
+    if (!wanted || !entry.reaches(few.front().system)) continue;
+    const Other other{entry.title, times_to_gap(entry.name, few).median_seconds, seconds};
+    if (best.title.empty() || other.ratio() < best.ratio()) best = other;
   }
-  add(reference::Ceres<System, CeresMethod::LevenbergMarquardtSparse>());
-  add(reference::Ceres<System, CeresMethod::Lbfgs>());
-  add(reference::Ceres<System, CeresMethod::NonlinearCg>());
-  const auto best = *std::min_element(times.begin(), times.end());
-  return {best.second, best.first, ours};
+  return best;
 }
-#endif
 
-/// L-BFGS, nonlinear CG and, where they are there, liblbfgs and Ceres against the library's own choice.
-template <typename Ours>
-void general_bar(Bars& bars, int nodes, int count) {
-  const Samples systems = samples<System>(count, Topology<>::full(nodes), Kind::Lit);
-  const int repeats = std::max(1, 2000 / (nodes * nodes));
-  const double ours = to_gap<Ours>(systems, repeats).median_seconds;
-  std::vector<Other> others;
-  const auto add = [&](auto solver) {
-    others.push_back(
-        {std::string(solver.name()), to_gap<decltype(solver)>(systems, repeats).median_seconds, ours});
-  };
-  add(NonlinearCg<System>());
-#ifdef ASTERISM_BENCH_LBFGS
-  add(reference::Liblbfgs<System>());
-#endif
-#ifdef ASTERISM_BENCH_CERES
-  if (nodes <= 16) others.push_back(best_of_ceres<Ours>(systems));
-#endif
-  const Other& best = *std::min_element(others.begin(), others.end(), [](const Other& a, const Other& b) {
-    return a.seconds / a.ours < b.seconds / b.ours;
-  });
-  bars.times_faster(format("N=%d LIT ", nodes) + std::string(Ours::name()) + " against " + best.name,
-                    best.ours, best.seconds, 1, 3);
+void against(Bars& bars, const std::string& name, const Other& other, double bar, double aim) {
+  if (!other.title.empty())
+    bars.times_faster(name + " against " + other.title, other.ours, other.seconds, bar, aim);
 }
 
 }  // namespace
 
 void dense_bars(Bars& bars) {
   if (!bars.wanted("dense")) return;
-  using Ours = Lbfgs<System>;
   struct Size {
     int nodes, count;
     double ida;
   };
-  for (const Size& size : {Size{16, 60, 2}, {64, 10, 3}, {100, 6, 3}, {200, 3, 3.5}}) {
+  for (const Size& size : {Size{16, 200, 2}, {64, 40, 3}, {100, 20, 3}, {200, 10, 3.5}}) {
     if (bars.quick() && size.nodes > 64) break;
     const std::string name = format("N=%d LIT L-BFGS", size.nodes);
-    const Samples systems = samples<System>(size.count, Topology<>::full(size.nodes), Kind::Lit);
-    const double ours = to_gap<Ours>(systems, 5).median_seconds;
-    bars.times_faster(name + " against Ida", ours, to_gap<Ida<System>>(systems, 1).median_seconds, size.ida,
-                      size.ida);
-#ifdef ASTERISM_BENCH_LBFGS
-    bars.times_faster(name + " against liblbfgs", ours,
-                      to_gap<reference::Liblbfgs<System>>(systems, 3).median_seconds, 2.5, 3);
-#endif
-#ifdef ASTERISM_BENCH_CERES
-    const Other ceres = best_of_ceres<Ours>(systems);
-    bars.times_faster(name + " against " + ceres.name, ceres.ours, ceres.seconds, 35, 35);
-#endif
+    const auto all = problems(Kind::Lit, size.nodes, size.count);
+    const Other ida{"Ida", times_to_gap("ida", all).median_seconds,
+                    times_to_gap("lbfgs", all).median_seconds};
+    against(bars, name, ida, size.ida, size.ida);
+    against(bars, name, nearest("lbfgs", {"liblbfgs"}, all, all.size()), 2.5, 3);
+    against(bars, name, nearest("lbfgs", {"ceres"}, all, 5), 35, 35);
   }
 
-  for (const int nodes : {2, 4, 6, 9}) general_bar<Newton<System>>(bars, nodes, 100);
-  for (const int nodes : {12, 16, 25, 36}) general_bar<Ours>(bars, nodes, 40);
-  if (bars.quick()) return;
-  for (const int nodes : {64, 100, 200}) general_bar<Ours>(bars, nodes, 10);
-  for (const int nodes : {400, 1000}) general_bar<Ours>(bars, nodes, 2);
+  const std::vector<std::string> general = {"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen"};
+  for (const int nodes : {2, 4, 6, 9, 12, 16, 25, 36, 64, 100, 200, 400, 1000}) {
+    if (bars.quick() && nodes > 36) break;
+    const std::string ours = nodes <= 12 ? "newton" : "lbfgs";
+    const auto all = problems(Kind::Lit, nodes, std::max(2, 100 / nodes));
+    against(bars, format("N=%d LIT ", nodes) + ours, nearest(ours, general, all, 5), 1, 3);
+  }
 }
 
 }  // namespace asterism::bench

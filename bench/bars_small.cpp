@@ -1,11 +1,7 @@
 // One small system: four nodes in the plane, fixed size, double.
-#include <asterism/solver.hpp>
-
-#ifdef ASTERISM_BENCH_CERES
-#include <asterism/solver/ceres.hpp>
-#endif
 
 #include <algorithm>
+#include <asterism/solver/newton.hpp>
 #include <limits>
 #include <string>
 #include <vector>
@@ -18,21 +14,19 @@ namespace asterism::bench {
 namespace {
 
 void speed(Bars& bars) {
-  using System = SpringSystem<double, 2, 4>;
   for (const Kind kind : {Kind::Lit, Kind::Track}) {
     const bool lit = kind == Kind::Lit;
     const std::string name = lit ? "N=4 LIT Newton" : "N=4 TRACK Newton";
-    const auto systems = samples<System>(bars.quick() ? 200 : 2000, System::TopologyType::full(), kind);
-    const ToGap newton = to_gap<Newton<System>>(systems, 20), ida = to_gap<Ida<System>>(systems, 20);
+    const auto all = problems(kind, 4, bars.quick() ? 200 : 2000);
+    const GapTimes newton = times_to_gap("newton", all), ida = times_to_gap("ida", all);
     bars.at_most(name + ", to a gap of 1e-6, mean", "%.3g us", 1e6 * newton.mean_seconds, lit ? 0.9 : 0.5,
                  lit ? 0.6 : 0.35);
     bars.times_faster(name + " against Ida, mean", newton.mean_seconds, ida.mean_seconds, lit ? 3 : 10,
                       lit ? 3 : 10);
 #ifdef ASTERISM_BENCH_CERES
-    using Ceres = reference::Ceres<System, reference::CeresMethod::LevenbergMarquardtDense>;
-    const std::vector few(systems.begin(), systems.begin() + 100);
+    const std::vector few(all.begin(), all.begin() + 100);
     bars.times_faster(name + " against Ceres dense LM, median", newton.median_seconds,
-                      to_gap<Ceres>(few, 3).median_seconds, lit ? 45 : 25, lit ? 45 : 25);
+                      times_to_gap("ceres-dense", few).median_seconds, lit ? 45 : 25, lit ? 45 : 25);
 #endif
   }
 }

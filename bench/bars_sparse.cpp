@@ -1,14 +1,6 @@
 // Large systems of nodes that are linked to their six nearest.
 #include <sys/resource.h>
 
-#include <asterism/solver.hpp>
-#include <asterism/solver/schwarz.hpp>
-#include <asterism/solver/sparse_newton.hpp>
-
-#ifdef ASTERISM_BENCH_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
-#endif
-
 #include <string>
 #include <vector>
 
@@ -19,8 +11,6 @@
 namespace asterism::bench {
 
 namespace {
-
-using System = SpringSystem<double, 2>;
 
 // The most memory that this process has had so far.
 double peak_bytes() {
@@ -42,9 +32,8 @@ void sparse_bars(Bars& bars) {
        {Size{10000, "1e4", 0.15, 0.075}, {100000, "1e5", 4, 2}, {1000000, "1e6", 120, 60}}) {
     if (bars.quick() && size.nodes > 100000) break;
     const std::string name = format("N=%s, 6 nearest, ", size.name);
-    const std::vector systems = {sparse_system<System>(1, size.nodes)};
-    const int repeats = size.nodes > 10000 ? 1 : 5;
-    const ToGap schwarz = to_gap<Schwarz<System>>(systems, repeats);
+    const std::vector<Problem> systems = {sparse_system<System>(1, size.nodes)};
+    const GapTimes schwarz = times_to_gap("schwarz", systems);
     bars.at_most(name + "Schwarz", "%.3g s", schwarz.median_seconds, size.seconds, size.aim);
     if (size.nodes > 10000) {
       // That of making the system included. Sizes ascend, so the peak is this one's.
@@ -55,14 +44,13 @@ void sparse_bars(Bars& bars) {
 #ifdef ASTERISM_BENCH_CHOLMOD
     if (!bars.quick()) {
       bars.times_faster(name + "Schwarz against Ida, CHOLMOD", schwarz.median_seconds,
-                        to_gap<CholmodIda<System>>(systems, 1).median_seconds, 10, 20);
+                        times_to_gap("ida-cholmod", systems).median_seconds, 10, 20);
     }
 #endif
     auto weak = systems;
     weak[0].system.anchor_stiffness *= 1e-3;
-    using Direct = Schwarz<System, SparseNewton<System>>;
-    bars.at_most(name + "anchors x 1e-3, Schwarz", "%.3g s", to_gap<Direct>(weak, repeats).median_seconds,
-                 0.76, 0.38);
+    bars.at_most(name + "anchors x 1e-3, Schwarz", "%.3g s",
+                 times_to_gap("schwarz-direct", weak).median_seconds, 0.76, 0.38);
   }
 }
 

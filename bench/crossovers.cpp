@@ -9,14 +9,14 @@
 
 #include "bars.hpp"
 #include "comparison_solvers.hpp"
+#include "laboratory.hpp"
 #include "sparse_system.hpp"
 
 namespace asterism::bench {
 
 namespace {
 
-using System = SpringSystem<double, 2>;
-using Systems = std::vector<RandomSystem<System>>;
+using Systems = std::vector<Problem>;
 
 constexpr double kTolerance = 1e-6;
 

@@ -1,5 +1,7 @@
 #include "store.hpp"
 
+#include <unistd.h>
+
 #include <Eigen/Core>
 #include <algorithm>
 #include <chrono>
@@ -194,13 +196,18 @@ Results run_cells(const std::string& name, const std::vector<Cell>& cells, const
       line["clock"] = calibrate() / steady;
       file << line << std::endl;
       if (!file) throw std::runtime_error("cannot write " + path.string());
+      // On a terminal every cell is a step; elsewhere a line now and then is enough.
+      if (isatty(STDERR_FILENO) == 0 && done + 1 != open.size() && (done + 1) % (open.size() / 10 + 1) != 0)
+        continue;
       const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
       const double left =
           elapsed / static_cast<double>(done + 1) * static_cast<double>(open.size() - done - 1);
-      std::fprintf(stderr, "\r%s: %zu of %zu cells, %s left   ", name.c_str(), done + 1, open.size(),
-                   duration(left).c_str());
+      std::fprintf(stderr,
+                   isatty(STDERR_FILENO) != 0 ? "\r%s: %zu of %zu cells, %s left   "
+                                              : "%s: %zu of %zu cells, %s left\n",
+                   name.c_str(), done + 1, open.size(), duration(left).c_str());
     }
-    std::fprintf(stderr, "\n");
+    if (isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\n");
   }
   wait();
   if (g_stop_signal != 0) {

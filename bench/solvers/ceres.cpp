@@ -21,8 +21,8 @@ SolverEntry ceres(const std::string& name, int dense_nodes, int sparse_nodes) {
 }
 
 const Registration kDense(ceres<CeresMethod::LevenbergMarquardtDense>("ceres-dense", 64, 0));
-const Registration kSparse(ceres<CeresMethod::LevenbergMarquardtSparse>("ceres-sparse", 64, 10000));
-const Registration kLbfgs(ceres<CeresMethod::Lbfgs>("ceres-lbfgs", 64, 0));
+const Registration kSparse(ceres<CeresMethod::LevenbergMarquardtSparse>("ceres-sparse", 200, 10000));
+const Registration kLbfgs(ceres<CeresMethod::Lbfgs>("ceres-lbfgs", 200, 0));
 const Registration kCg(ceres<CeresMethod::NonlinearCg>("ceres-cg", 64, 0));
 
 }  // namespace

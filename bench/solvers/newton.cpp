@@ -17,6 +17,9 @@ const Registration kSparseNewton({"newton-sparse", std::string(SparseNewton<Syst
                                   100000, make_runner<SparseNewton<System>>});
 const Registration kSchwarz({"schwarz", std::string(Schwarz<System>::name()), kOurs, 0, 1000000,
                              make_runner<Schwarz<System>>});
+using DirectSchwarz = Schwarz<System, SparseNewton<System>>;
+const Registration kDirectSchwarz({"schwarz-direct", std::string(DirectSchwarz::name()), kOurs, 0, 1000000,
+                                   make_runner<DirectSchwarz>});
 const Registration kAuto(ours<Auto>("auto", 1000, 1000000));
 
 }  // namespace
