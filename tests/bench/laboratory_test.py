@@ -1,0 +1,140 @@
+#!/usr/bin/env python3
+"""asterism-bench as a user runs it: laboratory_test.py EXECUTABLE [MPIEXEC]."""
+
+import json
+import pathlib
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import unittest
+
+EXECUTABLE = sys.argv[1]
+MPIEXEC = sys.argv[2] if len(sys.argv) > 2 else None
+
+# Four nodes near a square's corners, which they want to be at: one minimum, at energy 0.
+SQUARE = {
+    "asterism_system": 1,
+    "dim": 2,
+    "name": "square",
+    "anchors": [[0, 0], [10, 0], [0, 10], [10, 10]],
+    "anchor_stiffness": [1, 2, 3, 4],
+    "links": [[0, 1], [0, 2], [1, 3], [2, 3]],
+    "rest_length": [11, 9, 10, 10],
+    "link_stiffness": [5, 6, 7, 8],
+    "start": [[1, 1], [9, 2], [-1, 8], [12, 10]],
+}
+
+
+def run(*arguments, launcher=()):
+    return subprocess.run([*launcher, EXECUTABLE, *map(str, arguments)], capture_output=True, text=True, timeout=600)
+
+
+class Laboratory(unittest.TestCase):
+    def setUp(self):
+        scratch = tempfile.TemporaryDirectory()
+        self.addCleanup(scratch.cleanup)
+        self.folder = pathlib.Path(scratch.name)
+
+    def cells(self, name, folder="results"):
+        """Cells by key, without what depends on the clock."""
+        lines = (self.folder / folder / (name + ".jsonl")).read_text().splitlines()
+        cells = {}
+        for line in map(json.loads, lines):
+            if "machine" not in line:
+                cells[line["key"]] = {k: v for k, v in line.items() if k not in ("clock", "run", "seconds")}
+        return cells
+
+    def convergence(self, *arguments, folder="results", solvers="ida,newton", launcher=()):
+        return run("convergence", "--sizes", 4, "--solvers", solvers, "--results", self.folder / folder,
+                   *arguments, launcher=launcher)
+
+    def test_every_solver_reaches_the_minimum(self):
+        file = self.folder / "square.json"
+        file.write_text(json.dumps(SQUARE))
+        result = run("solve", file, "--solver", "all")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        rows = [line.split() for line in result.stdout.splitlines()[2:]]
+        names = [row[0] for row in rows]
+        self.assertEqual(names, sorted(names))
+        for name in ("ida", "newton", "lbfgs", "auto", "ncg", "eigen-lm"):
+            self.assertIn(name, names)
+        energies = {row[0]: float(row[-6]) for row in rows}
+        for name, energy in energies.items():
+            self.assertAlmostEqual(energy / energies["newton"], 1, delta=1e-6, msg=name)
+
+    def test_problems_are_one_line(self):
+        broken = self.folder / "broken.json"
+        broken.write_text('{"asterism_system": 1, "dim": 2}')
+        for arguments, words in [
+            (("solve", self.folder / "missing.json"), "missing.json"),
+            (("solve", broken), "anchors is missing"),
+            (("solve", broken, "--solver", "newtom"), "the nearest is newton"),
+        ]:
+            result = run(*arguments)
+            self.assertNotEqual(result.returncode, 0)
+            self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+            self.assertIn(words, result.stderr)
+
+    def test_results_are_measured_once(self):
+        first = self.convergence("--systems", 200)
+        self.assertEqual(first.returncode, 0, first.stderr)
+        self.assertIn("IDA needs fewer iterations", self.convergence("--systems", 200, solvers="ida,ncg").stdout)
+        before = (self.folder / "results" / "convergence.jsonl").read_text()
+        again = self.convergence("--systems", 200)
+        self.assertEqual(again.stdout, first.stdout)
+        self.assertEqual(sorted((self.folder / "results" / "convergence.jsonl").read_text().splitlines()),
+                         sorted(before.splitlines()))
+
+    def test_an_incomplete_line_is_measured_again(self):
+        self.convergence("--systems", 200)
+        path = self.folder / "results" / "convergence.jsonl"
+        expected = self.cells("convergence")
+        self.assertEqual(len(expected), 4)
+        path.write_text(path.read_text()[:-20])
+        self.assertEqual(self.convergence("--systems", 200).returncode, 0)
+        self.assertEqual(self.cells("convergence"), expected)
+
+    def test_damage_names_file_and_line(self):
+        self.convergence("--systems", 100)
+        path = self.folder / "results" / "convergence.jsonl"
+        lines = path.read_text().splitlines()
+        lines[1] = lines[1][:30]
+        path.write_text("\n".join(lines) + "\n")
+        result = self.convergence("--systems", 100)
+        self.assertEqual(result.returncode, 1)
+        self.assertIn("convergence.jsonl, line 2", result.stderr)
+
+    def test_goes_on_after_an_interruption(self):
+        path = self.folder / "results" / "convergence.jsonl"
+        long_run = subprocess.Popen([EXECUTABLE, "convergence", "--sizes", "4", "--solvers", "ida", "--systems",
+                                     "10000000", "--results", str(self.folder / "results")],
+                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and (not path.exists() or path.read_text().count("\n") < 4):
+            time.sleep(0.05)
+        long_run.send_signal(signal.SIGINT)
+        _, errors = long_run.communicate(timeout=60)
+        self.assertEqual(long_run.returncode, 128 + signal.SIGINT)
+        self.assertIn("the same command goes on from here", errors)
+        kept = self.cells("convergence")
+        self.assertGreaterEqual(len(kept), 2)
+        self.assertEqual(self.convergence("--systems", 200).returncode, 0)
+        after = self.cells("convergence")
+        for key, cell in kept.items():
+            self.assertEqual(after[key], cell)
+
+    @unittest.skipIf(MPIEXEC is None, "built without MPI")
+    def test_processes_find_the_same(self):
+        self.convergence("--systems", 500, folder="one")
+        shared = self.convergence("--systems", 500, folder="three",
+                                  launcher=(MPIEXEC, "--allow-run-as-root", "--oversubscribe", "-n", "3"))
+        self.assertEqual(shared.returncode, 0, shared.stderr)
+        self.assertEqual(self.cells("convergence", "three"), self.cells("convergence", "one"))
+        self.assertEqual(list(self.cells("convergence", "three")), list(self.cells("convergence", "one")))
+        self.assertEqual(list((self.folder / "three").glob("*.part*")), [])
+
+
+if __name__ == "__main__":
+    unittest.main(argv=sys.argv[:1])
