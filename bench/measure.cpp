@@ -1,6 +1,7 @@
 #include "measure.hpp"
 
 #include <algorithm>
+#include <cmath>
 #include <cstdarg>
 #include <cstddef>
 #include <cstdio>
@@ -22,6 +23,14 @@ double percentile(std::vector<double> values, double p) {
 }
 
 double median(std::vector<double> values) { return percentile(std::move(values), 0.5); }
+
+MedianInterval median_interval(std::vector<double> values) {
+  std::sort(values.begin(), values.end());
+  const auto n = static_cast<double>(values.size());
+  const double reach = 0.98 * std::sqrt(n);
+  const auto at = [&](double rank) { return values[static_cast<std::size_t>(std::clamp(rank, 0.0, n - 1))]; };
+  return {median(values), at(std::floor((n - 1) / 2 - reach)), at(std::ceil((n - 1) / 2 + reach))};
+}
 
 std::string format(const char* pattern, ...) {
   char text[200];

@@ -1,6 +1,7 @@
 // Iterations and time against the number of parts: the paper's Figure 9.
 #include <cmath>
 #include <cstdio>
+#include <optional>
 
 #include "experiments.hpp"
 
@@ -42,6 +43,7 @@ Json measure(Runner& runner, const Chunk& chunk) {
 /// What cells of one group and solver say.
 struct Figures {
   std::vector<double> loose, iterations, seconds;
+  std::map<std::string, std::vector<double>> seconds_of_cell;  // negative where it did not arrive
   int failed = 0;
 
   explicit Figures(const std::vector<const Json*>& cells) {
@@ -49,6 +51,9 @@ struct Figures {
       for (const double k : (*cell)["loose_iterations"]) loose.push_back(k);
       for (std::size_t s = 0; s < (*cell)["iterations"].size(); ++s) {
         const double k = (*cell)["iterations"][s];
+        std::string chunk = (*cell)["key"];
+        chunk.erase(chunk.rfind('/'));
+        seconds_of_cell[chunk].push_back(k < 0 ? -1 : (*cell)["seconds"][s].get<double>());
         if (k < 0) {
           ++failed;
           continue;
@@ -57,6 +62,18 @@ struct Figures {
         seconds.push_back((*cell)["seconds"][s]);
       }
     }
+  }
+  /// Of this time over another's on the same system, all systems.
+  MedianInterval ratio(const Figures& other) const {
+    std::vector<double> ratios;
+    for (const auto& [chunk, times] : seconds_of_cell) {
+      const auto theirs = other.seconds_of_cell.find(chunk);
+      if (theirs == other.seconds_of_cell.end()) continue;
+      for (std::size_t s = 0; s < times.size(); ++s) {
+        if (times[s] > 0 && theirs->second[s] > 0) ratios.push_back(times[s] / theirs->second[s]);
+      }
+    }
+    return ratios.empty() ? MedianInterval{} : median_interval(ratios);
   }
   static double mean(const std::vector<double>& values) {
     double sum = 0;
@@ -79,8 +96,10 @@ Experiment scaling(const Selection& selection) {
     for (const std::string& group : groups(selection)) {
       std::printf("\n%s: iterations until a step gains < 1 %%; iterations and time to a gap of %.0e\n",
                   group.c_str(), kGap);
-      std::printf("  %-14s %-16s %-22s %-8s %10s %10s %10s  %s\n", "", "mean +- sd", "mean +- sd", "median",
-                  "median", "5 %", "95 %", "did not arrive");
+      std::printf("  %-14s %-16s %-22s %-8s %10s %10s %10s  %-14s %s\n", "", "mean +- sd", "mean +- sd",
+                  "median", "median", "5 %", "95 %", "did not arrive",
+                  "time over the first's, its 95 % interval");
+      std::optional<Figures> first;
       for (const SolverEntry& solver : selection.solvers) {
         const Figures f(cells_with(results, group, solver.name));
         if (f.iterations.empty()) {
@@ -88,11 +107,15 @@ Experiment scaling(const Selection& selection) {
             std::printf("  %-14s %d of %d did not arrive\n", solver.name.c_str(), f.failed, f.failed);
           continue;
         }
-        std::printf("  %-14s %6.1f +- %-6.1f %8.1f +- %-8.1f %6.0f %9.3g s %9.3g s %9.3g s  %d of %zu\n",
-                    solver.name.c_str(), Figures::mean(f.loose), Figures::deviation(f.loose),
-                    Figures::mean(f.iterations), Figures::deviation(f.iterations), median(f.iterations),
-                    median(f.seconds), percentile(f.seconds, 0.05), percentile(f.seconds, 0.95), f.failed,
-                    f.iterations.size() + static_cast<std::size_t>(f.failed));
+        if (!first) first = f;
+        const MedianInterval ratio = f.ratio(*first);
+        std::printf(
+            "  %-14s %6.1f +- %-6.1f %8.1f +- %-8.1f %6.0f %9.3g s %9.3g s %9.3g s  %4d of %-7zu %.3g, %.3g "
+            "to %.3g\n",
+            solver.name.c_str(), Figures::mean(f.loose), Figures::deviation(f.loose),
+            Figures::mean(f.iterations), Figures::deviation(f.iterations), median(f.iterations),
+            median(f.seconds), percentile(f.seconds, 0.05), percentile(f.seconds, 0.95), f.failed,
+            f.iterations.size() + static_cast<std::size_t>(f.failed), ratio.median, ratio.low, ratio.high);
         if (!selection.kinds.empty() && group.starts_with(std::string(to_string(selection.kinds[0])) + "/"))
           dense[solver.name].emplace(std::stoi(group.substr(group.find('/') + 1)), f);
       }
