@@ -3,9 +3,9 @@
 
     figures.py RESULTS_FOLDER --out docs/results/laboratory
 
-reads what `asterism-bench convergence`, `scaling`, `hard`, `minima` and `pareto` left in the folder; those that are
-not there are left out. Each figure goes into --out as SVG and PNG, the page beside it (docs/results/laboratory.md).
-The same results give the same files, byte for byte. Needs python3-matplotlib.
+reads what `asterism-bench convergence`, `scaling`, `hard`, `minima` and `pareto` left in the folder; those that
+are not there are left out. Each figure goes into --out as SVG and PNG, the page beside that folder
+(docs/results/laboratory.md). The same results give the same files, byte for byte. Needs python3-matplotlib.
 """
 
 import argparse
@@ -14,6 +14,7 @@ import math
 import pathlib
 import re
 import sys
+import textwrap
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -59,7 +60,9 @@ class Results:
     def solvers(self, group: str) -> list[str]:
         """Names in the order of the legend."""
         found = {cell["solver"] for cell in self.cells if cell["group"] == group}
-        return sorted(found, key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name))
+        return sorted(
+            found, key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name)
+        )
 
     def of(self, group: str, solver: str, **fields: Any) -> list[Cell]:
         return [
@@ -171,7 +174,9 @@ def without_repeats(cells: list[Cell]) -> list[Cell]:
 def read(folder: pathlib.Path) -> list[Results]:
     if not folder.is_dir():
         raise BadInput(f"{folder}: no such folder")
-    found = [read_file(folder / f"{name}.jsonl") for name in EXPERIMENTS if (folder / f"{name}.jsonl").exists()]
+    found = [
+        read_file(folder / f"{name}.jsonl") for name in EXPERIMENTS if (folder / f"{name}.jsonl").exists()
+    ]
     found = [results for results in found if results.cells]
     if not found:
         raise BadInput(f"{folder}: no results of asterism-bench")
@@ -189,12 +194,12 @@ class Style:
     marker: str
 
 
-# The solvers that are drawn in colour, where --solvers does not name others. Colours differ in luminance, as do
+# The solvers that are drawn in colour, where --solvers does not name others. Colours differ in luminance, and
 # dashes and markers in shape, for gray paper and every eye.
 STYLES = {
     "ida": Style("IDA", "#111111", "-", "o"),
     "ncg": Style("nonlinear CG", "#c8252c", (0, (5, 2)), "s"),
-    "ncg-forward": Style("CG, numeric gradient", "#f2994a", (0, (5, 1.5, 1, 1.5)), "^"),
+    "ncg-forward": Style("CG, numeric", "#f2994a", (0, (5, 1.5, 1, 1.5)), "^"),
     "newton": Style("Newton", "#0a4f94", "-", "D"),
     "newton-cg": Style("Newton-CG", "#58b5e8", (0, (4, 1.5)), "X"),
     "lbfgs": Style("L-BFGS", "#1f9a82", "-", "v"),
@@ -211,7 +216,9 @@ EXTRA_STYLES = (  # for others that --solvers names
     Style("", "#b86b00", (0, (5, 1)), "8"),
 )
 GRAY = "#c4c4c4"
+BEFORE, AFTER, NODE = "#58a6e0", "#b3151f", "#2f9e44"  # of a drawn system
 WIDTH = 7.6  # inches: the width of a page
+LEGEND_COLUMNS = 4
 HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
 LEAST_GAP = 1e-16  # lowest bin of the stored histograms
 
@@ -281,104 +288,101 @@ class Drawing:
 
 
 def panels(
-    count: int, columns: int, height: float, title: str, *, top: float = 0.0, right: float = 0.15, gap: float = 0.75
+    count: int,
+    columns: int,
+    height: float,
+    title: str,
+    handles: list[plt.Line2D] | None = None,
+    right: float = 0.15,
+    gap: float = 0.75,
 ) -> tuple[Figure, list[Axes]]:
-    """A page-wide figure of so many axes of a height [inch], `top` for a legend under the title, `right` for labels
-    beside each."""
+    """A page-wide figure of so many axes of a height [inch] under a title and a legend, with `right` beside each
+    for labels and `gap` for the next one's axis."""
     rows = -(-count // columns)
-    title = wrapped(title, 98)
-    left, bottom, head = 0.72, 0.55, 0.52 + 0.17 * title.count("\n") + top
+    left, bottom, line = 0.72, 0.55, 0.17
+    title = textwrap.fill(title, 84)
+    text = 0.1 + line * (1 + title.count("\n"))
+    legend = 0.1 + line * -(-len(handles) // LEGEND_COLUMNS) if handles else 0.0
+    head = text + legend + 0.3
     step = (WIDTH - left + gap - 0.1) / columns
-    tall = head + rows * (height + bottom + 0.25) - 0.15
+    tall = head + rows * (height + bottom + 0.25) - 0.2
     figure = plt.figure(figsize=(WIDTH, tall))
-    figure.text(0.08 / WIDTH, 1 - 0.09 / tall, title, fontsize=10.5, fontweight="bold", va="top", linespacing=1.25)
+    figure.text(
+        0.1 / WIDTH, 1 - 0.09 / tall, title, fontsize=10, fontweight="bold", va="top", linespacing=1.25
+    )
+    if handles:
+        figure.legend(
+            handles=handles,
+            loc="upper left",
+            bbox_to_anchor=(0.1 / WIDTH, 1 - (text + 0.08) / tall),
+            ncol=LEGEND_COLUMNS,
+            handlelength=3.2,
+            columnspacing=1.6,
+            borderaxespad=0,
+            borderpad=0,
+        )
     axes = []
     for index in range(count):
         row, column = divmod(index, columns)
         low = tall - head - row * (height + bottom + 0.25) - height
-        axes.append(
-            figure.add_axes(
-                ((left + column * step) / WIDTH, low / tall, (step - gap - right + 0.1) / WIDTH, height / tall)
-            )
-        )
+        box = (left + column * step, low, step - gap - right + 0.1, height)
+        axes.append(figure.add_axes([value / size for value, size in zip(box, (WIDTH, tall, WIDTH, tall))]))
     return figure, axes
 
 
-def wrapped(text: str, width: int) -> str:
-    lines = [""]
-    for word in text.split():
-        if lines[-1] and len(lines[-1]) + 1 + len(word) > width:
-            lines.append("")
-        lines[-1] += (" " if lines[-1] else "") + word
-    return "\n".join(lines)
-
-
-def legend(figure: Figure, names: Iterable[str], palette: Palette, below: float, where: Axes | None = None) -> None:
-    """A legend of those in colour, `below` the figure's upper edge [inch], or in the place of axes."""
+def legend_of(names: Iterable[str], palette: Palette) -> list[plt.Line2D]:
+    """A line for each in colour, and one for all others."""
     names = list(names)
-    handles = [
+    lines = [
         plt.Line2D([], [], label=label_of(name), **palette(name)) for name in names if palette.in_colour(name)
     ]
-    others = sum(not palette.in_colour(name) for name in names)
-    if others:
-        handles.append(plt.Line2D([], [], color=GRAY, linewidth=0.8, label=f"{others} others"))
-    if where is not None:
-        where.axis("off")
-        where.legend(handles=handles, loc="center left", handlelength=3.4, labelspacing=0.7)
-        return
-    height = figure.get_size_inches()[1]
-    figure.legend(
-        handles=handles,
-        loc="upper left",
-        bbox_to_anchor=(0.0, 1 - below / height),
-        ncol=4,
-        handlelength=3.2,
-        columnspacing=1.6,
-        borderaxespad=0.1,
+    others = len(names) - len(lines)
+    return lines + (
+        [plt.Line2D([], [], color=GRAY, linewidth=0.8, label=f"{others} others")] if others else []
     )
 
 
 def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
-    """Names of lines (x, y, text, colour) at their ends, moved apart where they would overlap."""
-    distance = 10.0 / 72 * axes.figure.dpi  # of two lines of text, in the figure's own pixels
-    placed = []
-    for x, y, text, color in ends:
-        px, py = axes.transData.transform((x, y))
-        placed.append([py, px, py, text, color])
-    placed.sort(key=lambda end: end[0])
-    right = axes.transAxes.transform((1, 0))[0]
-    low, high = axes.transAxes.transform((0, 0))[1], axes.transAxes.transform((0, 1))[1]
-    at_edge = [end for end in placed if end[1] > right - 4 * distance]
-    for _ in range(200):  # push neighbours apart, half each
-        moved = False
-        for a, b in zip(at_edge, at_edge[1:]):
-            overlap = distance - (b[0] - a[0])
-            if overlap > 1e-3:
-                a[0] -= overlap / 2
-                b[0] += overlap / 2
-                moved = True
-        if at_edge and len(at_edge) * distance < high - low:  # all of them beside the axes
-            at_edge[0][0] = max(at_edge[0][0], low)
-            at_edge[-1][0] = min(at_edge[-1][0], high)
-        if not moved:
-            break
-    for text_y, px, py, text, color in placed:
-        beside = px > right - 4 * distance
+    """Names of lines (x, y, text, colour) at their ends; those at the right edge beside it, moved apart where
+    they would overlap. All in fractions of the axes, which do not depend on the resolution."""
+    box = axes.get_window_extent()
+    apart = 10.5 / 72 * axes.figure.dpi / box.height
+    points = [
+        (*axes.transAxes.inverted().transform(axes.transData.transform((x, y))), *rest)
+        for x, y, *rest in ends
+    ]
+    edge = sorted((point for point in points if point[0] > 0.9), key=lambda point: point[1])
+    heights = [point[1] for point in edge]
+    for _ in range(500):  # neighbours that overlap give way, half each
+        for k in range(len(heights) - 1):
+            overlap = apart - (heights[k + 1] - heights[k])
+            if overlap > 0:
+                heights[k] -= overlap / 2
+                heights[k + 1] += overlap / 2
+    for (x, y, text, color), height in zip(edge, heights):
+        line = {
+            "arrowstyle": "-",
+            "color": color,
+            "linewidth": 0.6,
+            "shrinkA": 0,
+            "shrinkB": 3,
+            "relpos": (0, 0.5),
+        }
+        at = {"xycoords": "axes fraction", "textcoords": "axes fraction", "annotation_clip": False}
         axes.annotate(
+            text, (x, y), (1.06, height), color=color, fontsize=8, va="center", arrowprops=line, **at
+        )
+    for x, y, text, color in (point for point in points if point[0] <= 0.9):
+        axes.text(
+            x + 0.03,
+            y,
             text,
-            (px, py),
-            ((right if beside else px) + 0.7 * distance, text_y),
-            xycoords="figure pixels",
-            textcoords="figure pixels",
             color=color,
             fontsize=8,
             va="center",
-            annotation_clip=False,
+            transform=axes.transAxes,
             path_effects=HALO,
             zorder=6,
-            arrowprops={"arrowstyle": "-", "color": color, "linewidth": 0.5, "shrinkA": 0, "shrinkB": 2}
-            if beside
-            else None,
         )
 
 
@@ -390,13 +394,24 @@ def spread(values: np.ndarray, p: float) -> float:
 def power(value: float) -> str:
     """1e-06 as a reader of axes expects it, for a tick."""
     exponent = math.log10(value)
-    return f"$10^{{{round(exponent)}}}$" if abs(exponent - round(exponent)) < 1e-9 and value != 1 else f"{value:g}"
+    return (
+        f"$10^{{{round(exponent)}}}$"
+        if abs(exponent - round(exponent)) < 1e-9 and value != 1
+        else f"{value:g}"
+    )
+
+
+def short(value: float) -> str:
+    return f"{value:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
 
 
 def percent(share: float) -> str:
-    if 0 < share < 0.01:
-        return f"{100 * share:.1g} %"
-    return f"{100 * share:.0f} %"
+    """With a space that does not break."""
+    return (
+        f"{100 * share:.1g}\N{NO-BREAK SPACE}%"
+        if 0 < share < 0.01
+        else f"{100 * share:.0f}\N{NO-BREAK SPACE}%"
+    )
 
 
 def time(seconds: float) -> str:
@@ -407,7 +422,16 @@ def time(seconds: float) -> str:
 
 
 def kind_title(kind: str) -> str:
-    return {"sparse": "sparse systems", "real": "systems recorded from a tracker"}.get(kind, f"{kind} systems")
+    """What the systems of a kind are, to begin a title."""
+    known = {
+        "lit": "Random systems (lit)",
+        "orig": "Random systems, anchors at the nodes (orig)",
+        "disp": "Random systems, stiffness by start (disp)",
+        "track": "Systems as a tracker makes (track)",
+        "sparse": "Sparse systems",
+        "real": "Systems recorded from a tracker (real)",
+    }
+    return known.get(kind, f"Systems of kind {kind}")
 
 
 def table(header: list[str], rows: list[list[str]]) -> str:
@@ -463,8 +487,7 @@ def draw_convergence(results: Results, palette: Palette) -> list[Drawing]:
         curves = {g: {s: Curve.of(results.of(g, s)) for s in results.solvers(g)} for g in groups}
         names = list(dict.fromkeys(s for g in groups for s in curves[g]))
         title = convergence_title(kind, groups, curves)
-        figure, axes = panels(2 * len(groups), 2, 1.75, title, top=0.62)
-        legend(figure, names, palette, 0.3 + 0.17 * wrapped(title, 98).count("\n"))
+        figure, axes = panels(2 * len(groups), 2, 1.75, title, legend_of(names, palette))
         for row, group in enumerate(groups):
             left, right = axes[2 * row : 2 * row + 2]
             last = 10.0
@@ -479,11 +502,14 @@ def draw_convergence(results: Results, palette: Palette) -> list[Drawing]:
                 right.plot(curve.looks[shown], np.maximum(median[shown], LEAST_GAP), markevery=2, **style)
                 if name in ("ida", "ncg") and palette.in_colour(name):
                     low, high = (np.maximum(curve.gap(p)[1:], LEAST_GAP) for p in (0.05, 0.95))
-                    right.fill_between(curve.looks[1:], low, high, color=style["color"], alpha=0.13, linewidth=0)
+                    right.fill_between(
+                        curve.looks[1:], low, high, color=style["color"], alpha=0.13, linewidth=0
+                    )
             left.set(yscale="log", xlim=(0, 20), xlabel="iterations", ylabel="mean of $E / E_0$")
+            left.set_xticks(range(0, 21, 5))
             left.set_title(f"{nodes_of(group)} nodes: energy that remains")
             plain_ticks(left)
-            right.set(xscale="log", yscale="log", xlim=(1, 1.1 * last), ylim=(LEAST_GAP, 30))
+            right.set(xscale="log", yscale="log", xlim=(1, 1.1 * last), ylim=(LEAST_GAP, 100))
             right.set(xlabel="iterations", ylabel="relative gap")
             right.set_title(f"{nodes_of(group)} nodes: gap, median")
             right.set_yticks([10.0**e for e in range(-16, 1, 4)])
@@ -492,8 +518,10 @@ def draw_convergence(results: Results, palette: Palette) -> list[Drawing]:
                 f"convergence-{kind}",
                 figure,
                 title,
-                "Left: mean of the energy that remains, E / E_0, after each of the first iterations. Right: median of"
-                " the gap, (E - E_end) / E_end, above the energy that the solver itself ends at; bands: 5 to 95 % of"
+                "Left: mean of the energy that remains, E / E_0, after each of the first iterations."
+                " Right: median of"
+                " the gap, (E - E_end) / E_end, above the energy that the solver itself ends at;"
+                " bands: 5 to 95 % of"
                 " the systems, for IDA and nonlinear CG.",
             )
         )
@@ -513,16 +541,14 @@ def plain_ticks(axes: Axes) -> None:
 def convergence_title(kind: str, groups: list[str], curves: dict[str, dict[str, Curve]]) -> str:
     parts = []
     for group in groups:
-        if not {"ida", "ncg"} <= curves[group].keys():
-            continue
-        ida, ncg = curves[group]["ida"], curves[group]["ncg"]
-        behind = np.flatnonzero((ncg.remaining < ida.remaining)[1:]) + 1
-        since = f"CG from iteration {ida.looks[behind[0]]:.0f}" if len(behind) else "IDA throughout"
-        parts.append(f"{nodes_of(group)} nodes {since}")
-    head = kind_title(kind)
+        if {"ida", "ncg"} <= curves[group].keys():
+            ida, ncg = curves[group]["ida"], curves[group]["ncg"]
+            ahead = np.flatnonzero(ncg.remaining < ida.remaining * (1 - 1e-6))
+            when = f"{ida.looks[ahead[0]]:.0f}" if len(ahead) else "none"
+            parts.append(f"{when} with {nodes_of(group)}{'' if parts else ' nodes'}")
     if not parts:
-        return f"{head}: energy against iterations"
-    return f"{head}, lower mean energy, IDA or CG: " + "; ".join(parts)
+        return f"{kind_title(kind)}: energy against iterations"
+    return f"{kind_title(kind)}: nonlinear CG's mean energy falls below IDA's at iteration {', '.join(parts)}"
 
 
 def tabulate_convergence(results: Results) -> str:
@@ -538,7 +564,10 @@ def tabulate_convergence(results: Results) -> str:
                     + [curve.iterations_to(gap) for gap in (1e-2, 1e-6, 1e-10)]
                     + [str(curve.systems)]
                 )
-    note = "Mean E / E_0 after 1, 3, 5, 10 iterations; iterations until the median gap is below 1e-2, 1e-6, 1e-10.\n\n"
+    note = (
+        "Mean E / E_0 after 1, 3, 5, 10 iterations; iterations until the median gap is below 1e-2, 1e-6,"
+        " 1e-10.\n\n"
+    )
     return note + table(["", "1", "3", "5", "10", "1e-2", "1e-6", "1e-10", "systems"], rows)
 
 
@@ -557,7 +586,8 @@ class Effort:
     @staticmethod
     def of(cells: list[Cell]) -> "Effort":
         loose, iterations, seconds = (
-            np.concatenate([cell[name] for cell in cells]) for name in ("loose_iterations", "iterations", "seconds")
+            np.concatenate([cell[name] for cell in cells])
+            for name in ("loose_iterations", "iterations", "seconds")
         )
         arrived = iterations >= 0
         return Effort(loose[loose >= 0], iterations[arrived], seconds[arrived], int((~arrived).sum()))
@@ -571,36 +601,56 @@ def draw_scaling(results: Results, palette: Palette) -> list[Drawing]:
         efforts = {(g, s): Effort.of(results.of(g, s)) for g in groups for s in results.solvers(g)}
         names = list(dict.fromkeys(s for g in groups for s in results.solvers(g)))
         names.sort(key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name))
-        quantities = [
-            ("iterations", f"to a gap of {gap:g}: mean, standard deviation", "iterations"),
-            ("seconds", f"to a gap of {gap:g}: median, 5 to 95 %", "CPU time [s]"),
-        ]
-        if any(len(effort.loose) for effort in efforts.values()):
-            quantities.insert(0, ("loose", "until one gains < 1 %: mean, standard deviation", "iterations"))
+        quantities = {
+            "loose": ("until one gains less than 1 %", "iterations, mean and s.d."),
+            "iterations": (f"to a relative gap of {short(gap)}", "iterations, mean and s.d."),
+            "seconds": (f"to a relative gap of {short(gap)}", "CPU time [s], median and 5 to 95 %"),
+        }
+        if sum(any(len(e.loose) for (g, _), e in efforts.items() if g == group) for group in groups) < min(
+            2, len(groups)
+        ):
+            del quantities["loose"]  # not measured beyond 1000 nodes
         title = scaling_title(kind, groups, efforts)
-        figure, axes = panels(4 if len(quantities) == 3 else 3, 2, 2.35, title)
-        for at, (quantity, what, unit) in zip(axes, quantities):
-            for order, name in enumerate(names):
-                draw_effort(at, quantity, name, groups, efforts, palette, (order - len(names) / 2) * 0.012)
+        handles = legend_of(names, palette)
+        if len(quantities) == 3:  # the legend takes the fourth place
+            figure, axes = panels(4, 2, 2.3, title)
+            axes[3].axis("off")
+            axes[3].legend(handles=handles, loc="center left", handlelength=3.4, labelspacing=0.8)
+        else:
+            figure, axes = panels(2, 2, 2.3, title, handles)
+        sizes = [nodes_of(group) for group in groups]
+        margin = 1.25 if len(sizes) > 1 else 2
+        width = math.log10(max(sizes) / min(sizes) * margin**2)  # decades
+        for at, (quantity, (what, unit)) in zip(axes, quantities.items()):
             at.set(xscale="log", yscale="log", xlabel="nodes", ylabel=unit)
-            at.set_title(f"{'Time' if quantity == 'seconds' else 'Iterations'} {what}")
-            sizes = [nodes_of(group) for group in groups]
-            few = sizes if len(sizes) <= 6 else [n for n in sizes if n in (4, 16, 64, 200, 1000)] or sizes[:: len(sizes) // 5]
-            at.set_xticks(few, [f"{n:,}".replace(",", " ") for n in few])
-            at.set_xlim(min(sizes) / 1.25, max(sizes) * 1.25)
+            for order, name in enumerate(names):
+                dodge = 0.008 * (order - len(names) / 2) * width
+                draw_effort(at, quantity, name, groups, efforts, palette, dodge)
+            at.set_title(what)
+            at.set_xlim(min(sizes) / margin, max(sizes) * margin)
+            ticks = sizes
+            while len(ticks) > 7:
+                ticks = ticks[::2]
+            at.set_xticks(ticks, [f"{n:g}" if n < 10000 else power(n) for n in ticks])
             at.minorticks_off()
             if quantity != "seconds":
                 at.set_ylim(bottom=1)
-        legend(figure, names, palette, 0, axes[-1])
+                plain_ticks(at)
         drawings.append(
             Drawing(
                 f"scaling-{kind}",
                 figure,
                 title,
-                "Each solver's iterations and CPU time, setup included, against the number of nodes, to a relative gap"
-                f" of {gap:g} above the energy that it itself ends at"
-                + (", and its iterations until one lowers the energy by less than a hundredth" if quantities[2:] else "")
-                + ". Bands (IDA and nonlinear CG) and bars (the others): the standard deviation of the iterations, 5 to"
+                "Each solver's iterations and CPU time, setup included, against the number of nodes,"
+                " to a relative gap"
+                f" of {short(gap)} above the energy that it itself ends at"
+                + (
+                    ", and its iterations until one lowers the energy by less than a hundredth"
+                    if "loose" in quantities
+                    else ""
+                )
+                + ". Bands (IDA and nonlinear CG) and bars (the others): the standard deviation of the iterations,"
+                " 5 to"
                 " 95 % of the times. Of the systems that it arrives at.",
             )
         )
@@ -646,13 +696,17 @@ def scaling_title(kind: str, groups: list[str], efforts: dict[tuple[str, str], E
     n, m = nodes_of(first), nodes_of(last)
     span = f"{n} nodes" if first == last else f"{n} and {m} nodes"
     parts = []
-    for name in ("ida", "ncg"):
-        arrived = [efforts[g, name] for g in (first, last) if (g, name) in efforts and len(efforts[g, name].iterations)]
+    for name in ("ida", "ncg") if any((first, "ida") == key for key in efforts) else ():
+        arrived = [
+            efforts[g, name]
+            for g in (first, last)
+            if (g, name) in efforts and len(efforts[g, name].iterations)
+        ]
         if len(arrived) == 2:
             counts = [f"{effort.iterations.mean():.0f}" for effort in arrived]
             parts.append(f"{label_of(name)} {' and '.join(counts if n != m else counts[:1])}")
     if parts:
-        return f"{kind_title(kind)}, iterations at {span}: " + ", ".join(parts)
+        return f"{kind_title(kind)}: mean iterations at {span}, " + ", ".join(parts)
     here = {s: spread(e.seconds, 0.5) for (g, s), e in efforts.items() if g == last and len(e.seconds)}
     if not here:
         return f"{kind_title(kind)}: no solver arrives at {m} nodes"
@@ -679,13 +733,15 @@ def tabulate_scaling(results: Results) -> str:
                     row.append(f"none of {effort.failed}")
                 else:
                     it = effort.iterations
-                    row.append(f"{it.mean():.0f} ± {it.std():.0f}, {time(spread(effort.seconds, 0.5))}{failed}")
+                    row.append(
+                        f"{it.mean():.0f} ± {it.std():.0f}, {time(spread(effort.seconds, 0.5))}{failed}"
+                    )
             rows.append(row)
         parts.append(table([kind] + [str(nodes_of(group)) for group in groups], rows))
     gap = results.cells[0]["gap"]
     return (
-        f"Iterations to a gap of {gap:g}, mean ± standard deviation, and median CPU time; columns: nodes.\n\n"
-        + "\n".join(parts)
+        f"Iterations to a gap of {short(gap)}, mean ± standard deviation, and median CPU time;"
+        f" columns: nodes.\n\n" + "\n".join(parts)
     )
 
 
@@ -732,11 +788,12 @@ LEVEL_NAMES = {
 
 def draw_hard(results: Results, palette: Palette) -> list[Drawing]:
     cases = hard_cases(results)
-    names = list(dict.fromkeys(name for levels in cases.values() for level in levels for name in level.excess))
+    names = list(
+        dict.fromkeys(name for levels in cases.values() for level in levels for name in level.excess)
+    )
     names.sort(key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name))
     title = hard_title(cases)
-    figure, axes = panels(2 * len(cases), 2, 1.45, title, top=0.8)
-    legend(figure, names, palette, 0.3 + 0.17 * wrapped(title, 98).count("\n"))
+    figure, axes = panels(2 * len(cases), 2, 1.45, title, legend_of(names, palette))
     for row, (case, levels) in enumerate(cases.items()):
         left, right = axes[2 * row : 2 * row + 2]
         for name in reversed(names):  # the first in front
@@ -760,8 +817,10 @@ def draw_hard(results: Results, palette: Palette) -> list[Drawing]:
             "hard",
             figure,
             title,
-            "Excess of the energy where a solver ends over the lowest that any solver found of the same system"
-            " (on the lowest line: 1e-16 or none), and the share of systems where it is above 1 %. Harder to the"
+            "Excess of the energy where a solver ends over the lowest that any solver found of the"
+            " same system"
+            " (on the lowest line: 1e-16 or none), and the share of systems where it is above 1 %."
+            " Harder to the"
             " right; stopped at stationarity 1e-8 or after 10,000 iterations.",
         )
     ]
@@ -777,9 +836,9 @@ def hard_title(cases: dict[str, list[Level]]) -> str:
         if levels and all(name in level.excess for level in levels)
     }
     if not worst:
-        return "hard cases: excess over the lowest energy found"
+        return "Hard cases: excess over the lowest energy found"
     shares = ", ".join(f"{label_of(name)} {percent(share)}" for name, share in worst.items())
-    return f"nodes that nearly coincide, worst share far above the lowest energy: {shares}"
+    return f"Nodes that nearly coincide: far above the lowest energy, at the worst level, {shares}"
 
 
 def draw_near_coincident(results: Results) -> Drawing | None:
@@ -792,59 +851,82 @@ def draw_near_coincident(results: Results) -> Drawing | None:
     complete = {level: cells for level, cells in by_level.items() if len(cells) == len(wanted)}
     if not complete:
         return None
-    level = max(complete, key=lambda k: complete[k]["ncg-forward"]["energies"][0] / complete[k]["ida"]["energies"][0])
+    level = max(
+        complete, key=lambda k: complete[k]["ncg-forward"]["energies"][0] / complete[k]["ida"]["energies"][0]
+    )
     cells = complete[level]
     energies = {name: float(cells[name]["energies"][0]) for name in wanted}
-    title = f"two nodes {level:g} apart: " + ", ".join(
-        f"{label_of(name)} ends at E = {energies[name]:.4g}" for name in wanted
+    ratio = energies["ncg-forward"] / energies["ida"]
+    title = (
+        f"Two nodes that want to be {short(level)} apart: CG with numeric gradients ends at"
+        f" {ratio:.3g} times IDA's"
+        " energy"
     )
-    figure, axes = panels(3, 3, 2.3, title, top=0.45, gap=0.55)
-    everything = np.concatenate([cells[name][what] for name in wanted for what in ("start", "end", "anchors")])
+    handles = [
+        plt.Line2D(
+            [],
+            [],
+            color=BEFORE,
+            linestyle="--",
+            linewidth=1,
+            marker="o",
+            markerfacecolor="white",
+            label="before",
+        ),
+        plt.Line2D(
+            [], [], color=AFTER, marker="o", markerfacecolor=NODE, markeredgecolor="black", label="after"
+        ),
+        plt.Line2D(
+            [],
+            [],
+            color="black",
+            linestyle=":",
+            marker="x",
+            markeredgewidth=1.6,
+            label="anchors, springs to them",
+        ),
+    ]
+    figure, axes = panels(3, 3, 1.92, title, handles, gap=0.5)
+    everything = np.concatenate(
+        [cells[name][what] for name in wanted for what in ("start", "end", "anchors")]
+    )
     low, high = everything.min(axis=0), everything.max(axis=0)
     centre, reach = (low + high) / 2, 0.56 * (high - low).max()
     for at, name in zip(axes, wanted):
         cell = cells[name]
         count = len(cell["end"])
-        for points, colour, line, width in (("start", "#58a6e0", "--", 1.0), ("end", "#b3151f", "-", 1.5)):
+        for points, colour, line, width in (("start", BEFORE, "--", 1.0), ("end", AFTER, "-", 1.5)):
             for i in range(count):
                 for j in range(i):
                     x, y = cell[points][[i, j]].T
                     at.plot(x, y, color=colour, linestyle=line, linewidth=width, zorder=2)
         for node, anchor in zip(cell["end"], cell["anchors"]):
             at.plot(*np.array([node, anchor]).T, color="black", linestyle=":", linewidth=1, zorder=3)
-        at.plot(*cell["start"].T, "o", color="white", markeredgecolor="#58a6e0", markersize=4.5, zorder=3)
-        at.plot(*cell["end"].T, "o", color="#2f9e44", markeredgecolor="black", markersize=6, zorder=4)
+        at.plot(*cell["start"].T, "o", color="white", markeredgecolor=BEFORE, markersize=4.5, zorder=3)
+        at.plot(*cell["end"].T, "o", color=NODE, markeredgecolor="black", markersize=6, zorder=4)
         at.plot(*cell["anchors"].T, "x", color="black", markersize=6.5, markeredgewidth=1.6, zorder=5)
         at.set(xlim=(centre[0] - reach, centre[0] + reach), ylim=(centre[1] - reach, centre[1] + reach))
         at.set(aspect="equal", xlabel="x")
-        at.set_title(f"{label_of(name)}\nE = {energies[name]:.6g}, {cell['iterations'][0]:,} iterations")
+        at.set_title(f"{label_of(name)}: E = {energies[name]:.5g}")
+        at.text(
+            0.03, 0.03, f"{cell['iterations'][0]:,} iterations", transform=at.transAxes, path_effects=HALO
+        )
     axes[0].set_ylabel("y")
-    handles = [
-        plt.Line2D([], [], color="#58a6e0", linestyle="--", linewidth=1, marker="o", markerfacecolor="white"),
-        plt.Line2D([], [], color="#b3151f", marker="o", markerfacecolor="#2f9e44", markeredgecolor="black"),
-        plt.Line2D([], [], color="black", linestyle=":", marker="x", markeredgewidth=1.6),
-    ]
-    figure.legend(
-        handles=handles,
-        labels=["links before", "links and nodes after", "anchors and their springs"],
-        loc="upper left",
-        bbox_to_anchor=(0, 1 - 0.3 / figure.get_size_inches()[1]),
-        ncol=3,
-        handlelength=3.2,
-        borderaxespad=0.1,
-    )
     return Drawing(
         "hard-near-coincident",
         figure,
         title,
-        f"As the paper's Figure 8: the first of the near-coincident systems, rest length {level:g} between the first two"
+        f"As the paper's Figure 8: the first of the near-coincident systems, rest length"
+        f" {short(level)} between the first two"
         " nodes, before and after optimisation, with the energy that remains.",
     )
 
 
 def tabulate_hard(results: Results) -> str:
     cases = hard_cases(results)
-    names = list(dict.fromkeys(name for levels in cases.values() for level in levels for name in level.excess))
+    names = list(
+        dict.fromkeys(name for levels in cases.values() for level in levels for name in level.excess)
+    )
     names.sort()
     rows = [
         [f"`{name}`"]
@@ -854,10 +936,13 @@ def tabulate_hard(results: Results) -> str:
         ]
         for name in names
     ]
-    header = [f"{case} {' '.join(f'{level.level:g}' for level in levels)}" for case, levels in cases.items()]
+    header = [
+        f"{case} {' '.join(f'{short(level.level)}' for level in levels)}" for case, levels in cases.items()
+    ]
     count = max(cell["systems"] for cell in results.cells)
-    return f"Systems, of {count}, that end more than 1 % above the lowest energy found [%], level by level.\n\n" + table(
-        ["", *header], rows
+    return (
+        f"Systems, of {count}, that end more than 1 % above the lowest energy found [%], level by level.\n\n"
+        + table(["", *header], rows)
     )
 
 
@@ -896,22 +981,28 @@ def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
         worst = max(found, key=lambda key: several(found[key]))
         title = (
             f"{kind_title(kind)}: up to {percent(several(found[worst]))} have several minima"
-            f" ({nodes_of(worst[0])} nodes, anchors × {worst[2]:g})"
+            f" ({nodes_of(worst[0])} nodes, anchors × {short(worst[2])})"
         )
         start = [missed(found[g, "ida", w]) for g in groups for w in weaknesses if (g, "ida", w) in found]
         if start:
             title += f"; IDA misses the lowest in {percent(min(start))} to {percent(max(start))}"
         columns = min(4, 1 + len(groups))
-        figure, axes = panels(1 + len(groups), columns, 1.9, title, top=0.6, gap=0.38)
-        legend(figure, names, palette, 0.3 + 0.17 * wrapped(title, 98).count("\n"))
+        figure, axes = panels(1 + len(groups), columns, 1.9, title, legend_of(names, palette), gap=0.38)
         ends = []
         for k, group in enumerate(groups):
             # The same whoever solves: of the first solver that has it.
             share = [
-                next((several(found[group, s, w]) for s in names if (group, s, w) in found), math.nan) for w in weaknesses
+                next((several(found[group, s, w]) for s in names if (group, s, w) in found), math.nan)
+                for w in weaknesses
             ]
             gray = str(0.65 * k / max(1, len(groups) - 1))
-            axes[0].plot(range(len(share)), [100 * v for v in share], color=gray, marker="osD^v<>"[k % 7], clip_on=False)
+            axes[0].plot(
+                range(len(share)),
+                [100 * v for v in share],
+                color=gray,
+                marker="osD^v<>"[k % 7],
+                clip_on=False,
+            )
             ends.append((share, gray, k))
         axes[0].set_title("two minima or more")
         axes[0].set_ylabel("systems [%]")
@@ -926,7 +1017,10 @@ def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
         top = 5.0
         for at, group in zip(axes[1:], groups):
             for name in reversed(results.solvers(group)):
-                shares = [100 * missed(found[group, name, w]) if (group, name, w) in found else math.nan for w in weaknesses]
+                shares = [
+                    100 * missed(found[group, name, w]) if (group, name, w) in found else math.nan
+                    for w in weaknesses
+                ]
                 at.plot(range(len(shares)), shares, clip_on=False, **palette(name))
                 top = max(top, np.nanmax(shares))
             at.set_title(f"missed, {nodes_of(group)} nodes")
@@ -940,8 +1034,10 @@ def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
                 f"minima-{kind}",
                 figure,
                 title,
-                "Left: systems for which random starts find two minima or more. The others: systems where a solver, from"
-                " the problem's own start, ends more than 1e-4 above the lowest of them. To the right, weaker anchors.",
+                "Left: systems for which random starts find two minima or more. The others: systems"
+                " where a solver, from"
+                " the problem's own start, ends more than 1e-4 above the lowest of them. To the"
+                " right, weaker anchors.",
             )
         )
     return drawings
@@ -949,7 +1045,9 @@ def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
 
 def tabulate_minima(results: Results) -> str:
     weaknesses = sorted({cell["weakness"] for cell in results.cells}, reverse=True)
-    names = list(dict.fromkeys(s for kind in results.kinds() for g in results.groups(kind) for s in results.solvers(g)))
+    names = list(
+        dict.fromkeys(s for kind in results.kinds() for g in results.groups(kind) for s in results.solvers(g))
+    )
     rows = []
     for kind in results.kinds():
         for group in results.groups(kind):
@@ -959,13 +1057,17 @@ def tabulate_minima(results: Results) -> str:
                 if first is None:
                     continue
                 rows.append(
-                    [f"{group}, anchors × {weakness:g}", str(len(first["minima"])), percent(several(first))]
+                    [
+                        f"{group}, anchors × {short(weakness)}",
+                        str(len(first["minima"])),
+                        percent(several(first)),
+                    ]
                     + [percent(missed(data)) if data else "" for data in found.values()]
                 )
     starts = max(cell.get("starts", 0) for cell in results.cells)
     return (
-        f"Systems; share with two minima or more ({starts} starts); share where each solver misses the lowest.\n\n"
-        + table(["", "systems", "several", *(f"`{name}`" for name in names)], rows)
+        f"Systems; share with two minima or more ({starts} starts); share where each solver misses"
+        f" the lowest.\n\n" + table(["", "systems", "several", *(f"`{name}`" for name in names)], rows)
     )
 
 
@@ -975,8 +1077,8 @@ FINEST = 1e-11  # gaps below are one: a double's rounding is not far
 
 
 def trade_off(cells: list[Cell]) -> np.ndarray:
-    """Rows (gap, seconds), gap falling: 90th percentile of the gap and median of the time at each tolerance, without
-    those that another one beats in both."""
+    """Rows (gap, seconds), gap falling: 90th percentile of the gap and median of the time at each tolerance,
+    without those that another one beats in both."""
     gaps = np.concatenate([cell["gaps"] for cell in cells], axis=1)
     seconds = np.concatenate([cell["seconds"] for cell in cells], axis=1)
     points = sorted((spread(t, 0.5), max(spread(g, 0.9), FINEST)) for g, t in zip(gaps, seconds))
@@ -999,7 +1101,7 @@ def draw_pareto(results: Results, palette: Palette) -> list[Drawing]:
         curves = {g: {s: trade_off(results.of(g, s)) for s in results.solvers(g)} for g in groups}
         title = pareto_title(kind, groups, curves)
         columns = min(2, len(groups))
-        figure, axes = panels(len(groups), columns, 2.9, title, right=1.0, gap=0.62)
+        figure, axes = panels(len(groups), columns, 2.9, title, right=0.95, gap=0.7)
         for at, group in zip(axes, groups):
             drawn = {name: curve for name, curve in curves[group].items() if len(curve)}
             times = np.concatenate([curve[:, 1] for curve in drawn.values()])
@@ -1019,8 +1121,10 @@ def draw_pareto(results: Results, palette: Palette) -> list[Drawing]:
                 f"pareto-{kind}",
                 figure,
                 title,
-                "Median CPU time of a solve, setup included, against the relative gap to the energy that the solver itself"
-                f" ends at which nine in ten systems stay below; gaps below {FINEST:g} are drawn there. Lower is faster,"
+                "Median CPU time of a solve, setup included, against the relative gap to the energy"
+                " that the solver itself"
+                f" ends at which nine in ten systems stay below; gaps below {short(FINEST)} are drawn"
+                f" there. Lower is faster,"
                 " further right more accurate. Gray: the other solvers of the table.",
             )
         )
@@ -1036,11 +1140,14 @@ def pareto_title(kind: str, groups: list[str], curves: dict[str, dict[str, np.nd
             parts.append(f"{nodes_of(group)} nodes {label_of(best)}, {time(times[best])}")
     if not parts:
         return f"{kind_title(kind)}: time against accuracy"
-    return f"{kind_title(kind)}, the fastest to a gap of 1e-6: " + "; ".join(parts)
+    return f"{kind_title(kind)}: the fastest to a gap of 1e-6, " + "; ".join(parts)
 
 
 def tabulate_pareto(results: Results) -> str:
-    parts = ["Median CPU time until nine systems in ten are within a relative gap of 1e-2 / 1e-6; columns: nodes.\n"]
+    parts = [
+        "Median CPU time until nine systems in ten are within a relative gap of 1e-2 / 1e-6; columns:"
+        " nodes.\n"
+    ]
     for kind in results.kinds():
         groups = results.groups(kind)
         names = sorted({s for g in groups for s in results.solvers(g)})
@@ -1071,7 +1178,9 @@ class Experiment:
 
 
 EXPERIMENTS = {
-    "convergence": Experiment("Energy against iterations (the paper's Figure 7)", draw_convergence, tabulate_convergence),
+    "convergence": Experiment(
+        "Energy against iterations (the paper's Figure 7)", draw_convergence, tabulate_convergence
+    ),
     "scaling": Experiment("Effort against the number of nodes (Figure 9)", draw_scaling, tabulate_scaling),
     "hard": Experiment("Hard cases (Figure 8)", draw_hard, tabulate_hard),
     "minima": Experiment("Several minima", draw_minima, tabulate_minima),
@@ -1100,17 +1209,21 @@ def provenance(results: Results) -> str:
     machines = {}
     for run in results.runs:
         machine = run["machine"]
-        key = json.dumps({name: value for name, value in machine.items() if name != "clock_spread"}, sort_keys=True)
+        key = json.dumps(
+            {name: value for name, value in machine.items() if name != "clock_spread"}, sort_keys=True
+        )
         machines.setdefault(key, (machine, []))[1].append(machine.get("clock_spread", math.nan))
     for machine, spreads in machines.values():
         text += (
-            f"\n{dates[0] if dates[0] == dates[-1] else dates[0] + ' to ' + dates[-1]}, {machine.get('cpu', 'unknown CPU')},"
+            f"\n{dates[0] if dates[0] == dates[-1] else dates[0] + ' to ' + dates[-1]},"
+            f" {machine.get('cpu', 'unknown CPU')},"
             f" {machine.get('cores', '?')} cores; {machine.get('compiler', 'unknown compiler')},"
-            f" {' '.join(str(machine.get('build', 'unknown build')).split())}; {', '.join(machine.get('packages', []))}."
+            f" {' '.join(str(machine.get('build', 'unknown build')).split())};"
+            f" {', '.join(machine.get('packages', []))}."
             f" Spread of the clock (quartiles of a fixed computation) {percent(max(spreads))}"
         )
         if clocks:
-            text += f"; beside the cells it took {min(clocks):.2f} to {max(clocks):.2f} times as long as at the start"
+            text += f"; beside the cells {min(clocks):.2f} to {max(clocks):.2f} of its time at the start"
         text += ".\n"
     return text
 
@@ -1118,9 +1231,12 @@ def provenance(results: Results) -> str:
 def page(found: list[tuple[Results, list[Drawing]]], folder: str, command: str) -> str:
     text = [
         "# The solver laboratory: results\n",
-        "What the experiments are and how to run them: [laboratory.md](../laboratory.md). Drawn and written by\n",
+        "What the experiments are and how to run them: [laboratory.md](../laboratory.md). Drawn and"
+        " written by\n",
         f"    {command}\n",
-        "Solvers are named as `asterism-bench solvers` lists them.\n",
+        "Solvers are named as `asterism-bench solvers` lists them; in the figures "
+        + ", ".join(f"`{name}` is {style.label}" for name, style in STYLES.items())
+        + ".\n",
     ]
     for results, drawings in found:
         experiment = EXPERIMENTS[results.name]
@@ -1144,8 +1260,12 @@ def save(drawing: Drawing, folder: pathlib.Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("results", type=pathlib.Path, help="folder of asterism-bench's --results")
-    parser.add_argument("--out", type=pathlib.Path, required=True, help="folder of the figures; the page is OUT.md")
-    parser.add_argument("--solvers", help="those drawn in colour, separated by commas (default: the better known)")
+    parser.add_argument(
+        "--out", type=pathlib.Path, required=True, help="folder of the figures; the page is OUT.md"
+    )
+    parser.add_argument(
+        "--solvers", help="those drawn in colour, separated by commas (default: the better known)"
+    )
     options = parser.parse_args()
 
     palette = Palette(options.solvers.split(",") if options.solvers else None)
