@@ -3,8 +3,8 @@
 
     figures.py RESULTS_FOLDER --out docs/results/laboratory
 
-reads what `asterism-bench convergence`, `scaling`, `hard`, `minima` and `pareto` left in the folder; those that
-are not there are left out. Each figure goes into --out as SVG and PNG, the page beside that folder
+reads what `asterism-bench convergence`, `scaling`, `hard`, `minima` and `pareto` left in the folder; those
+that are not there are left out. Each figure goes into --out as SVG and PNG, the page beside that folder
 (docs/results/laboratory.md). The same results give the same files, byte for byte. Needs python3-matplotlib.
 """
 
@@ -89,7 +89,7 @@ def numbers(values: Any, *shape: int) -> np.ndarray:
 def parse(experiment: str, cell: Cell) -> Cell:
     """The cell with its numbers as arrays; KeyError, TypeError or ValueError where it is none."""
     n = cell["systems"]
-    if not isinstance(n, int) or n < 1 or not isinstance(cell["solver"], str):
+    if not isinstance(n, int) or n < 1 or not isinstance(cell["solver"] + cell["group"], str):
         raise ValueError
     if experiment != "hard" and not re.fullmatch(r"[a-z]+/\d+", cell["group"]):
         raise ValueError
@@ -296,8 +296,8 @@ def panels(
     right: float = 0.15,
     gap: float = 0.75,
 ) -> tuple[Figure, list[Axes]]:
-    """A page-wide figure of so many axes of a height [inch] under a title and a legend, with `right` beside each
-    for labels and `gap` for the next one's axis."""
+    """A page-wide figure of so many axes of a height [inch] under a title and a legend, with `right` beside
+    each for labels and `gap` for the next one's axis."""
     rows = -(-count // columns)
     left, bottom, line = 0.72, 0.55, 0.17
     title = textwrap.fill(title, 84)
@@ -649,8 +649,8 @@ def draw_scaling(results: Results, palette: Palette) -> list[Drawing]:
                     if "loose" in quantities
                     else ""
                 )
-                + ". Bands (IDA and nonlinear CG) and bars (the others): the standard deviation of the iterations,"
-                " 5 to"
+                + ". Bands (IDA and nonlinear CG) and bars (the others): the standard deviation of the"
+                " iterations, 5 to"
                 " 95 % of the times. Of the systems that it arrives at.",
             )
         )
@@ -770,7 +770,7 @@ def hard_cases(results: Results) -> dict[str, list[Level]]:
         for cell in cells:
             n = cell["systems"]
             best[:n] = np.minimum(best[:n], cell["energies"])
-        best = np.maximum(best, 1e-300)
+        best = np.clip(best, 1e-300, 1e300)
         excess = {cell["solver"]: cell["energies"] / best[: cell["systems"]] - 1 for cell in cells}
         cases.setdefault(cells[0]["case"], []).append(Level(cells[0]["level"], excess))
     for levels in cases.values():
@@ -1079,6 +1079,7 @@ FINEST = 1e-11  # gaps below are one: a double's rounding is not far
 def trade_off(cells: list[Cell]) -> np.ndarray:
     """Rows (gap, seconds), gap falling: 90th percentile of the gap and median of the time at each tolerance,
     without those that another one beats in both."""
+    cells = [cell for cell in cells if cell["tolerances"] == cells[0]["tolerances"]]
     gaps = np.concatenate([cell["gaps"] for cell in cells], axis=1)
     seconds = np.concatenate([cell["seconds"] for cell in cells], axis=1)
     points = sorted((spread(t, 0.5), max(spread(g, 0.9), FINEST)) for g, t in zip(gaps, seconds))
