@@ -13,6 +13,7 @@
 #include "bars.hpp"
 #include "crossovers.hpp"
 #include "experiments.hpp"
+#include "kinds.hpp"
 #include "solve.hpp"
 
 namespace {
@@ -59,63 +60,74 @@ class Processes {
   Shard shard_;
 };
 
-/// What an experiment is asked for on the command line, with its own defaults.
-struct ExperimentCommand {
-  Experiment (*make)(const Selection&);
-  CLI::App* app = nullptr;
+/// What systems and solvers a subcommand is asked for, with its own defaults.
+struct SelectionOptions {
   std::vector<std::string> kinds = {"lit"};
   std::vector<int> sizes;
   std::vector<int> sparse_sizes;
   std::string solvers;
   int systems;
   std::string recorded;
-  std::string folder = "results";
 
-  ExperimentCommand(CLI::App& parent, const char* name, const char* what,
-                    Experiment (*experiment)(const Selection&), std::vector<int> default_sizes,
-                    std::string default_solvers, int default_systems)
-      : make(experiment),
-        sizes(std::move(default_sizes)),
-        solvers(std::move(default_solvers)),
-        systems(default_systems) {
-    app = parent.add_subcommand(name, what);
+  SelectionOptions(CLI::App& app, std::vector<int> default_sizes, std::string default_solvers,
+                   int default_systems)
+      : sizes(std::move(default_sizes)), solvers(std::move(default_solvers)), systems(default_systems) {
     std::vector<std::string> known;
     for (const Kind kind : kKinds) known.emplace_back(to_string(kind));
-    app->add_option("--kinds", kinds, "random systems: lit, orig, disp, track")
+    app.add_option("--kinds", kinds, "random systems: lit, orig, disp, track")
         ->delimiter(',')
         ->check(CLI::IsMember(known))
         ->capture_default_str();
-    app->add_option("--sizes", sizes, "nodes of the fully connected systems")
+    app.add_option("--sizes", sizes, "nodes of the fully connected systems")
         ->delimiter(',')
         ->check(CLI::Range(1, 10000))
         ->capture_default_str();
-    app->add_option("--sparse", sparse_sizes, "nodes of the systems of local links, too")
+    app.add_option("--sparse", sparse_sizes, "nodes of the systems of local links, too")
         ->delimiter(',')
         ->check(CLI::Range(10, 10000000));
-    app->add_option("--solvers", solvers, "names as `asterism-bench solvers` lists them, or all")
+    app.add_option("--solvers", solvers, "names as `asterism-bench solvers` lists them, or all")
         ->capture_default_str();
-    app->add_option("--systems", systems, "systems of each kind and size; a tenth beyond 100 nodes")
+    app.add_option("--systems", systems, "systems of each kind and size; a tenth beyond 100 nodes")
         ->check(CLI::Range(1, 100000000))
         ->capture_default_str();
-    app->add_option("--recorded", recorded,
-                    "file of systems (asterism-track --record-systems), the kind real");
+    app.add_option("--recorded", recorded,
+                   "file of systems (asterism-track --record-systems), the kind real");
+  }
+
+  Selection selection() const {
+    Selection result;
+    for (const Kind kind : kKinds) {
+      if (std::find(kinds.begin(), kinds.end(), to_string(kind)) != kinds.end()) result.kinds.push_back(kind);
+    }
+    result.sizes = sizes;
+    result.sparse_sizes = sparse_sizes;
+    result.solvers = solvers_named(solvers);
+    result.systems = systems;
+    if (!recorded.empty())
+      result.recorded = std::make_shared<const std::vector<Problem>>(read_problems(recorded));
+    return result;
+  }
+};
+
+/// An experiment as a subcommand.
+struct ExperimentCommand {
+  Experiment (*make)(const Selection&);
+  CLI::App* app;
+  SelectionOptions options;
+  std::string folder = "results";
+
+  ExperimentCommand(CLI::App& parent, const char* name, const char* what,
+                    Experiment (*experiment)(const Selection&), std::vector<int> sizes, std::string solvers,
+                    int systems)
+      : make(experiment),
+        app(parent.add_subcommand(name, what)),
+        options(*app, std::move(sizes), std::move(solvers), systems) {
     app->add_option("--results", folder, "folder of the results; what it has is not measured again")
         ->capture_default_str();
   }
 
   int run(const Processes& processes, const std::string& command) const {
-    Selection selection;
-    for (const Kind kind : kKinds) {
-      if (std::find(kinds.begin(), kinds.end(), to_string(kind)) != kinds.end())
-        selection.kinds.push_back(kind);
-    }
-    selection.sizes = sizes;
-    selection.sparse_sizes = sparse_sizes;
-    selection.solvers = solvers_named(solvers);
-    selection.systems = systems;
-    if (!recorded.empty())
-      selection.recorded = std::make_shared<const std::vector<Problem>>(read_problems(recorded));
-    const Experiment experiment = make(selection);
+    const Experiment experiment = make(options.selection());
     const Results results = run_cells(experiment.name, experiment.cells,
                                       {folder, command, processes.shard(), processes.barrier()});
     if (stop_signal() != 0) return 128 + stop_signal();
@@ -165,6 +177,9 @@ int run_command_line(int argc, char** argv) {
   solve->add_option("--tolerance", limits.tolerance, "of the stopping rule")->capture_default_str();
   solve->add_option("--iterations", limits.iterations, "at most")->capture_default_str();
 
+  CLI::App* kind_table = app.add_subcommand("kinds", "what sets the kinds of systems apart");
+  const SelectionOptions of_kinds(*kind_table, {4}, "ida,newton", 1000);
+
   // From the paper's comparison outwards; what takes too long for a size is left out there.
   const ExperimentCommand experiments[] = {
       {app,
@@ -197,7 +212,13 @@ int run_command_line(int argc, char** argv) {
        300},
       {app, "pareto", "accuracy against time", pareto, {4, 16, 64}, "all", 20}};
 
-  CLI11_PARSE(app, argc, argv);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    if (e.get_exit_code() == 0) return app.exit(e);
+    std::fprintf(stderr, "asterism-bench: %s\n", e.what());
+    return 2;
+  }
   if (bars->parsed()) return run_bars(quick, group);
   if (crossovers->parsed()) {
     if (dense || !sparse) dense_crossovers();
@@ -207,6 +228,10 @@ int run_command_line(int argc, char** argv) {
   if (solver_list->parsed()) return list_solvers();
   if (solve->parsed()) {
     solve_file(file, solvers_named(chosen), limits);
+    return 0;
+  }
+  if (kind_table->parsed()) {
+    kinds(of_kinds.selection());
     return 0;
   }
   for (const ExperimentCommand& experiment : experiments) {

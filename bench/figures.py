@@ -140,7 +140,9 @@ def read_file(path: pathlib.Path) -> Results:
             raise BadInput(f"{path}, line {number}: not JSON") from error
         try:
             if "machine" in entry:
-                if entry["run"] != len(results.runs):
+                if entry["run"] != len(results.runs) or not isinstance(entry["machine"], dict):
+                    raise ValueError
+                if not isinstance(entry["command"] + entry["started"], str):
                     raise ValueError
                 results.runs.append({name: entry[name] for name in ("machine", "command", "started")})
             else:
@@ -199,7 +201,7 @@ class Style:
 STYLES = {
     "ida": Style("IDA", "#111111", "-", "o"),
     "ncg": Style("nonlinear CG", "#c8252c", (0, (5, 2)), "s"),
-    "ncg-forward": Style("CG, numeric", "#f2994a", (0, (5, 1.5, 1, 1.5)), "^"),
+    "ncg-forward": Style("CG (numeric)", "#f2994a", (0, (5, 1.5, 1, 1.5)), "^"),
     "newton": Style("Newton", "#0a4f94", "-", "D"),
     "newton-cg": Style("Newton-CG", "#58b5e8", (0, (4, 1.5)), "X"),
     "lbfgs": Style("L-BFGS", "#1f9a82", "-", "v"),
@@ -274,7 +276,7 @@ class Palette:
 
 
 def label_of(name: str) -> str:
-    return STYLES[name].label if name in STYLES else name
+    return label_of(name) if name in STYLES else name
 
 
 @dataclass
@@ -402,7 +404,13 @@ def power(value: float) -> str:
 
 
 def short(value: float) -> str:
-    return f"{value:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+    """1e-6, 0.1, 30."""
+    exponent = round(math.log10(value))
+    return (
+        f"1e{exponent}"
+        if abs(exponent) > 1 and f"{value:.6e}" == f"1.000000e{exponent:+03d}"
+        else f"{value:g}"
+    )
 
 
 def percent(share: float) -> str:
@@ -838,7 +846,7 @@ def hard_title(cases: dict[str, list[Level]]) -> str:
     if not worst:
         return "Hard cases: excess over the lowest energy found"
     shares = ", ".join(f"{label_of(name)} {percent(share)}" for name, share in worst.items())
-    return f"Nodes that nearly coincide: far above the lowest energy, at the worst level, {shares}"
+    return f"Nodes that nearly coincide, systems that end far above the lowest energy at the worst level: {shares}"
 
 
 def draw_near_coincident(results: Results) -> Drawing | None:
@@ -936,9 +944,7 @@ def tabulate_hard(results: Results) -> str:
         ]
         for name in names
     ]
-    header = [
-        f"{case} {' '.join(f'{short(level.level)}' for level in levels)}" for case, levels in cases.items()
-    ]
+    header = [f"{case}: {' '.join(short(level.level) for level in levels)}" for case, levels in cases.items()]
     count = max(cell["systems"] for cell in results.cells)
     return (
         f"Systems, of {count}, that end more than 1 % above the lowest energy found [%], level by level.\n\n"
@@ -967,9 +973,11 @@ def several(found: dict[str, np.ndarray]) -> float:
 
 def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
     drawings = []
-    weaknesses = sorted({cell["weakness"] for cell in results.cells}, reverse=True)
     for kind in results.kinds():
         groups = results.groups(kind)
+        weaknesses = sorted(
+            {cell["weakness"] for cell in results.cells if cell["group"] in groups}, reverse=True
+        )
         found = {
             (g, s, w): data
             for g in groups
@@ -985,7 +993,7 @@ def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
         )
         start = [missed(found[g, "ida", w]) for g in groups for w in weaknesses if (g, "ida", w) in found]
         if start:
-            title += f"; IDA misses the lowest in {percent(min(start))} to {percent(max(start))}"
+            title += f"; IDA misses the lowest in {' to '.join(dict.fromkeys(map(percent, (min(start), max(start)))))}"
         columns = min(4, 1 + len(groups))
         figure, axes = panels(1 + len(groups), columns, 1.9, title, legend_of(names, palette), gap=0.38)
         ends = []
@@ -1203,50 +1211,61 @@ def shown_command(command: str) -> str:
 
 def provenance(results: Results) -> str:
     """Commands, dates and machines of what was measured."""
-    commands = dict.fromkeys(shown_command(str(run["command"])) for run in results.runs)
-    text = "".join(f"    {command}\n" for command in commands)
-    dates = sorted(str(run["started"])[:10] for run in results.runs)
-    clocks = [cell["clock"] for cell in results.cells if isinstance(cell.get("clock"), (int, float))]
-    machines = {}
+    text = "".join(
+        f"    {command}\n" for command in dict.fromkeys(shown_command(run["command"]) for run in results.runs)
+    )
+    by_machine: dict[str, list[dict]] = {}
     for run in results.runs:
-        machine = run["machine"]
-        key = json.dumps(
-            {name: value for name, value in machine.items() if name != "clock_spread"}, sort_keys=True
+        fixed = {name: value for name, value in run["machine"].items() if name != "clock_spread"}
+        by_machine.setdefault(json.dumps(fixed, sort_keys=True), []).append(run)
+    clocks = [cell["clock"] for cell in results.cells if isinstance(cell.get("clock"), (int, float))]
+    for runs in by_machine.values():
+        machine = runs[0]["machine"]
+        dates = " to ".join(
+            dict.fromkeys(
+                (min(run["started"] for run in runs)[:10], max(run["started"] for run in runs)[:10])
+            )
         )
-        machines.setdefault(key, (machine, []))[1].append(machine.get("clock_spread", math.nan))
-    for machine, spreads in machines.values():
-        text += (
-            f"\n{dates[0] if dates[0] == dates[-1] else dates[0] + ' to ' + dates[-1]},"
-            f" {machine.get('cpu', 'unknown CPU')},"
-            f" {machine.get('cores', '?')} cores; {machine.get('compiler', 'unknown compiler')},"
-            f" {' '.join(str(machine.get('build', 'unknown build')).split())};"
-            f" {', '.join(machine.get('packages', []))}."
-            f" Spread of the clock (quartiles of a fixed computation) {percent(max(spreads))}"
+        build = " ".join(str(machine.get("build", "unknown build")).split())
+        packages = ", ".join(map(str, machine.get("packages", [])))
+        spread_of_clock = max(run["machine"].get("clock_spread", math.nan) for run in runs)
+        sentence = (
+            f"{dates}; {machine.get('cpu', 'unknown CPU')}, {machine.get('cores', '?')} cores;"
+            f" {machine.get('compiler', 'unknown compiler')}, {build}; {packages}. Quartiles of a fixed computation's"
+            f" time: {percent(spread_of_clock)} apart"
         )
         if clocks:
-            text += f"; beside the cells {min(clocks):.2f} to {max(clocks):.2f} of its time at the start"
-        text += ".\n"
+            sentence += (
+                f"; beside the cells it took {min(clocks):.2f} to {max(clocks):.2f} of that at the start"
+            )
+        text += "\n" + paragraph(sentence + ".")
     return text
 
 
-def page(found: list[tuple[Results, list[Drawing]]], folder: str, command: str) -> str:
+def paragraph(text: str) -> str:
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
+def page(found: list[tuple[Results, list[Drawing]]], folder: str) -> str:
+    names = dict.fromkeys(cell["solver"] for results, _ in found for cell in results.cells)
     text = [
         "# The solver laboratory: results\n",
-        "What the experiments are and how to run them: [laboratory.md](../laboratory.md). Drawn and"
-        " written by\n",
-        f"    {command}\n",
-        "Solvers are named as `asterism-bench solvers` lists them; in the figures "
-        + ", ".join(f"`{name}` is {style.label}" for name, style in STYLES.items())
-        + ".\n",
+        paragraph(
+            "What the experiments are, and how to run them: [laboratory.md](../laboratory.md). Solvers are named as"
+            " `asterism-bench solvers` lists them, which says more of each; in the figures "
+            + ", ".join(f"`{name}` is {label_of(name)}" for name in STYLES if name in names)
+            + ". Figures and page were made of stored results by"
+        ),
+        "    bench/figures.py RESULTS_FOLDER --out docs/results/laboratory\n",
     ]
     for results, drawings in found:
         experiment = EXPERIMENTS[results.name]
-        text.append(f"## {experiment.title}\n")
-        text.append(provenance(results))
-        for drawing in drawings:
+        text += [f"## {experiment.title}\n", provenance(results)]
+        for drawing, following in zip(drawings, [*drawings[1:], None]):
             image = f"{folder}/{drawing.name}"
             text.append(f"[![{drawing.title}]({image}.png)]({image}.svg)\n")
-            text.append(f"{drawing.caption}\n")
+            if following is None or following.caption != drawing.caption:  # once for all alike
+                text.append(paragraph(drawing.caption))
         text.append(experiment.tabulate(results))
     return "\n".join(text)
 
@@ -1280,7 +1299,7 @@ def main() -> None:
             for _, drawings in found:
                 for drawing in drawings:
                     save(drawing, out)
-            text = page(found, out.name, "bench/figures.py RESULTS --out docs/results/laboratory")
+            text = page(found, out.name)
             out.with_name(out.name + ".md").write_text(text, encoding="utf-8")
         except OSError as error:
             raise BadInput(f"{error.filename}: {error.strerror}") from error

@@ -71,6 +71,8 @@ class Laboratory(unittest.TestCase):
             (("solve", self.folder / "missing.json"), "missing.json"),
             (("solve", broken), "anchors is missing"),
             (("solve", broken, "--solver", "newtom"), "the nearest is newton"),
+            (("convergence", "--kinds", "lid"), "lid"),
+            ((), "subcommand"),
         ]:
             result = run(*arguments)
             self.assertNotEqual(result.returncode, 0)
