@@ -9,6 +9,7 @@ that are not there are left out. Each figure goes into --out as SVG and PNG, the
 """
 
 import argparse
+import itertools
 import json
 import math
 import pathlib
@@ -16,9 +17,9 @@ import re
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 try:
     import matplotlib
@@ -33,6 +34,9 @@ except ImportError as error:
     sys.exit(f"figures.py: needs matplotlib (Debian package python3-matplotlib): {error}")
 
 Cell = dict[str, Any]
+T = TypeVar("T")
+EFFORTS = ("loose_iterations", "iterations", "seconds")  # of scaling, a number a system
+MINIMA = ("minima", "lowest", "ends")  # of minima
 
 # ------------------------------------------------------------------------------------------------- reading
 
@@ -49,33 +53,36 @@ class Results:
     cells: list[Cell] = field(default_factory=list)
     runs: list[dict] = field(default_factory=list)
 
-    def groups(self, kind: str) -> list[str]:
-        """Groups of a kind, "lit/4" and so on, by the number of nodes."""
-        found = {cell["group"] for cell in self.cells if cell["group"].startswith(kind + "/")}
-        return sorted(found, key=nodes_of)
-
-    def kinds(self) -> list[str]:
-        return list(dict.fromkeys(cell["group"].split("/")[0] for cell in self.cells))
-
-    def solvers(self, group: str) -> list[str]:
-        """Names in the order of the legend."""
-        found = {cell["solver"] for cell in self.cells if cell["group"] == group}
-        return sorted(
-            found, key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name)
-        )
-
-    def of(self, group: str, solver: str, **fields: Any) -> list[Cell]:
-        return [
-            cell
-            for cell in self.cells
-            if cell["group"] == group
-            and cell["solver"] == solver
-            and all(cell[name] == value for name, value in fields.items())
-        ]
-
 
 def nodes_of(group: str) -> int:
     return int(group.split("/")[1])
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Different solvers in the order of the legend."""
+    known = list(STYLES)
+    return sorted(set(names), key=lambda name: (known.index(name) if name in known else len(known), name))
+
+
+def by_kind(
+    results: Results, reduce: Callable[[list[Cell]], T]
+) -> Iterator[tuple[str, dict[str, dict[str, T]]]]:
+    """For each kind of systems {group: {solver: what its cells reduce to}}; a group, "lit/4", is a number of
+    nodes."""
+    cells: dict[str, dict[str, list[Cell]]] = {}
+    for cell in results.cells:
+        cells.setdefault(cell["group"], {}).setdefault(cell["solver"], []).append(cell)
+    for kind in dict.fromkeys(group.split("/")[0] for group in cells):
+        groups = sorted((group for group in cells if group.split("/")[0] == kind), key=nodes_of)
+        yield kind, {g: {name: reduce(cells[g][name]) for name in in_order(cells[g])} for g in groups}
+
+
+def solvers_in(data: dict[str, dict[str, Any]]) -> list[str]:
+    return in_order(name for solvers in data.values() for name in solvers)
+
+
+def joined(cells: list[Cell], name: str) -> np.ndarray:
+    return np.concatenate([cell[name] for cell in cells])
 
 
 def numbers(values: Any, *shape: int) -> np.ndarray:
@@ -102,7 +109,7 @@ def parse(experiment: str, cell: Cell) -> Cell:
         if any(sum(look.values()) != n for look in result["gaps"]) or len(result["gaps"]) != looks:
             raise ValueError
     elif experiment == "scaling":
-        for name in ("loose_iterations", "iterations", "seconds"):
+        for name in EFFORTS:
             result[name] = numbers(cell[name], n)
         result["gap"] = float(cell["gap"])
     elif experiment == "hard":
@@ -114,7 +121,7 @@ def parse(experiment: str, cell: Cell) -> Cell:
         for name in ("anchors", "start", "end"):
             result[name] = numbers(cell[name], points, 2)
     elif experiment == "minima":
-        for name in ("minima", "lowest", "ends"):
+        for name in MINIMA:
             result[name] = numbers(cell[name], n)
         result["weakness"] = float(cell["weakness"])
     else:
@@ -221,6 +228,7 @@ GRAY = "#c4c4c4"
 BEFORE, AFTER, NODE = "#58a6e0", "#b3151f", "#2f9e44"  # of a drawn system
 WIDTH = 7.6  # inches: the width of a page
 LEGEND_COLUMNS = 4
+BANDS = ("ida", "ncg")  # the paper's two, whose spread is drawn as a band: more than two hide each other
 HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
 LEAST_GAP = 1e-16  # lowest bin of the stored histograms
 
@@ -276,9 +284,10 @@ class Palette:
 
 
 def label_of(name: str) -> str:
-    return label_of(name) if name in STYLES else name
+    return STYLES[name].label if name in STYLES else name
 
 
+@dataclass
 @dataclass
 class Drawing:
     """A figure, and what the page says of it."""
@@ -309,9 +318,8 @@ def panels(
     step = (WIDTH - left + gap - 0.1) / columns
     tall = head + rows * (height + bottom + 0.25) - 0.2
     figure = plt.figure(figsize=(WIDTH, tall))
-    figure.text(
-        0.1 / WIDTH, 1 - 0.09 / tall, title, fontsize=10, fontweight="bold", va="top", linespacing=1.25
-    )
+    bold = {"fontsize": 10, "fontweight": "bold", "linespacing": 1.25}
+    figure.text(0.1 / WIDTH, 1 - 0.09 / tall, title, va="top", **bold)
     if handles:
         figure.legend(
             handles=handles,
@@ -332,27 +340,22 @@ def panels(
     return figure, axes
 
 
-def legend_of(names: Iterable[str], palette: Palette) -> list[plt.Line2D]:
+def legend_of(names: list[str], palette: Palette) -> list[plt.Line2D]:
     """A line for each in colour, and one for all others."""
-    names = list(names)
-    lines = [
-        plt.Line2D([], [], label=label_of(name), **palette(name)) for name in names if palette.in_colour(name)
-    ]
-    others = len(names) - len(lines)
-    return lines + (
-        [plt.Line2D([], [], color=GRAY, linewidth=0.8, label=f"{others} others")] if others else []
-    )
+    coloured = [name for name in names if palette.in_colour(name)]
+    lines = [plt.Line2D([], [], label=label_of(name), **palette(name)) for name in coloured]
+    if len(coloured) < len(names):
+        others = f"{len(names) - len(coloured)} others"
+        lines.append(plt.Line2D([], [], color=GRAY, linewidth=0.8, label=others))
+    return lines
 
 
 def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
     """Names of lines (x, y, text, colour) at their ends; those at the right edge beside it, moved apart where
     they would overlap. All in fractions of the axes, which do not depend on the resolution."""
-    box = axes.get_window_extent()
-    apart = 10.5 / 72 * axes.figure.dpi / box.height
-    points = [
-        (*axes.transAxes.inverted().transform(axes.transData.transform((x, y))), *rest)
-        for x, y, *rest in ends
-    ]
+    apart = 10.5 / 72 * axes.figure.dpi / axes.get_window_extent().height
+    to_fraction = axes.transData + axes.transAxes.inverted()
+    points = [(*to_fraction.transform((x, y)), text, color) for x, y, text, color in ends]
     edge = sorted((point for point in points if point[0] > 0.9), key=lambda point: point[1])
     heights = [point[1] for point in edge]
     for _ in range(500):  # neighbours that overlap give way, half each
@@ -361,65 +364,61 @@ def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
             if overlap > 0:
                 heights[k] -= overlap / 2
                 heights[k + 1] += overlap / 2
+    fractions = {"xycoords": "axes fraction", "textcoords": "axes fraction", "annotation_clip": False}
+    font = {"fontsize": 8, "va": "center"}
     for (x, y, text, color), height in zip(edge, heights):
-        line = {
-            "arrowstyle": "-",
-            "color": color,
-            "linewidth": 0.6,
-            "shrinkA": 0,
-            "shrinkB": 3,
-            "relpos": (0, 0.5),
-        }
-        at = {"xycoords": "axes fraction", "textcoords": "axes fraction", "annotation_clip": False}
-        axes.annotate(
-            text, (x, y), (1.06, height), color=color, fontsize=8, va="center", arrowprops=line, **at
-        )
-    for x, y, text, color in (point for point in points if point[0] <= 0.9):
-        axes.text(
-            x + 0.03,
-            y,
-            text,
-            color=color,
-            fontsize=8,
-            va="center",
-            transform=axes.transAxes,
-            path_effects=HALO,
-            zorder=6,
-        )
+        line = {"arrowstyle": "-", "color": color, "linewidth": 0.6, "relpos": (0, 0.5)}
+        line |= {"shrinkA": 0, "shrinkB": 3}
+        axes.annotate(text, (x, y), (1.06, height), color=color, arrowprops=line, **font, **fractions)
+    for x, y, text, color in points:
+        if x <= 0.9:
+            place = {"transform": axes.transAxes, "zorder": 6, "path_effects": HALO}
+            axes.text(x + 0.03, y, text, color=color, **font, **place)
 
 
-def spread(values: np.ndarray, p: float) -> float:
-    """The laboratory's percentile: a value that occurs."""
+def band(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, color: str) -> None:
+    axes.fill_between(x, low, high, color=color, alpha=0.13, linewidth=0)
+
+
+def plain_ticks(axes: Axes) -> None:
+    """Decimal labels on a log axis that spans few decades, so that it has some."""
+    low, high = axes.get_ylim()
+    ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if low <= m * 10.0**e <= high]
+    if len(ticks) > 7:
+        ticks = [tick for tick in ticks if f"{tick:e}".startswith("1.0")]
+    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.minorticks_off()
+
+
+# --------------------------------------------------------------------------------------- numbers and words
+
+
+def percentile(values: np.ndarray, p: float) -> float:
+    """As the laboratory's: a value that occurs."""
     return float(np.sort(values)[min(int(p * len(values)), len(values) - 1)])
 
 
-def power(value: float) -> str:
-    """1e-06 as a reader of axes expects it, for a tick."""
-    exponent = math.log10(value)
-    return (
-        f"$10^{{{round(exponent)}}}$"
-        if abs(exponent - round(exponent)) < 1e-9 and value != 1
-        else f"{value:g}"
-    )
+def exponent_of(value: float) -> int | None:
+    """3 of 1000; nothing of what is no power of ten."""
+    exponent = round(math.log10(value))
+    return exponent if math.isclose(value, 10.0**exponent, rel_tol=1e-9) else None
+
+
+def tick(value: float) -> str:
+    exponent = exponent_of(value)
+    return f"{value:g}" if exponent in (None, 0) else f"$10^{{{exponent}}}$"
 
 
 def short(value: float) -> str:
     """1e-6, 0.1, 30."""
-    exponent = round(math.log10(value))
-    return (
-        f"1e{exponent}"
-        if abs(exponent) > 1 and f"{value:.6e}" == f"1.000000e{exponent:+03d}"
-        else f"{value:g}"
-    )
+    exponent = exponent_of(value)
+    return f"{value:g}" if exponent is None or abs(exponent) < 2 else f"1e{exponent}"
 
 
 def percent(share: float) -> str:
     """With a space that does not break."""
-    return (
-        f"{100 * share:.1g}\N{NO-BREAK SPACE}%"
-        if 0 < share < 0.01
-        else f"{100 * share:.0f}\N{NO-BREAK SPACE}%"
-    )
+    digits = f"{100 * share:.1g}" if 0 < share < 0.01 else f"{100 * share:.0f}"
+    return digits + "\N{NO-BREAK SPACE}%"
 
 
 def time(seconds: float) -> str:
@@ -429,12 +428,12 @@ def time(seconds: float) -> str:
     return f"{seconds:.3g} s"
 
 
-def kind_title(kind: str) -> str:
-    """What the systems of a kind are, to begin a title."""
+def what(kind: str) -> str:
+    """The systems of a kind, to begin a title."""
     known = {
         "lit": "Random systems (lit)",
-        "orig": "Random systems, anchors at the nodes (orig)",
-        "disp": "Random systems, stiffness by start (disp)",
+        "orig": "Random systems, anchors from nodes before displacement (orig)",
+        "disp": "Random systems, stiffness from lengths after displacement (disp)",
         "track": "Systems as a tracker makes (track)",
         "sparse": "Sparse systems",
         "real": "Systems recorded from a tracker (real)",
@@ -442,20 +441,35 @@ def kind_title(kind: str) -> str:
     return known.get(kind, f"Systems of kind {kind}")
 
 
+def paragraph(text: str) -> str:
+    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False) + "\n"
+
+
 def table(header: list[str], rows: list[list[str]]) -> str:
-    if not rows:
-        return ""
     lines = ["| " + " | ".join(row) + " |" for row in [header, *rows]]
     lines.insert(1, "|---|" + "---:|" * (len(header) - 1))
     return "\n".join(lines) + "\n"
 
 
+def table_of_groups(kind: str, data: dict[str, dict[str, T]], text: Callable[[T], str]) -> str:
+    """Solvers by numbers of nodes."""
+    rows = [
+        [f"`{name}`"] + [text(solvers[name]) if name in solvers else "" for solvers in data.values()]
+        for name in solvers_in(data)
+    ]
+    return table([kind, *(str(nodes_of(group)) for group in data)], rows)
+
+
 # --------------------------------------------------------------------------------------------- convergence
+
+CONVERGENCE_CAPTION = """Left: mean of the energy that remains, E / E_0, after each of the first iterations.
+Right: median of the gap, (E - E_end) / E_end, above the energy that the solver itself ends at; bands: 5 to 95
+% of the systems, for IDA and nonlinear CG."""
 
 
 @dataclass
 class Curve:
-    """Sums over the systems of a group: convergence of one solver."""
+    """What remains after iterations of a solver, over the systems of a group."""
 
     looks: np.ndarray  # iterations
     remaining: np.ndarray  # mean of E / E_0 at each
@@ -472,7 +486,7 @@ class Curve:
         return Curve(looks, remaining, gaps, systems)
 
     def gap(self, p: float) -> np.ndarray:
-        """Percentile of the relative gap at each look; bins are a twentieth of a decade, from 1e-16."""
+        """Percentile of the relative gap at each look, of bins of a twentieth of a decade."""
         result = []
         for bins in self.gaps:
             below = 0
@@ -480,7 +494,7 @@ class Curve:
                 below += bins[at]
                 if below >= p * self.systems:
                     break
-            result.append(0.0 if at == 0 else 10 ** (math.log10(LEAST_GAP) + (at - 0.5) / 20))
+            result.append(0.0 if at == 0 else LEAST_GAP * 10 ** ((at - 0.5) / 20))
         return np.array(result)
 
     def iterations_to(self, gap: float) -> str:
@@ -490,101 +504,73 @@ class Curve:
 
 def draw_convergence(results: Results, palette: Palette) -> list[Drawing]:
     drawings = []
-    for kind in results.kinds():
-        groups = results.groups(kind)
-        curves = {g: {s: Curve.of(results.of(g, s)) for s in results.solvers(g)} for g in groups}
-        names = list(dict.fromkeys(s for g in groups for s in curves[g]))
-        title = convergence_title(kind, groups, curves)
-        figure, axes = panels(2 * len(groups), 2, 1.75, title, legend_of(names, palette))
-        for row, group in enumerate(groups):
-            left, right = axes[2 * row : 2 * row + 2]
+    for kind, data in by_kind(results, Curve.of):
+        title = convergence_title(kind, data)
+        figure, axes = panels(2 * len(data), 2, 1.75, title, legend_of(solvers_in(data), palette))
+        for left, right, group in zip(axes[::2], axes[1::2], data):
             last = 10.0
-            for name, curve in curves[group].items():
+            for name, curve in data[group].items():
                 style = palette(name)
                 early = curve.looks <= 20
                 left.plot(curve.looks[early], curve.remaining[early], **style)
                 median = curve.gap(0.5)
                 end = int(np.argmax(median == 0)) if (median == 0).any() else len(median) - 1
-                shown = slice(1, end + 1)
                 last = max(last, curve.looks[end])
+                shown = slice(1, end + 1)
                 right.plot(curve.looks[shown], np.maximum(median[shown], LEAST_GAP), markevery=2, **style)
-                if name in ("ida", "ncg") and palette.in_colour(name):
+                if name in BANDS and palette.in_colour(name):
                     low, high = (np.maximum(curve.gap(p)[1:], LEAST_GAP) for p in (0.05, 0.95))
-                    right.fill_between(
-                        curve.looks[1:], low, high, color=style["color"], alpha=0.13, linewidth=0
-                    )
+                    band(right, curve.looks[1:], low, high, style["color"])
             left.set(yscale="log", xlim=(0, 20), xlabel="iterations", ylabel="mean of $E / E_0$")
             left.set_xticks(range(0, 21, 5))
             left.set_title(f"{nodes_of(group)} nodes: energy that remains")
             plain_ticks(left)
             right.set(xscale="log", yscale="log", xlim=(1, 1.1 * last), ylim=(LEAST_GAP, 100))
             right.set(xlabel="iterations", ylabel="relative gap")
-            right.set_title(f"{nodes_of(group)} nodes: gap, median")
             right.set_yticks([10.0**e for e in range(-16, 1, 4)])
-        drawings.append(
-            Drawing(
-                f"convergence-{kind}",
-                figure,
-                title,
-                "Left: mean of the energy that remains, E / E_0, after each of the first iterations."
-                " Right: median of"
-                " the gap, (E - E_end) / E_end, above the energy that the solver itself ends at;"
-                " bands: 5 to 95 % of"
-                " the systems, for IDA and nonlinear CG.",
-            )
-        )
+            right.set_title(f"{nodes_of(group)} nodes: gap, median")
+        drawings.append(Drawing(f"convergence-{kind}", figure, title, CONVERGENCE_CAPTION))
     return drawings
 
 
-def plain_ticks(axes: Axes) -> None:
-    """Decimal labels on a log axis that spans few decades, so that it has some."""
-    low, high = axes.get_ylim()
-    ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if low <= m * 10.0**e <= high]
-    if len(ticks) > 7:
-        ticks = [tick for tick in ticks if abs(math.log10(tick) % 1) < 1e-9]
-    axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
-    axes.minorticks_off()
-
-
-def convergence_title(kind: str, groups: list[str], curves: dict[str, dict[str, Curve]]) -> str:
+def convergence_title(kind: str, data: dict[str, dict[str, Curve]]) -> str:
     parts = []
-    for group in groups:
-        if {"ida", "ncg"} <= curves[group].keys():
-            ida, ncg = curves[group]["ida"], curves[group]["ncg"]
-            ahead = np.flatnonzero(ncg.remaining < ida.remaining * (1 - 1e-6))
-            when = f"{ida.looks[ahead[0]]:.0f}" if len(ahead) else "none"
+    for group, curves in data.items():
+        if {"ida", "ncg"} <= curves.keys():
+            ida, ncg = curves["ida"], curves["ncg"]
+            below = np.flatnonzero(ncg.remaining < ida.remaining * (1 - 1e-6))
+            when = f"{ida.looks[below[0]]:.0f}" if len(below) else "none"
             parts.append(f"{when} with {nodes_of(group)}{'' if parts else ' nodes'}")
     if not parts:
-        return f"{kind_title(kind)}: energy against iterations"
-    return f"{kind_title(kind)}: nonlinear CG's mean energy falls below IDA's at iteration {', '.join(parts)}"
+        return f"{what(kind)}: energy against iterations"
+    return f"{what(kind)}: nonlinear CG's mean energy falls below IDA's at iteration {', '.join(parts)}"
 
 
 def tabulate_convergence(results: Results) -> str:
     rows = []
-    for kind in results.kinds():
-        for group in results.groups(kind):
-            for name in results.solvers(group):
-                curve = Curve.of(results.of(group, name))
-                at = {int(k): value for k, value in zip(curve.looks, curve.remaining)}
-                rows.append(
-                    [f"{group} `{name}`"]
-                    + [f"{at[k]:.4f}" if k in at else "-" for k in (1, 3, 5, 10)]
-                    + [curve.iterations_to(gap) for gap in (1e-2, 1e-6, 1e-10)]
-                    + [str(curve.systems)]
-                )
-    note = (
-        "Mean E / E_0 after 1, 3, 5, 10 iterations; iterations until the median gap is below 1e-2, 1e-6,"
-        " 1e-10.\n\n"
-    )
-    return note + table(["", "1", "3", "5", "10", "1e-2", "1e-6", "1e-10", "systems"], rows)
+    for _, data in by_kind(results, Curve.of):
+        for group, curves in data.items():
+            for name, curve in curves.items():
+                at = {int(k): f"{value:.4f}" for k, value in zip(curve.looks, curve.remaining)}
+                row = [f"{group} `{name}`", *(at.get(k, "-") for k in (1, 3, 5, 10))]
+                row += [curve.iterations_to(gap) for gap in (1e-2, 1e-6, 1e-10)]
+                rows.append([*row, str(curve.systems)])
+    note = """Mean E / E_0 after 1, 3, 5 and 10 iterations; iterations until the median gap is below 1e-2,
+1e-6 and 1e-10; systems."""
+    return paragraph(note) + "\n" + table(["", "1", "3", "5", "10", "1e-2", "1e-6", "1e-10", "systems"], rows)
 
 
 # ------------------------------------------------------------------------------------------------- scaling
 
+SCALING_CAPTION = """Iterations and CPU time, setup included, until the energy is within a relative gap of
+{gap} of that which the solver itself ends at{loose}. Bands (IDA and nonlinear CG) and bars (the others): the
+standard deviation of the iterations, 5 to 95 % of the times; of the systems that a solver arrives at."""
+LOOSE_CAPTION = ", and until an iteration lowers the energy by less than a hundredth of it"
+
 
 @dataclass
 class Effort:
-    """What it takes a solver to arrive: of the systems of a group that it arrives at."""
+    """What it takes a solver to arrive, of the systems of a group that it arrives at."""
 
     loose: np.ndarray  # iterations until one gains less than 1 %
     iterations: np.ndarray  # to the gap
@@ -593,169 +579,126 @@ class Effort:
 
     @staticmethod
     def of(cells: list[Cell]) -> "Effort":
-        loose, iterations, seconds = (
-            np.concatenate([cell[name] for cell in cells])
-            for name in ("loose_iterations", "iterations", "seconds")
-        )
+        loose, iterations, seconds = (joined(cells, name) for name in EFFORTS)
         arrived = iterations >= 0
         return Effort(loose[loose >= 0], iterations[arrived], seconds[arrived], int((~arrived).sum()))
+
+    def middle_and_bar(self, quantity: str) -> tuple[float, float, float]:
+        values = getattr(self, quantity)
+        if quantity == "seconds":
+            return percentile(values, 0.5), percentile(values, 0.05), percentile(values, 0.95)
+        mean, deviation = values.mean(), values.std()
+        return mean, max(mean - deviation, 0.3), mean + deviation  # above 0, for the logarithm
 
 
 def draw_scaling(results: Results, palette: Palette) -> list[Drawing]:
     drawings = []
-    gap = results.cells[0]["gap"]
-    for kind in results.kinds():
-        groups = results.groups(kind)
-        efforts = {(g, s): Effort.of(results.of(g, s)) for g in groups for s in results.solvers(g)}
-        names = list(dict.fromkeys(s for g in groups for s in results.solvers(g)))
-        names.sort(key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name))
-        quantities = {
-            "loose": ("until one gains less than 1 %", "iterations, mean and s.d."),
-            "iterations": (f"to a relative gap of {short(gap)}", "iterations, mean and s.d."),
-            "seconds": (f"to a relative gap of {short(gap)}", "CPU time [s], median and 5 to 95 %"),
-        }
-        if sum(any(len(e.loose) for (g, _), e in efforts.items() if g == group) for group in groups) < min(
-            2, len(groups)
-        ):
-            del quantities["loose"]  # not measured beyond 1000 nodes
-        title = scaling_title(kind, groups, efforts)
+    gap = short(results.cells[0]["gap"])
+    quantities = {
+        "loose": ("until one gains less than 1 %", "iterations, mean and s.d."),
+        "iterations": (f"to a relative gap of {gap}", "iterations, mean and s.d."),
+        "seconds": (f"to a relative gap of {gap}", "CPU time [s], median and 5 to 95 %"),
+    }
+    for kind, data in by_kind(results, Effort.of):
+        names, title = solvers_in(data), scaling_title(kind, data)
+        # Loose stops are not measured beyond 1000 nodes.
+        with_loose = sum(any(len(effort.loose) for effort in efforts.values()) for efforts in data.values())
+        drawn = [q for q in quantities if q != "loose" or with_loose >= min(2, len(data))]
         handles = legend_of(names, palette)
-        if len(quantities) == 3:  # the legend takes the fourth place
+        if len(drawn) == 3:  # the legend takes the fourth place
             figure, axes = panels(4, 2, 2.3, title)
             axes[3].axis("off")
             axes[3].legend(handles=handles, loc="center left", handlelength=3.4, labelspacing=0.8)
         else:
             figure, axes = panels(2, 2, 2.3, title, handles)
-        sizes = [nodes_of(group) for group in groups]
+        sizes = [nodes_of(group) for group in data]
         margin = 1.25 if len(sizes) > 1 else 2
         width = math.log10(max(sizes) / min(sizes) * margin**2)  # decades
-        for at, (quantity, (what, unit)) in zip(axes, quantities.items()):
+        labelled = sizes[:: -(-len(sizes) // 7)]
+        for at, quantity in zip(axes, drawn):
+            heading, unit = quantities[quantity]
             at.set(xscale="log", yscale="log", xlabel="nodes", ylabel=unit)
-            for order, name in enumerate(names):
-                dodge = 0.008 * (order - len(names) / 2) * width
-                draw_effort(at, quantity, name, groups, efforts, palette, dodge)
-            at.set_title(what)
-            at.set_xlim(min(sizes) / margin, max(sizes) * margin)
-            ticks = sizes
-            while len(ticks) > 7:
-                ticks = ticks[::2]
-            at.set_xticks(ticks, [f"{n:g}" if n < 10000 else power(n) for n in ticks])
+            at.set(xlim=(min(sizes) / margin, max(sizes) * margin))
+            at.set_title(heading)
+            for order, name in enumerate(names):  # bars beside each other
+                draw_effort(at, quantity, name, data, palette, 0.008 * (order - len(names) / 2) * width)
+            at.set_xticks(labelled, [tick(n) if n >= 10000 else str(n) for n in labelled])
             at.minorticks_off()
             if quantity != "seconds":
                 at.set_ylim(bottom=1)
                 plain_ticks(at)
-        drawings.append(
-            Drawing(
-                f"scaling-{kind}",
-                figure,
-                title,
-                "Each solver's iterations and CPU time, setup included, against the number of nodes,"
-                " to a relative gap"
-                f" of {short(gap)} above the energy that it itself ends at"
-                + (
-                    ", and its iterations until one lowers the energy by less than a hundredth"
-                    if "loose" in quantities
-                    else ""
-                )
-                + ". Bands (IDA and nonlinear CG) and bars (the others): the standard deviation of the"
-                " iterations, 5 to"
-                " 95 % of the times. Of the systems that it arrives at.",
-            )
-        )
+        caption = SCALING_CAPTION.format(gap=gap, loose=LOOSE_CAPTION if "loose" in drawn else "")
+        drawings.append(Drawing(f"scaling-{kind}", figure, title, caption))
     return drawings
 
 
 def draw_effort(
-    axes: Axes,
-    quantity: str,
-    name: str,
-    groups: list[str],
-    efforts: dict[tuple[str, str], Effort],
-    palette: Palette,
-    dodge: float,
+    axes: Axes, quantity: str, name: str, data: dict[str, dict[str, Effort]], palette: Palette, dodge: float
 ) -> None:
-    """A solver's line; its bars are `dodge` decades beside those of the others."""
-    points = []
-    for group in groups:
-        effort = efforts.get((group, name))
-        values = getattr(effort, quantity) if effort else []
-        if len(values) == 0:
-            continue
-        if quantity == "seconds":
-            points.append((nodes_of(group), spread(values, 0.5), spread(values, 0.05), spread(values, 0.95)))
-        else:
-            mean, deviation = values.mean(), values.std()
-            points.append((nodes_of(group), mean, max(mean - deviation, 0.3), mean + deviation))
+    """A solver's line; its bars are `dodge` decades to the right."""
+    points = [
+        (nodes_of(group), *efforts[name].middle_and_bar(quantity))
+        for group, efforts in data.items()
+        if name in efforts and len(getattr(efforts[name], quantity))
+    ]
     if not points:
         return
     x, middle, low, high = np.array(points).T
     style = palette(name)
     axes.plot(x, middle, **style)
-    if not palette.in_colour(name):
-        return
-    if name in ("ida", "ncg") and len(x) > 1:
-        axes.fill_between(x, low, high, color=style["color"], alpha=0.13, linewidth=0)
-    else:
+    if name in BANDS and palette.in_colour(name) and len(x) > 1:
+        band(axes, x, low, high, style["color"])
+    elif palette.in_colour(name):
         axes.vlines(x * 10**dodge, low, high, color=style["color"], linewidth=0.7, alpha=0.8, zorder=1.8)
 
 
-def scaling_title(kind: str, groups: list[str], efforts: dict[tuple[str, str], Effort]) -> str:
-    first, last = groups[0], groups[-1]
-    n, m = nodes_of(first), nodes_of(last)
-    span = f"{n} nodes" if first == last else f"{n} and {m} nodes"
+def scaling_title(kind: str, data: dict[str, dict[str, Effort]]) -> str:
+    groups = list(data)
+    ends = groups if len(groups) == 1 else [groups[0], groups[-1]]
+    nodes = " and ".join(str(nodes_of(group)) for group in ends)
     parts = []
-    for name in ("ida", "ncg") if any((first, "ida") == key for key in efforts) else ():
-        arrived = [
-            efforts[g, name]
-            for g in (first, last)
-            if (g, name) in efforts and len(efforts[g, name].iterations)
-        ]
-        if len(arrived) == 2:
-            counts = [f"{effort.iterations.mean():.0f}" for effort in arrived]
-            parts.append(f"{label_of(name)} {' and '.join(counts if n != m else counts[:1])}")
-    if parts:
-        return f"{kind_title(kind)}: mean iterations at {span}, " + ", ".join(parts)
-    here = {s: spread(e.seconds, 0.5) for (g, s), e in efforts.items() if g == last and len(e.seconds)}
-    if not here:
-        return f"{kind_title(kind)}: no solver arrives at {m} nodes"
-    best = min(here, key=here.get)
-    return f"{kind_title(kind)}: at {m} nodes {label_of(best)} is the fastest, {time(here[best])}"
+    for name in ("ida", "ncg"):
+        arrived = [data[group][name].iterations for group in ends if name in data[group]]
+        if len(arrived) == len(ends) and all(map(len, arrived)):
+            parts.append(f"{label_of(name)} {' and '.join(f'{counts.mean():.0f}' for counts in arrived)}")
+    if len(parts) == 2:
+        return f"{what(kind)}: mean iterations at {nodes} nodes, {', '.join(parts)}"
+    times = {name: percentile(e.seconds, 0.5) for name, e in data[ends[-1]].items() if len(e.seconds)}
+    if not times:
+        return f"{what(kind)}: no solver arrives at {nodes_of(ends[-1])} nodes"
+    best = min(times, key=times.get)
+    return f"{what(kind)}: {label_of(best)} is the fastest at {nodes_of(ends[-1])} nodes, {time(times[best])}"
 
 
 def tabulate_scaling(results: Results) -> str:
-    parts = []
-    for kind in results.kinds():
-        groups = results.groups(kind)
-        names = list(dict.fromkeys(s for g in groups for s in results.solvers(g)))
-        rows = []
-        for name in names:
-            row = [f"`{name}`"]
-            for group in groups:
-                cells = results.of(group, name)
-                if not cells:
-                    row.append("")
-                    continue
-                effort = Effort.of(cells)
-                failed = f" ({effort.failed} failed)" if effort.failed else ""
-                if len(effort.iterations) == 0:
-                    row.append(f"none of {effort.failed}")
-                else:
-                    it = effort.iterations
-                    row.append(
-                        f"{it.mean():.0f} ± {it.std():.0f}, {time(spread(effort.seconds, 0.5))}{failed}"
-                    )
-            rows.append(row)
-        parts.append(table([kind] + [str(nodes_of(group)) for group in groups], rows))
-    gap = results.cells[0]["gap"]
-    return (
-        f"Iterations to a gap of {short(gap)}, mean ± standard deviation, and median CPU time;"
-        f" columns: nodes.\n\n" + "\n".join(parts)
-    )
+    def text(effort: Effort) -> str:
+        if len(effort.iterations) == 0:
+            return f"none of {effort.failed}"
+        failed = f" ({effort.failed} failed)" if effort.failed else ""
+        mean, deviation = effort.iterations.mean(), effort.iterations.std()
+        return f"{mean:.0f} ± {deviation:.0f}, {time(percentile(effort.seconds, 0.5))}{failed}"
+
+    gap = short(results.cells[0]["gap"])
+    note = f"Iterations to a gap of {gap}, mean ± standard deviation, and median CPU time, by nodes."
+    tables = [table_of_groups(kind, data, text) for kind, data in by_kind(results, Effort.of)]
+    return "\n".join([paragraph(note), *tables])
 
 
 # ---------------------------------------------------------------------------------------------------- hard
 
 FAR = 0.01  # relative excess over the lowest energy found that counts as a failure
+COMPARED = ("ida", "ncg", "ncg-forward")  # by the paper's Figure 8
+LEVEL_NAMES = {
+    "near-coincident": "rest length of the pair",
+    "weak-anchors": "factor on the anchors' stiffness",
+    "stiff-pair": "factor on a link's stiffness",
+    "saddle": "factor on the anchors' stiffness",
+}
+HARD_CAPTION = """Excess of the energy where a solver ends over the lowest that any solver found of the same
+system (on the lowest line: 1e-16 or none), and the share of systems where it is above 1 %. Harder to the
+right; stopped at stationarity 1e-8 or after 10,000 iterations."""
+NEAR_COINCIDENT_CAPTION = """As the paper's Figure 8: the first of the near-coincident systems, rest length
+{level} between the first two nodes, before and after optimisation, with the energy that remains."""
 
 
 @dataclass
@@ -786,311 +729,218 @@ def hard_cases(results: Results) -> dict[str, list[Level]]:
     return cases
 
 
-LEVEL_NAMES = {
-    "near-coincident": "rest length of the pair",
-    "weak-anchors": "factor on the anchors' stiffness",
-    "stiff-pair": "factor on a link's stiffness",
-    "saddle": "factor on the anchors' stiffness",
-}
-
-
 def draw_hard(results: Results, palette: Palette) -> list[Drawing]:
     cases = hard_cases(results)
-    names = list(
-        dict.fromkeys(name for levels in cases.values() for level in levels for name in level.excess)
-    )
-    names.sort(key=lambda name: (list(STYLES).index(name) if name in STYLES else len(STYLES), name))
+    names = in_order(cell["solver"] for cell in results.cells)
     title = hard_title(cases)
     figure, axes = panels(2 * len(cases), 2, 1.45, title, legend_of(names, palette))
-    for row, (case, levels) in enumerate(cases.items()):
-        left, right = axes[2 * row : 2 * row + 2]
+    for left, right, (case, levels) in zip(axes[::2], axes[1::2], cases.items()):
         for name in reversed(names):  # the first in front
-            mine = [(k, level) for k, level in enumerate(levels) if name in level.excess]
-            x = [k for k, _ in mine]
-            medians = [spread(level.excess[name], 0.5) for _, level in mine]
+            x = [k for k, level in enumerate(levels) if name in level.excess]
+            medians = [percentile(levels[k].excess[name], 0.5) for k in x]
             left.plot(x, np.clip(medians, LEAST_GAP, 1e8), clip_on=False, **palette(name))
-            right.plot(x, [100 * level.failures(name) for _, level in mine], clip_on=False, **palette(name))
+            right.plot(x, [100 * levels[k].failures(name) for k in x], clip_on=False, **palette(name))
         for at in (left, right):
-            at.set_xticks(range(len(levels)), [power(level.level) for level in levels])
-            at.set_xlim(-0.15, len(levels) - 0.85)
-            at.set_xlabel(LEVEL_NAMES.get(case, "level"))
-        top = max(np.median(e) for level in levels for e in level.excess.values())
-        left.set(yscale="log", ylim=(LEAST_GAP, max(10.0, min(10 * top, 1e8))), ylabel="relative excess")
-        left.set_yticks([10.0**e for e in range(-16, 9, 4) if 10.0**e <= left.get_ylim()[1]])
+            at.set_xticks(range(len(levels)), [tick(level.level) for level in levels])
+            at.set(xlim=(-0.15, len(levels) - 0.85), xlabel=LEVEL_NAMES.get(case, "level"))
+        highest = max(percentile(excess, 0.5) for level in levels for excess in level.excess.values())
+        top = min(max(10.0, 10 * highest), 1e8)
+        left.set(yscale="log", ylim=(LEAST_GAP, top), ylabel="relative excess")
+        left.set_yticks([10.0**e for e in range(-16, 9, 4) if 10.0**e <= top])
         left.set_title(f"{case}: median excess over the lowest")
         right.set(ylim=(0, 100), ylabel="systems [%]")
-        right.set_title(f"{case}: > {FAR:.0%} above the lowest".replace("%", " %"))
-    drawings = [
-        Drawing(
-            "hard",
-            figure,
-            title,
-            "Excess of the energy where a solver ends over the lowest that any solver found of the"
-            " same system"
-            " (on the lowest line: 1e-16 or none), and the share of systems where it is above 1 %."
-            " Harder to the"
-            " right; stopped at stationarity 1e-8 or after 10,000 iterations.",
-        )
-    ]
-    drawn = draw_near_coincident(results)
-    return drawings + ([drawn] if drawn else [])
+        right.set_title(f"{case}: > {percent(FAR)} above the lowest")
+    drawings = [Drawing("hard", figure, title, HARD_CAPTION)]
+    by_level: dict[float, dict[str, Cell]] = {}
+    for cell in results.cells:
+        if cell["case"] == "near-coincident" and cell["solver"] in COMPARED:
+            by_level.setdefault(cell["level"], {})[cell["solver"]] = cell
+    complete = [cells for cells in by_level.values() if len(cells) == len(COMPARED)]
+    if complete:
+        drawings.append(draw_near_coincident(max(complete, key=numeric_over_ida)))
+    return drawings
 
 
 def hard_title(cases: dict[str, list[Level]]) -> str:
     levels = cases.get("near-coincident", [])
-    worst = {
-        name: max(level.failures(name) for level in levels)
-        for name in ("ida", "ncg", "ncg-forward")
+    parts = [
+        f"{label_of(name)} {percent(max(level.failures(name) for level in levels))}"
+        for name in COMPARED
         if levels and all(name in level.excess for level in levels)
-    }
-    if not worst:
-        return "Hard cases: excess over the lowest energy found"
-    shares = ", ".join(f"{label_of(name)} {percent(share)}" for name, share in worst.items())
-    return f"Nodes that nearly coincide, systems that end far above the lowest energy at the worst level: {shares}"
-
-
-def draw_near_coincident(results: Results) -> Drawing | None:
-    """The paper's Figure 8 for the level at which IDA and CG with numeric gradients differ most."""
-    wanted = ("ida", "ncg", "ncg-forward")
-    by_level: dict[float, dict[str, Cell]] = {}
-    for cell in results.cells:
-        if cell["case"] == "near-coincident" and cell["solver"] in wanted:
-            by_level.setdefault(cell["level"], {})[cell["solver"]] = cell
-    complete = {level: cells for level, cells in by_level.items() if len(cells) == len(wanted)}
-    if not complete:
-        return None
-    level = max(
-        complete, key=lambda k: complete[k]["ncg-forward"]["energies"][0] / complete[k]["ida"]["energies"][0]
-    )
-    cells = complete[level]
-    energies = {name: float(cells[name]["energies"][0]) for name in wanted}
-    ratio = energies["ncg-forward"] / energies["ida"]
-    title = (
-        f"Two nodes that want to be {short(level)} apart: CG with numeric gradients ends at"
-        f" {ratio:.3g} times IDA's"
-        " energy"
-    )
-    handles = [
-        plt.Line2D(
-            [],
-            [],
-            color=BEFORE,
-            linestyle="--",
-            linewidth=1,
-            marker="o",
-            markerfacecolor="white",
-            label="before",
-        ),
-        plt.Line2D(
-            [], [], color=AFTER, marker="o", markerfacecolor=NODE, markeredgecolor="black", label="after"
-        ),
-        plt.Line2D(
-            [],
-            [],
-            color="black",
-            linestyle=":",
-            marker="x",
-            markeredgewidth=1.6,
-            label="anchors, springs to them",
-        ),
     ]
+    if not parts:
+        return "Hard cases: excess over the lowest energy found"
+    return (
+        f"Nodes that nearly coincide, systems that end far above the lowest energy: up to {', '.join(parts)}"
+    )
+
+
+def numeric_over_ida(cells: dict[str, Cell]) -> float:
+    """Energy where CG with numeric gradients ends over that where IDA ends, of the system that is drawn."""
+    return float(cells["ncg-forward"]["energies"][0] / max(cells["ida"]["energies"][0], 1e-300))
+
+
+def draw_near_coincident(cells: dict[str, Cell]) -> Drawing:
+    """The paper's Figure 8."""
+    level = short(cells["ida"]["level"])
+    ratio = f"{numeric_over_ida(cells):.3g}"
+    title = f"Two nodes to be {level} apart: CG with numeric gradients ends at {ratio} times IDA's energy"
+    lines = {
+        "before": {"color": BEFORE, "linestyle": "--", "linewidth": 1},
+        "after": {"color": AFTER, "linestyle": "-", "linewidth": 1.5},
+        "anchors, springs to them": {"color": "black", "linestyle": ":", "linewidth": 1},
+    }
+    dots = {
+        "before": {"marker": "o", "markerfacecolor": "white", "markeredgecolor": BEFORE, "markersize": 4.5},
+        "after": {"marker": "o", "markerfacecolor": NODE, "markeredgecolor": "black", "markersize": 6},
+        "anchors, springs to them": {"marker": "x", "markeredgecolor": "black", "markeredgewidth": 1.6},
+    }
+    handles = [plt.Line2D([], [], label=label, **lines[label], **dots[label]) for label in lines]
     figure, axes = panels(3, 3, 1.92, title, handles, gap=0.5)
-    everything = np.concatenate(
-        [cells[name][what] for name in wanted for what in ("start", "end", "anchors")]
-    )
+    everything = np.concatenate([cell[w] for cell in cells.values() for w in ("start", "end", "anchors")])
     low, high = everything.min(axis=0), everything.max(axis=0)
-    centre, reach = (low + high) / 2, 0.56 * (high - low).max()
-    for at, name in zip(axes, wanted):
+    reach = 0.56 * (high - low).max()
+    (left, right), (bottom, top) = ((c - reach, c + reach) for c in (low + high) / 2)
+    for at, name in zip(axes, COMPARED):
         cell = cells[name]
-        count = len(cell["end"])
-        for points, colour, line, width in (("start", BEFORE, "--", 1.0), ("end", AFTER, "-", 1.5)):
-            for i in range(count):
-                for j in range(i):
-                    x, y = cell[points][[i, j]].T
-                    at.plot(x, y, color=colour, linestyle=line, linewidth=width, zorder=2)
-        for node, anchor in zip(cell["end"], cell["anchors"]):
-            at.plot(*np.array([node, anchor]).T, color="black", linestyle=":", linewidth=1, zorder=3)
-        at.plot(*cell["start"].T, "o", color="white", markeredgecolor=BEFORE, markersize=4.5, zorder=3)
-        at.plot(*cell["end"].T, "o", color=NODE, markeredgecolor="black", markersize=6, zorder=4)
-        at.plot(*cell["anchors"].T, "x", color="black", markersize=6.5, markeredgewidth=1.6, zorder=5)
-        at.set(xlim=(centre[0] - reach, centre[0] + reach), ylim=(centre[1] - reach, centre[1] + reach))
-        at.set(aspect="equal", xlabel="x")
-        at.set_title(f"{label_of(name)}: E = {energies[name]:.5g}")
-        at.text(
-            0.03, 0.03, f"{cell['iterations'][0]:,} iterations", transform=at.transAxes, path_effects=HALO
-        )
+        for label, points in {"before": cell["start"], "after": cell["end"]}.items():
+            for i, j in itertools.combinations(range(len(points)), 2):
+                at.plot(*points[[i, j]].T, zorder=2, **lines[label])
+            at.plot(*points.T, linestyle="", zorder=4, **dots[label])
+        label = "anchors, springs to them"
+        for ends in zip(cell["end"], cell["anchors"]):
+            at.plot(*np.array(ends).T, zorder=3, **lines[label])
+        at.plot(*cell["anchors"].T, linestyle="", zorder=5, **dots[label])
+        at.set(xlim=(left, right), ylim=(bottom, top), aspect="equal", xlabel="x")
+        at.set_title(f"{label_of(name)}: E = {cell['energies'][0]:.5g}")
+        iterations = f"{cell['iterations'][0]:,} iterations"
+        at.text(0.03, 0.03, iterations, transform=at.transAxes, path_effects=HALO)
     axes[0].set_ylabel("y")
-    return Drawing(
-        "hard-near-coincident",
-        figure,
-        title,
-        f"As the paper's Figure 8: the first of the near-coincident systems, rest length"
-        f" {short(level)} between the first two"
-        " nodes, before and after optimisation, with the energy that remains.",
-    )
+    return Drawing("hard-near-coincident", figure, title, NEAR_COINCIDENT_CAPTION.format(level=level))
 
 
 def tabulate_hard(results: Results) -> str:
     cases = hard_cases(results)
-    names = list(
-        dict.fromkeys(name for levels in cases.values() for level in levels for name in level.excess)
-    )
-    names.sort()
-    rows = [
-        [f"`{name}`"]
-        + [
-            " ".join(f"{100 * level.failures(name):.0f}" if name in level.excess else "-" for level in levels)
-            for levels in cases.values()
-        ]
-        for name in names
-    ]
+
+    def text(levels: list[Level], name: str) -> str:
+        shares = (f"{100 * lv.failures(name):.0f}" if name in lv.excess else "-" for lv in levels)
+        return " ".join(shares)
+
     header = [f"{case}: {' '.join(short(level.level) for level in levels)}" for case, levels in cases.items()]
+    names = in_order(cell["solver"] for cell in results.cells)
+    rows = [[f"`{name}`", *(text(levels, name) for levels in cases.values())] for name in names]
     count = max(cell["systems"] for cell in results.cells)
-    return (
-        f"Systems, of {count}, that end more than 1 % above the lowest energy found [%], level by level.\n\n"
-        + table(["", *header], rows)
+    note = (
+        f"Share of {count} systems that end more than 1 % above the lowest energy found [%], level by level."
     )
+    return paragraph(note) + "\n" + table(["", *header], rows)
 
 
 # -------------------------------------------------------------------------------------------------- minima
 
-
-def minima_of(results: Results, group: str, name: str, weakness: float) -> dict[str, np.ndarray] | None:
-    cells = results.of(group, name, weakness=weakness)
-    if not cells:
-        return None
-    return {what: np.concatenate([cell[what] for cell in cells]) for what in ("minima", "lowest", "ends")}
+MINIMA_CAPTION = """Left: systems for which random starts find two minima or more. The others: systems where a
+solver, from the problem's own start, ends more than 1e-4 above the lowest of them, be it in another minimum
+or on the way. Weaker anchors to the right."""
 
 
-def missed(found: dict[str, np.ndarray]) -> float:
-    """Share of systems where the solver ends above the lowest minimum of the random starts."""
-    return float((found["ends"] > found["lowest"] * (1 + 1e-4)).mean())
+@dataclass
+class Ends:
+    """Where a solver ends, and the minima that random starts lead to."""
 
+    systems: int
+    several: float  # share of systems with two minima or more; the same whoever solves
+    missed: float  # share of systems where the solver ends above the lowest
 
-def several(found: dict[str, np.ndarray]) -> float:
-    return float((found["minima"] > 1).mean())
+    @staticmethod
+    def of(cells: list[Cell]) -> "Ends":
+        minima, lowest, ends = (joined(cells, name) for name in MINIMA)
+        return Ends(len(ends), float((minima > 1).mean()), float((ends > lowest * (1 + 1e-4)).mean()))
+
+    @staticmethod
+    def by_weakness(cells: list[Cell]) -> dict[float, "Ends"]:
+        found: dict[float, list[Cell]] = {}
+        for cell in sorted(cells, key=lambda cell: -cell["weakness"]):
+            found.setdefault(cell["weakness"], []).append(cell)
+        return {weakness: Ends.of(cells) for weakness, cells in found.items()}
 
 
 def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
     drawings = []
-    for kind in results.kinds():
-        groups = results.groups(kind)
-        weaknesses = sorted(
-            {cell["weakness"] for cell in results.cells if cell["group"] in groups}, reverse=True
-        )
-        found = {
-            (g, s, w): data
-            for g in groups
-            for s in results.solvers(g)
-            for w in weaknesses
-            if (data := minima_of(results, g, s, w)) is not None
-        }
-        names = list(dict.fromkeys(s for g in groups for s in results.solvers(g)))
-        worst = max(found, key=lambda key: several(found[key]))
-        title = (
-            f"{kind_title(kind)}: up to {percent(several(found[worst]))} have several minima"
-            f" ({nodes_of(worst[0])} nodes, anchors × {short(worst[2])})"
-        )
-        start = [missed(found[g, "ida", w]) for g in groups for w in weaknesses if (g, "ida", w) in found]
-        if start:
-            title += f"; IDA misses the lowest in {' to '.join(dict.fromkeys(map(percent, (min(start), max(start)))))}"
-        columns = min(4, 1 + len(groups))
-        figure, axes = panels(1 + len(groups), columns, 1.9, title, legend_of(names, palette), gap=0.38)
-        ends = []
-        for k, group in enumerate(groups):
-            # The same whoever solves: of the first solver that has it.
-            share = [
-                next((several(found[group, s, w]) for s in names if (group, s, w) in found), math.nan)
-                for w in weaknesses
-            ]
-            gray = str(0.65 * k / max(1, len(groups) - 1))
-            axes[0].plot(
-                range(len(share)),
-                [100 * v for v in share],
-                color=gray,
-                marker="osD^v<>"[k % 7],
-                clip_on=False,
-            )
-            ends.append((share, gray, k))
-        axes[0].set_title("two minima or more")
-        axes[0].set_ylabel("systems [%]")
-        axes[0].legend(
-            handles=[
-                plt.Line2D([], [], color=gray, marker="osD^v<>"[k % 7], label=f"{nodes_of(groups[k])} nodes")
-                for _, gray, k in ends
-            ],
-            loc="best",
-            handlelength=1.5,
-        )
+    for kind, data in by_kind(results, Ends.by_weakness):
+        title = minima_title(kind, data)
+        columns = min(4, 1 + len(data))
+        handles = legend_of(solvers_in(data), palette)
+        figure, (first, *others) = panels(1 + len(data), columns, 1.9, title, handles, gap=0.38)
+        weaknesses = sorted({w for ends in data.values() for e in ends.values() for w in e}, reverse=True)
+        x = range(len(weaknesses))
         top = 5.0
-        for at, group in zip(axes[1:], groups):
-            for name in reversed(results.solvers(group)):
-                shares = [
-                    100 * missed(found[group, name, w]) if (group, name, w) in found else math.nan
-                    for w in weaknesses
-                ]
-                at.plot(range(len(shares)), shares, clip_on=False, **palette(name))
+        for k, (at, (group, ends)) in enumerate(zip(others, data.items())):
+            for name in reversed(in_order(ends)):
+                shares = [100 * ends[name][w].missed if w in ends[name] else math.nan for w in weaknesses]
+                at.plot(x, shares, clip_on=False, **palette(name))
                 top = max(top, np.nanmax(shares))
             at.set_title(f"missed, {nodes_of(group)} nodes")
-        for at in axes:
-            at.set_xticks(range(len(weaknesses)), [power(w) for w in weaknesses])
-            at.set_xlim(-0.1, len(weaknesses) - 0.9)
-            at.set_xlabel("anchors ×")
-            at.set_ylim(0, 100 if at is axes[0] else 1.08 * top)
-        drawings.append(
-            Drawing(
-                f"minima-{kind}",
-                figure,
-                title,
-                "Left: systems for which random starts find two minima or more. The others: systems"
-                " where a solver, from"
-                " the problem's own start, ends more than 1e-4 above the lowest of them. To the"
-                " right, weaker anchors.",
-            )
-        )
+            several = {w: 100 * e.several for by_weakness in ends.values() for w, e in by_weakness.items()}
+            style = {"color": str(0.65 * k / max(1, len(data) - 1)), "marker": "osD^v<>"[k % 7]}
+            shares = [several.get(w, math.nan) for w in weaknesses]
+            first.plot(x, shares, clip_on=False, label=f"{nodes_of(group)} nodes", **style)
+        first.set(ylabel="systems [%]")
+        first.set_title("two minima or more")
+        first.legend(loc="lower right", handlelength=1.5)
+        for at in (first, *others):
+            at.set_xticks(x, [tick(w) for w in weaknesses])
+            at.set(xlim=(-0.1, len(weaknesses) - 0.9), ylim=(0, 100 if at is first else 1.08 * top))
+            at.set(xlabel="anchors ×")
+        drawings.append(Drawing(f"minima-{kind}", figure, title, MINIMA_CAPTION))
     return drawings
 
 
+def minima_title(kind: str, data: dict[str, dict[str, dict[float, Ends]]]) -> str:
+    several, group, weakness = max(
+        (e.several, group, weakness)
+        for group, ends in data.items()
+        for by_weakness in ends.values()
+        for weakness, e in by_weakness.items()
+    )
+    where = f"{nodes_of(group)} nodes, anchors × {short(weakness)}"
+    title = f"{what(kind)}: up to {percent(several)} have several minima ({where})"
+    missed = [e.missed for ends in data.values() for e in ends.get("ida", {}).values()]
+    if missed:
+        shares = dict.fromkeys((percent(min(missed)), percent(max(missed))))
+        title += f"; IDA misses the lowest in {' to '.join(shares)}"
+    return title
+
+
 def tabulate_minima(results: Results) -> str:
-    weaknesses = sorted({cell["weakness"] for cell in results.cells}, reverse=True)
-    names = list(
-        dict.fromkeys(s for kind in results.kinds() for g in results.groups(kind) for s in results.solvers(g))
-    )
+    names = in_order(cell["solver"] for cell in results.cells)
     rows = []
-    for kind in results.kinds():
-        for group in results.groups(kind):
-            for weakness in weaknesses:
-                found = {name: minima_of(results, group, name, weakness) for name in names}
-                first = next((data for data in found.values() if data), None)
-                if first is None:
-                    continue
-                rows.append(
-                    [
-                        f"{group}, anchors × {short(weakness)}",
-                        str(len(first["minima"])),
-                        percent(several(first)),
-                    ]
-                    + [percent(missed(data)) if data else "" for data in found.values()]
-                )
+    for _, data in by_kind(results, Ends.by_weakness):
+        for group, ends in data.items():
+            for weakness in sorted({w for by_weakness in ends.values() for w in by_weakness}, reverse=True):
+                here = {name: ends[name][weakness] for name in names if weakness in ends.get(name, {})}
+                most = max(here.values(), key=lambda e: e.systems)
+                row = [f"{group}, anchors × {short(weakness)}", str(most.systems), percent(most.several)]
+                rows.append(row + [percent(here[name].missed) if name in here else "" for name in names])
     starts = max(cell.get("starts", 0) for cell in results.cells)
-    return (
-        f"Systems; share with two minima or more ({starts} starts); share where each solver misses"
-        f" the lowest.\n\n" + table(["", "systems", "several", *(f"`{name}`" for name in names)], rows)
-    )
+    note = f"""Systems; share with two minima or more, of {starts} starts; share where each solver ends above
+the lowest."""
+    return paragraph(note) + "\n" + table(["", "systems", "several", *(f"`{name}`" for name in names)], rows)
 
 
 # -------------------------------------------------------------------------------------------------- pareto
 
 FINEST = 1e-11  # gaps below are one: a double's rounding is not far
+PARETO_CAPTION = f"""Median CPU time of a solve, setup included, against the gap that nine in ten systems stay
+below, relative to the energy that the solver itself ends at; gaps below {short(FINEST)} are drawn there.
+Lower is faster, further right more accurate. Gray: the other solvers of the table."""
 
 
 def trade_off(cells: list[Cell]) -> np.ndarray:
     """Rows (gap, seconds), gap falling: 90th percentile of the gap and median of the time at each tolerance,
     without those that another one beats in both."""
     cells = [cell for cell in cells if cell["tolerances"] == cells[0]["tolerances"]]
-    gaps = np.concatenate([cell["gaps"] for cell in cells], axis=1)
-    seconds = np.concatenate([cell["seconds"] for cell in cells], axis=1)
-    points = sorted((spread(t, 0.5), max(spread(g, 0.9), FINEST)) for g, t in zip(gaps, seconds))
+    gaps, seconds = (np.concatenate([cell[name] for cell in cells], axis=1) for name in ("gaps", "seconds"))
+    points = sorted((percentile(t, 0.5), max(percentile(g, 0.9), FINEST)) for g, t in zip(gaps, seconds))
     best: list[tuple[float, float]] = []
     for t, g in points:
         if math.isfinite(g) and (not best or g < best[-1][0]):
@@ -1105,75 +955,42 @@ def time_to(curve: np.ndarray, gap: float) -> float:
 
 def draw_pareto(results: Results, palette: Palette) -> list[Drawing]:
     drawings = []
-    for kind in results.kinds():
-        groups = results.groups(kind)
-        curves = {g: {s: trade_off(results.of(g, s)) for s in results.solvers(g)} for g in groups}
-        title = pareto_title(kind, groups, curves)
-        columns = min(2, len(groups))
-        figure, axes = panels(len(groups), columns, 2.9, title, right=0.95, gap=0.7)
-        for at, group in zip(axes, groups):
-            drawn = {name: curve for name, curve in curves[group].items() if len(curve)}
-            times = np.concatenate([curve[:, 1] for curve in drawn.values()])
-            at.set(xscale="log", yscale="log", xlim=(2, FINEST), ylim=(times.min() / 1.5, times.max() * 1.5))
+    for kind, data in by_kind(results, trade_off):
+        title = pareto_title(kind, data)
+        figure, axes = panels(len(data), min(2, len(data)), 2.9, title, right=0.95, gap=0.7)
+        for at, (group, curves) in zip(axes, data.items()):
+            at.set(xscale="log", yscale="log", xlim=(2, FINEST))
             at.set(xlabel="relative gap, 90 % of systems", ylabel="CPU time, median [s]")
             at.set_xticks([1.0, 1e-2, 1e-4, 1e-6, 1e-8, 1e-10])
             at.set_title(f"{nodes_of(group)} nodes")
-            ends = []
-            for name, curve in drawn.items():
-                style = palette(name)
-                at.plot(curve[:, 0], curve[:, 1], **style)
-                if palette.in_colour(name):
-                    ends.append((curve[-1, 0], curve[-1, 1], label_of(name), style["color"]))
-            label_ends(at, ends)
-        drawings.append(
-            Drawing(
-                f"pareto-{kind}",
-                figure,
-                title,
-                "Median CPU time of a solve, setup included, against the relative gap to the energy"
-                " that the solver itself"
-                f" ends at which nine in ten systems stay below; gaps below {short(FINEST)} are drawn"
-                f" there. Lower is faster,"
-                " further right more accurate. Gray: the other solvers of the table.",
-            )
-        )
+            for name, curve in curves.items():
+                at.plot(*curve.T, **palette(name))
+            at.get_ylim()  # settles the limits, which the labels' places depend on
+            drawn = [name for name, curve in curves.items() if palette.in_colour(name) and len(curve)]
+            label_ends(at, [(*curves[name][-1], label_of(name), palette(name)["color"]) for name in drawn])
+        drawings.append(Drawing(f"pareto-{kind}", figure, title, PARETO_CAPTION))
     return drawings
 
 
-def pareto_title(kind: str, groups: list[str], curves: dict[str, dict[str, np.ndarray]]) -> str:
+def pareto_title(kind: str, data: dict[str, dict[str, np.ndarray]]) -> str:
     parts = []
-    for group in groups:
-        times = {name: time_to(curve, 1e-6) for name, curve in curves[group].items()}
-        best = min(times, key=times.get, default=None)
-        if best and math.isfinite(times[best]):
-            parts.append(f"{nodes_of(group)} nodes {label_of(best)}, {time(times[best])}")
+    for group, curves in data.items():
+        best, seconds = min(((s, time_to(curve, 1e-6)) for s, curve in curves.items()), key=lambda p: p[1])
+        if math.isfinite(seconds):
+            parts.append(f"{nodes_of(group)} nodes {label_of(best)}, {time(seconds)}")
     if not parts:
-        return f"{kind_title(kind)}: time against accuracy"
-    return f"{kind_title(kind)}: the fastest to a gap of 1e-6, " + "; ".join(parts)
+        return f"{what(kind)}: time against accuracy"
+    return f"{what(kind)}: the fastest to a gap of 1e-6, {'; '.join(parts)}"
 
 
 def tabulate_pareto(results: Results) -> str:
-    parts = [
-        "Median CPU time until nine systems in ten are within a relative gap of 1e-2 / 1e-6; columns:"
-        " nodes.\n"
-    ]
-    for kind in results.kinds():
-        groups = results.groups(kind)
-        names = sorted({s for g in groups for s in results.solvers(g)})
-        rows = []
-        for name in names:
-            row = [f"`{name}`"]
-            for group in groups:
-                cells = results.of(group, name)
-                if not cells:
-                    row.append("")
-                    continue
-                curve = trade_off(cells)
-                times = [time_to(curve, gap) for gap in (1e-2, 1e-6)]
-                row.append(" / ".join(time(t) if math.isfinite(t) else "-" for t in times))
-            rows.append(row)
-        parts.append(table([kind] + [str(nodes_of(group)) for group in groups], rows))
-    return "\n".join(parts)
+    def text(curve: np.ndarray) -> str:
+        times = (time_to(curve, gap) for gap in (1e-2, 1e-6))
+        return " / ".join(time(t) if math.isfinite(t) else "-" for t in times)
+
+    note = "Median CPU time until nine systems in ten are within a relative gap of 1e-2 / 1e-6, by nodes."
+    tables = [table_of_groups(kind, data, text) for kind, data in by_kind(results, trade_off)]
+    return "\n".join([paragraph(note), *tables])
 
 
 # ---------------------------------------------------------------------------------------------------- page
@@ -1187,9 +1004,7 @@ class Experiment:
 
 
 EXPERIMENTS = {
-    "convergence": Experiment(
-        "Energy against iterations (the paper's Figure 7)", draw_convergence, tabulate_convergence
-    ),
+    "convergence": Experiment("Energy against iterations (Figure 7)", draw_convergence, tabulate_convergence),
     "scaling": Experiment("Effort against the number of nodes (Figure 9)", draw_scaling, tabulate_scaling),
     "hard": Experiment("Hard cases (Figure 8)", draw_hard, tabulate_hard),
     "minima": Experiment("Several minima", draw_minima, tabulate_minima),
@@ -1199,41 +1014,28 @@ EXPERIMENTS = {
 
 def shown_command(command: str) -> str:
     """Without what depends on where it ran: folders."""
-    words = command.split()
-    result = []
-    for k, word in enumerate(words):
-        if word == "--results" or (k > 0 and words[k - 1] == "--results") or word.startswith("--results="):
-            continue
-        option, separator, value = word.rpartition("=")
-        result.append(option + separator + value.rsplit("/", 1)[-1] if "/" in value else word)
-    return " ".join(result)
+    command = re.sub(r" --results[ =]\S+", "", command)
+    return re.sub(r"[^\s=]*/", "", command)
 
 
 def provenance(results: Results) -> str:
     """Commands, dates and machines of what was measured."""
-    text = "".join(
-        f"    {command}\n" for command in dict.fromkeys(shown_command(run["command"]) for run in results.runs)
-    )
+    commands = dict.fromkeys(shown_command(run["command"]) for run in results.runs)
+    text = "".join(f"    {command}\n" for command in commands)
     by_machine: dict[str, list[dict]] = {}
     for run in results.runs:
-        fixed = {name: value for name, value in run["machine"].items() if name != "clock_spread"}
-        by_machine.setdefault(json.dumps(fixed, sort_keys=True), []).append(run)
+        lasting = {name: value for name, value in run["machine"].items() if name != "clock_spread"}
+        by_machine.setdefault(json.dumps(lasting, sort_keys=True), []).append(run)
     clocks = [cell["clock"] for cell in results.cells if isinstance(cell.get("clock"), (int, float))]
     for runs in by_machine.values():
-        machine = runs[0]["machine"]
-        dates = " to ".join(
-            dict.fromkeys(
-                (min(run["started"] for run in runs)[:10], max(run["started"] for run in runs)[:10])
-            )
-        )
+        machine = {"cpu": "unknown CPU", "cores": "?", "compiler": "unknown compiler", **runs[0]["machine"]}
+        days = sorted(run["started"][:10] for run in runs)
         build = " ".join(str(machine.get("build", "unknown build")).split())
         packages = ", ".join(map(str, machine.get("packages", [])))
-        spread_of_clock = max(run["machine"].get("clock_spread", math.nan) for run in runs)
-        sentence = (
-            f"{dates}; {machine.get('cpu', 'unknown CPU')}, {machine.get('cores', '?')} cores;"
-            f" {machine.get('compiler', 'unknown compiler')}, {build}; {packages}. Quartiles of a fixed computation's"
-            f" time: {percent(spread_of_clock)} apart"
-        )
+        quartiles = percent(max(run["machine"].get("clock_spread", math.nan) for run in runs))
+        sentence = f"""{' to '.join(dict.fromkeys((days[0], days[-1])))}; {machine['cpu']}, {machine['cores']}
+cores; {machine['compiler']}, {build}; {packages}. The clock: quartiles of a fixed computation's time
+{quartiles} apart"""
         if clocks:
             sentence += (
                 f"; beside the cells it took {min(clocks):.2f} to {max(clocks):.2f} of that at the start"
@@ -1242,31 +1044,22 @@ def provenance(results: Results) -> str:
     return text
 
 
-def paragraph(text: str) -> str:
-    return textwrap.fill(text, 120, break_long_words=False, break_on_hyphens=False) + "\n"
-
-
 def page(found: list[tuple[Results, list[Drawing]]], folder: str) -> str:
-    names = dict.fromkeys(cell["solver"] for results, _ in found for cell in results.cells)
-    text = [
-        "# The solver laboratory: results\n",
-        paragraph(
-            "What the experiments are, and how to run them: [laboratory.md](../laboratory.md). Solvers are named as"
-            " `asterism-bench solvers` lists them, which says more of each; in the figures "
-            + ", ".join(f"`{name}` is {label_of(name)}" for name in STYLES if name in names)
-            + ". Figures and page were made of stored results by"
-        ),
-        "    bench/figures.py RESULTS_FOLDER --out docs/results/laboratory\n",
-    ]
+    names = in_order(cell["solver"] for results, _ in found for cell in results.cells)
+    labels = ", ".join(f"`{name}` is {label_of(name)}" for name in names if name in STYLES)
+    introduction = f"""What the experiments are, and how to run them: [laboratory.md](../laboratory.md);
+figures in brackets are the paper's. Solvers are named as `asterism-bench solvers` lists them, which says more
+of each; in the figures {labels}. Drawn and written, from stored results, by"""
+    command = "    python3 bench/figures.py RESULTS_FOLDER --out docs/results/laboratory\n"
+    text = ["# The solver laboratory: results\n", paragraph(introduction), command]
     for results, drawings in found:
-        experiment = EXPERIMENTS[results.name]
-        text += [f"## {experiment.title}\n", provenance(results)]
+        text += [f"## {EXPERIMENTS[results.name].title}\n", provenance(results)]
         for drawing, following in zip(drawings, [*drawings[1:], None]):
             image = f"{folder}/{drawing.name}"
             text.append(f"[![{drawing.title}]({image}.png)]({image}.svg)\n")
             if following is None or following.caption != drawing.caption:  # once for all alike
                 text.append(paragraph(drawing.caption))
-        text.append(experiment.tabulate(results))
+        text.append(EXPERIMENTS[results.name].tabulate(results))
     return "\n".join(text)
 
 
@@ -1281,26 +1074,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("results", type=pathlib.Path, help="folder of asterism-bench's --results")
     parser.add_argument(
-        "--out", type=pathlib.Path, required=True, help="folder of the figures; the page is OUT.md"
+        "--out", type=pathlib.Path, required=True, help="folder of the figures; OUT.md is the page"
     )
-    parser.add_argument(
-        "--solvers", help="those drawn in colour, separated by commas (default: the better known)"
-    )
+    parser.add_argument("--solvers", help="those in colour, separated by commas (default: the better known)")
     options = parser.parse_args()
 
     palette = Palette(options.solvers.split(",") if options.solvers else None)
+    out = options.out.resolve()
     found = []
     with plt.rc_context(SETTINGS):
         for results in read(options.results):
             found.append((results, EXPERIMENTS[results.name].draw(results, palette)))
-        out = options.out.resolve()
         try:
             out.mkdir(parents=True, exist_ok=True)
-            for _, drawings in found:
-                for drawing in drawings:
-                    save(drawing, out)
-            text = page(found, out.name)
-            out.with_name(out.name + ".md").write_text(text, encoding="utf-8")
+            for drawing in (drawing for _, drawings in found for drawing in drawings):
+                save(drawing, out)
+            out.with_name(out.name + ".md").write_text(page(found, out.name), encoding="utf-8")
         except OSError as error:
             raise BadInput(f"{error.filename}: {error.strerror}") from error
 

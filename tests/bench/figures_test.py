@@ -202,12 +202,14 @@ class Figures(unittest.TestCase):
         fewer, more = list(cells("scaling", 2)), list(cells("scaling", 3))
         beyond = list(cells("scaling", 3, first=3))
         self.store("scaling", [run_record(), *fewer, *more, *beyond])
-        kept = figures.read(self.results)[0].of("lit/4", "ida")
-        self.assertEqual(sorted(cell["key"] for cell in kept), ["lit/4/0+3/ida", "lit/4/3+3/ida"])
+        kept = figures.read(self.results)[0].cells
+        keys = sorted(cell["key"] for cell in kept if cell["solver"] == "ida")
+        self.assertEqual(keys, ["lit/4/0+3/ida", "lit/4/3+3/ida"])
 
     def test_percentiles_of_stored_histograms(self):
         self.store("convergence", [run_record(), *cells("convergence")])
-        curve = figures.Curve.of(figures.read(self.results)[0].of("lit/4", "ida"))
+        ((kind, data),) = figures.by_kind(figures.read(self.results)[0], figures.Curve.of)
+        curve = data["lit/4"]["ida"]
         self.assertEqual(curve.gap(0.5)[-1], 0)
         self.assertAlmostEqual(curve.gap(0.5)[1], 10 ** (-16 + 299.5 / 20))
         self.assertAlmostEqual(curve.remaining[1], 0.5)
