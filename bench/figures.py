@@ -72,9 +72,22 @@ def by_kind(
     cells: dict[str, dict[str, list[Cell]]] = {}
     for cell in results.cells:
         cells.setdefault(cell["group"], {}).setdefault(cell["solver"], []).append(cell)
-    for kind in dict.fromkeys(group.split("/")[0] for group in cells):
+    found = {group.split("/")[0] for group in cells}
+    for kind in [kind for kind in KINDS if kind in found] + sorted(found - KINDS.keys()):
         groups = sorted((group for group in cells if group.split("/")[0] == kind), key=nodes_of)
-        yield kind, {g: {name: reduce(cells[g][name]) for name in in_order(cells[g])} for g in groups}
+        data = {group: common(cells[group]) for group in groups}
+        yield kind, {g: {name: reduce(data[g][name]) for name in in_order(data[g])} for g in groups}
+
+
+def common(cells: dict[str, list[Cell]]) -> dict[str, list[Cell]]:
+    """A solver's cells of those systems that all solvers have, so that an interrupted run compares like with
+    like; all cells where there are none."""
+
+    def systems(cell: Cell) -> str:
+        return cell["key"].rpartition("/")[0]
+
+    shared = set.intersection(*({systems(cell) for cell in mine} for mine in cells.values()))
+    return {name: [cell for cell in mine if systems(cell) in shared] or mine for name, mine in cells.items()}
 
 
 def solvers_in(data: dict[str, dict[str, Any]]) -> list[str]:
@@ -214,7 +227,7 @@ STYLES = {
     "lbfgs": Style("L-BFGS", "#1f9a82", "-", "v"),
     "auto": Style("Auto", "#6f3f98", (0, (1, 1.2)), "P"),
     "schwarz": Style("Schwarz", "#7d5a12", "-", "h"),
-    "ida-relaxed": Style("IDA, relaxed", "#7a7a7a", (0, (3, 1.5)), "<"),
+    "ida-relaxed": Style("relaxed IDA", "#7a7a7a", (0, (3, 1.5)), "<"),
     "liblbfgs": Style("liblbfgs", "#a99a00", (0, (6, 1.5, 1, 1.5)), "*"),
     "ceres-dense": Style("Ceres LM", "#d684b5", (0, (2, 1.2)), "p"),
 }
@@ -224,6 +237,14 @@ EXTRA_STYLES = (  # for others that --solvers names
     Style("", "#4a6fe3", (0, (3, 1, 1, 1)), "H"),
     Style("", "#b86b00", (0, (5, 1)), "8"),
 )
+KINDS = {
+    "lit": "Random systems (lit)",
+    "orig": "Random systems, anchors from nodes before displacement (orig)",
+    "disp": "Random systems, stiffness from lengths after displacement (disp)",
+    "track": "Systems as a tracker makes (track)",
+    "real": "Systems recorded from a tracker (real)",
+    "sparse": "Sparse systems",
+}
 GRAY = "#c4c4c4"
 BEFORE, AFTER, NODE = "#58a6e0", "#b3151f", "#2f9e44"  # of a drawn system
 WIDTH = 7.6  # inches: the width of a page
@@ -381,11 +402,14 @@ def band(axes: Axes, x: np.ndarray, low: np.ndarray, high: np.ndarray, color: st
 
 
 def plain_ticks(axes: Axes) -> None:
-    """Decimal labels on a log axis that spans few decades, so that it has some."""
+    """Decimal labels on a log axis, which may span a decade or less."""
     low, high = axes.get_ylim()
-    ticks = [m * 10.0**e for e in range(-6, 7) for m in (1, 2, 5) if low <= m * 10.0**e <= high]
-    if len(ticks) > 7:
-        ticks = [tick for tick in ticks if f"{tick:e}".startswith("1.0")]
+    for digits in ((1, 2, 3, 4, 5, 6, 7, 8, 9), (1, 2, 5), (1,)):
+        ticks = [
+            digit * 10.0**e for e in range(-6, 7) for digit in digits if low <= digit * 10.0**e <= high
+        ]
+        if len(ticks) <= 7:
+            break
     axes.set_yticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.minorticks_off()
 
@@ -430,15 +454,7 @@ def time(seconds: float) -> str:
 
 def what(kind: str) -> str:
     """The systems of a kind, to begin a title."""
-    known = {
-        "lit": "Random systems (lit)",
-        "orig": "Random systems, anchors from nodes before displacement (orig)",
-        "disp": "Random systems, stiffness from lengths after displacement (disp)",
-        "track": "Systems as a tracker makes (track)",
-        "sparse": "Sparse systems",
-        "real": "Systems recorded from a tracker (real)",
-    }
-    return known.get(kind, f"Systems of kind {kind}")
+    return KINDS.get(kind, f"Systems of kind {kind}")
 
 
 def paragraph(text: str) -> str:
@@ -784,7 +800,7 @@ def draw_near_coincident(cells: dict[str, Cell]) -> Drawing:
     """The paper's Figure 8."""
     level = short(cells["ida"]["level"])
     ratio = f"{numeric_over_ida(cells):.3g}"
-    title = f"Two nodes to be {level} apart: CG with numeric gradients ends at {ratio} times IDA's energy"
+    title = f"Two nodes to be {level} apart: {label_of('ncg-forward')} ends at {ratio} times IDA's energy"
     lines = {
         "before": {"color": BEFORE, "linestyle": "--", "linewidth": 1},
         "after": {"color": AFTER, "linestyle": "-", "linewidth": 1.5},
@@ -890,7 +906,7 @@ def draw_minima(results: Results, palette: Palette) -> list[Drawing]:
         for at in (first, *others):
             at.set_xticks(x, [tick(w) for w in weaknesses])
             at.set(xlim=(-0.1, len(weaknesses) - 0.9), ylim=(0, 100 if at is first else 1.08 * top))
-            at.set(xlabel="anchors ×")
+            at.set(xlabel="anchors' stiffness ×")
         drawings.append(Drawing(f"minima-{kind}", figure, title, MINIMA_CAPTION))
     return drawings
 

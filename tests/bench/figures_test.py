@@ -206,6 +206,12 @@ class Figures(unittest.TestCase):
         keys = sorted(cell["key"] for cell in kept if cell["solver"] == "ida")
         self.assertEqual(keys, ["lit/4/0+3/ida", "lit/4/3+3/ida"])
 
+    def test_compares_like_with_like(self):
+        first, second = list(cells("scaling", 3)), list(cells("scaling", 3, first=3))
+        self.store("scaling", [run_record(), *first, *second[:2]])
+        ((_, data),) = figures.by_kind(figures.read(self.results)[0], len)
+        self.assertEqual(list(data["lit/4"].items()), [(name, 1) for name in SOLVERS])
+
     def test_percentiles_of_stored_histograms(self):
         self.store("convergence", [run_record(), *cells("convergence")])
         ((kind, data),) = figures.by_kind(figures.read(self.results)[0], figures.Curve.of)
