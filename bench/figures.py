@@ -712,8 +712,8 @@ LEVEL_NAMES = {
 }
 HARD_CAPTION = """Excess of the energy where a solver ends over the lowest that any solver found of the same
 system (on the lowest line: 1e-16 or none), and the share of systems where it is above 1 %. Harder to the
-right; stopped at stationarity 1e-8 or after 10,000 iterations. Where anchors hold less than 1e-8 of what links
-do, that is met before the anchors are felt."""
+right; stopped at stationarity 1e-8 or after 10,000 iterations. Where anchors hold less than 1e-8 of what
+links do, that is met before the anchors are felt."""
 NEAR_COINCIDENT_CAPTION = """As the paper's Figure 8: the first of the near-coincident systems, rest length
 {level} between the first two nodes, before and after optimisation, with the energy that remains."""
 
