@@ -45,6 +45,7 @@ Json measure(Runner& runner, const Chunk& chunk, double weakness) {
   std::vector<double> ends, lowest;
   std::vector<int> counts;
   Points x;
+  Newton<System> polish;
   for (int index = chunk.first; index < chunk.first + chunk.count; ++index) {
     Problem problem = chunk.problem(index);
     problem.system.anchor_stiffness *= weakness;
@@ -52,7 +53,11 @@ Json measure(Runner& runner, const Chunk& chunk, double weakness) {
     counts.push_back(static_cast<int>(all.size()));
     lowest.push_back(all.empty() ? 0 : all.front());
     runner.load(problem);
-    ends.push_back(runner.solve({1e-8, 100000}, x).final_energy);
+    runner.solve({1e-8, 100000}, x);
+    // Which minimum it is at, or on its way to, weak anchors leaving a long one.
+    polish.options.tolerance = 1e-12;
+    polish.options.align = false;
+    ends.push_back(polish.solve(problem.system, x).final_energy);
   }
   return {
       {"weakness", weakness}, {"starts", kStarts}, {"minima", counts}, {"lowest", lowest}, {"ends", ends}};

@@ -1,6 +1,7 @@
 // Iterations and time against the number of parts: the paper's Figure 9.
 #include <cmath>
 #include <cstdio>
+#include <limits>
 #include <optional>
 
 #include "experiments.hpp"
@@ -48,7 +49,9 @@ struct Figures {
 
   explicit Figures(const std::vector<const Json*>& cells) {
     for (const Json* cell : cells) {
-      for (const double k : (*cell)["loose_iterations"]) loose.push_back(k);
+      for (const double k : (*cell)["loose_iterations"]) {
+        if (k >= 0) loose.push_back(k);  // not measured of large systems
+      }
       for (std::size_t s = 0; s < (*cell)["iterations"].size(); ++s) {
         const double k = (*cell)["iterations"][s];
         std::string chunk = (*cell)["key"];
@@ -76,6 +79,7 @@ struct Figures {
     return ratios.empty() ? MedianInterval{} : median_interval(ratios);
   }
   static double mean(const std::vector<double>& values) {
+    if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
     double sum = 0;
     for (const double v : values) sum += v;
     return sum / static_cast<double>(values.size());
