@@ -85,7 +85,7 @@ Experiment convergence(const Selection& selection) {
         for (const Json* cell : cells_with(results, group, solver.name)) curve.add(*cell);
         if (curve.systems == 0) continue;
         std::printf("  %-14s", solver.name.c_str());
-        for (const std::size_t k : {1, 3, 5, 10}) std::printf(" %.4f", curve.mean(k));
+        for (const std::size_t k : {1u, 3u, 5u, 10u}) std::printf(" %.4f", curve.mean(k));
         std::printf("  ");
         for (const int iterations : {10, 32, 100, 316, 1000}) {
           const auto at = std::lower_bound(looks().begin(), looks().end(), iterations) - looks().begin();
