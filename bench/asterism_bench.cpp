@@ -41,15 +41,17 @@ class Processes {
     MPI_Comm_rank(MPI_COMM_WORLD, &shard_.index);
     MPI_Comm_size(MPI_COMM_WORLD, &shard_.count);
   }
-  ~Processes() {
-    if (std::uncaught_exceptions() > 0) MPI_Abort(MPI_COMM_WORLD, 1);
-    MPI_Finalize();
+  ~Processes() { MPI_Finalize(); }
+  /// The others would wait for this one.
+  void abort() const {
+    if (shard_.count > 1) MPI_Abort(MPI_COMM_WORLD, 1);
   }
   std::function<void()> barrier() const {
     return [] { MPI_Barrier(MPI_COMM_WORLD); };
   }
 #else
   Processes(int&, char**&) {}
+  void abort() const {}
   std::function<void()> barrier() const { return {}; }
 #endif
   Processes(const Processes&) = delete;
@@ -143,10 +145,9 @@ int list_solvers() {
   return 0;
 }
 
-int run_command_line(int argc, char** argv) {
+int run_command_line(const Processes& processes, int argc, char** argv) {
   std::string command = "asterism-bench";
   for (int a = 1; a < argc; ++a) command += std::string(" ") + argv[a];
-  const Processes processes(argc, argv);
 
   CLI::App app("The solver laboratory: what the solvers are measured by.", "asterism-bench");
   app.require_subcommand(1);
@@ -243,10 +244,12 @@ int run_command_line(int argc, char** argv) {
 }  // namespace
 
 int main(int argc, char** argv) {
+  const Processes processes(argc, argv);
   try {
-    return run_command_line(argc, argv);
+    return run_command_line(processes, argc, argv);
   } catch (const std::exception& e) {
     std::fprintf(stderr, "asterism-bench: %s\n", e.what());
+    processes.abort();
     return 1;
   }
 }
