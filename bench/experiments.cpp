@@ -47,9 +47,10 @@ std::vector<Chunk> chunks(const Selection& selection) {
   }
   for (const auto& [n, indices] : recorded) {
     const auto count = static_cast<int>(indices.size());
-    add("real/" + std::to_string(n), n, false, count, [all = selection.recorded, indices](int index) {
-      return (*all)[static_cast<std::size_t>(indices[static_cast<std::size_t>(index)])];
-    });
+    add("real/" + std::to_string(n), n, false, count,
+        [all = selection.recorded, indices = indices](int index) {
+          return (*all)[static_cast<std::size_t>(indices[static_cast<std::size_t>(index)])];
+        });
   }
 
   std::vector<Chunk> result;
