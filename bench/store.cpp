@@ -89,14 +89,103 @@ struct Contents {
   }
 };
 
-fs::path part_path(const RunOptions& options, const std::string& name, int shard) {
-  return options.folder / (name + ".part" + std::to_string(shard) + ".jsonl");
-}
+/// The files of an experiment: one that holds everything, and a part for each shard at work or interrupted.
+class ResultFiles {
+ public:
+  ResultFiles(const fs::path& folder, const std::string& name) : folder_(folder), name_(name) {
+    fs::create_directories(folder);
+  }
+
+  fs::path merged() const { return folder_ / (name_ + ".jsonl"); }
+  fs::path part(int shard) const { return folder_ / (name_ + ".part" + std::to_string(shard) + ".jsonl"); }
+
+  Contents read() const {
+    Contents contents;
+    contents.read(merged());
+    for (const fs::path& part : parts()) contents.read(part);
+    return contents;
+  }
+
+  /// Replaces all files by one with the cells in the order of the experiment, then those of other settings.
+  void merge(const Contents& contents, const std::vector<Cell>& cells) const {
+    const fs::path scratch = merged().string() + ".new";
+    std::ofstream file(scratch);
+    for (const Json& run : contents.runs) file << run << '\n';
+    std::set<std::string> written;
+    for (const Cell& cell : cells) {
+      const auto at = contents.cells.find(cell.key);
+      if (at != contents.cells.end() && written.insert(cell.key).second) file << at->second << '\n';
+    }
+    for (const auto& [key, cell] : contents.cells) {
+      if (!written.contains(key)) file << cell << '\n';
+    }
+    file.close();
+    if (!file) throw std::runtime_error("cannot write " + scratch.string());
+    fs::rename(scratch, merged());
+    for (const fs::path& part : parts()) fs::remove(part);
+  }
+
+ private:
+  std::vector<fs::path> parts() const {
+    std::vector<fs::path> result;
+    for (const auto& entry : fs::directory_iterator(folder_)) {
+      if (entry.path().filename().string().starts_with(name_ + ".part")) result.push_back(entry.path());
+    }
+    std::sort(result.begin(), result.end());
+    return result;
+  }
+
+  fs::path folder_;
+  std::string name_;
+};
 
 std::string duration(double seconds) {
   if (seconds < 90) return format("%.0f s", seconds);
   if (seconds < 5400) return format("%.0f min", seconds / 60);
   return format("%.1f h", seconds / 3600);
+}
+
+/// Cells done and the time left, on standard error: on a terminal a line that changes, elsewhere some ten
+/// lines.
+class Progress {
+ public:
+  Progress(const std::string& name, std::size_t total) : name_(name), total_(total) {}
+  ~Progress() {
+    if (is_terminal_) std::fputc('\n', stderr);
+  }
+  Progress(const Progress&) = delete;
+  Progress& operator=(const Progress&) = delete;
+
+  void show(std::size_t done) const {
+    if (!is_terminal_ && done != total_ && done % (total_ / 10 + 1) != 0) return;
+    const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
+    const double left = elapsed / static_cast<double>(done) * static_cast<double>(total_ - done);
+    std::fprintf(stderr,
+                 is_terminal_ ? "\r%s: %zu of %zu cells, %s left   " : "%s: %zu of %zu cells, %s left\n",
+                 name_.c_str(), done, total_, duration(left).c_str());
+  }
+
+ private:
+  std::string name_;
+  std::size_t total_;
+  bool is_terminal_ = isatty(STDERR_FILENO) != 0;
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+/// Measures cells and appends each to the file, until a signal asks to stop.
+void measure(const std::string& name, const std::vector<const Cell*>& cells, const Json& run,
+             std::ofstream file) {
+  file << run << std::endl;
+  const double steady = calibrate();
+  const Progress progress(name, cells.size());
+  for (std::size_t done = 0; done < cells.size() && g_stop_signal == 0; ++done) {
+    Json line{{"key", cells[done]->key}, {"run", run["run"]}, {"clock", 0}};
+    line.update(cells[done]->measure());
+    line["clock"] = calibrate() / steady;
+    file << line << std::endl;
+    if (!file) throw std::runtime_error(name + ": the results cannot be written");
+    progress.show(done + 1);
+  }
 }
 
 }  // namespace
@@ -132,82 +221,30 @@ Json machine() {
 
 Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options) {
   stop_on_signals();
-  fs::create_directories(options.folder);
-  const fs::path merged = options.folder / (name + ".jsonl");
+  const ResultFiles files(options.folder, name);
   const bool is_sharded = options.shard.count > 1;
-  const fs::path path = is_sharded ? part_path(options, name, options.shard.index) : merged;
-
-  const auto read_all = [&] {
-    Contents contents;
-    contents.read(merged);
-    // Parts of this run, and of an earlier one that was interrupted.
-    std::vector<fs::path> parts;
-    for (const auto& entry : fs::directory_iterator(options.folder)) {
-      if (entry.path().filename().string().starts_with(name + ".part")) parts.push_back(entry.path());
-    }
-    std::sort(parts.begin(), parts.end());
-    for (const fs::path& part : parts) contents.read(part);
-    return std::pair(std::move(contents), parts);
-  };
-  const auto write = [&](const Contents& contents) {
-    const fs::path scratch = merged.string() + ".new";
-    std::ofstream file(scratch);
-    for (const Json& run : contents.runs) file << run << '\n';
-    std::set<std::string> written;
-    for (const Cell& cell : cells) {  // in the order of the experiment
-      const auto at = contents.cells.find(cell.key);
-      if (at != contents.cells.end() && written.insert(cell.key).second) file << at->second << '\n';
-    }
-    for (const auto& [key, cell] : contents.cells) {  // of other settings
-      if (!written.contains(key)) file << cell << '\n';
-    }
-    file.close();
-    if (!file) throw std::runtime_error("cannot write " + scratch.string());
-    fs::rename(scratch, merged);
-  };
-
   const auto wait = [&] {
     if (options.barrier) options.barrier();
   };
 
-  auto [contents, parts] = read_all();
+  Contents contents = files.read();
   wait();  // all have read before any writes
-  if (options.shard.index == 0) {
-    write(contents);  // without an incomplete last line, and with what an interrupted run left in parts
-    for (const fs::path& part : parts) fs::remove(part);
-  }
+  if (options.shard.index == 0) files.merge(contents, cells);
   wait();
+
   std::vector<const Cell*> open;
   for (std::size_t c = 0; c < cells.size(); ++c) {
     if (static_cast<int>(c % static_cast<std::size_t>(options.shard.count)) != options.shard.index) continue;
     if (!contents.cells.contains(cells[c].key)) open.push_back(&cells[c]);
   }
-
   if (!open.empty()) {
-    const int run = is_sharded ? 0 : static_cast<int>(contents.runs.size());
-    std::ofstream file(path, is_sharded ? std::ios::trunc : std::ios::app);
-    Json header{{"run", run}, {"machine", machine()}, {"command", options.command}, {"started", now()}};
-    file << header << std::endl;
-    const double steady = calibrate();
-    const auto begin = std::chrono::steady_clock::now();
-    for (std::size_t done = 0; done < open.size() && g_stop_signal == 0; ++done) {
-      Json line{{"key", open[done]->key}, {"run", run}, {"clock", 0}};
-      line.update(open[done]->measure());
-      line["clock"] = calibrate() / steady;
-      file << line << std::endl;
-      if (!file) throw std::runtime_error("cannot write " + path.string());
-      // On a terminal every cell is a step; elsewhere a line now and then is enough.
-      if (isatty(STDERR_FILENO) == 0 && done + 1 != open.size() && (done + 1) % (open.size() / 10 + 1) != 0)
-        continue;
-      const double elapsed = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-      const double left =
-          elapsed / static_cast<double>(done + 1) * static_cast<double>(open.size() - done - 1);
-      std::fprintf(stderr,
-                   isatty(STDERR_FILENO) != 0 ? "\r%s: %zu of %zu cells, %s left   "
-                                              : "%s: %zu of %zu cells, %s left\n",
-                   name.c_str(), done + 1, open.size(), duration(left).c_str());
-    }
-    if (isatty(STDERR_FILENO) != 0) std::fprintf(stderr, "\n");
+    const Json run{{"run", is_sharded ? 0 : static_cast<int>(contents.runs.size())},
+                   {"machine", machine()},
+                   {"command", options.command},
+                   {"started", now()}};
+    measure(name, open, run,
+            is_sharded ? std::ofstream(files.part(options.shard.index))
+                       : std::ofstream(files.merged(), std::ios::app));
   }
   wait();
   if (g_stop_signal != 0) {
@@ -216,9 +253,8 @@ Results run_cells(const std::string& name, const std::vector<Cell>& cells, const
   }
   if (options.shard.index != 0) return {};
 
-  std::tie(contents, parts) = read_all();
-  write(contents);
-  for (const fs::path& part : parts) fs::remove(part);
+  contents = files.read();
+  files.merge(contents, cells);
   Results results;
   for (const Cell& cell : cells) results.emplace_back(cell.key, contents.cells.at(cell.key));
   return results;
