@@ -366,7 +366,8 @@ def legend_of(names: list[str], palette: Palette) -> list[plt.Line2D]:
     coloured = [name for name in names if palette.in_colour(name)]
     lines = [plt.Line2D([], [], label=label_of(name), **palette(name)) for name in coloured]
     if len(coloured) < len(names):
-        others = f"{len(names) - len(coloured)} others"
+        count = len(names) - len(coloured)
+        others = "1 other" if count == 1 else f"{count} others"
         lines.append(plt.Line2D([], [], color=GRAY, linewidth=0.8, label=others))
     return lines
 

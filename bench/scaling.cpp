@@ -1,7 +1,6 @@
 // Iterations and time against the number of parts: the paper's Figure 9.
 #include <cmath>
 #include <cstdio>
-#include <limits>
 #include <optional>
 
 #include "experiments.hpp"
@@ -79,7 +78,6 @@ struct Figures {
     return ratios.empty() ? MedianInterval{} : median_interval(ratios);
   }
   static double mean(const std::vector<double>& values) {
-    if (values.empty()) return std::numeric_limits<double>::quiet_NaN();
     double sum = 0;
     for (const double v : values) sum += v;
     return sum / static_cast<double>(values.size());
@@ -114,9 +112,12 @@ Experiment scaling(const Selection& selection) {
         if (!first) first = f;
         const MedianInterval ratio = f.ratio(*first);
         std::printf(
-            "  %-14s %6.1f +- %-6.1f %8.1f +- %-8.1f %6.0f %9.3g s %9.3g s %9.3g s  %4d of %-7zu %.3g, %.3g "
+            "  %-14s %-16s %8.1f +- %-8.1f %6.0f %9.3g s %9.3g s %9.3g s  %4d of %-7zu %.3g, %.3g "
             "to %.3g\n",
-            solver.name.c_str(), Figures::mean(f.loose), Figures::deviation(f.loose),
+            solver.name.c_str(),
+            f.loose.empty()
+                ? ""
+                : format("%6.1f +- %.1f", Figures::mean(f.loose), Figures::deviation(f.loose)).c_str(),
             Figures::mean(f.iterations), Figures::deviation(f.iterations), median(f.iterations),
             median(f.seconds), percentile(f.seconds, 0.05), percentile(f.seconds, 0.95), f.failed,
             f.iterations.size() + static_cast<std::size_t>(f.failed), ratio.median, ratio.low, ratio.high);
