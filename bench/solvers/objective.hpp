@@ -33,16 +33,18 @@ class Objective {
   /// Energy at `numbers`, with its gradient where that is not null.
   double operator()(const double* numbers, double* gradient) {
     x_ = length_ * Eigen::Map<const Points>(numbers, 2, x_.cols());
-    const double energy = energy_and_gradient(system_, x_, gradient_);
+    const bool wants_gradient = gradient != nullptr;
+    const double energy =
+        wants_gradient ? energy_and_gradient(system_, x_, gradient_) : asterism::energy(system_, x_);
     ++summary_.energy_evaluations;
-    summary_.gradient_evaluations += gradient != nullptr;
-    if (energy < best_energy_) {
+    summary_.gradient_evaluations += wants_gradient;
+    if (energy <= best_energy_) {
       best_energy_ = energy;
       best_ = x_;
-      done_ = session_.done(gradient_);
+      done_ = wants_gradient && session_.done(gradient_);
     }
     const double unit = stiffness_ * length_;
-    if (gradient != nullptr) Eigen::Map<Points>(gradient, 2, x_.cols()) = gradient_ / unit;
+    if (wants_gradient) Eigen::Map<Points>(gradient, 2, x_.cols()) = gradient_ / unit;
     return energy / (unit * length_);
   }
 
