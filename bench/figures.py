@@ -376,6 +376,7 @@ def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
     """Names of lines (x, y, text, colour) at their ends; those at the right edge beside it, moved apart where
     they would overlap. All in fractions of the axes, which do not depend on the resolution."""
     apart = 10.5 / 72 * axes.figure.dpi / axes.get_window_extent().height
+    beside = 1 + 0.15 * axes.figure.dpi / axes.get_window_extent().width  # [inch]
     to_fraction = axes.transData + axes.transAxes.inverted()
     points = [(*to_fraction.transform((x, y)), text, color) for x, y, text, color in ends]
     edge = sorted((point for point in points if point[0] > 0.9), key=lambda point: point[1])
@@ -391,7 +392,7 @@ def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
     for (x, y, text, color), height in zip(edge, heights):
         line = {"arrowstyle": "-", "color": color, "linewidth": 0.6, "relpos": (0, 0.5)}
         line |= {"shrinkA": 0, "shrinkB": 3}
-        axes.annotate(text, (x, y), (1.06, height), color=color, arrowprops=line, **font, **fractions)
+        axes.annotate(text, (x, y), (beside, height), color=color, arrowprops=line, **font, **fractions)
     for x, y, text, color in points:
         if x <= 0.9:
             place = {"transform": axes.transAxes, "zorder": 6, "path_effects": HALO}
