@@ -17,8 +17,16 @@ namespace {
 constexpr std::size_t kBurnIn = 10;     // frames from a start on that do not count for accuracy
 constexpr std::size_t kRestartGap = 5;  // frames from a failure to the next start
 
-cv::Rect2d moved(const cv::Rect2d& box, const cv::Point2d& offset) {
+// The box to start with in frame t; a sequence that cannot be started there is an error of its own.
+cv::Rect2d start_box(const Sequence& sequence, std::size_t t, const cv::Point2d& offset) {
+  if (!sequence.truth[t])
+    throw std::runtime_error(sequence.name + ": no object to start on in frame " + std::to_string(t + 1));
+  const cv::Rect2d& box = sequence.truth[t]->box();
   return {box.x + offset.x, box.y + offset.y, box.width, box.height};
+}
+
+double overlap_in(const Sequence& sequence, std::size_t t, const cv::Rect2d& box) {
+  return sequence.truth[t] ? tools::overlap(box, sequence.truth[t]->box()) : 0;
 }
 
 }  // namespace
@@ -65,12 +73,12 @@ double OnePass::average_overlap() const {
 
 OnePass run_one_pass(const Start& start, const Sequence& sequence, const cv::Point2d& offset) {
   OnePass result;
-  const Step step = start(sequence.images[0], moved(sequence.truth[0].box, offset));
+  const Step step = start(sequence.images[0], start_box(sequence, 0, offset));
   for (std::size_t t = 1; t < sequence.images.size(); ++t) {
     const auto before = std::chrono::steady_clock::now();
     const cv::Rect2d box = step(sequence.images[t]);
     result.seconds += std::chrono::duration<double>(std::chrono::steady_clock::now() - before).count();
-    result.overlaps.push_back(tools::overlap(box, sequence.truth[t].box));
+    result.overlaps.push_back(overlap_in(sequence, t, box));
   }
   return result;
 }
@@ -78,10 +86,10 @@ OnePass run_one_pass(const Start& start, const Sequence& sequence, const cv::Poi
 Supervised run_supervised(const Start& start, const Sequence& sequence, const cv::Point2d& offset) {
   Supervised result;
   for (std::size_t first = 0; first < sequence.images.size();) {
-    const Step step = start(sequence.images[first], moved(sequence.truth[first].box, offset));
+    const Step step = start(sequence.images[first], start_box(sequence, first, offset));
     std::size_t t = first + 1;
     for (; t < sequence.images.size(); ++t) {
-      const double overlap = tools::overlap(step(sequence.images[t]), sequence.truth[t].box);
+      const double overlap = overlap_in(sequence, t, step(sequence.images[t]));
       if (overlap <= 0) {
         ++result.failures;
         break;

@@ -14,7 +14,7 @@ namespace asterism::bench {
 struct Sequence {
   std::string name;
   std::vector<cv::Mat> images;
-  std::vector<tools::GroundTruth> truth;  ///< as many as images
+  std::vector<std::optional<tools::Region>> truth;  ///< as many as images; empty: no object
 };
 
 /// The sequence folders below `folder` in the order of their names; only those in `only` unless that is

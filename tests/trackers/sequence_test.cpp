@@ -30,15 +30,15 @@ TEST_P(RealSequence, IsTrackedFromTheFirstBox) {
                  << " (configure with -DASTERISM_SEQUENCES=FOLDER to name another)";
 
   tools::ImageSource source = tools::ImageSource::open(folder.string());
-  const std::vector<tools::GroundTruth> truth = tools::read_ground_truth(folder / "groundtruth.txt");
+  const auto truth = tools::read_ground_truth(folder / "groundtruth.txt");
   Dpt tracker;
   cv::Mat image;
   ASSERT_TRUE(source.next(image));
-  tracker.init(image, truth[0].box);
+  tracker.init(image, truth[0]->box());
   double sum = 0;
   std::size_t frames = 0, usable = 0;
   for (std::size_t t = 1; t < truth.size() && source.next(image); ++t, ++frames) {
-    sum += tools::overlap(tracker.update(image).box, truth[t].box);
+    sum += tools::overlap(tracker.update(image).box, truth[t]->box());
     usable +=
         tracker.summary().usable() && tracker.summary().final_energy <= tracker.summary().initial_energy;
   }

@@ -413,16 +413,41 @@ TEST(GroundTruthFile, GivesBoundingBoxesOfPolygonsAndRectangles) {
   const fs::path path =
       fs::path(testing::TempDir()) / ("asterism_truth_" + std::to_string(getpid()) + ".txt");
   std::ofstream(path) << "10,20,5,3,30,12,25,31\r\n 1.5\t2 3 4 \nnan,nan,nan,nan\n0,0,0,0\n\n";
-  const std::vector<GroundTruth> truth = read_ground_truth(path);
+  const std::vector<std::optional<Region>> truth = read_ground_truth(path);
   fs::remove(path);
   ASSERT_EQ(truth.size(), 4u);
-  EXPECT_EQ(truth[0].box, cv::Rect2d(5, 3, 25, 28));
-  EXPECT_EQ(truth[0].polygon[3], cv::Point2d(25, 31));
-  EXPECT_EQ(truth[1].box, cv::Rect2d(1.5, 2, 3, 4));
-  EXPECT_EQ(truth[1].polygon[2], cv::Point2d(4.5, 6));
-  EXPECT_TRUE(truth[0].visible && truth[1].visible);
-  EXPECT_FALSE(truth[2].visible || truth[3].visible);
+  ASSERT_TRUE(truth[0] && truth[1]);
+  EXPECT_EQ(truth[0]->box(), cv::Rect2d(5, 3, 25, 28));
+  EXPECT_EQ(truth[0]->points()[3], cv::Point2d(25, 31));
+  EXPECT_EQ(truth[1]->box(), cv::Rect2d(1.5, 2, 3, 4));
+  EXPECT_EQ(truth[1]->points()[2], cv::Point2d(4.5, 6));
+  EXPECT_FALSE(truth[2] || truth[3]);
   EXPECT_THROW(read_ground_truth("/no/such/file"), std::runtime_error);
+}
+
+TEST(Region, IsARectangleOrAPolygonByTheCountOfItsNumbers) {
+  const auto box = parse_region("1.5, 2;3\t4");
+  ASSERT_TRUE(box);
+  EXPECT_TRUE(box->is_rectangle());
+  EXPECT_EQ(box->box(), cv::Rect2d(1.5, 2, 3, 4));
+  const auto triangle = parse_region("0,0,10,-5,4,8");
+  ASSERT_TRUE(triangle);
+  EXPECT_FALSE(triangle->is_rectangle());
+  EXPECT_EQ(triangle->points().size(), 3u);
+  EXPECT_EQ(triangle->box(), cv::Rect2d(0, -5, 10, 13));
+  for (const char* none : {"", "1", "1,2,3,4,5", "1,2", "1,2,-3,4", "nan,nan,nan,nan", "0,0,inf,1,1,1",
+                           "1,2,3,x", "1,2,3,4,5,6,7"}) {
+    EXPECT_FALSE(parse_region(none)) << none;
+  }
+  EXPECT_THROW(Region::polygon({{0, 0}, {1, 1}}), std::invalid_argument);
+}
+
+TEST(Region, ComesBackExactlyFromItsText) {
+  const Region box = Region::rectangle({0.1, -1e-9, 1.0 / 3, 1e300});
+  EXPECT_EQ(parse_region(to_string(box)), box);
+  const Region polygon = Region::polygon({{0.1, 2}, {1.0 / 3, 1e-300}, {-7, 5}});
+  EXPECT_EQ(parse_region(to_string(polygon)), polygon);
+  EXPECT_EQ(to_string(Region::rectangle({1, 2.5, 3, 4})), "1,2.5,3,4");
 }
 
 TEST(Overlap, IsIntersectionOverUnion) {

@@ -4,7 +4,6 @@
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <chrono>
-#include <cmath>
 #include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
@@ -26,13 +25,12 @@ volatile std::sig_atomic_t g_stop_signal = 0;
 namespace {
 
 cv::Rect2d parse_box(const std::string& text) {
-  const std::vector<double> v = parse_numbers(text);
-  if (v.size() != 4 || !std::all_of(v.begin(), v.end(), [](double d) { return std::isfinite(d); }) ||
-      v[2] < 1 || v[3] < 1) {
+  const std::optional<Region> region = parse_region(text);
+  if (!region || !region->is_rectangle() || region->box().width < 1 || region->box().height < 1) {
     throw std::runtime_error("--box \"" + text +
                              "\" is not x,y,width,height: four numbers, width and height at least 1");
   }
-  return {v[0], v[1], v[2], v[3]};
+  return region->box();
 }
 
 // What can be seen to be wrong before the first frame is read.
@@ -62,11 +60,11 @@ void check(const Options& options) {
   }
 }
 
-cv::Rect2d first_box(const Options& options, const std::vector<GroundTruth>& truth, Window* window,
+cv::Rect2d first_box(const Options& options, const std::vector<std::optional<Region>>& truth, Window* window,
                      const cv::Mat& image) {
   if (options.box) return parse_box(*options.box);
   const auto index = static_cast<size_t>(options.start - 1);
-  if (index < truth.size() && truth[index].visible) return truth[index].box;
+  if (index < truth.size() && truth[index]) return truth[index]->box();
   if (window != nullptr) {
     const cv::Rect2d box = window->select(image);
     if (box.empty()) throw std::runtime_error("no box was selected");
@@ -152,7 +150,7 @@ void print_summary(const Options& options, const Score& score) {
 void run(const Options& options) {
   check(options);
   ImageSource source = ImageSource::open(options.input);
-  std::vector<GroundTruth> truth;
+  std::vector<std::optional<Region>> truth;
   if (source.ground_truth()) truth = read_ground_truth(*source.ground_truth());
   std::optional<Window> window;
   if (options.show) window.emplace();
@@ -199,9 +197,8 @@ void run(const Options& options) {
       milliseconds = timed([&] { result = tracker.update(image); });
       score.milliseconds += milliseconds;
       ++score.updates;
-      if (const auto at = static_cast<size_t>(source.position() - 1);
-          at < truth.size() && truth[at].visible) {
-        score.overlaps += overlap(result.box, truth[at].box);
+      if (const auto at = static_cast<size_t>(source.position() - 1); at < truth.size() && truth[at]) {
+        score.overlaps += overlap(result.box, truth[at]->box());
         ++score.compared;
       }
       if (recorder) recorder->write(source.position());

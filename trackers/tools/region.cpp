@@ -1,0 +1,95 @@
+#include "region.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cmath>
+#include <stdexcept>
+#include <utility>
+
+namespace asterism::tools {
+namespace {
+
+constexpr std::string_view kBlanks = " \t\r";
+
+std::string_view trim(std::string_view text) {
+  const size_t first = text.find_first_not_of(kBlanks);
+  if (first == std::string_view::npos) return {};
+  return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
+}
+
+void append(std::string& text, double value) {
+  std::array<char, 32> buffer;
+  const auto [end, error] = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value);
+  if (!text.empty()) text += ',';
+  text.append(buffer.data(), end);
+}
+
+}  // namespace
+
+Region Region::rectangle(const cv::Rect2d& b) {
+  const double right = b.x + b.width, bottom = b.y + b.height;
+  return {true, {{b.x, b.y}, {right, b.y}, {right, bottom}, {b.x, bottom}}, b};
+}
+
+Region Region::polygon(std::vector<cv::Point2d> points) {
+  if (points.size() < 3) throw std::invalid_argument("a polygon needs at least three corners");
+  cv::Point2d low = points[0], high = points[0];
+  for (const cv::Point2d& p : points) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+  }
+  return {false, std::move(points), {low, high}};
+}
+
+std::optional<Region> to_region(std::span<const double> v) {
+  if (!std::all_of(v.begin(), v.end(), [](double d) { return std::isfinite(d); })) return {};
+  if (v.size() == 4) {
+    if (v[2] < 0 || v[3] < 0) return {};
+    return Region::rectangle({v[0], v[1], v[2], v[3]});
+  }
+  if (v.size() < 6 || v.size() % 2 != 0) return {};
+  std::vector<cv::Point2d> points;
+  for (size_t i = 0; i < v.size(); i += 2) points.emplace_back(v[i], v[i + 1]);
+  return Region::polygon(std::move(points));
+}
+
+std::optional<Region> parse_region(std::string_view text) { return to_region(parse_numbers(text)); }
+
+std::string to_string(const Region& region) {
+  std::string text;
+  if (region.is_rectangle()) {
+    const cv::Rect2d& b = region.box();
+    for (const double value : {b.x, b.y, b.width, b.height}) append(text, value);
+  } else {
+    for (const cv::Point2d& p : region.points()) {
+      append(text, p.x);
+      append(text, p.y);
+    }
+  }
+  return text;
+}
+
+std::vector<double> parse_numbers(std::string_view text) {
+  std::vector<double> values;
+  text = trim(text);
+  while (!text.empty()) {
+    if (text.front() == '+') text.remove_prefix(1);
+    double value = 0;
+    const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (error != std::errc{}) return {};
+    values.push_back(value);
+    const std::string_view rest = text.substr(static_cast<size_t>(end - text.data()));
+    text = trim(rest);
+    if (text.empty()) break;
+    if (text.front() == ',' || text.front() == ';') {
+      text = trim(text.substr(1));
+      if (text.empty()) return {};  // ends in a separator: a number is missing
+    } else if (text.size() == rest.size()) {
+      return {};  // no separator: "12px"
+    }
+  }
+  return values;
+}
+
+}  // namespace asterism::tools
