@@ -118,7 +118,7 @@ int main(int argc, char** argv) try {
     const auto work = [&] {
       try {
         for (std::size_t s; (s = next++) < sequences.size();) {
-          const Sequence sequence = load_sequence(sequences[s]);
+          const LoadedSequence sequence = load_sequence(sequences[s]);
           for (std::size_t k = 0; k < offsets.size(); ++k) {
             by_sequence[s].overlap_by_start[k] =
                 run_one_pass(variant.start, sequence, offsets[k]).average_overlap();

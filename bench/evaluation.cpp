@@ -18,14 +18,14 @@ constexpr std::size_t kBurnIn = 10;     // frames from a start on that do not co
 constexpr std::size_t kRestartGap = 5;  // frames from a failure to the next start
 
 // The box to start with in frame t; a sequence that cannot be started there is an error of its own.
-cv::Rect2d start_box(const Sequence& sequence, std::size_t t, const cv::Point2d& offset) {
+cv::Rect2d start_box(const LoadedSequence& sequence, std::size_t t, const cv::Point2d& offset) {
   if (!sequence.truth[t])
     throw std::runtime_error(sequence.name + ": no object to start on in frame " + std::to_string(t + 1));
   const cv::Rect2d& box = sequence.truth[t]->box();
   return {box.x + offset.x, box.y + offset.y, box.width, box.height};
 }
 
-double overlap_in(const Sequence& sequence, std::size_t t, const cv::Rect2d& box) {
+double overlap_in(const LoadedSequence& sequence, std::size_t t, const cv::Rect2d& box) {
   return sequence.truth[t] ? tools::overlap(box, sequence.truth[t]->box()) : 0;
 }
 
@@ -42,10 +42,10 @@ std::vector<fs::path> find_sequences(const fs::path& folder, const std::vector<s
   return found;
 }
 
-Sequence load_sequence(const fs::path& folder) {
-  Sequence sequence{.name = folder.filename().string(),
-                    .images = {},
-                    .truth = tools::read_ground_truth(folder / "groundtruth.txt")};
+LoadedSequence load_sequence(const fs::path& folder) {
+  LoadedSequence sequence{.name = folder.filename().string(),
+                          .images = {},
+                          .truth = tools::read_ground_truth(folder / "groundtruth.txt")};
   tools::ImageSource source = tools::ImageSource::open(folder.string());
   for (cv::Mat image; source.next(image);) sequence.images.push_back(image.clone());
   if (sequence.images.size() != sequence.truth.size())
@@ -71,7 +71,7 @@ double OnePass::average_overlap() const {
              : std::reduce(overlaps.begin(), overlaps.end()) / static_cast<double>(overlaps.size());
 }
 
-OnePass run_one_pass(const Start& start, const Sequence& sequence, const cv::Point2d& offset) {
+OnePass run_one_pass(const Start& start, const LoadedSequence& sequence, const cv::Point2d& offset) {
   OnePass result;
   const Step step = start(sequence.images[0], start_box(sequence, 0, offset));
   for (std::size_t t = 1; t < sequence.images.size(); ++t) {
@@ -83,7 +83,7 @@ OnePass run_one_pass(const Start& start, const Sequence& sequence, const cv::Poi
   return result;
 }
 
-Supervised run_supervised(const Start& start, const Sequence& sequence, const cv::Point2d& offset) {
+Supervised run_supervised(const Start& start, const LoadedSequence& sequence, const cv::Point2d& offset) {
   Supervised result;
   for (std::size_t first = 0; first < sequence.images.size();) {
     const Step step = start(sequence.images[first], start_box(sequence, first, offset));

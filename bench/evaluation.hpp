@@ -11,7 +11,7 @@
 namespace asterism::bench {
 
 /// An annotated sequence in the VOT layout, all images in memory.
-struct Sequence {
+struct LoadedSequence {
   std::string name;
   std::vector<cv::Mat> images;
   std::vector<std::optional<tools::Region>> truth;  ///< as many as images; empty: no object
@@ -23,7 +23,7 @@ std::vector<std::filesystem::path> find_sequences(const std::filesystem::path& f
                                                   const std::vector<std::string>& only = {});
 /// Throws std::runtime_error for unreadable images or annotations, or a number of images that is not that of
 /// boxes.
-Sequence load_sequence(const std::filesystem::path& folder);
+LoadedSequence load_sequence(const std::filesystem::path& folder);
 
 /// A running tracker: the box in the next image. Made anew for every (re-)start.
 using Step = std::function<cv::Rect2d(const cv::Mat&)>;
@@ -39,13 +39,13 @@ struct OnePass {
   double average_overlap() const;
 };
 /// The tracker starts on the first box and is never corrected.
-OnePass run_one_pass(const Start& start, const Sequence& sequence, const cv::Point2d& offset);
+OnePass run_one_pass(const Start& start, const LoadedSequence& sequence, const cv::Point2d& offset);
 
 struct Supervised {
   std::vector<double> overlaps;  ///< without the ten frames from each start on (burn-in) and the failures
   int failures = 0;
 };
 /// The VOT protocol: a frame without any overlap is a failure, five frames later the tracker starts anew.
-Supervised run_supervised(const Start& start, const Sequence& sequence, const cv::Point2d& offset);
+Supervised run_supervised(const Start& start, const LoadedSequence& sequence, const cv::Point2d& offset);
 
 }  // namespace asterism::bench

@@ -100,7 +100,7 @@ int main(int argc, char** argv) try {
   std::printf("\n");
   std::map<std::string, Total> totals;
   for (const auto& path : sequences) {
-    const Sequence sequence = load_sequence(path);
+    const LoadedSequence sequence = load_sequence(path);
     std::printf("%-12s %7zu", sequence.name.c_str(), sequence.images.size());
     for (const std::string& name : names) {
       Total& total = totals[name];

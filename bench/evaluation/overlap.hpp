@@ -1,0 +1,34 @@
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "region.hpp"
+
+namespace asterism::bench {
+
+using tools::Region;
+
+/// How the overlap of two regions is computed; every report of an overlap names it.
+enum class OverlapRule {
+  Exact,       ///< areas of the polygons themselves
+  VotPython,   ///< pixels as today's VOT toolkit counts them (Python, 0.6 and later; VOT2018 and later)
+  Trax,        ///< pixels as libtrax counts them (the MATLAB toolkit of VOT2016 and VOT2017)
+  TraxLegacy,  ///< pixels as libtrax counts them with its legacy flag (VOT2013 to VOT2015)
+};
+
+/// "exact", "vot-python", "trax", "trax-legacy".
+std::string_view to_string(OverlapRule rule);
+/// The rule of that name; std::invalid_argument, which lists the names, for any other.
+OverlapRule parse_overlap_rule(const std::string& name);
+
+/// Intersection over union in [0, 1]; only what lies within `image` [px] counts where that is given. Polygons
+/// are simple ones in either orientation. A region that is not finite overlaps nothing. Two regions of no
+/// size have overlap 1 by VotPython, 0 by the others. The pixel rules see coordinates as the toolkits store
+/// them, in single precision, and none beyond a million pixels.
+double overlap(const Region& a, const Region& b, OverlapRule rule, std::optional<cv::Size> image = {});
+
+}  // namespace asterism::bench
