@@ -3,16 +3,15 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <csignal>
-#include <cstdio>
-#include <cstdlib>
-#include <opencv2/core.hpp>
-#include <opencv2/core/utils/logger.hpp>
 #include <string>
 #include <vector>
 
 #include "run.hpp"
+#include "tool_main.hpp"
 
 namespace {
+
+constexpr char kProgram[] = "asterism-track";
 
 void stop_cleanly_on_signals() {
   struct sigaction action = {};
@@ -24,24 +23,13 @@ void stop_cleanly_on_signals() {
   std::signal(SIGPIPE, SIG_IGN);  // a reader of `--out -` that goes is a failed write like another
 }
 
-// An error is one line, also where a library's message has more.
-int fail(std::string reason, int code) {
-  std::replace(reason.begin(), reason.end(), '\n', ' ');
-  reason.erase(reason.find_last_not_of(' ') + 1);
-  std::fprintf(stderr, "asterism-track: %s\n", reason.c_str());
-  return code;
-}
-
 int run_command_line(int argc, char** argv) {
   using namespace asterism::tools;
-  // Errors are reported here, in one line; what the libraries print themselves only repeats them.
-  cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
-  cv::redirectError([](int, const char*, const char*, const char*, int, void*) { return 0; });
-  setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+  silence_libraries();
 
   Options options;
   CLI::App app("Follows one object through a video; writes its boxes as CSV and an overlay to look at.",
-               "asterism-track");
+               kProgram);
   app.add_option(
          "INPUT", options.input,
          "video file, camera index, image folder, image pattern (img_%05d.jpg, '*.jpg') or VOT sequence")
@@ -71,7 +59,7 @@ int run_command_line(int argc, char** argv) {
     const bool inputs =
         !rest.empty() && std::none_of(rest.begin(), rest.end(),
                                       [](const std::string& argument) { return argument.starts_with('-'); });
-    return fail(inputs ? "one INPUT is taken, put a pattern in quotes: '*.jpg'" : e.what(), 2);
+    return fail(kProgram, inputs ? "one INPUT is taken, put a pattern in quotes: '*.jpg'" : e.what(), 2);
   }
   return g_stop_signal == 0 ? 0 : 128 + g_stop_signal;
 }
@@ -82,6 +70,6 @@ int main(int argc, char** argv) {
   try {
     return run_command_line(argc, argv);
   } catch (const std::exception& e) {
-    return fail(e.what(), 1);
+    return asterism::tools::fail(kProgram, e.what(), 1);
   }
 }

@@ -1,0 +1,113 @@
+// asterism-trax: a tracker at the service of a TraX client, for instance the VOT toolkit.
+
+#include <arpa/inet.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include <CLI/CLI.hpp>
+#include <cerrno>
+#include <charconv>
+#include <chrono>
+#include <csignal>
+#include <cstdlib>
+#include <cstring>
+#include <stdexcept>
+#include <string>
+#include <system_error>
+#include <thread>
+
+#include "tool_main.hpp"
+#include "trax_server.hpp"
+
+namespace {
+
+constexpr char kProgram[] = "asterism-trax";
+
+[[noreturn]] void throw_errno(const std::string& what) {
+  throw std::system_error(errno, std::generic_category(), what);
+}
+
+// The number that an environment variable holds, `otherwise` where there is none.
+int number_from_environment(const char* name, int most, int otherwise) {
+  const char* text = std::getenv(name);
+  if (text == nullptr) return otherwise;
+  int value = 0;
+  const char* end = text + std::strlen(text);
+  const auto [stop, error] = std::from_chars(text, end, value);
+  if (error != std::errc{} || stop != end || value < 0 || value > most) {
+    throw std::invalid_argument(std::string(name) + " is not a number from 0 to " + std::to_string(most));
+  }
+  return value;
+}
+
+// The client listens on a port of this machine.
+int connect_to(int port) {
+  sockaddr_in address = {};
+  address.sin_family = AF_INET;
+  address.sin_port = htons(static_cast<uint16_t>(port));
+  address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
+  // A client may start the tracker first and listen then.
+  const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(5);
+  while (true) {
+    const int descriptor = socket(AF_INET, SOCK_STREAM, 0);
+    if (descriptor < 0) throw_errno("cannot open a socket");
+    if (connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) {
+      const int on = 1;  // replies are small and waited for
+      setsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
+      return descriptor;
+    }
+    const int error = errno;
+    close(descriptor);
+    if (error != ECONNREFUSED || std::chrono::steady_clock::now() > deadline) {
+      throw std::system_error(error, std::generic_category(),
+                              "cannot connect to port " + std::to_string(port));
+    }
+    std::this_thread::sleep_for(std::chrono::milliseconds(50));
+  }
+}
+
+int run_command_line(int argc, char** argv) {
+  using namespace asterism::tools;
+  silence_libraries();
+  std::signal(SIGPIPE, SIG_IGN);  // a client that goes is a failed write like another
+
+  TraxServerOptions options;
+  CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or TRAX_SOCKET.",
+               kProgram);
+  app.add_option("--tracker", options.tracker, "tracker to run")->capture_default_str();
+  app.add_option("--trax-version", options.version, "version of the protocol; 4 for several objects")
+      ->check(CLI::Range(1, 4))
+      ->capture_default_str();
+  app.set_version_flag("--version", ASTERISM_VERSION);
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& e) {
+    return e.get_exit_code() == 0 ? app.exit(e) : fail(kProgram, e.what(), 2);
+  }
+
+  int in = -1, out = -1;
+  if (std::getenv("TRAX_SOCKET") != nullptr) {
+    in = out = connect_to(number_from_environment("TRAX_SOCKET", 65535, 0));
+  } else {
+    constexpr int kMostDescriptor = 1 << 20;
+    in = number_from_environment("TRAX_IN", kMostDescriptor, STDIN_FILENO);
+    out = dup(number_from_environment("TRAX_OUT", kMostDescriptor, STDOUT_FILENO));
+    if (out < 0) throw_errno("cannot write to the client");
+  }
+  // Whatever a library may print goes with the errors: the client reads nothing but the protocol.
+  dup2(STDERR_FILENO, STDOUT_FILENO);
+  serve_trax(options, in, out);
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  try {
+    return run_command_line(argc, argv);
+  } catch (const std::exception& e) {
+    return asterism::tools::fail(kProgram, e.what(), 1);
+  }
+}

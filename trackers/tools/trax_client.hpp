@@ -1,0 +1,79 @@
+#pragma once
+
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "region.hpp"
+#include "trax_image.hpp"
+#include "trax_message.hpp"
+
+namespace asterism::tools {
+
+/// How an external tracker is run.
+struct TraxClientOptions {
+  double timeout = 30;  ///< of its introduction and of each reply [s]
+  /// Talk through TRAX_SOCKET, a port of this machine, and not through the tracker's standard streams.
+  bool socket = false;
+  /// Start the tracker anew for every `initialize`. Those that use the VOT toolkit's wrapper always are: they
+  /// end after one sequence.
+  bool restart = false;
+  /// File to which what the tracker prints is appended; the standard error if empty.
+  std::string log;
+};
+
+/// An external tracker that speaks TraX, versions 1 to 4, as a child process.
+///
+/// Each call throws TraxError with the reason where the tracker cannot be started, dies, does not reply in
+/// time or answers what is not of the protocol; it is ended then, and the next `initialize` starts it again.
+class TraxClient {
+ public:
+  /// What the tracker says of one object in one image.
+  struct Reply {
+    /// Empty where it says that there is none: not a number, or a single one, in place of coordinates.
+    std::optional<Region> region;
+    std::optional<double> confidence;               ///< as the tracker scales it
+    std::map<std::string, std::string> properties;  ///< all that it says besides the region
+  };
+
+  /// Starts `command`, a line for /bin/sh, and waits for its introduction.
+  explicit TraxClient(std::string command, TraxClientOptions options = {});
+  /// Says quit, and ends the tracker where it has not ended by itself three seconds later.
+  ~TraxClient();
+  TraxClient(TraxClient&&) noexcept;
+  TraxClient& operator=(TraxClient&&) noexcept;
+
+  /// The properties of the tracker's introduction, "trax.name" for instance.
+  const std::map<std::string, std::string>& hello() const { return hello_; }
+
+  /// Begins a track on one object, or on several where the tracker can do that, and forgets all former ones.
+  /// An object is said as the tracker takes it: a polygon may be sent as its bounding box, a rectangle as its
+  /// corners. The replies are in the order of the objects. Throws std::invalid_argument for no object, and
+  /// for more of them than the tracker takes.
+  std::vector<Reply> initialize(const TraxImage& image, const std::vector<Region>& objects);
+  /// The objects in the next image. Throws std::logic_error before `initialize`.
+  std::vector<Reply> frame(const TraxImage& image);
+
+ private:
+  class Process;
+
+  void start();
+  void read_hello();
+  std::string region_argument(const Region& region) const;
+  std::vector<Reply> replies();
+  /// Ends the tracker where `call` throws.
+  template <class Call>
+  auto guarded(Call call) -> decltype(call());
+
+  std::string command_;
+  TraxClientOptions options_;
+  std::unique_ptr<Process> process_;
+  std::map<std::string, std::string> hello_;
+  int version_ = 1;
+  std::vector<std::string> image_formats_, region_formats_;
+  size_t objects_ = 0;
+};
+
+}  // namespace asterism::tools

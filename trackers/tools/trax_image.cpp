@@ -1,0 +1,157 @@
+#include "trax_image.hpp"
+
+#include <algorithm>
+#include <array>
+#include <charconv>
+#include <cstdint>
+#include <cstring>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "trax_message.hpp"
+
+namespace asterism::tools {
+namespace {
+
+constexpr std::string_view kFile = "file:", kMemory = "image:", kData = "data:";
+
+struct PixelFormat {
+  std::string_view name;
+  int type;
+};
+// Colours are RGB on the line.
+constexpr std::array kPixelFormats = {PixelFormat{"rgb", CV_8UC3}, PixelFormat{"gray8", CV_8UC1},
+                                      PixelFormat{"gray16", CV_16UC1}};
+
+cv::Mat read_file(const std::string& path) {
+  cv::Mat image;
+  try {
+    image = cv::imread(path, cv::IMREAD_COLOR);
+  } catch (const cv::Exception& e) {
+    throw TraxError("cannot decode " + path + ": " + e.err);
+  }
+  if (image.empty()) {
+    std::error_code error;
+    const bool exists = std::filesystem::exists(path, error);
+    throw TraxError((exists ? "cannot decode " : "no such image: ") + path);
+  }
+  return image;
+}
+
+// Takes what stands before the next semicolon.
+std::string_view take_field(std::string_view& rest) {
+  const size_t end = rest.find(';');
+  if (end == std::string_view::npos) throw TraxError("the header of an image is not complete");
+  const std::string_view field = rest.substr(0, end);
+  rest.remove_prefix(end + 1);
+  return field;
+}
+
+int to_size(std::string_view text) {
+  int value = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+  if (error != std::errc{} || end != text.data() + text.size() || value < 1) {
+    throw TraxError("the width or height of an image is no positive number");
+  }
+  return value;
+}
+
+std::string to_bytes(std::string_view base64) {
+  std::optional<std::string> bytes = from_base64(base64);
+  if (!bytes) throw TraxError("an image is not in base64");
+  return std::move(*bytes);
+}
+
+cv::Mat decode_memory(std::string_view rest) {
+  const int width = to_size(take_field(rest)), height = to_size(take_field(rest));
+  const std::string_view name = take_field(rest);
+  const auto format = std::find_if(kPixelFormats.begin(), kPixelFormats.end(),
+                                   [&](const PixelFormat& f) { return f.name == name; });
+  if (format == kPixelFormats.end()) throw TraxError("unknown pixel format of an image");
+  // The announced size allocates nothing: that many bytes must have come.
+  const std::string bytes = to_bytes(rest);
+  if (std::uint64_t(width) * std::uint64_t(height) * CV_ELEM_SIZE(format->type) != bytes.size()) {
+    throw TraxError("an image of " + std::to_string(width) + " x " + std::to_string(height) +
+                    " pixels comes with " + std::to_string(bytes.size()) + " bytes");
+  }
+  cv::Mat image(height, width, format->type);
+  std::memcpy(image.data, bytes.data(), bytes.size());
+  if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_RGB2BGR);
+  return image;
+}
+
+cv::Mat decode_data(std::string_view rest) {
+  take_field(rest);  // the file itself says what it is
+  // Documented is "data:image/jpeg;base64;", a data URI has "base64,", and what is in use leaves it out.
+  for (const std::string_view word : {"base64;", "base64,"}) {
+    if (rest.starts_with(word)) rest.remove_prefix(word.size());
+  }
+  std::string bytes = to_bytes(rest);
+  cv::Mat image;
+  try {
+    // imdecode does not accept an empty buffer.
+    if (!bytes.empty()) {
+      image =
+          cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()), cv::IMREAD_COLOR);
+    }
+  } catch (const cv::Exception& e) {
+    throw TraxError("cannot decode an image: " + e.err);
+  }
+  if (image.empty()) throw TraxError("cannot decode an image of " + std::to_string(bytes.size()) + " bytes");
+  return image;
+}
+
+std::string_view bytes_of(const void* data, size_t size) { return {static_cast<const char*>(data), size}; }
+
+std::string encode_memory(const cv::Mat& image) {
+  const auto format = std::find_if(kPixelFormats.begin(), kPixelFormats.end(),
+                                   [&](const PixelFormat& f) { return f.type == image.type(); });
+  if (format == kPixelFormats.end()) {
+    throw TraxError("an image is neither BGR of 8 bit nor one channel of 8 or 16");
+  }
+  cv::Mat pixels;
+  if (image.channels() == 3) {
+    cv::cvtColor(image, pixels, cv::COLOR_BGR2RGB);
+  } else {
+    pixels = image.isContinuous() ? image : image.clone();
+  }
+  return std::string(kMemory) + std::to_string(image.cols) + ';' + std::to_string(image.rows) + ';' +
+         std::string(format->name) + ';' +
+         to_base64(bytes_of(pixels.data, pixels.total() * pixels.elemSize()));
+}
+
+std::string encode_data(const cv::Mat& image) {
+  std::vector<unsigned char> file;
+  cv::imencode(".png", image, file);
+  return std::string(kData) + "image/png;" + to_base64(bytes_of(file.data(), file.size()));
+}
+
+}  // namespace
+
+cv::Mat decode_trax_image(const std::string& argument) {
+  const std::string_view text = argument;
+  if (text.starts_with(kMemory)) return decode_memory(text.substr(kMemory.size()));
+  if (text.starts_with(kData)) return decode_data(text.substr(kData.size()));
+  if (!text.starts_with(kFile)) {
+    if (text.find("://") != std::string_view::npos) throw TraxError("images by URL are not supported");
+    return read_file(argument);
+  }
+  const std::string_view path = text.substr(kFile.size());
+  return read_file(std::string(path.starts_with("//") ? path.substr(2) : path));
+}
+
+std::string encode_trax_image(const TraxImage& image, const std::vector<std::string>& formats) {
+  const auto takes = [&](std::string_view format) {
+    return std::find(formats.begin(), formats.end(), format) != formats.end();
+  };
+  const auto* path = std::get_if<std::filesystem::path>(&image);
+  if (path != nullptr && takes("path")) return "file://" + std::filesystem::absolute(*path).string();
+  const bool memory = takes("memory"), data = takes("data") || takes("buffer");
+  if (!memory && !data)
+    throw TraxError("the tracker takes images neither by path, nor from memory, nor as data");
+  const cv::Mat pixels = path != nullptr ? read_file(path->string()) : std::get<cv::Mat>(image);
+  if (pixels.empty()) throw TraxError("an empty image");
+  return memory ? encode_memory(pixels) : encode_data(pixels);
+}
+
+}  // namespace asterism::tools

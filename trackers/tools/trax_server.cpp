@@ -1,0 +1,186 @@
+#include "trax_server.hpp"
+
+#include <unistd.h>
+
+#include <array>
+#include <asterism/trackers/tracker.hpp>
+#include <cerrno>
+#include <charconv>
+#include <optional>
+#include <stdexcept>
+#include <string_view>
+#include <system_error>
+#include <utility>
+#include <vector>
+
+#include "region.hpp"
+#include "trax_image.hpp"
+#include "trax_message.hpp"
+
+namespace asterism::tools {
+namespace {
+
+using Type = TraxMessage::Type;
+
+void write_all(int descriptor, std::string_view bytes) {
+  while (!bytes.empty()) {
+    const ssize_t count = write(descriptor, bytes.data(), bytes.size());
+    if (count >= 0) {
+      bytes.remove_prefix(static_cast<size_t>(count));
+    } else if (errno == EPIPE || errno == ECONNRESET) {
+      throw TraxError("the client has gone without a quit");
+    } else if (errno != EINTR) {
+      throw std::system_error(errno, std::generic_category(), "cannot write");
+    }
+  }
+}
+
+// The digits that make the number come back exactly.
+std::string to_text(double value) {
+  std::array<char, 32> buffer;
+  return {buffer.data(), std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr};
+}
+
+TraxMessage hello(const TraxServerOptions& options) {
+  TraxMessage message{Type::Hello, {}, {}};
+  message.properties = {{"trax.version", std::to_string(options.version)},
+                        {"trax.name", options.tracker},
+                        {"trax.identifier", "asterism-" ASTERISM_VERSION},
+                        {"trax.family", "asterism"},
+                        {"trax.region", "rectangle;polygon;"},
+                        {"trax.image", "path;memory;buffer;"}};
+  if (options.version >= 2) message.properties.emplace("trax.channels", "color;");
+  if (options.version >= 4) message.properties.emplace("trax.multiobject", "1");
+  return message;
+}
+
+TraxMessage state(const TrackResult& result) {
+  TraxMessage message{Type::State, {to_string(Region::rectangle(result.box))}, {}};
+  message.properties = {{"confidence", to_text(result.confidence)}, {"lost", result.lost ? "1" : "0"}};
+  std::string parts;
+  for (const PartState& part : result.parts) {
+    if (!parts.empty()) parts += ';';
+    parts += to_text(part.position.x()) + ',' + to_text(part.position.y());
+  }
+  if (!parts.empty()) message.properties.emplace("parts", parts);
+  return message;
+}
+
+class Session {
+ public:
+  Session(const TraxServerOptions& options, int in, int out) : options_(options), reader_(in), out_(out) {}
+
+  void run() {
+    send(hello(options_));
+    try {
+      while (true) {
+        const TraxMessage message = receive();
+        if (message.type == Type::Quit) return;
+        if (message.type == Type::Initialize) {
+          initialize(message);
+        } else if (message.type == Type::Frame) {
+          frame(message);
+        } else {
+          throw TraxError(std::string(to_string(message.type)) + " is for the tracker to say");
+        }
+      }
+    } catch (const std::exception& e) {
+      tell(e.what());
+      throw;
+    }
+  }
+
+ private:
+  TraxMessage receive() {
+    while (const std::optional<std::string> line = reader_.next()) {
+      if (is_trax_message(*line)) return parse_trax_message(*line);
+    }
+    throw TraxError("the client has gone without a quit");
+  }
+
+  void send(const TraxMessage& message) { write_all(out_, format_trax_message(message) + '\n'); }
+
+  void tell(std::string_view reason) {
+    try {
+      send({Type::Quit, {}, {{"trax.reason", std::string(reason)}}});
+    } catch (const std::exception&) {
+      return;  // nobody is there any more
+    }
+  }
+
+  // From version 4 on, each object comes with an initialize of its own, the first image with the frame after
+  // them, and an initialize with nothing forgets all objects.
+  void initialize(const TraxMessage& message) {
+    const std::vector<std::string>& arguments = message.arguments;
+    if (options_.version >= 4) {
+      if (arguments.empty()) {
+        trackers_.clear();
+        starts_.clear();
+      } else {
+        check_count(message, 1, "a region");
+        starts_.push_back(start_box(arguments[0]));
+      }
+      return;
+    }
+    check_count(message, 2, "an image and a region");
+    trackers_.clear();
+    starts_ = {start_box(arguments[1])};
+    reply(decode_trax_image(arguments[0]));
+  }
+
+  void frame(const TraxMessage& message) {
+    check_count(message, 1, "an image");
+    if (trackers_.empty() && starts_.empty()) throw TraxError("a frame before an object to track");
+    reply(decode_trax_image(message.arguments[0]));
+  }
+
+  static void check_count(const TraxMessage& message, size_t count, std::string_view what) {
+    if (message.arguments.size() == count) return;
+    throw TraxError(std::string(to_string(message.type)) + " takes " + std::string(what) + ", " +
+                    std::to_string(message.arguments.size()) + " arguments came");
+  }
+
+  static cv::Rect2d start_box(const std::string& text) {
+    const std::optional<Region> region = parse_region(text);
+    constexpr size_t kShown = 64;
+    if (!region) throw TraxError("neither a rectangle nor a polygon: '" + text.substr(0, kShown) + "'");
+    return region->box();
+  }
+
+  // One state an object, in the order in which they came.
+  void reply(const cv::Mat& image) {
+    ++frames_;
+    try {
+      for (AnyTracker& tracker : trackers_) send(state(tracker.update(image)));
+      for (const cv::Rect2d& box : starts_) {
+        trackers_.push_back(make_tracker(options_.tracker));
+        trackers_.back().init(image, box);
+        TrackResult result;
+        result.box = box;
+        result.confidence = 1;
+        send(state(result));
+      }
+    } catch (const TraxError&) {
+      throw;
+    } catch (const std::exception& e) {
+      throw std::runtime_error(options_.tracker + " in image " + std::to_string(frames_) + ": " + e.what());
+    }
+    starts_.clear();
+  }
+
+  const TraxServerOptions& options_;
+  LineReader reader_;
+  int out_;
+  std::vector<AnyTracker> trackers_;
+  std::vector<cv::Rect2d> starts_;  // of objects that wait for their first image
+  int frames_ = 0;
+};
+
+}  // namespace
+
+void serve_trax(const TraxServerOptions& options, int in, int out) {
+  make_tracker(options.tracker);  // an unknown name is refused before the client is greeted
+  Session(options, in, out).run();
+}
+
+}  // namespace asterism::tools
