@@ -273,10 +273,14 @@ std::vector<cv::Point2f> trax_corners(const Shape& s, bool legacy) {
   return {{s.box.x, s.box.y}, {right, s.box.y}, {right, bottom}, {s.box.x, bottom}};
 }
 
-Bounds trax_bounds(const std::vector<cv::Point2f>& corners, const Bounds& limits, bool legacy) {
-  Bounds b{FLT_MAX, FLT_MAX, -FLT_MAX, -FLT_MAX};
-  for (const cv::Point2f& p : corners) {
-    b = {std::min(b.left, p.x), std::min(b.top, p.y), std::max(b.right, p.x), std::max(b.bottom, p.y)};
+Bounds trax_bounds(const std::vector<cv::Point2f>& corners, bool rectangle, const Bounds& limits,
+                   bool legacy) {
+  // Of a rectangle narrower than a pixel the right end may be left of the left one.
+  Bounds b{corners[0].x, corners[0].y, corners[2].x, corners[2].y};
+  if (!rectangle) {
+    for (const cv::Point2f& p : corners) {
+      b = {std::min(b.left, p.x), std::min(b.top, p.y), std::max(b.right, p.x), std::max(b.bottom, p.y)};
+    }
   }
   if (!legacy) b = {std::floor(b.left), std::floor(b.top), std::ceil(b.right), std::ceil(b.bottom)};
   return {std::max(b.left, limits.left), std::max(b.top, limits.top), std::min(b.right, limits.right),
@@ -316,7 +320,8 @@ double trax_overlap(const Shape& a, const Shape& b, const std::optional<cv::Size
       image ? Bounds{0, 0, static_cast<float>(image->width - 1), static_cast<float>(image->height - 1)}
             : Bounds{-FLT_MAX, -FLT_MAX, FLT_MAX, FLT_MAX};
   const std::vector<cv::Point2f> p = trax_corners(a, legacy), q = trax_corners(b, legacy);
-  const Bounds s = trax_bounds(p, limits, legacy), t = trax_bounds(q, limits, legacy);
+  const Bounds s = trax_bounds(p, a.rectangle, limits, legacy),
+               t = trax_bounds(q, b.rectangle, limits, legacy);
   const int x = static_cast<int>(std::min(s.left, t.left)), y = static_cast<int>(std::min(s.top, t.top));
   const int width = static_cast<int>(std::max(s.right, t.right) - static_cast<float>(x)) + 1;
   const int height = static_cast<int>(std::max(s.bottom, t.bottom) - static_cast<float>(y)) + 1;
