@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numeric>
 #include <set>
 #include <stdexcept>
@@ -15,7 +14,6 @@ namespace {
 
 constexpr std::size_t kBurnIn = 10;            // frames from a start on that do not count for accuracy
 constexpr std::size_t kFewestComparable = 25;  // frames for a test of accuracy
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 using Sequences = std::span<const SupervisedSequence>;
 using Frames = std::vector<std::size_t>;

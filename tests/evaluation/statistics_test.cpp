@@ -1,0 +1,140 @@
+#include "statistics.hpp"
+
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <stdexcept>
+
+#include "supervised_measures.hpp"
+
+namespace asterism::bench {
+namespace {
+
+using Values = std::vector<double>;
+
+TEST(SignedRank, ExactByHand) {
+  // No negative rank: 2 of 2^5 choices of signs are as extreme.
+  EXPECT_NEAR(signed_rank_p(Values{1, 2, 3, 4, 5}), 2 / 32.0, 1e-15);
+  // The negative ranks sum to 4: {}, 1, 2, 3, 4, 1 + 2 and 1 + 3 do not exceed it.
+  EXPECT_NEAR(signed_rank_p(Values{1, 2, 3, -4}), 2 * 7 / 16.0, 1e-15);
+  // Ties have rank 2 each: {} and each of the three alone do not exceed 2.
+  EXPECT_NEAR(signed_rank_p(Values{1, 1, -1}), 1, 1e-15);
+  EXPECT_NEAR(signed_rank_p(Values{0, 1, std::nan(""), 2, 3, 4, 5, 0}), 2 / 32.0, 1e-15);
+  EXPECT_EQ(signed_rank_p(Values{0, 0}), 1);
+  EXPECT_EQ(signed_rank_p({}), 1);
+}
+
+TEST(SignedRank, NormalByHand) {
+  // n = 16, all positive and equal: deviation 68, variance (16 17 33 - (16^3 - 16) / 2) / 24 = 289, z = 4.
+  EXPECT_NEAR(signed_rank_p(Values(16, 0.3)), std::erfc(4 / std::sqrt(2.0)), 1e-15);
+}
+
+TEST(RankSum, ExactByHand) {
+  // One of C(6, 3) = 20 choices of ranks is as low, one as high.
+  EXPECT_NEAR(rank_sum_p(Values{1, 2, 3}, Values{4, 5, 6}), 2 / 20.0, 1e-15);
+  EXPECT_NEAR(rank_sum_p(Values{4, 5, 6}, Values{1, 2, 3}), 2 / 20.0, 1e-15);
+  EXPECT_NEAR(rank_sum_p(Values{1, 1}, Values{1, 1, 1}), 1, 1e-15);
+}
+
+TEST(RankSum, NormalByHand) {
+  // Twelve zeros and twelve ones: deviation 72 - .5, variance 12 (25 - 2 (12^3 - 12) / (24 23)) = 225.39.
+  const double variance = 12 * (25 - 2 * (1728 - 12) / (24.0 * 23));
+  EXPECT_NEAR(rank_sum_p(Values(12, 0), Values(12, 1)), std::erfc(71.5 / std::sqrt(2 * variance)), 1e-15);
+  EXPECT_EQ(rank_sum_p(Values(20, 3), Values(20, 3)), 1);
+  EXPECT_THROW(rank_sum_p({}, Values{1}), std::invalid_argument);
+  EXPECT_THROW(rank_sum_p(Values{std::nan("")}, Values{1}), std::invalid_argument);
+}
+
+TEST(Kde, ScalesWithTheValues) {
+  const Values values = {3, 5, 8, 8.5, 20};
+  Values scaled;
+  for (const double x : values) scaled.push_back(10 * x - 4);
+  EXPECT_NEAR(kde_bandwidth(scaled), 10 * kde_bandwidth(values), 1e-12);
+  EXPECT_THROW(kde_bandwidth(Values{2, 2}), std::invalid_argument);
+  EXPECT_THROW(kde_bandwidth({}), std::invalid_argument);
+}
+
+TEST(Kde, IsADensity) {
+  const Values values = {3, 5, 8, 8.5, 20};
+  const double bandwidth = kde_bandwidth(values);
+  double mass = 0;
+  for (double x = -40; x < 60; x += 0.01) mass += 0.01 * kde_density(values, bandwidth, x);
+  EXPECT_NEAR(mass, 1, 1e-9);
+}
+
+const std::vector<Values> kMeasured = {{0.1, 0.2}, {0.5}, {0.7, 0.8, 0.9}};
+const std::vector<std::size_t> kStarts = {2, 1, 3};
+
+double mean_of_measured(std::span<const Draw> draws) { return mean(kMeasured, draws); }
+
+TEST(Bootstrap, FirstMeasuresTheDataAsTheyAre) {
+  EXPECT_NEAR(bootstrap(kStarts, mean_of_measured).value, (0.15 + 0.5 + 0.8) / 3, 1e-15);
+  EXPECT_THROW(bootstrap({}, mean_of_measured), std::invalid_argument);
+  EXPECT_THROW(bootstrap(std::vector<std::size_t>{1, 0}, mean_of_measured), std::invalid_argument);
+}
+
+TEST(Bootstrap, DrawsAreThoseOfTheSeed) {
+  const Bootstrapped first = bootstrap(kStarts, mean_of_measured, {.resamples = 5, .seed = 3});
+  const Bootstrapped again = bootstrap(kStarts, mean_of_measured, {.resamples = 5, .seed = 3});
+  EXPECT_EQ(first.resamples, again.resamples);
+  EXPECT_NE(first.resamples, bootstrap(kStarts, mean_of_measured, {.resamples = 5, .seed = 4}).resamples);
+}
+
+TEST(Bootstrap, OfHalfOnesIsBinomial) {
+  std::vector<Values> measured;
+  for (int i = 0; i < 100; ++i) measured.push_back({i < 50 ? 0.0 : 1.0});
+  const std::vector<std::size_t> starts(100, 1);
+  const Estimate interval =
+      estimate(bootstrap(starts, [&](std::span<const Draw> draws) { return mean(measured, draws); }));
+  EXPECT_EQ(interval.value, 0.5);
+  EXPECT_NEAR(interval.low, 0.5 - 1.96 * 0.05, 0.015);
+  EXPECT_NEAR(interval.high, 0.5 + 1.96 * 0.05, 0.015);
+}
+
+TEST(Bootstrap, StartsAreResampledWithinTheirSequence) {
+  const std::vector<Values> one = {{0, 1, 0, 1}};
+  const std::vector<std::size_t> starts = {4};
+  const Estimate interval =
+      estimate(bootstrap(starts, [&](std::span<const Draw> draws) { return mean(one, draws); }));
+  EXPECT_EQ(interval.low, 0) << "with probability 1 / 16";
+  EXPECT_EQ(interval.high, 1);
+}
+
+TEST(Bootstrap, PairsWhatHasTheSameDraws) {
+  const Bootstrapped a = bootstrap(kStarts, mean_of_measured);
+  Bootstrapped b = a;
+  b.value -= 0.01;
+  for (double& x : b.resamples) x -= 0.01;
+  const Estimate better = estimate(difference(a, b));
+  EXPECT_NEAR(better.value, 0.01, 1e-15);
+  EXPECT_NEAR(better.low, 0.01, 1e-15);
+  EXPECT_TRUE(better.excludes_zero());
+  EXPECT_FALSE(estimate(difference(a, a)).excludes_zero());
+  EXPECT_THROW(difference(a, {0, {1, 2}}), std::invalid_argument);
+}
+
+TEST(Estimate, InterpolatesPercentilesAndLeavesOutNaN) {
+  const Estimate half = estimate({7, {3, std::nan(""), 1, 2, 5, 4}}, 0.5);
+  EXPECT_EQ(half.value, 7);
+  EXPECT_NEAR(half.low, 2, 1e-15);
+  EXPECT_NEAR(half.high, 4, 1e-15);
+  EXPECT_NEAR(estimate({7, {3, 1, 2, 5, 4}}, 0.9).low, 1.2, 1e-12);
+  EXPECT_THROW(estimate({7, {}}), std::invalid_argument);
+}
+
+TEST(Resampled, HasTheDrawnRuns) {
+  std::vector<SupervisedSequence> sequences(2);
+  for (SupervisedSequence& sequence : sequences)
+    for (const double overlap : {0.1, 0.2}) sequence.runs.push_back({{Outcome::Tracked}, {overlap}});
+  sequences[1].tags["a"] = {true};
+  const std::vector<Draw> draws = {{1, {1, 1, 0}}, {1, {0}}};
+  const std::vector<SupervisedSequence> drawn = resampled(sequences, std::span(draws));
+  ASSERT_EQ(drawn.size(), 2U);
+  ASSERT_EQ(drawn[0].runs.size(), 3U);
+  EXPECT_EQ(drawn[0].runs[0].overlaps[0], 0.2);
+  EXPECT_EQ(drawn[0].runs[2].overlaps[0], 0.1);
+  EXPECT_EQ(drawn[1].tags.count("a"), 1U);
+}
+
+}  // namespace
+}  // namespace asterism::bench
