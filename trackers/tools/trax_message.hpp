@@ -10,7 +10,7 @@
 
 namespace asterism::tools {
 
-/// What is not of the TraX protocol, or of it in the wrong place; `what` is the reason, in one line.
+/// What is not of the TraX protocol, or of it in the wrong place; `what` is the reason.
 class TraxError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
