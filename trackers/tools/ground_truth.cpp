@@ -14,7 +14,7 @@ namespace {
 
 // Why the numbers of one line are not an annotation; empty where they are one.
 std::string reason_against(const std::vector<double>& v) {
-  if (v.size() != 4 && v.size() != 8) return "4 or 8 numbers expected";
+  if (v.size() < 4 || v.size() % 2 != 0) return "4, 6, 8, .. numbers expected";
   if (std::any_of(v.begin(), v.end(), [](double d) { return std::isinf(d); }))
     return "a number is not finite";
   if (v.size() == 4 && (v[2] < 0 || v[3] < 0)) return "the box's width or height is negative";

@@ -31,6 +31,8 @@ class ImageSource {
   int frame_count() const { return frame_count_; }
   /// Frames a second; 25 for images and where unknown.
   double fps() const { return fps_; }
+  /// The images in their order; empty for a video or a camera.
+  const std::vector<std::filesystem::path>& images() const { return images_; }
   /// The annotation file of a sequence folder; see `read_ground_truth`.
   const std::optional<std::filesystem::path>& ground_truth() const { return ground_truth_; }
 
