@@ -665,6 +665,34 @@ done
   EXPECT_NE(log().find("@@TRAX:initialize\n" + once), std::string::npos) << log();
 }
 
+#ifdef ASTERISM_PYTHON_TRACKER
+TEST_F(Trax, ClientRunsATrackerInPython) {
+  const Region moved_rectangle = Region::rectangle({64, 50, 48, 40});
+  const Region moved_polygon =
+      Region::polygon({{88.5, 50.25}, {112, 70.125}, {88, 90}, {76, 85}, {64.75, 70}});
+  for (const std::string version : {"1", "2", "3", "4"}) {
+    for (const std::string images : {"path", "memory;", "data", "buffer;"}) {
+      SCOPED_TRACE(version + ' ' + images);
+      TraxClient client(ASTERISM_PYTHON_TRACKER " " + version + " '" + images + "' 'rectangle;polygon;'",
+                        logged());
+      EXPECT_EQ(client.hello().at("trax.name"), "add \"2\"");
+      std::vector<Region> expected = {moved_polygon};
+      if (version == "4") expected.push_back(moved_rectangle);
+      const std::vector<Region> objects = {polygon(), rectangle()};
+      client.initialize(files_[0], {rectangle()});
+      client.initialize(files_[0],
+                        {objects.begin(), objects.begin() + static_cast<std::ptrdiff_t>(expected.size())});
+      const std::vector<TraxClient::Reply> replies = client.frame(files_[1]);
+      ASSERT_EQ(replies.size(), expected.size());
+      for (size_t i = 0; i < expected.size(); ++i) {
+        EXPECT_EQ(replies[i].region, expected[i]);
+        EXPECT_EQ(replies[i].confidence, 0.75);
+      }
+    }
+  }
+}
+#endif
+
 TEST_F(Trax, ClientStartsAnewWhereTheTrackerWantsIt) {
   const std::string once = R"(echo "start $TRAX" >&2
 echo "@@TRAX:hello trax.version=3 $0"
@@ -761,7 +789,7 @@ TEST_F(Trax, ClientWritesWhileTheTrackerPrints) {
   // more.
   TraxClientOptions options = logged();
   options.timeout = 20;
-  const std::string printing = "head -c 3000000 /dev/zero | tr '\\0' '\\n'\n";
+  const std::string printing = "head -c 3000000 /dev/zero | tr '\\0' x | fold -w 1000; echo\n";
   const cv::Mat large(1000, 1000, CV_8UC3, cv::Scalar::all(7));
   {
     TraxClient client(script("echo '@@TRAX:hello trax.image=memory'\n" + printing +
