@@ -38,7 +38,11 @@ std::vector<bool> frames(std::string_view marks) {
   return result;
 }
 
-std::string start_and(std::size_t tracked, char tenths) { return "S" + std::string(tracked, tenths); }
+std::string start_and(std::size_t tracked, char tenths) {
+  std::string frames(1 + tracked, tenths);
+  frames[0] = 'S';
+  return frames;
+}
 
 void expect_near(const std::vector<double>& actual, const std::vector<double>& expected) {
   ASSERT_EQ(actual.size(), expected.size());
