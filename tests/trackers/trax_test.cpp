@@ -790,7 +790,7 @@ TEST_F(Trax, ClientWritesWhileTheTrackerPrints) {
   TraxClientOptions options = logged();
   options.timeout = 20;
   const std::string printing = "head -c 3000000 /dev/zero | tr '\\0' x | fold -w 1000; echo\n";
-  const cv::Mat large(1000, 1000, CV_8UC3, cv::Scalar::all(7));
+  const cv::Mat large(400, 400, CV_8UC3, cv::Scalar::all(7));
   {
     TraxClient client(script("echo '@@TRAX:hello trax.image=memory'\n" + printing +
                              "read line; echo '@@TRAX:state 1,2,3,4'\nread line\n"),
