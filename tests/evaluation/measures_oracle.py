@@ -1,7 +1,8 @@
-"""Compares the measures of bench/evaluation with formulas of the toolkits, written a second time with NumPy and SciPy.
+"""Compares the measures of bench/evaluation with the formulas of the toolkits, written a second time with
+NumPy and SciPy.
 
-Usage: measures_oracle.py ORACLE, the program built from measures_oracle.cpp. Cases are random, from fixed seeds. Ends
-with 77 (skipped) without NumPy and SciPy.
+Usage: measures_oracle.py ORACLE, the program built from measures_oracle.cpp. Cases are random, from fixed seeds.
+Ends with 77 (skipped) without NumPy and SciPy.
 """
 
 import itertools
@@ -88,7 +89,7 @@ def select(sequence, tag):
 
 
 def burnt_in(codes, overlaps):
-    """Overlaps with NaN in frames that do not count: special ones, and those that a start's window of ten reaches."""
+    """Overlaps, NaN in frames that do not count: special ones and those that a start's window of ten reaches."""
     window = np.zeros(19, bool)
     window[9:] = True
     starts = (codes == STARTED).astype(int)
@@ -97,7 +98,7 @@ def burnt_in(codes, overlaps):
 
 
 def legacy_stack(sequences, tracker, tag, repetitions=15):
-    """Frames' overlaps, mean over repetitions, of all sequences in a row; failures, sequences x repetitions."""
+    """The frames' mean overlaps of all sequences in a row; the failures, sequences x repetitions."""
     frames, failures = [], []
     for sequence in sequences:
         chosen = select(sequence, tag)
@@ -133,7 +134,8 @@ def python_ar(sequences, tracker):
                 mask[start : start + 10] = False
             per_run.append(overlaps[mask].mean() if mask.any() else 0.0)
         accuracies.append(np.mean(per_run))
-        failures.append(np.mean([np.count_nonzero(codes == FAILED) for codes, _ in sequence["runs"][tracker]]))
+        counts = [np.count_nonzero(codes == FAILED) for codes, _ in sequence["runs"][tracker]]
+        failures.append(np.mean(counts))
     lengths = np.array([sequence["length"] for sequence in sequences])
     failed = np.average(failures, weights=lengths)
     return [np.average(accuracies, weights=lengths), failed, failed / lengths.mean(),
@@ -330,7 +332,8 @@ class OnePass(unittest.TestCase):
             far = [away(x - 0.1 * w), away(y - 0.1 * h), away(right + 0.1 * w), away(bottom + 0.1 * h)]
             sides = [[far[0], far[1], right, bottom], [x, far[1], far[2], bottom],
                      [far[0], y, right, far[3]], [x, y, far[2], far[3]]]
-            expected = [[x - shift_x, y, w, h], [x + shift_x, y, w, h], [x, y - shift_y, w, h], [x, y + shift_y, w, h]]
+            shifts = [(-shift_x, 0), (shift_x, 0), (0, -shift_y), (0, shift_y)]
+            expected = [[x + right_by, y + down_by, w, h] for right_by, down_by in shifts]
             expected += [[l, t, r - l + 1, b - t + 1] for l, t, r, b in sides]
             for ratio in (0.8, 0.9, 1.1, 1.2):
                 size = np.array([ratio * w, ratio * h])
@@ -377,7 +380,8 @@ class MultiStart(unittest.TestCase):
         lines = dict(ask(case))
         self.assertTrue(any(survived for _, survived in runs) and not all(survived for _, survived in runs))
         np.testing.assert_allclose(lines["curve"], curve, atol=1e-12)
-        expected = [sum(sums) / sum(map(sum, progress)), np.average(shares, weights=lengths), curve[115:756].mean()]
+        accuracy = sum(sums) / sum(map(sum, progress))
+        expected = [accuracy, np.average(shares, weights=lengths), curve[115:756].mean()]
         np.testing.assert_allclose(lines["score"], expected, atol=1e-12)
 
 
