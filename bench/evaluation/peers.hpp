@@ -1,0 +1,55 @@
+#pragma once
+
+#include <filesystem>
+#include <functional>
+#include <limits>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "region.hpp"
+
+namespace asterism::bench {
+
+using tools::Region;
+
+/// One frame as trackers are given it.
+struct Image {
+  Image(cv::Mat image, std::filesystem::path image_file = {})
+      : pixels(std::move(image)), file(std::move(image_file)) {}
+
+  cv::Mat pixels;              ///< 8-bit BGR
+  std::filesystem::path file;  ///< for external trackers, which may take nothing else; empty if there is none
+};
+
+/// What a tracker says of one frame.
+struct Report {
+  std::optional<Region> region;  ///< empty: the tracker reports that it has not found the object
+  double confidence = std::numeric_limits<double>::quiet_NaN();  ///< on the tracker's own scale; NaN: none
+};
+
+/// A running tracker, at the next frame. May throw whatever the tracker throws.
+using Step = std::function<Report(const Image&)>;
+/// Starts a new tracker on an object; those that track boxes take a polygon's bounding box.
+using Start = std::function<Step(const Image&, const Region&)>;
+
+struct EvaluatedTracker {
+  std::string name;
+  Start start;
+};
+
+/// The trackers that `evaluated_tracker` knows here: those of `asterism::tracker_names()`, and where they are
+/// installed OpenCV's opencv-csrt, -kcf and -mil, of its legacy module opencv-mosse, -medianflow, -tld and
+/// -boosting, and dlib. Not in the list, as it needs a command: trax:COMMAND.
+std::vector<std::string> evaluated_tracker_names();
+
+/// A tracker with its default options; with trax:COMMAND, the tracker that speaks TraX as that command of the
+/// shell, a process for every start. All that use OpenCV run on one thread: the number of OpenCV's threads is
+/// set to one here. OpenCV's random numbers begin anew with every start, but opencv-mil, -boosting and -tld
+/// have others of their own, so that no two of their runs are the same. Throws std::invalid_argument, which
+/// lists the known names and the most similar first, for any other.
+EvaluatedTracker evaluated_tracker(const std::string& name);
+
+}  // namespace asterism::bench

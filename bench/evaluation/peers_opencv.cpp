@@ -1,0 +1,52 @@
+#include <memory>
+#include <opencv2/core.hpp>
+#include <opencv2/tracking.hpp>
+#include <opencv2/tracking/tracking_legacy.hpp>
+#include <stdexcept>
+
+#include "peers_internal.hpp"
+
+namespace asterism::bench {
+namespace {
+
+constexpr int kSeed = 1;
+
+// Whole pixels are all that this interface takes.
+template <class Tracker>
+Step start(const Image& image, const Region& object) {
+  cv::setRNGSeed(kSeed);
+  const cv::Rect2d& b = object.box();
+  auto tracker = Tracker::create();
+  tracker->init(image.pixels, {cvRound(b.x), cvRound(b.y), cvRound(b.width), cvRound(b.height)});
+  return [tracker](const Image& next) {
+    Report report;
+    if (cv::Rect box; tracker->update(next.pixels, box)) report.region = Region::rectangle(box);
+    return report;
+  };
+}
+
+template <class Tracker>
+Step start_legacy(const Image& image, const Region& object) {
+  cv::setRNGSeed(kSeed);
+  auto tracker = Tracker::create();
+  if (!tracker->init(image.pixels, object.box())) throw std::runtime_error("the tracker refuses to start");
+  return [tracker, last = object.box()](const Image& next) mutable {
+    Report report;
+    if (tracker->update(next.pixels, last)) report.region = Region::rectangle(last);
+    return report;
+  };
+}
+
+}  // namespace
+
+void add_opencv_peers(std::map<std::string, Start>& peers) {
+  peers["opencv-csrt"] = start<cv::TrackerCSRT>;
+  peers["opencv-kcf"] = start<cv::TrackerKCF>;
+  peers["opencv-mil"] = start<cv::TrackerMIL>;
+  peers["opencv-mosse"] = start_legacy<cv::legacy::TrackerMOSSE>;
+  peers["opencv-medianflow"] = start_legacy<cv::legacy::TrackerMedianFlow>;
+  peers["opencv-tld"] = start_legacy<cv::legacy::TrackerTLD>;
+  peers["opencv-boosting"] = start_legacy<cv::legacy::TrackerBoosting>;
+}
+
+}  // namespace asterism::bench

@@ -1,0 +1,148 @@
+// Trackers by name, on a textured square that moves over another texture.
+#include "peers.hpp"
+
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <asterism/trackers/tracker.hpp>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+
+#include "ground_truth.hpp"
+
+namespace asterism::bench {
+namespace {
+
+constexpr int kFrames = 12;
+
+cv::Mat noise(cv::Size size, int blur, double low, double high, std::uint64_t seed) {
+  cv::Mat image(size, CV_8UC3);
+  cv::RNG random(seed);
+  random.fill(image, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(image, image, {blur, blur}, 0);
+  cv::normalize(image, image, low, high, cv::NORM_MINMAX);
+  return image;
+}
+
+cv::Rect2d true_box(int frame) { return {60.0 + 3 * frame, 50.0 + frame, 48, 40}; }
+
+cv::Mat draw_frame(int frame) {
+  static const cv::Mat background = noise({320, 240}, 15, 20, 90, 1);
+  static const cv::Mat object = noise({48, 40}, 9, 100, 255, 2);
+  cv::Mat image = background.clone();
+  object.copyTo(image(cv::Rect(true_box(frame))));
+  return image;
+}
+
+std::vector<Report> follow(const EvaluatedTracker& tracker) {
+  const Step step = tracker.start(draw_frame(0), Region::rectangle(true_box(0)));
+  std::vector<Report> reports;
+  for (int t = 1; t < kFrames; ++t) reports.push_back(step(draw_frame(t)));
+  return reports;
+}
+
+double mean_overlap(const std::vector<Report>& reports) {
+  double sum = 0;
+  for (int t = 1; t < kFrames; ++t) {
+    const auto& region = reports[static_cast<std::size_t>(t - 1)].region;
+    sum += region ? tools::overlap(region->box(), true_box(t)) : 0;
+  }
+  return sum / (kFrames - 1);
+}
+
+class EveryTracker : public testing::TestWithParam<std::string> {};
+
+TEST_P(EveryTracker, FollowsAnObjectAndStartsAnewEachTime) {
+  const EvaluatedTracker tracker = evaluated_tracker(GetParam());
+  EXPECT_EQ(tracker.name, GetParam());
+  EXPECT_EQ(cv::getNumThreads(), 1);
+  const std::vector<Report> first = follow(tracker);
+  EXPECT_GT(mean_overlap(first), 0.4) << GetParam();
+  // Some have random numbers of their own.
+  for (const char* random : {"opencv-mil", "opencv-boosting", "opencv-tld"})
+    if (GetParam() == random) return;
+  // Two at once, each with a state of its own.
+  const Step other = tracker.start(draw_frame(5), Region::rectangle(true_box(5)));
+  const std::vector<Report> again = follow(tracker);
+  for (std::size_t i = 0; i < first.size(); ++i)
+    EXPECT_EQ(again[i].region, first[i].region) << GetParam() << i;
+  const Report report = other(draw_frame(6));
+  EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(6)) > 0.3);
+}
+
+TEST_P(EveryTracker, TakesAPolygonByItsBoundingBox) {
+  const cv::Rect2d b = true_box(0);
+  const Region diamond =
+      Region::polygon({{b.x, b.y + 20}, {b.x + 24, b.y}, {b.x + 48, b.y + 20}, {b.x + 24, b.y + 40}});
+  const Step step = evaluated_tracker(GetParam()).start(draw_frame(0), diamond);
+  const Report report = step(draw_frame(1));
+  EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(1)) > 0.4);
+}
+
+INSTANTIATE_TEST_SUITE_P(Known, EveryTracker, testing::ValuesIn(evaluated_tracker_names()),
+                         [](const auto& instance) {
+                           std::string name = instance.param;
+                           std::replace(name.begin(), name.end(), '-', '_');
+                           return name;
+                         });
+
+TEST(EvaluatedTrackers, AreOursAndThoseThatAreInstalled) {
+  const std::vector<std::string> names = evaluated_tracker_names();
+  for (const std::string& name : tracker_names())
+    EXPECT_TRUE(std::count(names.begin(), names.end(), name)) << name;
+}
+
+TEST(EvaluatedTrackers, OfOursSayWhatTheySayAlone) {
+  AnyTracker alone = make_tracker("kcf");
+  alone.init(draw_frame(0), true_box(0));
+  int t = 0;
+  for (const Report& report : follow(evaluated_tracker("kcf"))) {
+    const TrackResult result = alone.update(draw_frame(++t));
+    EXPECT_EQ(report.region, Region::rectangle(result.box));
+    EXPECT_EQ(report.confidence, result.confidence);
+  }
+}
+
+TEST(EvaluatedTrackers, SayWhenTheyHaveNotFoundTheObject) {
+  const std::vector<std::string> names = evaluated_tracker_names();
+  if (!std::count(names.begin(), names.end(), "opencv-kcf"))
+    GTEST_SKIP() << "OpenCV's trackers are not installed";
+  const Step step = evaluated_tracker("opencv-kcf").start(draw_frame(0), Region::rectangle(true_box(0)));
+  for (int t = 1; t < 4; ++t) EXPECT_TRUE(step(draw_frame(t)).region);
+  const Report report = step(cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(0)));
+  EXPECT_FALSE(report.region);
+  EXPECT_TRUE(std::isnan(report.confidence));
+}
+
+TEST(EvaluatedTrackers, ListTheMostSimilarNameFirst) {
+  for (const auto& [wrong, nearest] :
+       {std::pair("coarze", "coarse"), std::pair("dtp", "dpt"), std::pair("trax:", "")}) {
+    try {
+      evaluated_tracker(wrong);
+      ADD_FAILURE() << wrong;
+    } catch (const std::invalid_argument& error) {
+      const std::string start = std::string("unknown tracker \"") + wrong + "\" (known: " + nearest;
+      EXPECT_EQ(std::string(error.what()).substr(0, start.size()), start);
+    }
+  }
+}
+
+TEST(EvaluatedTrackers, SpeakTrax) {
+  EXPECT_THROW(
+      evaluated_tracker("trax:/no/such/program").start(draw_frame(0), Region::rectangle(true_box(0))),
+      std::exception);
+#ifdef ASTERISM_TRAX_TOOL
+  const std::vector<Report> direct = follow(evaluated_tracker("kcf"));
+  const std::vector<Report> through =
+      follow(evaluated_tracker("trax:" ASTERISM_TRAX_TOOL " --tracker kcf 2>/dev/null"));
+  for (std::size_t i = 0; i < direct.size(); ++i) {
+    ASSERT_TRUE(through[i].region);
+    EXPECT_GT(tools::overlap(through[i].region->box(), direct[i].region->box()), 0.99);
+    EXPECT_NEAR(through[i].confidence, direct[i].confidence, 1e-3);
+  }
+#endif
+}
+
+}  // namespace
+}  // namespace asterism::bench
