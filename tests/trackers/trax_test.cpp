@@ -717,7 +717,6 @@ read line; read line
 
 TEST_F(Trax, ClientSaysWhatIsWrongWithTheTracker) {
   TraxClientOptions options = logged();
-  options.timeout = 0.3;
   const auto expect_start = [&](const std::string& command, const std::string& part) {
     SCOPED_TRACE(command);
     expect_reason(reason_of([&] { TraxClient(command, options); }), {"tracker '" + command + "': ", part});
@@ -728,7 +727,9 @@ TEST_F(Trax, ClientSaysWhatIsWrongWithTheTracker) {
     expect_start("exit 3", "ended with exit code 3");
     expect_start("/no/such/tracker", "ended with exit code 127");
     expect_start("kill -9 $$", "ended by signal 9");
+    options.timeout = 0.3;
     expect_start("sleep 60", socket ? "does not connect in 0.3 s" : "does not reply in 0.3 s");
+    options.timeout = 30;
   }
   options.socket = false;
   expect_start(script("exec 0<&- 1<&-; sleep 60"), "closes the connection");
@@ -761,10 +762,24 @@ TEST_F(Trax, ClientSaysWhatIsWrongWithTheTracker) {
   expect_reply("echo '@@TRAX:quit \"trax.reason=out of memory\"'\n" + wait, "quits: out of memory");
   expect_reply("exit 4", "ended with exit code 4");
   expect_reply("printf '@@TRAX:state 1,2,3,4'; exit 0", "ended with exit code 0");
-  expect_reply("sleep 60", "does not reply in 0.3 s");
-  expect_reply("kill -STOP $$", "does not reply in 0.3 s");
   expect_reply("while true; do echo '@@TRAX:hello'; done", "answers with hello");
-  expect_reply("while true; do echo chatter; done > /dev/null", "does not reply in 0.3 s");
+}
+
+TEST_F(Trax, ClientDoesNotWaitForEver) {
+  TraxClientOptions options = logged();
+  options.timeout = 2;  // long enough for the hello
+  const std::string chatter = "while true; do echo chatter; done\n";
+  const cv::Mat small(4, 4, CV_8UC3, cv::Scalar::all(7)), large(400, 400, CV_8UC3, cv::Scalar::all(7));
+  const auto expect = [&](const std::string& does, const cv::Mat& image, const std::string& part) {
+    SCOPED_TRACE(does);
+    TraxClient client(script("echo '@@TRAX:hello trax.image=memory'\n" + does), options);
+    expect_reason(reason_of([&] { client.initialize(image, {rectangle()}); }), {part});
+  };
+  expect("read line; sleep 60", small, "does not reply in 2 s");
+  expect("read line; kill -STOP $$", small, "does not reply in 2 s");
+  expect("read line; " + chatter, small, "does not reply in 2 s");
+  expect("sleep 60", large, "takes no message in 2 s");
+  expect(chatter, large, "takes no message in 2 s");
 }
 
 TEST_F(Trax, ClientStartsAgainAfterAnError) {

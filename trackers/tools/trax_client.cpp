@@ -142,6 +142,7 @@ class Child {
     const std::array<char*, 4> arguments = {shell.data(), option.data(), command.data(), nullptr};
     std::vector<std::string> variables = environment(port);
     std::vector<char*> pointers;
+    pointers.reserve(variables.size() + 1);
     for (std::string& variable : variables) pointers.push_back(variable.data());
     pointers.push_back(nullptr);
     const int error =
@@ -276,7 +277,7 @@ class TraxClient::Process {
     const std::string line = format_trax_message(message) + '\n';
     for (size_t sent = 0; sent < line.size();) {
       const short events = wait_for(connection_.get(), POLLIN | POLLOUT, deadline);
-      if (events == 0) throw TraxError("takes no message in " + seconds());
+      if (events == 0 || Clock::now() >= deadline) throw TraxError("takes no message in " + seconds());
       if ((events & POLLIN) != 0 && !reader_->fill()) receive_last();
       if ((events & ~POLLIN) == 0) continue;
       const ssize_t count =
@@ -296,6 +297,7 @@ class TraxClient::Process {
       while (std::optional<std::string> line = reader_->take()) {
         if (!is_trax_message(*line)) {
           print(*line + '\n');
+          if (Clock::now() >= deadline) throw TraxError("does not reply in " + seconds());
           continue;
         }
         TraxMessage message = parse_trax_message(*line);

@@ -144,7 +144,7 @@ std::string format_trax_message(const TraxMessage& message) {
   }
   for (const auto& [key, value] : message.properties) {
     if (!is_key(key)) throw std::invalid_argument("not the name of a property: " + key);
-    append_quoted(line, key + '=' + value);
+    append_quoted(line, std::string(key).append("=").append(value));
   }
   if (line.find('\0') != std::string::npos) throw std::invalid_argument("a NUL byte in a message");
   return line;
