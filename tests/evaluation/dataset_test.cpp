@@ -211,7 +211,7 @@ TEST_F(DatasetTest, ReadsPlainFoldersAndVideos) {
   EXPECT_EQ(walk.images[7].filename(), "shot10.png");
 
   FrameReader video(run), folder(walk);
-  for (const std::size_t t : {0, 1, 4, 2, 2, 3}) {
+  for (const std::size_t t : {0u, 1u, 4u, 2u, 2u, 3u}) {
     EXPECT_NEAR(video(t).at<cv::Vec3b>(20, 20)[0], 40 * static_cast<int>(t), 3) << t;
     EXPECT_EQ(folder(t).at<cv::Vec3b>(1, 1)[0], 3 + t);
   }
