@@ -191,6 +191,17 @@ std::vector<Fragment> python_fragments(const SupervisedRun& run) {
   return result;
 }
 
+/// The share of a fragment's frames that have the tag. Of untagged frames the toolkit counts those of the
+/// whole sequence (query_label.m).
+double tagged_share(const SupervisedSequence& sequence, const Fragment& fragment, std::string_view tag) {
+  if (tag == kAllFrames) return 1;
+  const std::size_t begin = tag == kUntagged ? 0 : fragment.begin;
+  const std::size_t end = tag == kUntagged ? sequence.length() : fragment.end;
+  double tagged = 0;
+  for (std::size_t t = begin; t < end; ++t) tagged += has_tag(sequence, tag, t);
+  return tagged / static_cast<double>(fragment.end - fragment.begin);
+}
+
 /// Sums over fragments by length, element i for i + 1 frames.
 struct Curve {
   std::vector<double> total, weight;
@@ -221,13 +232,8 @@ std::vector<double> legacy_curve(Sequences sequences, std::string_view tag) {
   for (const SupervisedSequence& sequence : sequences)
     for (const SupervisedRun& run : sequence.runs)
       for (const Fragment& fragment : legacy_fragments(run)) {
-        // Of untagged frames the toolkit counts those of the whole sequence (query_label.m).
-        const std::size_t first = tag == kUntagged ? 0 : fragment.begin;
-        const std::size_t last = tag == kUntagged ? sequence.length() : fragment.end;
-        double tagged = 0;
-        for (std::size_t t = first; t < last; ++t) tagged += has_tag(sequence, tag, t);
-        const auto share = tagged / static_cast<double>(fragment.end - fragment.begin);
-        curve.add(run, fragment, share / static_cast<double>(sequence.runs.size()));
+        const double runs = static_cast<double>(sequence.runs.size());
+        curve.add(run, fragment, tagged_share(sequence, fragment, tag) / runs);
       }
   std::vector<double> result = curve.mean();
   result[0] = 1;

@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 
@@ -58,7 +59,7 @@ TEST(Kde, IsADensity) {
   const Values values = {3, 5, 8, 8.5, 20};
   const double bandwidth = kde_bandwidth(values);
   double mass = 0;
-  for (double x = -40; x < 60; x += 0.01) mass += 0.01 * kde_density(values, bandwidth, x);
+  for (int i = -4000; i < 6000; ++i) mass += 0.01 * kde_density(values, bandwidth, 0.01 * i);
   EXPECT_NEAR(mass, 1, 1e-9);
 }
 
@@ -81,8 +82,8 @@ TEST(Bootstrap, DrawsAreThoseOfTheSeed) {
 }
 
 TEST(Bootstrap, OfHalfOnesIsBinomial) {
-  std::vector<Values> measured;
-  for (int i = 0; i < 100; ++i) measured.push_back({i < 50 ? 0.0 : 1.0});
+  std::vector<Values> measured(100, Values{0});
+  std::fill_n(measured.begin(), 50, Values{1});
   const std::vector<std::size_t> starts(100, 1);
   const Estimate interval =
       estimate(bootstrap(starts, [&](std::span<const Draw> draws) { return mean(measured, draws); }));
