@@ -9,10 +9,12 @@
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <set>
+#include <sstream>
 #include <stdexcept>
 #include <utility>
 
 #include "ground_truth.hpp"
+#include "otb_sequences.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -170,17 +172,6 @@ Sequence read_vot(const fs::path& folder) {
 
 // --- OTB
 
-// Sequences of which only some frames are annotated or, at the begin, used: numbers of the first and the last
-// image, and lines of the annotation to leave out.
-struct OtbPart {
-  std::string_view name;
-  long first, last;
-  std::ptrdiff_t unused_lines = 0;
-};
-constexpr OtbPart kOtbParts[] = {{"BlurCar1", 247, 988}, {"BlurCar3", 3, 359}, {"BlurCar4", 18, 397},
-                                 {"David", 300, 770},    {"Diving", 1, 215},   {"Football1", 1, 74},
-                                 {"Freeman3", 1, 460},   {"Freeman4", 1, 283}, {"Tiger1", 6, 354, 5}};
-
 bool is_otb_truth(const fs::path& file) {
   const std::string name = file.filename().string();
   return name.starts_with("groundtruth_rect") && file.extension() == ".txt";
@@ -189,8 +180,16 @@ bool is_otb_truth(const fs::path& file) {
 std::vector<Sequence> read_otb(const fs::path& folder) {
   const std::string name = folder.filename().string();
   std::vector<fs::path> images = images_of(folder / "img");
-  const auto part = std::find_if(std::begin(kOtbParts), std::end(kOtbParts),
-                                 [&](const OtbPart& p) { return p.name == name; });
+  const auto known = std::find_if(std::begin(kOtbSequences), std::end(kOtbSequences),
+                                  [&](const OtbSequence& s) { return s.name == name; });
+  const OtbSequence published = known == std::end(kOtbSequences) ? OtbSequence{} : *known;
+  std::erase_if(images, [&](const fs::path& image) {
+    const std::optional<long> number = number_of(image);
+    return number && (*number < published.first || *number > published.last);
+  });
+  if (images.empty())
+    fail(folder / "img", "none of the frames from " + std::to_string(published.first) + " on");
+
   std::vector<Sequence> sequences;
   for (const fs::path& file : entries_of(folder)) {
     if (!is_otb_truth(file)) continue;
@@ -198,31 +197,15 @@ std::vector<Sequence> read_otb(const fs::path& folder) {
     const std::string object = file.stem().extension().string();
     Sequence sequence;
     sequence.name = object.empty() ? name : name + "-" + object.substr(1);
-    sequence.truth = tools::read_ground_truth(file);
     sequence.images = images;
-    if (part != std::end(kOtbParts)) {
-      if (part->unused_lines > 0 && sequence.length() == images.size())
-        sequence.truth.erase(sequence.truth.begin(), sequence.truth.begin() + part->unused_lines);
-      std::erase_if(sequence.images, [&](const fs::path& image) {
-        const std::optional<long> number = number_of(image);
-        return number && (*number < part->first || *number > part->last);
-      });
-      if (sequence.images.empty())
-        fail(folder / "img",
-             "none of its frames " + std::to_string(part->first) + " to " + std::to_string(part->last));
-    }
+    sequence.truth = tools::read_ground_truth(file);
+    if (sequence.truth.size() == images.size() + published.unused_lines)
+      sequence.truth.erase(sequence.truth.begin(),
+                           sequence.truth.begin() + static_cast<std::ptrdiff_t>(published.unused_lines));
     check_counts(sequence, file);
-    if (const fs::path attributes = folder / "attrs.txt"; fs::exists(attributes)) {
-      for (const std::string& line : lines_of(attributes)) {
-        for (std::size_t begin = 0; begin <= line.size();) {
-          const std::size_t end = std::min(line.find(',', begin), line.size());
-          if (const std::string_view tag = trim(std::string_view(line).substr(begin, end - begin));
-              !tag.empty())
-            sequence.tags[std::string(tag)] = std::vector<bool>(sequence.length(), true);
-          begin = end + 1;
-        }
-      }
-    }
+    std::istringstream attributes{std::string(published.attributes)};
+    for (std::string attribute; attributes >> attribute;)
+      sequence.tags[attribute] = std::vector<bool>(sequence.length(), true);
     sequences.push_back(std::move(sequence));
   }
   return sequences;

@@ -33,8 +33,9 @@ enum class Layout {
   Vot,   ///< SEQ/groundtruth.txt, color/00000001.jpg (or as SEQ/sequence says, or beside it), *.tag, *.label,
          ///< practical.value
   Otb,   ///< SEQ/groundtruth_rect.txt or, with several objects, groundtruth_rect.1.txt, .2.txt: SEQ-1, SEQ-2;
-         ///< img/, of which sequences that begin late or end early use the published part; attrs.txt. Boxes
-         ///< are as published: their first pixel is 1, not 0.
+         ///< img/, of which sequences that begin late or end early use the published part. Boxes are as
+         ///< published: their first pixel is 1, not 0. The attributes of the published sequences are tags of
+         ///< all their frames.
   Got10k,  ///< SEQ/groundtruth.txt, 00000001.jpg, absence.label, cover.label, cut_by_image.label,
            ///< meta_info.ini. No object where it is absent or not visible at all; the tag "occlusion" where
            ///< it is not fully visible. A single line, as in the test set: the other frames are unknown.

@@ -15,9 +15,9 @@ using tools::Region;
 /// How the overlap of two regions is computed; every report of an overlap names it.
 enum class OverlapRule {
   Exact,       ///< areas of the polygons themselves
-  VotPython,   ///< pixels as today's VOT toolkit counts them (Python, 0.6 and later; VOT2018 and later)
-  Trax,        ///< pixels as libtrax counts them (the MATLAB toolkit of VOT2016 and VOT2017)
-  TraxLegacy,  ///< pixels as libtrax counts them with its legacy flag (VOT2013 to VOT2015)
+  VotPython,   ///< pixels as today's VOT toolkit counts them (Python, since VOT2020)
+  Trax,        ///< pixels as libtrax counts them (in the MATLAB toolkit of VOT2016 to VOT2019)
+  TraxLegacy,  ///< pixels as libtrax counts them with its legacy flag (VOT2013 to VOT2015, there unbounded)
 };
 
 /// "exact", "vot-python", "trax", "trax-legacy".

@@ -122,7 +122,6 @@ TEST_F(DatasetTest, ReadsTheSequenceFileOfTodaysToolkit) {
 TEST_F(DatasetTest, ReadsOtbWithItsSeparatorsObjectsAndParts) {
   images("otb/Walking/img", 1, 3, "%04d.png");
   write("otb/Walking/groundtruth_rect.txt", "1,2,3,4\n1\t2\t3\t4\n1 2 3 4\n");
-  write("otb/Walking/attrs.txt", "SV, OCC,DEF\n");
   images("otb/Jogging/img", 1, 2, "%04d.png");
   write("otb/Jogging/groundtruth_rect.1.txt", lines("1,2,3,4", 2));
   write("otb/Jogging/groundtruth_rect.2.txt", lines("9,2,3,4", 2));
@@ -146,6 +145,8 @@ TEST_F(DatasetTest, ReadsOtbWithItsSeparatorsObjectsAndParts) {
   EXPECT_EQ(sequences[5].tags.size(), 3u);
   EXPECT_EQ(sequences[5].tags.at("OCC"), std::vector<bool>(3, true));
   EXPECT_EQ(open("otb", Layout::Auto, {"Jogging-2"}).size(), 1u);
+  write("otb/Tiger1/groundtruth_rect.txt", lines("1,2,3,4", 4));
+  expect_error("otb", {"Tiger1/groundtruth_rect.txt:4: 4 boxes, but 3 images", "0006.png"});
 }
 
 TEST_F(DatasetTest, ReadsGot10k) {
