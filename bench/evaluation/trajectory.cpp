@@ -241,8 +241,11 @@ void write_trajectory(const fs::path& file, const Trajectory& trajectory) {
     write_atomically(file.parent_path() / (file.stem().string() + "_" + name + ".value"), text);
   }
   std::string text;
-  for (const TrajectoryFrame& frame : trajectory.frames)
-    text += (frame.region ? to_string(*frame.region) : std::to_string(frame.code)) + '\n';
+  for (const TrajectoryFrame& frame : trajectory.frames) {
+    std::string line = frame.region ? to_string(*frame.region) : std::to_string(frame.code);
+    if (frame.region && !tools::parse_region(line)) line = std::to_string(TrajectoryFrame::kUnknown);
+    text += line + '\n';
+  }
   write_atomically(with_extension(file, ".txt"), text);
 }
 

@@ -51,7 +51,8 @@ bool trajectory_exists(const std::filesystem::path& file);
 Trajectory read_trajectory(const std::filesystem::path& file);
 
 /// Writes NAME.txt and NAME_VALUE.value as the toolkit reads them, the regions last, and makes their folders.
-/// Throws std::runtime_error where that fails; a file is there whole or not at all.
+/// A region that is not finite or has a negative size is unknown there. Throws std::runtime_error where that
+/// fails; a file is there whole or not at all.
 void write_trajectory(const std::filesystem::path& file, const Trajectory& trajectory);
 
 /// Replaces a file, or makes it: whatever happens, it has all of `content` or what it had before. Throws

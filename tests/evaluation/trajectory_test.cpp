@@ -8,6 +8,7 @@
 #include <cmath>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <random>
 #include <stdexcept>
 
@@ -98,6 +99,18 @@ TEST_F(TrajectoryTest, ReadsWhatToolkitsWrote) {
   expect_error(file, "car_002_time.value:2: 2 values, but 9 frames");
 }
 
+TEST_F(TrajectoryTest, CallsUnknownWhatIsNoRegion) {
+  const double infinity = std::numeric_limits<double>::infinity();
+  const Trajectory wild{{{Region::rectangle({1, 2, -3, 4})},
+                         {Region::rectangle({infinity, 2, 3, 4})},
+                         {Region::polygon({{0, 0}, {1, 0}, {std::nan(""), 1}})},
+                         {Region::rectangle({1, 2, 0, 0})}},
+                        {}};
+  write_trajectory(root_ / "a_001.txt", wild);
+  EXPECT_EQ(read(root_ / "a_001.txt"), "0\n0\n0\n1,2,0,0\n");
+  EXPECT_EQ(read_trajectory(root_ / "a_001.txt").frames.size(), 4u);
+}
+
 std::string binary_example() {
   using namespace std::string_literals;
   return "\x01\x00\x03\x00\x00\x00"s                                              // version 1, three frames
@@ -133,7 +146,7 @@ TEST_F(TrajectoryTest, SurvivesHostileFiles) {
   EXPECT_THROW(read_trajectory(write("b_001.bin", good + "x")), std::runtime_error);
   std::mt19937 random(3);
   int read = 0;
-  for (int k = 0; k < 3000; ++k) {
+  for (int k = 0; k < 1000; ++k) {
     std::string bad = k % 2 == 0 ? good : "1\n10,20,30,40\n1,1,5,1,5,5,1,5\nNaN,NaN,NaN,NaN\n";
     for (int i = 0; i < 3; ++i) bad[random() % bad.size()] = static_cast<char>(random());
     try {
@@ -142,7 +155,7 @@ TEST_F(TrajectoryTest, SurvivesHostileFiles) {
     } catch (const std::runtime_error&) {
     }
   }
-  EXPECT_LT(read, 3000);
+  EXPECT_LT(read, 1000);
 }
 
 TEST_F(TrajectoryTest, LeavesNoHalfFileOnAFullDisk) {
