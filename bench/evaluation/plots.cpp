@@ -211,7 +211,9 @@ std::string polyline(const Series& series, const Scale& x, const Scale& y) {
   bool drawing = false;
   for (std::size_t i = 0; i < series.x.size(); ++i) {
     const bool visible = x.has(series.x[i]) && std::isfinite(series.y[i]);
-    if (visible) path += join(drawing ? "L" : "M", px(x(series.x[i])), ",", px(y(series.y[i])));
+    if (visible)
+      path +=
+          join(drawing ? "L" : "M", px(x(series.x[i])), ",", px(y(std::clamp(series.y[i], y.low, y.high))));
     drawing = visible;
   }
   return join("<path", attribute("class", join("line ", classes_of(series.tracker))), attribute("d", path),

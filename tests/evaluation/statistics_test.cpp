@@ -137,5 +137,35 @@ TEST(Resampled, HasTheDrawnRuns) {
   EXPECT_EQ(drawn[1].tags.count("a"), 1U);
 }
 
+// As docs/evaluation-measures.md shows it.
+TEST(Bootstrap, ComparesTheEaoOfTwoTrackers) {
+  const auto tracker = [](double overlap) {
+    std::vector<SupervisedSequence> sequences(6);
+    for (std::size_t s = 0; s < sequences.size(); ++s)
+      for (std::size_t r = 0; r < 3; ++r) {
+        SupervisedRun run{std::vector(400, Outcome::Tracked), std::vector<double>(400)};
+        run.outcomes[0] = Outcome::Started;
+        for (std::size_t t = 0; t < 400; ++t)
+          run.overlaps[t] = overlap + 0.1 * std::sin(static_cast<double>(t + 70 * s + 20 * r));
+        sequences[s].runs.push_back(run);
+      }
+    return sequences;
+  };
+  const std::vector<std::size_t> starts(6, 3);
+  const auto sample = [&](const std::vector<SupervisedSequence>& sequences) {
+    return bootstrap(starts,
+                     [&](std::span<const Draw> draws) {
+                       return eao(resampled(sequences, draws), {166, 377}, Toolkit::Legacy);
+                     },
+                     {.resamples = 200});
+  };
+  const Bootstrapped better = sample(tracker(0.6)), worse = sample(tracker(0.55));
+  const Estimate gain = estimate(difference(better, worse));
+  EXPECT_NEAR(gain.value, 0.05, 1e-12);
+  EXPECT_NEAR(gain.low, 0.05, 1e-12) << "the trackers differ alike in each run";
+  EXPECT_TRUE(gain.excludes_zero());
+  EXPECT_LT(estimate(better).low, estimate(better).value);
+}
+
 }  // namespace
 }  // namespace asterism::bench
