@@ -9,11 +9,13 @@
 #include <array>
 #include <asterism/trackers/tracker.hpp>
 #include <chrono>
+#include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <limits>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
@@ -610,7 +612,7 @@ TEST_F(Trax, RefusesItsArgumentsInOneLine) {
 
 // ---- The client and trackers of others ----
 
-constexpr char kHello[] = "echo '@@TRAX:hello trax.version=3 trax.image=path'\n";
+constexpr char kHello[] = "echo '@@TRAX:hello trax.version=3 trax.image=path trax.channels='\n";
 
 TEST_F(Trax, ClientTakesWhatTrackersAnswer) {
   const std::string tracker = script(std::string(kHello) + R"(
@@ -780,6 +782,12 @@ TEST_F(Trax, ClientDoesNotWaitForEver) {
   expect("read line; " + chatter, small, "does not reply in 2 s");
   expect("sleep 60", large, "takes no message in 2 s");
   expect(chatter, large, "takes no message in 2 s");
+  for (const double timeout : {0.0, -1.0, std::nan("")}) {
+    options.timeout = timeout;
+    EXPECT_THROW(TraxClient(server(), options), std::invalid_argument);
+  }
+  options.timeout = std::numeric_limits<double>::infinity();
+  TraxClient(server(), options).initialize(images_[0], {rectangle()});
 }
 
 TEST_F(Trax, ClientStartsAgainAfterAnError) {

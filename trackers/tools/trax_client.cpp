@@ -34,7 +34,9 @@ using Type = TraxMessage::Type;
 constexpr std::chrono::seconds kPatience(3);
 
 Clock::time_point after(double seconds) {
-  return Clock::now() + std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(seconds));
+  constexpr double kMost = 1e9;  // which the clock can hold
+  return Clock::now() +
+         std::chrono::duration_cast<Clock::duration>(std::chrono::duration<double>(std::min(seconds, kMost)));
 }
 
 [[noreturn]] void throw_errno(const std::string& what) {
@@ -338,6 +340,7 @@ class TraxClient::Process {
 
 TraxClient::TraxClient(std::string command, TraxClientOptions options)
     : command_(std::move(command)), options_(std::move(options)) {
+  if (!(options_.timeout > 0)) throw std::invalid_argument("a timeout that is not positive");
   guarded([&] { start(); });
 }
 
@@ -373,7 +376,8 @@ void TraxClient::read_hello() {
   hello_ = message.properties;
   const auto list = [&](const char* key, const char* otherwise) {
     const auto found = hello_.find(key);
-    return split_trax_list(found == hello_.end() ? otherwise : found->second);
+    const bool given = found != hello_.end() && !found->second.empty();
+    return split_trax_list(given ? found->second : otherwise);
   };
   const double version = hello_.contains("trax.version") ? to_number(hello_, "trax.version").value_or(0) : 1;
   if (version != 1 && version != 2 && version != 3 && version != 4) {

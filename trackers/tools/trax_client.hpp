@@ -38,7 +38,8 @@ class TraxClient {
     std::map<std::string, std::string> properties;  ///< all that it says besides the region
   };
 
-  /// Starts `command`, a line for /bin/sh, and waits for its introduction.
+  /// Starts `command`, a line for /bin/sh, and waits for its introduction. Throws std::invalid_argument for a
+  /// timeout that is not positive.
   explicit TraxClient(std::string command, TraxClientOptions options = {});
   /// Says quit, and ends the tracker where it has not ended by itself three seconds later.
   ~TraxClient();
