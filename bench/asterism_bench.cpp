@@ -6,14 +6,11 @@
 #include <string>
 #include <vector>
 
-#ifdef ASTERISM_BENCH_MPI
-#include <mpi.h>
-#endif
-
 #include "bars.hpp"
 #include "crossovers.hpp"
 #include "experiments.hpp"
 #include "kinds.hpp"
+#include "process.hpp"
 #include "solve.hpp"
 
 namespace {
@@ -31,36 +28,6 @@ int run_bars(bool quick, const std::string& group) {
   std::printf("%d not met\n", bars.missed());
   return 0;
 }
-
-/// Shares an experiment among the processes of mpirun; one process without it.
-class Processes {
- public:
-#ifdef ASTERISM_BENCH_MPI
-  Processes(int& argc, char**& argv) {
-    MPI_Init(&argc, &argv);
-    MPI_Comm_rank(MPI_COMM_WORLD, &shard_.index);
-    MPI_Comm_size(MPI_COMM_WORLD, &shard_.count);
-  }
-  ~Processes() { MPI_Finalize(); }
-  /// The others would wait for this one.
-  void abort() const {
-    if (shard_.count > 1) MPI_Abort(MPI_COMM_WORLD, 1);
-  }
-  std::function<void()> barrier() const {
-    return [] { MPI_Barrier(MPI_COMM_WORLD); };
-  }
-#else
-  Processes(int&, char**&) {}
-  void abort() const {}
-  std::function<void()> barrier() const { return {}; }
-#endif
-  Processes(const Processes&) = delete;
-  Processes& operator=(const Processes&) = delete;
-  Shard shard() const { return shard_; }
-
- private:
-  Shard shard_;
-};
 
 /// What systems and solvers a subcommand is asked for, with its own defaults.
 struct SelectionOptions {

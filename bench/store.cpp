@@ -5,9 +5,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <chrono>
-#include <csignal>
 #include <cstdio>
-#include <ctime>
 #include <fstream>
 #include <set>
 #include <stdexcept>
@@ -20,17 +18,6 @@ namespace asterism::bench {
 namespace {
 
 namespace fs = std::filesystem;
-
-volatile std::sig_atomic_t g_stop_signal = 0;
-
-void stop_on_signals() {
-  struct sigaction action = {};
-  action.sa_handler = [](int signal) { g_stop_signal = signal; };
-  action.sa_flags =
-      static_cast<int>(SA_RESETHAND | SA_RESTART);  // the second Ctrl-C ends the process at once
-  sigaction(SIGINT, &action, nullptr);
-  sigaction(SIGTERM, &action, nullptr);
-}
 
 // Of a fixed computation, some 100 us [s].
 double calibration_seconds() {
@@ -47,14 +34,6 @@ double calibrate() {
   std::vector<double> seconds(9);
   for (double& s : seconds) s = calibration_seconds();
   return median(seconds);
-}
-
-std::string now() {
-  const std::time_t time = std::time(nullptr);
-  std::tm utc{};
-  gmtime_r(&time, &utc);
-  return format("%04d-%02d-%02dT%02d:%02d:%02dZ", utc.tm_year + 1900, utc.tm_mon + 1, utc.tm_mday,
-                utc.tm_hour, utc.tm_min, utc.tm_sec);
 }
 
 /// Runs and cells of a results file.
@@ -178,7 +157,7 @@ void measure(const std::string& name, const std::vector<const Cell*>& cells, con
   file << run << std::endl;
   const double steady = calibrate();
   const Progress progress(name, cells.size());
-  for (std::size_t done = 0; done < cells.size() && g_stop_signal == 0; ++done) {
+  for (std::size_t done = 0; done < cells.size() && stop_signal() == 0; ++done) {
     Json line{{"key", cells[done]->key}, {"run", run["run"]}, {"clock", 0}};
     line.update(cells[done]->measure());
     line["clock"] = calibrate() / steady;
@@ -190,24 +169,8 @@ void measure(const std::string& name, const std::vector<const Cell*>& cells, con
 
 }  // namespace
 
-int stop_signal() { return g_stop_signal; }
-
 Json machine() {
-  Json result;
-  std::ifstream info("/proc/cpuinfo");
-  for (std::string line; std::getline(info, line);) {
-    if (line.starts_with("model name")) {
-      result["cpu"] = line.substr(line.find(':') + 2);
-      break;
-    }
-  }
-  result["cores"] = std::thread::hardware_concurrency();
-#ifdef __clang__
-  result["compiler"] = "clang " __clang_version__;
-#else
-  result["compiler"] = "gcc " __VERSION__;
-#endif
-  result["build"] = ASTERISM_BENCH_BUILD;
+  Json result = process_machine();
   std::set<std::string> packages = {
       format("Eigen %d.%d.%d", EIGEN_WORLD_VERSION, EIGEN_MAJOR_VERSION, EIGEN_MINOR_VERSION)};
   for (const SolverEntry& entry : solvers()) packages.insert(entry.package);
@@ -241,13 +204,13 @@ Results run_cells(const std::string& name, const std::vector<Cell>& cells, const
     const Json run{{"run", is_sharded ? 0 : static_cast<int>(contents.runs.size())},
                    {"machine", machine()},
                    {"command", options.command},
-                   {"started", now()}};
+                   {"started", utc_now()}};
     measure(name, open, run,
             is_sharded ? std::ofstream(files.part(options.shard.index))
                        : std::ofstream(files.merged(), std::ios::app));
   }
   wait();
-  if (g_stop_signal != 0) {
+  if (stop_signal() != 0) {
     std::fprintf(stderr, "%s: interrupted; the same command goes on from here\n", name.c_str());
     return {};
   }

@@ -5,19 +5,12 @@
 #include <filesystem>
 #include <functional>
 #include <map>
-#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
+#include "process.hpp"
+
 namespace asterism::bench {
-
-using Json = nlohmann::ordered_json;
-
-/// A share of an experiment: of the cells, those whose number leaves `index` when divided by `count`.
-struct Shard {
-  int index = 0;
-  int count = 1;
-};
 
 /// The part of an experiment that is done at one go, a second or so, and stored as a whole.
 struct Cell {
@@ -50,10 +43,7 @@ struct RunOptions {
 /// measured again.
 Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options);
 
-/// CPU, compiler, flags and versions of what takes part.
+/// process_machine, and the versions of what takes part.
 Json machine();
-
-/// The signal that asked this process to stop, 0 for none.
-int stop_signal();
 
 }  // namespace asterism::bench

@@ -1,21 +1,21 @@
-// What each choice in DPT is worth: variants of one option each, on a folder of annotated sequences, one pass
+// What each choice in DPT is worth: variants of one option each, on annotated sequences, one pass
 // and supervised, with start boxes moved by up to a pixel. One line a variant:
 //   AO  mean over sequences of the one-pass average overlap      A  supervised accuracy, over all frames
 //   F   failures in all sequences, mean over the starts          +- spread of the starts' AO (standard
 //   deviation)
 
 #include <CLI/CLI.hpp>
+#include <algorithm>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <atomic>
 #include <cmath>
 #include <cstdio>
 #include <mutex>
-#include <numeric>
 #include <opencv2/core/utility.hpp>
 #include <thread>
 
-#include "evaluation.hpp"
+#include "scoring.hpp"
 
 namespace {
 
@@ -29,10 +29,12 @@ struct Variant {
 
 template <class T, class Options>
 Start starter(const Options& options) {
-  return [options](const cv::Mat& image, const cv::Rect2d& box) -> Step {
+  return [options](const Image& image, const Region& object) -> Step {
     auto tracker = std::make_shared<T>(options);
-    tracker->init(image, box);
-    return [tracker](const cv::Mat& frame) { return tracker->update(frame).box; };
+    tracker->init(image.pixels, object.box());
+    return [tracker](const Image& frame) {
+      return Report{Region::rectangle(tracker->update(frame.pixels).box)};
+    };
   };
 }
 
@@ -81,10 +83,26 @@ std::vector<Variant> variants() {
   return list;
 }
 
+/// A variant on one sequence.
 struct Figures {
-  std::vector<double> overlap_by_start;  // AO
-  double accuracy_sum = 0, accuracy_frames = 0, failures = 0;
+  std::vector<double> overlap_by_start;  // average, one pass
+  SupervisedSequence supervised;
 };
+
+Figures measure(const Start& start, const Sequence& sequence, const ProtocolOptions& options) {
+  SequenceImages images(sequence);
+  const auto result = [&](const Run& run) {
+    return execute(start, images, run, options, [] { return true; })->trajectory;
+  };
+  Figures figures;
+  for (const Run& run : runs_of(sequence, Protocol::Otb, options))
+    figures.overlap_by_start.push_back(
+        one_pass_score(std::vector<OnePassSequence>{{{one_pass_run(result(run), sequence)}}})
+            .average_overlap);
+  for (const Run& run : runs_of(sequence, Protocol::Vot, options))
+    figures.supervised.runs.push_back(supervised_run(result(run), sequence, options));
+  return figures;
+}
 
 }  // namespace
 
@@ -104,31 +122,22 @@ int main(int argc, char** argv) try {
   CLI11_PARSE(app, argc, argv);
 
   cv::setNumThreads(1);
-  const auto sequences = find_sequences(folder);
-  const auto offsets = start_offsets(starts);
-  const auto count = static_cast<double>(sequences.size());
+  const auto sequences = open_dataset(folder);
+  ProtocolOptions options;
+  options.overlap = OverlapRule::Exact;
+  options.boxes = true;
+  options.starts = starts;
   std::printf("%-24s %6s %6s %6s %6s\n", "variant", "AO", "+-", "A", "F");
   for (const Variant& variant : variants()) {
     if (!only.empty() && std::ranges::count(only, variant.name) == 0) continue;
-    Figures figures{.overlap_by_start = std::vector<double>(offsets.size())};
-    std::vector<Figures> by_sequence(sequences.size(), figures);
+    std::vector<Figures> by_sequence(sequences.size());
     std::atomic<std::size_t> next = 0;
     std::exception_ptr failure;
     std::mutex failure_mutex;
     const auto work = [&] {
       try {
-        for (std::size_t s; (s = next++) < sequences.size();) {
-          const LoadedSequence sequence = load_sequence(sequences[s]);
-          for (std::size_t k = 0; k < offsets.size(); ++k) {
-            by_sequence[s].overlap_by_start[k] =
-                run_one_pass(variant.start, sequence, offsets[k]).average_overlap();
-            const Supervised supervised = run_supervised(variant.start, sequence, offsets[k]);
-            by_sequence[s].accuracy_sum +=
-                std::accumulate(supervised.overlaps.begin(), supervised.overlaps.end(), 0.0);
-            by_sequence[s].accuracy_frames += static_cast<double>(supervised.overlaps.size());
-            by_sequence[s].failures += supervised.failures;
-          }
-        }
+        for (std::size_t s; (s = next++) < sequences.size();)
+          by_sequence[s] = measure(variant.start, sequences[s], options);
       } catch (...) {
         const std::lock_guard lock(failure_mutex);
         failure = std::current_exception();
@@ -139,20 +148,20 @@ int main(int argc, char** argv) try {
       for (int t = 0; t < threads; ++t) pool.emplace_back(work);
     }
     if (failure) std::rethrow_exception(failure);
-    // In the order of the sequences, whichever thread was first.
-    for (const Figures& one : by_sequence) {
-      for (std::size_t k = 0; k < offsets.size(); ++k)
-        figures.overlap_by_start[k] += one.overlap_by_start[k] / count;
-      figures.accuracy_sum += one.accuracy_sum;
-      figures.accuracy_frames += one.accuracy_frames;
-      figures.failures += one.failures;
+
+    std::vector<double> overlap_by_start(static_cast<std::size_t>(starts));
+    std::vector<SupervisedSequence> supervised;
+    for (const Figures& figures : by_sequence) {
+      for (std::size_t k = 0; k < overlap_by_start.size(); ++k)
+        overlap_by_start[k] += figures.overlap_by_start[k] / static_cast<double>(sequences.size());
+      supervised.push_back(figures.supervised);
     }
     double mean = 0, variance = 0;
-    for (const double ao : figures.overlap_by_start) mean += ao / starts;
-    for (const double ao : figures.overlap_by_start)
-      variance += (ao - mean) * (ao - mean) / std::max(1, starts - 1);
+    for (const double ao : overlap_by_start) mean += ao / starts;
+    for (const double ao : overlap_by_start) variance += (ao - mean) * (ao - mean) / std::max(1, starts - 1);
+    const AccuracyRobustness all = accuracy_robustness(supervised, Toolkit::Legacy);
     std::printf("%-24s %6.3f %6.3f %6.3f %6.1f\n", variant.name.c_str(), mean, std::sqrt(variance),
-                figures.accuracy_sum / figures.accuracy_frames, figures.failures / starts);
+                all.accuracy, all.failures);
     std::fflush(stdout);
   }
   return 0;

@@ -1,0 +1,158 @@
+// asterism-eval: trackers on annotated sequences, by the protocols of VOT and OTB.
+#include <CLI/CLI.hpp>
+#include <algorithm>
+#include <cctype>
+#include <csignal>
+#include <cstdio>
+#include <exception>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "campaign.hpp"
+#include "tool_main.hpp"
+
+namespace {
+
+using namespace asterism::bench;
+
+constexpr std::string_view kName = "asterism-eval";
+
+/// `asterism-eval run`.
+class RunCommand {
+ public:
+  explicit RunCommand(CLI::App& parent)
+      : app_(*parent.add_subcommand("run", "runs trackers on a data set and stores what they answer")) {
+    app_.add_option("DATASET", dataset_, "a sequence or a folder of them")->required();
+    app_.add_option("--trackers", trackers_, "names as `asterism-eval trackers` lists them")->delimiter(',');
+    app_.add_option("--external", external_, "NAME=COMMAND, a tracker that speaks TraX; may be repeated")
+        ->allow_extra_args(false);
+    app_.add_option("--protocol", protocols_,
+                    "vot (supervised), otb (one pass), tre, sre, multistart; several separated by commas")
+        ->delimiter(',')
+        ->capture_default_str();
+    app_.add_option("--out", folder_, "folder of the results; what it has is not run again")->required();
+    app_.add_option("--layout", layout_, "of the data set: auto, vot, otb, got10k, lasot, plain")
+        ->capture_default_str();
+    app_.add_option("--sequences", only_, "only these")->delimiter(',');
+    app_.add_option("--starts", options_.starts,
+                    "vot, otb: runs on each sequence, all but the first from a moved start box")
+        ->check(CLI::Range(1, 999))
+        ->capture_default_str();
+    app_.add_option("--jitter", options_.jitter, "the most that a start box is moved on each axis [px]")
+        ->check(CLI::Range(0.0, 1000.0))
+        ->capture_default_str();
+    app_.add_option("--seed", options_.seed, "of the moves")->capture_default_str();
+    app_.add_option("--overlap", overlap_,
+                    "how failures are seen: vot-python, trax, trax-legacy (VOT2013-15), exact")
+        ->capture_default_str();
+    app_.add_flag("--bounded", options_.bounded, "only what lies within the image overlaps");
+    app_.add_flag("--boxes", options_.boxes,
+                  "ground truth polygons are replaced by their axis-aligned bounding boxes");
+    app_.add_option("--workers", workers_, "runs at the same time; 1 for figures of speed")
+        ->check(CLI::Range(1, 1024))
+        ->capture_default_str();
+  }
+
+  bool parsed() const { return app_.parsed(); }
+
+  int run(const Processes& processes, const std::string& command) {
+    Campaign campaign;
+    campaign.folder = folder_;
+    campaign.dataset = std::filesystem::weakly_canonical(dataset_);
+    campaign.layout = parse_layout(layout_);
+    campaign.options = options_;
+    campaign.options.overlap = parse_overlap_rule(overlap_);
+    for (const std::string& name : protocols_) campaign.protocols.push_back(parse_protocol(name));
+    for (const std::string& name : trackers_) add_tracker(campaign, name, name);
+    for (const std::string& external : external_) {
+      const std::size_t equals = external.find('=');
+      if (equals == std::string::npos || equals + 1 == external.size())
+        throw std::invalid_argument("--external takes NAME=COMMAND, not \"" + external + "\"");
+      add_tracker(campaign, external.substr(0, equals), "trax:" + external.substr(equals + 1));
+    }
+    std::vector<std::string> names;
+    for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
+    if (names.empty()) throw std::invalid_argument("no tracker: --trackers or --external");
+    campaign.sequences = open_dataset(campaign.dataset, campaign.layout, only_);
+    campaign.record.push_back({{"command", command},
+                               {"started", utc_now()},
+                               {"version", ASTERISM_VERSION},
+                               {"machine", process_machine()},
+                               {"workers", workers_},
+                               {"processes", processes.shard().count}});
+    const std::vector<Protocol> protocols = campaign.protocols;
+    if (processes.shard().index == 0) write_campaign(campaign);
+
+    const CampaignTally tally = run_campaign(
+        campaign, names, protocols, {workers_, processes.shard(), [] { return stop_signal() != 0; }});
+    std::fprintf(stderr, "%zu runs made, %zu were there", tally.runs, tally.kept);
+    if (tally.failed > 0)
+      std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
+    std::fprintf(stderr, "\n");
+    if (tally.interrupted) {
+      std::fprintf(stderr, "interrupted; the same command goes on\n");
+      return 128 + stop_signal();
+    }
+    return 0;
+  }
+
+ private:
+  static void add_tracker(Campaign& campaign, const std::string& name, const std::string& tracker) {
+    const auto usable = [](unsigned char c) {
+      return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.';
+    };
+    if (name.empty() || name.starts_with('.') || !std::all_of(name.begin(), name.end(), usable))
+      throw std::invalid_argument("\"" + name + "\" cannot name a tracker: letters, digits, - _ . alone");
+    evaluated_tracker(tracker);  // unknown names fail before the first run
+    campaign.trackers[name] = tracker;
+  }
+
+  CLI::App& app_;
+  std::string dataset_, folder_, layout_ = "auto", overlap_ = "vot-python";
+  std::vector<std::string> trackers_, external_, protocols_ = {"vot", "otb"}, only_;
+  ProtocolOptions options_;
+  int workers_ = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+};
+
+int list_trackers() {
+  for (const std::string& name : evaluated_tracker_names()) std::printf("%s\n", name.c_str());
+  return 0;
+}
+
+int run_command_line(const Processes& processes, int argc, char** argv) {
+  std::string command(kName);
+  for (int a = 1; a < argc; ++a) command += std::string(" ") + argv[a];
+
+  CLI::App app("Evaluates trackers on annotated sequences by the protocols of VOT and OTB.",
+               std::string(kName));
+  app.require_subcommand(1);
+  app.set_version_flag("--version", ASTERISM_VERSION);
+  RunCommand run(app);
+  const CLI::App* trackers = app.add_subcommand("trackers", "lists the trackers that can be run");
+  try {
+    app.parse(argc, argv);
+  } catch (const CLI::ParseError& error) {
+    if (error.get_exit_code() == 0) return app.exit(error);
+    return asterism::tools::fail(kName, error.what(), 2);
+  }
+  if (run.parsed()) return run.run(processes, command);
+  if (trackers->parsed()) return list_trackers();
+  return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+  asterism::tools::silence_libraries();
+  std::signal(SIGPIPE, SIG_IGN);  // an external tracker that goes is an error of its run
+  stop_on_signals();
+  const Processes processes(argc, argv);
+  try {
+    return run_command_line(processes, argc, argv);
+  } catch (const std::exception& error) {
+    asterism::tools::fail(kName, error.what(), 1);
+    processes.abort();
+    return 1;
+  }
+}

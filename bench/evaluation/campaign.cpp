@@ -1,0 +1,257 @@
+#include "campaign.hpp"
+
+#include <algorithm>
+#include <atomic>
+#include <cstdio>
+#include <exception>
+#include <fstream>
+#include <memory>
+#include <mutex>
+#include <stdexcept>
+#include <thread>
+
+#include "progress.hpp"
+
+namespace asterism::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr const char* kFile = "campaign.json";
+
+// FNV-1a of the ground truth's text: results are of these regions alone.
+std::string digest(const Sequence& sequence) {
+  std::uint64_t hash = 14695981039346656037u;
+  const auto add = [&](const std::string& text) {
+    for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
+  };
+  for (const auto& truth : sequence.truth) add(truth ? to_string(*truth) + "\n" : "-\n");
+  char text[17];
+  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
+  return text;
+}
+
+Json to_json(const ProtocolOptions& options) {
+  return {{"overlap", to_string(options.overlap)},
+          {"bounded", options.bounded},
+          {"boxes", options.boxes},
+          {"starts", options.starts},
+          {"jitter", options.jitter},
+          {"seed", options.seed}};
+}
+
+Json to_json(const Campaign& campaign) {
+  Json json{{"dataset", campaign.dataset.string()},
+            {"layout", to_string(campaign.layout)},
+            {"options", to_json(campaign.options)},
+            {"protocols", Json::array()},
+            {"trackers", campaign.trackers},
+            {"sequences", Json::object()},
+            {"record", campaign.record}};
+  for (const Protocol protocol : campaign.protocols) json["protocols"].push_back(to_string(protocol));
+  for (const Sequence& sequence : campaign.sequences)
+    json["sequences"][sequence.name] = {{"frames", sequence.length()}, {"truth", digest(sequence)}};
+  return json;
+}
+
+Json read_json(const fs::path& file) {
+  std::ifstream stream(file);
+  if (!stream)
+    throw std::runtime_error("no campaign in " + file.parent_path().string() + ": cannot read " +
+                             file.filename().string());
+  try {
+    return Json::parse(stream);
+  } catch (const Json::exception& error) {
+    throw std::runtime_error(file.string() + ": " + error.what());
+  }
+}
+
+// All but the sequences, which the data set has.
+Campaign from_json(const fs::path& folder, const Json& json) try {
+  Campaign campaign;
+  campaign.folder = folder;
+  campaign.dataset = json.at("dataset").get<std::string>();
+  campaign.layout = parse_layout(json.at("layout"));
+  const Json& options = json.at("options");
+  campaign.options = {.overlap = parse_overlap_rule(options.at("overlap")),
+                      .bounded = options.at("bounded"),
+                      .boxes = options.at("boxes"),
+                      .starts = options.at("starts"),
+                      .jitter = options.at("jitter"),
+                      .seed = options.at("seed")};
+  for (const auto& protocol : json.at("protocols"))
+    campaign.protocols.push_back(parse_protocol(protocol.get<std::string>()));
+  campaign.trackers = json.at("trackers").get<std::map<std::string, std::string>>();
+  campaign.record = json.at("record");
+  if (!json.at("sequences").is_object()) throw std::invalid_argument("sequences are no object");
+  return campaign;
+} catch (const Json::exception& error) {
+  throw std::runtime_error((folder / kFile).string() + ": " + error.what());
+} catch (const std::invalid_argument& error) {
+  throw std::runtime_error((folder / kFile).string() + ": " + error.what());
+}
+
+// Throws unless both files can be one.
+void check_same(const fs::path& file, const Json& old, const Json& now) {
+  const auto differs = [&](const std::string& what, const Json& before, const Json& after) {
+    throw std::runtime_error(file.string() + ": the results there are of another " + what + " (" +
+                             before.dump() + ", now " + after.dump() + "): choose another folder");
+  };
+  for (const auto& [name, value] : now["options"].items())
+    if (name != "starts" && old["options"][name] != value) differs(name, old["options"][name], value);
+  for (const auto& [name, value] : now["sequences"].items())
+    if (old["sequences"].contains(name) && old["sequences"][name] != value)
+      differs("sequence " + name, old["sequences"][name], value);
+  for (const auto& [name, value] : now["trackers"].items())
+    if (old["trackers"].contains(name) && old["trackers"][name] != value)
+      differs("tracker " + name, old["trackers"][name], value);
+}
+
+struct Job {
+  const std::string* tracker;
+  std::size_t sequence;
+  Run run;
+};
+
+// The images of the sequences at work, shared by their runs and dropped after the last.
+class SharedImages {
+ public:
+  explicit SharedImages(const std::vector<Sequence>& sequences)
+      : sequences_(sequences), images_(sequences.size()) {}
+
+  std::shared_ptr<SequenceImages> operator()(std::size_t sequence) {
+    const std::lock_guard lock(mutex_);
+    std::shared_ptr<SequenceImages> images = images_[sequence].lock();
+    if (!images) images_[sequence] = images = std::make_shared<SequenceImages>(sequences_[sequence]);
+    return images;
+  }
+
+ private:
+  const std::vector<Sequence>& sequences_;
+  std::mutex mutex_;
+  std::vector<std::weak_ptr<SequenceImages>> images_;
+};
+
+}  // namespace
+
+fs::path Campaign::file(const std::string& tracker, const Sequence& sequence, const Run& run) const {
+  return results_folder(folder, tracker, experiment_name(run.protocol), sequence.name) / run.file(sequence);
+}
+
+fs::path Campaign::errors_file(const std::string& tracker, const Sequence& sequence, const Run& run) const {
+  const fs::path result = file(tracker, sequence, run);
+  return result.parent_path() / (result.stem().string() + "_errors.log");
+}
+
+bool has_campaign(const fs::path& folder) { return fs::exists(folder / kFile); }
+
+Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
+  const Json json = read_json(folder / kFile);
+  Campaign campaign = from_json(folder, json);
+  if (!dataset.empty()) campaign.dataset = fs::absolute(dataset);
+  std::vector<std::string> names;
+  for (const auto& [name, record] : json["sequences"].items()) names.push_back(name);
+  campaign.sequences = open_dataset(campaign.dataset, campaign.layout, names);
+  check_same(folder / kFile, json, to_json(campaign));
+  return campaign;
+}
+
+void write_campaign(Campaign& campaign) {
+  const fs::path file = campaign.folder / kFile;
+  fs::create_directories(campaign.folder);
+  Json now = to_json(campaign);
+  if (fs::exists(file)) {
+    const Json old = read_json(file);
+    const Campaign before = from_json(campaign.folder, old);
+    check_same(file, old, now);
+    for (const Protocol protocol : before.protocols)
+      if (std::ranges::count(campaign.protocols, protocol) == 0) campaign.protocols.push_back(protocol);
+    std::ranges::sort(campaign.protocols);
+    campaign.trackers.insert(before.trackers.begin(), before.trackers.end());
+    campaign.options.starts = std::max(campaign.options.starts, before.options.starts);
+    Json record = before.record;
+    record.insert(record.end(), campaign.record.begin(), campaign.record.end());
+    campaign.record = std::move(record);
+    now = to_json(campaign);
+    Json sequences = old["sequences"];
+    sequences.update(now["sequences"]);
+    now["sequences"] = std::move(sequences);
+  }
+  write_atomically(file, now.dump(1) + "\n");
+}
+
+CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
+                           const std::vector<Protocol>& protocols, const CampaignRun& how) {
+  std::map<std::string, Start> starts;
+  for (const std::string& name : trackers) starts[name] = evaluated_tracker(campaign.trackers.at(name)).start;
+
+  // All runs on one sequence after each other, for its images; every process has every so manieth of them.
+  CampaignTally tally;
+  std::vector<Job> jobs;
+  std::size_t number = 0, frames = 0;
+  for (std::size_t s = 0; s < campaign.sequences.size(); ++s) {
+    for (const Protocol protocol : protocols) {
+      for (const Run& run : runs_of(campaign.sequences[s], protocol, campaign.options)) {
+        for (const std::string& tracker : trackers) {
+          if (static_cast<int>(number++ % static_cast<std::size_t>(how.shard.count)) != how.shard.index)
+            continue;
+          if (trajectory_exists(campaign.file(tracker, campaign.sequences[s], run))) {
+            ++tally.kept;
+            continue;
+          }
+          jobs.push_back({&tracker, s, run});
+          frames += run.frames;
+        }
+      }
+    }
+  }
+
+  SharedImages shared(campaign.sequences);
+  std::atomic<std::size_t> next = 0;
+  std::mutex mutex;  // of all below
+  std::size_t done = 0;
+  std::exception_ptr failure;
+  tools::Progress progress(static_cast<int>(frames));
+
+  const auto work = [&] {
+    std::shared_ptr<SequenceImages> images;  // kept from job to job
+    try {
+      for (std::size_t j; (j = next++) < jobs.size();) {
+        const Job& job = jobs[j];
+        const Sequence& sequence = campaign.sequences[job.sequence];
+        images = shared(job.sequence);
+        std::size_t seen = 0;
+        const auto each_frame = [&] {
+          const std::lock_guard lock(mutex);
+          ++seen;
+          progress.report(static_cast<int>(++done));
+          return !how.stop() && !failure;
+        };
+        const auto result = execute(starts.at(*job.tracker), *images, job.run, campaign.options, each_frame);
+        if (!result) return;
+        std::string errors;
+        for (const std::string& error : result->errors) errors += error + "\n";
+        const fs::path file = campaign.file(*job.tracker, sequence, job.run);
+        fs::create_directories(file.parent_path());
+        if (!errors.empty()) write_atomically(campaign.errors_file(*job.tracker, sequence, job.run), errors);
+        write_trajectory(file, result->trajectory);
+        const std::lock_guard lock(mutex);
+        done += job.run.frames - std::min(seen, job.run.frames);
+        ++tally.runs;
+        tally.failed += errors.empty() ? 0 : 1;
+      }
+    } catch (...) {
+      const std::lock_guard lock(mutex);
+      if (!failure) failure = std::current_exception();
+    }
+  };
+  {
+    std::vector<std::jthread> pool;
+    for (int w = 0; w < how.workers; ++w) pool.emplace_back(work);
+  }
+  if (failure) std::rethrow_exception(failure);
+  tally.interrupted = tally.runs < jobs.size();
+  return tally;
+}
+
+}  // namespace asterism::bench

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <functional>
+#include <map>
+#include <string>
+#include <vector>
+
+#include "../process.hpp"
+#include "protocols.hpp"
+
+namespace asterism::bench {
+
+/// Trackers that are run on a data set, and the folder of their results: that of a VOT workspace,
+/// FOLDER/results/TRACKER/EXPERIMENT/SEQUENCE/SEQUENCE_001.txt, with FOLDER/campaign.json, which says what
+/// they depend on.
+struct Campaign {
+  std::filesystem::path folder;
+  std::filesystem::path dataset;  ///< absolute
+  Layout layout = Layout::Auto;
+  ProtocolOptions options;
+  std::map<std::string, std::string> trackers;  ///< name of the folder -> what evaluated_tracker takes
+  std::vector<Protocol> protocols;              ///< that have been run
+  std::vector<Sequence> sequences;
+  Json record = Json::array();  ///< of each process that ran: command, machine, workers, date
+
+  /// Where the result of a run is, or will be.
+  std::filesystem::path file(const std::string& tracker, const Sequence& sequence, const Run& run) const;
+  /// What the tracker threw in a run, beside its result; there is no file where it threw nothing.
+  std::filesystem::path errors_file(const std::string& tracker, const Sequence& sequence,
+                                    const Run& run) const;
+};
+
+/// Whether the folder holds a campaign.
+bool has_campaign(const std::filesystem::path& folder);
+
+/// Reads FOLDER/campaign.json and the data set that it names, or the one at `dataset` if that is not empty.
+/// Throws std::runtime_error for a damaged file and for a data set other than the results are from.
+Campaign read_campaign(const std::filesystem::path& folder, const std::filesystem::path& dataset = {});
+
+/// Writes FOLDER/campaign.json. Where there is one: that of the same data set and options is extended by
+/// trackers, protocols, sequences, starts and the record; std::runtime_error, which names the setting, where
+/// results would not fit together.
+void write_campaign(Campaign& campaign);
+
+struct CampaignRun {
+  int workers = 1;  ///< runs at the same time
+  Shard shard;
+  std::function<bool()> stop;  ///< asked after each frame
+};
+struct CampaignTally {
+  std::size_t runs = 0;      ///< made now
+  std::size_t kept = 0;      ///< that were there
+  std::size_t failed = 0;    ///< of those made now, runs in which the tracker threw
+  bool interrupted = false;  ///< runs at work were dropped, and are made again by the next call
+};
+/// Makes the runs of the given trackers and protocols on the campaign's sequences whose results are not there
+/// yet, each stored when it is whole, with progress on standard error. The results do not depend on the
+/// workers and shards, but for times. Throws for what cannot be read or written.
+CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
+                           const std::vector<Protocol>& protocols, const CampaignRun& how);
+
+}  // namespace asterism::bench

@@ -1,0 +1,104 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
+#include <mutex>
+#include <opencv2/core.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "dataset.hpp"
+#include "overlap.hpp"
+#include "peers.hpp"
+#include "trajectory.hpp"
+
+namespace asterism::bench {
+
+/// How a benchmark runs a tracker on a sequence.
+enum class Protocol {
+  Vot,        ///< supervised, VOT2013 to VOT2019: started anew five frames after a failure
+  Otb,        ///< one pass from the first box, never corrected
+  Tre,        ///< OTB's temporal robustness: one pass from each of 20 frames
+  Sre,        ///< OTB's spatial robustness: one pass from each of 12 wrong boxes
+  MultiStart  ///< VOT2020 and later: from anchors, 50 frames apart, to the farther end
+};
+inline constexpr Protocol kProtocols[] = {Protocol::Vot, Protocol::Otb, Protocol::Tre, Protocol::Sre,
+                                          Protocol::MultiStart};
+
+/// "vot", "otb", "tre", "sre", "multistart".
+std::string_view to_string(Protocol protocol);
+/// The protocol of that name; std::invalid_argument, which lists the names, for any other.
+Protocol parse_protocol(const std::string& name);
+/// The name of its folder in a VOT workspace: "baseline", "unsupervised", "tre", "sre", "multistart".
+std::string experiment_name(Protocol protocol);
+
+/// What the results of an evaluation depend on beside tracker, sequence and protocol.
+struct ProtocolOptions {
+  OverlapRule overlap = OverlapRule::VotPython;  ///< that failures are seen by
+  bool bounded = false;                          ///< only what lies within the image overlaps
+  bool boxes = false;      ///< polygons of the ground truth are replaced by their axis-aligned bounding boxes
+  int starts = 1;          ///< runs of Vot and Otb, all but the first with a moved start box
+  double jitter = 1;       ///< the most that it is moved on each axis [px]
+  std::uint32_t seed = 1;  ///< of the moves
+
+  bool operator==(const ProtocolOptions&) const = default;
+};
+
+/// The ground truth as the options want it.
+std::optional<Region> truth_of(const Sequence& sequence, std::size_t frame, const ProtocolOptions& options);
+
+/// Moves of the start box: none first, then uniform in [-jitter, jitter]^2 [px], the same on every platform,
+/// and the same first ones for any count.
+std::vector<cv::Point2d> start_offsets(const ProtocolOptions& options);
+
+/// The images of a sequence, for several runs at once: those decoded are kept as long as memory is granted.
+class SequenceImages {
+ public:
+  /// Keeps up to `kept_bytes` of pixels. `sequence` must outlive it.
+  explicit SequenceImages(const Sequence& sequence, std::size_t kept_bytes = std::size_t{1} << 30);
+
+  /// Frame t, from 0, not to be written to. Throws as FrameReader.
+  Image operator()(std::size_t t);
+  const Sequence& sequence() const { return sequence_; }
+
+ private:
+  const Sequence& sequence_;
+  std::mutex mutex_;
+  FrameReader reader_;
+  std::map<std::size_t, cv::Mat> kept_;
+  std::size_t free_bytes_;
+};
+
+/// One run of a tracker on a sequence.
+struct Run {
+  Protocol protocol = Protocol::Otb;
+  int number = 1;          ///< from 1, in the experiment and on the sequence
+  std::size_t first = 0;   ///< the frame that it starts on, from 0
+  bool forward = true;     ///< to the last frame, else to the first
+  cv::Point2d offset;      ///< of the start box, for Vot each time anew [px]
+  std::size_t frames = 0;  ///< that it has to go through
+
+  /// Of its result, in results_folder.
+  std::string file(const Sequence& sequence) const;
+};
+
+/// The runs of a protocol on a sequence; none where no frame has ground truth to start on.
+std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const ProtocolOptions& options);
+
+/// The result of a run: frames of the sequence, for MultiStart from the anchor on in the order of the run;
+/// the time of each call of the tracker [s] as "time".
+struct RunResult {
+  Trajectory trajectory;
+  std::vector<std::string> errors;  ///< what the tracker threw, "frame N: reason"
+};
+/// What a tracker throws is a failure in that frame; supervised, it is started anew five frames later, else
+/// the frames that follow are without region. `each_frame` is called after each frame and ends the run where
+/// it returns false: then the result is empty. Throws for images that cannot be read.
+std::optional<RunResult> execute(const Start& start, SequenceImages& images, const Run& run,
+                                 const ProtocolOptions& options, const std::function<bool()>& each_frame);
+
+}  // namespace asterism::bench

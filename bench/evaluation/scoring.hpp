@@ -1,0 +1,35 @@
+#pragma once
+
+#include <opencv2/core.hpp>
+#include <optional>
+
+#include "multi_start_measures.hpp"
+#include "one_pass_measures.hpp"
+#include "protocols.hpp"
+#include "supervised_measures.hpp"
+
+namespace asterism::bench {
+
+// What the measures are computed from: a run's regions against the ground truth as the options want it.
+// Overlaps are by the options' rule, within `image` [px] where they are bounded. All throw
+// std::runtime_error where the run has another number of frames than the sequence.
+
+/// Of a run of Protocol::Vot. Frames without ground truth or without region count as skipped.
+SupervisedRun supervised_run(const Trajectory& trajectory, const Sequence& sequence,
+                             const ProtocolOptions& options, std::optional<cv::Size> image = {});
+
+/// Of a run of Protocol::Otb, Tre or Sre, from the frame on that it starts on: axis-aligned bounding boxes
+/// and their exact overlap, whatever the options say.
+OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence);
+
+/// Of a run of Protocol::MultiStart from an anchor.
+AnchorRun anchor_run(const Trajectory& trajectory, const Sequence& sequence, const Run& run,
+                     const ProtocolOptions& options, std::optional<cv::Size> image = {});
+
+/// What tags and practical differences the data set has of a sequence, with the runs on it.
+SupervisedSequence supervised_sequence(const Sequence& sequence, std::vector<SupervisedRun> runs);
+
+/// Frames a second of the calls of the tracker, but for those that start it; NaN without times.
+double frames_per_second(const Trajectory& trajectory);
+
+}  // namespace asterism::bench

@@ -1,0 +1,89 @@
+#include "process.hpp"
+
+#include <array>
+#include <csignal>
+#include <ctime>
+#include <fstream>
+#include <thread>
+
+#ifdef ASTERISM_BENCH_MPI
+#include <mpi.h>
+#endif
+
+namespace asterism::bench {
+
+namespace {
+
+volatile std::sig_atomic_t g_stop_signal = 0;
+
+}  // namespace
+
+#ifdef ASTERISM_BENCH_MPI
+
+Processes::Processes(int& argc, char**& argv) {
+  // Worker threads leave MPI to the main one.
+  int provided = 0;
+  MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
+  MPI_Comm_rank(MPI_COMM_WORLD, &shard_.index);
+  MPI_Comm_size(MPI_COMM_WORLD, &shard_.count);
+}
+
+Processes::~Processes() { MPI_Finalize(); }
+
+void Processes::abort() const {
+  if (shard_.count > 1) MPI_Abort(MPI_COMM_WORLD, 1);
+}
+
+std::function<void()> Processes::barrier() const {
+  return [] { MPI_Barrier(MPI_COMM_WORLD); };
+}
+
+#else
+
+Processes::Processes(int&, char**&) {}
+Processes::~Processes() = default;
+void Processes::abort() const {}
+std::function<void()> Processes::barrier() const { return {}; }
+
+#endif
+
+void stop_on_signals() {
+  struct sigaction action = {};
+  action.sa_handler = [](int signal) { g_stop_signal = signal; };
+  action.sa_flags =
+      static_cast<int>(SA_RESETHAND | SA_RESTART);  // the second Ctrl-C ends the process at once
+  sigaction(SIGINT, &action, nullptr);
+  sigaction(SIGTERM, &action, nullptr);
+}
+
+int stop_signal() { return g_stop_signal; }
+
+std::string utc_now() {
+  const std::time_t time = std::time(nullptr);
+  std::tm utc{};
+  gmtime_r(&time, &utc);
+  std::array<char, 32> text{};
+  std::strftime(text.data(), text.size(), "%Y-%m-%dT%H:%M:%SZ", &utc);
+  return text.data();
+}
+
+Json process_machine() {
+  Json result;
+  std::ifstream info("/proc/cpuinfo");
+  for (std::string line; std::getline(info, line);) {
+    if (line.starts_with("model name")) {
+      result["cpu"] = line.substr(line.find(':') + 2);
+      break;
+    }
+  }
+  result["cores"] = std::thread::hardware_concurrency();
+#ifdef __clang__
+  result["compiler"] = "clang " __clang_version__;
+#else
+  result["compiler"] = "gcc " __VERSION__;
+#endif
+  result["build"] = ASTERISM_BENCH_BUILD;
+  return result;
+}
+
+}  // namespace asterism::bench

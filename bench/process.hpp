@@ -1,0 +1,49 @@
+#pragma once
+
+// What long-running benchmarks need of their process: shares of the work, signals, and what machine it is.
+
+#include <functional>
+#include <nlohmann/json.hpp>
+#include <string>
+
+namespace asterism::bench {
+
+using Json = nlohmann::ordered_json;
+
+/// A share of the work: of its parts, those whose number leaves `index` when divided by `count`.
+struct Shard {
+  int index = 0;
+  int count = 1;
+};
+
+/// Shares work among the processes of mpirun (-DASTERISM_BENCH_MPI=ON); one process without it. Lives as long
+/// as main.
+class Processes {
+ public:
+  Processes(int& argc, char**& argv);
+  ~Processes();
+  Processes(const Processes&) = delete;
+  Processes& operator=(const Processes&) = delete;
+
+  Shard shard() const { return shard_; }
+  /// Ends all processes; does nothing where there is one. For errors, as the others would wait for this one.
+  void abort() const;
+  /// Waits for all processes; empty where there is one alone.
+  std::function<void()> barrier() const;
+
+ private:
+  Shard shard_;
+};
+
+/// From here on SIGINT and SIGTERM set stop_signal, a second one ends the process at once.
+void stop_on_signals();
+/// The signal that asked this process to stop, 0 for none.
+int stop_signal();
+
+/// Date and time of now, "2026-01-31T23:59:59Z".
+std::string utc_now();
+
+/// CPU, cores, compiler and flags.
+Json process_machine();
+
+}  // namespace asterism::bench
