@@ -14,10 +14,10 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Limited memory BFGS (Nocedal & Wright, section 7.2) that starts from IDA's metric.
 ///
-/// IDA's step -K_dyn^-1 g takes every spring to be as stiff across as it is along itself. Here the last six
+/// IDA's step -K_dyn^-1 g takes every spring to be as stiff across as it is along itself. Here the last four
 /// steps and what they did to the gradient correct that: the inverse Hessian is taken to be gamma K_dyn^-1
 /// plus their update, in the compact form of Byrd, Nocedal and Schnabel (1994). An iteration costs what one
-/// of IDA costs and some products of six vectors, and many fewer are needed. The line search accepts lower
+/// of IDA costs and some products of eight vectors, and many fewer are needed. The line search accepts lower
 /// energies alone; where direction or search fail, the memory is dropped and IDA's step is taken, which
 /// cannot fail but for rounding.
 ///
@@ -76,7 +76,7 @@ class Lbfgs {
 
  private:
   static constexpr std::string_view kMethod = "L-BFGS";
-  static constexpr int kMemory = 6;
+  static constexpr int kMemory = 4;
   // Least change of slope along a step, as a share of the slope, for its pair to be remembered.
   static constexpr Scalar kCurvature = Scalar(1e-3);
   static constexpr int kSize = detail::times<System::kNodes>(System::kDim);
@@ -85,6 +85,12 @@ class Lbfgs {
   // A single coordinate makes a row vector of it, which Eigen wants in row-major order.
   static constexpr int kOrder = kMaxSize == 1 ? Eigen::RowMajor : Eigen::ColMajor;
   using History = Eigen::Matrix<Scalar, kSize, kMemory, kOrder, kMaxSize, kMemory>;
+  // Coordinates at a time.
+  static constexpr int kWidth =
+      std::max<int>(2, static_cast<int>(EIGEN_MAX_STATIC_ALIGN_BYTES / sizeof(Scalar)));
+  using Pack = Eigen::Array<Scalar, kWidth, 1>;
+  using Row = Eigen::Map<Pack>;
+  using ConstRow = Eigen::Map<const Pack>;
   using Small = Eigen::Matrix<Scalar, kMemory, kMemory>;
   using SmallVector = Eigen::Matrix<Scalar, kMemory, 1>;
 
@@ -102,8 +108,8 @@ class Lbfgs {
 
   void forget(Eigen::Index size) {
     used_ = next_ = 0;
-    steps_.resize(size, kMemory);
-    changes_.resize(size, kMemory);
+    steps_.setZero(size, kMemory);
+    changes_.setZero(size, kMemory);
   }
 
   // The slot of the pair that is `age`-th oldest.
@@ -112,19 +118,69 @@ class Lbfgs {
     return next_ + age < kMemory ? next_ + age : next_ + age - kMemory;
   }
 
-  // The products of the pairs remembered with the gradient.
-  void times_gradient(const History& history, SmallVector& product) const {
-    product.head(used_).noalias() = history.leftCols(used_).transpose() * as_vector(state_.gradient());
+  // The products of all pairs with the gradient, those of slots that are not in use being zero.
+  void times_gradient() {
+    const Scalar* const g = state_.gradient().data();
+    const Eigen::Index size = state_.gradient().size();
+    Pack steps[kMemory];
+    Pack changes[kMemory];
+    for (int c = 0; c < kMemory; ++c) {
+      steps[c].setZero();
+      changes[c].setZero();
+    }
+    Eigen::Index i = 0;
+    for (; i + kWidth <= size; i += kWidth) {
+      const Pack at = ConstRow(g + i);
+      for (int c = 0; c < kMemory; ++c) {
+        steps[c] += ConstRow(&steps_(i, c)) * at;
+        changes[c] += ConstRow(&changes_(i, c)) * at;
+      }
+    }
+    for (int c = 0; c < kMemory; ++c) {
+      steps_gradient_[c] = steps[c].sum();
+      changes_gradient_[c] = changes[c].sum();
+    }
+    for (; i < size; ++i) {
+      for (int c = 0; c < kMemory; ++c) {
+        steps_gradient_[c] += steps_(i, c) * g[i];
+        changes_gradient_[c] += changes_(i, c) * g[i];
+      }
+    }
+  }
+
+  // direction_ = gamma (descent_ + W u) - S top.
+  void combine(const SmallVector& u, const SmallVector& top) {
+    const Scalar* const descent = descent_.data();
+    Scalar* const direction = direction_.data();
+    const Eigen::Index size = descent_.size();
+    const SmallVector scaled = gamma_ * u;
+    Eigen::Index i = 0;
+    for (; i + kWidth <= size; i += kWidth) {
+      Pack sum = gamma_ * ConstRow(descent + i);
+      for (int c = 0; c < kMemory; ++c) {
+        sum += scaled[c] * ConstRow(&changes_(i, c));
+        sum -= top[c] * ConstRow(&steps_(i, c));
+      }
+      Row(direction + i) = sum;
+    }
+    for (; i < size; ++i) {
+      Scalar sum = gamma_ * descent[i];
+      for (int c = 0; c < kMemory; ++c) sum += scaled[c] * changes_(i, c) - top[c] * steps_(i, c);
+      direction[i] = sum;
+    }
   }
 
   // direction_ = -H g with H = gamma K^-1 + [S, gamma W] [R^-T (D + gamma Y^T W) R^-1, -R^-T; -R^-1, 0]
   // [S, gamma W]^T, where S and Y have the steps and changes of the gradient as columns, W = K^-1 Y, R is the
   // upper triangle of S^T Y and D its diagonal.
   void quasi_newton_direction() {
-    direction_ = descent_;
-    if (used_ == 0) return;
-    SmallVector u;
-    SmallVector top;
+    if (used_ == 0) {
+      direction_ = descent_;
+      return;
+    }
+    direction_.resizeLike(descent_);
+    SmallVector u = SmallVector::Zero();
+    SmallVector top = SmallVector::Zero();
     SmallVector changed;                    // Y^T W u
     for (int i = used_ - 1; i >= 0; --i) {  // u = R^-1 S^T g
       const int at = slot(i);
@@ -139,10 +195,7 @@ class Lbfgs {
       for (int j = 0; j < i; ++j) rest -= steps_changes_(slot(j), at) * top[slot(j)];
       top[at] = rest * inverse_curvatures_[at];
     }
-    auto direction = as_vector(direction_);
-    direction.noalias() += changes_.leftCols(used_) * u.head(used_);
-    direction *= gamma_;
-    direction.noalias() -= steps_.leftCols(used_) * top.head(used_);
+    combine(u, top);
   }
 
   // Takes in the pair of the last step, unless the slope hardly changed along it or fell (no positive
@@ -162,8 +215,7 @@ class Lbfgs {
       used_ = std::max(used_, newest + 1);
       next_ = (next_ + 1) % kMemory;
     }
-    times_gradient(steps_, steps_gradient_);
-    times_gradient(changes_, changes_gradient_);
+    times_gradient();
     if (!take) return;
     for (int i = 0; i < used_; ++i) {
       if (i == newest) continue;
