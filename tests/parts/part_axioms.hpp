@@ -4,8 +4,10 @@
 
 #include <Eigen/LU>
 #include <asterism/parts/part_model.hpp>
+#include <cmath>
 #include <cstdint>
 #include <opencv2/imgproc.hpp>
+#include <stdexcept>
 
 namespace asterism::testing {
 
@@ -97,6 +99,63 @@ void check_part_axioms(const Part& fresh, double tolerance = 0.5) {
   EXPECT_THROW(on_flat.init(frame, centre, {10, -1}), std::invalid_argument);
   EXPECT_THROW(on_flat.init(frame, centre, {std::nan(""), 10}), std::invalid_argument);
   EXPECT_THROW(on_flat.init(frame, {std::nan(""), 10}, size), std::invalid_argument);
+}
+
+/// What may go wrong, for any model: called like `check_part_axioms`.
+template <PartModel Part>
+void check_part_faults(const Part& fresh) {
+  const cv::Mat image = texture(120, 160);
+  const Frame frame(image);
+  const Point2 centre(80, 60);
+  const Size2 size(30, 24);
+  const auto expect_sound = [](const Evidence& evidence, const auto& what) {
+    EXPECT_TRUE(evidence.position.allFinite()) << what;
+    EXPECT_TRUE(std::isfinite(evidence.peak) && evidence.peak >= 0) << what;
+    EXPECT_TRUE(evidence.covariance.allFinite()) << what;
+    EXPECT_EQ(evidence.covariance(0, 1), evidence.covariance(1, 0)) << what;
+    EXPECT_GT(evidence.covariance.trace(), 0) << what;
+    EXPECT_GT(evidence.covariance.determinant(), 0) << what;
+  };
+  Part part = fresh;
+
+  // Tiny, thin and huge parts, in the middle, at a corner and far outside; init again at any time.
+  for (const Size2& odd : {Size2(1, 1), Size2(2, 3), Size2(0.01, 0.01), Size2(1, 60), Size2(300, 2),
+                           Size2(160, 120), Size2(1e6, 1e6)})
+    for (const Point2& at : {centre, Point2(0, 0), Point2(-500, 700), Point2(1e9, -1e9)}) {
+      part.init(frame, at, odd);
+      expect_sound(part.localize(frame, at), odd.transpose());
+      part.adapt(frame, at);
+      expect_sound(part.localize(frame, centre), odd.transpose());
+    }
+
+  // Any type of frame that Frame takes, and frames that change type or size under way.
+  cv::Mat gray, wide, real;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  image.convertTo(wide, CV_16U, 257);
+  gray.convertTo(real, CV_32F, 1.0 / 255);
+  const cv::Mat speck(1, 1, CV_8UC3, cv::Scalar(10, 200, 90)), strip = image.rowRange(3, 5);
+  for (const cv::Mat& learned : {image, gray, wide, real, speck, strip}) {
+    part.init(Frame(learned), centre, size);
+    for (const cv::Mat& seen : {image, gray, wide, real, speck, strip}) {
+      expect_sound(part.localize(Frame(seen), centre), learned.size());
+      part.adapt(Frame(seen), centre);
+    }
+  }
+
+  // What is not finite is refused, and nothing learned is lost.
+  part.init(frame, centre, size);
+  const Evidence before = part.localize(frame, centre);
+  for (const double bad : {std::nan(""), HUGE_VAL, -HUGE_VAL}) {
+    EXPECT_EQ(part.similarity_at({bad, 60}), 0);
+    EXPECT_THROW(part.localize(frame, {bad, 60}), std::invalid_argument);
+    EXPECT_THROW(part.adapt(frame, {80, bad}), std::invalid_argument);
+    EXPECT_THROW(part.init(frame, {80, bad}, size), std::invalid_argument);
+    EXPECT_THROW(part.init(frame, centre, {bad, 24}), std::invalid_argument);
+  }
+  const Evidence after = part.localize(frame, centre);
+  EXPECT_EQ(after.position, before.position);
+  EXPECT_EQ(after.peak, before.peak);
+  EXPECT_EQ(after.covariance, before.covariance);
 }
 
 }  // namespace asterism::testing

@@ -26,6 +26,9 @@ struct Evidence {
 /// - `similarity_at(position)`: the similarity of the last `localize` at any position [same scale as
 ///   Evidence::peak]; 0 outside its search window.
 /// - `adapt(frame, at)`: update the model with the frame's appearance at a position.
+///
+/// `localize` and `adapt` need an `init` before them; for a position that is not finite they throw
+/// std::invalid_argument and leave what is learned as it was. Evidence is always finite.
 template <class P>
 concept PartModel = std::copyable<P> &&
     requires(P part, const P& learned, const Frame& frame, const Point2& x, const Size2& size) {

@@ -1,0 +1,58 @@
+#pragma once
+
+#include <asterism/parts/part_model.hpp>
+#include <memory>
+#include <utility>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Any PartModel, chosen at run time: constellations of mixed parts are a std::vector<AnyPart>. A PartModel
+/// itself; a copy copies the part in it. After a move from it, it may only be assigned to or destroyed.
+class AnyPart {
+ public:
+  // In this order: PartModel<AnyPart> asks whether AnyPart is copyable, and so this very constraint.
+  template <class P>
+  requires(!std::same_as<P, AnyPart> && PartModel<P>) AnyPart(P part)
+      : self_(std::make_unique<Model<P>>(std::move(part))) {}
+
+  AnyPart(const AnyPart& other) : self_(other.self_->clone()) {}
+  AnyPart(AnyPart&&) noexcept = default;
+  AnyPart& operator=(const AnyPart& other) {
+    self_ = other.self_->clone();
+    return *this;
+  }
+  AnyPart& operator=(AnyPart&&) noexcept = default;
+  ~AnyPart() = default;
+
+  void init(const Frame& frame, const Point2& centre, const Size2& size) { self_->init(frame, centre, size); }
+  Evidence localize(const Frame& frame, const Point2& around) { return self_->localize(frame, around); }
+  double similarity_at(const Point2& position) const { return self_->similarity_at(position); }
+  void adapt(const Frame& frame, const Point2& at) { self_->adapt(frame, at); }
+
+ private:
+  struct Concept {
+    virtual ~Concept() = default;
+    virtual std::unique_ptr<Concept> clone() const = 0;
+    virtual void init(const Frame&, const Point2&, const Size2&) = 0;
+    virtual Evidence localize(const Frame&, const Point2&) = 0;
+    virtual double similarity_at(const Point2&) const = 0;
+    virtual void adapt(const Frame&, const Point2&) = 0;
+  };
+  template <class P>
+  struct Model final : Concept {
+    explicit Model(P p) : part(std::move(p)) {}
+    std::unique_ptr<Concept> clone() const override { return std::make_unique<Model>(part); }
+    void init(const Frame& frame, const Point2& centre, const Size2& size) override {
+      part.init(frame, centre, size);
+    }
+    Evidence localize(const Frame& frame, const Point2& around) override {
+      return part.localize(frame, around);
+    }
+    double similarity_at(const Point2& position) const override { return part.similarity_at(position); }
+    void adapt(const Frame& frame, const Point2& at) override { part.adapt(frame, at); }
+    P part;
+  };
+  std::unique_ptr<Concept> self_;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI
