@@ -2,6 +2,7 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <cctype>
+#include <charconv>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -9,7 +10,9 @@
 #include <thread>
 #include <vector>
 
+#include "analysis.hpp"
 #include "campaign.hpp"
+#include "report.hpp"
 #include "tool_main.hpp"
 
 namespace {
@@ -115,6 +118,54 @@ class RunCommand {
   int workers_ = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 };
 
+/// `asterism-eval report`.
+class ReportCommand {
+ public:
+  explicit ReportCommand(CLI::App& parent)
+      : app_(*parent.add_subcommand("report", "scores what `run` has stored: a page, JSON and CSV")) {
+    app_.add_option("DIR", folder_, "folder of the results")->required();
+    app_.add_option("--out", out_, "folder of the report; by default DIR/report");
+    app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
+    app_.add_option(
+        "--interval", interval_,
+        "LOW:HIGH, lengths that the supervised EAO is the mean over; by default by the density of "
+        "the lengths of the sequences");
+    app_.add_flag("--paper", options_.paper, "adds the figures that the DPT paper prints");
+    app_.add_option("--baseline", options_.baseline, "a tracker that the others are compared with");
+  }
+
+  bool parsed() const { return app_.parsed(); }
+
+  int run() const {
+    AnalysisOptions options;
+    if (!interval_.empty()) options.interval = parse_interval(interval_);
+    const Campaign campaign = read_campaign(folder_, dataset_);
+    const Analysis analysis = analyse(campaign, options);
+    write_report(campaign, analysis, out_.empty() ? std::filesystem::path(folder_) / "report" : out_,
+                 options_);
+    std::printf("%s", summary_text(analysis).c_str());
+    return 0;
+  }
+
+ private:
+  static LengthInterval parse_interval(const std::string& text) {
+    LengthInterval interval;
+    const char* const end = text.data() + text.size();
+    const auto low = std::from_chars(text.data(), end, interval.low);
+    if (low.ec == std::errc() && low.ptr != end && *low.ptr == ':') {
+      const auto high = std::from_chars(low.ptr + 1, end, interval.high);
+      if (high.ec == std::errc() && high.ptr == end && interval.low > 0 && interval.low <= interval.high)
+        return interval;
+    }
+    throw std::invalid_argument("--interval takes LOW:HIGH, two numbers of frames, not \"" + text + "\"");
+  }
+
+  CLI::App& app_;
+  std::string folder_, interval_;
+  std::filesystem::path out_, dataset_;
+  ReportOptions options_;
+};
+
 int list_trackers() {
   for (const std::string& name : evaluated_tracker_names()) std::printf("%s\n", name.c_str());
   return 0;
@@ -129,6 +180,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   app.require_subcommand(1);
   app.set_version_flag("--version", ASTERISM_VERSION);
   RunCommand run(app);
+  ReportCommand report(app);
   const CLI::App* trackers = app.add_subcommand("trackers", "lists the trackers that can be run");
   try {
     app.parse(argc, argv);
@@ -137,6 +189,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     return asterism::tools::fail(kName, error.what(), 2);
   }
   if (run.parsed()) return run.run(processes, command);
+  if (report.parsed()) return report.run();
   if (trackers->parsed()) return list_trackers();
   return 0;
 }

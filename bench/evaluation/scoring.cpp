@@ -64,6 +64,8 @@ OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence) 
     result.push_back(otb_box(trajectory.frames[t].region));
     truth.push_back(otb_box(sequence.truth[t]));
   }
+  // A started tracker has no region of its own, but it may be asked for when the next one is missing.
+  if (!result.empty() && !trajectory.frames[first].region) result.front() = truth.front();
   return compare(result, truth);
 }
 
@@ -88,17 +90,19 @@ SupervisedSequence supervised_sequence(const Sequence& sequence, std::vector<Sup
   return result;
 }
 
-double frames_per_second(const Trajectory& trajectory) {
+double Timing::frames_per_second() const { return seconds > 0 ? frames / seconds : kNone; }
+
+Timing timing(const Trajectory& trajectory) {
+  Timing result;
   const auto times = trajectory.values.find("time");
-  if (times == trajectory.values.end()) return kNone;
-  double frames = 0, seconds = 0;
+  if (times == trajectory.values.end()) return result;
   for (std::size_t t = 0; t < trajectory.frames.size(); ++t) {
     const TrajectoryFrame& frame = trajectory.frames[t];
     if (std::isnan(times->second[t]) || (!frame.region && frame.code == TrajectoryFrame::kStarted)) continue;
-    ++frames;
-    seconds += times->second[t];
+    ++result.frames;
+    result.seconds += times->second[t];
   }
-  return seconds > 0 ? frames / seconds : kNone;
+  return result;
 }
 
 }  // namespace asterism::bench

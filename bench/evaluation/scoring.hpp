@@ -29,7 +29,17 @@ AnchorRun anchor_run(const Trajectory& trajectory, const Sequence& sequence, con
 /// What tags and practical differences the data set has of a sequence, with the runs on it.
 SupervisedSequence supervised_sequence(const Sequence& sequence, std::vector<SupervisedRun> runs);
 
-/// Frames a second of the calls of the tracker, but for those that start it; NaN without times.
-double frames_per_second(const Trajectory& trajectory);
+/// How long the tracker took, calls that start it left out.
+struct Timing {
+  double frames = 0, seconds = 0;
+
+  Timing& operator+=(const Timing& other) {
+    frames += other.frames;
+    seconds += other.seconds;
+    return *this;
+  }
+  double frames_per_second() const;  ///< NaN without times
+};
+Timing timing(const Trajectory& trajectory);
 
 }  // namespace asterism::bench

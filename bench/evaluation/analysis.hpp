@@ -1,0 +1,125 @@
+#pragma once
+
+#include <array>
+#include <filesystem>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "campaign.hpp"
+#include "multi_start_measures.hpp"
+#include "one_pass_measures.hpp"
+#include "statistics.hpp"
+#include "supervised_measures.hpp"
+
+namespace asterism::bench {
+
+// All that a report says of a campaign, computed once. Definitions: docs/evaluation-measures.md.
+
+/// What has an interval, and by which trackers are compared.
+enum class Measure {
+  Eao,       ///< legacy
+  Accuracy,  ///< legacy
+  Failures,  ///< legacy: of one run through all sequences
+  Overlap    ///< one pass: mean of the sequences' average overlap
+};
+inline constexpr Measure kMeasures[] = {Measure::Eao, Measure::Accuracy, Measure::Failures, Measure::Overlap};
+
+/// "EAO", "A", "F", "AO".
+std::string_view to_string(Measure measure);
+
+/// One tracker on one sequence. What is not measured is NaN.
+struct SequenceScores {
+  double accuracy = 0, failures = 0;  ///< supervised, mean over the runs
+  double average_overlap = 0;         ///< one pass, mean over the runs
+  std::vector<double> overlaps;       ///< a frame, of the first supervised run, else of the first pass
+  std::vector<std::size_t> failed;    ///< frames of the first supervised run, from 0
+};
+
+struct AttributeScores {
+  AccuracyRobustness score;  ///< legacy
+  double eao = 0;            ///< legacy
+};
+
+struct SupervisedScores {
+  AccuracyRobustness legacy, python;
+  AccuracyRobustness mean_over_tags;  ///< NaN where there are none
+  double legacy_eao = 0, python_eao = 0;
+  std::vector<double> legacy_curve, python_curve;
+  double accuracy_rank = 0, robustness_rank = 0;  ///< on all frames
+  /// Mean over the attributes, the VOT2014 ranking; NaN where there are none.
+  double mean_accuracy_rank = 0, mean_robustness_rank = 0;
+  std::map<std::string, AttributeScores> attributes;
+};
+
+struct MultiStartScores {
+  MultiStartScore score;
+  double eao = 0;
+  std::vector<double> curve;
+};
+
+/// Where a tracker did worst on a sequence, in its first run.
+struct Loss {
+  std::size_t sequence = 0, frame = 0;  ///< frame from 0
+  std::optional<Region> region;         ///< the last that it gave until then
+  bool failure = false;                 ///< else the frame of least overlap
+  double overlap = 0;
+  /// Frames that a run which is not started anew would have lost here; below 1 without a failure.
+  double cost = 0;
+};
+
+struct TrackerScores {
+  std::string name;
+  bool foreign = false;  ///< not run by this campaign
+  std::optional<SupervisedScores> supervised;
+  std::map<Protocol, OnePassScore> one_pass;  ///< of Otb, Tre and Sre
+  std::optional<MultiStartScores> multi_start;
+  std::vector<SequenceScores> sequences;  ///< those of the campaign
+  std::map<Measure, Estimate> estimates;
+  double frames_per_second = 0;  ///< of all supervised runs and one-pass runs of Otb; NaN without times
+  std::size_t most_starts = 0;   ///< on a sequence, of Vot or Otb
+  std::size_t errors = 0;        ///< runs in which it threw
+  std::vector<Loss> losses;      ///< one a sequence at most, the dearest first
+};
+
+/// a - b, of trackers by their numbers in Analysis::trackers.
+struct Difference {
+  Measure measure = Measure::Eao;
+  std::size_t a = 0, b = 0;
+  Estimate estimate;
+  bool significant = false;
+};
+
+/// Lengths that an EAO is the mean over, and where they are from.
+struct StatedInterval {
+  LengthInterval lengths;
+  std::string origin;
+};
+
+struct Analysis {
+  std::vector<TrackerScores> trackers;     ///< best EAO first, or AO where there is none
+  std::vector<Difference> differences;     ///< of all pairs, measure by measure
+  std::vector<std::string> tags;           ///< attributes that a frame has
+  bool practical = false;                  ///< whether ranks know practical differences
+  StatedInterval supervised, multi_start;  ///< intervals
+  std::vector<std::string> left_out;       ///< what trackers have no results of, a line each
+};
+
+/// With fewer sequences no difference is called significant: not even one of the same sign in all of them
+/// would be, by the sign test at 95 %.
+inline constexpr std::size_t kFewestSequences = 6;
+
+struct AnalysisOptions {
+  std::optional<LengthInterval> interval = {};  ///< of the supervised EAO; none: by the sequences' lengths
+  BootstrapOptions bootstrap = {};
+};
+
+/// Scores all results of the campaign, and those of other trackers in its folder results/, which have as many
+/// runs on a sequence as there are files. A protocol without any result of a tracker is left out for it;
+/// std::runtime_error, which names the file, for one that is not whole, with the command that makes it, and
+/// for results that are damaged or of other sequences; also where there are none at all.
+Analysis analyse(const Campaign& campaign, const AnalysisOptions& options = {});
+
+}  // namespace asterism::bench
