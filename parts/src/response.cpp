@@ -12,6 +12,36 @@ double parabola_vertex(double left, double centre, double right) {
   return curvature > 0 ? 0.5 * (right - left) / curvature : 0;
 }
 
+// Second moments about a grid position; of a constant map unless `any` response is positive.
+Eigen::Matrix2d moments(const ResponseMap& response, double row, double col, bool any) {
+  const auto& r = response.values;
+  const Eigen::Index rows = r.rows(), cols = r.cols();
+  // Moments in grid units, separable sums over rows first.
+  double mass = 0, xx = 0, yy = 0, xy = 0;
+  for (Eigen::Index i = 0; i < rows; ++i) {
+    double row_mass = 0, row_x = 0, row_xx = 0;
+    for (Eigen::Index j = 0; j < cols; ++j) {
+      const double weight = any ? std::max(0.0f, r(i, j)) : 1.0;
+      const double dx = static_cast<double>(j) - col;
+      row_mass += weight;
+      row_x += weight * dx;
+      row_xx += weight * dx * dx;
+    }
+    const double dy = static_cast<double>(i) - row;
+    mass += row_mass;
+    xx += row_xx;
+    xy += row_x * dy;
+    yy += row_mass * dy * dy;
+  }
+  const double sx = response.spacing.x(), sy = response.spacing.y();
+  Eigen::Matrix2d covariance;
+  covariance << xx * sx * sx, xy * sx * sy, xy * sx * sy, yy * sy * sy;
+  covariance /= mass;
+  // A single-cell peak has no spread of its own: the grid's quantisation (uniform over a cell) remains.
+  covariance.diagonal() += response.spacing.cwiseAbs2() / 12;
+  return covariance;
+}
+
 }  // namespace
 
 double ResponseMap::at(const Point2& where) const {
@@ -41,34 +71,20 @@ Evidence evidence_of(const ResponseMap& response, bool sub_pixel) {
     sub_row = static_cast<double>(rows / 2);
     sub_col = static_cast<double>(cols / 2);
   } else if (sub_pixel) {
-    sub_row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
-    sub_col += parabola_vertex(r(row, (col + cols - 1) % cols), r(row, col), r(row, (col + 1) % cols));
+    if (response.periodic || (row > 0 && row + 1 < rows))
+      sub_row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
+    if (response.periodic || (col > 0 && col + 1 < cols))
+      sub_col += parabola_vertex(r(row, (col + cols - 1) % cols), r(row, col), r(row, (col + 1) % cols));
   }
   evidence.position = response.position(sub_row, sub_col);
 
-  // Moments in grid units, separable sums over rows first.
-  double mass = 0, xx = 0, yy = 0, xy = 0;
-  for (Eigen::Index i = 0; i < rows; ++i) {
-    double row_mass = 0, row_x = 0, row_xx = 0;
-    for (Eigen::Index j = 0; j < cols; ++j) {
-      const double weight = any ? std::max(0.0f, r(i, j)) : 1.0;
-      const double dx = static_cast<double>(j) - sub_col;
-      row_mass += weight;
-      row_x += weight * dx;
-      row_xx += weight * dx * dx;
-    }
-    const double dy = static_cast<double>(i) - sub_row;
-    mass += row_mass;
-    xx += row_xx;
-    xy += row_x * dy;
-    yy += row_mass * dy * dy;
-  }
-  const double sx = response.spacing.x(), sy = response.spacing.y();
-  evidence.covariance << xx * sx * sx, xy * sx * sy, xy * sx * sy, yy * sy * sy;
-  evidence.covariance /= mass;
-  // A single-cell peak has no spread of its own: the grid's quantisation (uniform over a cell) remains.
-  evidence.covariance.diagonal() += response.spacing.cwiseAbs2() / 12;
+  evidence.covariance = moments(response, sub_row, sub_col, any);
   return evidence;
+}
+
+Eigen::Matrix2d moments_of(const ResponseMap& response, const Point2& about) {
+  const Point2 grid = (about - response.origin).cwiseQuotient(response.spacing);
+  return moments(response, grid.y(), grid.x(), response.values.maxCoeff() > 0);
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -34,6 +34,14 @@ inline cv::Mat shifted(const cv::Mat& image, int dx, int dy) {
   return result;
 }
 
+/// The image moved by a fraction of a pixel (Lanczos interpolation, good to 1/32 px on a texture).
+inline cv::Mat displaced(const cv::Mat& image, double dx, double dy) {
+  cv::Mat result;
+  const cv::Matx23d move(1, 0, dx, 0, 1, dy);
+  cv::warpAffine(image, result, move, image.size(), cv::INTER_LANCZOS4, cv::BORDER_REPLICATE);
+  return result;
+}
+
 /// The axioms of PartModel, for any model: call it from a test with a fresh, uninitialised part.
 /// tolerance: how far an estimate may be from the truth [px].
 template <PartModel Part>

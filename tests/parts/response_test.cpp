@@ -64,6 +64,24 @@ TEST(Evidence, OfMapsWithoutAPeak) {
   EXPECT_GT(evidence.covariance.determinant(), 0);
 }
 
+TEST(Evidence, IsNotRefinedAcrossABorderThatDoesNotRepeat) {
+  ResponseMap map = gaussian_map(0, 20.3, 3, 3);
+  map.values.row(39) = 0.5f * map.values.row(0);  // seen from the first row only where the map repeats
+  EXPECT_NE(evidence_of(map).position.y(), map.origin.y());
+  map.periodic = false;
+  EXPECT_EQ(evidence_of(map).position.y(), map.origin.y());
+  EXPECT_NEAR(evidence_of(map).position.x(), map.position(0, 20.3).x(), 0.05);
+}
+
+TEST(Evidence, MomentsAboutAnotherPosition) {
+  const ResponseMap map = gaussian_map(18.3, 24.6, 2, 3);
+  const Evidence evidence = evidence_of(map);
+  EXPECT_TRUE(moments_of(map, evidence.position).isApprox(evidence.covariance, 1e-9));
+  const Point2 off = Point2(3, -2), mean = map.position(18.3, 24.6);
+  const Eigen::Matrix2d expected = evidence.covariance + off * off.transpose();
+  EXPECT_TRUE(moments_of(map, mean + off).isApprox(expected, 0.01));
+}
+
 TEST(ResponseMap, InterpolatesInsideAndIsZeroOutside) {
   ResponseMap map = gaussian_map(10, 10, 3, 3);
   map.values(4, 7) = 0.25f;

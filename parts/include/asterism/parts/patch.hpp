@@ -14,4 +14,13 @@ namespace asterism::inline ASTERISM_ABI {
 void sample_patch(const cv::Mat& image, const Point2& centre, const Size2& size, const cv::Size& grid,
                   cv::Mat& patch);
 
+/// Pixels that a part overwrites in each frame. A copy has none, where that of a cv::Mat would share them:
+/// copies of a part may be used in several threads.
+struct Scratch {
+  cv::Mat mat;
+  Scratch() = default;
+  Scratch(const Scratch&) {}
+  Scratch& operator=(const Scratch&) { return *this; }
+};
+
 }  // namespace asterism::inline ASTERISM_ABI

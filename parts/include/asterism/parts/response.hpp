@@ -5,13 +5,15 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-/// A similarity response over a periodic search window, on a regular grid in the image.
+/// A similarity response over a search window, on a regular grid in the image.
 struct ResponseMap {
   /// rows x cols responses; may be negative away from the peak.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> values;
   /// Image position of values(0, 0) and spacing of the grid [px].
   Point2 origin = Point2::Zero();
   Size2 spacing = Size2::Ones();
+  /// The window repeats, as that of a correlation filter does: beyond a border is the opposite one.
+  bool periodic = true;
 
   /// Image position of a (sub-pixel) grid position.
   Point2 position(double row, double col) const { return origin + spacing.cwiseProduct(Point2(col, row)); }
@@ -21,11 +23,14 @@ struct ResponseMap {
 
 /// The peak of a response and its spread.
 ///
-/// position: the maximum, refined to sub-pixel by the vertex of a parabola in each axis (neighbours wrapped)
-/// if `sub_pixel`; peak: the response there on the grid; covariance: second moments about the position
-/// weighted by the response, negative responses counting as 0, so that its trace is the paper's weighted
-/// variance (Sec. 2.3.3). A map without any positive response gives its centre, peak 0 and the moments of a
-/// constant map.
+/// position: the maximum, refined to sub-pixel by the vertex of a parabola in each axis (neighbours wrapped,
+/// or not refined across a border where the map is not periodic) if `sub_pixel`; peak: the response there on
+/// the grid; covariance: second moments about the position weighted by the response, negative responses
+/// counting as 0, so that its trace is the paper's weighted variance (Sec. 2.3.3). A map without any positive
+/// response gives its centre, peak 0 and the moments of a constant map.
 Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
+
+/// Second moments [px^2] of a map about a position, as those of `evidence_of`. For maps of likelihoods.
+Eigen::Matrix2d moments_of(const ResponseMap& response, const Point2& about);
 
 }  // namespace asterism::inline ASTERISM_ABI

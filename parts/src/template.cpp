@@ -1,0 +1,92 @@
+#include <asterism/parts/template.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "part_geometry.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+// Variance below which a template has no contrast: that of rounding to whole gray levels.
+constexpr double kFlat = 1.0 / 12;
+// Responses in a smaller range are the same: rounding of OpenCV's correlation.
+constexpr float kSame = 1e-3f;
+
+}  // namespace
+
+Template::Template(const TemplateOptions& options) : options_(options) {
+  require(options.sigma > 0, "TemplateOptions: sigma must be positive");
+  require(options.learning_rate >= 0 && options.learning_rate <= 1,
+          "TemplateOptions: learning_rate must be in [0, 1]");
+  require(options.padding > 0, "TemplateOptions: padding must be positive");
+  require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
+          "TemplateOptions: template sides must satisfy 1 <= min <= max");
+}
+
+void Template::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  const double to_template =
+      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  spacing_ = 1 / to_template;
+  cols_ = std::max(1, static_cast<int>(std::lround(size.x() * to_template)));
+  rows_ = std::max(1, static_cast<int>(std::lround(size.y() * to_template)));
+  reach_ = static_cast<int>(std::ceil(options_.padding / 2 * mean_side(size) * to_template));
+  channels_ = options_.colour && !frame.bgr().empty() ? 3 : 1;
+
+  template_.setZero(Eigen::Index{rows_} * cols_ * channels_);
+  response_.values.resize(2 * reach_ + 1, 2 * reach_ + 1);
+  response_.spacing = Size2::Constant(spacing_);
+  response_.periodic = false;
+  likelihood_ = response_;
+  learn(frame, centre, 1);
+}
+
+Evidence Template::localize(const Frame& frame, const Point2& around) {
+  sample(frame, around, {cols_ + 2 * reach_, rows_ + 2 * reach_}, pixels_.mat);
+  response_.origin = around - spacing_ * Point2::Constant(reach_);
+
+  auto& values = response_.values;
+  values.setZero();
+  if (contrast_ >= kFlat * static_cast<double>(template_.size())) {
+    const cv::Mat pattern(rows_, cols_, CV_32FC(channels_), template_.data());
+    const bool ncc = options_.distance == TemplateOptions::Distance::Ncc;
+    cv::matchTemplate(pixels_.mat, pattern, scores_.mat, ncc ? cv::TM_CCOEFF_NORMED : cv::TM_SQDIFF);
+    const Eigen::Map<const decltype(response_.values)> scores(scores_.mat.ptr<float>(), values.rows(),
+                                                              values.cols());
+    if (ncc)
+      values = scores;
+    else
+      values = 1 - scores / static_cast<float>(2 * contrast_);
+    if (values.maxCoeff() - values.minCoeff() <= kSame) values.setZero();
+  }
+  Evidence evidence = evidence_of(response_);
+  // d^2 = 2 (1 - response); relative to the best one, so that no likelihood underflows.
+  likelihood_.origin = response_.origin;
+  likelihood_.values =
+      ((values - values.maxCoeff()) / static_cast<float>(options_.sigma * options_.sigma)).exp();
+  if (evidence.peak > 0) evidence.covariance = moments_of(likelihood_, evidence.position);
+  return evidence;
+}
+
+void Template::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }
+
+void Template::learn(const Frame& frame, const Point2& at, double rate) {
+  sample(frame, at, {cols_, rows_}, pixels_.mat);
+  const Eigen::Map<const Eigen::ArrayXf> pixels(pixels_.mat.ptr<float>(), template_.size());
+  template_ += static_cast<float>(rate) * (pixels - template_);
+
+  cv::Scalar mean, deviation;
+  cv::meanStdDev(cv::Mat(rows_, cols_, CV_32FC(channels_), template_.data()), mean, deviation);
+  contrast_ = deviation.dot(deviation) * rows_ * cols_;
+}
+
+void Template::sample(const Frame& frame, const Point2& centre, const cv::Size& grid, cv::Mat& pixels) {
+  const bool colour = channels_ == 3 && !frame.bgr().empty();
+  const Size2 window = spacing_ * Size2(grid.width, grid.height);
+  sample_patch(colour ? frame.bgr() : frame.gray(), centre, window, grid, patch_.mat);
+  // Gray video of a target in colour: three equal channels.
+  if (channels_ == 3 && !colour) cv::cvtColor(patch_.mat, patch_.mat, cv::COLOR_GRAY2BGR);
+  patch_.mat.convertTo(pixels, CV_32F);
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
