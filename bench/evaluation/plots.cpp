@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 #include <stdexcept>
+#include <utility>
 
 namespace asterism::bench {
 
@@ -137,6 +138,7 @@ AxisScale axis_scale(const PlotAxis& axis, Range data, double from, double to, i
     if (!axis.high && ticks.back() < high - slack) high = ticks.back() + step;
     ticks = round_ticks(low, high, tick_count);
   }
+  if (axis.reversed) std::swap(from, to);
   const int decimals = decimals_of(ticks);
   return {{low, high, from, to}, std::move(ticks), decimals};
 }

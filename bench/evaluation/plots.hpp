@@ -31,6 +31,7 @@ struct PlotAxis {
   std::string label;
   /// By default as wide as the data, to the next ticks.
   std::optional<double> low = {}, high = {};
+  bool reversed = false;  ///< with the high end at the left or bottom, for ranks
 };
 
 /// What is drawn of a tracker has the colour, marker and dash of its number, in every chart of a page. Eight

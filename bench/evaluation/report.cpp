@@ -190,14 +190,19 @@ NumberTable table_of(const std::vector<SummaryColumn>& columns, const Analysis& 
 }
 
 std::string summary(const Analysis& analysis) {
-  const std::vector<SummaryColumn> columns = summary_columns(analysis);
-  std::vector<std::string> meanings;
-  for (const SummaryColumn& column : columns) meanings.push_back(column.name + ": " + column.meaning);
-  return html(table_of(columns, analysis)) + note(
-                                                 "Best values are marked. Small figures: 95 % intervals by "
-                                                 "bootstrap over sequences and starts, with few "
-                                                 "sequences somewhat too short. " +
-                                                 joined(meanings, "; ") + ".");
+  std::string content;
+  for (const bool main : {true, false}) {
+    std::vector<SummaryColumn> columns = summary_columns(analysis);
+    std::erase_if(columns, [&](const SummaryColumn& column) { return column.main != main; });
+    if (columns.empty()) continue;
+    std::vector<std::string> meanings;
+    for (const SummaryColumn& column : columns) meanings.push_back(column.name + ": " + column.meaning);
+    content += html(table_of(columns, analysis)) + note(joined(meanings, "; ") + ".");
+  }
+  return content + note(
+                       "The best value of each column is marked. Small figures: 95 % intervals by bootstrap "
+                       "over sequences and "
+                       "starts, with few sequences somewhat too short.");
 }
 
 std::string supervised(const Analysis& analysis) {
@@ -207,11 +212,14 @@ std::string supervised(const Analysis& analysis) {
                                 {"AR", 3, false, "probability of still tracking after 30 frames"},
                                 {"EAO", 3}},
                     .rows = {}};
+  const auto rank = [&](const std::string& of) {  // best at the right and at the top, as in the other plot
+    return PlotAxis{of + " rank", 0.5, static_cast<double>(analysis.trackers.size()) + 0.5, true};
+  };
   ScatterChart raw{
       "AR raw (legacy)", {"still tracking after 30 frames, exp(-30 F / frames)", {}, 1.0}, {"accuracy"}, {}};
-  ScatterChart ranks{"AR ranks on all frames", {"robustness rank"}, {"accuracy rank"}, {}};
+  ScatterChart ranks{"AR ranks on all frames", rank("robustness"), rank("accuracy"), {}};
   ScatterChart mean_ranks{
-      "AR ranks, mean over attributes (VOT2014)", {"robustness rank"}, {"accuracy rank"}, {}};
+      "AR ranks, mean over attributes (VOT2014)", rank("robustness"), rank("accuracy"), {}};
   LineChart curves{.title = "Expected average overlap (legacy)",
                    .x = {"sequence length [frames]", 1},
                    .y = {"expected average overlap", 0, 1},
@@ -250,7 +258,6 @@ std::string supervised(const Analysis& analysis) {
     ranking.bars.push_back(bar);
   }
   if (today.rows.empty()) return {};
-  // The best rank is at the top right, as accuracy and robustness are.
   std::string charts = svg(raw);
   charts += svg(ranks);
   if (!analysis.tags.empty()) charts += svg(mean_ranks);
@@ -566,11 +573,11 @@ void write_report(const Campaign& campaign, const Analysis& analysis, const std:
   page += element("section", what_was_run(campaign, analysis));
   page += section("Summary", summary(analysis));
   page += section("Differences", significance(campaign, analysis, options.baseline));
-  if (options.paper) page += section("Printed in the paper", paper_section(campaign, analysis));
   page += section("Supervised: accuracy, robustness, EAO", supervised(analysis));
   page += section("One pass: success and precision", one_pass(analysis));
   page += section("Multi-start", multi_start(analysis));
   page += section("Attributes", attributes(analysis));
+  if (options.paper) page += section("Printed in the paper", paper_section(campaign, analysis));
   page += section("Speed", speed(campaign, analysis));
   page += section("Worst moments", pictures(campaign, analysis));
   page += section("Sequences", sequences(campaign, analysis));

@@ -101,20 +101,20 @@ std::string fixed(double value, int decimals) {
 
 std::vector<SummaryColumn> summary_columns(const Analysis& analysis) {
   std::vector<SummaryColumn> columns = {
-      {"EAO", 3, false, "expected average overlap, as the legacy toolkit and the paper", {}},
-      {"A", 3, false, "accuracy: mean overlap while the tracker tracks", {}},
-      {"F", 2, true, "failures of one run through all sequences", {}},
-      {"AO", 3, false, "average overlap of one pass", {}},
-      {"AUC", 3, false, "area under OTB's success plot", {}},
-      {"P20", 3, false, "share of frames with a centre error of at most 20 px", {}},
-      {"TRE AUC", 3, false, "the same of starts in 20 frames", {}},
-      {"TRE P20", 3, false, "the same of starts in 20 frames", {}},
-      {"SRE AUC", 3, false, "the same of 12 wrong start boxes", {}},
-      {"SRE P20", 3, false, "the same of 12 wrong start boxes", {}},
-      {"MS EAO", 3, false, "multi-start: expected average overlap", {}},
-      {"MS A", 3, false, "multi-start: accuracy", {}},
-      {"MS R", 3, false, "multi-start: robustness, the share of frames before failures", {}},
-      {"fps", 1, false, "frames a second", {}}};
+      {true, "EAO", 3, false, "expected average overlap, as the legacy toolkit and the paper have it", {}},
+      {true, "A", 3, false, "accuracy, the mean overlap while the tracker tracks", {}},
+      {true, "F", 2, true, "failures of one run through all sequences", {}},
+      {true, "AO", 3, false, "average overlap of one pass", {}},
+      {true, "AUC", 3, false, "area under OTB's success plot", {}},
+      {true, "P20", 3, false, "share of frames with a centre error of at most 20 px", {}},
+      {true, "fps", 1, false, "frames a second", {}},
+      {false, "TRE AUC", 3, false, "AUC of starts in 20 frames", {}},
+      {false, "TRE P20", 3, false, "precision at 20 px of the same", {}},
+      {false, "SRE AUC", 3, false, "AUC of 12 wrong start boxes", {}},
+      {false, "SRE P20", 3, false, "precision at 20 px of the same", {}},
+      {false, "MS EAO", 3, false, "expected average overlap of multi-start", {}},
+      {false, "MS A", 3, false, "its accuracy", {}},
+      {false, "MS R", 3, false, "its robustness, the share of frames before failures", {}}};
   for (const TrackerScores& tracker : analysis.trackers) {
     std::map<std::string, double> values{{"fps", tracker.frames_per_second}};
     if (tracker.supervised) {

@@ -10,6 +10,7 @@ namespace asterism::bench {
 
 /// A figure of the summary.
 struct SummaryColumn {
+  bool main = true;  ///< else of the second table
   std::string name;
   int decimals = 3;
   bool less_is_better = false;

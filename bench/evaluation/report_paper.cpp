@@ -84,8 +84,8 @@ NumberTable::Row printed(std::string name, std::vector<Estimate> values) {
 
 std::string first_table(const Campaign& campaign, const Analysis& analysis) {
   NumberTable table{.corner = "Table 1",
-                    .columns = {{"EAO"},
-                                {"A"},
+                    .columns = {{"EAO", 2},
+                                {"A", 2},
                                 {"F a sequence", 2, true},
                                 {"rank", 2, true, "mean of the ranks of accuracy and robustness"},
                                 {"AO"}},
