@@ -11,8 +11,8 @@ struct Evidence {
   Point2 position = Point2::Zero();
   /// Similarity at that position (the paper's w), about 1 for a perfect match, >= 0.
   double peak = 0;
-  /// Spatial uncertainty around the position [px^2], symmetric positive definite. The paper's weighted
-  /// variance sigma^2 (Sec. 2.3.3) is its trace: the average squared distance from the position.
+  /// Spatial uncertainty around the position [px^2], symmetric positive definite. For Kcf its trace is the
+  /// paper's weighted variance sigma^2 (Sec. 2.3.3): the average squared distance from the position.
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Identity();
 };
 
