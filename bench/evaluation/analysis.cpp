@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <exception>
+#include <future>
 #include <limits>
 #include <numeric>
 #include <set>
@@ -394,12 +395,16 @@ void compare(std::vector<TrackerRuns>& trackers, Analysis& analysis, const Boots
         const auto found = tracker.one_pass.find(Protocol::Otb);
         return found == tracker.one_pass.end() ? none : found->second;
       });
+  std::vector<std::future<Resampled>> at_work;
+  for (const TrackerRuns& tracker : trackers)
+    at_work.push_back(std::async(std::launch::async, [&] {
+      return resample(tracker, supervised_starts, one_pass_starts, analysis.supervised.lengths, options);
+    }));
   std::vector<Resampled> resamples;
-  for (TrackerRuns& tracker : trackers) {
-    resamples.push_back(
-        resample(tracker, supervised_starts, one_pass_starts, analysis.supervised.lengths, options));
+  for (std::size_t i = 0; i < trackers.size(); ++i) {
+    resamples.push_back(at_work[i].get());
     for (const auto& [measure, values] : resamples.back())
-      tracker.scores.estimates[measure] = estimate(values);
+      trackers[i].scores.estimates[measure] = estimate(values);
   }
   for (const Measure measure : kMeasures) {
     const std::size_t sequences =

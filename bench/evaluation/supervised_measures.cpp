@@ -184,7 +184,7 @@ std::vector<Fragment> python_fragments(const SupervisedRun& run) {
   std::size_t begin = 0;
   for (std::size_t t = 0; t < n; ++t) {
     if (run.outcomes[t] != Outcome::Failed) continue;
-    result.push_back({begin, t, true});
+    result.push_back({std::min(begin, t), t, true});  // of no frames where a start itself has failed
     begin = next_start(run, t);
   }
   if (begin < n) result.push_back({begin, n, false});

@@ -283,6 +283,22 @@ TEST_F(AnalysisTest, ATrackerThatNeverAnswersKeepsItsStart) {
   EXPECT_EQ(analysis.trackers[0].one_pass.at(Protocol::Otb).average_overlap, 1) << "the object does not move";
 }
 
+TEST_F(AnalysisTest, ATrackerThatCannotStartScoresNothing) {
+  store_all();
+  for (const std::size_t s : {std::size_t{0}, std::size_t{1}}) {
+    Trajectory dead;
+    dead.frames.assign(campaign_.sequences[s].length(), code(TrajectoryFrame::kUnknown));
+    for (std::size_t t = 0; t < dead.frames.size(); t += 5) dead.frames[t] = code(TrajectoryFrame::kFailed);
+    store("bad", Protocol::Vot, s, dead);
+  }
+  const Analysis analysis = analyse(campaign_, {.interval = LengthInterval{5, 15}});
+  const SupervisedScores& bad = *analysis.trackers[1].supervised;
+  EXPECT_EQ(bad.legacy.failures, 6 + 4);
+  EXPECT_EQ(bad.legacy.accuracy, 0);
+  EXPECT_EQ(bad.legacy_eao, 0);
+  EXPECT_TRUE(bad.python_curve.empty()) << "of the longest run before a failure";
+}
+
 TEST_F(AnalysisTest, ReportsAreTheSameEachTime) {
   store_all();
   store("other <&>", Protocol::Vot, 0, run(kLong, 0.7));

@@ -1,8 +1,12 @@
 #!/usr/bin/env python3
 """asterism-eval as a user runs it: eval_test.py EXECUTABLE [MPIEXEC]. Standard library alone."""
 
+import csv
+import html.parser
 import json
+import math
 import pathlib
+import re
 import random
 import signal
 import struct
@@ -11,6 +15,7 @@ import sys
 import tempfile
 import time
 import unittest
+import xml.etree.ElementTree
 import zlib
 
 EXECUTABLE = sys.argv[1]
@@ -190,6 +195,239 @@ class Evaluation(unittest.TestCase):
                                                                    "-n", "3"])
         self.assertEqual(shared.returncode, 0, shared.stderr)
         self.assertEqual(self.results(), self.results(other))
+
+
+class Page(html.parser.HTMLParser):
+    """Whether elements are closed in order, and what they refer to."""
+    VOID = {"meta", "img", "br", "link", "hr"}
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.references, self.names, self.problems = [], [], set(), []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.names.add(tag)
+        self.references += [value for name, value in attrs if name in ("src", "href", "xlink:href", "data")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.names.add(tag)
+
+    def handle_endtag(self, tag):
+        if not self.open or self.open.pop() != tag:
+            self.problems.append((tag, self.getpos()))
+
+
+def box_overlap(a, b):
+    width = max(0, min(a[0] + a[2], b[0] + b[2]) - max(a[0], b[0]))
+    height = max(0, min(a[1] + a[3], b[1] + b[3]) - max(a[1], b[1]))
+    return width * height / (a[2] * a[3] + b[2] * b[3] - width * height)
+
+
+class Report(unittest.TestCase):
+    LENGTHS = {"first": 40, "second": 40, "third": 30}
+    LOW, HIGH = 10, 25
+
+    @classmethod
+    def setUpClass(cls):
+        cls.scratch = tempfile.TemporaryDirectory()
+        cls.root = pathlib.Path(cls.scratch.name)
+        for seed, (name, length) in enumerate(cls.LENGTHS.items()):
+            make_sequence(cls.root / "data" / name, seed + 1, length)
+        (cls.root / "data/first/occlusion.tag").write_text("0\n" * 20 + "1\n" * 20)
+        cls.out = cls.root / "out"
+        done = run("run", cls.root / "data", "--trackers", "kcf,dpt", "--external", "dies=exit 3", "--starts", 2,
+                   "--overlap", "exact", "--protocol", "vot,otb,tre,sre,multistart", "--out", cls.out)
+        assert done.returncode == 0, done.stderr
+        # A tracker that is drawn by hand: away from frame 16 of the first sequence on.
+        for name, length in cls.LENGTHS.items():
+            folder = cls.out / "results/drawn/baseline" / name
+            folder.mkdir(parents=True)
+            lines = [f"{30 + t},{40 + t // 3},32,{16 if t % 2 else 32}" for t in range(length)]
+            lines[0] = "1"
+            if name == "first":
+                lines[15:21] = ["2", "0", "0", "0", "0", "1"]
+            (folder / f"{name}_001.txt").write_text("\n".join(lines) + "\n")
+        cls.done = run("report", cls.out, "--interval", f"{cls.LOW}:{cls.HIGH}", "--paper")
+        assert cls.done.returncode == 0, cls.done.stderr
+        cls.folder = cls.out / "report"
+        cls.page = (cls.folder / "report.html").read_text()
+        cls.json = json.loads((cls.folder / "report.json").read_text())
+        cls.trackers = {tracker["name"]: tracker for tracker in cls.json["trackers"]}
+
+    @classmethod
+    def tearDownClass(cls):
+        cls.scratch.cleanup()
+
+    def rows(self, name):
+        with open(self.folder / name, newline="") as file:
+            return list(csv.DictReader(file))
+
+    def truth(self, name):
+        lines = (self.root / "data" / name / "groundtruth.txt").read_text().split()
+        return [tuple(map(float, line.split(","))) for line in lines]
+
+    def runs(self, tracker, experiment, name):
+        """Overlaps and codes of each run: a number in [0, 1], or "1", "2", "0"."""
+        result = []
+        for file in sorted((self.out / "results" / tracker / experiment / name).glob(f"{name}_???.txt")):
+            lines = file.read_text().split()
+            result.append([line if "," not in line else box_overlap(tuple(map(float, line.split(","))), truth)
+                           for line, truth in zip(lines, self.truth(name), strict=True)])
+        return result
+
+    def test_page_is_whole_and_refers_to_nothing_outside(self):
+        page = Page(self.page)
+        self.assertEqual((page.problems, page.open), ([], []))
+        self.assertNotIn("script", page.names)
+        self.assertGreater(sum(r.startswith("data:image/jpeg;base64,") for r in page.references), 2)
+        self.assertEqual([r for r in page.references if not r.startswith("data:")], [])
+        self.assertNotIn("url(", self.page)
+        self.assertNotIn("@import", self.page)
+        self.assertEqual(set(re.findall(r"https?://[^\"<\s]*", self.page)), {"http://www.w3.org/2000/svg"})
+        for text in ("kcf", "dies threw in", "drawn: results of another origin", "Not significant in EAO", "(printed)",
+                     "not measured here", f"{self.LOW} to {self.HIGH} frames", "exact", "occlusion"):
+            self.assertIn(text, self.page)
+
+    def test_charts_are_well_formed(self):
+        charts = re.findall(r"<svg.*?</svg>", self.page, re.DOTALL)
+        self.assertGreater(len(charts), 14)
+        titles = [xml.etree.ElementTree.fromstring(chart).get("aria-label") for chart in charts]
+        for title in ("AR raw (legacy)", "AR ranks on all frames", "AR ranks, mean over attributes (VOT2014)",
+                      "EAO ranking (legacy)", "Success: one pass (OPE)", "Speed", "third"):
+            self.assertIn(title, titles)
+        self.assertFalse(re.search(r"\b(nan|inf)\b", " ".join(charts)))
+
+    def test_csv_says_what_json_says(self):
+        summary = self.rows("summary.csv")
+        self.assertEqual([row["tracker"] for row in summary], list(self.trackers))
+        for row in summary:
+            tracker = self.trackers[row["tracker"]]
+            for measure in ("EAO", "A", "F"):
+                self.assertEqual(float(row[measure]), tracker["vot"][measure])
+                self.assertEqual([float(row[measure + " low"]), float(row[measure + " high"])],
+                                 tracker["intervals"][measure])
+            if "otb" in tracker:
+                self.assertEqual(float(row["AUC"]), tracker["otb"]["AUC"])
+                self.assertEqual(float(row["MS EAO"]), tracker["multistart"]["EAO"])
+            else:
+                self.assertEqual(row["AUC"], "")
+        for row in self.rows("sequences.csv"):
+            scores = self.trackers[row["tracker"]]["sequences"][row["sequence"]]
+            self.assertEqual(float(row["A"]), scores["A"])
+            self.assertEqual(row["AO"], "" if scores["AO"] is None else repr(scores["AO"]))
+        for row in self.rows("attributes.csv"):
+            self.assertEqual(float(row["F"]), self.trackers[row["tracker"]]["vot"]["attributes"][row["attribute"]]["F"])
+        differences = [[d["measure"], d["a"], d["b"], d["value"]] for d in self.json["differences"]]
+        self.assertEqual([[r["measure"], r["a"], r["b"], float(r["value"])] for r in self.rows("differences.csv")],
+                         differences)
+        self.assertEqual(len(differences), 3 * 6 + 3)
+        self.assertFalse(any(d["significant"] for d in self.json["differences"]), "of three sequences")
+        curve = [float(row["y"]) for row in self.rows("curves.csv")
+                 if (row["tracker"], row["curve"]) == ("kcf", "otb success")]
+        self.assertEqual(curve, self.trackers["kcf"]["otb"]["success"])
+
+    def test_supervised_figures_are_those_of_the_stored_results(self):
+        for tracker, scores in self.trackers.items():
+            accuracies, failures = [], 0
+            totals, weights = [0] * 41, [0] * 41  # by length
+            for name, length in self.LENGTHS.items():
+                runs = self.runs(tracker, "baseline", name)
+                counted = [[] for _ in range(length)]
+                for codes in runs:
+                    start = -10
+                    for t, value in enumerate(codes):
+                        start = t if value == "1" else start
+                        if isinstance(value, float) and t >= start + 10:
+                            counted[t].append(value)
+                    failures += codes.count("2") / len(runs)
+                    starts = [0] + [t for t, value in enumerate(codes) if value == "1" and t > 0]
+                    for begin, end in zip(starts, starts[1:] + [None]):
+                        part = codes[begin:] if end is None else codes[begin:end + 1]
+                        values = [value if isinstance(value, float) else 0 for value in part]
+                        if end is not None:
+                            values += [0] * 40
+                        for n in range(2, min(len(values), 40) + 1):
+                            totals[n] += sum(values[1:n]) / (n - 1) / len(runs)
+                            weights[n] += 1 / len(runs)
+                accuracies += [sum(values) / len(values) for values in counted if values]
+            accuracy = sum(accuracies) / len(accuracies) if accuracies else 0
+            self.assertAlmostEqual(scores["vot"]["A"], accuracy, 9, tracker)
+            self.assertAlmostEqual(scores["vot"]["F"], failures, 9, tracker)
+            self.assertAlmostEqual(scores["vot"]["AR"], math.exp(-30 * failures / sum(self.LENGTHS.values())), 9)
+            curve = [totals[n] / weights[n] for n in range(self.LOW, self.HIGH + 1)]
+            self.assertAlmostEqual(scores["vot"]["EAO"], sum(curve) / len(curve), 9, tracker)
+        self.assertEqual(self.trackers["drawn"]["vot"]["F"], 1)
+        self.assertEqual(self.trackers["dies"]["vot"]["A"], 0)
+
+    def test_one_pass_figures_are_those_of_the_stored_results(self):
+        for tracker, scores in self.trackers.items():
+            if tracker == "drawn":
+                self.assertNotIn("otb", scores)
+                continue
+            overlap = area = 0
+            for name in self.LENGTHS:
+                truth = self.truth(name)[0]
+                values, first = [], []
+                for file in sorted((self.out / "results" / tracker / "unsupervised" / name).glob(f"{name}_???.txt")):
+                    box = truth  # what is no box repeats the one before
+                    first.append(1)
+                    for line, now in list(zip(file.read_text().split(), self.truth(name)))[1:]:
+                        box = tuple(map(float, line.split(","))) if "," in line else box
+                        values.append(box_overlap(box, now))
+                overlap += sum(values) / len(values) / 3
+                area += sum(math.ceil(20 * value - 1e-9) / 21 for value in values + first) / len(values + first) / 3
+            self.assertAlmostEqual(scores["otb"]["AO"], overlap, 9, tracker)
+            self.assertAlmostEqual(scores["otb"]["AUC"], area, 9, tracker)
+
+    def test_report_is_the_same_again(self):
+        again = self.root / "again"
+        done = run("report", self.out, "--interval", f"{self.LOW}:{self.HIGH}", "--paper", "--out", again)
+        self.assertEqual(done.stdout, self.done.stdout)
+        self.assertEqual(sorted(f.name for f in again.iterdir()), sorted(f.name for f in self.folder.iterdir()))
+        for file in again.iterdir():
+            self.assertEqual(file.read_bytes(), (self.folder / file.name).read_bytes(), file.name)
+
+    def test_table_on_standard_output(self):
+        lines = self.done.stdout.splitlines()
+        self.assertEqual(lines[0].split()[:5], ["tracker", "EAO", "A", "F", "AO"])
+        self.assertEqual([line.split()[0] for line in lines[1:]], list(self.trackers))
+
+    def test_baseline(self):
+        done = run("report", self.out, "--baseline", "dpt", "--out", self.root / "baseline")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("Tracker minus dpt", (self.root / "baseline/report.html").read_text())
+
+    def test_problems_are_one_line(self):
+        moved = self.root / "moved"
+        for arguments, words in [
+            ((self.root / "nothing",), "campaign.json"),
+            ((self.out, "--interval", "20"), "LOW:HIGH"),
+            ((self.out, "--interval", "20:10"), "LOW:HIGH"),
+            ((self.out, "--baseline", "none", "--out", moved), "none"),
+            ((self.out, "--dataset", self.root / "nothing"), "nothing"),
+            ((self.out, "--out", "/proc/none"), "/proc/none"),
+            ((), "DIR"),
+        ]:
+            result = run("report", *arguments)
+            self.assertNotEqual(result.returncode, 0, arguments)
+            self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+            self.assertIn(words, result.stderr)
+            self.assertEqual(result.stdout, "")
+        self.assertFalse(moved.exists())
+        file = self.out / "results/kcf/sre/second/second_004.txt"
+        text = file.read_text()
+        for damage, words in [(None, "--protocol sre"), ("x\n", ":1: "), ("1\n", "but 1 frames")]:
+            file.unlink() if damage is None else file.write_text(damage)
+            result = run("report", self.out, "--out", moved)
+            self.assertEqual(result.returncode, 1)
+            self.assertIn(file.stem, result.stderr)
+            self.assertIn(words, result.stderr)
+            self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+            file.write_text(text)
 
 
 if __name__ == "__main__":
