@@ -1,0 +1,120 @@
+#include <asterism/parts/color_histogram.hpp>
+#include <opencv2/imgproc.hpp>
+
+#include "part_geometry.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+// Coefficients in a smaller range are the same: rounding of the running sums.
+constexpr float kSame = 1e-5f;
+// How much less a match at the border of the search window counts than an equal one in its middle.
+constexpr float kSlope = 1e-4f;
+
+}  // namespace
+
+ColorHistogram::ColorHistogram(const ColorHistogramOptions& options) : options_(options) {
+  require(options.bins >= 2 && options.bins <= 64, "ColorHistogramOptions: bins must be in [2, 64]");
+  require(options.sharpness > 0, "ColorHistogramOptions: sharpness must be positive");
+  require(options.learning_rate >= 0 && options.learning_rate <= 1,
+          "ColorHistogramOptions: learning_rate must be in [0, 1]");
+  require(options.padding > 0, "ColorHistogramOptions: padding must be positive");
+  require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
+          "ColorHistogramOptions: template sides must satisfy 1 <= min <= max");
+}
+
+void ColorHistogram::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  const double to_template =
+      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  spacing_ = 1 / to_template;
+  cols_ = std::max(1, static_cast<int>(std::lround(size.x() * to_template)));
+  rows_ = std::max(1, static_cast<int>(std::lround(size.y() * to_template)));
+  reach_ = static_cast<int>(std::ceil(options_.padding / 2 * mean_side(size) * to_template));
+  space_ = frame.bgr().empty() ? Space::Gray : options_.space;
+
+  const int bins = options_.bins, pixels = rows_ * cols_;
+  histogram_.setZero(space_ == Space::Gray ? bins : bins * bins * bins);
+  counts_.resize(histogram_.size());
+  roots_ = Eigen::ArrayXf::LinSpaced(pixels + 1, 0, static_cast<float>(pixels)).sqrt();
+  response_.values.resize(2 * reach_ + 1, 2 * reach_ + 1);
+  response_.spacing = Size2::Constant(spacing_);
+  response_.periodic = false;
+  likelihood_ = response_;
+  learn(frame, centre, 1);
+}
+
+Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
+  const int width = cols_ + 2 * reach_, displacements = 2 * reach_ + 1;
+  sample(frame, around, {width, rows_ + 2 * reach_});
+  response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
+
+  // rho of the box that slides along a row, its histogram and the sum over the bins kept up to date.
+  auto& values = response_.values;
+  const float norm = 1 / roots_(rows_ * cols_);
+  for (int r = 0; r < displacements; ++r) {
+    counts_.setZero();
+    double sum = 0;
+    const auto enter = [&](int bin) {
+      const int count = counts_(bin)++;
+      sum += histogram_roots_(bin) * (roots_(count + 1) - roots_(count));
+    };
+    const auto leave = [&](int bin) {
+      const int count = --counts_(bin);
+      sum -= histogram_roots_(bin) * (roots_(count + 1) - roots_(count));
+    };
+    const int* const first = bins_.data() + r * width;
+    for (int i = 0; i < rows_; ++i)
+      for (int j = 0; j < cols_; ++j) enter(first[i * width + j]);
+    values(r, 0) = norm * static_cast<float>(sum);
+    for (int c = 1; c < displacements; ++c) {
+      for (int i = 0; i < rows_; ++i) {
+        leave(first[i * width + c - 1]);
+        enter(first[i * width + c - 1 + cols_]);
+      }
+      values(r, c) = norm * static_cast<float>(sum);
+    }
+  }
+  if (values.maxCoeff() - values.minCoeff() <= kSame) values.setZero();
+  const auto square = Eigen::ArrayXf::LinSpaced(displacements, -1, 1).square().eval();
+  values.colwise() *= 1 - kSlope * square;
+  values.rowwise() *= 1 - kSlope * square.transpose();
+
+  Evidence evidence = evidence_of(response_);
+  // Relative to the best match, so that no likelihood underflows.
+  likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
+  if (evidence.peak > 0) evidence.covariance = moments_of(likelihood_, evidence.position);
+  return evidence;
+}
+
+void ColorHistogram::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }
+
+void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
+  sample(frame, at, {cols_, rows_});
+  counts_.setZero();
+  for (const int bin : bins_) ++counts_(bin);
+  const auto seen = counts_.cast<float>() / static_cast<float>(bins_.size());
+  histogram_ += static_cast<float>(rate) * (seen - histogram_);
+  histogram_roots_ = histogram_.sqrt();
+}
+
+void ColorHistogram::sample(const Frame& frame, const Point2& centre, const cv::Size& grid) {
+  const bool colour = space_ != Space::Gray && !frame.bgr().empty();
+  const Size2 window = spacing_ * Size2(grid.width, grid.height);
+  cv::Mat& patch = patch_.mat;
+  sample_patch(colour ? frame.bgr() : frame.gray(), centre, window, grid, patch);
+  // Gray video of a target in colour: three equal channels.
+  if (space_ != Space::Gray && !colour) cv::cvtColor(patch, patch, cv::COLOR_GRAY2BGR);
+  if (space_ == Space::Hsv) cv::cvtColor(patch, patch, cv::COLOR_BGR2HSV_FULL);
+
+  const int bins = options_.bins, channels = patch.channels();
+  bins_.resize(patch.total());
+  const uchar* level = patch.ptr<uchar>();  // continuous: made by OpenCV at this size
+  for (int& bin : bins_) {
+    bin = 0;
+    for (int k = 0; k < channels; ++k) bin = bin * bins + *level++ * bins / 256;
+  }
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
