@@ -17,10 +17,11 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 constexpr std::string_view kStyle = R"(
 :root {
   color-scheme: light dark;
-  --page: #f4f3ef; --card: #fcfcfb; --text: #0b0b0b; --quiet: #52514e; --border: #e1e0d9; --mark: #dcebdd;
+  --page: #f4f3ef; --card: #fcfcfb; --text: #0b0b0b; --quiet: #52514e; --border: #e1e0d9; --mark: #dcebdd; --worse: #f6e0da;
 }
 @media (prefers-color-scheme: dark) {
-  :root { --page: #0f0f0e; --card: #1a1a19; --text: #ffffff; --quiet: #c3c2b7; --border: #33332f; --mark: #1d3b2a; }
+  :root { --page: #0f0f0e; --card: #1a1a19; --text: #ffffff; --quiet: #c3c2b7; --border: #33332f; --mark: #1d3b2a;
+          --worse: #4a2420; }
 }
 body { margin: 0 auto; padding: 1rem; max-width: 60rem; background: var(--page); color: var(--text);
        font: 15px/1.5 system-ui, sans-serif; }
@@ -43,16 +44,19 @@ th:first-child, td:first-child { text-align: left; }
 thead th { border-bottom: 2px solid var(--border); }
 tbody th { font-weight: 500; }
 .best { background: var(--mark); font-weight: 700; }
+.worse { background: var(--worse); font-weight: 700; }
 .interval { display: block; color: var(--quiet); font-size: 0.75rem; font-weight: 400; }
 .unclear { color: var(--quiet); }
 .printed th, .printed td { font-style: italic; }
-.charts { display: flex; flex-direction: column; gap: 1rem; }
+thead th { white-space: normal; vertical-align: bottom; }
+.charts { display: flex; flex-direction: column; gap: 1rem; overflow-x: auto; }
 .pictures { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: 1rem; }
 figure { margin: 0; }
 figure img { width: 100%; height: auto; border-radius: 4px; display: block; }
 abbr { text-decoration: none; }
 @media (max-width: 40rem) { body { padding: 0.5rem; font-size: 14px; } dl { grid-template-columns: 1fr; }
-                            section, details { padding: 0.5rem; } }
+                            section, details { padding: 0.5rem; }
+                            .charts .plot { max-width: none; width: 36rem; } }
 )";
 
 std::string element(const std::string& name, const std::string& content, const std::string& classes = {}) {
@@ -324,15 +328,19 @@ std::string multi_start(const Analysis& analysis) {
   return chart.series.empty() ? std::string() : element("div", svg(chart), "charts");
 }
 
-int decimals_of(Measure measure) { return measure == Measure::Failures ? 2 : 3; }
-
-/// "+0.012", with its interval below.
-std::string difference_cell(const Estimate& estimate, int decimals, bool significant) {
-  const auto text = [&](double value) { return std::string(value > 0 ? "+" : "") + fixed(value, decimals); };
+/// "+0.012 *", with its interval below.
+std::string difference_cell(Measure measure, const Estimate& estimate, bool significant) {
+  const bool fails = measure == Measure::Failures;
+  const auto text = [&](double value) {
+    return std::string(value > 0 ? "+" : "") + fixed(value, fails ? 2 : 3);
+  };
+  const bool better = fails ? estimate.value < 0 : estimate.value > 0;
   return element("td",
                  text(estimate.value) + (significant ? " *" : "") + "<span class=\"interval\">" +
                      text(estimate.low) + " to " + text(estimate.high) + "</span>",
-                 significant ? "best" : "unclear");
+                 !significant ? "unclear"
+                 : better     ? "best"
+                              : "worse");
 }
 
 Estimate negated(const Estimate& estimate) { return {-estimate.value, -estimate.high, -estimate.low}; }
@@ -345,9 +353,9 @@ std::string significance(const Campaign& campaign, const Analysis& analysis, con
     for (const Difference& difference : analysis.differences) {
       if (difference.measure != measure) continue;
       if (difference.a == a && difference.b == b)
-        return difference_cell(difference.estimate, decimals_of(measure), difference.significant);
+        return difference_cell(measure, difference.estimate, difference.significant);
       if (difference.a == b && difference.b == a)
-        return difference_cell(negated(difference.estimate), decimals_of(measure), difference.significant);
+        return difference_cell(measure, negated(difference.estimate), difference.significant);
     }
     return "<td></td>\n";
   };
@@ -406,16 +414,16 @@ std::string significance(const Campaign& campaign, const Analysis& analysis, con
          note(
              "Paired bootstrap: both trackers on the same resamples of sequences and starts. Small figures: "
              "95 % "
-             "interval of the difference; * and marked where it excludes 0. Of many comparisons, one in 20 "
-             "does so by "
-             "chance.");
+             "interval of the difference; where it excludes 0, the difference has a * and a colour, green if "
+             "the row is "
+             "better. Of many comparisons, one in 20 does so by chance.");
 }
 
 std::string attributes(const Analysis& analysis) {
   std::string content;
   const auto add = [&](const std::string& caption, int decimals, bool less, const auto& value) {
     NumberTable table{.corner = caption, .columns = {}, .rows = {}};
-    for (const std::string& tag : analysis.tags) table.columns.push_back({tag, decimals, less});
+    for (const std::string& tag : analysis.tags) table.columns.push_back({spaced(tag), decimals, less});
     for (const TrackerScores& tracker : analysis.trackers) {
       if (!tracker.supervised) continue;
       NumberTable::Row row{.name = tracker.name, .values = {}};
@@ -433,7 +441,7 @@ std::string attributes(const Analysis& analysis) {
 }
 
 std::string speed(const Campaign& campaign, const Analysis& analysis) {
-  BarChart chart{"Speed", {"frames a second", 0}, {}};
+  BarChart chart{"Frames a second", {"frames a second", 0}, {}};
   for (std::size_t i = 0; i < analysis.trackers.size(); ++i)
     if (const double fps = analysis.trackers[i].frames_per_second; !std::isnan(fps))
       chart.bars.push_back({analysis.trackers[i].name, fps, {}, i});
@@ -482,7 +490,7 @@ std::string timelines(const Campaign& campaign, const Analysis& analysis) {
     }
     if (!timeline.strips.empty())
       content += details(campaign.sequences[s].name + ", " + counted(campaign.sequences[s].length(), "frame"),
-                         svg(timeline));
+                         element("div", svg(timeline), "charts"));
   }
   if (content.empty()) return {};
   return note(
@@ -514,6 +522,11 @@ std::string pictures(const Campaign& campaign, const Analysis& analysis) {
 }
 
 }  // namespace
+
+std::string spaced(std::string tag) {
+  std::ranges::replace(tag, '_', ' ');
+  return tag;
+}
 
 std::string html(const NumberTable& table) {
   const auto better = [](double a, double b, bool less) { return less ? a < b : a > b; };

@@ -96,7 +96,9 @@ std::string fixed(double value, int decimals) {
   if (std::isnan(value)) return "–";
   char text[64];
   std::snprintf(text, sizeof text, "%.*f", decimals, value);
-  return text;
+  return std::string_view(text).find_first_of("123456789") == std::string_view::npos && text[0] == '-'
+             ? text + 1
+             : text;
 }
 
 std::vector<SummaryColumn> summary_columns(const Analysis& analysis) {

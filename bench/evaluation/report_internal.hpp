@@ -60,6 +60,9 @@ struct NumberTable {
 };
 std::string html(const NumberTable& table);
 
+/// An attribute's name as it is written for readers.
+std::string spaced(std::string tag);
+
 /// A figure without interval.
 Estimate plain(double value);
 

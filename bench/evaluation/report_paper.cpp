@@ -117,7 +117,7 @@ std::string second_table(const Analysis& analysis, const std::string& caption, i
                          const Printed& of_peer, const Measured& of_attribute, const Mean& mean) {
   NumberTable table{
       .corner = "Table 2: " + caption, .columns = {}, .rows = {}, .best = NumberTable::Best::None};
-  for (const char* attribute : kAttributes) table.columns.push_back({attribute, decimals});
+  for (const char* attribute : kAttributes) table.columns.push_back({spaced(attribute), decimals});
   for (const Peer& peer : kPeers) {
     std::vector<Estimate> values;
     for (const double value : of_peer(peer)) values.push_back(plain(value));
@@ -145,9 +145,9 @@ std::string paper_section(const Campaign& campaign, const Analysis& analysis) {
          "Filters for Robust Visual Tracking</i> (2018), Tables 1 and 2, of the 25 sequences of VOT2014 and, "
          "for AO, "
          "of OTB. They were not measured here. The other rows were, on " +
-         escaped(campaign.dataset.filename().string()) + " with " +
          std::to_string(campaign.sequences.size()) +
-         " sequences: they compare only where these are the same.</p>\n" + first_table(campaign, analysis) +
+         " sequences of the data set named above: they compare only where the sequences are the same.</p>\n" +
+         first_table(campaign, analysis) +
          second_table(
              analysis, "EAO", 2, [](const Peer& peer) { return peer.eao; },
              [](const AttributeScores& scores) { return scores.eao; },

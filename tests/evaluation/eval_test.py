@@ -297,7 +297,7 @@ class Report(unittest.TestCase):
         self.assertGreater(len(charts), 14)
         titles = [xml.etree.ElementTree.fromstring(chart).get("aria-label") for chart in charts]
         for title in ("AR raw (legacy)", "AR ranks on all frames", "AR ranks, mean over attributes (VOT2014)",
-                      "EAO ranking (legacy)", "Success: one pass (OPE)", "Speed", "third"):
+                      "EAO ranking (legacy)", "Success: one pass (OPE)", "Frames a second", "third"):
             self.assertIn(title, titles)
         self.assertFalse(re.search(r"\b(nan|inf)\b", " ".join(charts)))
 
