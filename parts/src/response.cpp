@@ -1,3 +1,4 @@
+#include <Eigen/LU>
 #include <asterism/parts/response.hpp>
 #include <cmath>
 
@@ -85,6 +86,13 @@ Evidence evidence_of(const ResponseMap& response, bool sub_pixel) {
 Eigen::Matrix2d moments_of(const ResponseMap& response, const Point2& about) {
   const Point2 grid = (about - response.origin).cwiseQuotient(response.spacing);
   return moments(response, grid.y(), grid.x(), response.values.maxCoeff() > 0);
+}
+
+double ResponsePeak::at(const Point2& position) const {
+  // Written so that NaN is outside.
+  if (!((position - centre).cwiseAbs().array() <= window.array() / 2).all()) return 0;
+  const Point2 d = position - evidence.position;
+  return evidence.peak * std::exp(-0.5 * d.dot(evidence.covariance.inverse() * d));
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -33,4 +33,15 @@ Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
 /// Second moments [px^2] of a map about a position, as those of `evidence_of`. For maps of likelihoods.
 Eigen::Matrix2d moments_of(const ResponseMap& response, const Point2& about);
 
+/// The similarity of a model that has no response map: peak x exp(-d' covariance^-1 d / 2) at a distance d
+/// from the position of its evidence, 0 outside its search window.
+struct ResponsePeak {
+  Evidence evidence;
+  /// Middle and sides of the search window [px].
+  Point2 centre = Point2::Zero();
+  Size2 window = Size2::Zero();
+
+  double at(const Point2& position) const;
+};
+
 }  // namespace asterism::inline ASTERISM_ABI
