@@ -341,12 +341,13 @@ std::vector<std::size_t> most_runs(const std::vector<TrackerRuns>& trackers,
 
 using Resampled = std::map<Measure, Bootstrapped>;
 
-/// The measures of a tracker on the same resamples as all others.
+/// The measures of a tracker on the same resamples as all others; none of a single sequence, which would be
+/// drawn each time.
 Resampled resample(const TrackerRuns& tracker, const std::vector<std::size_t>& supervised_starts,
                    const std::vector<std::size_t>& one_pass_starts, const LengthInterval& interval,
                    const BootstrapOptions& options) {
   Resampled result;
-  if (!tracker.supervised.empty()) {
+  if (tracker.supervised.size() > 1) {
     auto sequences = filled_up(tracker.supervised, supervised_starts);
     for (SupervisedSequence& sequence : sequences) {  // not to be copied with every draw
       sequence.tags.clear();
@@ -369,7 +370,8 @@ Resampled resample(const TrackerRuns& tracker, const std::vector<std::size_t>& s
     result[Measure::Accuracy] = std::move(accuracies);
     result[Measure::Failures] = std::move(failures);
   }
-  if (const auto passes = tracker.one_pass.find(Protocol::Otb); passes != tracker.one_pass.end()) {
+  if (const auto passes = tracker.one_pass.find(Protocol::Otb);
+      passes != tracker.one_pass.end() && passes->second.size() > 1) {
     std::vector<std::vector<double>> overlaps;
     for (const OnePassSequence& sequence : filled_up(passes->second, one_pass_starts)) {
       std::vector<double>& of_sequence = overlaps.emplace_back();

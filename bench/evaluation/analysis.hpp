@@ -77,7 +77,7 @@ struct TrackerScores {
   std::map<Protocol, OnePassScore> one_pass;  ///< of Otb, Tre and Sre
   std::optional<MultiStartScores> multi_start;
   std::vector<SequenceScores> sequences;  ///< those of the campaign
-  std::map<Measure, Estimate> estimates;
+  std::map<Measure, Estimate> estimates;  ///< none of a single sequence
   double frames_per_second = 0;  ///< of all supervised runs and one-pass runs of Otb; NaN without times
   std::size_t most_starts = 0;   ///< on a sequence, of Vot or Otb
   std::size_t errors = 0;        ///< runs in which it threw

@@ -203,10 +203,12 @@ std::string summary(const Analysis& analysis) {
     for (const SummaryColumn& column : columns) meanings.push_back(column.name + ": " + column.meaning);
     content += html(table_of(columns, analysis)) + note(joined(meanings, "; ") + ".");
   }
-  return content + note(
-                       "The best value of each column is marked. Small figures: 95 % intervals by bootstrap "
-                       "over sequences and "
-                       "starts, with few sequences somewhat too short.");
+  std::string remark = "The best value of each column is marked.";
+  if (std::ranges::any_of(analysis.trackers, [](const auto& tracker) { return !tracker.estimates.empty(); }))
+    remark +=
+        " Small figures: 95 % intervals by bootstrap over sequences and starts, with few sequences somewhat "
+        "too short.";
+  return content + note(remark);
 }
 
 std::string supervised(const Analysis& analysis) {

@@ -190,6 +190,7 @@ TEST_F(AnalysisTest, TheUsualIntervalIsThatOfTheLengths) {
   EXPECT_EQ(analysis.supervised.lengths.high, typical_lengths(lengths).interval.high);
   campaign_.sequences.pop_back();
   EXPECT_EQ(analyse(campaign_).supervised.lengths.low, kLong);
+  EXPECT_TRUE(analyse(campaign_).trackers[0].estimates.empty()) << "of a single sequence";
   EXPECT_NEAR(analyse(campaign_).trackers[0].supervised->legacy_eao, 0.8, 1e-12);
   EXPECT_TRUE(std::isnan(analyse(campaign_).trackers[0].supervised->python_eao)) << "one frame later";
 }
