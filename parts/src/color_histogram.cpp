@@ -81,11 +81,9 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
   values.colwise() *= 1 - kSlope * square;
   values.rowwise() *= 1 - kSlope * square.transpose();
 
-  Evidence evidence = evidence_of(response_);
   // Relative to the best match, so that no likelihood underflows.
   likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
-  if (evidence.peak > 0) evidence.covariance = moments_of(likelihood_, evidence.position);
-  return evidence;
+  return evidence_of(response_, likelihood_);
 }
 
 void ColorHistogram::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }

@@ -12,6 +12,8 @@ namespace {
 
 // Half the side of the square around the peak that is no sidelobe (Bolme et al., Sec. 3.5).
 constexpr int kPeakReach = 5;
+// -log of a likelihood that counts as none, before denormal numbers make it slow.
+constexpr float kUnlikely = 60;
 
 // splitmix64 (Steele, Lea & Flood 2014), uniform in [-1, 1).
 double uniform(std::uint64_t& state) {
@@ -40,26 +42,26 @@ int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 // Sizes that every FFT is fast at.
 int fast_side(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
-// Mean and standard deviation of a periodic response outside the peak's square.
+// Mean and standard deviation of a periodic response outside the peak's square: sums over all, less those of
+// the square.
 struct Sidelobe {
   double mean = 0, deviation = 0;
   Sidelobe(const ResponseMap& response, Eigen::Index peak_row, Eigen::Index peak_col) {
     const auto& r = response.values;
-    const auto far = [](Eigen::Index i, Eigen::Index peak, Eigen::Index n) {
-      const Eigen::Index distance = std::abs(i - peak);
-      return std::min(distance, n - distance) > kPeakReach;
-    };
-    double sum = 0, squares = 0, count = 0;
-    for (Eigen::Index i = 0; i < r.rows(); ++i) {
-      const bool far_row = far(i, peak_row, r.rows());
-      for (Eigen::Index j = 0; j < r.cols(); ++j) {
-        if (!far_row && !far(j, peak_col, r.cols())) continue;
-        const double value = r(i, j);
-        sum += value;
-        squares += value * value;
-        ++count;
+    const Eigen::Index rows = r.rows(), cols = r.cols();
+    double sum = r.cast<double>().sum(), squares = r.cast<double>().square().sum();
+    auto count = static_cast<double>(r.size());
+    // A square that is larger than a thin window covers each row or column of it once.
+    const Eigen::Index down = std::min<Eigen::Index>(2 * kPeakReach + 1, rows),
+                       across = std::min<Eigen::Index>(2 * kPeakReach + 1, cols);
+    for (Eigen::Index i = 0; i < down; ++i)
+      for (Eigen::Index j = 0; j < across; ++j) {
+        const double value =
+            r((peak_row + i - kPeakReach + rows) % rows, (peak_col + j - kPeakReach + cols) % cols);
+        sum -= value;
+        squares -= value * value;
+        --count;
       }
-    }
     mean = sum / count;
     deviation = std::sqrt(std::max(0.0, squares / count - mean * mean));
   }
@@ -146,19 +148,16 @@ Evidence Mosse::localize(const Frame& frame, const Point2& around) {
   }
   response_.origin = around - spacing_ * Point2(cols_ / 2, rows_ / 2);
 
-  Evidence evidence = evidence_of(response_);
   Eigen::Index row = 0, col = 0;
   const float highest = response_.values.maxCoeff(&row, &col);
   const Sidelobe sidelobe(response_, row, col);
   psr_ = sidelobe.deviation > 0 ? (highest - sidelobe.mean) / sidelobe.deviation : 0;
-  if (psr_ > 0) {
-    // The difference of two responses has twice the variance of one.
-    const auto scale = static_cast<float>(0.5 / sidelobe.deviation);
-    likelihood_.origin = response_.origin;
-    likelihood_.values = (-((highest - response_.values) * scale).square()).exp();
-    evidence.covariance = moments_of(likelihood_, evidence.position);
-  }
-  return evidence;
+  if (psr_ == 0) return evidence_of(response_);
+  // The difference of two responses has twice the variance of one.
+  const auto scale = static_cast<float>(0.5 / sidelobe.deviation);
+  likelihood_.origin = response_.origin;
+  likelihood_.values = (-((highest - response_.values) * scale).square().min(kUnlikely)).exp();
+  return evidence_of(response_, likelihood_);
 }
 
 void Mosse::adapt(const Frame& frame, const Point2& at) {

@@ -13,6 +13,25 @@ double parabola_vertex(double left, double centre, double right) {
   return curvature > 0 ? 0.5 * (right - left) / curvature : 0;
 }
 
+// The largest response and its grid position; the middle and 0 where none is positive.
+struct Peak {
+  double row, col, value;
+};
+
+Peak peak_of(const ResponseMap& response, bool sub_pixel) {
+  const auto& r = response.values;
+  const Eigen::Index rows = r.rows(), cols = r.cols();
+  Eigen::Index row = 0, col = 0;
+  const double value = r.maxCoeff(&row, &col);
+  if (!(value > 0)) return {static_cast<double>(rows / 2), static_cast<double>(cols / 2), 0};
+  Peak peak{static_cast<double>(row), static_cast<double>(col), value};
+  if (sub_pixel && (response.periodic || (row > 0 && row + 1 < rows)))
+    peak.row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
+  if (sub_pixel && (response.periodic || (col > 0 && col + 1 < cols)))
+    peak.col += parabola_vertex(r(row, (col + cols - 1) % cols), r(row, col), r(row, (col + 1) % cols));
+  return peak;
+}
+
 // Second moments about a grid position; of a constant map unless `any` response is positive.
 Eigen::Matrix2d moments(const ResponseMap& response, double row, double col, bool any) {
   const auto& r = response.values;
@@ -60,32 +79,15 @@ double ResponseMap::at(const Point2& where) const {
 }
 
 Evidence evidence_of(const ResponseMap& response, bool sub_pixel) {
-  const auto& r = response.values;
-  const Eigen::Index rows = r.rows(), cols = r.cols();
-  Eigen::Index row = 0, col = 0;
-  Evidence evidence;
-  evidence.peak = r.maxCoeff(&row, &col);
-  const bool any = evidence.peak > 0;
-  double sub_row = static_cast<double>(row), sub_col = static_cast<double>(col);
-  if (!any) {
-    evidence.peak = 0;
-    sub_row = static_cast<double>(rows / 2);
-    sub_col = static_cast<double>(cols / 2);
-  } else if (sub_pixel) {
-    if (response.periodic || (row > 0 && row + 1 < rows))
-      sub_row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
-    if (response.periodic || (col > 0 && col + 1 < cols))
-      sub_col += parabola_vertex(r(row, (col + cols - 1) % cols), r(row, col), r(row, (col + 1) % cols));
-  }
-  evidence.position = response.position(sub_row, sub_col);
-
-  evidence.covariance = moments(response, sub_row, sub_col, any);
-  return evidence;
+  const Peak peak = peak_of(response, sub_pixel);
+  return {response.position(peak.row, peak.col), peak.value,
+          moments(response, peak.row, peak.col, peak.value > 0)};
 }
 
-Eigen::Matrix2d moments_of(const ResponseMap& response, const Point2& about) {
-  const Point2 grid = (about - response.origin).cwiseQuotient(response.spacing);
-  return moments(response, grid.y(), grid.x(), response.values.maxCoeff() > 0);
+Evidence evidence_of(const ResponseMap& response, const ResponseMap& likelihood) {
+  const Peak peak = peak_of(response, true);
+  return {response.position(peak.row, peak.col), peak.value,
+          moments(likelihood, peak.row, peak.col, peak.value > 0)};
 }
 
 double ResponsePeak::at(const Point2& position) const {

@@ -59,13 +59,11 @@ Evidence Template::localize(const Frame& frame, const Point2& around) {
       values = 1 - scores / static_cast<float>(2 * contrast_);
     if (values.maxCoeff() - values.minCoeff() <= kSame) values.setZero();
   }
-  Evidence evidence = evidence_of(response_);
   // d^2 = 2 (1 - response); relative to the best one, so that no likelihood underflows.
   likelihood_.origin = response_.origin;
   likelihood_.values =
       ((values - values.maxCoeff()) / static_cast<float>(options_.sigma * options_.sigma)).exp();
-  if (evidence.peak > 0) evidence.covariance = moments_of(likelihood_, evidence.position);
-  return evidence;
+  return evidence_of(response_, likelihood_);
 }
 
 void Template::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }

@@ -73,13 +73,17 @@ TEST(Evidence, IsNotRefinedAcrossABorderThatDoesNotRepeat) {
   EXPECT_NEAR(evidence_of(map).position.x(), map.position(0, 20.3).x(), 0.05);
 }
 
-TEST(Evidence, MomentsAboutAnotherPosition) {
-  const ResponseMap map = gaussian_map(18.3, 24.6, 2, 3);
-  const Evidence evidence = evidence_of(map);
-  EXPECT_TRUE(moments_of(map, evidence.position).isApprox(evidence.covariance, 1e-9));
-  const Point2 off = Point2(3, -2), mean = map.position(18.3, 24.6);
-  const Eigen::Matrix2d expected = evidence.covariance + off * off.transpose();
-  EXPECT_TRUE(moments_of(map, mean + off).isApprox(expected, 0.01));
+TEST(Evidence, WithTheCovarianceOfALikelihood) {
+  ResponseMap map = gaussian_map(18.3, 24.6, 2, 3);
+  const ResponseMap likelihood = gaussian_map(20.3, 23.6, 1, 1.5);
+  const Evidence evidence = evidence_of(map, likelihood);
+  EXPECT_EQ(evidence.position, evidence_of(map).position);
+  EXPECT_EQ(evidence.peak, evidence_of(map).peak);
+  const Point2 off = Point2(2 * -1, 3 * 2);
+  const Eigen::Matrix2d expected = evidence_of(likelihood).covariance + off * off.transpose();
+  EXPECT_TRUE(evidence.covariance.isApprox(expected, 0.01));
+  map.values.setZero();
+  EXPECT_EQ(evidence_of(map, likelihood).covariance, evidence_of(map).covariance);
 }
 
 TEST(ResponseMap, InterpolatesInsideAndIsZeroOutside) {

@@ -30,8 +30,9 @@ struct ResponseMap {
 /// response gives its centre, peak 0 and the moments of a constant map.
 Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
 
-/// Second moments [px^2] of a map about a position, as those of `evidence_of`. For maps of likelihoods.
-Eigen::Matrix2d moments_of(const ResponseMap& response, const Point2& about);
+/// As above, sub-pixel, but with the covariance of the position's likelihood, a map on the same grid, where
+/// the response is positive anywhere.
+Evidence evidence_of(const ResponseMap& response, const ResponseMap& likelihood);
 
 /// The similarity of a model that has no response map: peak x exp(-d' covariance^-1 d / 2) at a distance d
 /// from the position of its evidence, 0 outside its search window.
