@@ -65,11 +65,11 @@ constexpr double ldlt(double n) { return (n - 1) * n * (2 * n - 1) / 6 + 2 * n *
 /// L^-T D^-1, and the product of right-hand side and result.
 constexpr double ldlt_solve(double n) { return n * (n - 1) + 3 * n; }
 
-/// K_dyn, N x N: assembled, L L^T, and for up to 40 nodes, as DenseCholesky does, its inverse from L.
+/// K_dyn, N x N: assembled, and L L^T or, for up to 40 nodes as DenseCholesky does, its inverse.
 template <typename System>
 double dense_cholesky(const System& system) {
   const double n = system.nodes();
-  return 3 * system.link_count() + n * n * n / 3 + (n <= 40 ? 2 * n * n * n / 3 : 0);
+  return 3 * system.link_count() + (n <= 40 ? n * n * n : n * n * n / 3);
 }
 
 /// x - K_dyn^-1 g by two triangular solves or one product for each dimension, which take the same.

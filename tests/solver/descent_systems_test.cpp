@@ -65,6 +65,58 @@ TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
   EXPECT_LT(NewtonCg<System>().solve(system, x).iterations, ida / 6);
 }
 
+// The metric that L-BFGS starts from is rounded to single precision.
+TEST(LbfgsMetric, RoundingLeadsToTheSameMinima) {
+  using System = SpringSystem<double, 2>;
+  for (const int n : {3, 5, 6, 7, 9, 17, 40, 41, 64}) {
+    int same = 0;
+    for (int i = 0; i < 10; ++i) {
+      bench::Rng rng(static_cast<std::uint64_t>(200 + i));
+      const auto [system, start] = bench::random_system<System>(rng, Topology<>::full(n));
+      System::Points rounded = start, exact = start;
+      const Summary by_rounded = Lbfgs<System>().solve(system, rounded);
+      const Summary by_exact = Lbfgs<System, DenseCholesky<System>>().solve(system, exact);
+      EXPECT_EQ(by_rounded.status, Status::Converged) << by_rounded;
+      if (std::abs(by_rounded.final_energy - by_exact.final_energy) < 1e-9 * by_exact.final_energy) ++same;
+    }
+    EXPECT_GE(same, 8) << "n = " << n;
+  }
+}
+
+TEST(LbfgsMetric, UnitsOfStiffnessDoNotMatter) {
+  using System = SpringSystem<double, 2>;
+  for (const int n : {5, 30, 50}) {
+    bench::Rng rng(7);
+    auto [system, start] = bench::random_system<System>(rng, Topology<>::full(n));
+    System::Points expected = start;
+    const int iterations = Lbfgs<System>().solve(system, expected).iterations;
+    for (const double unit : {0x1p-300, 0x1p+300}) {  // beyond what single precision holds
+      auto scaled = system;
+      scaled.anchor_stiffness *= unit;
+      scaled.link_stiffness *= unit;
+      System::Points x = start;
+      const Summary summary = Lbfgs<System>().solve(scaled, x);
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+      EXPECT_NEAR(summary.iterations, iterations, 1);
+      EXPECT_LT((x - expected).cwiseAbs().maxCoeff(), 1e-6);
+    }
+  }
+}
+
+TEST(LbfgsMetric, IsExactWhereAnchorsAreWeak) {
+  using System = SpringSystem<double, 2>;
+  for (const int n : {5, 30, 50}) {
+    bench::Rng rng(8);
+    auto [system, start] = bench::random_system<System>(rng, Topology<>::full(n));
+    system.anchor_stiffness *= 1e-9;
+    System::Points x = start, exact = start;
+    const Summary summary = Lbfgs<System>().solve(system, x);
+    const Summary by_exact = Lbfgs<System, DenseCholesky<System>>().solve(system, exact);
+    EXPECT_EQ(summary.status, by_exact.status) << summary;
+    EXPECT_EQ(x, exact);
+  }
+}
+
 template <typename System>
 void expect_sparse_agreement(int n) {
   auto [system, minimum] = bench::sparse_system<System>(1, n);

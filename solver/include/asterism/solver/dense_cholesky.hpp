@@ -10,103 +10,97 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-/// Factorisation policy of Ida: dense Cholesky (LLT) of K_dyn. For up to 40 nodes it is the inverse that is
-/// formed once, as the paper suggests: one product an iteration, which for such sizes is several times faster
-/// than two triangular solves. Ida's gradient form corrects the rounding of either.
-template <typename System>
-class DenseCholesky {
+namespace detail {
+
+/// Solves with a symmetric positive definite matrix for a few right-hand sides, as K_dyn's: by its inverse
+/// for up to 40 nodes, which the paper suggests and which is several times faster there than two triangular
+/// solves, by Cholesky's factors beyond.
+template <typename Scalar, int kDim, int kNodes, int kMaxNodes>
+class SpdSolver {
  public:
-  using Scalar = typename System::Scalar;
-  using Points = typename System::Points;
+  using Points = Eigen::Matrix<Scalar, kDim, kNodes, Eigen::ColMajor, kDim, kMaxNodes>;
+  using Matrix = Eigen::Matrix<Scalar, kNodes, kNodes, Eigen::ColMajor, kMaxNodes, kMaxNodes>;
 
-  static constexpr std::string_view kIdaName = "IDA, dense Cholesky";
+  /// The matrix, of which the lower triangle is to be filled in before `factorize`.
+  Matrix& matrix() { return matrix_; }
 
-  /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
-  bool factorize(const System& system) {
-    const int n = system.nodes();
-    stiffness_.setZero(n, n);  // the lower triangle
-    detail::node_stiffness(system, diagonal_);
-    stiffness_.diagonal() = diagonal_;
-    int l = 0;
-    for (const Link& link : system.links()) {
-      stiffness_(std::max(link.i, link.j), std::min(link.i, link.j)) -= system.link_stiffness[l++];
-    }
-    if (system.fixed_count() != 0) [[unlikely]]
-      isolate_fixed(system);
-    if (n <= kInverseUpTo) return invert();
-    cholesky_.compute(stiffness_);
+  /// False where the matrix is not positive definite, or a pivot is not above `rounding` times its diagonal.
+  bool factorize(Scalar rounding) {
+    diagonal_ = matrix_.diagonal();
+    if (matrix_.rows() <= kInverseUpTo) return invert(rounding);
+    cholesky_.compute(matrix_);
     if (cholesky_.info() != Eigen::Success) return false;
     const auto pivots = cholesky_.matrixLLT().diagonal().array().square();
-    if (!(pivots > kRounding * diagonal_.array()).all()) return false;
-    inverse_pivots_ = cholesky_.matrixLLT().diagonal().cwiseInverse();
+    if (!(pivots > rounding * diagonal_.array()).all()) return false;
+    diagonal_ = cholesky_.matrixLLT().diagonal().cwiseInverse();
     return true;
   }
 
-  /// x <- x - K_dyn^-1 g, all dimensions at once.
-  void descend(const Points& gradient, Points& x) {
+  /// x <- x - matrix^-1 b, both kDim x N.
+  void descend(const Points& b, Points& x) {
     if (x.cols() <= kSmall) {
-      x.noalias() -= gradient.lazyProduct(stiffness_);  // the inverse is symmetric
+      x.noalias() -= b.lazyProduct(matrix_);  // the inverse is symmetric
     } else if (x.cols() <= kInverseUpTo) {
-      multiply_by_inverse(gradient, x);
+      multiply_by_inverse(b, x);
     } else {
-      right_hand_side_ = gradient.transpose();
-      for (int c = 0; c < System::kDim; ++c) substitute(right_hand_side_.col(c));
+      right_hand_side_ = b.transpose();
+      for (int c = 0; c < kDim; ++c) substitute(right_hand_side_.col(c));
       x -= right_hand_side_.transpose();
     }
   }
 
  private:
-  // The matrix of the other nodes alone; the gradient of a fixed one is zero, and so is its step.
-  void isolate_fixed(const System& system) {
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (!system.is_fixed(i)) continue;
-      stiffness_.row(i).setZero();
-      stiffness_.col(i).setZero();
-      stiffness_(i, i) = diagonal_[i] = 1;
-    }
-  }
-
-  // stiffness_ <- its inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so
+  // matrix_ <- its inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so
   // few nodes several times faster than Eigen's triangular solves.
-  bool invert() {
-    const int n = static_cast<int>(stiffness_.rows());
-    right_hand_side_.resize(n, System::kDim);
-    auto column = right_hand_side_.col(0);
+  bool invert(Scalar rounding) {
+    using Four = Eigen::Array<Scalar, 4, 1>;
+    const int n = static_cast<int>(matrix_.rows());
+    for (int j = 1; j < n; ++j) {
+      for (int i = 0; i < j; ++i) matrix_(i, j) = matrix_(j, i);
+    }
+    right_hand_side_.resize(n, kDim);
+    const Scalar* const column = right_hand_side_.col(0).data();
     for (int p = 0; p < n; ++p) {
-      const Scalar pivot = stiffness_(p, p);
-      if (!(pivot > kRounding * diagonal_[p])) return false;
-      column.head(p) = stiffness_.row(p).head(p).transpose();
-      column.tail(n - p) = stiffness_.col(p).tail(n - p);
-      for (int j = 0; j < n; ++j) {
-        stiffness_.col(j).tail(n - j) -= column[j] / pivot * column.tail(n - j);
+      const Scalar pivot = matrix_(p, p);
+      if (!(pivot > rounding * diagonal_[p])) return false;
+      const Scalar inverse = 1 / pivot;
+      right_hand_side_.col(0) = matrix_.col(p);
+      Scalar* to = matrix_.data();
+      for (int j = 0; j < n; ++j, to += n) {
+        const Scalar factor = column[j] * inverse;
+        int i = 0;
+        for (; i + 4 <= n; i += 4) {
+          Eigen::Map<Four>(to + i) -= factor * Eigen::Map<const Four>(column + i);
+        }
+        for (; i < n; ++i) to[i] -= factor * column[i];
       }
-      stiffness_.row(p).head(p) = column.head(p).transpose() / pivot;
-      stiffness_.col(p).tail(n - p) = column.tail(n - p) / pivot;
-      stiffness_(p, p) = -1 / pivot;
+      matrix_.col(p) = right_hand_side_.col(0) * inverse;
+      to = matrix_.data() + p;
+      for (int i = 0; i < n; ++i, to += n) *to = column[i] * inverse;
+      matrix_(p, p) = -inverse;
     }
-    for (int j = 0; j < n; ++j) {
-      stiffness_.col(j).tail(n - j) *= -1;
-      stiffness_.row(j).tail(n - j) = stiffness_.col(j).tail(n - j).transpose();
-    }
+    matrix_ = -matrix_;
     return true;
   }
 
-  // x <- x - g stiffness_, four nodes of x at a time.
-  void multiply_by_inverse(const Points& gradient, Points& x) const {
-    using Point = typename System::Point;
+  // x <- x - b matrix_, four nodes of x at a time.
+  void multiply_by_inverse(const Points& b, Points& x) const {
+    using Four = Eigen::Array<Scalar, 4, 1>;
     const int n = static_cast<int>(x.cols());
     int j = 0;
     for (; j + 4 <= n; j += 4) {
-      Point sums[4] = {x.col(j), x.col(j + 1), x.col(j + 2), x.col(j + 3)};
+      Four sums[kDim];
+      for (int c = 0; c < kDim; ++c) sums[c].setZero();
       for (int k = 0; k < n; ++k) {
-        const Point g = gradient.col(k);
-        const Scalar* const row = &stiffness_(j, k);  // the inverse is symmetric
-        for (int c = 0; c < 4; ++c) sums[c] -= row[c] * g;
+        const Four row = Eigen::Map<const Four>(&matrix_(j, k));  // the inverse is symmetric
+        for (int c = 0; c < kDim; ++c) sums[c] += row * b(c, k);
       }
-      for (int c = 0; c < 4; ++c) x.col(j + c) = sums[c];
+      for (int r = 0; r < 4; ++r) {
+        for (int c = 0; c < kDim; ++c) x(c, j + r) -= sums[c][r];
+      }
     }
     for (; j < n; ++j) {
-      for (int k = 0; k < n; ++k) x.col(j) -= stiffness_(j, k) * gradient.col(k);
+      for (int k = 0; k < n; ++k) x.col(j) -= matrix_(j, k) * b.col(k);
     }
   }
 
@@ -121,7 +115,7 @@ class DenseCholesky {
     for (int j = 0; j < kBlock * blocks; j += kBlock) {
       for (int p = j; p < j + kBlock; ++p) {
         for (int q = j; q < p; ++q) b[p] -= L(p, q) * b[q];
-        b[p] *= inverse_pivots_[p];
+        b[p] *= diagonal_[p];
       }
       const int rest = n - j - kBlock;
       b.tail(rest) -= b[j] * L.col(j).tail(rest) + b[j + 1] * L.col(j + 1).tail(rest) +
@@ -129,7 +123,7 @@ class DenseCholesky {
     }
     for (int p = kBlock * blocks; p < n; ++p) {
       for (int q = kBlock * blocks; q < p; ++q) b[p] -= L(p, q) * b[q];
-      b[p] *= inverse_pivots_[p];
+      b[p] *= diagonal_[p];
     }
     for (int p = n - 1; p >= 0; --p) {
       if ((p + 1) % kBlock == 0) {  // the block's sums with what is solved
@@ -138,27 +132,119 @@ class DenseCholesky {
       }
       const int solved = p < kBlock * blocks ? p - p % kBlock + kBlock : n;
       for (int q = p + 1; q < solved; ++q) b[p] -= L(q, p) * b[q];
-      b[p] *= inverse_pivots_[p];
+      b[p] *= diagonal_[p];
     }
   }
 
-  // A pivot of this share of its diagonal is rounding alone: the anchors are too weak for the springs.
-  static constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   static constexpr int kSmall = 6;
   static constexpr int kInverseUpTo = 40;
-  using Matrix = Eigen::Matrix<Scalar, System::kNodes, System::kNodes, Eigen::ColMajor, System::kMaxNodes,
-                               System::kMaxNodes>;
   // One node makes a row vector of it, which Eigen wants in row-major order.
-  static constexpr int kOrder =
-      System::kMaxNodes == 1 && System::kDim > 1 ? Eigen::RowMajor : Eigen::ColMajor;
-  using RightHandSide =
-      Eigen::Matrix<Scalar, System::kNodes, System::kDim, kOrder, System::kMaxNodes, System::kDim>;
+  static constexpr int kOrder = kMaxNodes == 1 && kDim > 1 ? Eigen::RowMajor : Eigen::ColMajor;
+  using RightHandSide = Eigen::Matrix<Scalar, kNodes, kDim, kOrder, kMaxNodes, kDim>;
+  using Vector = Eigen::Matrix<Scalar, kNodes, 1, Eigen::ColMajor, kMaxNodes, 1>;
 
-  Matrix stiffness_;  // K_dyn, or its inverse
+  Matrix matrix_;  // or its inverse
   Eigen::LLT<Matrix> cholesky_;
   RightHandSide right_hand_side_;
-  typename System::NodeVector diagonal_;  // of K_dyn
-  typename System::NodeVector inverse_pivots_;
+  Vector diagonal_;  // of the matrix, then one over that of the factor
+};
+
+/// The lower triangle of K_dyn / unit, for nodes of the given stiffness. Fixed nodes are coupled to none:
+/// their gradient is zero, and so is their step.
+template <typename System, typename Matrix>
+void assemble_k_dyn(const System& system, const typename System::NodeVector& node_stiffness,
+                    typename System::Scalar unit, Matrix& matrix) {
+  using Scalar = typename Matrix::Scalar;
+  const int n = system.nodes();
+  const typename System::Scalar per_unit = 1 / unit;
+  matrix.setZero(n, n);
+  for (int i = 0; i < n; ++i) matrix(i, i) = static_cast<Scalar>(node_stiffness[i] * per_unit);
+  int l = 0;
+  for (const Link& link : system.links()) {
+    matrix(std::max(link.i, link.j), std::min(link.i, link.j)) -=
+        static_cast<Scalar>(system.link_stiffness[l++] * per_unit);
+  }
+  if (system.fixed_count() == 0) [[likely]]
+    return;
+  for (int i = 0; i < n; ++i) {
+    if (!system.is_fixed(i)) continue;
+    matrix.row(i).setZero();
+    matrix.col(i).setZero();
+    matrix(i, i) = 1;
+  }
+}
+
+}  // namespace detail
+
+/// Factorisation policy of Ida: dense Cholesky (LLT) of K_dyn, for up to 40 nodes its inverse. Ida's gradient
+/// form corrects the rounding of either.
+template <typename System>
+class DenseCholesky {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kIdaName = "IDA, dense Cholesky";
+
+  /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
+  bool factorize(const System& system) {
+    detail::node_stiffness(system, node_stiffness_);
+    detail::assemble_k_dyn(system, node_stiffness_, Scalar(1), solver_.matrix());
+    // A pivot of so small a share of its diagonal is rounding alone: the anchors are too weak for the
+    // springs.
+    return solver_.factorize(8 * std::numeric_limits<Scalar>::epsilon());
+  }
+
+  /// x <- x - K_dyn^-1 g, all dimensions at once.
+  void descend(const Points& gradient, Points& x) { solver_.descend(gradient, x); }
+
+ private:
+  detail::SpdSolver<Scalar, System::kDim, System::kNodes, System::kMaxNodes> solver_;
+  typename System::NodeVector node_stiffness_;
+};
+
+/// Metric of Lbfgs, which a rounded step serves as well as an exact one: DenseCholesky in single precision,
+/// which is twice as fast, or in that of the system where the anchors are too weak for it.
+template <typename System>
+class SingleCholesky {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kName = "dense Cholesky";
+
+  /// As DenseCholesky's.
+  bool factorize(const System& system) {
+    detail::node_stiffness(system, node_stiffness_);
+    // Stiffness and gradients in units that keep them in the range of single precision.
+    unit_ = node_stiffness_.maxCoeff();
+    detail::assemble_k_dyn(system, node_stiffness_, unit_, single_.matrix());
+    is_single_ =
+        single_.factorize(8 * std::numeric_limits<float>::epsilon() * static_cast<float>(system.nodes()));
+    return is_single_ || exact_.factorize(system);
+  }
+
+  /// x <- x - K_dyn^-1 g to the digits of single precision.
+  void descend(const Points& gradient, Points& x) {
+    if (!is_single_) return exact_.descend(gradient, x);
+    const Scalar largest = gradient.cwiseAbs().maxCoeff();
+    if (!(largest > 0)) return;
+    gradient_ = (gradient * (1 / largest)).template cast<float>();
+    step_.setZero(System::kDim, gradient.cols());
+    single_.descend(gradient_, step_);
+    x += (largest / unit_) * step_.template cast<Scalar>();
+  }
+
+ private:
+  using Single = detail::SpdSolver<float, System::kDim, System::kNodes, System::kMaxNodes>;
+
+  Single single_;
+  DenseCholesky<System> exact_;
+  bool is_single_ = false;
+  Scalar unit_ = 1;
+  typename System::NodeVector node_stiffness_;
+  typename Single::Points gradient_;
+  typename Single::Points step_;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI

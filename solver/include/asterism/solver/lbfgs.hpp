@@ -21,9 +21,10 @@ namespace asterism::inline ASTERISM_ABI {
 /// energies alone; where direction or search fail, the memory is dropped and IDA's step is taken, which
 /// cannot fail but for rounding.
 ///
-/// `Metric` is DenseCholesky (default), SparseCholesky or CholmodCholesky of K_dyn, or JacobiMetric, its
-/// diagonal. An object holds its workspace: reuse it to solve without allocation, one thread at a time.
-template <typename System, typename Metric = DenseCholesky<System>>
+/// `Metric` is SingleCholesky (default), DenseCholesky, SparseCholesky or CholmodCholesky of K_dyn, or
+/// JacobiMetric, its diagonal. An object holds its workspace: reuse it to solve without allocation, one
+/// thread at a time.
+template <typename System, typename Metric = SingleCholesky<System>>
 class Lbfgs {
  public:
   using Scalar = typename System::Scalar;
