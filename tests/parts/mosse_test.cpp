@@ -41,7 +41,7 @@ TEST(Mosse, ReturnsItsLabelOnTheImageItWasTrainedOn) {
 TEST(Mosse, FindsAShiftedTexture) {
   const cv::Mat image = texture(240, 320);
   Mosse part;
-  part.init(Frame(image), {160, 120}, {48, 40});
+  part.init(Frame(image), {160, 120}, {34, 30});
   for (const auto& [dx, dy] : {std::pair{1.0, 0.0}, {-3, 2}, {5, -7}, {0.5, 0.25}, {-4.3, 2.6}}) {
     const cv::Mat moved = displaced(image, dx, dy);
     const Frame frame(moved);

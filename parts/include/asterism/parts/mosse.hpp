@@ -24,7 +24,7 @@ struct MosseOptions {
   /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
   /// 16].
   double min_template_side = 24;
-  double max_template_side = 64;
+  double max_template_side = 32;
 };
 
 /// The minimum output sum of squared error filter on gray levels (Bolme et al., CVPR 2010), the fastest part.
