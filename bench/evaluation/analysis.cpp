@@ -455,9 +455,12 @@ Analysis analyse(const Campaign& campaign, const AnalysisOptions& options) {
   std::vector<TrackerRuns> trackers;
   Reader reader(campaign, images);
   for (const std::string& name : tracker_names(campaign)) {
-    TrackerRuns tracker = reader.read(name, analysis.left_out);
-    if (!tracker.supervised.empty() || !tracker.one_pass.empty() || !tracker.multi_start.empty())
-      trackers.push_back(std::move(tracker));
+    std::vector<std::string> left_out;
+    TrackerRuns tracker = reader.read(name, left_out);
+    const bool any = !tracker.supervised.empty() || !tracker.one_pass.empty() || !tracker.multi_start.empty();
+    if (!any && tracker.scores.foreign) continue;  // a folder of something else
+    analysis.left_out.insert(analysis.left_out.end(), left_out.begin(), left_out.end());
+    if (any) trackers.push_back(std::move(tracker));
   }
   if (trackers.empty()) throw std::runtime_error("no results in " + (campaign.folder / "results").string());
 

@@ -189,7 +189,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     return asterism::tools::fail(kName, error.what(), 2);
   }
   if (run.parsed()) return run.run(processes, command);
-  if (report.parsed()) return report.run();
+  if (report.parsed()) return processes.shard().index == 0 ? report.run() : 0;
   if (trackers->parsed()) return list_trackers();
   return 0;
 }

@@ -232,6 +232,7 @@ TEST_F(AnalysisTest, ResultsOfOthersTakePart) {
     store("other", Protocol::Vot, 0, run(kLong, 0.7), number);
     if (number < 3) store("other", Protocol::Vot, 1, run(kShort, 0.7, 11), number);
   }
+  fs::create_directories(campaign_.folder / "results/nothing/of/ours");
   const Analysis analysis = analyse(campaign_, {.interval = LengthInterval{5, 15}});
   ASSERT_EQ(analysis.trackers.size(), 3u);
   const auto other = std::ranges::find(analysis.trackers, "other", &TrackerScores::name);
