@@ -211,6 +211,16 @@ std::string summary(const Analysis& analysis) {
   return content + note(remark);
 }
 
+/// An EAO curve from length 2 on: of a single frame it means nothing.
+Series by_length(const std::string& name, const std::vector<double>& curve, std::size_t tracker) {
+  Series series{name, {}, {}, tracker};
+  for (std::size_t n = 2; n <= curve.size(); ++n) {
+    series.x.push_back(static_cast<double>(n));
+    series.y.push_back(curve[n - 1]);
+  }
+  return series;
+}
+
 std::string supervised(const Analysis& analysis) {
   NumberTable today{.corner = "tracker",
                     .columns = {{"A", 3},
@@ -248,16 +258,8 @@ std::string supervised(const Analysis& analysis) {
     raw.points.push_back({tracker.name, scores.legacy.reliability(), scores.legacy.accuracy, i});
     ranks.points.push_back({tracker.name, scores.robustness_rank, scores.accuracy_rank, i});
     mean_ranks.points.push_back({tracker.name, scores.mean_robustness_rank, scores.mean_accuracy_rank, i});
-    const auto line = [&](const std::vector<double>& curve) {
-      Series series{tracker.name, {}, {}, i};
-      for (std::size_t n = 2; n <= curve.size(); ++n) {  // of a single frame it means nothing
-        series.x.push_back(static_cast<double>(n));
-        series.y.push_back(curve[n - 1]);
-      }
-      return series;
-    };
-    curves.series.push_back(line(scores.legacy_curve));
-    python_curves.series.push_back(line(scores.python_curve));
+    curves.series.push_back(by_length(tracker.name, scores.legacy_curve, i));
+    python_curves.series.push_back(by_length(tracker.name, scores.python_curve, i));
     Bar bar{tracker.name, scores.legacy_eao, {}, i};
     if (const auto estimate = tracker.estimates.find(Measure::Eao); estimate != tracker.estimates.end())
       bar.interval = std::pair(estimate->second.low, estimate->second.high);
@@ -320,12 +322,7 @@ std::string multi_start(const Analysis& analysis) {
   for (std::size_t i = 0; i < analysis.trackers.size(); ++i) {
     const TrackerScores& tracker = analysis.trackers[i];
     if (!tracker.multi_start) continue;
-    Series series{tracker.name, {}, {}, i};
-    for (std::size_t n = 2; n <= tracker.multi_start->curve.size(); ++n) {
-      series.x.push_back(static_cast<double>(n));
-      series.y.push_back(tracker.multi_start->curve[n - 1]);
-    }
-    chart.series.push_back(std::move(series));
+    chart.series.push_back(by_length(tracker.name, tracker.multi_start->curve, i));
   }
   return chart.series.empty() ? std::string() : element("div", svg(chart), "charts");
 }
@@ -348,9 +345,9 @@ std::string difference_cell(Measure measure, const Estimate& estimate, bool sign
 Estimate negated(const Estimate& estimate) { return {-estimate.value, -estimate.high, -estimate.low}; }
 
 /// Differences of rows minus columns, or of all trackers minus the baseline.
-std::string significance(const Campaign& campaign, const Analysis& analysis, const std::string& baseline) {
+std::string differences(const Analysis& analysis, const std::string& baseline) {
   if (analysis.differences.empty()) return {};
-  std::string tables, insignificant;
+  std::string tables;
   const auto find = [&](Measure measure, std::size_t a, std::size_t b) -> std::string {
     for (const Difference& difference : analysis.differences) {
       if (difference.measure != measure) continue;
@@ -398,27 +395,33 @@ std::string significance(const Campaign& campaign, const Analysis& analysis, con
       table(std::string(to_string(measure)), head, body);
     }
   }
-  for (const Measure measure : measures) {
-    std::vector<std::string> pairs;
-    for (const Difference& difference : analysis.differences)
-      if (difference.measure == measure && !difference.significant &&
-          (baseline.empty() || difference.a == base || difference.b == base))
-        pairs.push_back(trackers[difference.a].name + " and " + trackers[difference.b].name);
-    if (!pairs.empty())
-      insignificant +=
-          paragraph("Not significant in " + std::string(to_string(measure)) + ": " + joined(pairs) + ".");
-  }
-  std::string few;
-  if (campaign.sequences.size() < kFewestSequences)
-    few = paragraph("With fewer than " + std::to_string(kFewestSequences) +
-                    " sequences no difference is called significant.");
-  return few + insignificant + tables +
+  return tables +
          note(
              "Paired bootstrap: both trackers on the same resamples of sequences and starts. Small figures: "
-             "95 % "
-             "interval of the difference; where it excludes 0, the difference has a * and a colour, green if "
-             "the row is "
-             "better. Of many comparisons, one in 20 does so by chance.");
+             "95 % interval of the difference; where it excludes 0, the difference has a * and a colour, "
+             "green if the row is better. Of many comparisons, one in 20 does so by chance.");
+}
+
+/// Which pairs do not differ significantly.
+std::string insignificant(const Campaign& campaign, const Analysis& analysis, const std::string& baseline) {
+  std::string content;
+  if (campaign.sequences.size() < kFewestSequences && !analysis.differences.empty())
+    content = paragraph("With fewer than " + std::to_string(kFewestSequences) +
+                        " sequences no difference is called significant.");
+  for (const Measure measure : kMeasures) {
+    std::vector<std::string> pairs;
+    for (const Difference& difference : analysis.differences) {
+      const std::string& a = analysis.trackers[difference.a].name;
+      const std::string& b = analysis.trackers[difference.b].name;
+      if (difference.measure == measure && !difference.significant &&
+          (baseline.empty() || a == baseline || b == baseline))
+        pairs.push_back(a + " and " + b);
+    }
+    if (!pairs.empty())
+      content +=
+          paragraph("Not significant in " + std::string(to_string(measure)) + ": " + joined(pairs) + ".");
+  }
+  return content;
 }
 
 std::string attributes(const Analysis& analysis) {
@@ -496,9 +499,8 @@ std::string timelines(const Campaign& campaign, const Analysis& analysis) {
   }
   if (content.empty()) return {};
   return note(
-             "Overlap in each frame of the first supervised run, failures in red; of the first pass where "
-             "there is no "
-             "supervised run.") +
+             "Overlap in each frame of the first supervised run, or else of the first pass; failures in "
+             "red.") +
          content;
 }
 
@@ -517,10 +519,9 @@ std::string pictures(const Campaign& campaign, const Analysis& analysis) {
   if (content.empty()) return {};
   return element("div", "\n" + content, "pictures") +
          note(
-             "The first failure or else the frame of least overlap in a tracker's first run on a sequence, "
-             "those first "
-             "that leave most frames behind. White: ground truth; orange: the last region that the tracker "
-             "gave.");
+             "A tracker's first failure on a sequence, or else its frame of least overlap, in its first run; "
+             "those first that leave most frames behind. White: ground truth; orange: the last region that "
+             "the tracker gave.");
 }
 
 }  // namespace
@@ -587,7 +588,8 @@ void write_report(const Campaign& campaign, const Analysis& analysis, const std:
       element("h1", "Evaluation of trackers");
   page += element("section", what_was_run(campaign, analysis));
   page += section("Summary", summary(analysis));
-  page += section("Differences", significance(campaign, analysis, options.baseline));
+  page += section("Differences", insignificant(campaign, analysis, options.baseline) +
+                                     differences(analysis, options.baseline));
   page += section("Supervised: accuracy, robustness, EAO", supervised(analysis));
   page += section("One pass: success and precision", one_pass(analysis));
   page += section("Multi-start", multi_start(analysis));
