@@ -52,7 +52,7 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
 
   // rho of the box that slides along a row, its histogram and the sum over the bins kept up to date.
   auto& values = response_.values;
-  const float norm = 1 / roots_(rows_ * cols_);
+  const float norm = 1 / roots_(roots_.size() - 1);
   for (int r = 0; r < displacements; ++r) {
     counts_.setZero();
     double sum = 0;
@@ -64,7 +64,7 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
       const int count = --counts_(bin);
       sum -= histogram_roots_(bin) * (roots_(count + 1) - roots_(count));
     };
-    const int* const first = bins_.data() + r * width;
+    const int* const first = bins_.data() + std::ptrdiff_t{r} * width;
     for (int i = 0; i < rows_; ++i)
       for (int j = 0; j < cols_; ++j) enter(first[i * width + j]);
     values(r, 0) = norm * static_cast<float>(sum);

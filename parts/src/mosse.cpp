@@ -103,7 +103,7 @@ void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
 
   const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
   hann_.resize(pixels);
-  for (int r = 0; r < rows_; ++r) hann_.segment(r * cols_, cols_) = down(r) * across;
+  for (int r = 0; r < rows_; ++r) hann_.segment(Eigen::Index{r} * cols_, cols_) = down(r) * across;
 
   // The label: a Gaussian at zero displacement, wrapped.
   const double variance = options_.label_sigma * options_.label_sigma;
@@ -141,7 +141,7 @@ Evidence Mosse::localize(const Frame& frame, const Point2& around) {
   fft_.inverse(spectrum_.data(), plane_.data());
   // Zero displacement to the middle of the map, so that it is a picture of the search window.
   for (int r = 0; r < rows_; ++r) {
-    const auto line = plane_.segment(r * cols_, cols_).transpose();
+    const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
     auto row = response_.values.row((r + rows_ / 2) % rows_);
     row.tail(cols_ / 2) = line.head(cols_ / 2);
     row.head(cols_ / 2) = line.tail(cols_ / 2);

@@ -23,7 +23,11 @@ Peak peak_of(const ResponseMap& response, bool sub_pixel) {
   const Eigen::Index rows = r.rows(), cols = r.cols();
   Eigen::Index row = 0, col = 0;
   const double value = r.maxCoeff(&row, &col);
-  if (!(value > 0)) return {static_cast<double>(rows / 2), static_cast<double>(cols / 2), 0};
+  if (!(value > 0)) {
+    row = rows / 2;
+    col = cols / 2;
+    return {static_cast<double>(row), static_cast<double>(col), 0};
+  }
   Peak peak{static_cast<double>(row), static_cast<double>(col), value};
   if (sub_pixel && (response.periodic || (row > 0 && row + 1 < rows)))
     peak.row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
