@@ -157,13 +157,13 @@ std::string what_was_run(const Campaign& campaign, const Analysis& analysis) {
       const Json value = machine.value(key, Json());
       return value.is_string() ? value.get<std::string>() : value.dump();
     };
-    list +=
-        list_entry("run", record.value("started", "") + ", version " + record.value("version", "") + ", " +
-                              said("cpu") + ", " + said("cores") + " cores, " + said("compiler") + ", " +
-                              said("build") + "; " + counted(record.value("workers", 1), "worker") + ", " +
-                              counted(record.value("processes", 1), "process")
-                                  .append(record.value("processes", 1) == 1 ? "" : "es")) +
-        list_entry("by", record.value("command", ""));
+    const int count = record.value("processes", 1);
+    const std::string processes = count == 1 ? "" : " in each of " + std::to_string(count) + " processes";
+    list += list_entry("run", record.value("started", "") + ", version " + record.value("version", "") +
+                                  ", " + said("cpu") + ", " + said("cores") + " cores, " + said("compiler") +
+                                  ", " + said("build") + "; " +
+                                  counted(record.value("workers", std::size_t{1}), "worker") + processes) +
+            list_entry("by", record.value("command", ""));
   }
   std::string content = element("dl", list);
   for (const TrackerScores& tracker : analysis.trackers) {
