@@ -2,14 +2,18 @@
 #include "peers.hpp"
 
 #include <gtest/gtest.h>
+#include <signal.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <asterism/trackers/tracker.hpp>
 #include <cmath>
+#include <functional>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
 #include "ground_truth.hpp"
+#include "isolated.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -86,6 +90,51 @@ INSTANTIATE_TEST_SUITE_P(Known, EveryTracker, testing::ValuesIn(evaluated_tracke
                            std::replace(name.begin(), name.end(), '-', '_');
                            return name;
                          });
+
+// What isolated trackers are asked of, and how they end.
+Start mortal(int last, const std::function<void()>& end) {
+  return [last, end](const Image&, const Region& object) -> Step {
+    return [last, end, object, t = 0](const Image& image) mutable {
+      if (++t == last) end();
+      return Report{object, image.pixels.at<cv::Vec3b>(2, 3)[0] + 0.25};
+    };
+  };
+}
+
+TEST(IsolatedTrackers, SayWhatTheyWouldSay) {
+  const Region object = Region::polygon({{1.5, 2}, {30, 2}, {30, 40.25}});
+  const Step step = isolated(mortal(100, [] {}))(draw_frame(0), object);
+  for (int t = 1; t < 5; ++t) {
+    const Report report = step(draw_frame(t)(cv::Rect(10, 10, 100, 100)));  // rows apart in memory
+    EXPECT_EQ(report.region, object);
+    EXPECT_EQ(report.confidence, draw_frame(t).at<cv::Vec3b>(12, 13)[0] + 0.25);
+  }
+  // Two of ours at once.
+  const EvaluatedTracker kcf = evaluated_tracker("kcf");
+  const std::vector<Report> expected = follow(kcf);
+  const Step other = isolated(kcf.start)(draw_frame(0), Region::rectangle(true_box(0)));
+  const std::vector<Report> reports = follow({"kcf", isolated(kcf.start)});
+  for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(reports[i].region, expected[i].region);
+  EXPECT_EQ(other(draw_frame(1)).region, expected[0].region);
+}
+
+TEST(IsolatedTrackers, EndAlone) {
+  const auto reason = [](const std::function<void()>& end) -> std::string {
+    const Step step = isolated(mortal(2, end))(draw_frame(0), Region::rectangle(true_box(0)));
+    step(draw_frame(1));
+    try {
+      step(draw_frame(2));
+    } catch (const std::exception& error) {
+      return error.what();
+    }
+    return "nothing";
+  };
+  EXPECT_EQ(reason([] { throw std::runtime_error("no idea"); }), "no idea");
+  EXPECT_EQ(reason([] { raise(SIGKILL); }), "the tracker crashed: Killed");
+  EXPECT_EQ(reason([] { _exit(3); }), "the tracker ended with code 3");
+  const Start cannot = [](const Image&, const Region&) -> Step { throw std::runtime_error("never"); };
+  EXPECT_THROW(isolated(cannot)(draw_frame(0), Region::rectangle(true_box(0))), std::runtime_error);
+}
 
 TEST(EvaluatedTrackers, AreOursAndThoseThatAreInstalled) {
   const std::vector<std::string> names = evaluated_tracker_names();
