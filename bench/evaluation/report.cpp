@@ -1,6 +1,7 @@
 #include "report.hpp"
 
 #include <algorithm>
+#include <cctype>
 #include <cmath>
 #include <limits>
 #include <set>
@@ -524,6 +525,31 @@ std::string pictures(const Campaign& campaign, const Analysis& analysis) {
              "the tracker gave.");
 }
 
+// The charts of a page by the names of their files: their titles, in small letters without signs.
+std::map<std::string, std::string> chart_files(std::string_view page) {
+  constexpr std::string_view kBegin = "<svg ", kEnd = "</svg>\n", kTitle = "aria-label=\"";
+  std::map<std::string, std::string> files;
+  for (std::size_t begin = 0; (begin = page.find(kBegin, begin)) != std::string_view::npos;) {
+    const std::size_t end = page.find(kEnd, begin) + kEnd.size();
+    const std::string_view chart = page.substr(begin, end - begin);
+    const std::size_t title = chart.find(kTitle) + kTitle.size();
+    std::string name;
+    for (const char c : chart.substr(title, chart.find('"', title) - title)) {
+      if (std::isalnum(static_cast<unsigned char>(c)) != 0) {
+        name += static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
+      } else if (!name.empty() && name.back() != '-') {
+        name += '-';
+      }
+    }
+    while (name.ends_with('-')) name.pop_back();
+    const std::size_t content = chart.find('>') + 1;
+    files[name + ".svg"] = std::string(chart.substr(0, content)) + "<style>" + plot_style() + "</style>" +
+                           std::string(chart.substr(content));
+    begin = end;
+  }
+  return files;
+}
+
 }  // namespace
 
 std::string spaced(std::string tag) {
@@ -596,12 +622,14 @@ void write_report(const Campaign& campaign, const Analysis& analysis, const std:
   page += section("Attributes", attributes(analysis));
   if (options.paper) page += section("Printed in the paper", paper_section(campaign, analysis));
   page += section("Speed", speed(campaign, analysis));
+  const std::map<std::string, std::string> charts = chart_files(page);
   page += section("Worst moments", pictures(campaign, analysis));
   page += section("Sequences", sequences(campaign, analysis));
   page += section("Along the sequences", timelines(campaign, analysis));
   page += "</body>\n</html>\n";
 
-  std::filesystem::create_directories(folder);
+  std::filesystem::create_directories(folder / "charts");
+  for (const auto& [name, text] : charts) write_atomically(folder / "charts" / name, text);
   for (const auto& [name, text] : report_csv(campaign, analysis)) write_atomically(folder / name, text);
   write_atomically(folder / "report.json", report_json(campaign, analysis, options).dump(1) + "\n");
   write_atomically(folder / "report.html", page);

@@ -13,9 +13,10 @@ struct ReportOptions {
 };
 
 /// Writes what was analysed to the folder: report.html, a page for itself without scripts; report.json, all
-/// of it; summary.csv, sequences.csv, attributes.csv, differences.csv and curves.csv. The same results give
-/// the same files. Throws std::invalid_argument for a baseline that is not there, std::runtime_error for
-/// images that cannot be read and files that cannot be written.
+/// of it; summary.csv, sequences.csv, attributes.csv, differences.csv and curves.csv; its charts over all
+/// sequences as charts/TITLE.svg. The same results give the same files. Throws std::invalid_argument for a
+/// baseline that is not there, std::runtime_error for images that cannot be read and files that cannot be
+/// written.
 void write_report(const Campaign& campaign, const Analysis& analysis, const std::filesystem::path& folder,
                   const ReportOptions& options = {});
 

@@ -301,6 +301,12 @@ class Report(unittest.TestCase):
             self.assertIn(title, titles)
         self.assertFalse(re.search(r"\b(nan|inf)\b", " ".join(charts)))
 
+    def test_charts_are_files_too(self):
+        files = {f.name: xml.etree.ElementTree.parse(f).getroot() for f in (self.folder / "charts").iterdir()}
+        for name in ("ar-raw-legacy.svg", "success-one-pass-ope.svg", "frames-a-second.svg"):
+            self.assertIn(".plot", files[name].find("{http://www.w3.org/2000/svg}style").text)
+        self.assertNotIn("third.svg", files)  # of a sequence
+
     def test_csv_says_what_json_says(self):
         summary = self.rows("summary.csv")
         self.assertEqual([row["tracker"] for row in summary], list(self.trackers))
@@ -387,9 +393,9 @@ class Report(unittest.TestCase):
         again = self.root / "again"
         done = run("report", self.out, "--interval", f"{self.LOW}:{self.HIGH}", "--paper", "--out", again)
         self.assertEqual(done.stdout, self.done.stdout)
-        self.assertEqual(sorted(f.name for f in again.iterdir()), sorted(f.name for f in self.folder.iterdir()))
-        for file in again.iterdir():
-            self.assertEqual(file.read_bytes(), (self.folder / file.name).read_bytes(), file.name)
+        def contents(folder):
+            return {str(f.relative_to(folder)): f.read_bytes() for f in folder.rglob("*") if f.is_file()}
+        self.assertEqual(contents(again), contents(self.folder))
 
     def test_table_on_standard_output(self):
         lines = self.done.stdout.splitlines()

@@ -18,7 +18,8 @@ namespace detail {
 template <typename Scalar, int kDim, int kNodes, int kMaxNodes>
 class SpdSolver {
  public:
-  using Points = Eigen::Matrix<Scalar, kDim, kNodes, Eigen::ColMajor, kDim, kMaxNodes>;
+  using Points =
+      Eigen::Matrix<Scalar, kDim, kNodes, (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim, kMaxNodes>;
   using Matrix = Eigen::Matrix<Scalar, kNodes, kNodes, Eigen::ColMajor, kMaxNodes, kMaxNodes>;
 
   /// The matrix, of which the lower triangle is to be filled in before `factorize`.
