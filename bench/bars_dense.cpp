@@ -25,14 +25,14 @@ Other nearest(const std::string& ours, const std::vector<std::string>& prefixes,
               const std::vector<Problem>& all, std::size_t count) {
   const std::vector<Problem> few(all.begin(),
                                  all.begin() + static_cast<std::ptrdiff_t>(std::min(all.size(), count)));
-  const double seconds = times_to_gap(ours, few).median_seconds;
-  Other best{"", 0, seconds};
+  Other best{"", 0, 0};
   for (const SolverEntry& entry : solvers()) {
     const bool wanted = std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& prefix) {
       return entry.name.starts_with(prefix);
     });
     if (!wanted || !entry.reaches(few.front().system)) continue;
-    const Other other{entry.title, times_to_gap(entry.name, few).median_seconds, seconds};
+    const auto [our_times, times] = times_to_gap(ours, entry.name, few);
+    const Other other{entry.title, times.median_seconds, our_times.median_seconds};
     if (best.title.empty() || other.ratio() < best.ratio()) best = other;
   }
   return best;
@@ -55,9 +55,8 @@ void dense_bars(Bars& bars) {
     if (bars.quick() && size.nodes > 64) break;
     const std::string name = format("N=%d LIT L-BFGS", size.nodes);
     const auto all = problems(Kind::Lit, size.nodes, size.count);
-    const Other ida{"Ida", times_to_gap("ida", all).median_seconds,
-                    times_to_gap("lbfgs", all).median_seconds};
-    against(bars, name, ida, size.ida, size.ida);
+    const auto [ida, lbfgs] = times_to_gap("ida", "lbfgs", all);
+    against(bars, name, {"Ida", ida.median_seconds, lbfgs.median_seconds}, size.ida, size.ida);
     against(bars, name, nearest("lbfgs", {"liblbfgs"}, all, all.size()), 2.5, 3);
     against(bars, name, nearest("lbfgs", {"ceres"}, all, 5), 35, 35);
   }

@@ -2,20 +2,51 @@
 
 #include <cstdint>
 #include <limits>
+#include <memory>
 #include <numeric>
 
 namespace asterism::bench {
 
-GapTimes times_to_gap(const std::string& solver, const std::vector<Problem>& problems, double gap) {
-  const auto runner = solvers_named(solver).front().make(problems.front().system.nodes());
-  std::vector<double> seconds;
-  for (const Problem& problem : problems) {
-    runner->load(problem);
-    const ToGap result = to_gap(*runner, gap);
-    seconds.push_back(result.iterations >= 0 ? result.seconds : std::numeric_limits<double>::infinity());
+namespace {
+
+/// A solver's times over problems, taken one by one.
+class Stopwatch {
+ public:
+  Stopwatch(const std::string& solver, const Problem& first)
+      : runner_(solvers_named(solver).front().make(first.system.nodes())) {}
+
+  void measure(const Problem& problem, double gap) {
+    runner_->load(problem);
+    const ToGap result = to_gap(*runner_, gap);
+    seconds_.push_back(result.iterations >= 0 ? result.seconds : std::numeric_limits<double>::infinity());
   }
-  const double sum = std::accumulate(seconds.begin(), seconds.end(), 0.0);
-  return {sum / static_cast<double>(seconds.size()), median(seconds)};
+
+  GapTimes times() const {
+    const double sum = std::accumulate(seconds_.begin(), seconds_.end(), 0.0);
+    return {sum / static_cast<double>(seconds_.size()), median(seconds_)};
+  }
+
+ private:
+  std::unique_ptr<Runner> runner_;
+  std::vector<double> seconds_;
+};
+
+}  // namespace
+
+GapTimes times_to_gap(const std::string& solver, const std::vector<Problem>& problems, double gap) {
+  Stopwatch watch(solver, problems.front());
+  for (const Problem& problem : problems) watch.measure(problem, gap);
+  return watch.times();
+}
+
+std::pair<GapTimes, GapTimes> times_to_gap(const std::string& a, const std::string& b,
+                                           const std::vector<Problem>& problems, double gap) {
+  Stopwatch first(a, problems.front()), second(b, problems.front());
+  for (const Problem& problem : problems) {
+    first.measure(problem, gap);
+    second.measure(problem, gap);
+  }
+  return {first.times(), second.times()};
 }
 
 std::vector<Problem> problems(Kind kind, int nodes, int count) {

@@ -16,7 +16,7 @@ namespace fs = std::filesystem;
 
 struct Sequence {
   const char* name;
-  double least_overlap;  // of the whole run; measured values are in docs/results/one-pass.md
+  double least_overlap;  // of the whole run; measured values are in docs/results/evaluation.md
 };
 
 void PrintTo(const Sequence& sequence, std::ostream* out) { *out << sequence.name; }

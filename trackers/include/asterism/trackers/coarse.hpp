@@ -13,7 +13,7 @@ struct CoarseOptions {
   /// Multiply the root's response with the colour probability; otherwise the layer is the root filter alone.
   bool use_colour = true;
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
-  /// only one that judges the whole target; docs/results/one-pass.md has the figures behind the value.
+  /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
   double lost_below = 0.2;
 };
 

@@ -37,7 +37,7 @@ struct DptOptions {
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
 
-  /// IDA's stopping rule. Open in the paper; see docs/results/one-pass.md.
+  /// IDA's stopping rule. Open in the paper; see docs/tracker.md.
   SolverOptions solver;
 
   /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)
