@@ -27,7 +27,7 @@ const std::vector<SolverEntry>& solvers() { return entries(); }
 
 std::vector<SolverEntry> solvers_named(const std::string& list) {
   if (list == "all") return solvers();
-  using asterism::detail::stored::edit_distance;
+  using asterism::detail::edit_distance;
   std::vector<SolverEntry> result;
   std::istringstream names(list);
   for (std::string name; std::getline(names, name, ',');) {

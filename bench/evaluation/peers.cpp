@@ -1,10 +1,10 @@
 #include "peers.hpp"
 
 #include <algorithm>
+#include <asterism/solver/edit_distance.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <map>
 #include <memory>
-#include <numeric>
 #include <opencv2/core/utility.hpp>
 #include <stdexcept>
 #include <string_view>
@@ -54,21 +54,6 @@ std::map<std::string, Start> registry() {
   return trackers;
 }
 
-// How many letters are to be put in, taken out or replaced to make one word the other (Levenshtein).
-std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    std::size_t diagonal = row[0]++;
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t replaced = diagonal + (a[i] != b[j]);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
-    }
-  }
-  return row.back();
-}
-
 }  // namespace
 
 std::vector<std::string> evaluated_tracker_names() {
@@ -86,7 +71,7 @@ EvaluatedTracker evaluated_tracker(const std::string& name) {
 
   std::vector<std::string> known = evaluated_tracker_names();
   std::stable_sort(known.begin(), known.end(), [&](const std::string& a, const std::string& b) {
-    return edit_distance(name, a) < edit_distance(name, b);
+    return detail::edit_distance(name, a) < detail::edit_distance(name, b);
   });
   std::string list;
   for (const std::string& other : known) list += other + ", ";

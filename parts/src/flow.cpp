@@ -52,12 +52,9 @@ Flow::Flow(const FlowOptions& options) : options_(options) {
 
 void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
-  const double to_template =
-      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
-  const double margin = options_.padding * mean_side(size);
-  spacing_ = 1 / to_template;
-  cols_ = std::max(kMinWindowSide, static_cast<int>(std::lround((size.x() + margin) * to_template)));
-  rows_ = std::max(kMinWindowSide, static_cast<int>(std::lround((size.y() + margin) * to_template)));
+  const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
+                                                         options_.max_template_side, kMinWindowSide);
+  spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
 
   // The points are the centres of grid x grid cells of the target.
   points_.clear();

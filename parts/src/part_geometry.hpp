@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/parts/frame.hpp>
+#include <asterism/parts/response.hpp>
 #include <cmath>
 #include <stdexcept>
 
@@ -30,6 +31,39 @@ inline double template_scale(const Size2& size, double padding, double min_side,
   const double side = mean_side(size);
   return std::min(std::clamp(side, min_side, max_side) / side,
                   kMaxWindowSide / (size.maxCoeff() + padding * side));
+}
+
+/// Template and search window of a model that is matched at every whole shift within `reach`.
+struct MatchGeometry {
+  double spacing;        ///< image pixels a template pixel
+  int cols, rows;        ///< of the template
+  int reach;             ///< of the search to each side [template pixels]
+  ResponseMap response;  ///< of all shifts
+};
+inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side) {
+  const double to_template = template_scale(size, padding, min_side, max_side);
+  MatchGeometry result{.spacing = 1 / to_template,
+                       .cols = std::max(1, static_cast<int>(std::lround(size.x() * to_template))),
+                       .rows = std::max(1, static_cast<int>(std::lround(size.y() * to_template))),
+                       .reach = static_cast<int>(std::ceil(padding / 2 * mean_side(size) * to_template)),
+                       .response = {}};
+  result.response.values.setZero(2 * result.reach + 1, 2 * result.reach + 1);
+  result.response.spacing = Size2::Constant(result.spacing);
+  result.response.periodic = false;
+  return result;
+}
+
+/// A target with its surroundings, `padding` times its mean side more on both axes.
+struct WindowGeometry {
+  double to_template;  ///< template pixels an image pixel
+  int cols, rows;      ///< [template pixels], at least `least`
+};
+inline WindowGeometry window_geometry(const Size2& size, double padding, double min_side, double max_side,
+                                      int least) {
+  const double to_template = template_scale(size, padding, min_side, max_side);
+  const double margin = padding * mean_side(size);
+  return {to_template, std::max(least, static_cast<int>(std::lround((size.x() + margin) * to_template))),
+          std::max(least, static_cast<int>(std::lround((size.y() + margin) * to_template)))};
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -25,19 +25,13 @@ Template::Template(const TemplateOptions& options) : options_(options) {
 
 void Template::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
-  const double to_template =
-      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
-  spacing_ = 1 / to_template;
-  cols_ = std::max(1, static_cast<int>(std::lround(size.x() * to_template)));
-  rows_ = std::max(1, static_cast<int>(std::lround(size.y() * to_template)));
-  reach_ = static_cast<int>(std::ceil(options_.padding / 2 * mean_side(size) * to_template));
+  const auto [spacing, cols, rows, reach, response] =
+      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
+  response_ = likelihood_ = response;
   channels_ = options_.colour && !frame.bgr().empty() ? 3 : 1;
 
   template_.setZero(Eigen::Index{rows_} * cols_ * channels_);
-  response_.values.resize(2 * reach_ + 1, 2 * reach_ + 1);
-  response_.spacing = Size2::Constant(spacing_);
-  response_.periodic = false;
-  likelihood_ = response_;
   learn(frame, centre, 1);
 }
 

@@ -12,6 +12,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "../trackers/moving_square.hpp"
 #include "ground_truth.hpp"
 #include "isolated.hpp"
 
@@ -20,29 +21,12 @@ namespace {
 
 constexpr int kFrames = 12;
 
-cv::Mat noise(cv::Size size, int blur, double low, double high, std::uint64_t seed) {
-  cv::Mat image(size, CV_8UC3);
-  cv::RNG random(seed);
-  random.fill(image, cv::RNG::UNIFORM, 0, 255);
-  cv::GaussianBlur(image, image, {blur, blur}, 0);
-  cv::normalize(image, image, low, high, cv::NORM_MINMAX);
-  return image;
-}
-
-cv::Rect2d true_box(int frame) { return {60.0 + 3 * frame, 50.0 + frame, 48, 40}; }
-
-cv::Mat draw_frame(int frame) {
-  static const cv::Mat background = noise({320, 240}, 15, 20, 90, 1);
-  static const cv::Mat object = noise({48, 40}, 9, 100, 255, 2);
-  cv::Mat image = background.clone();
-  object.copyTo(image(cv::Rect(true_box(frame))));
-  return image;
-}
+cv::Mat draw_smooth_frame(int frame) { return draw_frame(frame, 9); }
 
 std::vector<Report> follow(const EvaluatedTracker& tracker) {
-  const Step step = tracker.start(draw_frame(0), Region::rectangle(true_box(0)));
+  const Step step = tracker.start(draw_smooth_frame(0), Region::rectangle(true_box(0)));
   std::vector<Report> reports;
-  for (int t = 1; t < kFrames; ++t) reports.push_back(step(draw_frame(t)));
+  for (int t = 1; t < kFrames; ++t) reports.push_back(step(draw_smooth_frame(t)));
   return reports;
 }
 
@@ -67,11 +51,11 @@ TEST_P(EveryTracker, FollowsAnObjectAndStartsAnewEachTime) {
   for (const char* random : {"opencv-mil", "opencv-boosting", "opencv-tld"})
     if (GetParam() == random) return;
   // Two at once, each with a state of its own.
-  const Step other = tracker.start(draw_frame(5), Region::rectangle(true_box(5)));
+  const Step other = tracker.start(draw_smooth_frame(5), Region::rectangle(true_box(5)));
   const std::vector<Report> again = follow(tracker);
   for (std::size_t i = 0; i < first.size(); ++i)
     EXPECT_EQ(again[i].region, first[i].region) << GetParam() << i;
-  const Report report = other(draw_frame(6));
+  const Report report = other(draw_smooth_frame(6));
   EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(6)) > 0.3);
 }
 
@@ -79,8 +63,8 @@ TEST_P(EveryTracker, TakesAPolygonByItsBoundingBox) {
   const cv::Rect2d b = true_box(0);
   const Region diamond =
       Region::polygon({{b.x, b.y + 20}, {b.x + 24, b.y}, {b.x + 48, b.y + 20}, {b.x + 24, b.y + 40}});
-  const Step step = evaluated_tracker(GetParam()).start(draw_frame(0), diamond);
-  const Report report = step(draw_frame(1));
+  const Step step = evaluated_tracker(GetParam()).start(draw_smooth_frame(0), diamond);
+  const Report report = step(draw_smooth_frame(1));
   EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(1)) > 0.4);
 }
 
@@ -103,27 +87,27 @@ Start mortal(int last, const std::function<void()>& end) {
 
 TEST(IsolatedTrackers, SayWhatTheyWouldSay) {
   const Region object = Region::polygon({{1.5, 2}, {30, 2}, {30, 40.25}});
-  const Step step = isolated(mortal(100, [] {}))(draw_frame(0), object);
+  const Step step = isolated(mortal(100, [] {}))(draw_smooth_frame(0), object);
   for (int t = 1; t < 5; ++t) {
-    const Report report = step(draw_frame(t)(cv::Rect(10, 10, 100, 100)));  // rows apart in memory
+    const Report report = step(draw_smooth_frame(t)(cv::Rect(10, 10, 100, 100)));  // rows apart in memory
     EXPECT_EQ(report.region, object);
-    EXPECT_EQ(report.confidence, draw_frame(t).at<cv::Vec3b>(12, 13)[0] + 0.25);
+    EXPECT_EQ(report.confidence, draw_smooth_frame(t).at<cv::Vec3b>(12, 13)[0] + 0.25);
   }
   // Two of ours at once.
   const EvaluatedTracker kcf = evaluated_tracker("kcf");
   const std::vector<Report> expected = follow(kcf);
-  const Step other = isolated(kcf.start)(draw_frame(0), Region::rectangle(true_box(0)));
+  const Step other = isolated(kcf.start)(draw_smooth_frame(0), Region::rectangle(true_box(0)));
   const std::vector<Report> reports = follow({"kcf", isolated(kcf.start)});
   for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_EQ(reports[i].region, expected[i].region);
-  EXPECT_EQ(other(draw_frame(1)).region, expected[0].region);
+  EXPECT_EQ(other(draw_smooth_frame(1)).region, expected[0].region);
 }
 
 TEST(IsolatedTrackers, EndAlone) {
   const auto reason = [](const std::function<void()>& end) -> std::string {
-    const Step step = isolated(mortal(2, end))(draw_frame(0), Region::rectangle(true_box(0)));
-    step(draw_frame(1));
+    const Step step = isolated(mortal(2, end))(draw_smooth_frame(0), Region::rectangle(true_box(0)));
+    step(draw_smooth_frame(1));
     try {
-      step(draw_frame(2));
+      step(draw_smooth_frame(2));
     } catch (const std::exception& error) {
       return error.what();
     }
@@ -133,7 +117,7 @@ TEST(IsolatedTrackers, EndAlone) {
   EXPECT_EQ(reason([] { raise(SIGKILL); }), "the tracker crashed: Killed");
   EXPECT_EQ(reason([] { _exit(3); }), "the tracker ended with code 3");
   const Start cannot = [](const Image&, const Region&) -> Step { throw std::runtime_error("never"); };
-  EXPECT_THROW(isolated(cannot)(draw_frame(0), Region::rectangle(true_box(0))), std::runtime_error);
+  EXPECT_THROW(isolated(cannot)(draw_smooth_frame(0), Region::rectangle(true_box(0))), std::runtime_error);
 }
 
 TEST(EvaluatedTrackers, AreOursAndThoseThatAreInstalled) {
@@ -144,10 +128,10 @@ TEST(EvaluatedTrackers, AreOursAndThoseThatAreInstalled) {
 
 TEST(EvaluatedTrackers, OfOursSayWhatTheySayAlone) {
   AnyTracker alone = make_tracker("kcf");
-  alone.init(draw_frame(0), true_box(0));
+  alone.init(draw_smooth_frame(0), true_box(0));
   int t = 0;
   for (const Report& report : follow(evaluated_tracker("kcf"))) {
-    const TrackResult result = alone.update(draw_frame(++t));
+    const TrackResult result = alone.update(draw_smooth_frame(++t));
     EXPECT_EQ(report.region, Region::rectangle(result.box));
     EXPECT_EQ(report.confidence, result.confidence);
   }
@@ -157,8 +141,9 @@ TEST(EvaluatedTrackers, SayWhenTheyHaveNotFoundTheObject) {
   const std::vector<std::string> names = evaluated_tracker_names();
   if (!std::count(names.begin(), names.end(), "opencv-kcf"))
     GTEST_SKIP() << "OpenCV's trackers are not installed";
-  const Step step = evaluated_tracker("opencv-kcf").start(draw_frame(0), Region::rectangle(true_box(0)));
-  for (int t = 1; t < 4; ++t) EXPECT_TRUE(step(draw_frame(t)).region);
+  const Step step =
+      evaluated_tracker("opencv-kcf").start(draw_smooth_frame(0), Region::rectangle(true_box(0)));
+  for (int t = 1; t < 4; ++t) EXPECT_TRUE(step(draw_smooth_frame(t)).region);
   const Report report = step(cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(0)));
   EXPECT_FALSE(report.region);
   EXPECT_TRUE(std::isnan(report.confidence));
@@ -179,7 +164,7 @@ TEST(EvaluatedTrackers, ListTheMostSimilarNameFirst) {
 
 TEST(EvaluatedTrackers, SpeakTrax) {
   EXPECT_THROW(
-      evaluated_tracker("trax:/no/such/program").start(draw_frame(0), Region::rectangle(true_box(0))),
+      evaluated_tracker("trax:/no/such/program").start(draw_smooth_frame(0), Region::rectangle(true_box(0))),
       std::exception);
 #ifdef ASTERISM_TRAX_TOOL
   const std::vector<Report> direct = follow(evaluated_tracker("kcf"));

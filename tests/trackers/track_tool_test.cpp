@@ -29,6 +29,8 @@
 #include <asterism/solver/json.hpp>
 #endif
 
+#include "moving_square.hpp"
+
 namespace asterism::tools {
 namespace {
 
@@ -36,26 +38,6 @@ namespace fs = std::filesystem;
 
 constexpr int kFrames = 20;
 constexpr char kHeader[] = "frame,x,y,width,height,confidence,lost,milliseconds";
-
-cv::Mat noise(cv::Size size, int blur, double low, double high, std::uint64_t seed) {
-  cv::Mat image(size, CV_8UC3);
-  cv::RNG rng(seed);
-  rng.fill(image, cv::RNG::UNIFORM, 0, 255);
-  cv::GaussianBlur(image, image, {blur, blur}, 0);
-  cv::normalize(image, image, low, high, cv::NORM_MINMAX);
-  return image;
-}
-
-cv::Rect2d true_box(int frame) { return {60.0 + 3 * (frame - 1), 50.0 + (frame - 1), 48, 40}; }
-
-// A bright textured square that moves over dim texture.
-cv::Mat draw_frame(int frame) {
-  static const cv::Mat background = noise({320, 240}, 15, 20, 90, 1);
-  static const cv::Mat object = noise({48, 40}, 5, 100, 255, 2);
-  cv::Mat image = background.clone();
-  object.copyTo(image(cv::Rect(true_box(frame))));
-  return image;
-}
 
 std::string read(const fs::path& path) {
   std::ifstream file(path);
@@ -83,7 +65,7 @@ class TrackTool : public testing::Test {
     fs::create_directories(folder);
     for (int i = 1; i <= frames; ++i) {
       // Not padded: frame 10 comes after frame 9 only in natural order.
-      cv::imwrite((folder / ("img_" + std::to_string(i) + ".png")).string(), draw_frame(i));
+      cv::imwrite((folder / ("img_" + std::to_string(i) + ".png")).string(), draw_frame(i - 1));
     }
     return folder;
   }
@@ -93,7 +75,7 @@ class TrackTool : public testing::Test {
     make_images("sequence/color");
     std::ofstream file(folder / "groundtruth.txt");
     for (int i = 1; i <= kFrames; ++i) {
-      const cv::Rect2d b = true_box(i);
+      const cv::Rect2d b = true_box(i - 1);
       const double right = b.x + b.width, bottom = b.y + b.height;
       file << b.x << ',' << bottom << ',' << b.x << ',' << b.y << ',' << right << ',' << b.y << ',' << right
            << ',' << bottom << '\n';
@@ -105,7 +87,7 @@ class TrackTool : public testing::Test {
   fs::path make_video() {
     fs::path path = folder_ / "video.avi";
     cv::VideoWriter writer(path.string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 12, {320, 240});
-    for (int i = 1; i <= kFrames; ++i) writer.write(draw_frame(i));
+    for (int i = 1; i <= kFrames; ++i) writer.write(draw_frame(i - 1));
     return path;
   }
 
@@ -141,7 +123,7 @@ class TrackTool : public testing::Test {
       const std::vector<double> v = parse_numbers(line);
       ASSERT_EQ(v.size(), 8u) << line;
       EXPECT_EQ(v[0], first + i);
-      EXPECT_GT(overlap({v[1], v[2], v[3], v[4]}, true_box(first + i)), i == 0 ? 0.999 : 0.6)
+      EXPECT_GT(overlap({v[1], v[2], v[3], v[4]}, true_box(first + i - 1)), i == 0 ? 0.999 : 0.6)
           << "frame " << v[0];
       EXPECT_TRUE(v[5] >= 0 && v[5] <= 1) << v[5];
       EXPECT_TRUE(v[6] == 0 || v[6] == 1) << v[6];

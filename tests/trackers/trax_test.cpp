@@ -26,6 +26,8 @@
 #include <utility>
 #include <vector>
 
+#include "moving_square.hpp"
+
 namespace asterism::tools {
 namespace {
 
@@ -220,15 +222,6 @@ TEST_F(Lines, FromWhatCannotBeRead) {
 
 // ---- Images ----
 
-cv::Mat noise(cv::Size size, int blur, double low, double high, std::uint64_t seed) {
-  cv::Mat image(size, CV_8UC3);
-  cv::RNG rng(seed);
-  rng.fill(image, cv::RNG::UNIFORM, 0, 255);
-  cv::GaussianBlur(image, image, {blur, blur}, 0);
-  cv::normalize(image, image, low, high, cv::NORM_MINMAX);
-  return image;
-}
-
 bool same(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
 }
@@ -295,17 +288,6 @@ TEST(TraxImages, AreRefusedWithTheReason) {
 // ---- asterism-trax and its client ----
 
 constexpr int kFrames = 8;
-
-cv::Rect2d true_box(int frame) { return {60.0 + 3 * frame, 50.0 + frame, 48, 40}; }
-
-// A bright textured square that moves over dim texture.
-cv::Mat draw_frame(int frame) {
-  static const cv::Mat background = noise({320, 240}, 15, 20, 90, 1);
-  static const cv::Mat object = noise({48, 40}, 5, 100, 255, 2);
-  cv::Mat image = background.clone();
-  object.copyTo(image(cv::Rect(true_box(frame))));
-  return image;
-}
 
 class Trax : public Test {
  protected:

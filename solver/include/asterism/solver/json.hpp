@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/edit_distance.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -163,21 +164,6 @@ void read_points(const Json& value, const Place& place, const char* unit, Points
     }
     ++i;
   }
-}
-
-/// How many letters are to be put in, taken out or replaced to make one word the other (Levenshtein).
-inline std::size_t edit_distance(std::string_view a, std::string_view b) {
-  std::vector<std::size_t> row(b.size() + 1);
-  std::iota(row.begin(), row.end(), std::size_t{0});
-  for (const char letter : a) {
-    std::size_t diagonal = row[0]++;
-    for (std::size_t j = 0; j < b.size(); ++j) {
-      const std::size_t replaced = diagonal + (letter == b[j] ? 0 : 1);
-      diagonal = row[j + 1];
-      row[j + 1] = std::min({replaced, row[j] + 1, row[j + 1] + 1});
-    }
-  }
-  return row.back();
 }
 
 /// A key as an error shows it: on one line, and not all of a very long one.
