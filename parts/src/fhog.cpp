@@ -1,19 +1,17 @@
 #include <algorithm>
-#include <array>
 #include <asterism/parts/fhog.hpp>
-#include <bit>
 #include <cmath>
 #include <cstdint>
-#include <opencv2/core/hal/hal.hpp>
 #include <stdexcept>
 #include <string>
-#include <type_traits>
+
+#include "part_kernels.hpp"
 
 // One pass over the patch, a row of cells at a time, so that everything but the result stays in the first
 // cache:
 //
 //   load_row     a row of pixels as floats, with the border replicated
-//   vote_row     magnitude and orientation of each gradient (vector code), then one vote a pixel
+//   vote_row     magnitude and orientation of each gradient of its gradients, then one vote a pixel
 //   collect      votes -> histograms of the row of cells that is now complete, and its energy
 //   normalise_blocks  1 / sqrt of the 2 x 2 block energies between two rows of cells
 //   emit_row     normalise, clip and sum one row of cells into the 31 planes
@@ -23,44 +21,31 @@
 // between four neighbouring centres: all its pixels share the same four cells, so a vote is one 4-vector
 // (left top, left bottom, right top, right bottom) added to the interval's entry for the orientation. A
 // cell's histogram is the sum of one lane of each of its four intervals.
+//
+// The steps themselves are kernels, part_kernels_impl.hpp; the tests compare them with a scalar version.
 
 namespace asterism::inline ASTERISM_ABI {
 namespace {
 
-using Quad = Eigen::Array4f;
-using QuadMap = Eigen::Map<Quad>;
-using ConstQuadMap = Eigen::Map<const Quad>;
-
-constexpr int kSigned = 18, kUnsigned = 9;
+constexpr int kSigned = 18;
 // A gradient between -10 and 0 degrees lands in slot 18, which is orientation 0 again: one slot more is
 // cheaper than a test a pixel.
 constexpr int kSlots = kSigned + 1;
 constexpr float kMaxPixel = 1e8F;  // keeps block energies far from overflow for every cell size
 constexpr float kRegulariser = 1e-4F;
 constexpr int kMaxCells = 1 << 20;  // of a row; keeps all indices within int
+constexpr int kPadding = part_kernels_v0_1::kMaxLanes;
 
-// Slope |gy| / |gx| above which direction k + 1 has a larger projection than direction k, k = 0..3.
-// Directions with four decimals as they were published: exact ones move a few 8-bit gradients over a bin
-// boundary and away from all other implementations.
-constexpr std::array<float, 4> kSlopes = {
-    (1.0000F - 0.9397F) / 0.3420F, (0.9397F - 0.7660F) / (0.6428F - 0.3420F),
-    (0.7660F - 0.5000F) / (0.8660F - 0.6428F), (0.5000F - 0.1736F) / (0.9848F - 0.8660F)};
-
-int padded(int n) { return (n + 3) / 4 * 4; }
-
-std::size_t index(int i) { return static_cast<std::size_t>(i); }
+int padded(int n) { return (n + kPadding - 1) / kPadding * kPadding; }
 
 template <typename Value>
 void grow(std::vector<Value>& buffer, int size, const Value& value) {
-  if (buffer.size() < index(size)) buffer.resize(index(size), value);
+  if (buffer.size() < static_cast<std::size_t>(size)) buffer.resize(static_cast<std::size_t>(size), value);
 }
-
-// All ones where the sign bit is set.
-std::int32_t sign_mask(float v) { return std::bit_cast<std::int32_t>(v) >> 31; }
 
 }  // namespace
 
-Fhog::Fhog(int cell_size) : cell_size_(cell_size) {
+Fhog::Fhog(int cell_size) : cell_size_(cell_size), kernels_(&part_kernels_v0_1::kernels()) {
   if (cell_size < 1)
     throw std::invalid_argument("Fhog: cell_size is " + std::to_string(cell_size) + ", must be >= 1");
 }
@@ -68,14 +53,13 @@ Fhog::Fhog(int cell_size) : cell_size_(cell_size) {
 void Fhog::reserve(int cells_x) {
   cells_x_ = cells_x;
   intervals_ = cells_x + 1;
-  stride_ = padded(cells_x) + 4;
-  const int width = cells_x * cell_size_;
-  const Quad zero4 = Quad::Zero();
-  grow(phase_weights_, cell_size_, zero4);
-  grow(votes_, kSlots * intervals_, zero4);
-  grow(pixels_, 3 * (width + 2), 0.0F);
-  grow(magnitude_, width, 0.0F);
-  grow(slot_, width, 0);
+  stride_ = padded(cells_x) + kPadding;
+  row_ = padded(cells_x * cell_size_ + 2) + kPadding;
+  grow(phase_weights_, 4 * cell_size_, 0.0F);
+  grow(votes_, kSlots * intervals_, Eigen::Array4f(Eigen::Array4f::Zero()));
+  grow(pixels_, 3 * row_, 0.0F);
+  grow(magnitude_, row_, 0.0F);
+  grow(slot_, row_, 0);
   grow(open_row_, kSigned * stride_, 0.0F);
   grow(histogram_, 2 * kSigned * stride_, 0.0F);
   grow(energy_, 2 * stride_, 0.0F);
@@ -84,9 +68,9 @@ void Fhog::reserve(int cells_x) {
 
 void Fhog::load_row(const cv::Mat& patch, int y) {
   const int width = cells_x_ * cell_size_;
-  float* const row = pixels_.data() + (y % 3) * (width + 2) + 1;
+  float* __restrict const row = pixels_.data() + y % 3 * row_ + 1;
   if (patch.depth() == CV_8U) {
-    const std::uint8_t* const source = patch.ptr<std::uint8_t>(y);
+    const std::uint8_t* __restrict const source = patch.ptr<std::uint8_t>(y);
     for (int x = 0; x < width; ++x) row[x] = static_cast<float>(source[x]);
     row[width] = static_cast<float>(source[std::min(width, patch.cols - 1)]);
   } else {
@@ -100,31 +84,7 @@ void Fhog::load_row(const cv::Mat& patch, int y) {
 
 // Votes of pixel row y; `rows` of the patch are loaded or replicated.
 void Fhog::vote_row(int y, int rows) {
-  const int width = cells_x_ * cell_size_;
-  const auto row_at = [&](int i) { return pixels_.data() + (i % 3) * (width + 2) + 1; };
-  const float* const here = row_at(y);
-  const float* const above = row_at(std::max(y - 1, 0));
-  const float* const below = row_at(std::min(y + 1, rows - 1));
-  float* __restrict const magnitude = magnitude_.data();
-  int* __restrict const slot = slot_.data();
-
-  // Fold into the first quadrant, count the slopes exceeded (k = 0..4: 0, 20, .. 80 degrees), unfold:
-  // k, 9 - k, 9 + k, 18 - k in the four quadrants. A half turn adds 9, so signed orientations need no more
-  // tests.
-  const std::int32_t step = intervals_, half_turn = kUnsigned * step;
-  for (int x = 0; x < width; ++x) {
-    const float gx = here[x + 1] - here[x - 1], gy = below[x] - above[x];
-    const float ax = std::abs(gx), ay = std::abs(gy);
-    std::int32_t k = 0;
-    for (const float slope : kSlopes) k += ay > ax * slope ? step : 0;
-    // gx = 0 ties between 80 and 100 degrees; the first one wins, whichever sense the gradient has.
-    const std::int32_t down = sign_mask(gy), mirrored = sign_mask(gx + 1e-9F * gy) ^ down;
-    slot[x] = ((k ^ mirrored) - mirrored) + (mirrored & half_turn) + (down & half_turn);
-    magnitude[x] = gx * gx + gy * gy;
-  }
-  // std::sqrt may set errno, which keeps compilers from vectorising it.
-  cv::hal::sqrt32f(magnitude, magnitude, width);
-
+  const auto row_at = [&](int i) { return pixels_.data() + i % 3 * row_ + 1; };
   // Position between the upper and lower centres, and the same for each pixel of an interval in x.
   const int half = cell_size_ / 2;
   const auto fraction = [&](int phase) {
@@ -133,61 +93,33 @@ void Fhog::vote_row(int y, int rows) {
   const float fy = fraction((y + cell_size_ - half) % cell_size_);
   for (int p = 0; p < cell_size_; ++p) {
     const float fx = fraction(p);
-    phase_weights_[index(p)] = {(1 - fx) * (1 - fy), (1 - fx) * fy, fx * (1 - fy), fx * fy};
+    float* const weights = phase_weights_.data() + 4 * p;
+    weights[0] = (1 - fx) * (1 - fy);
+    weights[1] = (1 - fx) * fy;
+    weights[2] = fx * (1 - fy);
+    weights[3] = fx * fy;
   }
-
-  // Local copies, because the compiler must assume that the votes overlap the members.
-  const int cells_x = cells_x_;
-  const auto vote_all = [&](auto cell, const Quad* weights) {
-    Quad* votes = votes_.data();
-    const auto vote = [&](int x, int phase) { votes[slot[x]] += magnitude[x] * weights[phase]; };
-    for (int x = 0; x < half; ++x) vote(x, cell - half + x);
-    int x = half;
-    for (int i = 1; i < cells_x; ++i, x += cell) {
-      ++votes;
-      for (int p = 0; p < cell; ++p) vote(x + p, p);
-    }
-    ++votes;
-    for (int p = 0; x < width; ++x, ++p) vote(x, p);
-  };
-  if (cell_size_ == 4) {  // the usual size: unrolled, weights in registers
-    std::array<Quad, 4> weights;
-    std::copy_n(phase_weights_.begin(), 4, weights.begin());
-    vote_all(std::integral_constant<int, 4>(), weights.data());
-  } else {
-    vote_all(cell_size_, phase_weights_.data());
-  }
+  kernels_->vote_row({.above = row_at(std::max(y - 1, 0)),
+                      .here = row_at(y) - 1,
+                      .below = row_at(std::min(y + 1, rows - 1)),
+                      .width = cells_x_ * cell_size_,
+                      .cell_size = cell_size_,
+                      .slot_stride = intervals_,
+                      .magnitude = magnitude_.data(),
+                      .slot = slot_.data(),
+                      .weights = phase_weights_.data(),
+                      .votes = votes_.front().data()});
 }
 
 // Sums the votes of interval row j into the histograms: its upper lanes complete cell row j - 1, its lower
 // lanes open cell row j. Leaves the votes zero.
 void Fhog::collect(int j) {
-  const int n = cells_x_;
-  // The extra slot is orientation 0.
-  for (int i = 0; i < intervals_; ++i) votes_[index(i)] += votes_[index(kSigned * intervals_ + i)];
   float* const histogram = histogram_.data() + (j + 1) % 2 * kSigned * stride_;
-  for (int o = 0; o < kSigned; ++o) {
-    const float* __restrict const v = votes_[index(o * intervals_)].data();
-    float* __restrict const open = open_row_.data() + o * stride_;
-    float* __restrict const done = histogram + o * stride_;
-    for (int c = 0; c < n; ++c) {
-      done[c] = open[c] + (v[4 * c + 2] + v[4 * c + 4]);
-      open[c] = v[4 * c + 3] + v[4 * c + 5];
-    }
-  }
-  std::fill_n(votes_.front().data(), 4 * kSlots * intervals_, 0.0F);  // as floats it becomes a memset
-
   float* const energy = energy_.data() + (j + 1) % 2 * stride_ + 1;
-  for (int c = 0; c < n; c += 4) {  // rows are padded
-    Quad sum = Quad::Zero();
-    for (int o = 0; o < kUnsigned; ++o) {
-      const float* const h = histogram + o * stride_ + c;
-      sum += (ConstQuadMap(h) + ConstQuadMap(h + kUnsigned * stride_)).square();
-    }
-    QuadMap(energy + c) = sum;
-  }
+  kernels_->collect(votes_.front().data(), intervals_, cells_x_, stride_, open_row_.data(), histogram,
+                    energy);
   energy[-1] = energy[0];
-  energy[n] = energy[n - 1];
+  energy[cells_x_] = energy[cells_x_ - 1];
 }
 
 // Normalisers of the blocks between cell rows r - 1 and r.
@@ -196,57 +128,19 @@ void Fhog::normalise_blocks(int r, int rows) {
   const float* const below = energy_.data() + (std::min(r, rows - 1) % 2) * stride_;
   float* __restrict const normaliser = normaliser_.data() + r % 2 * stride_;
   for (int b = 0; b < intervals_; ++b) {
-    normaliser[b] = above[b] + above[b + 1] + below[b] + below[b + 1] + kRegulariser;
+    normaliser[b] = 1 / std::sqrt(above[b] + above[b + 1] + below[b] + below[b + 1] + kRegulariser);
   }
-  cv::hal::sqrt32f(normaliser, normaliser, intervals_);
-  for (int b = 0; b < intervals_; ++b) normaliser[b] = 1 / normaliser[b];
 }
 
 // Features of cell row r.
 void Fhog::emit_row(int r, float* features, std::ptrdiff_t plane) const {
-  const float* const histogram = histogram_.data() + r % 2 * kSigned * stride_;
-  const float* const upper = normaliser_.data() + r % 2 * stride_;
-  const float* const lower = normaliser_.data() + (r + 1) % 2 * stride_;
-
-  // Four cells at once; put(channel, values) stores them. The factor 1/2 of the features is inside the
-  // clipped product, hence the clip at 0.1 and the doubled texture factor.
-  const auto emit_four = [&](int c, auto&& put) {
-    const Quad clip = Quad::Constant(0.1F);
-    const Quad n0 = 0.5F * ConstQuadMap(lower + c + 1), n1 = 0.5F * ConstQuadMap(upper + c + 1);
-    const Quad n2 = 0.5F * ConstQuadMap(lower + c), n3 = 0.5F * ConstQuadMap(upper + c);
-    Quad t0 = Quad::Zero(), t1 = t0, t2 = t0, t3 = t0;
-    for (int o = 0; o < kSigned; ++o) {
-      const Quad h = ConstQuadMap(histogram + o * stride_ + c);
-      const Quad p0 = (h * n0).min(clip), p1 = (h * n1).min(clip), p2 = (h * n2).min(clip),
-                 p3 = (h * n3).min(clip);
-      t0 += p0;
-      t1 += p1;
-      t2 += p2;
-      t3 += p3;
-      put(o, (p0 + p1) + (p2 + p3));
-    }
-    for (int o = 0; o < kUnsigned; ++o) {
-      const Quad h =
-          ConstQuadMap(histogram + o * stride_ + c) + ConstQuadMap(histogram + (o + kUnsigned) * stride_ + c);
-      put(kSigned + o, ((h * n0).min(clip) + (h * n1).min(clip)) + ((h * n2).min(clip) + (h * n3).min(clip)));
-    }
-    constexpr float kTexture = 2 * 0.2357F;
-    put(27, kTexture * t0);
-    put(28, kTexture * t1);
-    put(29, kTexture * t2);
-    put(30, kTexture * t3);
-  };
-
-  float* const row = features + static_cast<std::ptrdiff_t>(r) * cells_x_;
-  int c = 0;
-  for (; c + 4 <= cells_x_; c += 4) {
-    emit_four(c, [&](int channel, const Quad& values) { QuadMap(row + channel * plane + c) = values; });
-  }
-  if (c < cells_x_) {
-    emit_four(c, [&](int channel, const Quad& values) {
-      for (int i = 0; c + i < cells_x_; ++i) row[channel * plane + c + i] = values[i];
-    });
-  }
+  kernels_->emit_row({.histogram = histogram_.data() + r % 2 * kSigned * stride_,
+                      .upper = normaliser_.data() + r % 2 * stride_,
+                      .lower = normaliser_.data() + (r + 1) % 2 * stride_,
+                      .cells = cells_x_,
+                      .stride = stride_,
+                      .plane = plane,
+                      .features = features + static_cast<std::ptrdiff_t>(r) * cells_x_});
 }
 
 void Fhog::compute(const cv::Mat& patch, float* features) {

@@ -1,9 +1,9 @@
 #include <asterism/parts/kcf.hpp>
-#include <asterism/parts/patch.hpp>
 #include <cmath>
 #include <numbers>
-#include <opencv2/imgproc.hpp>
 #include <stdexcept>
+
+#include "filter_plan.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -16,8 +16,7 @@ void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-// The number of cells nearest to `wanted` whose FFT is fast: a multiple of four (odd sizes cost up to four
-// times as much with FFTW).
+// The multiple of four cells nearest to `wanted`: what the transforms want.
 int fast_cells(double wanted) { return 4 * std::max(1, static_cast<int>(std::lround(wanted / 4))); }
 
 // Symmetric Hann window of n >= 2 samples.
@@ -27,6 +26,16 @@ Eigen::ArrayXf hann(int n) {
 
 // Signed circular distance of index i from 0 on a period of n.
 int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
+
+// exp(-i^2 / (2 sigma^2)) over wrapped distances, and the real spectrum of that, first n / 2 + 1 or all bins.
+Eigen::ArrayXd gaussian_spectrum(int n, double sigma, int bins) {
+  Eigen::ArrayXd spectrum = Eigen::ArrayXd::Zero(bins);
+  for (int i = 0; i < n; ++i) {
+    const double value = std::exp(-0.5 * std::pow(wrapped(i, n) / sigma, 2));
+    for (int k = 0; k < bins; ++k) spectrum(k) += value * std::cos(2 * std::numbers::pi * (i * k % n) / n);
+  }
+  return spectrum;
+}
 
 }  // namespace
 
@@ -40,6 +49,11 @@ Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size
   require(options.min_template_side >= options.cell_size &&
               options.max_template_side >= options.min_template_side,
           "KcfOptions: template sides must satisfy cell_size <= min <= max");
+  if (options.kernel.type == Kernel::Type::Gaussian) kernel_base_ = 1;
+  if (options.kernel.type == Kernel::Type::Polynomial) {
+    const double base = std::pow(options.kernel.offset, options.kernel.exponent);
+    kernel_base_ = std::isfinite(base) ? base : 0;
+  }
 }
 
 void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -58,32 +72,34 @@ void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
   size_ = initial_size_ = size;
   scale_ = initial_scale_ = Size2::Constant(1 / to_template);
 
-  const Eigen::Index plane = rows_ * cols_, half = rows_ * (cols_ / 2 + 1);
-  feature_fft_ = RealFft2<float>(rows_, cols_, kChannels);
-  plane_fft_ = RealFft2<double>(rows_, cols_);
-  features_.resize(kChannels * plane);
-  sample_.resize(kChannels * half);
-  template_.setZero(kChannels * half);
-  cross_float_.resize(half);
-  kernel_spectrum_.resize(half);
-  plane_.resize(plane);
+  plan_ = Plan::shared(rows_, cols_);
+  const part_kernels_v0_1::Transform& t = plan_->transform;
+  const Eigen::Index plane = rows_ * cols_, half = plan_->half_floats();
+  features_.reset(kChannels * plane);
+  sample_.reset(plan_->spectra_floats(kChannels));
+  template_.reset(plan_->spectra_floats(kChannels));
+  split_.reset(2 * half);
+  plane_.reset(plan_->plane_floats());
+  cell_work_.resize(cols_ * options_.cell_size);
+  cell_sums_.resize(cols_);
+  work_.reset(part_kernels_v0_1::work_floats(rows_, cols_));
   numerator_.setZero(half);
   denominator_.setZero(half);
   alpha_.setZero(half);
+  alpha_float_.setZero(half);
   response_.values.resize(rows_, cols_);
 
   const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
-  hann_.resize(plane);
-  for (int r = 0; r < rows_; ++r) hann_.segment(r * cols_, cols_) = down(r) * across;
-
-  // The label phi: a Gaussian at zero shift, wrapped.
-  const double sigma = options_.label_sigma * mean_side * to_template / options_.cell_size;  // [cells]
+  hann_.reset(plane);
   for (int r = 0; r < rows_; ++r)
-    for (int c = 0; c < cols_; ++c)
-      plane_(r * cols_ + c) = std::exp(
-          -0.5 * (std::pow(wrapped(r, rows_), 2) + std::pow(wrapped(c, cols_), 2)) / (sigma * sigma));
-  label_.resize(half);
-  plane_fft_.forward(plane_.data(), label_.data());
+    for (int c = 0; c < cols_; ++c) hann_.data()[r * cols_ + c] = down(r) * across(c);
+
+  // The label phi: a Gaussian at zero shift, wrapped; a product of one of each axis, as is its spectrum.
+  const double sigma = options_.label_sigma * mean_side * to_template / options_.cell_size;  // [cells]
+  const Eigen::ArrayXd label_across = gaussian_spectrum(cols_, sigma, t.bins),
+                       label_down = gaussian_spectrum(rows_, sigma, rows_);
+  label_.setZero(half);
+  for (int r = 0; r < rows_; ++r) label_.segment(r * t.padded_bins, t.bins) = label_down(r) * label_across;
 
   train(transform_patch(frame, centre), 1);
 }
@@ -96,15 +112,24 @@ void Kcf::resize(const Size2& size) {
 
 Evidence Kcf::localize(const Frame& frame, const Point2& around) {
   const double norm = transform_patch(frame, around);
-  correlate(sample_, norm, template_, template_norm_);
-  // Eq. kcf_prob_response: the response at all shifts is F^-1[A . U_y].
-  kernel_spectrum_ *= alpha_;
-  plane_fft_.inverse(kernel_spectrum_.data(), plane_.data());
+  const part_kernels_v0_1::Transform& t = plan_->transform;
+  const part_kernels_v0_1::KernelSet& kernels = plan_->kernels;
+  kernels.correlate(t, kChannels, sample_.data(), template_.data(), split_.data());
+  map_kernel(norm + template_norm_);
+  // Eq. kcf_prob_response: the response at all shifts is F^-1[A . U_y], that of U_y's constant a constant.
+  const Eigen::Index half = alpha_.size();
+  Eigen::Map<Eigen::ArrayXf>(split_.data(), half) *= alpha_float_;
+  Eigen::Map<Eigen::ArrayXf>(split_.data() + half, half) *= alpha_float_;
+  kernels.inverse_plane(t, split_.data(), plane_.data(), work_.data());
+  const auto constant = static_cast<float>(alpha_(0) * kernel_base_);
   // Zero shift to the middle of the map, so that it is a picture of the search window.
-  for (int r = 0; r < rows_; ++r)
-    for (int c = 0; c < cols_; ++c)
-      response_.values((r + rows_ / 2) % rows_, (c + cols_ / 2) % cols_) =
-          static_cast<float>(plane_(r * cols_ + c));
+  const int lanes = kernels.lanes, shift = cols_ / 2;
+  for (int r = 0; r < rows_; ++r) {
+    const float* const from = plane_.data() + plan_->plane_index(r, 0);
+    float* const to = response_.values.data() + (r + rows_ / 2) % rows_ * cols_;
+    for (int c = 0; c < cols_ - shift; ++c) to[c + shift] = from[c * lanes] + constant;
+    for (int c = cols_ - shift; c < cols_; ++c) to[c + shift - cols_] = from[c * lanes] + constant;
+  }
   response_.spacing = scale_ * options_.cell_size;
   response_.origin = around - response_.spacing.cwiseProduct(Point2(cols_ / 2, rows_ / 2));
   return evidence_of(response_, options_.sub_pixel);
@@ -115,71 +140,71 @@ void Kcf::adapt(const Frame& frame, const Point2& at) {
 }
 
 void Kcf::train(double sample_norm, double rate) {
-  correlate(sample_, sample_norm, sample_, sample_norm);  // U_z
+  const part_kernels_v0_1::Transform& t = plan_->transform;
+  const part_kernels_v0_1::KernelSet& kernels = plan_->kernels;
+  template_norm_ =
+      kernels.train(t, kChannels, static_cast<float>(rate), sample_.data(), template_.data(), split_.data());
+  map_kernel(2 * sample_norm);  // U_z
+  const double base = kernel_base_ * rows_ * cols_, lambda = options_.lambda;
   // U_z is the spectrum of a symmetric positive definite map: real and positive but for rounding.
-  const Plane kernel = kernel_spectrum_.real().max(1e-12);
+  const auto of_kernel = [&](Eigen::Index i) {
+    return std::max(static_cast<double>(split_.data()[i]) + (i == 0 ? base : 0), 1e-12);
+  };
   // Eq. kcf_solution, A = Phi / (U_z + lambda), as a fraction whose halves are averaged apart.
-  if (options_.separate_update) {
-    numerator_ += rate * (label_ * kernel - numerator_);
-    denominator_ += rate * (kernel * (kernel + options_.lambda) - denominator_);
-    alpha_ = numerator_ / denominator_;
-  } else {
-    alpha_ += rate * (label_ / (kernel + options_.lambda) - alpha_);
+  for (Eigen::Index i = 0; i < alpha_.size(); ++i) {
+    const double kernel = of_kernel(i);
+    if (options_.separate_update) {
+      numerator_(i) += rate * (label_(i) * kernel - numerator_(i));
+      denominator_(i) += rate * (kernel * (kernel + lambda) - denominator_(i));
+      alpha_(i) = numerator_(i) / denominator_(i);
+    } else {
+      alpha_(i) += rate * (label_(i) / (kernel + lambda) - alpha_(i));
+    }
   }
-  template_ += static_cast<float>(rate) * (sample_ - template_);
-
-  // |z|^2 by Parseval; all columns but the first (and the Nyquist one) stand for two of the full spectrum.
-  const int half_cols = cols_ / 2 + 1;
-  double sum = 0;
-  for (Eigen::Index row = 0; row < kChannels * rows_; ++row) {
-    const auto line = template_.segment(row * half_cols, half_cols);
-    sum += 2.0 * line.abs2().sum() - std::norm(line(0)) -
-           (cols_ % 2 == 0 ? std::norm(line(half_cols - 1)) : 0.0f);
-  }
-  template_norm_ = sum / (rows_ * cols_);
+  alpha_float_ = alpha_.cast<float>();
 }
 
 double Kcf::transform_patch(const Frame& frame, const Point2& centre) {
   const int cell = options_.cell_size;
   const Eigen::Index plane = rows_ * cols_;
-  sample_patch(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_);
-  fhog_.compute(patch_, features_.data());
+  sampler_.sample(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
+  fhog_.compute(patch_.mat, features_.data());
 
-  // The gray level of a cell is the mean of its pixels; the window's mean goes, as in Henriques' gray
-  // template.
-  cv::Mat gray(rows_, cols_, CV_32FC1, features_.data() + Fhog::kChannels * plane);
-  cv::resize(patch_, cell_means_, {cols_, rows_}, 0, 0, cv::INTER_AREA);
-  cell_means_.convertTo(gray, CV_32F, 1.0 / 255, -0.5);
-
-  double norm = 0;
-  for (int channel = 0; channel < kChannels; ++channel) {
-    auto features = features_.segment(channel * plane, plane);
-    features *= hann_;
-    norm += static_cast<double>(features.square().sum());
+  // The gray level of a cell is the mean of its pixels in whole levels; the window's mean goes, as in
+  // Henriques' gray template.
+  float* gray = features_.data() + Fhog::kChannels * plane;
+  for (int r = 0; r < rows_; ++r) {
+    plan_->kernels.cell_sums(patch_.mat.ptr<std::uint8_t>(r * cell),
+                             static_cast<std::ptrdiff_t>(patch_.mat.step), cell, cols_, cell_work_.data(),
+                             cell_sums_.data());
+    const float scale = 1 / static_cast<float>(cell * cell);
+    for (int c = 0; c < cols_; ++c)
+      *gray++ = std::rint(static_cast<float>(cell_sums_(c)) * scale) / 255 - 0.5F;
   }
-  feature_fft_.forward(features_.data(), sample_.data());
-  return norm;
+
+  return plan_->kernels.forward(plan_->transform, kChannels, features_.data(), hann_.data(), sample_.data(),
+                                work_.data());
 }
 
-void Kcf::correlate(const Eigen::ArrayXcf& z, double z_norm, const Eigen::ArrayXcf& x, double x_norm) {
-  const Eigen::Index half = cross_float_.size();
+void Kcf::map_kernel(double norms) {
+  const part_kernels_v0_1::Transform& t = plan_->transform;
+  const part_kernels_v0_1::KernelSet& kernels = plan_->kernels;
   const double elements = static_cast<double>(kChannels) * rows_ * cols_;
-  cross_float_ = z.head(half) * x.head(half).conjugate();
-  for (int channel = 1; channel < kChannels; ++channel)
-    cross_float_ += z.segment(channel * half, half) * x.segment(channel * half, half).conjugate();
-  kernel_spectrum_ = cross_float_.cast<std::complex<double>>();
-
   const Kernel& kernel = options_.kernel;
   if (kernel.type == Kernel::Type::Linear) {
-    kernel_spectrum_ /= elements;
+    Eigen::Map<Eigen::ArrayXf>(split_.data(), 2 * alpha_.size()) /= static_cast<float>(elements);
     return;
   }
-  plane_fft_.inverse(kernel_spectrum_.data(), plane_.data());  // c, the circular correlation
-  if (kernel.type == Kernel::Type::Gaussian)
-    plane_ = (-(z_norm + x_norm - 2 * plane_).max(0.0) / (elements * kernel.sigma * kernel.sigma)).exp();
-  else
-    plane_ = (plane_ / elements + kernel.offset).pow(kernel.exponent);
-  plane_fft_.forward(plane_.data(), kernel_spectrum_.data());
+  kernels.inverse_plane(t, split_.data(), plane_.data(), work_.data());  // c, the circular correlation
+  const std::ptrdiff_t count = plan_->plane_floats();
+  if (kernel.type == Kernel::Type::Gaussian) {
+    kernels.gaussian(static_cast<float>(norms),
+                     static_cast<float>(1 / (elements * kernel.sigma * kernel.sigma)), count, plane_.data());
+  } else {
+    Eigen::Map<Eigen::ArrayXf> c(plane_.data(), count);
+    c = ((c.cast<double>() / elements + kernel.offset).pow(kernel.exponent) - kernel_base_).cast<float>();
+  }
+  kernels.forward_plane(t, plane_.data(), split_.data(), work_.data());
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -5,6 +5,10 @@
 #include <opencv2/core.hpp>
 #include <vector>
 
+namespace asterism::part_kernels_v0_1 {
+struct KernelSet;
+}
+
 namespace asterism::inline ASTERISM_ABI {
 
 /// Felzenszwalb's histogram of oriented gradients (PAMI 2010, Sec. 6), 31 channels a cell:
@@ -45,13 +49,15 @@ class Fhog {
   void emit_row(int cell_row, float* features, std::ptrdiff_t plane) const;
 
   int cell_size_;
+  const part_kernels_v0_1::KernelSet* kernels_;
 
   // Workspace of the current patch; see fhog.cpp for the layout.
   int cells_x_ = 0;    // cells of a row
   int intervals_ = 0;  // cells_x_ + 1: gaps between neighbouring cell centres, and the two half ones outside
   int stride_ = 0;     // floats of a padded row of cells
-  std::vector<Eigen::Array4f> phase_weights_, votes_;
-  std::vector<float> pixels_, magnitude_, open_row_, histogram_, energy_, normaliser_;
+  int row_ = 0;        // floats of a padded row of pixels
+  std::vector<Eigen::Array4f> votes_;
+  std::vector<float> phase_weights_, pixels_, magnitude_, open_row_, histogram_, energy_, normaliser_;
   std::vector<int> slot_;
 };
 

@@ -1,8 +1,14 @@
 #pragma once
 
-#include <asterism/parts/fft.hpp>
+#include <asterism/parts/aligned.hpp>
 #include <asterism/parts/fhog.hpp>
+#include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <memory>
+
+namespace asterism::part_kernels_v0_1 {
+struct FilterPlan;
+}
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -51,9 +57,14 @@ struct KcfOptions {
 /// Kernelised correlation filter on HOG and gray channels (Henriques et al., PAMI 2015; the paper's
 /// Sec. 2.1). A PartModel; copies are independent.
 ///
-/// 31 fHOG channels and the gray level, all on the cell grid and under a Hann window, feed one kernel.
-/// Spectra of features are single precision; the kernel's spectrum and A are double, since the spectrum's DC
-/// is about 1e3 and single precision would err by as much as lambda.
+/// 31 fHOG channels and the gray level, all on the cell grid and under a Hann window, feed one kernel. All
+/// transforms are single precision and the library's own (docs/parts.md). The kernel's map is near one, or
+/// near offset^exponent, everywhere: only its deviation from that is transformed, and the spectrum's DC,
+/// about 1e3, is added in double precision, where single precision would err by as much as lambda. A is
+/// double.
+///
+/// Once it has been initialised, `localize` and `adapt` do not allocate. One object is for one thread at a
+/// time, different ones are independent.
 class Kcf {
  public:
   static constexpr int kChannels = Fhog::kChannels + 1;
@@ -82,40 +93,39 @@ class Kcf {
   const KcfOptions& options() const { return options_; }
 
  private:
-  using Plane = Eigen::ArrayXd;
-  using Spectrum = Eigen::ArrayXcd;
+  using Plan = part_kernels_v0_1::FilterPlan;
 
   // Windowed features of the patch around `centre` -> their spectra in `sample_`; returns their squared norm.
   double transform_patch(const Frame& frame, const Point2& centre);
-  // Kernel correlation of two spectra with all circular shifts (k^{xz}) -> its spectrum in
-  // `kernel_spectrum_`.
-  void correlate(const Eigen::ArrayXcf& z, double z_norm, const Eigen::ArrayXcf& x, double x_norm);
+  // The cross spectrum in `split_` -> the spectrum of the kernel's map k^{xz} less `kernel_base_`. norms: of
+  // z and x.
+  void map_kernel(double norms);
   // Train on the sample in `sample_` and blend with `rate` (1: forget everything before).
   void train(double sample_norm, double rate);
 
   KcfOptions options_;
+  double kernel_base_ = 0;  // of c = 0, or 0: about what the kernel's map is everywhere
   Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
   Size2 scale_ = Size2::Ones(), initial_scale_ = Size2::Ones();  // image pixels a template pixel
   int rows_ = 0, cols_ = 0;                                      // cells
 
+  PatchSampler sampler_;
   Fhog fhog_;
-  RealFft2<float> feature_fft_;  // all channels at once
-  RealFft2<double> plane_fft_;   // one map
+  std::shared_ptr<const Plan> plan_;
 
-  Eigen::ArrayXf hann_;         // one plane of the cosine window
-  Spectrum label_;              // Phi
-  Eigen::ArrayXcf template_;    // z, the spectra of its channels
-  double template_norm_ = 0;    // |z|^2
-  Spectrum numerator_, alpha_;  // of A, and A
-  Plane denominator_;           // real: spectrum of a symmetric map
+  // Spectra of real symmetric maps are real: those of the label, the kernel's autocorrelation, and so A.
+  AlignedFloats hann_;                              // one plane of the cosine window
+  Eigen::ArrayXd label_;                            // Phi
+  AlignedFloats template_;                          // z, the spectra of its channels
+  double template_norm_ = 0;                        // |z|^2
+  Eigen::ArrayXd numerator_, denominator_, alpha_;  // of A, and A
+  Eigen::ArrayXf alpha_float_;
   ResponseMap response_;
 
-  // Buffers of localize and adapt, sized by init.
-  cv::Mat patch_, cell_means_;
-  Eigen::ArrayXf features_;
-  Eigen::ArrayXcf sample_, cross_float_;
-  Spectrum kernel_spectrum_;
-  Plane plane_;
+  // Buffers of localize and adapt, sized by init; part_kernels.hpp has their layout.
+  Scratch patch_;
+  AlignedFloats features_, sample_, split_, plane_, work_;
+  Eigen::ArrayXi cell_work_, cell_sums_;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI
