@@ -1,0 +1,156 @@
+#include <asterism/parts/scale_filter.hpp>
+#include <cmath>
+#include <numbers>
+
+#include "part_geometry.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+ScaleFilter::ScaleFilter(const ScaleFilterOptions& options) : options_(options), fhog_(options.cell_size) {
+  require(options.scales >= 3 && options.scales % 2 == 1, "ScaleFilterOptions: scales must be odd, >= 3");
+  require(options.step > 1 && std::isfinite(std::pow(options.step, options.scales)),
+          "ScaleFilterOptions: step must be above 1, step^scales finite");
+  require(options.label_sigma > 0, "ScaleFilterOptions: label_sigma must be positive");
+  require(options.lambda > 0, "ScaleFilterOptions: lambda must be positive");
+  require(options.learning_rate >= 0 && options.learning_rate <= 1,
+          "ScaleFilterOptions: learning_rate must be in [0, 1]");
+  require(options.max_template_area >= options.cell_size * options.cell_size &&
+              options.max_template_area <= kMaxWindowSide * kMaxWindowSide,
+          "ScaleFilterOptions: max_template_area must be cell_size^2 .. 2^20");
+
+  const int n = options.scales;
+  response_fft_ = RealFft2<float>(1, n);
+  spectrum_.resize(response_fft_.spectrum_cols());
+  label_.resize(spectrum_.size());
+  // No size has weight 0: the window would be at one step beyond both ends.
+  hann_ =
+      0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n + 2, 0, 2 * std::numbers::pi_v<float>).cos().segment(1, n);
+  const double sigma = options.label_sigma * std::sqrt(n);  // [steps]
+  response_.resize(n);
+  for (int i = 0; i < n; ++i)
+    response_(i) = static_cast<float>(std::exp(-0.5 * std::pow((i - n / 2) / sigma, 2)));
+  response_fft_.forward(response_.data(), label_.data());
+  response_.setZero();
+}
+
+void ScaleFilter::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  const double to_template = std::min(
+      {1.0, std::sqrt(options_.max_template_area) / mean_side(size), kMaxWindowSide / size.maxCoeff()});
+  const auto side = [&](double length) {
+    return options_.cell_size * std::max(1, static_cast<int>(length * to_template / options_.cell_size));
+  };
+  grid_ = {side(size.x()), side(size.y())};
+  const int cells = grid_.area() / (options_.cell_size * options_.cell_size);
+  feature_fft_ = RealFft2<float>(1, options_.scales, cells * Fhog::kChannels);
+  hog_.resize(cells * Fhog::kChannels);
+  features_.resize(hog_.size() * options_.scales);
+  sample_.resize(hog_.size() * spectrum_.size());
+  numerator_.setZero(sample_.size());
+  denominator_.setZero(spectrum_.size());
+  taps_.resize(static_cast<std::size_t>(grid_.width));
+  response_.setZero();
+  peak_ = log_variance_ = 0;
+
+  transform(frame, centre, size);
+  learn(1);
+  size_ = size;
+}
+
+double ScaleFilter::localize(const Frame& frame, const Point2& centre) {
+  transform(frame, centre, size_);
+  const Eigen::Index bins = spectrum_.size();
+  spectrum_.setZero();
+  for (Eigen::Index d = 0; d < hog_.size(); ++d)
+    spectrum_ += numerator_.segment(d * bins, bins).conjugate() * sample_.segment(d * bins, bins);
+  spectrum_ /= denominator_ + static_cast<float>(options_.lambda);
+  response_fft_.inverse(spectrum_.data(), response_.data());
+
+  const Eigen::Index n = response_.size();
+  Eigen::Index best = 0;
+  peak_ = static_cast<double>(response_.maxCoeff(&best));
+  const bool any = peak_ > 0;
+  if (!any) {
+    best = n / 2;
+    peak_ = 0;
+  }
+  // Vertex of the parabola through the maximum and its neighbours.
+  auto position = static_cast<double>(best);
+  if (any && best > 0 && best + 1 < n) {
+    const double left = response_(best - 1), middle = response_(best), right = response_(best + 1);
+    const double curvature = 2 * middle - left - right;
+    if (curvature > 0) position += 0.5 * (right - left) / curvature;
+  }
+  double mass = 0, moment = 0;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const double weight = any ? std::max(0.0f, response_(i)) : 1.0f;
+    mass += weight;
+    moment += weight * std::pow(static_cast<double>(i) - position, 2);
+  }
+  const double log_step = std::log(options_.step);
+  log_variance_ = (moment / mass + 1.0 / 12) * log_step * log_step;
+  return std::exp((position - static_cast<double>(n / 2)) * log_step);
+}
+
+void ScaleFilter::adapt(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  transform(frame, centre, size);
+  learn(options_.learning_rate);
+  size_ = size;
+}
+
+void ScaleFilter::learn(double rate) {
+  const Eigen::Index bins = spectrum_.size();
+  const auto eta = static_cast<float>(rate);
+  denominator_ *= 1 - eta;
+  for (Eigen::Index d = 0; d < hog_.size(); ++d) {
+    const auto f = sample_.segment(d * bins, bins);
+    auto numerator = numerator_.segment(d * bins, bins);
+    numerator += eta * (label_.conjugate() * f - numerator);
+    denominator_ += eta * f.abs2();
+  }
+}
+
+void ScaleFilter::transform(const Frame& frame, const Point2& centre, const Size2& size) {
+  const int n = options_.scales;
+  // All patches are sampled from one of the largest size, as fine as the smallest needs it, or the image is.
+  const double reach = std::pow(options_.step, n / 2);
+  const Size2 pixels = reach * (reach * Size2(grid_.width, grid_.height)).cwiseMin(size);
+  const cv::Size source_grid(static_cast<int>(pixels.x()) + 2, static_cast<int>(pixels.y()) + 2);
+  sample_patch(frame.gray(), centre, reach * size, source_grid, source_.mat);
+
+  patch_.mat.create(grid_, CV_32FC1);
+  for (int i = 0; i < n; ++i) {
+    sample(source_.mat, std::pow(options_.step, i - 2 * (n / 2)), patch_.mat);
+    fhog_.compute(patch_.mat, hog_.data());
+    Eigen::Map<Eigen::ArrayXf, 0, Eigen::InnerStride<>>(features_.data() + i, hog_.size(),
+                                                        Eigen::InnerStride<>(n)) = hann_(i) * hog_;
+  }
+  feature_fft_.forward(features_.data(), sample_.data());
+}
+
+void ScaleFilter::sample(const cv::Mat& source, double fraction, cv::Mat& patch) {
+  const auto tap = [fraction](int i, int pixels, int source_pixels) {
+    const double from_middle = (i - 0.5 * (pixels - 1)) * fraction * source_pixels / pixels;
+    const double at = std::clamp(0.5 * (source_pixels - 1) + from_middle, 0.0, source_pixels - 1.0);
+    const int pixel = std::min(static_cast<int>(at), source_pixels - 2);
+    return Tap{pixel, static_cast<float>(at - pixel)};
+  };
+  for (int x = 0; x < patch.cols; ++x) taps_[static_cast<std::size_t>(x)] = tap(x, patch.cols, source.cols);
+  for (int y = 0; y < patch.rows; ++y) {
+    const Tap row = tap(y, patch.rows, source.rows);
+    const uchar *upper = source.ptr<uchar>(row.pixel), *lower = source.ptr<uchar>(row.pixel + 1);
+    float* out = patch.ptr<float>(y);
+    for (const Tap& col : taps_) {
+      const auto between = [&col](const uchar* line) {
+        const auto left = static_cast<float>(line[col.pixel]),
+                   right = static_cast<float>(line[col.pixel + 1]);
+        return left + col.weight * (right - left);
+      };
+      const float above = between(upper), below = between(lower);
+      *out++ = above + row.weight * (below - above);
+    }
+  }
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,333 @@
+#include <asterism/parts/mrf.hpp>
+#include <asterism/parts/spatial_reliability.hpp>
+#include <cmath>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+
+#include "part_geometry.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+// The segmentation's region adds this much around the target, x its mean side: the spatial prior says nothing
+// farther away.
+constexpr double kSegmentationPadding = 2;
+// Bounds of the spatial prior (Lukezic et al.): even where it knows nothing, never certain.
+constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
+
+// The number of cells nearest to `wanted` whose FFT is fast.
+int fast_cells(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
+
+// Symmetric Hann window of n >= 2 samples.
+Eigen::ArrayXf hann(int n) {
+  return 0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
+}
+
+// Signed circular distance of index i from 0 on a period of n.
+int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
+
+Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
+  return {reinterpret_cast<const float*>(spectrum), 2 * bins};
+}
+
+// Vertex of a Gaussian through three values, the middle one the largest and positive: that of the parabola
+// through their logarithms. The label is a Gaussian; a parabola through the values would err by up to 0.05.
+double gaussian_vertex(float before, float middle, float after) {
+  const float least = 1e-3f * middle;
+  const double left = std::log(std::max(before, least) / middle),
+               right = std::log(std::max(after, least) / middle);
+  return left + right < 0 ? std::clamp(0.5 * (left - right) / (left + right), -0.5, 0.5) : 0;
+}
+
+// Offset (x, y) of a periodic map's maximum from the position (row, col) of its largest value [cells].
+template <class Map>
+Point2 offset_at(const Map& map, Eigen::Index row, Eigen::Index col) {
+  const Eigen::Index rows = map.rows(), cols = map.cols();
+  const float middle = map(row, col);
+  if (!(middle > 0)) return Point2::Zero();
+  return {gaussian_vertex(map(row, (col + cols - 1) % cols), middle, map(row, (col + 1) % cols)),
+          gaussian_vertex(map((row + rows - 1) % rows, col), middle, map((row + 1) % rows, col))};
+}
+
+// 1 - the second highest local maximum of a periodic map / the highest, the ratio at most one half (Lukezic
+// et al., Sec. 3.3).
+float detection_reliability(const float* map, int rows, int cols) {
+  float first = 0, second = 0;
+  for (int r = 0; r < rows; ++r) {
+    const float *line = map + r * cols, *above = map + (r + rows - 1) % rows * cols,
+                *below = map + (r + 1) % rows * cols;
+    for (int c = 0; c < cols; ++c) {
+      const float value = line[c];
+      if (value <= second) continue;
+      const int left = (c + cols - 1) % cols, right = (c + 1) % cols;
+      if (value < std::max({line[left], line[right], above[left], above[c], above[right], below[left],
+                            below[c], below[right]}))
+        continue;
+      second = std::min(first, value);
+      first = std::max(first, value);
+    }
+  }
+  return first > 0 ? 1 - std::min(second / first, 0.5f) : 0;
+}
+
+}  // namespace
+
+MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options)
+    : options_(options), fft_(rows, cols) {
+  require(options.lambda > 0, "MaskedRegressionOptions: lambda must be positive");
+  require(options.iterations >= 0, "MaskedRegressionOptions: iterations must not be negative");
+  require(options.penalty > 0 && options.penalty_growth >= 1 && options.max_penalty >= options.penalty,
+          "MaskedRegressionOptions: penalty must be positive and at most max_penalty, its growth >= 1");
+  const Eigen::Index parts = Eigen::Index{2} * rows * fft_.spectrum_cols();
+  for (Parts* spectrum : {&energy_, &filter_, &free_, &dual_}) spectrum->resize(parts);
+  plane_.resize(Eigen::Index{rows} * cols);
+}
+
+void MaskedRegression::constrain(const float* mask) {
+  auto* const spectrum = reinterpret_cast<std::complex<float>*>(filter_.data());
+  fft_.inverse(spectrum, plane_.data());
+  plane_ *= Eigen::Map<const Eigen::ArrayXf>(mask, plane_.size());
+  fft_.forward(plane_.data(), spectrum);
+}
+
+void MaskedRegression::solve(const std::complex<float>* cross, const float* energy, const float* mask,
+                             std::complex<float>* filter) {
+  const Eigen::Index bins = filter_.size() / 2;
+  const auto c = parts_of(cross, bins);
+  for (Eigen::Index i = 0; i < bins; ++i) energy_(2 * i) = energy_(2 * i + 1) = energy[i];
+  const auto lambda = static_cast<float>(options_.lambda);
+  filter_ = c / (energy_ + lambda);
+  // The dual of a constraint that holds already: a mask that is 1 everywhere keeps the ridge regression.
+  dual_ = lambda * filter_;
+  constrain(mask);
+  double penalty = options_.penalty;
+  for (int i = 0; i < options_.iterations; ++i) {
+    const auto mu = static_cast<float>(penalty);
+    free_ = (c + mu * filter_ - dual_) / (energy_ + mu);  // the regression, near the constrained filter
+    filter_ = (mu * free_ + dual_) / (lambda + mu);
+    constrain(mask);
+    dual_ += mu * (free_ - filter_);
+    penalty = std::min(options_.penalty_growth * penalty, options_.max_penalty);
+  }
+  Eigen::Map<Parts>(reinterpret_cast<float*>(filter), filter_.size()) = filter_;
+}
+
+SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
+    : options_(options), fhog_(options.cell_size), colour_([&options] {
+        ColourOptions colour = options.colour;
+        colour.mrf.enabled = false;  // the field comes after the spatial prior
+        return colour;
+      }()) {
+  MaskedRegression(1, 1, options.regression);  // checks its options
+  require(options.learning_rate >= 0 && options.learning_rate <= 1 && options.weight_rate >= 0 &&
+              options.weight_rate <= 1,
+          "SpatialReliabilityOptions: rates must be in [0, 1]");
+  require(options.label_sigma > 0, "SpatialReliabilityOptions: label_sigma must be positive");
+  require(options.padding >= 0, "SpatialReliabilityOptions: padding must not be negative");
+  require(options.min_template_side >= options.cell_size &&
+              options.max_template_side >= options.min_template_side,
+          "SpatialReliabilityOptions: template sides must satisfy cell_size <= min <= max");
+  require(options.min_mask_area >= 0 && options.max_mask_area > options.min_mask_area,
+          "SpatialReliabilityOptions: mask areas must satisfy 0 <= min < max");
+}
+
+void SpatialReliability::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  const double to_template =
+      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  const double margin = options_.padding * mean_side(size);
+  cols_ = fast_cells((size.x() + margin) * to_template / options_.cell_size);
+  rows_ = fast_cells((size.y() + margin) * to_template / options_.cell_size);
+  size_ = initial_size_ = size;
+  scale_ = initial_scale_ = Size2::Constant(1 / to_template);
+
+  channels_fft_ = RealFft2<float>(rows_, cols_, kChannels);
+  plane_fft_ = RealFft2<float>(rows_, cols_);
+  regression_ = MaskedRegression(rows_, cols_, options_.regression);
+  const Eigen::Index plane = Eigen::Index{rows_} * cols_,
+                     half = Eigen::Index{rows_} * plane_fft_.spectrum_cols();
+  features_.resize(Fhog::kChannels * plane);
+  responses_.resize(kChannels * plane);
+  plane_.resize(plane);
+  sample_.resize(kChannels * half);
+  cross_.setZero(kChannels * half);
+  energy_.setZero(kChannels * half);
+  filter_.setZero(kChannels * half);
+  spectrum_.resize(half);
+  weights_.setZero(kChannels);
+  reliability_.resize(kChannels);
+  response_.values.resize(rows_, cols_);
+  mask_.values.resize(rows_, cols_);
+  mask_.periodic = false;
+
+  const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
+  hann_.resize(plane);
+  for (int r = 0; r < rows_; ++r) hann_.segment(Eigen::Index{r} * cols_, cols_) = down(r) * across;
+
+  // The label: a Gaussian at zero shift, wrapped.
+  const double variance = options_.label_sigma * options_.label_sigma;
+  for (int r = 0; r < rows_; ++r)
+    for (int c = 0; c < cols_; ++c) {
+      const double dr = wrapped(r, rows_), dc = wrapped(c, cols_);
+      plane_(r * cols_ + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / variance));
+    }
+  label_.resize(half);
+  plane_fft_.forward(plane_.data(), label_.data());
+
+  if (options_.segmentation) colour_.init(frame, box_around(centre, size));
+  update_mask(frame, centre);
+  transform_patch(frame, centre);
+  train(1, 1);
+}
+
+void SpatialReliability::resize(const Size2& size) {
+  require(size.allFinite() && size.minCoeff() > 0, "part: the size must be finite and positive");
+  size_ = size;
+  scale_ = initial_scale_.cwiseProduct(size.cwiseQuotient(initial_size_));
+}
+
+Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) {
+  transform_patch(frame, around);
+  if (options_.detection_weights)
+    respond_reliably();
+  else
+    respond();
+  // Zero shift to the middle of the map, so that it is a picture of the search window.
+  for (int r = 0; r < rows_; ++r) {
+    const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
+    auto row = response_.values.row((r + rows_ / 2) % rows_);
+    row.tail(cols_ / 2) = line.head(cols_ / 2);
+    row.head(cols_ / 2) = line.tail(cols_ / 2);
+  }
+  response_.spacing = scale_ * options_.cell_size;
+  response_.origin = around - response_.spacing.cwiseProduct(Point2(cols_ / 2, rows_ / 2));
+  Evidence evidence = evidence_of(response_);
+  if (evidence.peak > 0) {
+    Eigen::Index row = 0, col = 0;
+    response_.values.maxCoeff(&row, &col);
+    const Point2 offset = Point2(col, row) + offset_at(response_.values, row, col) - bias_;
+    evidence.position = response_.position(offset.y(), offset.x());
+  }
+  return evidence;
+}
+
+void SpatialReliability::respond() {
+  const Eigen::Index half = spectrum_.size();
+  spectrum_.setZero();
+  for (int k = 0; k < kChannels; ++k)
+    spectrum_ +=
+        weights_(k) * (sample_.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
+  plane_fft_.inverse(spectrum_.data(), plane_.data());
+}
+
+void SpatialReliability::respond_reliably() {
+  const Eigen::Index plane = plane_.size();
+  sample_ *= filter_.conjugate();
+  channels_fft_.inverse(sample_.data(), responses_.data());
+  for (int k = 0; k < kChannels; ++k)
+    reliability_(k) = weights_(k) * detection_reliability(responses_.data() + k * plane, rows_, cols_);
+  const float sum = reliability_.sum();
+  if (sum > 0) reliability_ *= weights_.sum() / sum;
+  plane_.setZero();
+  for (int k = 0; k < kChannels; ++k) plane_ += reliability_(k) * responses_.segment(k * plane, plane);
+}
+
+void SpatialReliability::adapt(const Frame& frame, const Point2& at) {
+  transform_patch(frame, at);
+  if (options_.segmentation) colour_.adapt(frame, box_around(at, size_));
+  update_mask(frame, at);
+  train(options_.learning_rate, options_.weight_rate);
+}
+
+void SpatialReliability::train(double rate, double weight_rate) {
+  const Eigen::Index half = spectrum_.size();
+  const auto eta = static_cast<float>(rate);
+  for (int k = 0; k < kChannels; ++k) {
+    const auto sample = sample_.segment(k * half, half);
+    auto cross = cross_.segment(k * half, half);
+    auto energy = energy_.segment(k * half, half);
+    auto filter = filter_.segment(k * half, half);
+    cross += eta * (sample * label_.conjugate() - cross);
+    energy += eta * (sample.abs2() - energy);
+    regression_.solve(cross.data(), energy.data(), mask_.values.data(), filter.data());
+    // Learning reliability: the channel's highest response to the target.
+    spectrum_ = sample * filter.conjugate();
+    plane_fft_.inverse(spectrum_.data(), plane_.data());
+    reliability_(k) = std::max(0.0f, plane_.maxCoeff());
+  }
+  // Weights that give these responses, if at the same place, the weighted sum 1.
+  const float sum = options_.channel_weights ? reliability_.square().sum() : reliability_.sum();
+  if (!options_.channel_weights) reliability_.setOnes();
+  if (sum > 0) weights_ += static_cast<float>(weight_rate) * (reliability_ / sum - weights_);
+
+  // After few rounds the filters are not quite those of the label: their response to the mean template, whose
+  // spectra are cross / conj(Y), is off centre, which would make the target drift from frame to frame.
+  spectrum_.setZero();
+  for (int k = 0; k < kChannels; ++k)
+    spectrum_ += weights_(k) * (cross_.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
+  spectrum_ /= label_.conjugate();
+  plane_fft_.inverse(spectrum_.data(), plane_.data());
+  using Map = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  bias_ = offset_at(Eigen::Map<const Map>(plane_.data(), rows_, cols_), 0, 0);
+}
+
+void SpatialReliability::update_mask(const Frame& frame, const Point2& at) {
+  mask_.spacing = scale_ * options_.cell_size;
+  mask_.origin = at - mask_.spacing.cwiseProduct(Point2(cols_ - 1, rows_ - 1)) / 2;
+  segmented_ = options_.segmentation && segment(frame, at);
+  if (segmented_) return;
+  // All cells that the box touches.
+  const Size2 reach = (size_ + mask_.spacing) / 2;
+  for (int r = 0; r < rows_; ++r)
+    for (int c = 0; c < cols_; ++c)
+      mask_.values(r, c) = ((mask_.position(r, c) - at).array().abs() <= reach.array()).all() ? 1.0f : 0.0f;
+}
+
+bool SpatialReliability::segment(const Frame& frame, const Point2& at) {
+  const Size2 padded = size_.array() + kSegmentationPadding * mean_side(size_);
+  Segmentation foreground = colour_.segment(frame, box_around(at, padded.cwiseMin(window())), size_);
+  if (foreground.posterior.empty()) return false;
+
+  // The spatial prior, an Epanechnikov kernel that reaches the box's corners, by Bayes' rule.
+  const Size2 reach = size_.array() / std::numbers::sqrt2 + 1;
+  cv::Mat prior(foreground.posterior.size(), CV_32FC1);
+  for (int r = 0; r < prior.rows; ++r) {
+    float *f = foreground.posterior.ptr<float>(r), *p = prior.ptr<float>(r);
+    for (int c = 0; c < prior.cols; ++c, ++f, ++p) {
+      const Point2 x = foreground.origin + foreground.spacing.cwiseProduct(Point2(c, r));
+      *p = static_cast<float>(
+          std::clamp(1 - (x - at).cwiseQuotient(reach).squaredNorm(), kLeastPrior, kLargestPrior));
+      *f = *f * *p / (*f * *p + (1 - *f) * (1 - *p));
+    }
+  }
+  foreground.posterior = regularize_posterior(foreground.posterior, prior, options_.colour.mrf);
+
+  for (int r = 0; r < rows_; ++r)
+    for (int c = 0; c < cols_; ++c)
+      mask_.values(r, c) = foreground.at(mask_.position(r, c)) > 0.5 ? 1.0f : 0.0f;
+  const double area = static_cast<double>(mask_.values.sum()) * mask_.spacing.prod() / size_.prod();
+  if (!(area > options_.min_mask_area && area < options_.max_mask_area)) return false;
+  // The contour's gradients belong to the target.
+  cv::Mat mask(rows_, cols_, CV_32FC1, mask_.values.data());
+  cv::dilate(mask, dilated_.mat, cv::Mat());
+  dilated_.mat.copyTo(mask);
+  return true;
+}
+
+void SpatialReliability::transform_patch(const Frame& frame, const Point2& centre) {
+  const int cell = options_.cell_size;
+  const Eigen::Index plane = plane_.size();
+  sample_patch(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
+  fhog_.compute(patch_.mat, features_.data());
+
+  // The gray level of a cell is the mean of its pixels; it takes the place of the first channel not used.
+  cv::Mat gray(rows_, cols_, CV_32FC1, features_.data() + kHogChannels * plane);
+  cv::resize(patch_.mat, cell_means_.mat, {cols_, rows_}, 0, 0, cv::INTER_AREA);
+  cell_means_.mat.convertTo(gray, CV_32F, 1.0 / 255, -0.5);
+
+  for (int k = 0; k < kChannels; ++k) features_.segment(k * plane, plane) *= hann_;
+  channels_fft_.forward(features_.data(), sample_.data());
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
