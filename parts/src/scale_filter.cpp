@@ -117,7 +117,7 @@ void ScaleFilter::transform(const Frame& frame, const Point2& centre, const Size
   const double reach = std::pow(options_.step, n / 2);
   const Size2 pixels = reach * (reach * Size2(grid_.width, grid_.height)).cwiseMin(size);
   const cv::Size source_grid(static_cast<int>(pixels.x()) + 2, static_cast<int>(pixels.y()) + 2);
-  sample_patch(frame.gray(), centre, reach * size, source_grid, source_.mat);
+  sampler_.sample(frame.gray(), centre, reach * size, source_grid, source_.mat);
 
   patch_.mat.create(grid_, CV_32FC1);
   for (int i = 0; i < n; ++i) {

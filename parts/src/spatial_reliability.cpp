@@ -151,10 +151,11 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
   responses_.resize(kChannels * plane);
   plane_.resize(plane);
   sample_.resize(kChannels * half);
-  cross_.setZero(kChannels * half);
+  template_.setZero(kChannels * half);
   energy_.setZero(kChannels * half);
   filter_.setZero(kChannels * half);
   spectrum_.resize(half);
+  cell_sums_.resize(static_cast<std::size_t>(cols_));
   weights_.setZero(kChannels);
   reliability_.resize(kChannels);
   response_.values.resize(rows_, cols_);
@@ -172,8 +173,9 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
       const double dr = wrapped(r, rows_), dc = wrapped(c, cols_);
       plane_(r * cols_ + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / variance));
     }
-  label_.resize(half);
-  plane_fft_.forward(plane_.data(), label_.data());
+  // Its spectrum is real: it is symmetric.
+  plane_fft_.forward(plane_.data(), spectrum_.data());
+  label_ = spectrum_.real();
 
   if (options_.segmentation) colour_.init(frame, box_around(centre, size));
   update_mask(frame, centre);
@@ -192,7 +194,7 @@ Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) 
   if (options_.detection_weights)
     respond_reliably();
   else
-    respond();
+    respond(sample_);
   // Zero shift to the middle of the map, so that it is a picture of the search window.
   for (int r = 0; r < rows_; ++r) {
     const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
@@ -212,12 +214,11 @@ Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) 
   return evidence;
 }
 
-void SpatialReliability::respond() {
+void SpatialReliability::respond(const Spectrum& sample) {
   const Eigen::Index half = spectrum_.size();
   spectrum_.setZero();
   for (int k = 0; k < kChannels; ++k)
-    spectrum_ +=
-        weights_(k) * (sample_.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
+    spectrum_ += weights_(k) * (sample.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
   plane_fft_.inverse(spectrum_.data(), plane_.data());
 }
 
@@ -245,12 +246,18 @@ void SpatialReliability::train(double rate, double weight_rate) {
   const auto eta = static_cast<float>(rate);
   for (int k = 0; k < kChannels; ++k) {
     const auto sample = sample_.segment(k * half, half);
-    auto cross = cross_.segment(k * half, half);
+    auto mean = template_.segment(k * half, half);
     auto energy = energy_.segment(k * half, half);
     auto filter = filter_.segment(k * half, half);
-    cross += eta * (sample * label_.conjugate() - cross);
-    energy += eta * (sample.abs2() - energy);
-    regression_.solve(cross.data(), energy.data(), mask_.values.data(), filter.data());
+    for (Eigen::Index i = 0; i < half; ++i) {
+      const float re = sample(i).real(), im = sample(i).imag();
+      const float mean_re = mean(i).real() + eta * (re - mean(i).real()),
+                  mean_im = mean(i).imag() + eta * (im - mean(i).imag());
+      mean(i) = {mean_re, mean_im};
+      spectrum_(i) = {label_(i) * mean_re, label_(i) * mean_im};  // mean of F conj(Y)
+      energy(i) += eta * (re * re + im * im - energy(i));
+    }
+    regression_.solve(spectrum_.data(), energy.data(), mask_.values.data(), filter.data());
     // Learning reliability: the channel's highest response to the target.
     spectrum_ = sample * filter.conjugate();
     plane_fft_.inverse(spectrum_.data(), plane_.data());
@@ -261,13 +268,9 @@ void SpatialReliability::train(double rate, double weight_rate) {
   if (!options_.channel_weights) reliability_.setOnes();
   if (sum > 0) weights_ += static_cast<float>(weight_rate) * (reliability_ / sum - weights_);
 
-  // After few rounds the filters are not quite those of the label: their response to the mean template, whose
-  // spectra are cross / conj(Y), is off centre, which would make the target drift from frame to frame.
-  spectrum_.setZero();
-  for (int k = 0; k < kChannels; ++k)
-    spectrum_ += weights_(k) * (cross_.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
-  spectrum_ /= label_.conjugate();
-  plane_fft_.inverse(spectrum_.data(), plane_.data());
+  // After few rounds the filters are not quite those of the label: their response to the template is off
+  // centre, which would make the target drift from frame to frame.
+  respond(template_);
   using Map = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   bias_ = offset_at(Eigen::Map<const Map>(plane_.data(), rows_, cols_), 0, 0);
 }
@@ -318,13 +321,23 @@ bool SpatialReliability::segment(const Frame& frame, const Point2& at) {
 void SpatialReliability::transform_patch(const Frame& frame, const Point2& centre) {
   const int cell = options_.cell_size;
   const Eigen::Index plane = plane_.size();
-  sample_patch(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
+  sampler_.sample(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
   fhog_.compute(patch_.mat, features_.data());
 
   // The gray level of a cell is the mean of its pixels; it takes the place of the first channel not used.
-  cv::Mat gray(rows_, cols_, CV_32FC1, features_.data() + kHogChannels * plane);
-  cv::resize(patch_.mat, cell_means_.mat, {cols_, rows_}, 0, 0, cv::INTER_AREA);
-  cell_means_.mat.convertTo(gray, CV_32F, 1.0 / 255, -0.5);
+  float* gray = features_.data() + kHogChannels * plane;
+  const float scale = 1 / (255 * static_cast<float>(cell * cell));
+  for (int r = 0; r < rows_; ++r) {
+    std::fill(cell_sums_.begin(), cell_sums_.end(), 0);
+    for (int y = r * cell; y < (r + 1) * cell; ++y) {
+      const uchar* pixel = patch_.mat.ptr<uchar>(y);
+      for (int& sum : cell_sums_) {
+        for (int x = 0; x < cell; ++x) sum += pixel[x];
+        pixel += cell;
+      }
+    }
+    for (const int sum : cell_sums_) *gray++ = static_cast<float>(sum) * scale - 0.5f;
+  }
 
   for (int k = 0; k < kChannels; ++k) features_.segment(k * plane, plane) *= hann_;
   channels_fft_.forward(features_.data(), sample_.data());

@@ -91,6 +91,7 @@ class ScaleFilter {
     int pixel;  // and the next one, which has the weight
     float weight;
   };
+  PatchSampler sampler_;
   Scratch source_, patch_;
   std::vector<Tap> taps_;
   Eigen::ArrayXf hog_, features_;

@@ -5,6 +5,7 @@
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -57,7 +58,7 @@ class MaskedRegression {
 /// (CVPR 2017).
 struct SpatialReliabilityOptions {
   MaskedRegressionOptions regression;
-  /// Rates of the running averages in [0, 1]: of the regression's cross and energy spectra (ours: the paper
+  /// Rates of the running averages in [0, 1]: of the samples' spectra and their energy (ours: the paper
   /// averages the filters themselves, with 0.02), and of the channels' weights.
   double learning_rate = 0.01;
   double weight_rate = 0.02;
@@ -143,9 +144,9 @@ class SpatialReliability {
   void update_mask(const Frame& frame, const Point2& at);
   // The target's mask from its colours; false where there is none or it is not plausible.
   bool segment(const Frame& frame, const Point2& at);
-  // Responses to `sample_`, weighted and summed over the channels, in `plane_`.
-  void respond();
-  // The same with detection weights; overwrites `sample_`.
+  // Responses to spectra of all channels, weighted and summed, in `plane_`.
+  void respond(const Spectrum& sample);
+  // Those to `sample_`, which is overwritten, with detection weights.
   void respond_reliably();
   // Train on the sample in `sample_` and blend with the past, which is forgotten in the first frame.
   void train(double rate, double weight_rate);
@@ -163,8 +164,8 @@ class SpatialReliability {
   ColourModel colour_;
 
   Eigen::ArrayXf hann_;    // one plane of the cosine window
-  Spectrum label_;         // Y
-  Spectrum cross_;         // running averages of F conj(Y), ...
+  Eigen::ArrayXf label_;   // Y, real
+  Spectrum template_;      // running averages of F, ...
   Eigen::ArrayXf energy_;  // ... and |F|^2, of each channel
   Spectrum filter_;        // H of each channel
   Eigen::ArrayXf weights_;
@@ -172,7 +173,9 @@ class SpatialReliability {
   ResponseMap mask_, response_;
 
   // Buffers of localize and adapt, sized by init.
-  Scratch patch_, cell_means_, dilated_;
+  PatchSampler sampler_;
+  Scratch patch_, dilated_;
+  std::vector<int> cell_sums_;
   Eigen::ArrayXf features_, responses_, plane_, reliability_;
   Spectrum sample_, spectrum_;
 };
