@@ -10,6 +10,7 @@
 #include "crossovers.hpp"
 #include "experiments.hpp"
 #include "kinds.hpp"
+#include "parts_bench.hpp"
 #include "process.hpp"
 #include "solve.hpp"
 
@@ -134,6 +135,12 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   crossovers->add_flag("--dense", dense, "fully connected systems alone");
   crossovers->add_flag("--sparse", sparse, "sparse systems alone");
 
+#ifdef ASTERISM_BENCH_PARTS
+  CLI::App* parts = app.add_subcommand(
+      "parts", "times a part's stages and a constellation's parts beside dlib's fHOG and OpenCV's tracker");
+  parts->add_flag("--quick", quick, "fewer rounds");
+#endif
+
   CLI::App* solver_list = app.add_subcommand("solvers", "lists the solvers that experiments can ask for");
 
   CLI::App* solve = app.add_subcommand("solve", "every solver on the systems of a file: a table each");
@@ -193,6 +200,12 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     if (sparse || !dense) sparse_crossovers(quick);
     return 0;
   }
+#ifdef ASTERISM_BENCH_PARTS
+  if (parts->parsed()) {
+    parts_bench(quick);
+    return 0;
+  }
+#endif
   if (solver_list->parsed()) return list_solvers();
   if (solve->parsed()) {
     solve_file(file, solvers_named(chosen), limits);

@@ -364,6 +364,25 @@ TEST(Dpt, EveryGridAndTopologyTracks) {
     }
 }
 
+TEST(Dpt, AnyNumberOfThreadsGivesTheSameBits) {
+  const Scene scene;
+  const auto results = [&](int threads) {
+    DptOptions options;
+    options.grid_rows = 3;
+    options.threads = threads;
+    Dpt tracker(options);
+    tracker.init(scene.frame(0), Scene::box(0));
+    std::vector<TrackResult> all;
+    for (int t = 1; t < 12; ++t) all.push_back(tracker.update(scene.frame(t)));
+    return all;
+  };
+  const std::vector<TrackResult> expected = results(1);
+  for (const int threads : {0, 2, 3, 8}) {
+    const std::vector<TrackResult> found = results(threads);
+    for (std::size_t t = 0; t < expected.size(); ++t) expect_same(found[t], expected[t]);
+  }
+}
+
 TEST(Dpt, RefusesBadOptions) {
   const auto refused = [](auto change) {
     DptOptions options;
@@ -374,6 +393,7 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_cols = -1; });
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 5; });
   refused([](DptOptions& o) { o.spring_rate = 2; });
+  refused([](DptOptions& o) { o.threads = -1; });
   refused([](DptOptions& o) { o.part.lambda = -1; });
   refused([](DptOptions& o) { o.coarse.colour.histogram_rate = 7; });
 }

@@ -1,5 +1,8 @@
+#include <array>
+#include <asterism/solver/batch.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/stiffness.hpp>
+#include <exception>
 #include <stdexcept>
 
 #include "stage_clock.hpp"
@@ -42,6 +45,26 @@ Dpt::Dpt(const DptOptions& options)
       solver_(springs_, options.solver) {
   if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
     throw std::invalid_argument("DptOptions: spring_rate must be in [0, 1]");
+  if (options.threads < 0) throw std::invalid_argument("DptOptions: threads must not be negative");
+}
+
+template <typename F>
+void Dpt::for_each_part(F&& f) {
+  if (options_.threads == 1) {
+    for (std::size_t i = 0; i < parts_.size(); ++i) f(i);
+    return;
+  }
+  std::array<std::exception_ptr, kMaxParts> thrown;  // an executor's task must not throw
+  ThreadExecutor{options_.threads}(part_count(), [&](int task) {
+    const auto i = static_cast<std::size_t>(task);
+    try {
+      f(i);
+    } catch (...) {
+      thrown[i] = std::current_exception();
+    }
+  });
+  for (const std::exception_ptr& exception : thrown)
+    if (exception) std::rethrow_exception(exception);
 }
 
 void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
@@ -79,9 +102,10 @@ TrackResult Dpt::update(const cv::Mat& image) {
   clock.lap();
 
   // Line 2: responses of the parts form the spring system.
-  std::vector<Evidence> evidence;
-  for (std::size_t i = 0; i < parts_.size(); ++i)
-    evidence.push_back(parts_[i].localize(frame, placement.col(static_cast<Eigen::Index>(i))));
+  std::vector<Evidence> evidence(parts_.size());
+  for_each_part([&](std::size_t i) {
+    evidence[i] = parts_[i].localize(frame, placement.col(static_cast<Eigen::Index>(i)));
+  });
   set_springs(evidence);
   result.times.push_back({"parts", clock.lap()});
 
@@ -112,8 +136,9 @@ TrackResult Dpt::update(const cv::Mat& image) {
                             .weight = parts_[i].similarity_at(position)});
   }
   gate_updates(coarse.segmentation, result.parts);
-  for (std::size_t i = 0; i < parts_.size(); ++i)
+  for_each_part([&](std::size_t i) {
     if (result.parts[i].updated) parts_[i].adapt(frame, result.parts[i].position);
+  });
   for (int l = 0; const auto [i, j] : springs_.links()) {
     double& length = springs_.rest_length(l++);
     length += options_.spring_rate * ((placement.col(i) - placement.col(j)).norm() - length);

@@ -40,6 +40,10 @@ struct DptOptions {
   /// IDA's stopping rule. Open in the paper; see docs/tracker.md.
   SolverOptions solver;
 
+  /// Threads that the parts are searched and trained on, the calling one among them; 0: as many as the
+  /// machine runs at once. Results are the same, bit for bit, for any number.
+  int threads = 1;
+
   /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)
   /// and its summary, to look at or to record them; none if empty. What it throws leaves `update`, and the
   /// next one goes on from the frame before.
@@ -69,6 +73,9 @@ class Dpt {
   const DptOptions& options() const { return options_; }
 
  private:
+  /// f(i) for every part i, on `threads` threads; throws what the first part threw that did.
+  template <typename F>
+  void for_each_part(F&& f);
   int part_count() const { return options_.grid_rows * options_.grid_cols; }
   /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
   void set_springs(const std::vector<Evidence>& evidence);
