@@ -27,8 +27,12 @@ Eigen::ArrayXf hann(int n) {
 // Signed circular distance of index i from 0 on a period of n.
 int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
+// A spectrum as real numbers: real and imaginary parts in turn.
 Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
   return {reinterpret_cast<const float*>(spectrum), 2 * bins};
+}
+Eigen::Map<Eigen::ArrayXf> parts_of(std::complex<float>* spectrum, Eigen::Index bins) {
+  return {reinterpret_cast<float*>(spectrum), 2 * bins};
 }
 
 // Vertex of a Gaussian through three values, the middle one the largest and positive: that of the parabola
@@ -76,11 +80,12 @@ float detection_reliability(const float* map, int rows, int cols) {
 MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options)
     : options_(options), fft_(rows, cols) {
   require(options.lambda > 0, "MaskedRegressionOptions: lambda must be positive");
-  require(options.iterations >= 0, "MaskedRegressionOptions: iterations must not be negative");
+  require(options.iterations >= 0 && options.refining_iterations >= 0,
+          "MaskedRegressionOptions: iterations must not be negative");
   require(options.penalty > 0 && options.penalty_growth >= 1 && options.max_penalty >= options.penalty,
           "MaskedRegressionOptions: penalty must be positive and at most max_penalty, its growth >= 1");
-  const Eigen::Index parts = Eigen::Index{2} * rows * fft_.spectrum_cols();
-  for (Parts* spectrum : {&energy_, &filter_, &free_, &dual_}) spectrum->resize(parts);
+  bins_ = Eigen::Index{rows} * fft_.spectrum_cols();
+  for (Eigen::ArrayXf* spectrum : {&energy_, &filter_, &free_, &dual_}) spectrum->resize(2 * bins_);
   plane_.resize(Eigen::Index{rows} * cols);
 }
 
@@ -92,17 +97,37 @@ void MaskedRegression::constrain(const float* mask) {
 }
 
 void MaskedRegression::solve(const std::complex<float>* cross, const float* energy, const float* mask,
-                             std::complex<float>* filter) {
-  const Eigen::Index bins = filter_.size() / 2;
-  const auto c = parts_of(cross, bins);
-  for (Eigen::Index i = 0; i < bins; ++i) energy_(2 * i) = energy_(2 * i + 1) = energy[i];
+                             std::complex<float>* filter, std::complex<float>* dual) {
+  load(energy);
   const auto lambda = static_cast<float>(options_.lambda);
-  filter_ = c / (energy_ + lambda);
+  filter_ = parts_of(cross, bins_) / (energy_ + lambda);
   // The dual of a constraint that holds already: a mask that is 1 everywhere keeps the ridge regression.
   dual_ = lambda * filter_;
   constrain(mask);
-  double penalty = options_.penalty;
-  for (int i = 0; i < options_.iterations; ++i) {
+  iterate(cross, mask, options_.iterations, options_.penalty);
+  parts_of(filter, bins_) = filter_;
+  parts_of(dual, bins_) = dual_;
+}
+
+void MaskedRegression::refine(const std::complex<float>* cross, const float* energy, const float* mask,
+                              std::complex<float>* filter, std::complex<float>* dual) {
+  load(energy);
+  filter_ = parts_of(filter, bins_);
+  dual_ = parts_of(dual, bins_);
+  iterate(cross, mask, options_.refining_iterations, options_.max_penalty);
+  parts_of(filter, bins_) = filter_;
+  parts_of(dual, bins_) = dual_;
+}
+
+void MaskedRegression::load(const float* energy) {
+  for (Eigen::Index i = 0; i < bins_; ++i) energy_(2 * i) = energy_(2 * i + 1) = energy[i];
+}
+
+void MaskedRegression::iterate(const std::complex<float>* cross, const float* mask, int iterations,
+                               double penalty) {
+  const auto c = parts_of(cross, bins_);
+  const auto lambda = static_cast<float>(options_.lambda);
+  for (int i = 0; i < iterations; ++i) {
     const auto mu = static_cast<float>(penalty);
     free_ = (c + mu * filter_ - dual_) / (energy_ + mu);  // the regression, near the constrained filter
     filter_ = (mu * free_ + dual_) / (lambda + mu);
@@ -110,7 +135,6 @@ void MaskedRegression::solve(const std::complex<float>* cross, const float* ener
     dual_ += mu * (free_ - filter_);
     penalty = std::min(options_.penalty_growth * penalty, options_.max_penalty);
   }
-  Eigen::Map<Parts>(reinterpret_cast<float*>(filter), filter_.size()) = filter_;
 }
 
 SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
@@ -154,6 +178,7 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
   template_.setZero(kChannels * half);
   energy_.setZero(kChannels * half);
   filter_.setZero(kChannels * half);
+  dual_.setZero(kChannels * half);
   spectrum_.resize(half);
   cell_sums_.resize(static_cast<std::size_t>(cols_));
   weights_.setZero(kChannels);
@@ -180,7 +205,7 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
   if (options_.segmentation) colour_.init(frame, box_around(centre, size));
   update_mask(frame, centre);
   transform_patch(frame, centre);
-  train(1, 1);
+  train(true);
 }
 
 void SpatialReliability::resize(const Size2& size) {
@@ -238,12 +263,12 @@ void SpatialReliability::adapt(const Frame& frame, const Point2& at) {
   transform_patch(frame, at);
   if (options_.segmentation) colour_.adapt(frame, box_around(at, size_));
   update_mask(frame, at);
-  train(options_.learning_rate, options_.weight_rate);
+  train(false);
 }
 
-void SpatialReliability::train(double rate, double weight_rate) {
+void SpatialReliability::train(bool first) {
   const Eigen::Index half = spectrum_.size();
-  const auto eta = static_cast<float>(rate);
+  const auto eta = static_cast<float>(first ? 1 : options_.learning_rate);
   for (int k = 0; k < kChannels; ++k) {
     const auto sample = sample_.segment(k * half, half);
     auto mean = template_.segment(k * half, half);
@@ -257,7 +282,11 @@ void SpatialReliability::train(double rate, double weight_rate) {
       spectrum_(i) = {label_(i) * mean_re, label_(i) * mean_im};  // mean of F conj(Y)
       energy(i) += eta * (re * re + im * im - energy(i));
     }
-    regression_.solve(spectrum_.data(), energy.data(), mask_.values.data(), filter.data());
+    std::complex<float>* const dual = dual_.data() + k * half;
+    if (first)
+      regression_.solve(spectrum_.data(), energy.data(), mask_.values.data(), filter.data(), dual);
+    else
+      regression_.refine(spectrum_.data(), energy.data(), mask_.values.data(), filter.data(), dual);
     // Learning reliability: the channel's highest response to the target.
     spectrum_ = sample * filter.conjugate();
     plane_fft_.inverse(spectrum_.data(), plane_.data());
@@ -266,7 +295,8 @@ void SpatialReliability::train(double rate, double weight_rate) {
   // Weights that give these responses, if at the same place, the weighted sum 1.
   const float sum = options_.channel_weights ? reliability_.square().sum() : reliability_.sum();
   if (!options_.channel_weights) reliability_.setOnes();
-  if (sum > 0) weights_ += static_cast<float>(weight_rate) * (reliability_ / sum - weights_);
+  if (sum > 0)
+    weights_ += static_cast<float>(first ? 1 : options_.weight_rate) * (reliability_ / sum - weights_);
 
   // After few rounds the filters are not quite those of the label: their response to the template is off
   // centre, which would make the target drift from frame to frame.

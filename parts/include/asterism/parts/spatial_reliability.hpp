@@ -13,8 +13,9 @@ namespace asterism::inline ASTERISM_ABI {
 struct MaskedRegressionOptions {
   /// Weight lambda of the filter's energy, > 0.
   double lambda = 0.05;
-  /// Rounds, >= 0; without any the ridge regression is cut to the mask.
+  /// Rounds of `solve`, >= 0; without any the ridge regression is cut to the mask. Those of `refine`, >= 0.
   int iterations = 4;
+  int refining_iterations = 2;
   /// The constraint's penalty mu in the first round, > 0, its growth beta from round to round, >= 1, and its
   /// bound, >= penalty.
   double penalty = 5;
@@ -37,20 +38,25 @@ class MaskedRegression {
   MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options = {});
 
   /// cross: sum_t w_t F_t conj(Y); energy: sum_t w_t |F_t|^2; mask: rows x cols values, 0 or 1 -> filter: the
-  /// spectrum H, for which F conj(H) is the response. Does not allocate by itself.
+  /// spectrum H, for which F conj(H) is the response; dual: that of the constraint. Does not allocate by
+  /// itself.
   void solve(const std::complex<float>* cross, const float* energy, const float* mask,
-             std::complex<float>* filter);
+             std::complex<float>* filter, std::complex<float>* dual);
+  /// The same from filter and dual of a problem that differs little, with the largest penalty.
+  void refine(const std::complex<float>* cross, const float* energy, const float* mask,
+              std::complex<float>* filter, std::complex<float>* dual);
 
  private:
-  // A spectrum as real numbers: real and imaginary parts in turn.
-  using Parts = Eigen::ArrayXf;
-
+  void load(const float* energy);
+  // Rounds on filter_ and dual_.
+  void iterate(const std::complex<float>* cross, const float* mask, int iterations, double penalty);
   // filter_ := that of the map within the mask.
   void constrain(const float* mask);
 
   MaskedRegressionOptions options_;
   RealFft2<float> fft_;
-  Parts energy_, filter_, free_, dual_;
+  Eigen::Index bins_ = 0;
+  Eigen::ArrayXf energy_, filter_, free_, dual_;  // spectra, real and imaginary parts in turn
   Eigen::ArrayXf plane_;
 };
 
@@ -148,8 +154,8 @@ class SpatialReliability {
   void respond(const Spectrum& sample);
   // Those to `sample_`, which is overwritten, with detection weights.
   void respond_reliably();
-  // Train on the sample in `sample_` and blend with the past, which is forgotten in the first frame.
-  void train(double rate, double weight_rate);
+  // Train on the sample in `sample_`; the first one starts the averages and the filters.
+  void train(bool first);
 
   SpatialReliabilityOptions options_;
   Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
@@ -163,11 +169,11 @@ class SpatialReliability {
   MaskedRegression regression_;
   ColourModel colour_;
 
-  Eigen::ArrayXf hann_;    // one plane of the cosine window
-  Eigen::ArrayXf label_;   // Y, real
-  Spectrum template_;      // running averages of F, ...
-  Eigen::ArrayXf energy_;  // ... and |F|^2, of each channel
-  Spectrum filter_;        // H of each channel
+  Eigen::ArrayXf hann_;     // one plane of the cosine window
+  Eigen::ArrayXf label_;    // Y, real
+  Spectrum template_;       // running averages of F, ...
+  Eigen::ArrayXf energy_;   // ... and |F|^2, of each channel
+  Spectrum filter_, dual_;  // H of each channel, and its constraint's dual
   Eigen::ArrayXf weights_;
   Point2 bias_ = Point2::Zero();  // of the response's maximum on the target as learned [cells]
   ResponseMap mask_, response_;

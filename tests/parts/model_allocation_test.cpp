@@ -1,0 +1,52 @@
+// What the models that transform with FFTW take from the heap: OpenCV's dft would take some in every call.
+
+#include <gtest/gtest.h>
+
+#include <asterism/parts/scale_filter.hpp>
+#include <asterism/parts/spatial_reliability.hpp>
+
+#include "../solver/counting_allocator.hpp"
+#include "part_axioms.hpp"
+
+namespace asterism {
+namespace {
+
+// The segmentation does allocate.
+TEST(SpatialReliability, DoesNotAllocateOnceItHasBeenInitialisedWithoutSegmentation) {
+  const cv::Mat image = testing::texture(240, 320);
+  const Frame frame(image);
+  SpatialReliabilityOptions options;
+  options.segmentation = false;
+  for (const bool detection_weights : {false, true}) {
+    options.detection_weights = detection_weights;
+    SpatialReliability part(options);
+    EXPECT_GT(testing::allocations_in([&] { part.init(frame, {160, 120}, {48, 40}); }), 0);  // counted at all
+    part.localize(frame, {160, 120});
+    EXPECT_EQ(testing::allocations_in([&] {
+                for (const Point2& at : {Point2(160, 120), Point2(157.3, 121.9), Point2(20, 230)}) {
+                  const Evidence evidence = part.localize(frame, at);
+                  part.adapt(frame, evidence.position);
+                  part.resize(1.01 * part.size());
+                }
+              }),
+              0);
+  }
+}
+
+TEST(ScaleFilter, DoesNotAllocateOnceItHasBeenInitialised) {
+  const cv::Mat image = testing::texture(240, 320);
+  const Frame frame(image);
+  ScaleFilter filter;
+  filter.init(frame, {160, 120}, {72, 60});
+  filter.localize(frame, {160, 120});
+  EXPECT_EQ(testing::allocations_in([&] {
+              for (const double factor : {1.0, 1.02, 1.05}) {
+                filter.localize(frame, {158, 121});
+                filter.adapt(frame, {160, 120}, factor * Size2(72, 60));
+              }
+            }),
+            0);
+}
+
+}  // namespace
+}  // namespace asterism
