@@ -30,9 +30,26 @@ ASTERISM_INLINE Complex operator*(float a, const Complex& b) { return {a * b.re,
 ASTERISM_INLINE Complex minus_i(const Complex& a, const Complex& b) { return {a.re + b.im, a.im - b.re}; }
 ASTERISM_INLINE Complex plus_i(const Complex& a, const Complex& b) { return {a.re - b.im, a.im + b.re}; }
 
-/// x_k <- sum over j of exp(-2 pi i j k / kRadix) x_j
+/// Cosines and sines of 2 pi j / kRadix, j = 1 .. kRadix / 2, in all lanes: what radices above 4 that are odd
+/// multiply with, the others of their roots being these but for signs.
 template <int kRadix>
-ASTERISM_INLINE void butterfly(Complex* x, const float* roots) {
+struct Roots {
+  static constexpr bool kUsed = kRadix > 4 && kRadix % 2 != 0;
+  V cosine[kUsed ? kRadix / 2 : 1], sine[kUsed ? kRadix / 2 : 1];
+
+  ASTERISM_INLINED explicit Roots(const float* roots) {
+    if constexpr (kUsed) {
+      for (int j = 0; j < kRadix / 2; ++j) {
+        cosine[j] = set(roots[j + 1]);
+        sine[j] = set(roots[kRadix + j + 1]);
+      }
+    }
+  }
+};
+
+/// x_k <- sum over j of exp(-2 pi i j k / kRadix) x_j
+template <int kRadix, typename R>
+ASTERISM_INLINE void butterfly(Complex* x, const R& roots) {
   if constexpr (kRadix == 2) {
     const Complex a = x[0];
     x[0] = a + x[1];
@@ -77,9 +94,17 @@ ASTERISM_INLINE void butterfly(Complex* x, const float* roots) {
       Complex a = first, b = {};
 #pragma GCC unroll 8
       for (int j = 0; j < kHalf; ++j) {
-        const int turns = (j + 1) * k % kRadix;
-        a = a + roots[turns] * sums[j];
-        b = b + roots[kRadix + turns] * differences[j];
+        const int turns = (j + 1) * k % kRadix, folded = turns <= kHalf ? turns : kRadix - turns;
+        const V cosine = roots.cosine[folded - 1], sine = roots.sine[folded - 1];
+        a.re += cosine * sums[j].re;
+        a.im += cosine * sums[j].im;
+        if (turns == folded) {
+          b.re += sine * differences[j].re;
+          b.im += sine * differences[j].im;
+        } else {
+          b.re -= sine * differences[j].re;
+          b.im -= sine * differences[j].im;
+        }
       }
       x[k] = minus_i(a, b);
       x[kRadix - k] = plus_i(a, b);
@@ -91,7 +116,7 @@ ASTERISM_INLINE void butterfly(Complex* x, const float* roots) {
 /// twiddles.
 template <int kRadix>
 void pass(const Passes& plan, int index, int m, int s, const Input& in, const Output& out) {
-  const float* const roots = plan.roots[index];
+  const Roots<kRadix> roots(plan.roots[index]);
   const std::ptrdiff_t in_step = in.stride * s * m, out_step = out.stride * s;
   const auto run = [&](int q, auto twiddle) ASTERISM_INLINED {
     const float *re = in.re + in.stride * s * q, *im = in.im + in.stride * s * q;
@@ -449,7 +474,7 @@ constexpr float kSlopes[4] = {(1.0000F - 0.9397F) / 0.3420F, (0.9397F - 0.7660F)
 
 template <typename Cell>
 ASTERISM_INLINE void vote(const VoteRow& row, Cell cell) {
-  const int half = cell / 2;
+  const int half = cell / 2, width = row.width;
   const float* const magnitude = row.magnitude;
   const std::int32_t* const slot = row.slot;
   // A phase at a time: neighbours that fall into one entry would wait for each other.
@@ -462,8 +487,9 @@ ASTERISM_INLINE void vote(const VoteRow& row, Cell cell) {
       x += cell;
       votes += 4;
     }
-    for (; x < row.width; x += cell, votes += 4) {
-      Quad* const entry = reinterpret_cast<Quad*>(votes + std::ptrdiff_t{4} * slot[x]);
+#pragma GCC unroll 4
+    for (; x < width; x += cell, votes += 4) {
+      Quad* const entry = reinterpret_cast<Quad*>(votes + slot[x]);
       *entry += magnitude[x] * weights;
     }
   }
@@ -472,16 +498,20 @@ ASTERISM_INLINE void vote(const VoteRow& row, Cell cell) {
 void vote_row(const VoteRow& row) {
   // Fold into the first quadrant, count the slopes exceeded (k = 0..4: 0, 20, .. 80 degrees), unfold:
   // k, 9 - k, 9 + k, 18 - k in the four quadrants. A half turn adds 9.
-  const Ints stride = Ints{} + row.slot_stride;
-  for (int x = 0; x < row.width; x += kLanes) {
-    const V gx = load(row.here + x + 2) - load(row.here + x), gy = load(row.below + x) - load(row.above + x);
+  const Ints stride = Ints{} + 4 * row.slot_stride;
+  const float *const above = row.above, *const here = row.here, *const below = row.below;
+  float* const magnitude = row.magnitude;
+  std::int32_t* const slot = row.slot;
+  const int width = row.width;
+  for (int x = 0; x < width; x += kLanes) {
+    const V gx = load(here + x + 2) - load(here + x), gy = load(below + x) - load(above + x);
     const V ax = abs(gx), ay = abs(gy);
     Ints k = {};
     for (const float slope : kSlopes) k -= Ints(ay > ax * slope);
     // gx = 0 ties between 80 and 100 degrees; the first one wins, whichever sense the gradient has.
     const Ints down = bits(gy) >> 31, mirrored = (bits(gx + 1e-9F * gy) >> 31) ^ down;
-    store(row.slot + x, (((k ^ mirrored) - mirrored) + (mirrored & kUnsigned) + (down & kUnsigned)) * stride);
-    store(row.magnitude + x, sqrt(gx * gx + gy * gy));
+    store(slot + x, (((k ^ mirrored) - mirrored) + (mirrored & kUnsigned) + (down & kUnsigned)) * stride);
+    store(magnitude + x, sqrt(gx * gx + gy * gy));
   }
   struct Four {
     constexpr operator int() const { return 4; }
@@ -511,15 +541,19 @@ void collect(float* votes, int intervals, int cells, std::ptrdiff_t stride, floa
       const float* const from = v + 4 * c + 2;
       const V a = load(from), b = load(from + kLanes), d = load(from + 2 * kLanes),
               e = load(from + 3 * kLanes);
-      const V first = even_pairs(a, b) + odd_pairs(a, b), second = even_pairs(d, e) + odd_pairs(d, e);
-      store(of_done + c, load(of_open + c) + even(first, second));
-      store(of_open + c, odd(first, second));
+      V top, bottom;
+      sum_pairs(a, b, d, e, top, bottom);
+      store(of_done + c, load(of_open + c) + top);
+      store(of_open + c, bottom);
     }
     for (; c < cells; ++c) {
       of_done[c] = of_open[c] + (v[4 * c + 2] + v[4 * c + 4]);
       of_open[c] = v[4 * c + 3] + v[4 * c + 5];
     }
-    for (int i = 0; i < 4 * intervals; i += 4) *reinterpret_cast<Quad*>(v + i) = Quad{};
+  }
+  for (int i = 0; i < 4 * kSigned * intervals; i += 8) {
+    *reinterpret_cast<Quad*>(votes + i) = Quad{};
+    *reinterpret_cast<Quad*>(votes + i + 4) = Quad{};
   }
   for (int c = 0; c < cells; c += kLanes) {  // rows are padded
     V total = {};

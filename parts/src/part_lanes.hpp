@@ -100,6 +100,25 @@ ASTERISM_INLINE V odd(V a, V b) { return ASTERISM_SHUFFLE(a, b, ASTERISM_ODD); }
 ASTERISM_INLINE V even_pairs(V a, V b) { return ASTERISM_SHUFFLE(a, b, ASTERISM_EVEN2); }
 ASTERISM_INLINE V odd_pairs(V a, V b) { return ASTERISM_SHUFFLE(a, b, ASTERISM_ODD2); }
 
+/// Of four vectors of (t, b, t', b', ..): the sums t + t' and b + b', in order.
+ASTERISM_INLINE void sum_pairs(V a, V b, V c, V d, V& top, V& bottom) {
+#if defined(ASTERISM_LANES_AVX2)
+  // Shuffles within halves, and one across them at the end.
+  const auto sum = [](V x, V y) ASTERISM_INLINED -> V {
+    const __m256d p = _mm256_castps_pd(x), q = _mm256_castps_pd(y);
+    return _mm256_castpd_ps(_mm256_unpacklo_pd(p, q)) + _mm256_castpd_ps(_mm256_unpackhi_pd(p, q));
+  };
+  const V first = sum(a, b), second = sum(c, d);
+  const __m256i order = _mm256_setr_epi32(0, 4, 1, 5, 2, 6, 3, 7);
+  top = _mm256_permutevar8x32_ps(_mm256_shuffle_ps(first, second, 0x88), order);
+  bottom = _mm256_permutevar8x32_ps(_mm256_shuffle_ps(first, second, 0xDD), order);
+#else
+  const V first = even_pairs(a, b) + odd_pairs(a, b), second = even_pairs(c, d) + odd_pairs(c, d);
+  top = even(first, second);
+  bottom = odd(first, second);
+#endif
+}
+
 /// Rows become columns: log2(kLanes) perfect shuffles.
 ASTERISM_INLINE void transpose(V* v) {
 #pragma GCC unroll 4
