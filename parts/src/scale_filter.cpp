@@ -18,19 +18,27 @@ ScaleFilter::ScaleFilter(const ScaleFilterOptions& options) : options_(options),
               options.max_template_area <= kMaxWindowSide * kMaxWindowSide,
           "ScaleFilterOptions: max_template_area must be cell_size^2 .. 2^20");
 
-  const int n = options.scales;
-  response_fft_ = RealFft2<float>(1, n);
-  spectrum_.resize(response_fft_.spectrum_cols());
-  label_.resize(spectrum_.size());
+  const int n = options.scales, bins = n / 2 + 1;
   // No size has weight 0: the window would be at one step beyond both ends.
   hann_ =
       0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n + 2, 0, 2 * std::numbers::pi_v<float>).cos().segment(1, n);
+  cosines_.resize(bins, n);
+  sines_.resize(bins, n);
+  for (int k = 0; k < bins; ++k)
+    for (int i = 0; i < n; ++i) {
+      const double angle = 2 * std::numbers::pi * (k * i % n) / n;
+      cosines_(k, i) = std::cos(angle);
+      sines_(k, i) = std::sin(angle);
+    }
+  // The label: a Gaussian at no change, wrapped.
   const double sigma = options.label_sigma * std::sqrt(n);  // [steps]
-  response_.resize(n);
-  for (int i = 0; i < n; ++i)
-    response_(i) = static_cast<float>(std::exp(-0.5 * std::pow((i - n / 2) / sigma, 2)));
-  response_fft_.forward(response_.data(), label_.data());
-  response_.setZero();
+  correlation_.resize(n);
+  for (int i = 0; i < n; ++i) correlation_(i) = std::exp(-0.5 * std::pow(std::min(i, n - i) / sigma, 2));
+  label_ = cosines_ * correlation_;
+  real_.setZero(bins);
+  imaginary_.setZero(bins);
+  gram_.resize(n, n);
+  response_.setZero(n);
 }
 
 void ScaleFilter::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -42,29 +50,35 @@ void ScaleFilter::init(const Frame& frame, const Point2& centre, const Size2& si
   };
   grid_ = {side(size.x()), side(size.y())};
   const int cells = grid_.area() / (options_.cell_size * options_.cell_size);
-  feature_fft_ = RealFft2<float>(1, options_.scales, cells * Fhog::kChannels);
   hog_.resize(cells * Fhog::kChannels);
-  features_.resize(hog_.size() * options_.scales);
-  sample_.resize(hog_.size() * spectrum_.size());
-  numerator_.setZero(sample_.size());
-  denominator_.setZero(spectrum_.size());
+  sample_.resize(hog_.size(), options_.scales);
+  template_.setZero(hog_.size(), options_.scales);
+  energy_.setZero(label_.size());
   taps_.resize(static_cast<std::size_t>(grid_.width));
   response_.setZero();
   peak_ = log_variance_ = 0;
 
-  transform(frame, centre, size);
+  compute_features(frame, centre, size);
   learn(1);
   size_ = size;
 }
 
 double ScaleFilter::localize(const Frame& frame, const Point2& centre) {
-  transform(frame, centre, size_);
-  const Eigen::Index bins = spectrum_.size();
-  spectrum_.setZero();
-  for (Eigen::Index d = 0; d < hog_.size(); ++d)
-    spectrum_ += numerator_.segment(d * bins, bins).conjugate() * sample_.segment(d * bins, bins);
-  spectrum_ /= denominator_ + static_cast<float>(options_.lambda);
-  response_fft_.inverse(spectrum_.data(), response_.data());
+  compute_features(frame, centre, size_);
+  // sum_d conj(F_d) Z_d, the spectrum of the correlation of template and sample over all features.
+  correlate(template_);
+  real_.noalias() = cosines_ * correlation_;
+  imaginary_.noalias() = sines_ * correlation_;  // of the conjugate
+  real_.array() *= label_.array() / (energy_.array() + options_.lambda);
+  imaginary_.array() *= label_.array() / (energy_.array() + options_.lambda);
+  // Back; all bins but the first stand for two. No change goes to the middle.
+  real_.tail(real_.size() - 1) *= 2;
+  imaginary_.tail(real_.size() - 1) *= 2;
+  correlation_.noalias() = cosines_.transpose() * real_;
+  correlation_.noalias() += sines_.transpose() * imaginary_;
+  const Eigen::Index half = response_.size() / 2;
+  response_.tail(half + 1) = correlation_.head(half + 1).cast<float>() / static_cast<float>(response_.size());
+  response_.head(half) = correlation_.tail(half).cast<float>() / static_cast<float>(response_.size());
 
   const Eigen::Index n = response_.size();
   Eigen::Index best = 0;
@@ -94,24 +108,33 @@ double ScaleFilter::localize(const Frame& frame, const Point2& centre) {
 
 void ScaleFilter::adapt(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
-  transform(frame, centre, size);
+  compute_features(frame, centre, size);
   learn(options_.learning_rate);
   size_ = size;
 }
 
 void ScaleFilter::learn(double rate) {
-  const Eigen::Index bins = spectrum_.size();
-  const auto eta = static_cast<float>(rate);
-  denominator_ *= 1 - eta;
-  for (Eigen::Index d = 0; d < hog_.size(); ++d) {
-    const auto f = sample_.segment(d * bins, bins);
-    auto numerator = numerator_.segment(d * bins, bins);
-    numerator += eta * (label_.conjugate() * f - numerator);
-    denominator_ += eta * f.abs2();
-  }
+  template_ += static_cast<float>(rate) * (sample_ - template_);
+  correlate(sample_);
+  energy_ *= 1 - rate;
+  energy_.noalias() += rate * (cosines_ * correlation_);
 }
 
-void ScaleFilter::transform(const Frame& frame, const Point2& centre, const Size2& size) {
+void ScaleFilter::correlate(const Eigen::MatrixXf& first) {
+  // In chunks, for which Eigen's product needs no heap.
+  constexpr Eigen::Index kChunk = 256;
+  gram_.setZero();
+  for (Eigen::Index d = 0; d < first.rows(); d += kChunk) {
+    const Eigen::Index count = std::min(kChunk, first.rows() - d);
+    gram_.noalias() += first.middleRows(d, count).transpose() * sample_.middleRows(d, count);
+  }
+  const Eigen::Index n = gram_.rows();
+  correlation_.setZero();
+  for (Eigen::Index j = 0; j < n; ++j)
+    for (Eigen::Index i = 0; i < n; ++i) correlation_((j - i + n) % n) += static_cast<double>(gram_(i, j));
+}
+
+void ScaleFilter::compute_features(const Frame& frame, const Point2& centre, const Size2& size) {
   const int n = options_.scales;
   // All patches are sampled from one of the largest size, as fine as the smallest needs it, or the image is.
   const double reach = std::pow(options_.step, n / 2);
@@ -123,10 +146,8 @@ void ScaleFilter::transform(const Frame& frame, const Point2& centre, const Size
   for (int i = 0; i < n; ++i) {
     sample(source_.mat, std::pow(options_.step, i - 2 * (n / 2)), patch_.mat);
     fhog_.compute(patch_.mat, hog_.data());
-    Eigen::Map<Eigen::ArrayXf, 0, Eigen::InnerStride<>>(features_.data() + i, hog_.size(),
-                                                        Eigen::InnerStride<>(n)) = hann_(i) * hog_;
+    sample_.col(i) = hann_(i) * hog_.matrix();
   }
-  feature_fft_.forward(features_.data(), sample_.data());
 }
 
 void ScaleFilter::sample(const cv::Mat& source, double fraction, cv::Mat& patch) {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/fft.hpp>
+#include <Eigen/Core>
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/patch.hpp>
 #include <vector>
@@ -30,7 +30,10 @@ struct ScaleFilterOptions {
 /// Patches of `scales` sizes about one centre are resampled to one template; each fHOG feature of it is then
 /// a signal over the logarithm of size, under a Hann window. With F_d the spectra of the signals and G that
 /// of the label, the filter is H_d* = A_d* / (B + lambda), A_d and B running averages of G* F_d and sum_d
-/// |F_d|^2; the response at all sizes is the inverse transform of sum_d H_d* Z_d.
+/// |F_d|^2; the response at all sizes is the inverse transform of sum_d H_d* Z_d. As G is the same for all,
+/// A_d = G* (average of F_d), and all sums over d are of products of signals: no signal is transformed by
+/// itself. Once initialised, `localize` and `adapt` do not allocate (but for targets below the template's
+/// size when they grow).
 ///
 ///     x = part.localize(frame, x).position;
 ///     size *= scale.localize(frame, x);
@@ -67,22 +70,25 @@ class ScaleFilter {
   const ScaleFilterOptions& options() const { return options_; }
 
  private:
-  // Spectra F_d of the patches about `centre`, the middle one of `size`, in `sample_`.
-  void transform(const Frame& frame, const Point2& centre, const Size2& size);
+  // The windowed features of the patches about `centre`, the middle one of `size`, in `sample_`.
+  void compute_features(const Frame& frame, const Point2& centre, const Size2& size);
   // A patch of CV_32FC1 from the middle `fraction` of the source, bilinear.
   void sample(const cv::Mat& source, double fraction, cv::Mat& patch);
-  // Blends the sample into numerator and denominator.
+  // Blends the sample into template and energy.
   void learn(double rate);
+  // Circular cross-correlation over the sizes of signals and those in `sample_`, summed over the features, in
+  // `correlation_`.
+  void correlate(const Eigen::MatrixXf& first);
 
   ScaleFilterOptions options_;
   Size2 size_ = Size2::Zero();
   Fhog fhog_;
-  cv::Size grid_;  // template pixels
-  RealFft2<float> feature_fft_, response_fft_;
-  Eigen::ArrayXf hann_;         // over the sizes
-  Eigen::ArrayXcf label_;       // G
-  Eigen::ArrayXcf numerator_;   // A_d
-  Eigen::ArrayXf denominator_;  // B
+  cv::Size grid_;                    // template pixels
+  Eigen::ArrayXf hann_;              // over the sizes
+  Eigen::MatrixXd cosines_, sines_;  // of 2 pi k i / scales: bins of half a spectrum x sizes
+  Eigen::VectorXd label_;            // G, real
+  Eigen::MatrixXf template_;         // average of the signals, features x sizes
+  Eigen::VectorXd energy_;           // B
   Eigen::ArrayXf response_;
   double peak_ = 0, log_variance_ = 0;
 
@@ -94,8 +100,9 @@ class ScaleFilter {
   PatchSampler sampler_;
   Scratch source_, patch_;
   std::vector<Tap> taps_;
-  Eigen::ArrayXf hog_, features_;
-  Eigen::ArrayXcf sample_, spectrum_;
+  Eigen::ArrayXf hog_;
+  Eigen::MatrixXf sample_, gram_;
+  Eigen::VectorXd correlation_, real_, imaginary_;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI
