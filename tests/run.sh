@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # Installs what the tests need (Debian 12; root or sudo), builds, and runs every test.
 #
-#   bash tests/run.sh [release|clang|sanitize]      one preset of CMakePresets.json; release by default
+#   bash tests/run.sh [release|clang|sanitize] [OPTION...]      one preset of CMakePresets.json, release by default,
+#                                                               and options of CMake
 #
 # With CI set in the environment, warnings are errors.
 set -euo pipefail
@@ -10,7 +11,7 @@ preset=${1:-release}
 
 bash .ci/install-packages build test
 
-options=()
+options=("${@:2}")
 [ -z "${CI:-}" ] || options+=(-DASTERISM_WERROR=ON)
 ! command -v ccache >/dev/null || options+=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
 cmake --preset "$preset" "${options[@]}"

@@ -15,7 +15,7 @@
 namespace asterism::bench {
 namespace {
 
-constexpr std::string_view kTrax = "trax:";
+constexpr std::string_view kTrax = "trax:", kParts = "dpt+";
 
 Start our_tracker(const std::string& name) {
   return [name](const Image& image, const Region& object) -> Step {
@@ -66,6 +66,10 @@ EvaluatedTracker evaluated_tracker(const std::string& name) {
   cv::setNumThreads(1);
   if (name.starts_with(kTrax) && name.size() > kTrax.size())
     return {name, trax_tracker(name.substr(kTrax.size()))};
+  if (name.starts_with(kParts)) {
+    make_tracker(name);  // throws where there is no such model
+    return {name, our_tracker(name)};
+  }
   const auto trackers = registry();
   if (const auto found = trackers.find(name); found != trackers.end()) return {name, found->second};
 
@@ -75,7 +79,8 @@ EvaluatedTracker evaluated_tracker(const std::string& name) {
   });
   std::string list;
   for (const std::string& other : known) list += other + ", ";
-  throw std::invalid_argument("unknown tracker \"" + name + "\" (known: " + list + "trax:COMMAND)");
+  throw std::invalid_argument("unknown tracker \"" + name + "\" (known: " + list +
+                              "dpt+MODEL, trax:COMMAND)");
 }
 
 }  // namespace asterism::bench

@@ -200,7 +200,7 @@ TEST(EnergyExamples, IsNotConvex) {
   system.rest_length.setOnes();
   system.link_stiffness.setOnes();
   const Eigen::Vector4d eigenvalues =
-      Eigen::SelfAdjointEigenSolver<Eigen::Matrix4d>(hessian(system, system.anchors)).eigenvalues();
+      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(hessian(system, system.anchors)).eigenvalues();
   EXPECT_LT((eigenvalues - Eigen::Vector4d(-7.99, 0.01, 0.01, 2.01)).norm(), 1e-12);
   Eigen::Matrix2d left;
   left << -0.5, 0.5, 0, 0;

@@ -40,7 +40,8 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
 Dpt::Dpt(const DptOptions& options)
     : options_(options),
       coarse_(options.coarse),
-      parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)), Kcf(options.part)),
+      parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)),
+             options.part_model.value_or(Kcf(options.part))),
       springs_(make_topology(options)),
       solver_(springs_, options.solver) {
   if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
@@ -75,13 +76,13 @@ void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
 
   // Sec. 2.5.3: the box is split into equal non-overlapping parts.
   const int rows = options_.grid_rows, cols = options_.grid_cols;
-  const Size2 part_size(box.width / cols, box.height / rows);
+  part_size_ = Size2(box.width / cols, box.height / rows);
   placement_.resize(2, part_count());
   for (int i = 0; i < part_count(); ++i) {
     const int row = i / cols, col = i % cols;
-    placement_.col(i) =
-        centre_of({box.x + col * part_size.x(), box.y + row * part_size.y(), part_size.x(), part_size.y()});
-    parts_[static_cast<std::size_t>(i)].init(frame, placement_.col(i), part_size);
+    placement_.col(i) = centre_of(
+        {box.x + col * part_size_.x(), box.y + row * part_size_.y(), part_size_.x(), part_size_.y()});
+    parts_[static_cast<std::size_t>(i)].init(frame, placement_.col(i), part_size_);
   }
   springs_.set_rest_lengths(placement_);
   initialized_ = true;
@@ -131,7 +132,7 @@ TrackResult Dpt::update(const cv::Mat& image) {
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const Point2 position = placement.col(static_cast<Eigen::Index>(i));
     result.parts.push_back({.position = position,
-                            .size = parts_[i].size(),
+                            .size = part_size_,
                             .visual_best = evidence[i].position,
                             .weight = parts_[i].similarity_at(position)});
   }

@@ -37,7 +37,8 @@ int run_command_line(int argc, char** argv) {
   const CLI::Range count(1, 1'000'000'000);
   app.add_option("--box", options.box,
                  "x,y,w,h of the object in the first frame [px]; default: ground truth");
-  app.add_option("--tracker", options.tracker, "tracker to run")->capture_default_str();
+  app.add_option("--tracker", options.tracker, "dpt, coarse, kcf, or dpt+MODEL with another part model")
+      ->capture_default_str();
   app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");
   app.add_option("--save", options.save, "overlay video (.mp4)");
   app.add_option("--sheet", options.sheet, "contact sheet of eight frames (.png)");

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <asterism/parts/any_part.hpp>
 #include <asterism/solver/ida.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <functional>
+#include <optional>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -19,6 +21,8 @@ struct DptOptions {
   CoarseOptions coarse;
   /// The parts' filters; the paper's parameters are those of the root.
   KcfOptions part;
+  /// Another appearance model for all parts, not yet initialised, instead of Kcf with the options `part`.
+  std::optional<AnyPart> part_model;
 
   /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most
   /// kMaxParts.
@@ -84,7 +88,8 @@ class Dpt {
 
   DptOptions options_;
   CoarseLayer coarse_;
-  std::vector<Kcf> parts_;
+  std::vector<AnyPart> parts_;
+  Size2 part_size_ = Size2::Zero();  // in the image [px]
   Springs springs_;
   Ida<Springs> solver_;
   Summary summary_;

@@ -85,7 +85,8 @@ class AnyTracker {
 std::vector<std::string> tracker_names();
 
 /// A tracker with default options by name: "dpt", "coarse" (DPT's coarse layer alone), "kcf" (its root filter
-/// alone). Throws std::invalid_argument that lists the known names for any other.
+/// alone), "dpt+MODEL" (DPT with parts of the model MODEL, as PartRegistry::make takes it, where that was
+/// built). Throws std::invalid_argument that lists the known names for any other, and as PartRegistry::make.
 AnyTracker make_tracker(std::string_view name);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,64 @@
+#pragma once
+
+#include <asterism/parts/any_part.hpp>
+#include <asterism/parts/option_visitor.hpp>
+#include <functional>
+#include <map>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Part models by name, with options from JSON: the library's own, those that a program adds, and those of
+/// shared libraries (part_plugin.hpp).
+class PartRegistry {
+ public:
+  /// Knows the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
+  /// "spatial_reliability", "template"; without "flow" or "keypoints" where they were not built.
+  PartRegistry();
+
+  /// Adds a model, which is made of its options, under a name of letters, digits, '_' and '-'. Throws
+  /// std::invalid_argument for any other name and for one that is taken.
+  template <PartModel Model, typename Options>
+  requires std::constructible_from<Model, const Options&>
+  void add(const std::string& name) {
+    add(name, [](OptionVisitor& visit) {
+      Options options;
+      visit_options(visit, options);
+      return [options]() -> AnyPart { return Model(options); };
+    });
+  }
+
+  /// Loads a shared library of part models and adds each, as "LIBRARY:MODEL" with the path as it is given;
+  /// returns these names. A library stays loaded until the process ends; loading it again changes nothing.
+  /// Throws std::runtime_error, without having added any, for a file that cannot be loaded, is no library of
+  /// part models, was built for another version of this one or of what its types are made of, or throws.
+  ///
+  /// What such a model throws comes out as std::invalid_argument if it was one, else as std::runtime_error,
+  /// with the model's name; so does evidence that is not finite.
+  std::vector<std::string> load(const std::string& library);
+
+  /// A model from its name, which may be followed by a JSON object of options: `mosse`,
+  /// `kcf{"lambda": 1e-3}`. The library of a name LIBRARY:MODEL is loaded. Throws std::invalid_argument that
+  /// names the nearest known for an unknown model or option, and says what is wrong with a value.
+  AnyPart make(std::string_view model);
+
+  /// Of all models, sorted.
+  std::vector<std::string> names() const;
+  /// All options of a model and their defaults as a JSON object. Throws as `make`.
+  std::string defaults(std::string_view name);
+
+ private:
+  // Visits the options, and returns what makes a part of the values that they have then.
+  using Factory = std::function<std::function<AnyPart()>(OptionVisitor&)>;
+  using Factories = std::map<std::string, Factory, std::less<>>;
+
+  explicit PartRegistry(Factories factories) : factories_(std::move(factories)) {}
+  void add(const std::string& name, Factory factory);
+  const Factory& find(std::string_view name);
+
+  Factories factories_;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,140 @@
+#pragma once
+
+// The names of the library's models' options: those of their members.
+
+#include <asterism/parts/color_histogram.hpp>
+#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/mosse.hpp>
+#include <asterism/parts/option_visitor.hpp>
+#include <asterism/parts/spatial_reliability.hpp>
+#include <asterism/parts/template.hpp>
+#ifdef ASTERISM_PARTS_FLOW
+#include <asterism/parts/flow.hpp>
+#endif
+#ifdef ASTERISM_PARTS_KEYPOINTS
+#include <asterism/parts/keypoints.hpp>
+#endif
+
+namespace asterism::inline ASTERISM_ABI {
+
+inline void visit_options(OptionVisitor& visit, Kernel& kernel) {
+  visit("type", kernel.type, {"gaussian", "polynomial", "linear"});
+  visit("sigma", kernel.sigma);
+  visit("offset", kernel.offset);
+  visit("exponent", kernel.exponent);
+}
+
+inline void visit_options(OptionVisitor& visit, KcfOptions& options) {
+  visit("kernel", options.kernel);
+  visit("lambda", options.lambda);
+  visit("learning_rate", options.learning_rate);
+  visit("label_sigma", options.label_sigma);
+  visit("cell_size", options.cell_size);
+  visit("padding", options.padding);
+  visit("proportional_window", options.proportional_window);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+  visit("separate_update", options.separate_update);
+  visit("sub_pixel", options.sub_pixel);
+}
+
+inline void visit_options(OptionVisitor& visit, MosseOptions& options) {
+  visit("learning_rate", options.learning_rate);
+  visit("label_sigma", options.label_sigma);
+  visit("regularisation", options.regularisation);
+  visit("perturbations", options.perturbations);
+  visit("perturbation", options.perturbation);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
+inline void visit_options(OptionVisitor& visit, MrfOptions& options) {
+  visit("enabled", options.enabled);
+  visit("max_iterations", options.max_iterations);
+  visit("tolerance", options.tolerance);
+  visit("neighbourhood", options.neighbourhood);
+}
+
+inline void visit_options(OptionVisitor& visit, ColourOptions& options) {
+  visit("histogram_rate", options.histogram_rate);
+  visit("surrounding", options.surrounding);
+  visit("foreground_prior", options.foreground_prior);
+  visit("min_area_ratio", options.min_area_ratio);
+  visit("max_area_ratio", options.max_area_ratio);
+  visit("uniform_weight", options.uniform_weight);
+  visit("mrf", options.mrf);
+}
+
+inline void visit_options(OptionVisitor& visit, MaskedRegressionOptions& options) {
+  visit("lambda", options.lambda);
+  visit("iterations", options.iterations);
+  visit("refining_iterations", options.refining_iterations);
+  visit("penalty", options.penalty);
+  visit("penalty_growth", options.penalty_growth);
+  visit("max_penalty", options.max_penalty);
+}
+
+inline void visit_options(OptionVisitor& visit, SpatialReliabilityOptions& options) {
+  visit("regression", options.regression);
+  visit("learning_rate", options.learning_rate);
+  visit("weight_rate", options.weight_rate);
+  visit("label_sigma", options.label_sigma);
+  visit("cell_size", options.cell_size);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+  visit("segmentation", options.segmentation);
+  visit("min_mask_area", options.min_mask_area);
+  visit("max_mask_area", options.max_mask_area);
+  visit("colour", options.colour);
+  visit("channel_weights", options.channel_weights);
+  visit("detection_weights", options.detection_weights);
+}
+
+inline void visit_options(OptionVisitor& visit, ColorHistogramOptions& options) {
+  visit("space", options.space, {"gray", "rgb", "hsv"});
+  visit("bins", options.bins);
+  visit("sharpness", options.sharpness);
+  visit("learning_rate", options.learning_rate);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
+inline void visit_options(OptionVisitor& visit, TemplateOptions& options) {
+  visit("distance", options.distance, {"ncc", "ssd"});
+  visit("colour", options.colour);
+  visit("sigma", options.sigma);
+  visit("learning_rate", options.learning_rate);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
+#ifdef ASTERISM_PARTS_FLOW
+inline void visit_options(OptionVisitor& visit, FlowOptions& options) {
+  visit("grid", options.grid);
+  visit("max_error", options.max_error);
+  visit("lk_window", options.lk_window);
+  visit("lk_levels", options.lk_levels);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+#endif
+
+#ifdef ASTERISM_PARTS_KEYPOINTS
+inline void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
+  visit("max_points", options.max_points);
+  visit("fast_threshold", options.fast_threshold);
+  visit("max_distance", options.max_distance);
+  visit("max_ratio", options.max_ratio);
+  visit("vote_radius", options.vote_radius);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+#endif
+
+}  // namespace asterism::inline ASTERISM_ABI

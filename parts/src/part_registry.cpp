@@ -1,0 +1,284 @@
+#include <dlfcn.h>
+
+#include <algorithm>
+#include <asterism/parts/part_plugin.hpp>
+#include <asterism/parts/part_registry.hpp>
+#include <asterism/solver/edit_distance.hpp>
+#include <cmath>
+#include <limits>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <stdexcept>
+
+#include "part_options.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+using Json = nlohmann::ordered_json;
+
+template <typename Names>
+std::string nearest(std::string_view unknown, const Names& known) {
+  return std::string(*std::min_element(known.begin(), known.end(), [&](const auto& a, const auto& b) {
+    return detail::edit_distance(unknown, a) < detail::edit_distance(unknown, b);
+  }));
+}
+
+// Sets options to what a JSON object has for them.
+class OptionReader : public OptionVisitor {
+ public:
+  OptionReader(std::string model, const Json& options)
+      : model_(std::move(model)), levels_{{"", &options, {}}} {}
+
+  void operator()(std::string_view name, double& value) override {
+    if (const Json* json = find(name)) {
+      if (!json->is_number()) refuse(name, "must be a number", *json);
+      value = json->get<double>();
+    }
+  }
+  void operator()(std::string_view name, int& value) override {
+    if (const Json* json = find(name)) {
+      constexpr auto kMost = std::numeric_limits<int>::max();
+      if (!json->is_number_integer() || json->get<double>() > kMost || json->get<double>() < -kMost)
+        refuse(name, "must be an integer", *json);
+      value = json->get<int>();
+    }
+  }
+  void operator()(std::string_view name, bool& value) override {
+    if (const Json* json = find(name)) {
+      if (!json->is_boolean()) refuse(name, "must be true or false", *json);
+      value = json->get<bool>();
+    }
+  }
+
+  /// No more options on this level: what was not visited is unknown.
+  void leave() override {
+    const Level& level = levels_.back();
+    for (const auto& [name, value] : level.json->items())
+      if (level.visited.empty())
+        throw std::invalid_argument(model_ + ": unknown option '" + level.path + name + "', there are none");
+      else if (!level.visited.contains(name))
+        throw std::invalid_argument(model_ + ": unknown option '" + level.path + name + "', did you mean '" +
+                                    level.path + nearest(name, level.visited) + "'?");
+    levels_.pop_back();
+  }
+
+ private:
+  struct Level {
+    std::string path;
+    const Json* json;
+    std::set<std::string, std::less<>> visited;
+  };
+
+  const Json* find(std::string_view name) {
+    levels_.back().visited.emplace(name);
+    const auto at = levels_.back().json->find(name);
+    return at == levels_.back().json->end() ? nullptr : &*at;
+  }
+  std::size_t choose(std::string_view name, std::size_t value,
+                     std::initializer_list<std::string_view> names) override {
+    const Json* json = find(name);
+    if (json == nullptr) return value;
+    const auto* at =
+        json->is_string() ? std::find(names.begin(), names.end(), json->get<std::string>()) : names.end();
+    if (at == names.end()) {
+      std::string list;
+      for (const std::string_view known : names)
+        list += (list.empty() ? "\"" : ", \"") + std::string(known) + '"';
+      refuse(name, "must be one of " + list, *json);
+    }
+    return static_cast<std::size_t>(at - names.begin());
+  }
+  void enter(std::string_view name) override {
+    static const Json kNone = Json::object();
+    const Json* json = find(name);
+    if (json != nullptr && !json->is_object()) refuse(name, "must be an object", *json);
+    levels_.push_back({levels_.back().path + std::string(name) + '.', json == nullptr ? &kNone : json, {}});
+  }
+  [[noreturn]] void refuse(std::string_view name, const std::string& what, const Json& found) const {
+    throw std::invalid_argument(model_ + ": option '" + levels_.back().path + std::string(name) + "' " +
+                                what + ", not " + found.dump());
+  }
+
+  std::string model_;
+  std::vector<Level> levels_;
+};
+
+// Writes down the values that options have.
+class OptionLister : public OptionVisitor {
+ public:
+  explicit OptionLister(Json& json) : levels_{&json} {}
+
+  void operator()(std::string_view name, double& value) override { set(name, value); }
+  void operator()(std::string_view name, int& value) override { set(name, value); }
+  void operator()(std::string_view name, bool& value) override { set(name, value); }
+
+ private:
+  void set(std::string_view name, const Json& value) { (*levels_.back())[std::string(name)] = value; }
+  std::size_t choose(std::string_view name, std::size_t value,
+                     std::initializer_list<std::string_view> names) override {
+    set(name, std::string(names.begin()[value]));
+    return value;
+  }
+  void enter(std::string_view name) override {
+    set(name, Json::object());
+    levels_.push_back(&(*levels_.back())[std::string(name)]);
+  }
+  void leave() override { levels_.pop_back(); }
+
+  std::vector<Json*> levels_;
+};
+
+// What `f` throws in a plugin's code, with the name of the model.
+template <typename F>
+auto guarded(const std::string& name, F&& f) {
+  try {
+    return f();
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(name + ": " + error.what());
+  } catch (const std::exception& error) {
+    throw std::runtime_error(name + ": " + error.what());
+  } catch (...) {
+    throw std::runtime_error(name + ": an exception that is no std::exception");
+  }
+}
+
+// A plugin's model, which is not trusted.
+class PluginPart {
+ public:
+  PluginPart(std::string name, AnyPart part) : name_(std::move(name)), part_(std::move(part)) {}
+
+  void init(const Frame& frame, const Point2& centre, const Size2& size) {
+    guarded(name_, [&] { part_.init(frame, centre, size); });
+  }
+  Evidence localize(const Frame& frame, const Point2& around) {
+    const Evidence evidence = guarded(name_, [&] { return part_.localize(frame, around); });
+    if (!evidence.position.allFinite() || !std::isfinite(evidence.peak) || !evidence.covariance.allFinite())
+      throw std::runtime_error(name_ + ": evidence that is not finite");
+    return evidence;
+  }
+  double similarity_at(const Point2& position) const {
+    return guarded(name_, [&] { return part_.similarity_at(position); });
+  }
+  void adapt(const Frame& frame, const Point2& at) {
+    guarded(name_, [&] { part_.adapt(frame, at); });
+  }
+
+ private:
+  std::string name_;
+  AnyPart part_;
+};
+
+// The symbol of a library, or null.
+template <typename Function>
+Function* symbol(void* library, const char* name) {
+  return reinterpret_cast<Function*>(dlsym(library, name));
+}
+
+}  // namespace
+
+PartRegistry::PartRegistry() {
+  add<ColorHistogram, ColorHistogramOptions>("color_histogram");
+#ifdef ASTERISM_PARTS_FLOW
+  add<Flow, FlowOptions>("flow");
+#endif
+  add<Kcf, KcfOptions>("kcf");
+#ifdef ASTERISM_PARTS_KEYPOINTS
+  add<Keypoints, KeypointsOptions>("keypoints");
+#endif
+  add<Mosse, MosseOptions>("mosse");
+  add<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
+  add<Template, TemplateOptions>("template");
+}
+
+void PartRegistry::add(const std::string& name, Factory factory) {
+  constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";
+  if (name.empty() || name.find_first_not_of(kLetters) != std::string::npos)
+    throw std::invalid_argument("a part model's name has letters, digits, '_' and '-', unlike '" + name +
+                                "'");
+  if (!factories_.try_emplace(name, std::move(factory)).second)
+    throw std::invalid_argument("there is a part model '" + name + "' already");
+}
+
+std::vector<std::string> PartRegistry::load(const std::string& library) {
+  // Without a slash, dlopen looks for it in the system's folders.
+  const std::string path = library.find('/') == std::string::npos ? "./" + library : library;
+  // Never closed: parts and their exceptions may outlive any registry.
+  void* const handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
+  if (handle == nullptr)
+    throw std::runtime_error("cannot load a library of part models: " + std::string(dlerror()));
+  auto* const abi = symbol<const char*()>(handle, "asterism_part_plugin_abi");
+  auto* const add_models = symbol<void(PartRegistry&)>(handle, "asterism_part_plugin_add");
+  if (abi == nullptr || add_models == nullptr)
+    throw std::runtime_error(library + " is no library of part models: it has no symbol " +
+                             (abi == nullptr ? "asterism_part_plugin_abi" : "asterism_part_plugin_add"));
+  if (const std::string_view built = abi(); built != ASTERISM_PART_PLUGIN_ABI)
+    throw std::runtime_error(library + " was built for " + std::string(built) + ", this program for " +
+                             ASTERISM_PART_PLUGIN_ABI);
+  PartRegistry models{Factories()};
+  try {
+    guarded(library, [&] { add_models(models); });
+  } catch (const std::invalid_argument& error) {  // a name
+    throw std::runtime_error(error.what());
+  }
+  std::vector<std::string> names;
+  for (auto& [model, factory] : models.factories_) {
+    names.push_back(library + ':' + model);
+    factories_.try_emplace(names.back(),
+                           [name = names.back(), factory = std::move(factory)](OptionVisitor& visit) {
+                             return [name, make = factory(visit)]() -> AnyPart {
+                               return PluginPart(name, guarded(name, [&] { return make(); }));
+                             };
+                           });
+  }
+  return names;
+}
+
+AnyPart PartRegistry::make(std::string_view model) {
+  const std::size_t brace = std::min(model.find('{'), model.size());
+  const std::string name(model.substr(0, brace));
+  Json options = Json::object();
+  if (brace < model.size()) {
+    try {
+      options = Json::parse(model.substr(brace));
+    } catch (const Json::parse_error& error) {
+      throw std::invalid_argument(name + ": its options are no JSON object: " + error.what());
+    }
+  }
+  OptionReader reader(name, options);
+  const auto part = find(name)(reader);
+  reader.leave();
+  try {
+    return part();
+  } catch (const std::invalid_argument& error) {
+    throw std::invalid_argument(name + ": " + error.what());
+  }
+}
+
+std::vector<std::string> PartRegistry::names() const {
+  std::vector<std::string> names;
+  for (const auto& [name, factory] : factories_) names.push_back(name);
+  return names;
+}
+
+std::string PartRegistry::defaults(std::string_view name) {
+  Json options = Json::object();
+  OptionLister lister(options);
+  find(name)(lister);
+  return options.dump(2);
+}
+
+const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
+  auto at = factories_.find(name);
+  if (const std::size_t colon = name.rfind(':'); at == factories_.end() && colon != std::string_view::npos) {
+    load(std::string(name.substr(0, colon)));
+    at = factories_.find(name);
+  }
+  if (at == factories_.end())
+    throw std::invalid_argument("no part model '" + std::string(name) + "', did you mean '" +
+                                nearest(name, names()) + "'?");
+  return at->second;
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
