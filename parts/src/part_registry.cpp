@@ -237,7 +237,8 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
 
 AnyPart PartRegistry::make(std::string_view model) {
   const std::size_t brace = std::min(model.find('{'), model.size());
-  const std::string name(model.substr(0, brace));
+  const std::string_view text = model.substr(0, brace);
+  const std::string name(text.substr(0, text.find_last_not_of(' ') + 1));
   Json options = Json::object();
   if (brace < model.size()) {
     try {
