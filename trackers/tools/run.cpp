@@ -35,12 +35,7 @@ cv::Rect2d parse_box(const std::string& text) {
 
 // What can be seen to be wrong before the first frame is read.
 void check(const Options& options) {
-  const std::vector<std::string> known = tracker_names();
-  if (std::find(known.begin(), known.end(), options.tracker) == known.end()) {
-    std::string list;
-    for (const std::string& name : known) list += (list.empty() ? "" : ", ") + name;
-    throw std::runtime_error("unknown tracker \"" + options.tracker + "\" (known: " + list + ")");
-  }
+  make_tracker(options.tracker);  // throws for a name that it does not know
   if (options.box) parse_box(*options.box);
   if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
   if (!options.save.empty()) check_output("--save", options.save, options.input);
