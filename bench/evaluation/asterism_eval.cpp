@@ -103,10 +103,10 @@ class RunCommand {
  private:
   static void add_tracker(Campaign& campaign, const std::string& name, const std::string& tracker) {
     const auto usable = [](unsigned char c) {
-      return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.';
+      return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.' || c == '+';
     };
     if (name.empty() || name.starts_with('.') || !std::all_of(name.begin(), name.end(), usable))
-      throw std::invalid_argument("\"" + name + "\" cannot name a tracker: letters, digits, - _ . alone");
+      throw std::invalid_argument("\"" + name + "\" cannot name a tracker: letters, digits, - _ . + alone");
     evaluated_tracker(tracker);  // unknown names fail before the first run
     campaign.trackers[name] = tracker;
   }
