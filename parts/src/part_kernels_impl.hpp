@@ -479,7 +479,7 @@ ASTERISM_INLINE void vote(const VoteRow& row, Cell cell) {
   const std::int32_t* const slot = row.slot;
   // A phase at a time: neighbours that fall into one entry would wait for each other.
   for (int phase = 0; phase < cell; ++phase) {
-    const Quad weights = *reinterpret_cast<const UnalignedQuad*>(row.weights + 4 * phase);
+    const Quad weights = reinterpret_cast<const UnalignedQuad*>(row.weights + 4 * phase)->v;
     // Interval i has the pixels half + (i - 1) cell + phase.
     int x = half - cell + phase;
     float* votes = row.votes;

@@ -28,15 +28,22 @@ constexpr int kLanes = 4;
 #endif
 
 using V = float __attribute__((vector_size(4 * kLanes), may_alias));
-using Unaligned = float __attribute__((vector_size(4 * kLanes), may_alias, aligned(4)));
 using Ints = std::int32_t __attribute__((vector_size(4 * kLanes), may_alias));
-using UnalignedInts = std::int32_t __attribute__((vector_size(4 * kLanes), may_alias, aligned(4)));
 using Quad = float __attribute__((vector_size(16), may_alias));
-using UnalignedQuad = float __attribute__((vector_size(16), may_alias, aligned(4)));
+// The same anywhere in memory.
+struct __attribute__((packed, may_alias)) UnalignedV {
+  V v;
+};
+struct __attribute__((packed, may_alias)) UnalignedInts {
+  Ints v;
+};
+struct __attribute__((packed, may_alias)) UnalignedQuad {
+  Quad v;
+};
 
-ASTERISM_INLINE V load(const float* p) { return *reinterpret_cast<const Unaligned*>(p); }
-ASTERISM_INLINE void store(float* p, V v) { *reinterpret_cast<Unaligned*>(p) = v; }
-ASTERISM_INLINE void store(std::int32_t* p, Ints v) { *reinterpret_cast<UnalignedInts*>(p) = v; }
+ASTERISM_INLINE V load(const float* p) { return reinterpret_cast<const UnalignedV*>(p)->v; }
+ASTERISM_INLINE void store(float* p, V v) { reinterpret_cast<UnalignedV*>(p)->v = v; }
+ASTERISM_INLINE void store(std::int32_t* p, Ints v) { reinterpret_cast<UnalignedInts*>(p)->v = v; }
 ASTERISM_INLINE V set(float a) { return V{} + a; }
 ASTERISM_INLINE Ints bits(V v) { return reinterpret_cast<Ints>(v); }
 ASTERISM_INLINE V from_bits(Ints v) { return reinterpret_cast<V>(v); }
