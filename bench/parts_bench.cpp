@@ -191,7 +191,7 @@ class Stages {
   }
 
  private:
-  static constexpr int kChannels = Kcf::kChannels;
+  static constexpr int kChannels = 32;
 
   cv::Mat image_;
   Frame frame_;

@@ -27,6 +27,14 @@ struct Variant {
   Start start;
 };
 
+// A Kcf of changed options.
+template <class Change>
+AnyPart filter(Change change) {
+  KcfOptions options;
+  change(options);
+  return Kcf(options);
+}
+
 template <class T, class Options>
 Start starter(const Options& options) {
   return [options](const Image& image, const Region& object) -> Step {
@@ -55,7 +63,7 @@ std::vector<Variant> variants() {
   coarse("coarse, prior 3/8", [](CoarseOptions& o) { o.colour.foreground_prior = 0.375; });
   coarse("root filter alone", [](CoarseOptions& o) {
     o.use_colour = false;
-    o.root.proportional_window = true;
+    o.root = filter([](KcfOptions& f) { f.proportional_window = true; });
   });
   dpt("local links", [](DptOptions& o) { o.constellation = Constellation::Local; });
   dpt("star of links", [](DptOptions& o) { o.constellation = Constellation::Star; });
@@ -65,18 +73,25 @@ std::vector<Variant> variants() {
   dpt("no response gate", [](DptOptions& o) { o.response_gate = 0; });
   dpt("no mask gate", [](DptOptions& o) { o.mask_gate = 0; });
   dpt("Euclidean transform", [](DptOptions& o) { o.transform = TransformModel::Euclidean; });
-  dpt("proportional windows",
-      [](DptOptions& o) { o.coarse.root.proportional_window = o.part.proportional_window = true; });
-  dpt("A updated as a whole",
-      [](DptOptions& o) { o.coarse.root.separate_update = o.part.separate_update = false; });
-  dpt("no sub-pixel peak", [](DptOptions& o) { o.coarse.root.sub_pixel = o.part.sub_pixel = false; });
-  dpt("linear kernel",
-      [](DptOptions& o) { o.coarse.root.kernel.type = o.part.kernel.type = Kernel::Type::Linear; });
+  const auto filters = [&](const char* name, auto change) {
+    dpt(name, [&](DptOptions& o) { o.coarse.root = o.part = filter(change); });
+  };
+  filters("proportional windows", [](KcfOptions& f) { f.proportional_window = true; });
+  filters("A updated as a whole", [](KcfOptions& f) { f.separate_update = false; });
+  dpt("no sub-pixel peak", [](DptOptions& o) {
+    o.coarse.root = o.part = filter([](KcfOptions& f) { f.sub_pixel = false; });
+    o.coarse.sub_pixel = false;
+  });
+  filters("linear kernel", [](KcfOptions& f) { f.kernel.type = Kernel::Type::Linear; });
   dpt("smaller templates", [](DptOptions& o) {
-    o.coarse.root.min_template_side = 32;
-    o.coarse.root.max_template_side = 64;
-    o.part.min_template_side = 25;
-    o.part.max_template_side = 40;
+    o.coarse.root = filter([](KcfOptions& f) {
+      f.min_template_side = 32;
+      f.max_template_side = 64;
+    });
+    o.part = filter([](KcfOptions& f) {
+      f.min_template_side = 25;
+      f.max_template_side = 40;
+    });
   });
   dpt("5 iterations of IDA", [](DptOptions& o) { o.solver.max_iterations = 5; });
   dpt("3 x 3 parts", [](DptOptions& o) { o.grid_rows = o.grid_cols = 3; });

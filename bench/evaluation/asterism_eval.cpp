@@ -28,6 +28,8 @@ class RunCommand {
       : app_(*parent.add_subcommand("run", "runs trackers on a data set and stores what they answer")) {
     app_.add_option("DATASET", dataset_, "a sequence or a folder of them")->required();
     app_.add_option("--trackers", trackers_, "names as `asterism-eval trackers` lists them")->delimiter(',');
+    app_.add_option("--tracker", described_, "NAME=DESCRIPTION, one of ours with options; may be repeated")
+        ->allow_extra_args(false);
     app_.add_option("--external", external_, "NAME=COMMAND, a tracker that speaks TraX; may be repeated")
         ->allow_extra_args(false);
     app_.add_option("--protocol", protocols_,
@@ -68,15 +70,17 @@ class RunCommand {
     campaign.options.overlap = parse_overlap_rule(overlap_);
     for (const std::string& name : protocols_) campaign.protocols.push_back(parse_protocol(name));
     for (const std::string& name : trackers_) add_tracker(campaign, name, name);
-    for (const std::string& external : external_) {
-      const std::size_t equals = external.find('=');
-      if (equals == std::string::npos || equals + 1 == external.size())
-        throw std::invalid_argument("--external takes NAME=COMMAND, not \"" + external + "\"");
-      add_tracker(campaign, external.substr(0, equals), "trax:" + external.substr(equals + 1));
-    }
+    const auto add_named = [&](const std::string& named, const std::string& prefix, const std::string& form) {
+      const std::size_t equals = named.find('=');
+      if (equals == std::string::npos || equals + 1 == named.size())
+        throw std::invalid_argument(form + ", not \"" + named + '"');
+      add_tracker(campaign, named.substr(0, equals), prefix + named.substr(equals + 1));
+    };
+    for (const std::string& named : described_) add_named(named, "", "--tracker takes NAME=DESCRIPTION");
+    for (const std::string& named : external_) add_named(named, "trax:", "--external takes NAME=COMMAND");
     std::vector<std::string> names;
     for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
-    if (names.empty()) throw std::invalid_argument("no tracker: --trackers or --external");
+    if (names.empty()) throw std::invalid_argument("no tracker: --trackers, --tracker or --external");
     campaign.sequences = open_dataset(campaign.dataset, campaign.layout, only_);
     campaign.record.push_back({{"command", command},
                                {"started", utc_now()},
@@ -113,7 +117,7 @@ class RunCommand {
 
   CLI::App& app_;
   std::string dataset_, folder_, layout_ = "auto", overlap_ = "vot-python";
-  std::vector<std::string> trackers_, external_, protocols_ = {"vot", "otb"}, only_;
+  std::vector<std::string> trackers_, external_, described_, protocols_ = {"vot", "otb"}, only_;
   ProtocolOptions options_;
   int workers_ = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
 };

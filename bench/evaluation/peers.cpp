@@ -15,7 +15,7 @@
 namespace asterism::bench {
 namespace {
 
-constexpr std::string_view kTrax = "trax:", kParts = "dpt+";
+constexpr std::string_view kTrax = "trax:";
 
 Start our_tracker(const std::string& name) {
   return [name](const Image& image, const Region& object) -> Step {
@@ -66,8 +66,8 @@ EvaluatedTracker evaluated_tracker(const std::string& name) {
   cv::setNumThreads(1);
   if (name.starts_with(kTrax) && name.size() > kTrax.size())
     return {name, trax_tracker(name.substr(kTrax.size()))};
-  if (name.starts_with(kParts)) {
-    make_tracker(name);  // throws where there is no such model
+  if (name.find_first_of("+{") != std::string::npos) {
+    make_tracker(name);  // throws where there is none
     return {name, our_tracker(name)};
   }
   const auto trackers = registry();

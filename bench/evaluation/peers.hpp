@@ -42,14 +42,15 @@ struct EvaluatedTracker {
 
 /// The trackers that `evaluated_tracker` knows here: those of `asterism::tracker_names()`, and where they are
 /// installed OpenCV's opencv-csrt, -kcf and -mil, of its legacy module opencv-mosse, -medianflow, -tld and
-/// -boosting, and dlib. Not in the list, as they need a model or a command: dpt+MODEL and trax:COMMAND.
+/// -boosting, and dlib. Not in the list, as they have more than a name: trackers with options, as
+/// `make_tracker` describes them, and trax:COMMAND.
 std::vector<std::string> evaluated_tracker_names();
 
-/// A tracker with its default options; with dpt+MODEL, that of `make_tracker`; with trax:COMMAND, the tracker that speaks TraX as that command of the
-/// shell, a process for every start. All that use OpenCV run on one thread: the number of OpenCV's threads is
-/// set to one here. OpenCV's random numbers begin anew with every start, but opencv-mil, -boosting and -tld
-/// have others of their own, so that no two of their runs are the same. Throws std::invalid_argument, which
-/// lists the known names and the most similar first, for any other.
+/// A tracker by its name, or of ours by its description for `make_tracker`; with trax:COMMAND, the tracker
+/// that speaks TraX as that command of the shell, a process for every start. All that use OpenCV run on one
+/// thread: the number of OpenCV's threads is set to one here. OpenCV's random numbers begin anew with every
+/// start, but opencv-mil, -boosting and -tld have others of their own, so that no two of their runs are the
+/// same. Throws std::invalid_argument, which lists the known names and the most similar first, for any other.
 EvaluatedTracker evaluated_tracker(const std::string& name);
 
 }  // namespace asterism::bench

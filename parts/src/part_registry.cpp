@@ -1,6 +1,7 @@
 #include <dlfcn.h>
 
 #include <algorithm>
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/part_plugin.hpp>
 #include <asterism/parts/part_registry.hpp>
 #include <asterism/solver/edit_distance.hpp>
@@ -9,10 +10,39 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <stdexcept>
-
-#include "part_options.hpp"
+#ifdef ASTERISM_PARTS_FLOW
+#include <asterism/parts/flow.hpp>
+#endif
+#ifdef ASTERISM_PARTS_KEYPOINTS
+#include <asterism/parts/keypoints.hpp>
+#endif
 
 namespace asterism::inline ASTERISM_ABI {
+
+#ifdef ASTERISM_PARTS_FLOW
+static void visit_options(OptionVisitor& visit, FlowOptions& options) {
+  visit("grid", options.grid);
+  visit("max_error", options.max_error);
+  visit("lk_window", options.lk_window);
+  visit("lk_levels", options.lk_levels);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+#endif
+
+#ifdef ASTERISM_PARTS_KEYPOINTS
+static void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
+  visit("max_points", options.max_points);
+  visit("fast_threshold", options.fast_threshold);
+  visit("max_distance", options.max_distance);
+  visit("max_ratio", options.max_ratio);
+  visit("vote_radius", options.vote_radius);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+#endif
 
 namespace {
 
@@ -28,8 +58,8 @@ std::string nearest(std::string_view unknown, const Names& known) {
 // Sets options to what a JSON object has for them.
 class OptionReader : public OptionVisitor {
  public:
-  OptionReader(std::string model, const Json& options)
-      : model_(std::move(model)), levels_{{"", &options, {}}} {}
+  OptionReader(std::string of, const Json& options, PartRegistry& models)
+      : of_(std::move(of)), models_(models), levels_{{"", &options, {}}} {}
 
   void operator()(std::string_view name, double& value) override {
     if (const Json* json = find(name)) {
@@ -51,15 +81,28 @@ class OptionReader : public OptionVisitor {
       value = json->get<bool>();
     }
   }
+  void operator()(std::string_view name, AnyPart& part, std::string_view) override {
+    const Json* json = find(name);
+    if (json == nullptr) return;
+    if (json->is_string()) {
+      part = models_.make(json->get<std::string>());
+      return;
+    }
+    if (!json->is_object() || !json->contains("model") || !json->at("model").is_string())
+      refuse(name, "must be a part model's name or an object with it as \"model\"", *json);
+    Json options = *json;
+    options.erase("model");
+    part = models_.make(json->at("model").get<std::string>() + options.dump());
+  }
 
   /// No more options on this level: what was not visited is unknown.
   void leave() override {
     const Level& level = levels_.back();
     for (const auto& [name, value] : level.json->items())
       if (level.visited.empty())
-        throw std::invalid_argument(model_ + ": unknown option '" + level.path + name + "', there are none");
+        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', there are none");
       else if (!level.visited.contains(name))
-        throw std::invalid_argument(model_ + ": unknown option '" + level.path + name + "', did you mean '" +
+        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', did you mean '" +
                                     level.path + nearest(name, level.visited) + "'?");
     levels_.pop_back();
   }
@@ -97,11 +140,12 @@ class OptionReader : public OptionVisitor {
     levels_.push_back({levels_.back().path + std::string(name) + '.', json == nullptr ? &kNone : json, {}});
   }
   [[noreturn]] void refuse(std::string_view name, const std::string& what, const Json& found) const {
-    throw std::invalid_argument(model_ + ": option '" + levels_.back().path + std::string(name) + "' " +
-                                what + ", not " + found.dump());
+    throw std::invalid_argument(of_ + ": option '" + levels_.back().path + std::string(name) + "' " + what +
+                                ", not " + found.dump());
   }
 
-  std::string model_;
+  std::string of_;
+  PartRegistry& models_;
   std::vector<Level> levels_;
 };
 
@@ -113,6 +157,9 @@ class OptionLister : public OptionVisitor {
   void operator()(std::string_view name, double& value) override { set(name, value); }
   void operator()(std::string_view name, int& value) override { set(name, value); }
   void operator()(std::string_view name, bool& value) override { set(name, value); }
+  void operator()(std::string_view name, AnyPart&, std::string_view model) override {
+    set(name, std::string(model));
+  }
 
  private:
   void set(std::string_view name, const Json& value) { (*levels_.back())[std::string(name)] = value; }
@@ -163,6 +210,12 @@ class PluginPart {
   }
   void adapt(const Frame& frame, const Point2& at) {
     guarded(name_, [&] { part_.adapt(frame, at); });
+  }
+  const ResponseMap* response() const {
+    return guarded(name_, [&] { return part_.response(); });
+  }
+  void resize(const Size2& size) {
+    guarded(name_, [&] { part_.resize(size); });
   }
 
  private:
@@ -239,22 +292,36 @@ AnyPart PartRegistry::make(std::string_view model) {
   const std::size_t brace = std::min(model.find('{'), model.size());
   const std::string_view text = model.substr(0, brace);
   const std::string name(text.substr(0, text.find_last_not_of(' ') + 1));
-  Json options = Json::object();
-  if (brace < model.size()) {
-    try {
-      options = Json::parse(model.substr(brace));
-    } catch (const Json::parse_error& error) {
-      throw std::invalid_argument(name + ": its options are no JSON object: " + error.what());
-    }
-  }
-  OptionReader reader(name, options);
-  const auto part = find(name)(reader);
-  reader.leave();
+  const Factory& factory = find(name);
+  std::function<AnyPart()> part;
+  read_json(name, brace < model.size() ? model.substr(brace) : "{}",
+            [&](OptionVisitor& visit) { part = factory(visit); });
   try {
     return part();
   } catch (const std::invalid_argument& error) {
     throw std::invalid_argument(name + ": " + error.what());
   }
+}
+
+void PartRegistry::read_json(const std::string& of, std::string_view json, const Visit& options) {
+  Json object;
+  try {
+    object = Json::parse(json);
+  } catch (const Json::parse_error& error) {
+    throw std::invalid_argument(of + ": its options are no JSON object: " + error.what());
+  }
+  if (!object.is_object())
+    throw std::invalid_argument(of + ": its options are no JSON object but " + object.dump());
+  OptionReader reader(of, object, *this);
+  options(reader);
+  reader.leave();
+}
+
+std::string PartRegistry::list_json(const Visit& options) {
+  Json json = Json::object();
+  OptionLister lister(json);
+  options(lister);
+  return json.dump(2);
 }
 
 std::vector<std::string> PartRegistry::names() const {
@@ -263,12 +330,7 @@ std::vector<std::string> PartRegistry::names() const {
   return names;
 }
 
-std::string PartRegistry::defaults(std::string_view name) {
-  Json options = Json::object();
-  OptionLister lister(options);
-  find(name)(lister);
-  return options.dump(2);
-}
+std::string PartRegistry::defaults(std::string_view name) { return list_json(find(name)); }
 
 const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
   auto at = factories_.find(name);

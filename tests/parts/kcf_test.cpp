@@ -21,20 +21,26 @@ class DenseKcf {
  public:
   // Features as the class documentation describes them: one column of cells a channel, under a Hann window.
   static Eigen::MatrixXd features(const Frame& frame, const Point2& centre, const Size2& window, int rows,
-                                  int cols, int cell) {
-    cv::Mat patch;
+                                  int cols, const KcfOptions& options) {
+    const int cell = options.cell_size;
+    cv::Mat patch, lab;
     sample_patch(frame.gray(), centre, window, {cols * cell, rows * cell}, patch);
+    sample_patch(frame.bgr(), centre, window, {cols, rows}, lab);
+    cv::cvtColor(lab, lab, cv::COLOR_BGR2Lab);
     Eigen::ArrayXf hog(Fhog::kChannels * rows * cols);
     Fhog(cell).compute(patch, hog.data());
-    Eigen::MatrixXd x(rows * cols, Kcf::kChannels);
+    const auto& [has_hog, has_gray, has_colour] = options.features;
+    Eigen::MatrixXd x(rows * cols, 31 * has_hog + has_gray + 2 * has_colour);
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < cols; ++c) {
         const double hann = (0.5 - 0.5 * std::cos(2 * std::numbers::pi * r / (rows - 1))) *
                             (0.5 - 0.5 * std::cos(2 * std::numbers::pi * c / (cols - 1)));
-        for (int k = 0; k < Fhog::kChannels; ++k)
-          x(r * cols + c, k) = hann * hog(k * rows * cols + r * cols + c);
+        int k = 0;
+        const auto add = [&](double value) { x(r * cols + c, k++) = hann * value; };
+        for (int h = 0; has_hog && h < Fhog::kChannels; ++h) add(hog(h * rows * cols + r * cols + c));
         const double mean = cv::mean(patch(cv::Rect(c * cell, r * cell, cell, cell)))[0];
-        x(r * cols + c, Kcf::kChannels - 1) = hann * (std::round(mean) / 255 - 0.5);
+        if (has_gray) add(std::nearbyint(mean) / 255 - 0.5);
+        for (int axis = 1; has_colour && axis < 3; ++axis) add((lab.at<cv::Vec3b>(r, c)[axis] - 128) / 128.0);
       }
     return x;
   }
@@ -111,12 +117,17 @@ class DenseKcf {
   Eigen::MatrixXd template_;
 };
 
-class KcfKernels : public ::testing::TestWithParam<Kernel::Type> {};
+struct KcfCase {
+  Kernel::Type kernel;
+  KcfFeatures features;
+};
+class KcfKernels : public ::testing::TestWithParam<KcfCase> {};
 
 // Fourier-domain training, detection and plain update against the dense ridge regression they stand for.
 TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
   KcfOptions options;
-  options.kernel.type = GetParam();
+  options.kernel.type = GetParam().kernel;
+  options.features = GetParam().features;
   options.lambda = 1e-2;  // well conditioned, so that the dense solve is exact enough to compare with
   options.separate_update = false;
   options.learning_rate = 0.3;
@@ -132,7 +143,7 @@ TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
 
   DenseKcf dense(options, n, n, options.label_sigma * 16 / options.cell_size);
   const auto features = [&](const Frame& f, const Point2& at) {
-    return DenseKcf::features(f, at, kcf.window(), n, n, options.cell_size);
+    return DenseKcf::features(f, at, kcf.window(), n, n, options);
   };
   const auto compare = [&](const Frame& f) {
     kcf.localize(f, centre);
@@ -156,10 +167,38 @@ TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, KcfKernels,
-                         ::testing::Values(Kernel::Type::Gaussian, Kernel::Type::Polynomial,
-                                           Kernel::Type::Linear));
+                         ::testing::Values(KcfCase{Kernel::Type::Gaussian, {}},
+                                           KcfCase{Kernel::Type::Polynomial, {}},
+                                           KcfCase{Kernel::Type::Linear, {}},
+                                           KcfCase{Kernel::Type::Gaussian, {true, false, false}},
+                                           KcfCase{Kernel::Type::Gaussian, {false, true, false}},
+                                           KcfCase{Kernel::Type::Gaussian, {false, false, true}},
+                                           KcfCase{Kernel::Type::Linear, {true, true, true}}));
 
-TEST(Kcf, FulfilsThePartAxioms) { testing::check_part_axioms(Kcf()); }
+TEST(Kcf, ColourTellsApartWhatGrayCannot) {
+  // Two patches of one gray level, the target's red and another's green; gray video has no colour to go by.
+  cv::Mat image(120, 200, CV_8UC3, cv::Scalar::all(98));
+  image(cv::Rect(40, 40, 40, 40)) = cv::Scalar(60, 60, 186);
+  image(cv::Rect(120, 40, 40, 40)) = cv::Scalar(60, 135, 41);
+  cv::Mat gray;
+  cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+  KcfOptions options;
+  options.features = {false, true, true};
+  Kcf kcf(options);
+  const Point2 centre(59.5, 59.5), other(139.5, 59.5);
+  kcf.init(Frame(image), centre, {40, 40});
+  EXPECT_GT(kcf.localize(Frame(image), centre).peak, 0.8);
+  EXPECT_LT(kcf.localize(Frame(image), other).peak, 0.5);
+  kcf.localize(Frame(gray), centre);
+  EXPECT_TRUE(kcf.response().values.allFinite());
+}
+
+TEST(Kcf, FulfilsThePartAxioms) {
+  testing::check_part_axioms(Kcf());
+  KcfOptions options;
+  options.features.colour = true;
+  testing::check_part_axioms(Kcf(options));
+}
 
 TEST(Kcf, ReturnsItsLabelOnTheSampleItWasTrainedOn) {
   const cv::Mat image = texture(240, 320);
@@ -256,6 +295,7 @@ TEST(Kcf, RefusesBadOptions) {
     change(options);
     EXPECT_THROW(Kcf{options}, std::invalid_argument);
   };
+  refused([](KcfOptions& o) { o.features = {false, false, false}; });
   refused([](KcfOptions& o) { o.lambda = 0; });
   refused([](KcfOptions& o) { o.learning_rate = 1.5; });
   refused([](KcfOptions& o) { o.label_sigma = 0; });

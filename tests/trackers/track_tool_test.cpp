@@ -206,6 +206,20 @@ TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
 }
 
 #ifdef ASTERISM_TEST_JSON
+TEST_F(TrackTool, TakesATrackerFromAFile) {
+  const std::string images = make_images("images").string() + kBox, config = " --config " + path("t.json");
+  const auto write = [&](const std::string& text) { std::ofstream(path("t.json")) << text; };
+  write(R"({"tracker": "coarse", "root": {"model": "template", "padding": 1}})");
+  ASSERT_EQ(run(images + config + csv(), false), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  expect_error(images + config + " --tracker kcf", {"--config", "--tracker"}, false);
+  write(R"({"tracker": "coarse", "roots": 3})");
+  expect_error(images + config, {path("t.json"), "unknown option 'roots'", "'root'"}, false);
+  write("kcf");
+  expect_error(images + config, {path("t.json"), "JSON object"}, false);
+  expect_error(images + " --config " + path("none.json"), {path("none.json")}, false);
+}
+
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
   const std::string images = make_images("images").string() + kBox + " --tracker dpt";
   ASSERT_EQ(run(images + csv() + " --record-systems " + path("systems.jsonl"), false), 0) << err_;
@@ -227,6 +241,9 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
     EXPECT_NEAR(summary.initial_energy, origin.at("initial_energy").get<double>(), 1e-12);
     EXPECT_NEAR(summary.final_energy, origin.at("final_energy").get<double>(), 1e-12);
   }
+
+  // The paper's springs: they can be read as such.
+  EXPECT_EQ((read_systems<SpringSystem<double, 2>>(path("systems.jsonl")).size()), systems.size());
 
   // The tracker does not notice.
   ASSERT_EQ(run(images + " --out " + path("alone.csv"), false), 0) << err_;

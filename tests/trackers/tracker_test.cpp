@@ -2,9 +2,13 @@
 
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/stiffness.hpp>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>
+#ifdef ASTERISM_TEST_JSON
+#include <asterism/parts/part_registry.hpp>
+#endif
 
 #include "../parts/part_axioms.hpp"
 
@@ -219,6 +223,66 @@ TEST(MakeTracker, NamesTheKnownOnesInItsError) {
   }
 }
 
+#ifdef ASTERISM_TEST_JSON
+std::string refusal(const std::string& description) {
+  try {
+    make_tracker(description);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "taken";
+}
+
+TEST(MakeTracker, TakesOptionsAsJson) {
+  const Scene scene;
+  const auto parts = [&](const std::string& description) {
+    AnyTracker tracker = make_tracker(description);
+    tracker.init(scene.frame(0), Scene::box(0));
+    return tracker.update(scene.frame(1)).parts.size();
+  };
+  EXPECT_EQ(parts("dpt{}"), 4u);
+  EXPECT_EQ(parts(R"(dpt{"grid_rows": 3, "part": "mosse", "constellation": "star"})"), 6u);
+  EXPECT_EQ(parts(R"({"tracker": "dpt", "grid_cols": 1, "part": {"model": "kcf", "lambda": 1e-3}})"), 2u);
+  EXPECT_EQ(parts("dpt+template"), 4u);
+  EXPECT_EQ(parts(R"(coarse{"use_colour": false, "root": "mosse"})"), 0u);
+}
+
+TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
+  EXPECT_EQ(refusal(R"(dpt{"grid_row": 3})"), "dpt: unknown option 'grid_row', did you mean 'grid_rows'?");
+  EXPECT_EQ(refusal(R"(dpt{"coarse": {"colour": {"mrf": {"on": true}}}})"),
+            "dpt: unknown option 'coarse.colour.mrf.on', did you mean 'coarse.colour.mrf.enabled'?");
+  EXPECT_EQ(refusal(R"(dpt{"constellation": "ring"})"),
+            R"(dpt: option 'constellation' must be one of "full", "local", "star", not "ring")");
+  EXPECT_EQ(refusal(R"(dpt{"part": "kfc"})"), "no part model 'kfc', did you mean 'kcf'?");
+  EXPECT_EQ(refusal(R"(dpt{"part": {"lambda": 1}})"),
+            "dpt: option 'part' must be a part model's name or an object with it as \"model\", not "
+            R"({"lambda":1})");
+  EXPECT_EQ(refusal(R"(dpt{"part": {"model": "kcf", "lambda": -1}})"),
+            "kcf: KcfOptions: lambda must be positive");
+  EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1]");
+  EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
+  EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp'"), std::string::npos);
+  EXPECT_NE(refusal("dpt{").find("dpt: its options are no JSON object"), std::string::npos);
+  EXPECT_NE(refusal("{").find("no JSON object"), std::string::npos);
+}
+
+// The root of the coarse layer may be any model: with colour where it has a response map, alone where not.
+TEST(Coarse, AnyModelCanBeTheRoot) {
+  const Scene scene;
+  PartRegistry registry;
+  for (const std::string& model : registry.names()) {
+    CoarseOptions options;
+    options.root = registry.make(model);
+    CoarseTracker tracker(options);
+    tracker.init(scene.frame(0), Scene::box(0));
+    TrackResult result;
+    for (int t = 1; t <= 10; ++t) result = tracker.update(scene.frame(t));
+    EXPECT_NEAR(result.box.x, Scene::box(10).x, 4) << model;
+    EXPECT_NEAR(result.box.y, Scene::box(10).y, 4) << model;
+  }
+}
+#endif
+
 // The object vanishes: the tracker says so.
 TEST(Coarse, ReportsALostTarget) {
   const Scene scene;
@@ -364,6 +428,46 @@ TEST(Dpt, EveryGridAndTopologyTracks) {
     }
 }
 
+TEST(Dpt, NewtonFindsThePlacementsOfIda) {
+  const Scene scene;
+  DptOptions options;
+  options.spring_solver = SpringSolver::Newton;
+  Dpt newton(options), ida;
+  newton.init(scene.frame(0), Scene::box(0));
+  ida.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) {
+    const TrackResult a = newton.update(scene.frame(t)), b = ida.update(scene.frame(t));
+    EXPECT_EQ(newton.summary().solver, Newton<Dpt::Springs>::name());
+    for (std::size_t i = 0; i < 4; ++i) EXPECT_LT((a.parts[i].position - b.parts[i].position).norm(), 1e-3);
+  }
+}
+
+TEST(Stiffness, BothLawsOfAnAnchorAreOneWhereNoDirectionIsSpecial) {
+  Evidence evidence{{3, 4}, 0.7, 5 * Eigen::Matrix2d::Identity()};
+  EXPECT_NEAR(static_stiffness(evidence), 0.07, 1e-15);  // w / sigma^2
+  EXPECT_TRUE(static_information(evidence).isApprox(0.07 * Eigen::Matrix2d::Identity()));
+  // Unsure along a diagonal: softer there, by as much.
+  const Eigen::Vector2d along = Eigen::Vector2d(1, 1).normalized(),
+                        across = Eigen::Vector2d(1, -1).normalized();
+  evidence.covariance = 9 * along * along.transpose() + across * across.transpose();
+  const Eigen::Matrix2d information = static_information(evidence);
+  EXPECT_NEAR(along.dot(information * along), 0.35 / 9, 1e-12);
+  EXPECT_NEAR(across.dot(information * across), 0.35, 1e-12);
+  EXPECT_NEAR(along.dot(information * across), 0, 1e-12);
+  evidence.peak = 0;
+  EXPECT_GT(static_information(evidence).determinant(), 0);
+}
+
+TEST(Dpt, CovarianceLawTracks) {
+  const Scene scene;
+  DptOptions options;
+  options.anchor_law = AnchorLaw::Covariance;
+  Dpt tracker(options);
+  tracker.init(scene.frame(0), Scene::box(0));
+  for (int t = 1; t <= 10; ++t) EXPECT_NEAR(tracker.update(scene.frame(t)).box.x, Scene::box(t).x, 2);
+  EXPECT_FALSE(tracker.springs().anchor_shape.leftCols(2).isIdentity(1e-3));
+}
+
 TEST(Dpt, AnyNumberOfThreadsGivesTheSameBits) {
   const Scene scene;
   const auto results = [&](int threads) {
@@ -394,7 +498,6 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 5; });
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
-  refused([](DptOptions& o) { o.part.lambda = -1; });
   refused([](DptOptions& o) { o.coarse.colour.histogram_rate = 7; });
 }
 

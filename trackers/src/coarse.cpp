@@ -17,12 +17,15 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
     throw std::invalid_argument("the start box lies outside the image");
 }
 
+AnyPart paper_filter() { return Kcf(); }
+
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
     : options_(options), root_(options.root), colour_(options.colour) {}
 
 void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
+  root_.init(frame, centre_of(box), {box.width, box.height});
   centre_ = centre_of(box);
-  root_.init(frame, centre_, {box.width, box.height});
+  size_ = {box.width, box.height};
   if (options_.use_colour) colour_.init(frame, box);
 }
 
@@ -34,26 +37,36 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   estimate.root_milliseconds = clock.lap();
   if (!options_.use_colour || !colour_.enabled()) return estimate;
 
-  estimate.segmentation = colour_.segment(frame, box_around(centre_, root_.window()), root_.size());
-  if (estimate.segmentation.informative) {
+  const ResponseMap* const response = root_.response();
+  estimate.segmentation = colour_.segment(frame, search_window(), size_);
+  if (response != nullptr && estimate.segmentation.informative) {
     // Eq. position_posterior_root: template probability times colour probability.
-    density_ = root_.response();
+    density_ = *response;
     for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
       for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
         const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
         density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
                                     static_cast<float>(colour_.probability(estimate.segmentation, position));
       }
-    estimate.evidence = evidence_of(density_, options_.root.sub_pixel);
+    estimate.evidence = evidence_of(density_, options_.sub_pixel);
     estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   estimate.colour_milliseconds = clock.lap();
   return estimate;
 }
 
+cv::Rect2d CoarseLayer::search_window() const {
+  if (const ResponseMap* const response = root_.response()) {
+    const Size2 cells(static_cast<double>(response->values.cols()), static_cast<double>(response->values.rows()));
+    return box_around(centre_, response->spacing.cwiseProduct(cells));
+  }
+  return box_around(centre_, size_ + Size2::Constant(KcfOptions().padding * std::sqrt(size_.prod())));
+}
+
 void CoarseLayer::move(const cv::Rect2d& box) {
   centre_ = centre_of(box);
-  root_.resize({box.width, box.height});
+  size_ = {box.width, box.height};
+  root_.resize(size_);
 }
 
 void CoarseLayer::adapt(const Frame& frame, bool informative) {

@@ -40,10 +40,11 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
 Dpt::Dpt(const DptOptions& options)
     : options_(options),
       coarse_(options.coarse),
-      parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)),
-             options.part_model.value_or(Kcf(options.part))),
+      parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)), options.part),
       springs_(make_topology(options)),
-      solver_(springs_, options.solver) {
+      solver_(std::in_place_type<Ida<Springs>>, springs_, options.solver) {
+  if (options.spring_solver == SpringSolver::Newton)
+    solver_.emplace<Newton<Springs>>(springs_, options.solver);
   if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
     throw std::invalid_argument("DptOptions: spring_rate must be in [0, 1]");
   if (options.threads < 0) throw std::invalid_argument("DptOptions: threads must not be negative");
@@ -113,7 +114,7 @@ TrackResult Dpt::update(const cv::Mat& image) {
   // Line 3: the MAP constellation.
   Placement start;
   if (options_.on_solve) start = placement;
-  summary_ = solver_.solve(springs_, placement);
+  summary_ = std::visit([&](auto& solver) { return solver.solve(springs_, placement); }, solver_);
   result.times.push_back({"springs", clock.lap()});
   if (options_.on_solve) {
     options_.on_solve(springs_, start, summary_);
@@ -159,8 +160,13 @@ TrackResult Dpt::update(const cv::Mat& image) {
 
 void Dpt::set_springs(const std::vector<Evidence>& evidence) {
   for (int i = 0; i < part_count(); ++i) {
-    springs_.anchors.col(i) = evidence[static_cast<std::size_t>(i)].position;
-    springs_.anchor_stiffness(i) = static_stiffness(evidence[static_cast<std::size_t>(i)]);
+    const Evidence& part = evidence[static_cast<std::size_t>(i)];
+    springs_.anchors.col(i) = part.position;
+    if (options_.anchor_law == AnchorLaw::Covariance)
+      springs_.set_anchor_information(i, static_information(part));
+    else
+      springs_.set_anchor_information(i,
+                                      Eigen::Matrix2d(static_stiffness(part) * Eigen::Matrix2d::Identity()));
   }
   for (int l = 0; const auto [i, j] : springs_.links()) {
     const double distance = (springs_.anchors.col(i) - springs_.anchors.col(j)).norm();

@@ -2,33 +2,74 @@
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <stdexcept>
-#ifdef ASTERISM_TRACKERS_REGISTRY
+#ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/part_registry.hpp>
+#include <asterism/trackers/tracker_options.hpp>
+#include <nlohmann/json.hpp>
 #endif
 
 namespace asterism::inline ASTERISM_ABI {
 
-std::vector<std::string> tracker_names() { return {"dpt", "coarse", "kcf"}; }
+namespace {
 
-AnyTracker make_tracker(std::string_view name) {
-  if (name == "dpt") return Dpt();
-  if (name == "coarse") return CoarseTracker();
-  if (name == "kcf") {
-    CoarseOptions options;
-    options.use_colour = false;
-    options.root.proportional_window = true;
-    return CoarseTracker(options);
-  }
-#ifdef ASTERISM_TRACKERS_REGISTRY
-  if (name.starts_with("dpt+")) {
-    DptOptions options;
-    options.part_model = PartRegistry().make(name.substr(4));
-    return Dpt(options);
-  }
+// Options with those of a JSON object set, which is empty for none.
+template <class Options>
+Options with(Options options, std::string_view name, std::string_view json) {
+  if (json.empty()) return options;
+#ifdef ASTERISM_TRACKERS_JSON
+  PartRegistry().read(std::string(name), json, options);
+  return options;
+#else
+  throw std::invalid_argument(std::string(name) +
+                              ": options of trackers need a build with nlohmann-json (Debian package "
+                              "nlohmann-json3-dev)");
 #endif
+}
+
+AnyTracker make_named(std::string_view name, std::string_view json) {
+  if (name == "dpt") return Dpt(with(DptOptions(), name, json));
+  if (name == "coarse") return CoarseTracker(with(CoarseOptions(), name, json));
+  if (name == "kcf") {
+    KcfOptions filter;
+    filter.proportional_window = true;
+    CoarseOptions options;
+    options.root = Kcf(filter);
+    options.use_colour = false;
+    return CoarseTracker(with(options, name, json));
+  }
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
+}
+
+}  // namespace
+
+std::vector<std::string> tracker_names() { return {"dpt", "coarse", "kcf"}; }
+
+AnyTracker make_tracker(std::string_view description) {
+#ifdef ASTERISM_TRACKERS_JSON
+  constexpr std::string_view kParts = "dpt+";
+  if (description.starts_with(kParts)) {
+    DptOptions options;
+    options.part = PartRegistry().make(description.substr(kParts.size()));
+    return Dpt(options);
+  }
+  if (description.starts_with('{')) {
+    nlohmann::ordered_json object;
+    try {
+      object = nlohmann::ordered_json::parse(description);
+    } catch (const nlohmann::json::parse_error& error) {
+      throw std::invalid_argument(std::string("a tracker's description is no JSON object: ") + error.what());
+    }
+    if (!object.contains("tracker") || !object["tracker"].is_string())
+      throw std::invalid_argument("a tracker's description must have its name as \"tracker\"");
+    const auto name = object["tracker"].get<std::string>();
+    object.erase("tracker");
+    return make_named(name, object.dump());
+  }
+#endif
+  const std::size_t brace = std::min(description.find('{'), description.size());
+  return make_named(description.substr(0, brace), description.substr(brace));
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

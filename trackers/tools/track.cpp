@@ -8,6 +8,7 @@
 
 #include "run.hpp"
 #include "tool_main.hpp"
+#include "tracker_option.hpp"
 
 namespace {
 
@@ -37,8 +38,7 @@ int run_command_line(int argc, char** argv) {
   const CLI::Range count(1, 1'000'000'000);
   app.add_option("--box", options.box,
                  "x,y,w,h of the object in the first frame [px]; default: ground truth");
-  app.add_option("--tracker", options.tracker, "dpt, coarse, kcf, or dpt+MODEL with another part model")
-      ->capture_default_str();
+  add_tracker_options(app, options.tracker);
   app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");
   app.add_option("--save", options.save, "overlay video (.mp4)");
   app.add_option("--sheet", options.sheet, "contact sheet of eight frames (.png)");

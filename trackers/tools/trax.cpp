@@ -19,6 +19,7 @@
 #include <thread>
 
 #include "tool_main.hpp"
+#include "tracker_option.hpp"
 #include "trax_server.hpp"
 
 namespace {
@@ -76,8 +77,7 @@ int run_command_line(int argc, char** argv) {
   TraxServerOptions options;
   CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or TRAX_SOCKET.",
                kProgram);
-  app.add_option("--tracker", options.tracker, "dpt, coarse, kcf, or dpt+MODEL with another part model")
-      ->capture_default_str();
+  add_tracker_options(app, options.tracker);
   app.add_option("--trax-version", options.version, "version of the protocol; 4 for several objects")
       ->check(CLI::Range(1, 4))
       ->capture_default_str();

@@ -1,13 +1,14 @@
 #pragma once
 
-#include <asterism/parts/part_model.hpp>
+#include <asterism/parts/response.hpp>
 #include <memory>
 #include <utility>
 
 namespace asterism::inline ASTERISM_ABI {
 
 /// Any PartModel, chosen at run time: constellations of mixed parts are a std::vector<AnyPart>. A PartModel
-/// itself; a copy copies the part in it. After a move from it, it may only be assigned to or destroyed.
+/// itself, dense and resizable as far as what is in it is; a copy copies the part in it. After a move from
+/// it, it may only be assigned to or destroyed.
 class AnyPart {
  public:
   // In this order: PartModel<AnyPart> asks whether AnyPart is copyable, and so this very constraint.
@@ -29,6 +30,12 @@ class AnyPart {
   double similarity_at(const Point2& position) const { return self_->similarity_at(position); }
   void adapt(const Frame& frame, const Point2& at) { self_->adapt(frame, at); }
 
+  /// The response map of the last `localize`, nullptr where the model has none (see DenseModel).
+  const ResponseMap* response() const { return self_->response(); }
+  /// The target has another size in the image [px] from now on; a model that cannot follow (see
+  /// ResizableModel) goes on at its own.
+  void resize(const Size2& size) { self_->resize(size); }
+
  private:
   struct Concept {
     virtual ~Concept() = default;
@@ -37,6 +44,8 @@ class AnyPart {
     virtual Evidence localize(const Frame&, const Point2&) = 0;
     virtual double similarity_at(const Point2&) const = 0;
     virtual void adapt(const Frame&, const Point2&) = 0;
+    virtual const ResponseMap* response() const = 0;
+    virtual void resize(const Size2&) = 0;
   };
   template <class P>
   struct Model final : Concept {
@@ -50,6 +59,17 @@ class AnyPart {
     }
     double similarity_at(const Point2& position) const override { return part.similarity_at(position); }
     void adapt(const Frame& frame, const Point2& at) override { part.adapt(frame, at); }
+    const ResponseMap* response() const override {
+      if constexpr (DenseModel<P>)
+        return pointer_to(part.response());
+      else
+        return nullptr;
+    }
+    void resize(const Size2& size) override {
+      if constexpr (ResizableModel<P>) part.resize(size);
+    }
+    static const ResponseMap* pointer_to(const ResponseMap& response) { return &response; }
+    static const ResponseMap* pointer_to(const ResponseMap* response) { return response; }
     P part;
   };
   std::unique_ptr<Concept> self_;

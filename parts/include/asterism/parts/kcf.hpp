@@ -26,9 +26,17 @@ struct Kernel {
   double exponent = 9;
 };
 
+/// What a Kcf sees of a cell, at least one of them; all feed one kernel, in this order.
+struct KcfFeatures {
+  bool hog = true;      ///< the 31 channels of Fhog
+  bool gray = true;     ///< the mean gray level, from -0.5 to 0.5
+  bool colour = false;  ///< a and b of CIE Lab over 128, about -1 to 1; 0 in gray video
+};
+
 /// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
 /// Sec. 3.1 asks for.
 struct KcfOptions {
+  KcfFeatures features;
   Kernel kernel;
   /// Regularisation lambda of the ridge regression (Eq. kcf_cost), > 0.
   double lambda = 1e-4;
@@ -54,21 +62,18 @@ struct KcfOptions {
   bool sub_pixel = true;
 };
 
-/// Kernelised correlation filter on HOG and gray channels (Henriques et al., PAMI 2015; the paper's
+/// Kernelised correlation filter on HOG, gray or colour channels (Henriques et al., PAMI 2015; the paper's
 /// Sec. 2.1). A PartModel; copies are independent.
 ///
-/// 31 fHOG channels and the gray level, all on the cell grid and under a Hann window, feed one kernel. All
-/// transforms are single precision and the library's own (docs/parts.md). The kernel's map is near one, or
-/// near offset^exponent, everywhere: only its deviation from that is transformed, and the spectrum's DC,
-/// about 1e3, is added in double precision, where single precision would err by as much as lambda. A is
-/// double.
+/// The channels, all on the cell grid and under a Hann window, feed one kernel. All transforms are single
+/// precision and the library's own (docs/parts.md). The kernel's map is near one, or near offset^exponent,
+/// everywhere: only its deviation from that is transformed, and the spectrum's DC, about 1e3, is added in
+/// double precision, where single precision would err by as much as lambda. A is double.
 ///
-/// Once it has been initialised, `localize` and `adapt` do not allocate. One object is for one thread at a
-/// time, different ones are independent.
+/// Once it has been initialised, `localize` and `adapt` do not allocate, but for colour channels. One object
+/// is for one thread at a time, different ones are independent.
 class Kcf {
  public:
-  static constexpr int kChannels = Fhog::kChannels + 1;
-
   /// Throws std::invalid_argument for options out of range.
   explicit Kcf(const KcfOptions& options = {});
 
@@ -95,7 +100,10 @@ class Kcf {
  private:
   using Plan = part_kernels_v0_1::FilterPlan;
 
-  // Windowed features of the patch around `centre` -> their spectra in `sample_`; returns their squared norm.
+  // Features of the cells: the gray level of `patch_`, and the colours around `centre`.
+  void add_gray(float* plane);
+  void add_colour(const Frame& frame, const Point2& centre, float* planes);
+  // Windowed features -> their spectra in `sample_`; returns their squared norm.
   double transform_patch(const Frame& frame, const Point2& centre);
   // The cross spectrum in `split_` -> the spectrum of the kernel's map k^{xz} less `kernel_base_`. norms: of
   // z and x.
@@ -108,6 +116,7 @@ class Kcf {
   Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
   Size2 scale_ = Size2::Ones(), initial_scale_ = Size2::Ones();  // image pixels a template pixel
   int rows_ = 0, cols_ = 0;                                      // cells
+  int channels_ = 0, padded_channels_ = 0;                       // the kernels' lanes want more, which are 0
 
   PatchSampler sampler_;
   Fhog fhog_;
@@ -123,7 +132,7 @@ class Kcf {
   ResponseMap response_;
 
   // Buffers of localize and adapt, sized by init; part_kernels.hpp has their layout.
-  Scratch patch_;
+  Scratch patch_, cells_;
   AlignedFloats features_, sample_, split_, plane_, work_;
   Eigen::ArrayXi cell_work_, cell_sums_;
 };

@@ -8,8 +8,10 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-/// Sees the options of a part model one by one, each with its name: reads them, or lists them. A model of
-/// one's own is given names by a function beside its options, found by argument-dependent lookup:
+class AnyPart;
+
+/// Sees the options of a part model or a tracker one by one, each with its name: reads them, or lists them. A
+/// model of one's own is given names by a function beside its options, found by argument-dependent lookup:
 ///
 ///     void visit_options(OptionVisitor& visit, MyOptions& options) {
 ///       visit("learning_rate", options.learning_rate);
@@ -23,6 +25,8 @@ class OptionVisitor {
   virtual void operator()(std::string_view name, double& value) = 0;
   virtual void operator()(std::string_view name, int& value) = 0;
   virtual void operator()(std::string_view name, bool& value) = 0;
+  /// A part that is made as PartRegistry::make does; `model`: what it is now.
+  virtual void operator()(std::string_view name, AnyPart& part, std::string_view model) = 0;
   /// An enumeration whose values are 0, 1, ..., and their names.
   template <typename E>
   requires std::is_enum_v<E>

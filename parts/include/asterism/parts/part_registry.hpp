@@ -44,6 +44,19 @@ class PartRegistry {
   /// names the nearest known for an unknown model or option, and says what is wrong with a value.
   AnyPart make(std::string_view model);
 
+  /// Sets options that have a `visit_options` to what a JSON object has for them; a part is a name as `make`
+  /// takes it, or an object with the name as "model" and its options beside it. Throws std::invalid_argument
+  /// as `make`, the messages beginning with `of`.
+  template <typename Options>
+  void read(const std::string& of, std::string_view json, Options& options) {
+    read_json(of, json, [&](OptionVisitor& visit) { visit_options(visit, options); });
+  }
+  /// Such options as a JSON object.
+  template <typename Options>
+  static std::string list(Options options) {
+    return list_json([&](OptionVisitor& visit) { visit_options(visit, options); });
+  }
+
   /// Of all models, sorted.
   std::vector<std::string> names() const;
   /// All options of a model and their defaults as a JSON object. Throws as `make`.
@@ -52,10 +65,13 @@ class PartRegistry {
  private:
   // Visits the options, and returns what makes a part of the values that they have then.
   using Factory = std::function<std::function<AnyPart()>(OptionVisitor&)>;
+  using Visit = std::function<void(OptionVisitor&)>;
   using Factories = std::map<std::string, Factory, std::less<>>;
 
   explicit PartRegistry(Factories factories) : factories_(std::move(factories)) {}
   void add(const std::string& name, Factory factory);
+  void read_json(const std::string& of, std::string_view json, const Visit& options);
+  static std::string list_json(const Visit& options);
   const Factory& find(std::string_view name);
 
   Factories factories_;

@@ -21,6 +21,21 @@ struct ResponseMap {
   double at(const Point2& position) const;
 };
 
+/// A PartModel that keeps the response map of its last `localize`, on which what a tracker knows from
+/// elsewhere, such as colour, can be multiplied: the map, or a pointer to it that may be null.
+template <class P>
+concept DenseModel = PartModel<P> && requires(const P& part) {
+  requires std::same_as<decltype(part.response()), const ResponseMap&> ||
+      std::same_as<decltype(part.response()), const ResponseMap*>;
+};
+
+/// A PartModel whose target may change its size in the image: `resize(size)` [px], finite and positive or
+/// std::invalid_argument is thrown, stretches its search window alike.
+template <class P>
+concept ResizableModel = PartModel<P> && requires(P part, const Size2& size) {
+  part.resize(size);
+};
+
 /// The peak of a response and its spread.
 ///
 /// position: the maximum, refined to sub-pixel by the vertex of a parabola in each axis (neighbours wrapped,

@@ -429,10 +429,14 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
   object["anchors"] = points_to_json(system.anchors);
   object["anchor_stiffness"] = numbers(system.anchor_stiffness);
   if constexpr (System::kAnisotropic) {
-    auto& shapes = object["anchor_shape"] = nlohmann::ordered_json::array();
-    for (int i = 0; i < system.nodes(); ++i) {
-      shapes.push_back(points_to_json(
-          system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i).transpose()));
+    const auto shape = [&](int i) {
+      return system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
+    };
+    bool isotropic = true;  // a system that Springs alone can read is written as one
+    for (int i = 0; i < system.nodes(); ++i) isotropic = isotropic && shape(i).isIdentity(0);
+    if (!isotropic) {
+      auto& shapes = object["anchor_shape"] = nlohmann::ordered_json::array();
+      for (int i = 0; i < system.nodes(); ++i) shapes.push_back(points_to_json(shape(i).transpose()));
     }
   }
   auto& links = object["links"] = nlohmann::ordered_json::array();

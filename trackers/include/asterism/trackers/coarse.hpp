@@ -1,17 +1,26 @@
 #pragma once
 
+#include <asterism/parts/any_part.hpp>
 #include <asterism/parts/colour.hpp>
 #include <asterism/parts/kcf.hpp>
 #include <asterism/trackers/tracker.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
 
+/// The paper's part model, Kcf with default options. Not in the headers' code: every program that has options
+/// would compile it.
+AnyPart paper_filter();
+
 /// Options of the coarse layer (Sec. 2.2).
 struct CoarseOptions {
-  KcfOptions root;
+  /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
+  AnyPart root = paper_filter();
   ColourOptions colour;
-  /// Multiply the root's response with the colour probability; otherwise the layer is the root filter alone.
+  /// Multiply the root's response with the colour probability; otherwise, and for a root without a response
+  /// map, the position is the root's alone.
   bool use_colour = true;
+  /// Refine the maximum of that product below the root's grid. Open in the paper.
+  bool sub_pixel = true;
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
   /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
   double lost_below = 0.2;
@@ -21,7 +30,7 @@ struct CoarseOptions {
 /// which together place the object's centre within the search region of the root.
 class CoarseLayer {
  public:
-  explicit CoarseLayer(const CoarseOptions& options = {});
+  explicit CoarseLayer(const CoarseOptions& options = CoarseOptions());
 
   /// Learn both models from the object's box.
   void init(const Frame& frame, const cv::Rect2d& box);
@@ -36,21 +45,25 @@ class CoarseLayer {
   /// The object's position near its last one: the maximum of Eq. position_posterior_root.
   Estimate localize(const Frame& frame);
 
-  /// Move the object to a box without learning.
+  /// Move the object to a box without learning; a root that can follows its size.
   void move(const cv::Rect2d& box);
   /// Update the root filter and, where the segmentation was informative, the histograms at the object's box.
   void adapt(const Frame& frame, bool informative);
 
   const Point2& centre() const { return centre_; }
-  const Size2& size() const { return root_.size(); }
+  const Size2& size() const { return size_; }
   cv::Rect2d box() const { return box_around(centre_, size()); }
   const CoarseOptions& options() const { return options_; }
 
  private:
+  // What the root searches, and the colour model with it.
+  cv::Rect2d search_window() const;
+
   CoarseOptions options_;
-  Kcf root_;
+  AnyPart root_;
   ColourModel colour_;
   Point2 centre_ = Point2::Zero();
+  Size2 size_ = Size2::Zero();
   ResponseMap density_;  // Eq. position_posterior_root on the root's response grid
 };
 
@@ -58,7 +71,7 @@ class CoarseLayer {
 /// without colour. The box keeps its size.
 class CoarseTracker {
  public:
-  explicit CoarseTracker(const CoarseOptions& options = {});
+  explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
 

@@ -1,28 +1,38 @@
 #pragma once
 
-#include <asterism/parts/any_part.hpp>
 #include <asterism/solver/ida.hpp>
+#include <asterism/solver/newton.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <functional>
-#include <optional>
+#include <variant>
 
 namespace asterism::inline ASTERISM_ABI {
 
 /// Which parts are linked by springs (the paper's Table 1).
 enum class Constellation { Full, Local, Star };
 
+/// What holds a part at its visually best position.
+enum class AnchorLaw {
+  Variance,   ///< static_stiffness, the paper's
+  Covariance  ///< static_information
+};
+
+enum class SpringSolver {
+  Ida,    ///< the paper's
+  Newton  ///< the same minimum in a fraction of the iterations
+};
+
 /// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. What the paper leaves open is said so.
 struct DptOptions {
   static constexpr int kMaxParts = 16;
-  using Springs = SpringSystem<double, 2, Eigen::Dynamic, kMaxParts>;
+  using Springs =
+      SpringSystem<double, 2, Eigen::Dynamic, kMaxParts, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
 
   CoarseOptions coarse;
-  /// The parts' filters; the paper's parameters are those of the root.
-  KcfOptions part;
-  /// Another appearance model for all parts, not yet initialised, instead of Kcf with the options `part`.
-  std::optional<AnyPart> part_model;
+  /// The parts' model z^(i), not yet initialised: the paper's is a Kcf, with the root's parameters.
+  AnyPart part = paper_filter();
 
   /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most
   /// kMaxParts.
@@ -41,7 +51,9 @@ struct DptOptions {
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
 
-  /// IDA's stopping rule. Open in the paper; see docs/tracker.md.
+  AnchorLaw anchor_law = AnchorLaw::Variance;
+  SpringSolver spring_solver = SpringSolver::Ida;
+  /// The solver's stopping rule. Open in the paper; see docs/tracker.md.
   SolverOptions solver;
 
   /// Threads that the parts are searched and trained on, the calling one among them; 0: as many as the
@@ -66,7 +78,7 @@ class Dpt {
   using Placement = Springs::Points;  ///< 2 x N_p, a part is a column
 
   /// Throws std::invalid_argument for options out of range.
-  explicit Dpt(const DptOptions& options = {});
+  explicit Dpt(const DptOptions& options = DptOptions());
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
@@ -91,7 +103,7 @@ class Dpt {
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
   Springs springs_;
-  Ida<Springs> solver_;
+  std::variant<Ida<Springs>, Newton<Springs>> solver_;
   Summary summary_;
   Placement placement_;  // X_{t-1}
   Size2 initial_size_ = Size2::Zero();

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/LU>
 #include <algorithm>
 #include <asterism/parts/part_model.hpp>
 #include <cmath>
@@ -11,6 +12,13 @@ namespace asterism::inline ASTERISM_ABI {
 /// stays where it is.
 inline double static_stiffness(const Evidence& evidence) {
   return std::max(evidence.peak, 1e-12) / evidence.covariance.trace();
+}
+
+/// The same spring with an information matrix, w / 2 Sigma^-1 [1/px^2]: static_stiffness in every direction
+/// where the covariance Sigma is isotropic, softer along the axis on which the part is less sure. Ours;
+/// bounded below alike.
+inline Eigen::Matrix2d static_information(const Evidence& evidence) {
+  return std::max(evidence.peak, 1e-12) / 2 * evidence.covariance.inverse();
 }
 
 /// Stiffness of the spring between two parts, ((mu - |d_A|) / mu)^2 (Eq. stiffness_dynamic): the squared

@@ -84,9 +84,15 @@ class AnyTracker {
 /// The trackers that `make_tracker` knows.
 std::vector<std::string> tracker_names();
 
-/// A tracker with default options by name: "dpt", "coarse" (DPT's coarse layer alone), "kcf" (its root filter
-/// alone), "dpt+MODEL" (DPT with parts of the model MODEL, as PartRegistry::make takes it, where that was
-/// built). Throws std::invalid_argument that lists the known names for any other, and as PartRegistry::make.
-AnyTracker make_tracker(std::string_view name);
+/// A tracker from its description: a name, "dpt", "coarse" (DPT's coarse layer alone) or "kcf" (its root
+/// filter alone), with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a name and a JSON object of
+/// options, which are the members of DptOptions or CoarseOptions; `{"tracker": "dpt", "part": "mosse"}`, the
+/// same as one object; or `dpt+MODEL`, DPT with another part model. Part models are written as
+/// PartRegistry::read has them.
+///
+/// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
+/// for an unknown one, or that says what is wrong with a value; for a description that is more than a name
+/// also where the library was built without PartRegistry.
+AnyTracker make_tracker(std::string_view description);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,6 +1,7 @@
 #pragma once
 
-// The names of the library's models' options: those of their members.
+/// The names of the options of the library's models, those of their members, for PartRegistry and for options
+/// that contain them.
 
 #include <asterism/parts/color_histogram.hpp>
 #include <asterism/parts/kcf.hpp>
@@ -8,12 +9,6 @@
 #include <asterism/parts/option_visitor.hpp>
 #include <asterism/parts/spatial_reliability.hpp>
 #include <asterism/parts/template.hpp>
-#ifdef ASTERISM_PARTS_FLOW
-#include <asterism/parts/flow.hpp>
-#endif
-#ifdef ASTERISM_PARTS_KEYPOINTS
-#include <asterism/parts/keypoints.hpp>
-#endif
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -24,7 +19,14 @@ inline void visit_options(OptionVisitor& visit, Kernel& kernel) {
   visit("exponent", kernel.exponent);
 }
 
+inline void visit_options(OptionVisitor& visit, KcfFeatures& features) {
+  visit("hog", features.hog);
+  visit("gray", features.gray);
+  visit("colour", features.colour);
+}
+
 inline void visit_options(OptionVisitor& visit, KcfOptions& options) {
+  visit("features", options.features);
   visit("kernel", options.kernel);
   visit("lambda", options.lambda);
   visit("learning_rate", options.learning_rate);
@@ -111,30 +113,5 @@ inline void visit_options(OptionVisitor& visit, TemplateOptions& options) {
   visit("min_template_side", options.min_template_side);
   visit("max_template_side", options.max_template_side);
 }
-
-#ifdef ASTERISM_PARTS_FLOW
-inline void visit_options(OptionVisitor& visit, FlowOptions& options) {
-  visit("grid", options.grid);
-  visit("max_error", options.max_error);
-  visit("lk_window", options.lk_window);
-  visit("lk_levels", options.lk_levels);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
-}
-#endif
-
-#ifdef ASTERISM_PARTS_KEYPOINTS
-inline void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
-  visit("max_points", options.max_points);
-  visit("fast_threshold", options.fast_threshold);
-  visit("max_distance", options.max_distance);
-  visit("max_ratio", options.max_ratio);
-  visit("vote_radius", options.vote_radius);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
-}
-#endif
 
 }  // namespace asterism::inline ASTERISM_ABI

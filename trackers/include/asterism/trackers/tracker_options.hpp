@@ -1,0 +1,39 @@
+#pragma once
+
+#include <asterism/parts/part_options.hpp>
+#include <asterism/trackers/dpt.hpp>
+
+/// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
+
+namespace asterism::inline ASTERISM_ABI {
+
+inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
+  visit("tolerance", options.tolerance);
+  visit("max_iterations", options.max_iterations);
+}
+
+inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
+  visit("root", options.root, "kcf");
+  visit("colour", options.colour);
+  visit("use_colour", options.use_colour);
+  visit("sub_pixel", options.sub_pixel);
+  visit("lost_below", options.lost_below);
+}
+
+inline void visit_options(OptionVisitor& visit, DptOptions& options) {
+  visit("coarse", options.coarse);
+  visit("part", options.part, "kcf");
+  visit("grid_rows", options.grid_rows);
+  visit("grid_cols", options.grid_cols);
+  visit("constellation", options.constellation, {"full", "local", "star"});
+  visit("spring_rate", options.spring_rate);
+  visit("response_gate", options.response_gate);
+  visit("mask_gate", options.mask_gate);
+  visit("transform", options.transform, {"translation", "euclidean", "similarity"});
+  visit("anchor_law", options.anchor_law, {"variance", "covariance"});
+  visit("spring_solver", options.spring_solver, {"ida", "newton"});
+  visit("solver", options.solver);
+  visit("threads", options.threads);
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

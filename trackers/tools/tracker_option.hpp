@@ -1,0 +1,40 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <asterism/trackers/tracker.hpp>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
+#include <string>
+
+namespace asterism::tools {
+
+/// A tracker's description from a file, a JSON object as `make_tracker` takes it. Throws std::runtime_error
+/// that names the file where it cannot be read or describes no tracker.
+inline std::string read_tracker(const std::string& path) {
+  std::ifstream file(path);
+  std::string text{std::istreambuf_iterator<char>(file), {}};
+  if (!file) throw std::runtime_error("cannot read " + path);
+  text.erase(0, text.find_first_not_of(" \t\r\n"));
+  if (!text.starts_with('{')) throw std::runtime_error(path + ": a tracker is described by a JSON object");
+  try {
+    make_tracker(text);
+  } catch (const std::invalid_argument& error) {
+    throw std::runtime_error(path + ": " + error.what());
+  }
+  return text;
+}
+
+/// The options --tracker and --config, which set the description of a tracker.
+inline void add_tracker_options(CLI::App& app, std::string& description) {
+  CLI::Option* const tracker =
+      app.add_option("--tracker", description,
+                     R"(dpt, coarse, kcf, dpt+MODEL, or one with options: 'dpt{"part": "mosse"}')")
+          ->capture_default_str();
+  app.add_option_function<std::string>(
+         "--config", [&description](const std::string& file) { description = read_tracker(file); },
+         R"(file that describes the tracker: {"tracker": "dpt", "part": "mosse"})")
+      ->excludes(tracker);
+}
+
+}  // namespace asterism::tools
