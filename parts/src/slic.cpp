@@ -80,10 +80,11 @@ SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& 
                      *const b = colours.col(2).data();
   const auto reach = static_cast<float>(side);
   const float weight = static_cast<float>(options.compactness * options.compactness) / (reach * reach);
-  Eigen::ArrayXf nearest(count);
+  Eigen::ArrayXf distances(count);
+  float* const nearest = distances.data();
   Eigen::Array<double, 6, Eigen::Dynamic> sums(6, across * down);
   for (int iteration = 0; iteration < options.iterations; ++iteration) {
-    nearest.setConstant(std::numeric_limits<float>::max());
+    distances.setConstant(std::numeric_limits<float>::max());
     for (int k = 0; k < across * down; ++k) {
       const Centre& centre = centres[static_cast<std::size_t>(k)];
       const float cl = centre(0), ca = centre(1), cb = centre(2), cx = centre(3), cy = centre(4);
@@ -97,22 +98,23 @@ SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& 
           const int i = y * cols + x;
           const float dl = l[i] - cl, da = a[i] - ca, db = b[i] - cb, dx = static_cast<float>(x) - cx;
           const float distance = dl * dl + da * da + db * db + weight * (dx * dx + dy * dy);
-          const bool nearer = distance < nearest(i);
-          nearest(i) = nearer ? distance : nearest(i);
+          const bool nearer = distance < nearest[i];
+          nearest[i] = nearer ? distance : nearest[i];
           label[i] = nearer ? k : label[i];
         }
       }
     }
     sums.setZero();
-    for (int i = 0; i < count; ++i) {
-      double* const sum = sums.col(label[i]).data();
-      sum[0] += l[i];
-      sum[1] += a[i];
-      sum[2] += b[i];
-      sum[3] += i % cols;
-      sum[4] += i / cols;
-      sum[5] += 1;
-    }
+    for (int y = 0, i = 0; y < rows; ++y)
+      for (int x = 0; x < cols; ++x, ++i) {
+        double* const sum = sums.col(label[i]).data();
+        sum[0] += l[i];
+        sum[1] += a[i];
+        sum[2] += b[i];
+        sum[3] += x;
+        sum[4] += y;
+        sum[5] += 1;
+      }
     for (int k = 0; k < across * down; ++k)
       if (sums(5, k) > 0)
         centres[static_cast<std::size_t>(k)] = (sums.col(k).head<5>() / sums(5, k)).cast<float>();

@@ -21,7 +21,8 @@ Superpixels::Superpixels(const SuperpixelsOptions& options) : options_(options) 
   require(options.colour_sigma > 0, "SuperpixelsOptions: colour_sigma must be positive");
   require(options.confidence_weight >= 0 && std::isfinite(options.confidence_weight),
           "SuperpixelsOptions: confidence_weight must be finite and not negative");
-  require(options.sharpness > 0, "SuperpixelsOptions: sharpness must be positive");
+  require(options.sharpness > 0 && std::isfinite(options.sharpness),
+          "SuperpixelsOptions: sharpness must be finite and positive");
   require(options.learning_rate >= 0 && options.learning_rate <= 1,
           "SuperpixelsOptions: learning_rate must be in [0, 1]");
   require(options.padding > 0, "SuperpixelsOptions: padding must be positive");

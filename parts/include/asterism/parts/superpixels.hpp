@@ -10,7 +10,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// Options of Superpixels.
 struct SuperpixelsOptions {
   /// In template pixels and CIELAB.
-  SlicOptions slic = {.side = 5, .compactness = 10, .iterations = 5};
+  SlicOptions slic = {.side = 6, .compactness = 10, .iterations = 5};
   /// Deviation sigma of a superpixel's mean colour from frame to frame, > 0 [CIELAB units]: colours c and c'
   /// are alike to k = exp(-|c - c'|^2 / (2 sigma^2)).
   double colour_sigma = 10;
@@ -19,7 +19,7 @@ struct SuperpixelsOptions {
   /// Displacements have the likelihood exp(sharpness (response - peak)), > 0.
   double sharpness = 20;
   /// Rate of the appearance's autoregressive update, in [0, 1].
-  double learning_rate = 0.05;
+  double learning_rate = 0.1;
   /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
   double padding = 1.5;
   /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
