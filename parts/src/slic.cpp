@@ -1,5 +1,6 @@
 #include <asterism/parts/slic.hpp>
 #include <limits>
+#include <utility>
 
 #include "part_geometry.hpp"
 

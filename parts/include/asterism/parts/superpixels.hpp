@@ -17,7 +17,7 @@ struct SuperpixelsOptions {
   /// Weight beta of the confidences, >= 0; that of the layout is 1.
   double confidence_weight = 0.4;
   /// Displacements have the likelihood exp(sharpness (response - peak)), > 0.
-  double sharpness = 20;
+  double sharpness = 40;
   /// Rate of the appearance's autoregressive update, in [0, 1].
   double learning_rate = 0.1;
   /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
