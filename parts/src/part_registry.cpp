@@ -242,6 +242,7 @@ PartRegistry::PartRegistry() {
 #endif
   add<Mosse, MosseOptions>("mosse");
   add<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
+  add<Superpixels, SuperpixelsOptions>("superpixels");
   add<Template, TemplateOptions>("template");
 }
 

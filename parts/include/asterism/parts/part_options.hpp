@@ -8,6 +8,7 @@
 #include <asterism/parts/mosse.hpp>
 #include <asterism/parts/option_visitor.hpp>
 #include <asterism/parts/spatial_reliability.hpp>
+#include <asterism/parts/superpixels.hpp>
 #include <asterism/parts/template.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -97,6 +98,23 @@ inline void visit_options(OptionVisitor& visit, SpatialReliabilityOptions& optio
 inline void visit_options(OptionVisitor& visit, ColorHistogramOptions& options) {
   visit("space", options.space, {"gray", "rgb", "hsv"});
   visit("bins", options.bins);
+  visit("sharpness", options.sharpness);
+  visit("learning_rate", options.learning_rate);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
+inline void visit_options(OptionVisitor& visit, SlicOptions& options) {
+  visit("side", options.side);
+  visit("compactness", options.compactness);
+  visit("iterations", options.iterations);
+}
+
+inline void visit_options(OptionVisitor& visit, SuperpixelsOptions& options) {
+  visit("slic", options.slic);
+  visit("colour_sigma", options.colour_sigma);
+  visit("confidence_weight", options.confidence_weight);
   visit("sharpness", options.sharpness);
   visit("learning_rate", options.learning_rate);
   visit("padding", options.padding);

@@ -15,7 +15,8 @@ namespace asterism::inline ASTERISM_ABI {
 class PartRegistry {
  public:
   /// Knows the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
-  /// "spatial_reliability", "template"; without "flow" or "keypoints" where they were not built.
+  /// "spatial_reliability", "superpixels", "template"; without "flow" or "keypoints" where they were not
+  /// built.
   PartRegistry();
 
   /// Adds a model, which is made of its options, under a name of letters, digits, '_' and '-'. Throws
