@@ -137,6 +137,28 @@ TEST(EvaluatedTrackers, OfOursSayWhatTheySayAlone) {
   }
 }
 
+// A part model alone, and what others have made of the same idea: they find the object at the same place.
+TEST(EvaluatedTrackers, OtherFiltersFindWhatOursFind) {
+  const std::vector<std::string> names = evaluated_tracker_names();
+  const auto centres = [](const std::string& tracker) {
+    std::vector<Point2> result;
+    for (const Report& report : follow(evaluated_tracker(tracker)))
+      result.push_back(report.region ? centre_of(report.region->box()) : Point2::Constant(1e9));
+    return result;
+  };
+  for (const auto& [model, peer] : {std::pair("kcf", "dlib"), std::pair("mosse", "dlib"),
+                                    std::pair("spatial_reliability", "opencv-csrt")}) {
+    if (!std::count(names.begin(), names.end(), peer)) continue;
+    const std::vector<Point2> theirs = centres(peer), ours = centres(std::string(R"(coarse{"root": ")") +
+                                                                     model + R"(", "use_colour": false})");
+    for (int t = 1; t < kFrames; ++t) {
+      const auto i = static_cast<std::size_t>(t - 1);
+      EXPECT_LT((ours[i] - centre_of(true_box(t))).norm(), 1.5) << model << t;
+      EXPECT_LT((ours[i] - theirs[i]).norm(), 2.5) << model << ' ' << peer << t;
+    }
+  }
+}
+
 TEST(EvaluatedTrackers, SayWhenTheyHaveNotFoundTheObject) {
   const std::vector<std::string> names = evaluated_tracker_names();
   if (!std::count(names.begin(), names.end(), "opencv-kcf"))
