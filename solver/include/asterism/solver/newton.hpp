@@ -24,16 +24,16 @@ namespace detail {
 
 /// f(integral_constant<int, kFrom>), ..., f(integral_constant<int, kTo - 1>).
 template <int kFrom, int kTo, typename F>
-constexpr void unroll(F&& f) {
+[[gnu::always_inline]] constexpr void unroll(F&& f) {
   if constexpr (kFrom < kTo) {
     f(std::integral_constant<int, kFrom>());
     unroll<kFrom + 1, kTo>(f);
   }
 }
 
-/// The linear system H p = g of a Newton step, as H bordered by g: column j holds H's column j from the
-/// diagonal down, then g_j. Factored in place to H + repair = L D L^T, whose elimination runs over the border
-/// too and so does the forward substitution.
+/// The linear system H p = g of a Newton step. H's columns, from the diagonal down, are factored in place to
+/// those of L D, where L D L^T = H + repair; the elimination runs over g too and so does the forward
+/// substitution. Where the size is neither fixed nor small, g borders H as one more row.
 template <typename System>
 class NewtonMatrix {
  public:
@@ -56,77 +56,16 @@ class NewtonMatrix {
   /// short spring across its axis, k_ij (1 - mu_ij / r_ij): the matrix is not the Hessian then, but positive
   /// definite.
   Scalar assemble(const System& system, const Points& x, bool clamp, Points& gradient) {
-    const int n = size();
-    Eigen::Map<Eigen::Array<Scalar, kSize == Eigen::Dynamic ? kSize : kSize*(kSize + 1), 1>>(values_.data(),
-                                                                                             n * stride())
-        .setZero();
-    gradient.resize(kDim, system.nodes());
     Scalar energy = 0;
-    for (int i = 0; i < system.nodes(); ++i) {
-      const Point d = x.col(i) - system.anchors.col(i);
-      const auto anchor = anchor_force(system, i, d);
-      gradient.col(i) = anchor.gradient;
-      energy += anchor.energy;
-      if constexpr (System::kPlainAnchors) {
-        for (int c = 0; c < kDim; ++c) at(kDim * i + c, kDim * i + c) = system.anchor_stiffness[i];
-      } else {
-        const auto block = anchor_curvature(system, i, d, clamp);
-        for (int c = 0; c < kDim; ++c) {
-          for (int r = c; r < kDim; ++r) at(kDim * i + r, kDim * i + c) = block(r, c);
-        }
-      }
-    }
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const Point d = x.col(link.i) - x.col(link.j);
-      const Scalar square = d.squaredNorm();
-      Point u;
-      LinkForce<Scalar> force;
-      if (square < kTiny) [[unlikely]] {
-        const auto coincident = coincident_spring(system, link, d);
-        u = coincident.direction;
-        force = link_force(system, l, coincident.length);
-      } else {
-        const Scalar length = std::sqrt(square);
-        const Scalar inverse = 1 / length;
-        u = d * inverse;
-        const Scalar k = system.link_stiffness[l];
-        const auto phi = system.link_potential(length, system.rest_length[l]);
-        force = {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
-      }
-      ++l;
-      energy += force.energy;
-      const Point pull = force.tension * u;
-      gradient.col(link.i) += pull;
-      gradient.col(link.j) -= pull;
-
-      // along u u^T + across (I - u u^T) = (along - across) u u^T + across I
-      if (clamp) {
-        force.along = std::max(force.along, Scalar(0));
-        force.across = std::max(force.across, Scalar(0));
-      }
-      const Scalar bend = force.along - force.across;
-      const int low = kDim * std::min(link.i, link.j);
-      const int high = kDim * std::max(link.i, link.j);
-      Scalar* const low_low = &at(low, low);
-      Scalar* const high_low = &at(high, low);
-      Scalar* const high_high = &at(high, high);
-      for (int column = 0; column < kDim; ++column) {
-        const Scalar bend_u = bend * u[column];
-        for (int row = 0; row < kDim; ++row) {
-          const Scalar value = row == column ? bend_u * u[row] + force.across : bend_u * u[row];
-          const int here = column * stride() + row;
-          high_low[here] -= value;
-          if (row < column) continue;
-          low_low[here] += value;
-          high_high[here] += value;
-        }
-      }
+    if (!assemble_full(system, x, clamp, gradient, energy)) {
+      energy = assemble_links(system, x, clamp, gradient);
     }
     if (system.fixed_count() != 0) [[unlikely]]
       isolate_fixed(system, gradient);
-    for (int i = 0; i < system.nodes(); ++i) {
-      for (int c = 0; c < kDim; ++c) at(n, kDim * i + c) = gradient(c, i);
+    if constexpr (kUnrolled) {
+      Eigen::Map<Points>(right_.data()) = gradient;
+    } else {
+      for (int k = 0; k < size(); ++k) at(size(), k) = gradient.data()[k];
     }
     return energy;
   }
@@ -134,7 +73,7 @@ class NewtonMatrix {
   /// L D L^T without pivoting. A pivot that is negative is replaced by its absolute value, one that is
   /// rounding alone by the node's stiffness; true if there was none, that is if the matrix is positive
   /// definite.
-  bool factorize() {
+  [[gnu::flatten]] bool factorize() {
     repaired_ = false;
     negative_ = -1;
     most_negative_ = -1;
@@ -158,8 +97,8 @@ class NewtonMatrix {
     const auto substitute = [&](int k) {
       const Scalar* column = &at(0, k);
       const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)];
-      Scalar value = column[size()] * inverse;
-      decrement += column[size()] * value;
+      Scalar value = right(k) * inverse;
+      decrement += right(k) * value;
       // The column is divided by its pivot here, where no p is waited for.
       for (int i = size() - 1; i > k; --i) value -= (column[i] * inverse) * p[i];
       p[k] = value;
@@ -200,6 +139,7 @@ class NewtonMatrix {
   static constexpr int kSize = times<System::kNodes>(kDim);
   static constexpr int kMaxSize = times<System::kMaxNodes>(kDim);
   static constexpr bool kUnrolled = kSize != Eigen::Dynamic && kSize <= 12;
+  static constexpr int kPadded = kSize + kSize % 2;  // to whole pairs of rows, if unrolled
   static constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   static constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
 
@@ -208,14 +148,175 @@ class NewtonMatrix {
       kMaxSize == Eigen::Dynamic, std::vector<Scalar>,
       std::array<Scalar, static_cast<std::size_t>(kMaxSize == Eigen::Dynamic ? 1 : kLength)>>;
 
+  using Block = Eigen::Matrix<Scalar, kDim, kDim>;
+  using Pair = Eigen::Array<Scalar, 2, 1>;
+  // A constant for loads by pairs, where Eigen's own stores one number at a time first.
+  static constexpr auto kIdentity = [] {
+    std::array<Scalar, std::size_t{kDim} * kDim> values{};
+    for (std::size_t c = 0; c < kDim; ++c) values[c * (kDim + 1)] = 1;
+    return values;
+  }();
+
   int size() const {
     if constexpr (kSize != Eigen::Dynamic) return kSize;
     return size_;
   }
-  int stride() const { return size() + 1; }
+  int stride() const {
+    if constexpr (kUnrolled) return kPadded;
+    return size() + 1;
+  }
   Scalar& at(int row, int column) { return values_[static_cast<std::size_t>(column * stride() + row)]; }
   const Scalar& at(int row, int column) const {
     return values_[static_cast<std::size_t>(column * stride() + row)];
+  }
+  Scalar right(int k) const {
+    if constexpr (kUnrolled) return right_[static_cast<std::size_t>(k)];
+    return at(size(), k);
+  }
+  // Rows `row` and `row + 1` of a column.
+  Eigen::Map<Pair> pair(int row, int column) { return Eigen::Map<Pair>(&at(row, column)); }
+  // Block of the coordinates of two nodes.
+  auto block(int i, int j) {
+    return Eigen::Map<Block, 0, Eigen::OuterStride<>>(&at(kDim * i, kDim * j),
+                                                      Eigen::OuterStride<>(stride()));
+  }
+
+  static LinkForce<Scalar> link_force_at(const System& system, int l, Scalar length, Scalar inverse) {
+    const Scalar k = system.link_stiffness[l];
+    const auto phi = system.link_potential(length, system.rest_length[l]);
+    return {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
+  }
+
+  // Energy, gradient and Hessian for any links.
+  Scalar assemble_links(const System& system, const Points& x, bool clamp, Points& gradient) {
+    std::fill_n(values_.begin(), size() * stride(), Scalar(0));
+    gradient.resize(kDim, system.nodes());
+    Scalar energy = 0;
+    for (int i = 0; i < system.nodes(); ++i) {
+      const Point d = x.col(i) - system.anchors.col(i);
+      const auto anchor = anchor_force(system, i, d);
+      gradient.col(i) = anchor.gradient;
+      energy += anchor.energy;
+      block(i, i) = anchor_curvature(system, i, d, clamp);
+    }
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const Point d = x.col(link.i) - x.col(link.j);
+      const Scalar square = d.squaredNorm();
+      Point u;
+      LinkForce<Scalar> force;
+      if (square < kTiny) [[unlikely]] {
+        const auto coincident = coincident_spring(system, link, d);
+        u = coincident.direction;
+        force = link_force(system, l, coincident.length);
+      } else {
+        const Scalar length = std::sqrt(square);
+        const Scalar inverse = 1 / length;
+        u = d * inverse;
+        force = link_force_at(system, l, length, inverse);
+      }
+      ++l;
+      energy += force.energy;
+      const Point pull = force.tension * u;
+      gradient.col(link.i) += pull;
+      gradient.col(link.j) -= pull;
+
+      // along u u^T + across (I - u u^T) = (along - across) u u^T + across I
+      if (clamp) {
+        force.along = std::max(force.along, Scalar(0));
+        force.across = std::max(force.across, Scalar(0));
+      }
+      const Scalar bend = force.along - force.across;
+      const int low = kDim * std::min(link.i, link.j);
+      const int high = kDim * std::max(link.i, link.j);
+      Scalar* const low_low = &at(low, low);
+      Scalar* const high_low = &at(high, low);
+      Scalar* const high_high = &at(high, high);
+      for (int column = 0; column < kDim; ++column) {
+        const Scalar bend_u = bend * u[column];
+        for (int row = 0; row < kDim; ++row) {
+          const Scalar value = row == column ? bend_u * u[row] + force.across : bend_u * u[row];
+          const int here = column * stride() + row;
+          high_low[here] -= value;
+          if (row < column) continue;
+          low_low[here] += value;
+          high_high[here] += value;
+        }
+      }
+    }
+    return energy;
+  }
+
+  // The same for a small full topology, the ends of whose links the compiler knows: sums stay in registers,
+  // each block is written once, and roots and divisions are two at a time. False where it does not serve.
+  // Whatever the elimination loads as a pair of rows is also stored as one: the processor would wait for two
+  // stores to reach the cache before it loads across them.
+  [[gnu::flatten]] bool assemble_full(const System& system, const Points& x, bool clamp, Points& gradient,
+                                      Scalar& energy) {
+    if constexpr (!kUnrolled || System::kNodes < 2) {
+      return false;
+    } else {
+      if (!system.topology().is_full()) return false;
+      constexpr int kNodes = System::kNodes;
+      constexpr int kLinks = kNodes * (kNodes - 1) / 2;
+      constexpr auto for_each_link = [](auto&& visit) {
+        unroll<0, kNodes>([&](auto i) {
+          unroll<i + 1, kNodes>([&](auto j) {
+            visit(i, j, std::integral_constant<int, i*(2 * kNodes - i - 1) / 2 + j - i - 1>());
+          });
+        });
+      };
+      Eigen::Array<Scalar, kLinks, 1> square, length;
+      for_each_link([&](auto i, auto j, auto l) { square[l] = (x.col(i) - x.col(j)).squaredNorm(); });
+      if (!(square.minCoeff() >= kTiny)) [[unlikely]]
+        return false;
+      if constexpr (std::is_same_v<Scalar, float>) {  // Eigen's own roots of it are approximate
+        for (int l = 0; l < kLinks; ++l) length[l] = std::sqrt(square[l]);
+      } else {
+        length = square.sqrt();
+      }
+      const Eigen::Array<Scalar, kLinks, 1> inverse = 1 / length;
+
+      const Scalar least = clamp ? Scalar(0) : -std::numeric_limits<Scalar>::infinity();
+      const Eigen::Map<const Block> identity(kIdentity.data());
+      std::array<Point, kNodes> pulls;
+      std::array<Block, kNodes> diagonal;
+      Scalar sum = 0;
+      unroll<0, kNodes>([&](auto i) {
+        const Point d = x.col(i) - system.anchors.col(i);
+        const auto anchor = anchor_force(system, i, d);
+        pulls[i] = anchor.gradient;
+        sum += anchor.energy;
+        if constexpr (System::kPlainAnchors) {
+          diagonal[i] = system.anchor_stiffness[i] * identity;
+        } else {
+          diagonal[i] = anchor_curvature(system, i, d, clamp);
+        }
+      });
+      for_each_link([&](auto i, auto j, auto l) {
+        const Point u = (x.col(i) - x.col(j)) * inverse[l];
+        const auto force = link_force_at(system, l, length[l], inverse[l]);
+        sum += force.energy;
+        const Point pull = force.tension * u;
+        pulls[i] += pull;
+        pulls[j] -= pull;
+        const Scalar along = force.along < least ? least : force.along;
+        const Scalar across = force.across < least ? least : force.across;
+        const Point bend = (along - across) * u;
+        for (int c = 0; c < kDim; ++c) {
+          const Point curvature = u[c] * bend + across * identity.col(c);
+          diagonal[i].col(c) += curvature;
+          diagonal[j].col(c) += curvature;
+          block(j, i).col(c) = -curvature;
+        }
+      });
+      unroll<0, kNodes>([&](auto i) {
+        gradient.col(i) = pulls[i];
+        block(i, i) = diagonal[i];
+      });
+      energy = sum;
+      return true;
+    }
   }
 
   // A fixed node is coupled to none, and its step is zero.
@@ -259,46 +360,51 @@ class NewtonMatrix {
   // divided by while the first is; elimination is bound by such chains.
   template <int k>
   void eliminate_pair() {
-    const Scalar d = at(k, k) * at(k + 1, k + 1) - at(k + 1, k) * at(k + 1, k);
+    const Scalar below = at(k + 1, k);
+    const Scalar d = at(k, k) * at(k + 1, k + 1) - below * below;
     const Scalar inverse_d = 1 / d;
     const Scalar first = repair(k);
-    inverse_pivots_[k] = 1 / first;
-    subtract(k, k + 1);
-    if (!repaired_ && at(k + 1, k + 1) > rounding_[(k + 1) / kDim] && std::isnormal(inverse_d)) [[likely]] {
-      inverse_pivots_[k + 1] = first * inverse_d;
-    } else {
-      inverse_pivots_[k + 1] = 1 / repair(k + 1);
-    }
-    if constexpr (k + 3 < kSize) {
-      // What the next pair waits for: products, while the divisions run.
-      const Scalar* second = &at(0, k + 1);
-      const Scalar low = second[k + 2] * second[k + 2];
-      const Scalar mixed = second[k + 2] * second[k + 3];
-      const Scalar high = second[k + 3] * second[k + 3];
-      subtract(k, k + 2);
-      subtract(k, k + 3);
-      const Scalar inverse = inverse_pivots_[k + 1];
-      at(k + 2, k + 2) -= low * inverse;
-      at(k + 3, k + 2) -= mixed * inverse;
-      at(k + 3, k + 3) -= high * inverse;
-      for (int j = k + 2; j < k + 4; ++j) {
-        const Scalar factor = second[j] * inverse;
-        Scalar* column = &at(0, j);
-        for (int i = k + 4; i <= kSize; ++i) column[i] -= factor * second[i];
-      }
-    }
-    unroll<(k + 3 < kSize ? k + 4 : k + 2), kSize>([this](auto j) {
-      subtract(k, j);
-      subtract(k + 1, j);
+    const Scalar inverse = 1 / first;
+    const Scalar ratio = below * inverse;
+    const Scalar second = at(k + 1, k + 1) -= ratio * below;
+    const Scalar second_inverse = !repaired_ && second > rounding_[(k + 1) / kDim] && std::isnormal(inverse_d)
+                                      ? first * inverse_d
+                                      : 1 / repair(k + 1);
+    inverse_pivots_[k] = inverse;
+    inverse_pivots_[k + 1] = second_inverse;
+    right_[k + 1] -= ratio * right_[k];
+
+    // The columns below both pivots, by pairs of rows.
+    constexpr int kPairs = (kPadded - k - 2) / 2;
+    std::array<Pair, kPairs> p, q;
+    unroll<0, kPairs>([&](auto r) {
+      p[r] = pair(k + 2 + 2 * r, k);
+      q[r] = pair(k + 2 + 2 * r, k + 1) - ratio * p[r];
+    });
+    const Scalar right_p = right_[k] * inverse;
+    const Scalar right_q = right_[k + 1] * second_inverse;
+    unroll<0, kPairs>([&](auto c) {
+      constexpr int kColumn = k + 2 + 2 * c;
+      const Pair factor_p = p[c] * inverse;
+      const Pair factor_q = q[c] * second_inverse;
+      unroll<c, kPairs>([&](auto r) {
+        constexpr int kRow = k + 2 + 2 * r;
+        for (int j = 0; j < 2; ++j) {
+          pair(kRow, kColumn + j) = pair(kRow, kColumn + j) - p[r] * factor_p[j] - q[r] * factor_q[j];
+        }
+      });
+      Eigen::Map<Pair>(&right_[kColumn]) -= p[c] * right_p + q[c] * right_q;
+      pair(kColumn, k + 1) = q[c];
     });
   }
 
   int size_ = 0;
   bool repaired_ = false;
-  int negative_ = -1;                            // the pivot most negative beside its node's stiffness
-  Scalar most_negative_ = -1;                    // in units of its rounding
-  typename System::NodeVector rounding_;         // of the pivots of a node
-  Storage<(kMaxSize + 1) * kMaxSize> values_{};  // column-major
+  int negative_ = -1;                     // the pivot most negative beside its node's stiffness
+  Scalar most_negative_ = -1;             // in units of its rounding
+  typename System::NodeVector rounding_;  // of the pivots of a node
+  Storage<kUnrolled ? kPadded * kPadded : (kMaxSize + 1) * kMaxSize> values_{};    // column-major
+  std::array<Scalar, kUnrolled ? static_cast<std::size_t>(kPadded) : 0> right_{};  // g, if unrolled
   Storage<kMaxSize> inverse_pivots_{};
 };
 
