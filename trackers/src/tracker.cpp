@@ -2,6 +2,9 @@
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <stdexcept>
+#ifdef ASTERISM_TRACKERS_FLOW
+#include <asterism/trackers/flock.hpp>
+#endif
 #ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/part_registry.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -37,6 +40,9 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
     options.use_colour = false;
     return CoarseTracker(with(options, name, json));
   }
+#ifdef ASTERISM_TRACKERS_FLOW
+  if (name == "flock") return Flock(with(FlockOptions(), name, json));
+#endif
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
@@ -44,7 +50,16 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 
 }  // namespace
 
-std::vector<std::string> tracker_names() { return {"dpt", "coarse", "kcf"}; }
+std::vector<std::string> tracker_names() {
+  return {
+      "dpt",
+      "coarse",
+      "kcf",
+#ifdef ASTERISM_TRACKERS_FLOW
+      "flock",
+#endif
+  };
+}
 
 AnyTracker make_tracker(std::string_view description) {
 #ifdef ASTERISM_TRACKERS_JSON

@@ -2,6 +2,10 @@
 
 #include <asterism/parts/part_options.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/elastic.hpp>
+#if __has_include(<asterism/trackers/flock.hpp>)  // only installed where it was built
+#include <asterism/trackers/flock.hpp>
+#endif
 
 /// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
 
@@ -35,5 +39,32 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("solver", options.solver);
   visit("threads", options.threads);
 }
+
+inline void visit_options(OptionVisitor& visit, ElasticOptions& options) {
+  visit("deformation", options.deformation);
+  visit("reach", options.reach);
+  visit("solver", options.solver);
+}
+
+#if __has_include(<asterism/trackers/flock.hpp>)
+inline void visit_options(OptionVisitor& visit, PointFlowOptions& options) {
+  visit("max_error", options.max_error);
+  visit("lk_window", options.lk_window);
+  visit("lk_levels", options.lk_levels);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
+inline void visit_options(OptionVisitor& visit, FlockOptions& options) {
+  visit("flow", options.flow);
+  visit("grid", options.grid);
+  visit("neighbours", options.neighbours);
+  visit("springs", options.springs);
+  visit("max_residual", options.max_residual);
+  visit("layout_rate", options.layout_rate);
+  visit("lost_below", options.lost_below);
+}
+#endif
 
 }  // namespace asterism::inline ASTERISM_ABI
