@@ -1,5 +1,6 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/flock.hpp>
+#include <cmath>
 #include <stdexcept>
 
 #include "stage_clock.hpp"
@@ -46,11 +47,16 @@ TrackResult Flock::update(const cv::Mat& image) {
   Eigen::VectorXd weights(points_.size());
   for (int i = 0; i < points_.size(); ++i) {
     seen.col(i) = evidence[static_cast<std::size_t>(i)].position;
-    weights[i] = evidence[static_cast<std::size_t>(i)].peak;
+    // The box's corners are often background, which agrees with itself.
+    const Point2 u = points_.layout().col(i).cwiseQuotient(pose_.first_size() / 2);
+    weights[i] =
+        evidence[static_cast<std::size_t>(i)].peak * std::exp(-options_.centre_weight * u.squaredNorm());
   }
+  double mean_peak = 0;
+  for (const Evidence& part : evidence) mean_peak += part.peak / points_.size();
   const double reach = options_.springs.reach;
   const RobustTransform agreed = fit_pose(points_.layout(), seen, weights, pose_, reach);
-  const double confidence = agreed.support * weights.sum() / points_.size();
+  const double confidence = agreed.support * mean_peak;
   const bool lost = confidence < options_.lost_below;
   if (!lost) pose_.move(agreed.transform);
   ElasticConstellation::Points placement = points_.posed(pose_);

@@ -5,6 +5,9 @@
 #ifdef ASTERISM_TRACKERS_FLOW
 #include <asterism/trackers/flock.hpp>
 #endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+#include <asterism/trackers/keypoint_tracker.hpp>
+#endif
 #ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/part_registry.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -42,6 +45,9 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
   }
 #ifdef ASTERISM_TRACKERS_FLOW
   if (name == "flock") return Flock(with(FlockOptions(), name, json));
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+  if (name == "keypoints") return KeypointTracker(with(KeypointTrackerOptions(), name, json));
 #endif
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;

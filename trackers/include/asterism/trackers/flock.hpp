@@ -15,6 +15,8 @@ struct FlockOptions {
   ElasticOptions springs;
   /// A point further than this from where the object's motion puts it has failed [spacing of the grid, > 0].
   double max_residual = 0.5;
+  /// A point at u, in [-1, 1] on both axes of the box, counts exp(-centre_weight |u|^2) for the motion, >= 0.
+  double centre_weight = 1;
   /// Rate at which the layout follows the placement, in [0, 1].
   double layout_rate = 0.5;
   /// A smaller share of points that move with the object is a lost target, in [0, 1].

@@ -6,6 +6,9 @@
 #if __has_include(<asterism/trackers/flock.hpp>)  // only installed where it was built
 #include <asterism/trackers/flock.hpp>
 #endif
+#if __has_include(<asterism/trackers/keypoint_tracker.hpp>)
+#include <asterism/trackers/keypoint_tracker.hpp>
+#endif
 
 /// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
 
@@ -62,7 +65,27 @@ inline void visit_options(OptionVisitor& visit, FlockOptions& options) {
   visit("neighbours", options.neighbours);
   visit("springs", options.springs);
   visit("max_residual", options.max_residual);
+  visit("centre_weight", options.centre_weight);
   visit("layout_rate", options.layout_rate);
+  visit("lost_below", options.lost_below);
+}
+#endif
+
+#if __has_include(<asterism/trackers/keypoint_tracker.hpp>)
+inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options) {
+  visit("flow", options.flow);
+  visit("max_parts", options.max_parts);
+  visit("max_points", options.max_points);
+  visit("fast_threshold", options.fast_threshold);
+  visit("max_distance", options.max_distance);
+  visit("max_ratio", options.max_ratio);
+  visit("padding", options.padding);
+  visit("max_padding", options.max_padding);
+  visit("neighbours", options.neighbours);
+  visit("springs", options.springs);
+  visit("centre_weight", options.centre_weight);
+  visit("forget_after", options.forget_after);
+  visit("min_agreeing", options.min_agreeing);
   visit("lost_below", options.lost_below);
 }
 #endif
