@@ -2,7 +2,10 @@
 #include <algorithm>
 #include <asterism/solver/auto.hpp>
 #include <asterism/trackers/elastic.hpp>
+#include <map>
+#include <opencv2/imgproc.hpp>
 #include <stdexcept>
+#include <string>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -68,6 +71,31 @@ ElasticConstellation::Points ElasticConstellation::posed(const ObjectPose& pose)
   Points x(2, size());
   for (int i = 0; i < size(); ++i) x.col(i) = pose.transform()(layout_.col(i));
   return x;
+}
+
+Topology<> delaunay(const ElasticConstellation::Points& points) {
+  const auto n = static_cast<int>(points.cols());
+  if (n < 3) return Topology<>::full(n);
+  // Within a square well inside that of the triangulation, whose own corners are no parts.
+  constexpr double kSide = 1024;
+  const Point2 first = points.rowwise().minCoeff();
+  const double extent = (points.rowwise().maxCoeff() - first).maxCoeff();
+  cv::Subdiv2D triangulation(cv::Rect(0, 0, 3 * static_cast<int>(kSide), 3 * static_cast<int>(kSide)));
+  std::map<std::pair<float, float>, int> part_at;
+  for (int i = 0; i < n; ++i) {
+    const Point2 p = Point2::Constant(kSide) + (points.col(i) - first) * (extent > 0 ? kSide / extent : 0);
+    const cv::Point2f vertex(static_cast<float>(p.x()), static_cast<float>(p.y()));
+    if (part_at.emplace(std::pair(vertex.x, vertex.y), i).second) triangulation.insert(vertex);
+  }
+  std::vector<cv::Vec4f> edges;
+  triangulation.getEdgeList(edges);
+  std::vector<Link> links;
+  for (const cv::Vec4f& edge : edges) {
+    const auto a = part_at.find({edge[0], edge[1]}), b = part_at.find({edge[2], edge[3]});
+    if (a != part_at.end() && b != part_at.end()) links.push_back({a->second, b->second});
+  }
+  if (std::ssize(links) + 1 < std::ssize(part_at)) return Topology<>::full(n);  // on a line, to rounding
+  return Topology<>::from_links(n, links);
 }
 
 RobustTransform fit_pose(const ElasticConstellation::Points& layout,

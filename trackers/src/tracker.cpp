@@ -1,5 +1,7 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <stdexcept>
 #ifdef ASTERISM_TRACKERS_FLOW
@@ -49,6 +51,8 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 #ifdef ASTERISM_TRACKERS_KEYPOINTS
   if (name == "keypoints") return KeypointTracker(with(KeypointTrackerOptions(), name, json));
 #endif
+  if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
+  if (name == "superpixels") return SuperpixelTracker(with(SuperpixelTrackerOptions(), name, json));
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");

@@ -101,6 +101,10 @@ class ElasticConstellation {
   Solver solver_;
 };
 
+/// The edges of the Delaunay triangulation of points (2 x N, finite) in the plane; of points on a line, or
+/// fewer than three, all pairs. Of points that coincide one is linked.
+Topology<> delaunay(const ElasticConstellation::Points& points);
+
 /// How the object moved, by the parts' evidence alone: the transform of the layout that most of it agrees
 /// with, within the constellation's reach.
 RobustTransform fit_pose(const ElasticConstellation::Points& layout,

@@ -7,20 +7,20 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of Flock.
 struct FlockOptions {
-  PointFlowOptions flow;
+  PointFlowOptions flow = {.padding = 1.5};
   /// Points a side of the grid on the object's box, >= 2.
   int grid = 10;
   /// Each point is linked to as many nearest ones, >= 1.
   int neighbours = 8;
-  ElasticOptions springs;
+  ElasticOptions springs = {.reach = 0.04};
   /// A point further than this from where the object's motion puts it has failed [spacing of the grid, > 0].
-  double max_residual = 0.5;
+  double max_residual = 0.3;
   /// A point at u, in [-1, 1] on both axes of the box, counts exp(-centre_weight |u|^2) for the motion, >= 0.
-  double centre_weight = 1;
+  double centre_weight = 3;
   /// Rate at which the layout follows the placement, in [0, 1].
-  double layout_rate = 0.5;
+  double layout_rate = 0;
   /// A smaller share of points that move with the object is a lost target, in [0, 1].
-  double lost_below = 0.2;
+  double lost_below = 0.05;
 };
 
 /// Flock of trackers (Vojir and Matas, "Robustifying the flock of trackers", CVWW 2011; median flow, Kalal et

@@ -9,8 +9,8 @@ namespace asterism::inline ASTERISM_ABI {
 struct KeypointTrackerOptions {
   PointFlowOptions flow;
   /// Parts at most, and key-points of a frame's search window at most, > 0.
-  int max_parts = 200;
-  int max_points = 800;
+  int max_parts = 100;
+  int max_points = 500;
   /// FAST's threshold [gray levels, > 0].
   int fast_threshold = 7;
   /// A match differs in at most this share of the descriptor's bits, in (0, 1], ...
@@ -28,8 +28,8 @@ struct KeypointTrackerOptions {
   /// A part that was not seen for so many frames makes place for a new one, > 0.
   int forget_after = 30;
   /// The object is lost with fewer parts that move as one, > 0, or a smaller share of all, in [0, 1].
-  double min_agreeing = 4;
-  double lost_below = 0.1;
+  double min_agreeing = 3;
+  double lost_below = 0.05;
 };
 
 /// A constellation of key-points, after CMT (Nebehay and Pflugfelder, CVPR 2015): up to hundreds of parts,

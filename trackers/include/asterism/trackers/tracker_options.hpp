@@ -3,6 +3,8 @@
 #include <asterism/parts/part_options.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/superpixel_tracker.hpp>
 #if __has_include(<asterism/trackers/flock.hpp>)  // only installed where it was built
 #include <asterism/trackers/flock.hpp>
 #endif
@@ -89,5 +91,30 @@ inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options)
   visit("lost_below", options.lost_below);
 }
 #endif
+
+inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
+  visit("part", options.part, "color_histogram");
+  visit("colour", options.colour);
+  visit("max_parts", options.max_parts);
+  visit("part_side", options.part_side);
+  visit("springs", options.springs);
+  visit("sharpness", options.sharpness);
+  visit("weight_rate", options.weight_rate);
+  visit("remove_below", options.remove_below);
+  visit("layout_rate", options.layout_rate);
+  visit("lost_below", options.lost_below);
+}
+
+inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& options) {
+  visit("slic", options.slic);
+  visit("template_side", options.template_side);
+  visit("padding", options.padding);
+  visit("colour_sigma", options.colour_sigma);
+  visit("neighbours", options.neighbours);
+  visit("springs", options.springs);
+  visit("learning_rate", options.learning_rate);
+  visit("forget_after", options.forget_after);
+  visit("lost_below", options.lost_below);
+}
 
 }  // namespace asterism::inline ASTERISM_ABI
