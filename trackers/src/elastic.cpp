@@ -42,6 +42,7 @@ void ElasticConstellation::assign(const Points& layout, Topology<> topology) {
 }
 
 Summary ElasticConstellation::place(const ObjectPose& pose, std::span<const Evidence> evidence, Points& x) {
+  if (size() == 0) return {};
   springs_.anchor_loss.scale = options_.reach * pose.mean_side();
   for (int i = 0; i < size(); ++i) {
     const Evidence& part = evidence[static_cast<std::size_t>(i)];

@@ -48,10 +48,10 @@ void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
   placement_.resize(2, 0);
   descriptors_ = cv::Mat();
   unseen_.clear();
+  flow_.learn(frame, pose_.centre(), pose_.size());
   const Detection seen = detect(frame);
   learn_background(seen);
   renew(seen);
-  flow_.learn(frame, pose_.centre(), pose_.size());
   initialized_ = true;
 }
 
@@ -85,7 +85,7 @@ TrackResult KeypointTracker::update(const cv::Mat& image) {
   }
   const double reach = options_.springs.reach;
   const RobustTransform agreed = fit_pose(from, to, weights, pose_, reach);
-  // Of a part's two positions the one that agrees better counts.
+  // A match that agrees counts before the flow, which drifts.
   double agreeing = 0;
   for (int i = 0; i < n; ++i) {
     const Point2 expected = agreed.transform(parts_.layout().col(i));
@@ -94,7 +94,7 @@ TrackResult KeypointTracker::update(const cv::Mat& image) {
     };
     const Evidence& flow = followed[at(i)];
     Evidence& part = evidence[at(i)];
-    if (flow.peak > 0 && !(part.peak > 0 && error(part) < error(flow))) part = flow;
+    if (flow.peak > 0 && !(part.peak > 0 && error(part) < 1)) part = flow;
     if (part.peak > 0) agreeing += 1 / (1 + error(part) * error(part));
   }
   const bool lost = agreeing < options_.min_agreeing || agreeing < options_.lost_below * n;

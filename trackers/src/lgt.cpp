@@ -92,7 +92,8 @@ TrackResult Lgt::update(const cv::Mat& image) {
     const double strain = (placement_.col(col) - expected.col(col)).norm() / near;
     const double success = likelihood(i, segmentation, placement_.col(col)) / (1 + strain * strain);
     weights_[i] += options_.weight_rate * (success - weights_[i]);
-    confidence += success / static_cast<double>(n);
+    confidence +=
+        models_[i].similarity_at(placement_.col(col)) / (1 + strain * strain) / static_cast<double>(n);
     result.parts.push_back({.position = placement_.col(col),
                             .size = Size2::Constant(options_.part_side * pose_.mean_side()),
                             .visual_best = evidence[i].position,

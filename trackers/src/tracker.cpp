@@ -61,14 +61,15 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 }  // namespace
 
 std::vector<std::string> tracker_names() {
-  return {
-      "dpt",
-      "coarse",
-      "kcf",
+  std::vector<std::string> names{"dpt", "coarse", "kcf"};
 #ifdef ASTERISM_TRACKERS_FLOW
-      "flock",
+  names.push_back("flock");
 #endif
-  };
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+  names.push_back("keypoints");
+#endif
+  names.insert(names.end(), {"lgt", "superpixels"});
+  return names;
 }
 
 AnyTracker make_tracker(std::string_view description) {

@@ -20,15 +20,15 @@ struct LgtOptions {
   double part_side = 0.25;
   ElasticOptions springs = {.deformation = 0.1, .reach = 0.1};
   /// A part's similarity s, 1 for a perfect match, is the likelihood exp(sharpness (s - 1)), > 0.
-  double sharpness = 20;
+  double sharpness = 10;
   /// Rate at which a part's weight follows how well it does, in (0, 1]; below `remove_below`, in [0, 1], it
   /// is removed.
   double weight_rate = 0.1;
   double remove_below = 0.1;
   /// Rate at which the layout follows the placement, in [0, 1].
   double layout_rate = 0.1;
-  /// The object is lost where the parts do worse than this on average, in [0, 1].
-  double lost_below = 0.05;
+  /// The object is lost where the parts' similarity is less than this on average, in [0, 1].
+  double lost_below = 0.3;
 };
 
 /// Coupled layers, after LGT (Cehovin, Kristan and Leonardis, "Robust visual tracking using an adaptive
