@@ -1,7 +1,15 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <stdexcept>
+#ifdef ASTERISM_TRACKERS_FLOW
+#include <asterism/trackers/flock.hpp>
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+#include <asterism/trackers/keypoint_tracker.hpp>
+#endif
 #ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/part_registry.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -37,6 +45,14 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
     options.use_colour = false;
     return CoarseTracker(with(options, name, json));
   }
+#ifdef ASTERISM_TRACKERS_FLOW
+  if (name == "flock") return Flock(with(FlockOptions(), name, json));
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+  if (name == "keypoints") return KeypointTracker(with(KeypointTrackerOptions(), name, json));
+#endif
+  if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
+  if (name == "superpixels") return SuperpixelTracker(with(SuperpixelTrackerOptions(), name, json));
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
@@ -44,7 +60,17 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 
 }  // namespace
 
-std::vector<std::string> tracker_names() { return {"dpt", "coarse", "kcf"}; }
+std::vector<std::string> tracker_names() {
+  std::vector<std::string> names{"dpt", "coarse", "kcf"};
+#ifdef ASTERISM_TRACKERS_FLOW
+  names.push_back("flock");
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+  names.push_back("keypoints");
+#endif
+  names.insert(names.end(), {"lgt", "superpixels"});
+  return names;
+}
 
 AnyTracker make_tracker(std::string_view description) {
 #ifdef ASTERISM_TRACKERS_JSON

@@ -1,5 +1,8 @@
+#include <algorithm>
+#include <array>
 #include <asterism/trackers/transform.hpp>
 #include <cmath>
+#include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -10,10 +13,43 @@ Eigen::Matrix2d rotation(double angle) {
   return (Eigen::Matrix2d() << c, -s, s, c).finished();
 }
 
+// The least-squares transform of point sets of these means, from sums over the centred points p and q: the
+// angle maximises sum q . R p = cos sum p . q + sin sum p x q.
+PlaneTransform from_moments(const Eigen::Vector2d& from_mean, const Eigen::Vector2d& to_mean, double dot,
+                            double cross, double spread, TransformModel model) {
+  PlaneTransform transform;
+  const double aligned = std::hypot(dot, cross);
+  if (model != TransformModel::Translation && aligned > 0 && spread > 0) {
+    transform.angle = std::atan2(cross, dot);
+    if (model == TransformModel::Similarity) transform.scale = aligned / spread;
+  }
+  transform.translation = to_mean - transform.scale * (rotation(transform.angle) * from_mean);
+  return transform;
+}
+
+PlaneTransform fit_weighted(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                            const Eigen::Ref<const Eigen::Matrix2Xd>& to, const Eigen::VectorXd& weights,
+                            TransformModel model) {
+  const double total = weights.sum();
+  const Eigen::Vector2d from_mean = from * weights / total, to_mean = to * weights / total;
+  double dot = 0, cross = 0, spread = 0;
+  for (Eigen::Index i = 0; i < from.cols(); ++i) {
+    const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
+    dot += weights[i] * p.dot(q);
+    cross += weights[i] * (p.x() * q.y() - p.y() * q.x());
+    spread += weights[i] * p.squaredNorm();
+  }
+  return from_moments(from_mean, to_mean, dot, cross, spread, model);
+}
+
 }  // namespace
 
 Eigen::Vector2d PlaneTransform::operator()(const Eigen::Vector2d& x) const {
   return scale * (rotation(angle) * x) + translation;
+}
+
+PlaneTransform PlaneTransform::inverse() const {
+  return {1 / scale, -angle, -(rotation(-angle) * translation) / scale};
 }
 
 PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
@@ -21,23 +57,63 @@ PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
   PlaneTransform transform;
   if (from.cols() == 0) return transform;
   const Eigen::Vector2d from_mean = from.rowwise().mean(), to_mean = to.rowwise().mean();
+  double dot = 0, cross = 0, spread = 0;
   if (model != TransformModel::Translation) {
-    // With p, q the centred points: the angle maximises sum q . R p = cos sum p . q + sin sum p x q.
-    double dot = 0, cross = 0, spread = 0;
     for (Eigen::Index i = 0; i < from.cols(); ++i) {
       const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
       dot += p.dot(q);
       cross += p.x() * q.y() - p.y() * q.x();
       spread += p.squaredNorm();
     }
-    const double aligned = std::hypot(dot, cross);
-    if (aligned > 0 && spread > 0) {
-      transform.angle = std::atan2(cross, dot);
-      if (model == TransformModel::Similarity) transform.scale = aligned / spread;
-    }
   }
-  transform.translation = to_mean - transform.scale * (rotation(transform.angle) * from_mean);
-  return transform;
+  return from_moments(from_mean, to_mean, dot, cross, spread, model);
+}
+
+RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                                     const Eigen::Ref<const Eigen::Matrix2Xd>& to,
+                                     const Eigen::Ref<const Eigen::VectorXd>& weights, TransformModel model,
+                                     double radius, const PlaneTransform& start) {
+  constexpr std::size_t kHypotheses = 128;
+  constexpr int kRefinements = 10;
+  constexpr double kLargestChange = 2;  // of scale
+  RobustTransform best{start, 0};
+  const double total = weights.sum();
+  if (!(total > 0)) return best;
+
+  // 1 / (1 + (error / radius)^2) of each point.
+  const auto shares = [&](const PlaneTransform& transform) {
+    Eigen::VectorXd result(from.cols());
+    for (Eigen::Index i = 0; i < from.cols(); ++i)
+      result[i] = 1 / (1 + (transform(from.col(i)) - to.col(i)).squaredNorm() / (radius * radius));
+    return result;
+  };
+  const auto offer = [&](const PlaneTransform& transform) {
+    const double change = transform.scale / start.scale;
+    if (!(change <= kLargestChange && change >= 1 / kLargestChange)) return;
+    const double support = shares(transform).dot(weights) / total;
+    if (support > best.support) best = {transform, support};
+  };
+  offer(start);
+
+  std::vector<Eigen::Index> used;
+  for (Eigen::Index i = 0; i < from.cols(); ++i)
+    if (weights[i] > 0) used.push_back(i);
+  // Partners far away in the order of the points, which mostly is far in the plane: the angle is surer.
+  for (const std::size_t stride : {used.size() / 2, used.size() / 3 + 1})
+    for (std::size_t i = 0; i < used.size() && i < kHypotheses / 2; ++i) {
+      const std::size_t first = i * std::max<std::size_t>(1, used.size() / (kHypotheses / 2)) % used.size();
+      const std::array<Eigen::Index, 2> pair{used[first], used[(first + stride) % used.size()]};
+      offer(fit_transform(from(Eigen::all, pair), to(Eigen::all, pair), model));
+    }
+
+  for (int k = 0; k < kRefinements; ++k) {
+    const Eigen::VectorXd left = weights.cwiseProduct(shares(best.transform).cwiseAbs2());
+    if (!(left.sum() > 0)) break;
+    const double before = best.support;
+    offer(fit_weighted(from, to, left, model));
+    if (best.support <= before) break;
+  }
+  return best;
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

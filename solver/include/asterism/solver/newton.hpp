@@ -589,7 +589,8 @@ class Newton {
       return square > 0;
     };
     normalise(step_);
-    hessian_.apply(system, step_, next_x_);  // H v
+    next_gradient_.resize(System::kDim, x.cols());  // where the start is the saddle, no step has yet
+    hessian_.apply(system, step_, next_x_);         // H v
     Scalar curvature = step_.cwiseProduct(next_x_).sum();
     for (int round = 0; round < kRounds; ++round) {
       for (Eigen::Index i = 0; i < x.cols(); ++i) {

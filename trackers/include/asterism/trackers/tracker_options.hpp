@@ -2,6 +2,15 @@
 
 #include <asterism/parts/part_options.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/superpixel_tracker.hpp>
+#if __has_include(<asterism/trackers/flock.hpp>)  // only installed where it was built
+#include <asterism/trackers/flock.hpp>
+#endif
+#if __has_include(<asterism/trackers/keypoint_tracker.hpp>)
+#include <asterism/trackers/keypoint_tracker.hpp>
+#endif
 
 /// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
 
@@ -34,6 +43,78 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("spring_solver", options.spring_solver, {"ida", "newton"});
   visit("solver", options.solver);
   visit("threads", options.threads);
+}
+
+inline void visit_options(OptionVisitor& visit, ElasticOptions& options) {
+  visit("deformation", options.deformation);
+  visit("reach", options.reach);
+  visit("solver", options.solver);
+}
+
+#if __has_include(<asterism/trackers/flock.hpp>)
+inline void visit_options(OptionVisitor& visit, PointFlowOptions& options) {
+  visit("max_error", options.max_error);
+  visit("lk_window", options.lk_window);
+  visit("lk_levels", options.lk_levels);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
+inline void visit_options(OptionVisitor& visit, FlockOptions& options) {
+  visit("flow", options.flow);
+  visit("grid", options.grid);
+  visit("neighbours", options.neighbours);
+  visit("springs", options.springs);
+  visit("max_residual", options.max_residual);
+  visit("centre_weight", options.centre_weight);
+  visit("layout_rate", options.layout_rate);
+  visit("lost_below", options.lost_below);
+}
+#endif
+
+#if __has_include(<asterism/trackers/keypoint_tracker.hpp>)
+inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options) {
+  visit("flow", options.flow);
+  visit("max_parts", options.max_parts);
+  visit("max_points", options.max_points);
+  visit("fast_threshold", options.fast_threshold);
+  visit("max_distance", options.max_distance);
+  visit("max_ratio", options.max_ratio);
+  visit("padding", options.padding);
+  visit("max_padding", options.max_padding);
+  visit("neighbours", options.neighbours);
+  visit("springs", options.springs);
+  visit("centre_weight", options.centre_weight);
+  visit("forget_after", options.forget_after);
+  visit("min_agreeing", options.min_agreeing);
+  visit("lost_below", options.lost_below);
+}
+#endif
+
+inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
+  visit("part", options.part, "color_histogram");
+  visit("colour", options.colour);
+  visit("max_parts", options.max_parts);
+  visit("part_side", options.part_side);
+  visit("springs", options.springs);
+  visit("sharpness", options.sharpness);
+  visit("weight_rate", options.weight_rate);
+  visit("remove_below", options.remove_below);
+  visit("layout_rate", options.layout_rate);
+  visit("lost_below", options.lost_below);
+}
+
+inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& options) {
+  visit("slic", options.slic);
+  visit("template_side", options.template_side);
+  visit("padding", options.padding);
+  visit("colour_sigma", options.colour_sigma);
+  visit("neighbours", options.neighbours);
+  visit("springs", options.springs);
+  visit("learning_rate", options.learning_rate);
+  visit("forget_after", options.forget_after);
+  visit("lost_below", options.lost_below);
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

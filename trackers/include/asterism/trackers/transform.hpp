@@ -12,6 +12,8 @@ struct PlaneTransform {
   Eigen::Vector2d translation = Eigen::Vector2d::Zero();
 
   Eigen::Vector2d operator()(const Eigen::Vector2d& x) const;
+  /// The transform that undoes this one; scale must not be 0.
+  PlaneTransform inverse() const;
 };
 
 enum class TransformModel {
@@ -25,5 +27,22 @@ enum class TransformModel {
 /// 2, or all points of a set coincident). N = 0 gives the identity.
 PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                              const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model);
+
+/// A transform and how much of the points moves by it.
+struct RobustTransform {
+  PlaneTransform transform;
+  double support = 0;  ///< share of the weight, in [0, 1]: a point counts 1 / (1 + (error / radius)^2)
+};
+
+/// The transform that most points agree with, whatever the others do: the least of sum_i w_i rho(error_i),
+/// rho the loss of Geman and McClure that lets go beyond `radius` [px, > 0]. `start` and transforms through
+/// up to 128 pairs of points compete, the best is refined by reweighted least squares (Holland and Welsch
+/// 1977). Hypotheses of more than twice or less than half the scale of `start` are left out.
+///
+/// from, to: 2 x N, finite; weights: N, >= 0. Without any positive weight the result is `start`, support 0.
+RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                                     const Eigen::Ref<const Eigen::Matrix2Xd>& to,
+                                     const Eigen::Ref<const Eigen::VectorXd>& weights, TransformModel model,
+                                     double radius, const PlaneTransform& start);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,49 @@
+#pragma once
+
+#include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/point_flow.hpp>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Options of Flock.
+struct FlockOptions {
+  PointFlowOptions flow = {.padding = 1.5};
+  /// Points a side of the grid on the object's box, >= 2.
+  int grid = 10;
+  /// Each point is linked to as many nearest ones, >= 1.
+  int neighbours = 8;
+  ElasticOptions springs = {.reach = 0.04};
+  /// A point further than this from where the object's motion puts it has failed [spacing of the grid, > 0].
+  double max_residual = 0.3;
+  /// A point at u, in [-1, 1] on both axes of the box, counts exp(-centre_weight |u|^2) for the motion, >= 0.
+  double centre_weight = 3;
+  /// Rate at which the layout follows the placement, in [0, 1].
+  double layout_rate = 0;
+  /// A smaller share of points that move with the object is a lost target, in [0, 1].
+  double lost_below = 0.05;
+};
+
+/// Flock of trackers (Vojir and Matas, "Robustifying the flock of trackers", CVWW 2011; median flow, Kalal et
+/// al., ICPR 2010, is its ancestor) as a constellation: a grid of points, each followed by optical flow, on
+/// springs to its nearest neighbours. The object moves as most of the MAP placement does; points that failed
+/// begin anew where this motion puts them.
+class Flock {
+ public:
+  /// Throws std::invalid_argument for options out of range.
+  explicit Flock(const FlockOptions& options = {});
+
+  void init(const cv::Mat& image, const cv::Rect2d& box);
+  TrackResult update(const cv::Mat& image);
+
+  const FlockOptions& options() const { return options_; }
+
+ private:
+  FlockOptions options_;
+  PointFlow flow_;
+  ElasticConstellation points_;
+  ObjectPose pose_;
+  ElasticConstellation::Points placement_;
+  bool initialized_ = false;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

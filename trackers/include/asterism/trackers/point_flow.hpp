@@ -1,0 +1,70 @@
+#pragma once
+
+#include <asterism/parts/part_model.hpp>
+#include <asterism/parts/patch.hpp>
+#include <vector>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Options of PointFlow.
+struct PointFlowOptions {
+  /// Largest forward-backward error of a point that counts [template pixels], > 0.
+  double max_error = 1;
+  /// Side of the Lucas-Kanade window, also that of the patch that is compared [template pixels, odd, >= 3],
+  /// and number of halvings of the image, >= 0.
+  int lk_window = 11;
+  int lk_levels = 4;
+  /// The window adds this much around the object, x the geometric mean of its sides on both axes, > 0.
+  double padding = 2;
+  /// The object is resampled so that the geometric mean of its sides is in this range [template pixels, >=
+  /// 8].
+  double min_template_side = 48;
+  double max_template_side = 128;
+};
+
+/// An object with its surroundings, resampled to a size that does not depend on the object's.
+class ObjectWindow {
+ public:
+  /// The window of an object of `size` [px] at `centre` [px]; sides as PointFlowOptions has them.
+  ObjectWindow() = default;
+  ObjectWindow(const Point2& centre, const Size2& size, double padding, double min_side, double max_side);
+
+  /// The frame's gray values in it.
+  cv::Mat sample(const Frame& frame) const;
+  /// From image to window pixels and back.
+  cv::Point2f to_window(const Point2& x) const;
+  Point2 to_image(const cv::Point2f& p) const;
+  /// Image pixels a window pixel.
+  double spacing() const { return spacing_; }
+  const cv::Size& grid() const { return grid_; }
+
+ private:
+  Point2 centre_ = Point2::Zero();
+  double spacing_ = 1;
+  cv::Size grid_{1, 1};
+};
+
+/// Many points of one object, each followed from frame to frame by pyramidal Lucas-Kanade and back (Kalal,
+/// Mikolajczyk and Matas, ICPR 2010): one run for all of them, where Flow is a part by itself.
+class PointFlow {
+ public:
+  /// Throws std::invalid_argument for options out of range.
+  explicit PointFlow(const PointFlowOptions& options = {});
+
+  /// Follow from this frame on, in the window of an object of `size` [px] at `centre` [px].
+  void learn(const Frame& frame, const Point2& centre, const Size2& size);
+  /// Where points of the learned frame (2 x N) [px] are in this one. The peak is the normalised
+  /// cross-correlation of the patches there and here, 0 where that is negative and for a point that was not
+  /// found, whose position is as given; the covariance that of Lucas-Kanade and of the forward-backward
+  /// error.
+  std::vector<Evidence> follow(const Frame& frame, const Eigen::Ref<const Eigen::Matrix2Xd>& points) const;
+
+  const ObjectWindow& window() const { return window_; }
+
+ private:
+  PointFlowOptions options_;
+  ObjectWindow window_;
+  std::vector<cv::Mat> learned_;  // pyramid; never written again: copies share it
+};
+
+}  // namespace asterism::inline ASTERISM_ABI

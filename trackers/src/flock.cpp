@@ -1,0 +1,96 @@
+#include <asterism/trackers/coarse.hpp>
+#include <asterism/trackers/flock.hpp>
+#include <cmath>
+#include <stdexcept>
+
+#include "stage_clock.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+Flock::Flock(const FlockOptions& options) : options_(options), flow_(options.flow), points_(options.springs) {
+  if (options.grid < 2) throw std::invalid_argument("FlockOptions: grid must be at least 2");
+  if (options.neighbours < 1) throw std::invalid_argument("FlockOptions: neighbours must be at least 1");
+  if (!(options.max_residual > 0)) throw std::invalid_argument("FlockOptions: max_residual must be positive");
+  if (!(options.layout_rate >= 0 && options.layout_rate <= 1))
+    throw std::invalid_argument("FlockOptions: layout_rate must be in [0, 1]");
+  if (!(options.lost_below >= 0 && options.lost_below <= 1))
+    throw std::invalid_argument("FlockOptions: lost_below must be in [0, 1]");
+}
+
+void Flock::init(const cv::Mat& image, const cv::Rect2d& box) {
+  const Frame frame(image);
+  check_start(frame, box);
+  pose_ = ObjectPose(box);
+  const int n = options_.grid;
+  ElasticConstellation::Points layout(2, n * n);
+  for (int i = 0; i < n * n; ++i)
+    layout.col(i) = pose_.first_size().cwiseProduct(Point2(i % n + 0.5, i / n + 0.5) / n - Point2(0.5, 0.5));
+  points_.assign(layout, Topology<>::k_nearest(layout, options_.neighbours));
+  placement_ = points_.posed(pose_);
+  flow_.learn(frame, pose_.centre(), pose_.size());
+  initialized_ = true;
+}
+
+TrackResult Flock::update(const cv::Mat& image) {
+  if (!initialized_) throw std::logic_error("Flock: update before init");
+  StageClock clock;
+  const Frame frame(image);
+  TrackResult result;
+  result.times.push_back({"frame", clock.lap()});
+
+  // Each point by itself.
+  const std::vector<Evidence> evidence = flow_.follow(frame, placement_);
+  result.times.push_back({"parts", clock.lap()});
+
+  // The motion that most of them agree with sets lengths and start of the springs.
+  ElasticConstellation::Points seen(2, points_.size());
+  Eigen::VectorXd weights(points_.size());
+  for (int i = 0; i < points_.size(); ++i) {
+    seen.col(i) = evidence[static_cast<std::size_t>(i)].position;
+    // The box's corners are often background, which agrees with itself.
+    const Point2 u = points_.layout().col(i).cwiseQuotient(pose_.first_size() / 2);
+    weights[i] =
+        evidence[static_cast<std::size_t>(i)].peak * std::exp(-options_.centre_weight * u.squaredNorm());
+  }
+  double mean_peak = 0;
+  for (const Evidence& part : evidence) mean_peak += part.peak / points_.size();
+  const double reach = options_.springs.reach;
+  const RobustTransform agreed = fit_pose(points_.layout(), seen, weights, pose_, reach);
+  const double confidence = agreed.support * mean_peak;
+  const bool lost = confidence < options_.lost_below;
+  if (!lost) pose_.move(agreed.transform);
+  ElasticConstellation::Points placement = points_.posed(pose_);
+  result.times.push_back({"motion", clock.lap()});
+
+  points_.place(pose_, evidence, placement);
+  result.times.push_back({"springs", clock.lap()});
+
+  // The object moves as the MAP placement does; points that do not begin anew where it puts them.
+  if (!lost) pose_.move(fit_pose(points_.layout(), placement, weights, pose_, reach).transform);
+  const double spacing = pose_.mean_side() / options_.grid;
+  const ElasticConstellation::Points expected = points_.posed(pose_);
+  for (int i = 0; i < points_.size(); ++i) {
+    const Evidence& part = evidence[static_cast<std::size_t>(i)];
+    const bool works = part.peak > 0 &&
+                       (placement.col(i) - expected.col(i)).norm() <= options_.max_residual * spacing &&
+                       (placement.col(i) - part.position).norm() <= options_.max_residual * spacing;
+    if (!works) placement.col(i) = expected.col(i);
+    result.parts.push_back({.position = placement.col(i),
+                            .size = pose_.size() / options_.grid,
+                            .visual_best = part.position,
+                            .weight = part.peak,
+                            .updated = works});
+  }
+  points_.relax(pose_, placement, options_.layout_rate);
+  placement_ = placement;
+  result.links = points_.links();
+  flow_.learn(frame, pose_.centre(), pose_.size());
+  result.times.push_back({"part update", clock.lap()});
+
+  result.box = pose_.box();
+  result.confidence = std::clamp(confidence, 0.0, 1.0);
+  result.lost = lost;
+  return result;
+}
+
+}  // namespace asterism::inline ASTERISM_ABI

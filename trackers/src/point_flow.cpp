@@ -1,0 +1,113 @@
+#include <algorithm>
+#include <asterism/trackers/point_flow.hpp>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+#include <stdexcept>
+
+namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+// However thin an object is, its window is no longer than this [window pixels], ...
+constexpr double kMaxWindowSide = 1024;
+// ... and no shorter.
+constexpr int kMinWindowSide = 16;
+// Deviation of a position that Lucas-Kanade has converged to [window pixels].
+constexpr double kConvergence = 0.3;
+
+// Normalised cross-correlation of the patches around two points, 0 where one is flat.
+double correlation(const cv::Mat& a, const cv::Point2f& at, const cv::Mat& b, const cv::Point2f& bt,
+                   int side) {
+  cv::Mat p, q;
+  cv::getRectSubPix(a, {side, side}, at, p, CV_32F);
+  cv::getRectSubPix(b, {side, side}, bt, q, CV_32F);
+  p -= cv::mean(p), q -= cv::mean(q);
+  const double product = cv::norm(p) * cv::norm(q);
+  return product > 0 ? p.dot(q) / product : 0;
+}
+
+}  // namespace
+
+ObjectWindow::ObjectWindow(const Point2& centre, const Size2& size, double padding, double min_side,
+                           double max_side)
+    : centre_(centre) {
+  const double side = std::sqrt(size.x()) * std::sqrt(size.y());
+  const Size2 whole = size + Size2::Constant(padding * side);
+  const double scale =
+      std::min(std::clamp(side, min_side, max_side) / side, kMaxWindowSide / whole.maxCoeff());
+  spacing_ = 1 / scale;
+  grid_ = {std::max(kMinWindowSide, static_cast<int>(std::lround(whole.x() * scale))),
+           std::max(kMinWindowSide, static_cast<int>(std::lround(whole.y() * scale)))};
+}
+
+cv::Mat ObjectWindow::sample(const Frame& frame) const {
+  cv::Mat patch;
+  sample_patch(frame.gray(), centre_, spacing_ * Size2(grid_.width, grid_.height), grid_, patch);
+  return patch;
+}
+
+cv::Point2f ObjectWindow::to_window(const Point2& x) const {
+  const Point2 p = (x - centre_) / spacing_ + Point2(grid_.width - 1, grid_.height - 1) / 2;
+  return {static_cast<float>(p.x()), static_cast<float>(p.y())};
+}
+
+Point2 ObjectWindow::to_image(const cv::Point2f& p) const {
+  const Point2 position(static_cast<double>(p.x), static_cast<double>(p.y));
+  return centre_ + spacing_ * (position - Point2(grid_.width - 1, grid_.height - 1) / 2);
+}
+
+PointFlow::PointFlow(const PointFlowOptions& options) : options_(options) {
+  const auto require = [](bool holds, const char* what) {
+    if (!holds) throw std::invalid_argument(what);
+  };
+  require(options.max_error > 0, "PointFlowOptions: max_error must be positive");
+  require(options.lk_window >= 3 && options.lk_window % 2 == 1,
+          "PointFlowOptions: lk_window must be odd and at least 3");
+  require(options.lk_levels >= 0, "PointFlowOptions: lk_levels must not be negative");
+  require(options.padding > 0, "PointFlowOptions: padding must be positive");
+  require(options.min_template_side >= 8 && options.max_template_side >= options.min_template_side,
+          "PointFlowOptions: template sides must satisfy 8 <= min <= max");
+}
+
+void PointFlow::learn(const Frame& frame, const Point2& centre, const Size2& size) {
+  window_ =
+      ObjectWindow(centre, size, options_.padding, options_.min_template_side, options_.max_template_side);
+  std::vector<cv::Mat> pyramid;
+  cv::buildOpticalFlowPyramid(window_.sample(frame), pyramid, {options_.lk_window, options_.lk_window},
+                              options_.lk_levels);
+  learned_ = std::move(pyramid);
+}
+
+std::vector<Evidence> PointFlow::follow(const Frame& frame,
+                                        const Eigen::Ref<const Eigen::Matrix2Xd>& points) const {
+  const auto count = static_cast<std::size_t>(points.cols());
+  std::vector<Evidence> result(count);
+  if (count == 0) return result;
+  const cv::Size side(options_.lk_window, options_.lk_window);
+  const cv::Mat patch = window_.sample(frame);
+  std::vector<cv::Mat> seen;
+  cv::buildOpticalFlowPyramid(patch, seen, side, options_.lk_levels);
+
+  std::vector<cv::Point2f> from(count), forward, back;
+  for (std::size_t i = 0; i < count; ++i)
+    from[i] = window_.to_window(points.col(static_cast<Eigen::Index>(i)));
+  std::vector<uchar> found, returned;
+  cv::calcOpticalFlowPyrLK(learned_, seen, from, forward, found, cv::noArray(), side, options_.lk_levels);
+  cv::calcOpticalFlowPyrLK(seen, learned_, forward, back, returned, cv::noArray(), side, options_.lk_levels);
+
+  const cv::Rect2f inside({0, 0}, cv::Size2f(window_.grid()));
+  for (std::size_t i = 0; i < count; ++i) {
+    result[i].position = points.col(static_cast<Eigen::Index>(i));
+    const double error = cv::norm(back[i] - from[i]);
+    const bool ok = found[i] && returned[i] && error <= options_.max_error && inside.contains(forward[i]);
+    if (!ok) continue;
+    const double variance = kConvergence * kConvergence + error * error;
+    result[i].position = window_.to_image(forward[i]);
+    result[i].covariance = window_.spacing() * window_.spacing() * variance * Eigen::Matrix2d::Identity();
+    result[i].peak = std::max(0.0, correlation(learned_[0], from[i], patch, forward[i], options_.lk_window));
+  }
+  return result;
+}
+
+}  // namespace asterism::inline ASTERISM_ABI
