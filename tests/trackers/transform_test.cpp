@@ -75,6 +75,25 @@ TEST(FitTransform, OfPointsThatDoNotDetermineIt) {
   }
 }
 
+TEST(FitRobustTransform, IgnoresWhatDoesNotAgree) {
+  Eigen::Matrix2Xd from(2, 40), to(2, 40);
+  const PlaneTransform truth{1.2, 0.3, {5, -7}};
+  for (int i = 0; i < 40; ++i) {
+    from.col(i) = Eigen::Vector2d(i * 37 % 41, i * 23 % 43);
+    to.col(i) = i % 5 < 3 ? truth(from.col(i)) : Eigen::Vector2d(i * 17 % 97, i * 61 % 89);
+  }
+  const Eigen::VectorXd weights = Eigen::VectorXd::Ones(40);
+  const RobustTransform found = fit_robust_transform(from, to, weights, TransformModel::Similarity, 1, {});
+  EXPECT_NEAR(found.transform.scale, 1.2, 0.01);
+  EXPECT_NEAR(found.transform.angle, 0.3, 0.01);
+  EXPECT_NEAR(found.support, 0.6, 0.05);
+  EXPECT_LT((truth.inverse()(truth({3, 4})) - Eigen::Vector2d(3, 4)).norm(), 1e-12);
+  const RobustTransform none =
+      fit_robust_transform(from, to, 0 * weights, TransformModel::Similarity, 1, truth);
+  EXPECT_EQ(none.support, 0);
+  EXPECT_EQ(none.transform.scale, truth.scale);
+}
+
 TEST(Stiffness, FollowsTheEquations) {
   Evidence evidence;
   evidence.peak = 0.6;

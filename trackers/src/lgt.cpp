@@ -77,19 +77,13 @@ TrackResult Lgt::update(const cv::Mat& image) {
     evidence[i] = evidence_near(i, segmentation, placement_.col(static_cast<Eigen::Index>(i)));
   result.times.push_back({"motion", clock.lap()});
 
-  // Their own motion sets the lengths of the springs, which else would hold on to the size.
-  Eigen::VectorXd weights(static_cast<Eigen::Index>(n));
-  Points found(2, weights.size());
-  for (std::size_t i = 0; i < n; ++i) {
-    weights[static_cast<Eigen::Index>(i)] = weights_[i] * evidence[i].peak;
-    found.col(static_cast<Eigen::Index>(i)) = evidence[i].position;
-  }
-  const double near = options_.springs.reach * pose_.mean_side();
-  pose_.move(fit_pose(parts_.layout(), found, weights, pose_, options_.springs.reach).transform);
   parts_.place(pose_, evidence, placement_);
   result.times.push_back({"springs", clock.lap()});
 
   // The object moves as the weighted placement does; a part does well that fits where it now is.
+  Eigen::VectorXd weights(static_cast<Eigen::Index>(n));
+  for (std::size_t i = 0; i < n; ++i) weights[static_cast<Eigen::Index>(i)] = weights_[i] * evidence[i].peak;
+  const double near = options_.springs.reach * pose_.mean_side();
   pose_.move(fit_pose(parts_.layout(), placement_, weights, pose_, options_.springs.reach).transform);
   const Points expected = parts_.posed(pose_);
   double confidence = 0;

@@ -99,18 +99,12 @@ TrackResult SuperpixelTracker::update(const cv::Mat& image) {
   }
   result.times.push_back({"matching", clock.lap()});
 
-  // The matches' own motion sets the lengths of the springs, which else would hold on to the size.
-  Eigen::VectorXd weights(n);
-  Points found(2, n);
-  for (int i = 0; i < n; ++i) {
-    weights[i] = evidence[static_cast<std::size_t>(i)].peak;
-    found.col(i) = evidence[static_cast<std::size_t>(i)].position;
-  }
-  const double reach = options_.springs.reach;
-  pose_.move(fit_pose(parts_.layout(), found, weights, pose_, reach).transform);
   parts_.place(pose_, evidence, placement_);
   result.times.push_back({"springs", clock.lap()});
 
+  Eigen::VectorXd weights(n);
+  for (int i = 0; i < n; ++i) weights[i] = evidence[static_cast<std::size_t>(i)].peak;
+  const double reach = options_.springs.reach;
   pose_.move(fit_pose(parts_.layout(), placement_, weights, pose_, reach).transform);
   const Points expected = parts_.posed(pose_);
   double confidence = 0;
