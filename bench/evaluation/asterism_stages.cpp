@@ -22,6 +22,7 @@ using namespace asterism::bench;
 struct Diagnostics {
   std::map<std::string, double> stage_milliseconds;
   std::vector<bool> lost;  // one a frame
+  double parts = 0;        // of all frames
 };
 
 Start told(const std::string& name, Diagnostics& diagnostics) {
@@ -33,6 +34,7 @@ Start told(const std::string& name, Diagnostics& diagnostics) {
       for (const asterism::StageTime& time : result.times)
         diagnostics.stage_milliseconds[std::string(time.stage)] += time.milliseconds;
       diagnostics.lost.push_back(result.lost);
+      diagnostics.parts += static_cast<double>(result.parts.size());
       return Report{Region::rectangle(result.box)};
     };
   };
@@ -59,6 +61,7 @@ void report(const std::string& name, const std::vector<Sequence>& sequences) {
   std::printf("%s, ms a frame:", name.c_str());
   for (const auto& [stage, milliseconds] : diagnostics.stage_milliseconds)
     std::printf(" %s %.3f", stage.c_str(), milliseconds / static_cast<double>(off.size()));
+  std::printf(", %.1f parts", diagnostics.parts / static_cast<double>(off.size()));
   int flagged = 0, missed = 0, both = 0;
   for (std::size_t i = 0; i < off.size(); ++i) {
     flagged += diagnostics.lost[i];
