@@ -215,6 +215,33 @@ TYPED_TEST(Edges, BadInputIsNamedAndCostsNothing) {
             "system has no nodes");
 }
 
+// The ends of a rod whose anchors lie the other way round are balanced, and at a saddle: no step has been
+// made yet when the way out is looked for, be the workspace new or that of a smaller system.
+TEST(SaddleAsStart, IsLeftByNewtonWithAnyWorkspace) {
+  const auto rod = [](int rods) {
+    std::vector<Link> links;
+    for (int i = 0; i < rods; ++i) links.push_back({2 * i, 2 * i + 1});
+    System system(Topology<>::from_links(2 * rods, links));
+    for (int i = 0; i < rods; ++i) {
+      system.anchors.col(2 * i) << -1, 20 * i;
+      system.anchors.col(2 * i + 1) << 1, 20 * i;
+    }
+    system.anchor_stiffness.setOnes();
+    system.link_stiffness.setOnes();
+    system.rest_length.setConstant(10);
+    return system;
+  };
+  Newton<System> solver;
+  for (const int rods : {1, 2, 8, 3}) {
+    const System system = rod(rods);
+    Points x = -3 * system.anchors;  // s (1 + 2 k) = k mu - 1
+    x.row(1) = system.anchors.row(1);
+    const Summary summary = solver.solve(system, x);
+    expect_solved(system, x, summary);
+    EXPECT_LT(summary.final_energy, summary.initial_energy - 1) << rods;
+  }
+}
+
 // Both IDA and Newton's method stay on the line of a collinear start; what leaves it is the search for
 // negative curvature.
 TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
