@@ -191,7 +191,7 @@ class Stages {
   }
 
  private:
-  static constexpr int kChannels = 32;
+  static constexpr int kChannels = 32;  // of Kcf's default features
 
   cv::Mat image_;
   Frame frame_;

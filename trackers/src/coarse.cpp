@@ -57,7 +57,8 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
 
 cv::Rect2d CoarseLayer::search_window() const {
   if (const ResponseMap* const response = root_.response()) {
-    const Size2 cells(static_cast<double>(response->values.cols()), static_cast<double>(response->values.rows()));
+    const Size2 cells(static_cast<double>(response->values.cols()),
+                      static_cast<double>(response->values.rows()));
     return box_around(centre_, response->spacing.cwiseProduct(cells));
   }
   return box_around(centre_, size_ + Size2::Constant(KcfOptions().padding * std::sqrt(size_.prod())));

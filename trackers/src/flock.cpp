@@ -3,18 +3,18 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "require.hpp"
 #include "stage_clock.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
 Flock::Flock(const FlockOptions& options) : options_(options), flow_(options.flow), points_(options.springs) {
-  if (options.grid < 2) throw std::invalid_argument("FlockOptions: grid must be at least 2");
-  if (options.neighbours < 1) throw std::invalid_argument("FlockOptions: neighbours must be at least 1");
-  if (!(options.max_residual > 0)) throw std::invalid_argument("FlockOptions: max_residual must be positive");
-  if (!(options.layout_rate >= 0 && options.layout_rate <= 1))
-    throw std::invalid_argument("FlockOptions: layout_rate must be in [0, 1]");
-  if (!(options.lost_below >= 0 && options.lost_below <= 1))
-    throw std::invalid_argument("FlockOptions: lost_below must be in [0, 1]");
+  require(options.grid >= 2, "FlockOptions: grid must be at least 2");
+  require(options.neighbours >= 1, "FlockOptions: neighbours must be at least 1");
+  require(options.max_residual > 0, "FlockOptions: max_residual must be positive");
+  require(options.layout_rate >= 0 && options.layout_rate <= 1,
+          "FlockOptions: layout_rate must be in [0, 1]");
+  require(options.lost_below >= 0 && options.lost_below <= 1, "FlockOptions: lost_below must be in [0, 1]");
 }
 
 void Flock::init(const cv::Mat& image, const cv::Rect2d& box) {

@@ -4,6 +4,7 @@
 #include <opencv2/features2d.hpp>
 #include <stdexcept>
 
+#include "require.hpp"
 #include "stage_clock.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
@@ -19,9 +20,6 @@ constexpr double kDetection = 1, kLeastDistance = 3;
 
 KeypointTracker::KeypointTracker(const KeypointTrackerOptions& options)
     : options_(options), flow_(options.flow), parts_(options.springs) {
-  const auto require = [](bool holds, const char* what) {
-    if (!holds) throw std::invalid_argument(what);
-  };
   require(options.max_parts > 0 && options.max_points > 0,
           "KeypointTrackerOptions: max_parts and max_points must be positive");
   require(options.fast_threshold > 0, "KeypointTrackerOptions: fast_threshold must be positive");

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <stdexcept>
 
+#include "require.hpp"
 #include "stage_clock.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
@@ -29,9 +30,6 @@ AnyPart histogram_part() {
 }
 
 Lgt::Lgt(const LgtOptions& options) : options_(options), parts_(options.springs), colour_(options.colour) {
-  const auto require = [](bool holds, const char* what) {
-    if (!holds) throw std::invalid_argument(what);
-  };
   require(options.max_parts > 0, "LgtOptions: max_parts must be positive");
   require(options.part_side > 0, "LgtOptions: part_side must be positive");
   require(options.sharpness > 0, "LgtOptions: sharpness must be positive");

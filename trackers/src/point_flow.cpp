@@ -5,6 +5,8 @@
 #include <opencv2/video/tracking.hpp>
 #include <stdexcept>
 
+#include "require.hpp"
+
 namespace asterism::inline ASTERISM_ABI {
 
 namespace {
@@ -58,9 +60,6 @@ Point2 ObjectWindow::to_image(const cv::Point2f& p) const {
 }
 
 PointFlow::PointFlow(const PointFlowOptions& options) : options_(options) {
-  const auto require = [](bool holds, const char* what) {
-    if (!holds) throw std::invalid_argument(what);
-  };
   require(options.max_error > 0, "PointFlowOptions: max_error must be positive");
   require(options.lk_window >= 3 && options.lk_window % 2 == 1,
           "PointFlowOptions: lk_window must be odd and at least 3");

@@ -6,6 +6,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "require.hpp"
 #include "stage_clock.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
@@ -22,9 +23,6 @@ constexpr double kMatch = 0.3;
 
 SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
     : options_(options), parts_(options.springs) {
-  const auto require = [](bool holds, const char* what) {
-    if (!holds) throw std::invalid_argument(what);
-  };
   slic(Eigen::ArrayX3f::Zero(1, 3), 1, options.slic);  // throws where its options are out of range
   require(options.template_side >= 8 && options.template_side <= kMaxWindowSide,
           "SuperpixelTrackerOptions: template_side must be in [8, 512]");
