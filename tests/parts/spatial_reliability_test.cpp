@@ -174,7 +174,7 @@ TEST(SpatialReliability, TheTargetAsLearnedHasResponseOne) {
     SpatialReliability part(options);
     part.init(Frame(image), {160, 120}, {48, 40});
     EXPECT_NEAR(part.localize(Frame(image), {160, 120}).peak, 1, 0.02);
-    EXPECT_EQ(part.weights().size(), SpatialReliability::kChannels);
+    EXPECT_EQ(part.weights().size(), SpatialReliability::kHogChannels + 1);
     EXPECT_GE(part.weights().minCoeff(), 0);
     if (!weighted) {
       EXPECT_EQ(part.weights().minCoeff(), part.weights().maxCoeff());
