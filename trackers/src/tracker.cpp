@@ -56,7 +56,7 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     options.coarse.colour.mrf.enabled = false;
     options.coarse.colour_share = 0.15;
     options.coarse.redetect = true;
-    options.scale_share = 0.5;
+    options.scale_share = 0.25;
     options.scale.scales = 17;
     options.scale.step = 1.04;
     options.scale.label_sigma = 0.17;
