@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/parts/colour.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -270,6 +271,19 @@ Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, 
   const double ratio = foreground / box_size.prod();
   result.informative = ratio > options_.min_area_ratio && ratio < options_.max_area_ratio;
   return result;
+}
+
+void ColourModel::visit_state(StateArchive& archive) {
+  archive.begin("colour", options_);
+  archive(enabled_);
+  for (auto* const histogram : {&foreground_, &background_}) {
+    if (archive.loading()) histogram->fill(0);
+    if (!enabled_) continue;
+    for (float& share : *histogram) {
+      archive(share);
+      archive.require(share >= 0 && share <= 2);  // of sum 1, but for rounding
+    }
+  }
 }
 
 double ColourModel::probability(const Segmentation& segmentation, const Point2& position) const {
