@@ -13,6 +13,7 @@
 #endif
 
 #include "../parts/part_axioms.hpp"
+#include "same_results.hpp"
 
 namespace asterism {
 namespace {
@@ -37,18 +38,6 @@ class Scene {
  private:
   cv::Mat background_, object_;
 };
-
-void expect_same(const TrackResult& a, const TrackResult& b) {
-  EXPECT_EQ(a.box, b.box);
-  EXPECT_EQ(a.confidence, b.confidence);
-  EXPECT_EQ(a.lost, b.lost);
-  ASSERT_EQ(a.parts.size(), b.parts.size());
-  for (std::size_t i = 0; i < a.parts.size(); ++i) {
-    EXPECT_EQ(a.parts[i].position, b.parts[i].position);
-    EXPECT_EQ(a.parts[i].weight, b.parts[i].weight);
-    EXPECT_EQ(a.parts[i].updated, b.parts[i].updated);
-  }
-}
 
 class Trackers : public ::testing::TestWithParam<std::string> {};
 

@@ -2,10 +2,13 @@
 #include <asterism/solver/batch.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/stiffness.hpp>
+#include <cmath>
 #include <exception>
+#include <numbers>
 #include <stdexcept>
 
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -69,11 +72,13 @@ void Dpt::for_each_part(F&& f) {
     if (exception) std::rethrow_exception(exception);
 }
 
-void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void Dpt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   coarse_.init(frame, box);
   initial_size_ = coarse_.size();
+  angle_ = 0;
 
   // Sec. 2.5.3: the box is split into equal non-overlapping parts.
   const int rows = options_.grid_rows, cols = options_.grid_cols;
@@ -89,12 +94,12 @@ void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
   initialized_ = true;
 }
 
-TrackResult Dpt::update(const cv::Mat& image) {
+TrackResult Dpt::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult Dpt::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Dpt: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
 
   // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
@@ -127,6 +132,7 @@ TrackResult Dpt::update(const cv::Mat& image) {
                          .cwiseMax(kMinScale * initial_size_)
                          .cwiseMin(kMaxScale * initial_size_);
   coarse_.move(box_around(transform(coarse_.centre()), size));
+  angle_ = std::remainder(angle_ + transform.angle, 2 * std::numbers::pi);
   placement_ = placement;
 
   // Line 5: spring lengths and part models.
@@ -153,6 +159,7 @@ TrackResult Dpt::update(const cv::Mat& image) {
   result.times.push_back({"root update", clock.lap()});
 
   result.box = coarse_.box();
+  result.angle = angle_;
   result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
   result.lost = result.confidence < options_.coarse.lost_below;
   return result;

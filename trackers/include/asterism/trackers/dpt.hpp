@@ -82,6 +82,11 @@ class Dpt {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+
+  /// For save_state; of the options `threads` may differ.
+  void visit_state(StateArchive& archive);
 
   /// The spring system of the last frame and how its solver stopped.
   const Springs& springs() const { return springs_; }
@@ -107,6 +112,7 @@ class Dpt {
   Summary summary_;
   Placement placement_;  // X_{t-1}
   Size2 initial_size_ = Size2::Zero();
+  double angle_ = 0;  // since init [rad]
   bool initialized_ = false;
 };
 
