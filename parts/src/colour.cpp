@@ -99,6 +99,7 @@ struct Axis {
     spacing = length / cells;
     origin = begin - 0.5 + spacing / 2;
     count.resize(std::size_t(cells));
+    pixel.reserve(6 * std::size_t(cells)), cell.reserve(6 * std::size_t(cells));  // or less
     const int stride = int(std::clamp(std::floor(spacing / 3), 1.0, double(limit)));
     for (int i = 0; i < cells; ++i) {
       const double centre = origin + i * spacing;

@@ -100,6 +100,8 @@ TrackResult Dpt::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Dpt: update before init");
   StageClock clock;
   TrackResult result;
+  result.parts.reserve(parts_.size());
+  result.times.reserve(7);  // of update(image) too
 
   // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
@@ -109,11 +111,11 @@ TrackResult Dpt::update(const Frame& frame) {
   clock.lap();
 
   // Line 2: responses of the parts form the spring system.
-  std::vector<Evidence> evidence(parts_.size());
+  std::array<Evidence, kMaxParts> evidence;
   for_each_part([&](std::size_t i) {
     evidence[i] = parts_[i].localize(frame, placement.col(static_cast<Eigen::Index>(i)));
   });
-  set_springs(evidence);
+  set_springs({evidence.data(), parts_.size()});
   result.times.push_back({"parts", clock.lap()});
 
   // Line 3: the MAP constellation.
@@ -165,7 +167,7 @@ TrackResult Dpt::update(const Frame& frame) {
   return result;
 }
 
-void Dpt::set_springs(const std::vector<Evidence>& evidence) {
+void Dpt::set_springs(std::span<const Evidence> evidence) {
   for (int i = 0; i < part_count(); ++i) {
     const Evidence& part = evidence[static_cast<std::size_t>(i)];
     springs_.anchors.col(i) = part.position;

@@ -6,6 +6,7 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <functional>
+#include <span>
 #include <variant>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -99,7 +100,7 @@ class Dpt {
   void for_each_part(F&& f);
   int part_count() const { return options_.grid_rows * options_.grid_cols; }
   /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
-  void set_springs(const std::vector<Evidence>& evidence);
+  void set_springs(std::span<const Evidence> evidence);
   /// Sec. 2.5.2: which parts may learn from this frame.
   void gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const;
 
