@@ -1,9 +1,11 @@
 #include <asterism/parts/mrf.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/spatial_reliability.hpp>
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#include "colour_terms.hpp"
 #include "part_geometry.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
@@ -138,7 +140,10 @@ void MaskedRegression::iterate(const std::complex<float>* cross, const float* ma
 }
 
 SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
-    : options_(options), fhog_(options.cell_size), colour_([&options] {
+    : options_(options),
+      channels_(kHogChannels + 1 + (options.colour_channels ? kColourTerms : 0)),
+      fhog_(options.cell_size),
+      colour_([&options] {
         ColourOptions colour = options.colour;
         colour.mrf.enabled = false;  // the field comes after the spatial prior
         return colour;
@@ -158,6 +163,14 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
 
 void SpatialReliability::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size);
+  if (options_.segmentation) colour_.init(frame, box_around(centre, size));
+  update_mask(frame, centre);
+  transform_patch(frame, centre);
+  train(true);
+}
+
+void SpatialReliability::prepare(const Size2& size) {
   const double to_template =
       template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
   const double margin = options_.padding * mean_side(size);
@@ -166,23 +179,23 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
   size_ = initial_size_ = size;
   scale_ = initial_scale_ = Size2::Constant(1 / to_template);
 
-  channels_fft_ = RealFft2<float>(rows_, cols_, kChannels);
+  channels_fft_ = RealFft2<float>(rows_, cols_, channels_);
   plane_fft_ = RealFft2<float>(rows_, cols_);
   regression_ = MaskedRegression(rows_, cols_, options_.regression);
   const Eigen::Index plane = Eigen::Index{rows_} * cols_,
                      half = Eigen::Index{rows_} * plane_fft_.spectrum_cols();
   features_.resize(Fhog::kChannels * plane);
-  responses_.resize(kChannels * plane);
+  responses_.resize(channels_ * plane);
   plane_.resize(plane);
-  sample_.resize(kChannels * half);
-  template_.setZero(kChannels * half);
-  energy_.setZero(kChannels * half);
-  filter_.setZero(kChannels * half);
-  dual_.setZero(kChannels * half);
+  sample_.resize(channels_ * half);
+  template_.setZero(channels_ * half);
+  energy_.setZero(channels_ * half);
+  filter_.setZero(channels_ * half);
+  dual_.setZero(channels_ * half);
   spectrum_.resize(half);
   cell_sums_.resize(static_cast<std::size_t>(cols_));
-  weights_.setZero(kChannels);
-  reliability_.resize(kChannels);
+  weights_.setZero(channels_);
+  reliability_.resize(channels_);
   response_.values.resize(rows_, cols_);
   mask_.values.resize(rows_, cols_);
   mask_.periodic = false;
@@ -201,11 +214,30 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
   // Its spectrum is real: it is symmetric.
   plane_fft_.forward(plane_.data(), spectrum_.data());
   label_ = spectrum_.real();
+}
 
-  if (options_.segmentation) colour_.init(frame, box_around(centre, size));
-  update_mask(frame, centre);
-  transform_patch(frame, centre);
-  train(true);
+void SpatialReliability::visit_state(StateArchive& archive) {
+  archive.begin("spatial_reliability", options_);
+  if (!archive.loading() && size_.isZero())
+    throw std::logic_error("SpatialReliability: to be saved before init");
+  archive.size(initial_size_);
+  Size2 size = size_;
+  archive.size(size);
+  if (archive.loading()) {
+    prepare(Size2(initial_size_));
+    resize(size);
+    mask_.values.setZero();
+    response_.values.setZero();
+    segmented_ = false;
+  }
+  if (options_.segmentation) colour_.visit_state(archive);
+  archive(template_);
+  archive(energy_);
+  archive.require((energy_ >= 0).all());
+  archive(filter_);
+  archive(dual_);
+  archive(weights_);
+  archive.position(bias_);
 }
 
 void SpatialReliability::resize(const Size2& size) {
@@ -242,7 +274,7 @@ Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) 
 void SpatialReliability::respond(const Spectrum& sample) {
   const Eigen::Index half = spectrum_.size();
   spectrum_.setZero();
-  for (int k = 0; k < kChannels; ++k)
+  for (int k = 0; k < channels_; ++k)
     spectrum_ += weights_(k) * (sample.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
   plane_fft_.inverse(spectrum_.data(), plane_.data());
 }
@@ -251,12 +283,12 @@ void SpatialReliability::respond_reliably() {
   const Eigen::Index plane = plane_.size();
   sample_ *= filter_.conjugate();
   channels_fft_.inverse(sample_.data(), responses_.data());
-  for (int k = 0; k < kChannels; ++k)
+  for (int k = 0; k < channels_; ++k)
     reliability_(k) = weights_(k) * detection_reliability(responses_.data() + k * plane, rows_, cols_);
   const float sum = reliability_.sum();
   if (sum > 0) reliability_ *= weights_.sum() / sum;
   plane_.setZero();
-  for (int k = 0; k < kChannels; ++k) plane_ += reliability_(k) * responses_.segment(k * plane, plane);
+  for (int k = 0; k < channels_; ++k) plane_ += reliability_(k) * responses_.segment(k * plane, plane);
 }
 
 void SpatialReliability::adapt(const Frame& frame, const Point2& at) {
@@ -269,7 +301,7 @@ void SpatialReliability::adapt(const Frame& frame, const Point2& at) {
 void SpatialReliability::train(bool first) {
   const Eigen::Index half = spectrum_.size();
   const auto eta = static_cast<float>(first ? 1 : options_.learning_rate);
-  for (int k = 0; k < kChannels; ++k) {
+  for (int k = 0; k < channels_; ++k) {
     const auto sample = sample_.segment(k * half, half);
     auto mean = template_.segment(k * half, half);
     auto energy = energy_.segment(k * half, half);
@@ -368,8 +400,17 @@ void SpatialReliability::transform_patch(const Frame& frame, const Point2& centr
     }
     for (const int sum : cell_sums_) *gray++ = static_cast<float>(sum) * scale - 0.5f;
   }
+  // So do the colours.
+  if (options_.colour_channels) {
+    if (!frame.bgr().empty()) {
+      sample_patch(frame.bgr(), centre, window(), {cols_ * cell, rows_ * cell}, colour_patch_.mat);
+      colour_term_cells(colour_patch_.mat, cell, gray);
+    } else {
+      std::fill_n(gray, kColourTerms * plane, 0.0f);
+    }
+  }
 
-  for (int k = 0; k < kChannels; ++k) features_.segment(k * plane, plane) *= hann_;
+  for (int k = 0; k < channels_; ++k) features_.segment(k * plane, plane) *= hann_;
   channels_fft_.forward(features_.data(), sample_.data());
 }
 

@@ -25,6 +25,42 @@ TEST(SpatialReliability, FulfilsThePartAxiomsWithDetectionWeights) {
   testing::check_part_faults(SpatialReliability(options));
 }
 
+TEST(SpatialReliability, FulfilsThePartAxiomsWithColourChannels) {
+  SpatialReliabilityOptions options;
+  options.colour_channels = true;
+  testing::check_part_axioms(SpatialReliability(options));
+  testing::check_part_faults(SpatialReliability(options));
+}
+
+// An object and a background of one gray level, told apart by colour alone.
+TEST(SpatialReliability, ColourChannelsSeeWhatGrayDoesNot) {
+  const auto frame = [](int x, int y) {
+    cv::Mat image(240, 320, CV_8UC3, cv::Scalar(60, 120, 60));
+    image(cv::Rect(x, y, 40, 48)) = cv::Scalar(60, 60, 178);
+    cv::Mat gray;
+    cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
+    double low = 0, high = 0;
+    cv::minMaxLoc(gray, &low, &high);
+    EXPECT_LE(high - low, 2);
+    return image;
+  };
+  for (const bool colour : {false, true}) {
+    SpatialReliabilityOptions options;
+    options.colour_channels = colour;
+    SpatialReliability part(options);
+    part.init(Frame(frame(140, 90)), {159.5, 113.5}, {40, 48});
+    EXPECT_EQ(part.weights().size(), SpatialReliability::kHogChannels + 1 + (colour ? 11 : 0));
+    const Evidence evidence = part.localize(Frame(frame(153, 97)), {159.5, 113.5});
+    const double error = (evidence.position - Point2(172.5, 120.5)).norm();
+    if (colour) {
+      EXPECT_LT(error, 2);  // cells of 5.5 px, and no gradient within any
+      EXPECT_GT(evidence.peak, 0.8);
+    } else {
+      EXPECT_GT(error, 5);
+    }
+  }
+}
+
 // A small regression problem: a random image, a Gaussian label, the mask of a disc.
 struct Problem {
   static constexpr int kRows = 12, kCols = 8, kPixels = kRows * kCols;
@@ -174,7 +210,7 @@ TEST(SpatialReliability, TheTargetAsLearnedHasResponseOne) {
     SpatialReliability part(options);
     part.init(Frame(image), {160, 120}, {48, 40});
     EXPECT_NEAR(part.localize(Frame(image), {160, 120}).peak, 1, 0.02);
-    EXPECT_EQ(part.weights().size(), SpatialReliability::kChannels);
+    EXPECT_EQ(part.weights().size(), SpatialReliability::kHogChannels + 1);
     EXPECT_GE(part.weights().minCoeff(), 0);
     if (!weighted) {
       EXPECT_EQ(part.weights().minCoeff(), part.weights().maxCoeff());

@@ -52,8 +52,7 @@ TEST(Dpt, TakesLittleFromTheHeapOnceItRuns) {
   EXPECT_EQ(allocations_a_frame<Frame>(plain), 3);
   // OpenCV's own for the gray image.
   EXPECT_LE(allocations_a_frame<cv::Mat>(plain), 3 + 2);
-  std::printf("%ld %ld %ld %ld\n", allocations_a_frame<Frame>(plain), allocations_a_frame<cv::Mat>(plain),
-              allocations_a_frame<Frame>(full), allocations_a_frame<cv::Mat>(full));
+  std::printf("%ld %ld %ld %ld state %zu\n", allocations_a_frame<Frame>(plain), allocations_a_frame<cv::Mat>(plain), allocations_a_frame<Frame>(full), allocations_a_frame<cv::Mat>(full), save_state(full).size());
 }
 
 #if defined(__GLIBC__) && !defined(ASTERISM_TEST_ASAN)

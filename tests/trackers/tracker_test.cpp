@@ -265,6 +265,29 @@ TEST(MakeTracker, TakesOptionsAsJson) {
   EXPECT_EQ(parts(R"(coarse{"use_colour": false, "root": "mosse"})"), 0u);
 }
 
+// Names of variants are options.
+TEST(MakeTracker, VariantsAreOptions) {
+  const Scene scene;
+  const auto last = [&](std::string_view description) {
+    AnyTracker tracker = make_tracker(description);
+    tracker.init(scene.frame(0), Scene::box(0));
+    TrackResult result;
+    for (int t = 1; t <= 5; ++t) result = tracker.update(scene.frame(t));
+    return result;
+  };
+  for (const auto& [name, description] : std::initializer_list<std::pair<const char*, const char*>>{
+           {"dpt_loc", R"(dpt{"constellation": "local"})"},
+           {"dpt_str", R"(dpt{"constellation": "star"})"},
+           {"dpt_3x3_ov", R"(dpt{"grid_rows": 3, "grid_cols": 3, "overlap": 0.5})"},
+           {"dpt_3x3_nov", R"(dpt{"grid_rows": 3, "grid_cols": 3})"},
+           {"dpt_crs", "coarse"},
+           {"dpt_crs_nos", R"(dpt_crs{"use_colour": false})"},
+           {R"(dpt{"part": "mosse"})", "dpt+mosse"}}) {
+    SCOPED_TRACE(name);
+    expect_same(last(name), last(description));
+  }
+}
+
 TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"grid_row": 3})"), "dpt: unknown option 'grid_row', did you mean 'grid_rows'?");
   EXPECT_EQ(refusal(R"(dpt{"coarse": {"colour": {"mrf": {"on": true}}}})"),
@@ -310,6 +333,58 @@ TEST(Coarse, ReportsALostTarget) {
   EXPECT_TRUE(tracker.update(cv::Mat(240, 320, CV_8UC3, cv::Scalar(20, 200, 20))).lost);
 }
 
+// Hidden for a while, the object comes out where the search window does not reach.
+TEST(Coarse, FindsALostTargetAgain) {
+  const Scene scene;
+  for (const bool redetect : {false, true}) {
+    DptOptions options;
+    options.coarse.redetect = redetect;
+    Dpt tracker(options);
+    CoarseTracker coarse(options.coarse);
+    tracker.init(scene.frame(0), Scene::box(0));
+    coarse.init(scene.frame(0), Scene::box(0));
+    for (int t = 1; t <= 10; ++t) {
+      tracker.update(scene.frame(t));
+      coarse.update(scene.frame(t));
+    }
+    cv::Rect2d before = Scene::box(10);
+    for (int t = 0; t < 5; ++t) {
+      const cv::Mat blank(240, 320, CV_8UC3, cv::Scalar(20, 200, 20));
+      const TrackResult result = tracker.update(blank), of_coarse = coarse.update(blank);
+      EXPECT_TRUE(result.lost);
+      EXPECT_TRUE(of_coarse.lost);
+      if (redetect) {
+        if (t > 0) {
+          EXPECT_EQ(result.box, before);
+        }
+        before = result.box;
+        ASSERT_EQ(result.parts.size(), 4u);
+        for (const PartState& part : result.parts) EXPECT_FALSE(part.updated);
+      }
+    }
+    // 60 px farther: the window reaches 42 px.
+    TrackResult result, of_coarse;
+    for (int t = 40; t < 44; ++t) {
+      result = tracker.update(scene.frame(t));
+      of_coarse = coarse.update(scene.frame(t));
+    }
+    const Point2 truth = centre_of(Scene::box(43));
+    EXPECT_EQ((centre_of(result.box) - truth).norm() < 3, redetect);
+    EXPECT_EQ((centre_of(of_coarse.box) - truth).norm() < 3, redetect);
+  }
+}
+
+// The mean posterior of the box leads to the object where its filter sees nothing.
+TEST(Coarse, ColourAloneFindsTheObject) {
+  const Scene scene;
+  CoarseOptions options;
+  options.colour_share = 1;
+  CoarseTracker tracker(options);
+  tracker.init(scene.frame(0), Scene::box(0));
+  const cv::Rect2d box = tracker.update(scene.frame(8)).box;  // 18 px at once
+  EXPECT_LT((centre_of(box) - centre_of(Scene::box(8))).norm(), 3);
+}
+
 TEST(Dpt, PartsTileTheBoxAndTheirSpringsFollowTheEquations) {
   const Scene scene;
   Dpt tracker;
@@ -335,6 +410,25 @@ TEST(Dpt, PartsTileTheBoxAndTheirSpringsFollowTheEquations) {
                         result.parts[static_cast<std::size_t>(link.j)].position)
                            .norm();
     EXPECT_NEAR(tracker.springs().rest_length(l++), now, 0.2);
+  }
+}
+
+// Nine parts of the size of four: they still cover the box, the middle of one on the corner of its neighbour.
+TEST(Dpt, OverlappingPartsCoverTheBox) {
+  const Scene scene;
+  DptOptions options;
+  options.grid_rows = options.grid_cols = 3;
+  options.overlap = 0.5;
+  Dpt tracker(options);
+  tracker.init(scene.frame(0), Scene::box(0));
+  const TrackResult result = tracker.update(scene.frame(1));
+  ASSERT_EQ(result.parts.size(), 9u);
+  const cv::Rect2d truth = Scene::box(1);
+  for (int i = 0; i < 9; ++i) {
+    const PartState& part = result.parts[static_cast<std::size_t>(i)];
+    EXPECT_EQ(part.size, Size2(24, 32));
+    const cv::Rect2d box(truth.x + (i % 3) * 12, truth.y + (i / 3) * 16, 24, 32);
+    EXPECT_LT((part.position - centre_of(box)).norm(), 1.5) << i;
   }
 }
 
@@ -410,7 +504,7 @@ TEST(Dpt, OccludedPartsAreNotUpdated) {
   EXPECT_EQ(right_updates, 0);
 }
 
-// An object that grows is followed in size through its constellation.
+// An object that grows is followed in size through its constellation, and through a scale filter.
 TEST(Dpt, FollowsSize) {
   const cv::Mat background = texture(240, 320, 3), object = texture(60, 60, 9);
   const auto frame = [&](double scale) {
@@ -420,12 +514,25 @@ TEST(Dpt, FollowsSize) {
     scaled.copyTo(image(cv::Rect(160 - side / 2, 120 - side / 2, side, side)));
     return image;
   };
-  Dpt tracker;
-  tracker.init(frame(1), {130, 90, 60, 60});
-  double scale = 1;
-  TrackResult result;
-  for (int t = 0; t < 40; ++t) result = tracker.update(frame(scale *= 1.01));
-  EXPECT_NEAR(result.box.width, 60 * scale, 8);
+  for (const double share : {0.0, 0.5, 1.0}) {
+    DptOptions options;
+    options.scale_share = share;
+    options.resize_parts = share > 0;
+    Dpt tracker(options);
+    tracker.init(frame(1), {130, 90, 60, 60});
+    double scale = 1;
+    TrackResult result;
+    for (int t = 0; t < 40; ++t) result = tracker.update(frame(scale *= 1.01));
+    EXPECT_NEAR(result.box.width, 60 * scale, 8) << share;
+    // Parts that follow keep their share of the box; the others their size.
+    const double side = share > 0 ? result.box.width / 2 : 30;
+    for (const PartState& part : result.parts) EXPECT_NEAR(part.size.x(), side, 1e-9) << share;
+    // The placement has the box's size.
+    if (share > 0) {
+      const double spread = (result.parts[1].position - result.parts[0].position).norm();
+      EXPECT_NEAR(spread, result.box.width / 2, 0.1 * spread) << share;
+    }
+  }
 }
 
 TEST(TrackResult, CornersGoRoundTheTurnedBox) {
@@ -567,6 +674,11 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 5; });
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
+  refused([](DptOptions& o) { o.overlap = 1; });
+  refused([](DptOptions& o) { o.overlap = -0.1; });
+  refused([](DptOptions& o) { o.scale_share = 1.5; });
+  refused([](DptOptions& o) { o.scale.scales = 2; });
+  refused([](DptOptions& o) { o.coarse.colour_share = -1; });
   refused([](DptOptions& o) { o.coarse.colour.histogram_rate = 7; });
 }
 
@@ -575,8 +687,9 @@ class Constellations : public ::testing::TestWithParam<std::string> {};
 
 std::vector<std::string> constellation_names() {
   std::vector<std::string> names = tracker_names();
-  std::erase_if(names,
-                [](const std::string& name) { return name == "dpt" || name == "coarse" || name == "kcf"; });
+  std::erase_if(names, [](const std::string& name) {
+    return name.starts_with("dpt") || name == "coarse" || name == "kcf";
+  });
   return names;
 }
 

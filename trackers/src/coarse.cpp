@@ -1,5 +1,6 @@
 #include <asterism/trackers/coarse.hpp>
 #include <cmath>
+#include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
 #include "stage_clock.hpp"
@@ -21,7 +22,10 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
 AnyPart paper_filter() { return Kcf(); }
 
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
-    : options_(options), root_(options.root), colour_(options.colour) {}
+    : options_(options), root_(options.root), colour_(options.colour) {
+  if (!(options.colour_share >= 0 && options.colour_share <= 1))
+    throw std::invalid_argument("CoarseOptions: colour_share must be in [0, 1]");
+}
 
 void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
   root_.init(frame, centre_of(box), {box.width, box.height});
@@ -31,38 +35,99 @@ void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
 }
 
 CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
+  Estimate estimate = localize_around(frame, centre_);
+  if (!waits(estimate)) return estimate;
+
+  // The neighbour with the highest response, if that is one of the object.
+  const cv::Rect2d window = search_window(centre_);
+  Point2 best = centre_;
+  double highest = options_.lost_below;
+  for (const int row : {-1, 0, 1})
+    for (const int col : {-1, 0, 1}) {
+      const Point2 around = centre_ + Point2(col * window.width, row * window.height) / 2;
+      const bool inside = around.x() >= 0 && around.y() >= 0 && around.x() < frame.size().width &&
+                          around.y() < frame.size().height;
+      if ((row == 0 && col == 0) || !inside) continue;
+      const double peak = root_.localize(frame, around).peak;
+      if (peak < highest) continue;
+      highest = peak;
+      best = around;
+    }
+  return best == centre_ ? estimate : localize_around(frame, best);
+}
+
+CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Point2& around) {
   Estimate estimate;
   StageClock clock;
-  estimate.evidence = root_.localize(frame, centre_);
+  estimate.evidence = root_.localize(frame, around);
   estimate.similarity = estimate.evidence.peak;
   estimate.root_milliseconds = clock.lap();
-  if (!options_.use_colour || !colour_.enabled()) return estimate;
-
-  const ResponseMap* const response = root_.response();
-  estimate.segmentation = colour_.segment(frame, search_window(), size_);
-  if (response != nullptr && estimate.segmentation.informative) {
-    // Eq. position_posterior_root: template probability times colour probability.
-    density_ = *response;
-    for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
-      for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
-        const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
-        density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
-                                    static_cast<float>(colour_.probability(estimate.segmentation, position));
-      }
-    estimate.evidence = evidence_of(density_, options_.sub_pixel);
-    estimate.similarity = root_.similarity_at(estimate.evidence.position);
+  if (options_.use_colour && colour_.enabled()) {
+    const ResponseMap* const response = root_.response();
+    const Segmentation& segmentation = estimate.segmentation =
+        colour_.segment(frame, search_window(around), size_);
+    const bool adds = options_.colour_share > 0;
+    if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
+      if (adds)
+        add_colour(*response, segmentation);
+      else
+        multiply_colour(*response, segmentation);
+      estimate.evidence = evidence_of(density_, options_.sub_pixel);
+      estimate.similarity = root_.similarity_at(estimate.evidence.position);
+    }
+    estimate.colour_milliseconds = clock.lap();
   }
-  estimate.colour_milliseconds = clock.lap();
+  estimate.lost = !(estimate.similarity >= options_.lost_below);
   return estimate;
 }
 
-cv::Rect2d CoarseLayer::search_window() const {
+void CoarseLayer::multiply_colour(const ResponseMap& response, const Segmentation& segmentation) {
+  // Eq. position_posterior_root: template probability times colour probability.
+  density_ = response;
+  for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
+    for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
+      const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
+      density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
+                                  static_cast<float>(colour_.probability(segmentation, position));
+    }
+}
+
+void CoarseLayer::add_colour(const ResponseMap& response, const Segmentation& segmentation) {
+  // Sums of the posterior above and left of the cells' corners, bilinear between them; 0 beyond the grid.
+  cv::Mat sums;
+  cv::integral(segmentation.posterior, sums, CV_64F);
+  const int cols = segmentation.posterior.cols, rows = segmentation.posterior.rows;
+  const auto sum_to = [&](double x, double y) {
+    x = std::clamp(x, 0.0, static_cast<double>(cols));
+    y = std::clamp(y, 0.0, static_cast<double>(rows));
+    const int col = std::min(static_cast<int>(x), cols - 1), row = std::min(static_cast<int>(y), rows - 1);
+    const double *upper = sums.ptr<double>(row) + col, *lower = sums.ptr<double>(row + 1) + col;
+    const double fx = x - col, fy = y - row;
+    return (1 - fy) * ((1 - fx) * upper[0] + fx * upper[1]) + fy * ((1 - fx) * lower[0] + fx * lower[1]);
+  };
+  const Size2 half = size_.cwiseQuotient(segmentation.spacing) / 2;  // [cells]
+  const auto share = static_cast<float>(options_.colour_share);
+  density_ = response;
+  for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
+    for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
+      const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
+      const Point2 middle =
+          (position - segmentation.origin).cwiseQuotient(segmentation.spacing) + Point2(0.5, 0.5);
+      const Point2 first = middle - half, end = middle + half;
+      const double sum = sum_to(end.x(), end.y()) - sum_to(first.x(), end.y()) - sum_to(end.x(), first.y()) +
+                         sum_to(first.x(), first.y());
+      float& value = density_.values(row, col);
+      value = (1 - share) * value + share * static_cast<float>(sum / (4 * half.prod()));
+    }
+}
+
+cv::Rect2d CoarseLayer::search_window(const Point2& around) const {
   if (const ResponseMap* const response = root_.response()) {
     const Size2 cells(static_cast<double>(response->values.cols()),
                       static_cast<double>(response->values.rows()));
-    return box_around(centre_, response->spacing.cwiseProduct(cells));
+    return box_around(around, response->spacing.cwiseProduct(cells));
   }
-  return box_around(centre_, size_ + Size2::Constant(KcfOptions().padding * std::sqrt(size_.prod())));
+  return box_around(around, size_ + Size2::Constant(KcfOptions().padding * std::sqrt(size_.prod())));
 }
 
 void CoarseLayer::move(const cv::Rect2d& box) {
@@ -98,13 +163,15 @@ TrackResult CoarseTracker::update(const Frame& frame) {
   result.times.push_back({"colour", estimate.colour_milliseconds});
   clock.lap();
 
-  layer_.move(box_around(estimate.evidence.position, layer_.size()));
-  layer_.adapt(frame, estimate.segmentation.informative);
+  if (!layer_.waits(estimate)) {
+    layer_.move(box_around(estimate.evidence.position, layer_.size()));
+    layer_.adapt(frame, estimate.segmentation.informative);
+  }
   result.times.push_back({"update", clock.lap()});
 
   result.box = layer_.box();
   result.confidence = std::clamp(estimate.similarity, 0.0, 1.0);
-  result.lost = result.confidence < layer_.options().lost_below;
+  result.lost = estimate.lost;
   return result;
 }
 

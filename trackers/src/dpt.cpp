@@ -43,6 +43,7 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
 Dpt::Dpt(const DptOptions& options)
     : options_(options),
       coarse_(options.coarse),
+      scale_(options.scale),
       parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)), options.part),
       springs_(make_topology(options)),
       solver_(std::in_place_type<Ida<Springs>>, springs_, options.solver) {
@@ -50,6 +51,10 @@ Dpt::Dpt(const DptOptions& options)
     solver_.emplace<Newton<Springs>>(springs_, options.solver);
   if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
     throw std::invalid_argument("DptOptions: spring_rate must be in [0, 1]");
+  if (!(options.overlap >= 0 && options.overlap < 1))
+    throw std::invalid_argument("DptOptions: overlap must be in [0, 1)");
+  if (!(options.scale_share >= 0 && options.scale_share <= 1))
+    throw std::invalid_argument("DptOptions: scale_share must be in [0, 1]");
   if (options.threads < 0) throw std::invalid_argument("DptOptions: threads must not be negative");
 }
 
@@ -80,14 +85,17 @@ void Dpt::init(const Frame& frame, const cv::Rect2d& box) {
   initial_size_ = coarse_.size();
   angle_ = 0;
 
-  // Sec. 2.5.3: the box is split into equal non-overlapping parts.
+  if (options_.scale_share > 0) scale_.init(frame, coarse_.centre(), coarse_.size());
+
+  // Sec. 2.5.3: the box is split into equal non-overlapping parts; overlapping ones have their middles
+  // closer.
   const int rows = options_.grid_rows, cols = options_.grid_cols;
-  part_size_ = Size2(box.width / cols, box.height / rows);
+  const double stride = 1 - options_.overlap;  // [sides of a part]
+  part_size_ = Size2(box.width / (1 + (cols - 1) * stride), box.height / (1 + (rows - 1) * stride));
   placement_.resize(2, part_count());
   for (int i = 0; i < part_count(); ++i) {
-    const int row = i / cols, col = i % cols;
-    placement_.col(i) = centre_of(
-        {box.x + col * part_size_.x(), box.y + row * part_size_.y(), part_size_.x(), part_size_.y()});
+    const Point2 corner = Point2(box.x, box.y) + stride * part_size_.cwiseProduct(Point2(i % cols, i / cols));
+    placement_.col(i) = centre_of({corner.x(), corner.y(), part_size_.x(), part_size_.y()});
     parts_[static_cast<std::size_t>(i)].init(frame, placement_.col(i), part_size_);
   }
   springs_.set_rest_lengths(placement_);
@@ -101,7 +109,7 @@ TrackResult Dpt::update(const Frame& frame) {
   StageClock clock;
   TrackResult result;
   result.parts.reserve(parts_.size());
-  result.times.reserve(7);  // of update(image) too
+  result.times.reserve(8);  // of update(image) too
 
   // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
@@ -109,6 +117,18 @@ TrackResult Dpt::update(const Frame& frame) {
   result.times.push_back({"root", coarse.root_milliseconds});
   result.times.push_back({"colour", coarse.colour_milliseconds});
   clock.lap();
+  result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
+  result.lost = coarse.lost;
+  result.angle = angle_;
+  result.links.assign(springs_.links().begin(), springs_.links().end());
+  if (coarse_.waits(coarse)) {
+    result.box = coarse_.box();
+    for (Eigen::Index i = 0; i < placement_.cols(); ++i) {
+      const Point2 position = placement_.col(i);
+      result.parts.push_back({.position = position, .size = part_size_, .visual_best = position});
+    }
+    return result;
+  }
 
   // Line 2: responses of the parts form the spring system.
   std::array<Evidence, kMaxParts> evidence;
@@ -128,14 +148,9 @@ TrackResult Dpt::update(const Frame& frame) {
     clock.lap();
   }
 
-  // Line 4: root position and size by the transform of the constellation.
-  const PlaneTransform transform = fit_transform(placement_, placement, options_.transform);
-  const Size2 size = (transform.scale * coarse_.size())
-                         .cwiseMax(kMinScale * initial_size_)
-                         .cwiseMin(kMaxScale * initial_size_);
-  coarse_.move(box_around(transform(coarse_.centre()), size));
-  angle_ = std::remainder(angle_ + transform.angle, 2 * std::numbers::pi);
-  placement_ = placement;
+  // Line 4: root position and size.
+  follow(frame, placement);
+  if (options_.scale_share > 0) result.times.push_back({"scale", clock.lap()});
 
   // Line 5: spring lengths and part models.
   for (std::size_t i = 0; i < parts_.size(); ++i) {
@@ -153,18 +168,39 @@ TrackResult Dpt::update(const Frame& frame) {
     double& length = springs_.rest_length(l++);
     length += options_.spring_rate * ((placement.col(i) - placement.col(j)).norm() - length);
   }
-  result.links.assign(springs_.links().begin(), springs_.links().end());
   result.times.push_back({"part update", clock.lap()});
 
   // Line 6: colour model and root filter.
   coarse_.adapt(frame, coarse.segmentation.informative);
+  if (options_.scale_share > 0) scale_.adapt(frame, coarse_.centre(), coarse_.size());
   result.times.push_back({"root update", clock.lap()});
 
   result.box = coarse_.box();
   result.angle = angle_;
-  result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
-  result.lost = result.confidence < options_.coarse.lost_below;
   return result;
+}
+
+void Dpt::follow(const Frame& frame, Placement& placement) {
+  const PlaneTransform transform = fit_transform(placement_, placement, options_.transform);
+  const Point2 centre = transform(coarse_.centre());
+  double scale = transform.scale;
+  if (options_.scale_share > 0) {
+    const double seen = scale_.localize(frame, centre);
+    scale = std::pow(scale, 1 - options_.scale_share) * std::pow(seen, options_.scale_share);
+  }
+  const Size2 size =
+      (scale * coarse_.size()).cwiseMax(kMinScale * initial_size_).cwiseMin(kMaxScale * initial_size_);
+  if (options_.scale_share > 0) {
+    const Point2 middle = placement.rowwise().mean();
+    placement = ((scale / transform.scale) * (placement.colwise() - middle)).colwise() + middle;
+  }
+  if (options_.resize_parts) {
+    part_size_ = part_size_.cwiseProduct(size.cwiseQuotient(coarse_.size()));
+    for (AnyPart& part : parts_) part.resize(part_size_);
+  }
+  coarse_.move(box_around(centre, size));
+  angle_ = std::remainder(angle_ + transform.angle, 2 * std::numbers::pi);
+  placement_ = placement;
 }
 
 void Dpt::set_springs(std::span<const Evidence> evidence) {

@@ -27,6 +27,7 @@ void Dpt::visit_state(StateArchive& archive) {
   same.threads = 1;  // of no influence on results
   archive.begin("dpt", same);
   coarse_.visit_state(archive);
+  if (options_.scale_share > 0) scale_.visit_state(archive);
   archive.size(initial_size_);
   archive.size(part_size_);
   archive(angle_);

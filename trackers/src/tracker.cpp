@@ -1,9 +1,11 @@
+#include <asterism/parts/spatial_reliability.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/lgt.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <cmath>
+#include <optional>
 #include <stdexcept>
 #ifdef ASTERISM_TRACKERS_FLOW
 #include <asterism/trackers/flock.hpp>
@@ -35,17 +37,55 @@ Options with(Options options, std::string_view name, std::string_view json) {
 #endif
 }
 
-AnyTracker make_named(std::string_view name, std::string_view json) {
-  if (name == "dpt") return Dpt(with(DptOptions(), name, json));
-  if (name == "coarse") return CoarseTracker(with(CoarseOptions(), name, json));
-  if (name == "kcf") {
-    KcfOptions filter;
-    filter.proportional_window = true;
-    CoarseOptions options;
-    options.root = Kcf(filter);
-    options.use_colour = false;
-    return CoarseTracker(with(options, name, json));
+// The paper's Table 1, and what comes of DPT beyond the paper.
+std::optional<DptOptions> dpt_variant(std::string_view name) {
+  DptOptions options;
+  if (name == "dpt") return options;
+  if (name == "dpt_loc" || name == "dpt_str") {
+    options.constellation = name == "dpt_loc" ? Constellation::Local : Constellation::Star;
+    return options;
   }
+  if (name == "dpt_3x3_ov" || name == "dpt_3x3_nov") {
+    options.grid_rows = options.grid_cols = 3;
+    options.overlap = name == "dpt_3x3_ov" ? 0.5 : 0;
+    return options;
+  }
+  if (name == "dpt_plus") {
+    SpatialReliabilityOptions filter;
+    filter.colour_channels = true;
+    options.coarse.root = SpatialReliability(filter);
+    options.coarse.colour.mrf.enabled = false;
+    options.coarse.colour_share = 0.15;
+    options.coarse.redetect = true;
+    options.scale_share = 0.25;
+    options.scale.scales = 17;
+    options.scale.step = 1.04;
+    options.scale.label_sigma = 0.17;
+    options.resize_parts = true;
+    options.spring_solver = SpringSolver::Newton;
+    return options;
+  }
+  return {};
+}
+
+std::optional<CoarseOptions> coarse_variant(std::string_view name) {
+  CoarseOptions options;
+  if (name == "coarse" || name == "dpt_crs") return options;
+  if (name == "kcf" || name == "dpt_crs_nos") {
+    options.use_colour = false;
+    if (name == "kcf") {
+      KcfOptions filter;
+      filter.proportional_window = true;
+      options.root = Kcf(filter);
+    }
+    return options;
+  }
+  return {};
+}
+
+AnyTracker make_named(std::string_view name, std::string_view json) {
+  if (const auto options = dpt_variant(name)) return Dpt(with(*options, name, json));
+  if (const auto options = coarse_variant(name)) return CoarseTracker(with(*options, name, json));
 #ifdef ASTERISM_TRACKERS_FLOW
   if (name == "flock") return Flock(with(FlockOptions(), name, json));
 #endif
@@ -77,7 +117,8 @@ std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
 }
 
 std::vector<std::string> tracker_names() {
-  std::vector<std::string> names{"dpt", "coarse", "kcf"};
+  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",     "dpt_crs_nos",
+                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus"};
 #ifdef ASTERISM_TRACKERS_FLOW
   names.push_back("flock");
 #endif

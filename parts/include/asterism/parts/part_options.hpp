@@ -7,6 +7,7 @@
 #include <asterism/parts/kcf.hpp>
 #include <asterism/parts/mosse.hpp>
 #include <asterism/parts/option_visitor.hpp>
+#include <asterism/parts/scale_filter.hpp>
 #include <asterism/parts/spatial_reliability.hpp>
 #include <asterism/parts/superpixels.hpp>
 #include <asterism/parts/template.hpp>
@@ -84,6 +85,7 @@ inline void visit_options(OptionVisitor& visit, SpatialReliabilityOptions& optio
   visit("weight_rate", options.weight_rate);
   visit("label_sigma", options.label_sigma);
   visit("cell_size", options.cell_size);
+  visit("colour_channels", options.colour_channels);
   visit("padding", options.padding);
   visit("min_template_side", options.min_template_side);
   visit("max_template_side", options.max_template_side);
@@ -93,6 +95,16 @@ inline void visit_options(OptionVisitor& visit, SpatialReliabilityOptions& optio
   visit("colour", options.colour);
   visit("channel_weights", options.channel_weights);
   visit("detection_weights", options.detection_weights);
+}
+
+inline void visit_options(OptionVisitor& visit, ScaleFilterOptions& options) {
+  visit("scales", options.scales);
+  visit("step", options.step);
+  visit("label_sigma", options.label_sigma);
+  visit("lambda", options.lambda);
+  visit("learning_rate", options.learning_rate);
+  visit("cell_size", options.cell_size);
+  visit("max_template_area", options.max_template_area);
 }
 
 inline void visit_options(OptionVisitor& visit, ColorHistogramOptions& options) {

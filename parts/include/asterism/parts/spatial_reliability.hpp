@@ -5,6 +5,7 @@
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -72,6 +73,9 @@ struct SpatialReliabilityOptions {
   double label_sigma = 1;
   /// HOG cell [template pixels], >= 1.
   int cell_size = 4;
+  /// Eleven more channels: how much of a cell has each of the basic colours, black to yellow. The paper has
+  /// learned colour names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
+  bool colour_channels = false;
   /// The search window adds this much around the target, x the geometric mean of its sides on both axes, >=
   /// 0.
   double padding = 3;
@@ -103,14 +107,14 @@ struct SpatialReliabilityOptions {
 /// filter with channel and spatial reliability*, CVPR 2017), known as CSR-DCF and CSRT. A PartModel; copies
 /// are independent.
 ///
-/// Each of 18 contrast-sensitive fHOG channels and the gray level has a linear filter of its own, learned in
-/// a window of several times the target but zero outside the target's mask. So the window may be large, and
-/// all of what it sees counts as background, without the filter learning from it where the target is. The
-/// response is the weighted sum over the channels, weights such that the target as learned gets 1.
+/// Each of 18 contrast-sensitive fHOG channels, the gray level and, as an option, eleven basic colours has a
+/// linear filter of its own, learned in a window of several times the target but zero outside the target's
+/// mask. So the window may be large, and all of what it sees counts as background, without the filter
+/// learning from it where the target is. The response is the weighted sum over the channels, weights such
+/// that the target as learned gets 1.
 class SpatialReliability {
  public:
   static constexpr int kHogChannels = 18;
-  static constexpr int kChannels = kHogChannels + 1;
 
   /// Throws std::invalid_argument for options out of range.
   explicit SpatialReliability(const SpatialReliabilityOptions& options = {});
@@ -137,14 +141,18 @@ class SpatialReliability {
   const ResponseMap& mask() const { return mask_; }
   /// Whether it is the segmented target, not the box.
   bool segmented() const { return segmented_; }
-  /// Weight of each channel, the gray level last.
+  /// Weight of each channel: HOG's, the gray level, and the colours if they were asked for.
   const Eigen::ArrayXf& weights() const { return weights_; }
+
+  /// What has been learned, for save_state; mask and response of the last calls are not.
+  void visit_state(StateArchive& archive);
 
   const SpatialReliabilityOptions& options() const { return options_; }
 
  private:
   using Spectrum = Eigen::ArrayXcf;
 
+  void prepare(const Size2& size);  // all that follows from the target's first size
   // Spectra of the windowed features of the patch around `centre`, in `sample_`.
   void transform_patch(const Frame& frame, const Point2& centre);
   void update_mask(const Frame& frame, const Point2& at);
@@ -158,6 +166,7 @@ class SpatialReliability {
   void train(bool first);
 
   SpatialReliabilityOptions options_;
+  int channels_ = 0;
   Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
   Size2 scale_ = Size2::Ones(), initial_scale_ = Size2::Ones();  // image pixels a template pixel
   int rows_ = 0, cols_ = 0;                                      // cells
@@ -180,7 +189,7 @@ class SpatialReliability {
 
   // Buffers of localize and adapt, sized by init.
   PatchSampler sampler_;
-  Scratch patch_, dilated_;
+  Scratch patch_, colour_patch_, dilated_;
   std::vector<int> cell_sums_;
   Eigen::ArrayXf features_, responses_, plane_, reliability_;
   Spectrum sample_, spectrum_;

@@ -19,11 +19,18 @@ struct CoarseOptions {
   /// Multiply the root's response with the colour probability; otherwise, and for a root without a response
   /// map, the position is the root's alone.
   bool use_colour = true;
+  /// Instead of the product: the response and the mean posterior of the object's box around each position,
+  /// the latter with this weight in [0, 1] (Bertinetto et al., *Staple*, CVPR 2016, whose weight is 0.3). 0:
+  /// the paper's product.
+  double colour_share = 0;
   /// Refine the maximum of that product below the root's grid. Open in the paper.
   bool sub_pixel = true;
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
   /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
   double lost_below = 0.2;
+  /// A lost object is also searched half a window farther in eight directions. While it is not found the box
+  /// stays where it was and nothing is learned. The paper's tracker goes on.
+  bool redetect = false;
 };
 
 /// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t,
@@ -40,10 +47,13 @@ class CoarseLayer {
     Evidence evidence;          ///< of the density of Eq. position_posterior_root
     double similarity = 0;      ///< the root filter's own response at the position
     Segmentation segmentation;  ///< of the search window, empty where the colour model is off
+    bool lost = false;          ///< `similarity` is below CoarseOptions::lost_below
     double root_milliseconds = 0, colour_milliseconds = 0;
   };
   /// The object's position near its last one: the maximum of Eq. position_posterior_root.
   Estimate localize(const Frame& frame);
+  /// The estimate is not to be followed: the object is lost, and to be waited for (CoarseOptions::redetect).
+  bool waits(const Estimate& estimate) const { return options_.redetect && estimate.lost; }
 
   /// Move the object to a box without learning; a root that can follows its size.
   void move(const cv::Rect2d& box);
@@ -58,8 +68,12 @@ class CoarseLayer {
   const CoarseOptions& options() const { return options_; }
 
  private:
-  // What the root searches, and the colour model with it.
-  cv::Rect2d search_window() const;
+  Estimate localize_around(const Frame& frame, const Point2& around);
+  // The response times the colour probability, or their weighted sum, in `density_`.
+  void multiply_colour(const ResponseMap& response, const Segmentation& segmentation);
+  void add_colour(const ResponseMap& response, const Segmentation& segmentation);
+  // What the root searches around a position, and the colour model with it.
+  cv::Rect2d search_window(const Point2& around) const;
 
   CoarseOptions options_;
   AnyPart root_;

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/parts/scale_filter.hpp>
 #include <asterism/solver/ida.hpp>
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/spring_system.hpp>
@@ -38,6 +39,9 @@ struct DptOptions {
   /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most
   /// kMaxParts.
   int grid_rows = 2, grid_cols = 2;
+  /// The fraction of its side that a part shares with each neighbour, in [0, 1): parts grow so that they
+  /// still cover the box. 3 x 3 parts with one half have the size of 2 x 2 (DPT_3x3_ov of Table 1).
+  double overlap = 0;
   Constellation constellation = Constellation::Full;
 
   /// Rate of the nominal spring lengths' update, alpha_spr (Sec. 2.5.2), in [0, 1].
@@ -51,6 +55,13 @@ struct DptOptions {
   /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
+
+  /// The object's size follows the constellation and, with this weight of the logarithms in [0, 1], a scale
+  /// filter on the object. 0, the paper's: the constellation alone.
+  double scale_share = 0;
+  ScaleFilterOptions scale;
+  /// Parts that can grow and shrink with the object; the paper's keep their size.
+  bool resize_parts = false;
 
   AnchorLaw anchor_law = AnchorLaw::Variance;
   SpringSolver spring_solver = SpringSolver::Ida;
@@ -99,6 +110,9 @@ class Dpt {
   template <typename F>
   void for_each_part(F&& f);
   int part_count() const { return options_.grid_rows * options_.grid_cols; }
+  /// Line 4 of Algorithm 2: root position and size by the transform from the last constellation to
+  /// `placement`, which is scaled to the size that the scale filter has a say in, if there is one.
+  void follow(const Frame& frame, Placement& placement);
   /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
   void set_springs(std::span<const Evidence> evidence);
   /// Sec. 2.5.2: which parts may learn from this frame.
@@ -106,6 +120,7 @@ class Dpt {
 
   DptOptions options_;
   CoarseLayer coarse_;
+  ScaleFilter scale_;
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
   Springs springs_;

@@ -145,12 +145,17 @@ class AnyTracker {
 /// The trackers that `make_tracker` knows.
 std::vector<std::string> tracker_names();
 
-/// A tracker from its description: a name, "dpt", "coarse" (DPT's coarse layer alone), "kcf" (its root filter
-/// alone), "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt) or "superpixels" (SuperpixelTracker),
-/// with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a name and a JSON object of options, which
-/// are the members of the class's options; `{"tracker": "dpt", "part": "mosse"}`, the same as one object; or
-/// `dpt+MODEL`, DPT with another part model. Part models are written as PartRegistry::read has them. Flock
-/// and KeypointTracker are not known where OpenCV's libraries for them were not found.
+/// A tracker from its description: a name, with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a
+/// name and a JSON object of options, which are the members of the class's options; `{"tracker": "dpt",
+/// "part": "mosse"}`, the same as one object; or `dpt+MODEL`, DPT with another part model. Part models are
+/// written as PartRegistry::read has them. The names:
+///
+/// - "dpt" (Dpt), and its variants in the paper's Table 1: "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov",
+///   "dpt_crs" (the coarse layer alone, also "coarse") and "dpt_crs_nos" (its filter alone; "kcf" is that in
+///   the window of Henriques' KCF);
+/// - "dpt_plus", the best that this library can make of a constellation (docs/tracker.md);
+/// - "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt), "superpixels" (SuperpixelTracker). Flock
+///   and KeypointTracker are not known where OpenCV's libraries for them were not found.
 ///
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
 /// for an unknown one, or that says what is wrong with a value; for a description that is more than a name

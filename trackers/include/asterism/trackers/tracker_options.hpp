@@ -25,8 +25,10 @@ inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("root", options.root, "kcf");
   visit("colour", options.colour);
   visit("use_colour", options.use_colour);
+  visit("colour_share", options.colour_share);
   visit("sub_pixel", options.sub_pixel);
   visit("lost_below", options.lost_below);
+  visit("redetect", options.redetect);
 }
 
 inline void visit_options(OptionVisitor& visit, DptOptions& options) {
@@ -34,11 +36,15 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("part", options.part, "kcf");
   visit("grid_rows", options.grid_rows);
   visit("grid_cols", options.grid_cols);
+  visit("overlap", options.overlap);
   visit("constellation", options.constellation, {"full", "local", "star"});
   visit("spring_rate", options.spring_rate);
   visit("response_gate", options.response_gate);
   visit("mask_gate", options.mask_gate);
   visit("transform", options.transform, {"translation", "euclidean", "similarity"});
+  visit("scale_share", options.scale_share);
+  visit("scale", options.scale);
+  visit("resize_parts", options.resize_parts);
   visit("anchor_law", options.anchor_law, {"variance", "covariance"});
   visit("spring_solver", options.spring_solver, {"ida", "newton"});
   visit("solver", options.solver);

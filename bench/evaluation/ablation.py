@@ -1,0 +1,126 @@
+#!/usr/bin/env python3
+"""What each choice in a tracker is worth: variants of one option each, by asterism-eval, against the tracker itself.
+
+    bench/evaluation/ablation.py dpt|dpt_plus EVAL DATASET OUT [OPTION...]
+
+EVAL is the program asterism-eval; what OUT has is not run again; further options go to `asterism-eval run`, such as
+--starts 5 --workers 2. Prints a table in Markdown: EAO, accuracy A, failures F (mean over the starts), average overlap AO of one
+pass, and the difference of AO to the first row with its 95 % interval of a paired bootstrap over sequences and starts.
+"""
+
+import csv
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+
+def filters(**options):
+    """DPT with a Kcf of these options as root and parts."""
+    model = {"model": "kcf", **options}
+    return {"coarse": {"root": model}, "part": model}
+
+
+def plus(**changes):
+    return ("dpt_plus", changes)
+
+
+# Of each tracker: the name of a row, a tracker's name, and its options.
+VARIANTS = {
+    "dpt": {
+        "dpt": ("dpt", {}),
+        "local links": ("dpt_loc", {}),
+        "star of links": ("dpt_str", {}),
+        "3 x 3 overlapping parts": ("dpt_3x3_ov", {}),
+        "3 x 3 small parts": ("dpt_3x3_nov", {}),
+        "coarse layer alone": ("dpt_crs", {}),
+        "root filter alone": ("dpt_crs_nos", {}),
+        "KCF": ("kcf", {}),
+        "coarse, prior 3/8": ("dpt_crs", {"colour": {"foreground_prior": 0.375}}),
+        "no colour": ("dpt", {"coarse": {"use_colour": False}}),
+        "no MRF": ("dpt", {"coarse": {"colour": {"mrf": {"enabled": False}}}}),
+        "foreground prior 3/8": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.375}}}),
+        "no response gate": ("dpt", {"response_gate": 0}),
+        "no mask gate": ("dpt", {"mask_gate": 0}),
+        "Euclidean transform": ("dpt", {"transform": "euclidean"}),
+        "proportional windows": ("dpt", filters(proportional_window=True)),
+        "A updated as a whole": ("dpt", filters(separate_update=False)),
+        "no sub-pixel peak": ("dpt", {
+            "coarse": {"root": {"model": "kcf", "sub_pixel": False}, "sub_pixel": False},
+            "part": {"model": "kcf", "sub_pixel": False}}),
+        "linear kernel": ("dpt", filters(kernel={"type": "linear"})),
+        "smaller templates": ("dpt", {
+            "coarse": {"root": {"model": "kcf", "min_template_side": 32, "max_template_side": 64}},
+            "part": {"model": "kcf", "min_template_side": 25, "max_template_side": 40}}),
+        "5 iterations of IDA": ("dpt", {"solver": {"max_iterations": 5}}),
+        "anchors by covariance": ("dpt", {"anchor_law": "covariance"}),
+        "Newton": ("dpt", {"spring_solver": "newton"}),
+    },
+    # First what is added to dpt, one after the other, then what dpt_plus loses without each.
+    "dpt_plus": {
+        "dpt_plus": plus(),
+        "dpt": ("dpt", {}),
+        "+ root SpatialReliability": ("dpt", {"coarse": {"root": "spatial_reliability"}}),
+        "+ scale filter": ("dpt", {"coarse": {"root": "spatial_reliability"}, "scale_share": 0.25,
+                                   "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}, "resize_parts": True}),
+        "+ colour channels": ("dpt", {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True}},
+                                      "scale_share": 0.25, "resize_parts": True,
+                                      "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}),
+        "+ re-detection": ("dpt", {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True},
+                                              "redetect": True}, "scale_share": 0.25, "resize_parts": True,
+                                   "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}),
+        "without the root's filter": plus(coarse={"root": "kcf"}),
+        "without colour channels": plus(coarse={"root": "spatial_reliability"}),
+        "without the sum with colour": plus(coarse={"colour_share": 0, "colour": {"mrf": {"enabled": True}}}),
+        "without colour": plus(coarse={"use_colour": False}),
+        "without re-detection": plus(coarse={"redetect": False}),
+        "without the scale filter": plus(scale_share=0),
+        "without resized parts": plus(resize_parts=False),
+        "equal shares of scale": plus(scale_share=0.5),
+        "anchors by covariance": plus(anchor_law="covariance"),
+        "Ida": plus(spring_solver="ida"),
+        "star of links": plus(constellation="star"),
+        "3 x 3 overlapping parts": plus(grid_rows=3, grid_cols=3, overlap=0.5),
+        "parts SpatialReliability": plus(part="spatial_reliability"),
+    },
+}
+
+
+def main():
+    if len(sys.argv) < 5 or sys.argv[1] not in VARIANTS:
+        sys.exit(__doc__)
+    kind, program, dataset, out = sys.argv[1:5]
+    variants = VARIANTS[kind]
+    identifiers = {name: "".join(c if c.isalnum() else "-" for c in name) for name in variants}
+    command = [program, "run", dataset, "--out", out, "--boxes", "--overlap", "exact", *sys.argv[5:]]
+    for name, (tracker, options) in variants.items():
+        command += ["--tracker", f"{identifiers[name]}={tracker}{json.dumps(options) if options else ''}"]
+    for step in (command, [program, "report", out]):
+        result = subprocess.run(step, stdout=subprocess.DEVNULL, check=False)
+        if result.returncode != 0:
+            sys.exit(result.returncode)
+
+    def rows(name):
+        with open(Path(out) / "report" / name, newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+
+    summary = {row["tracker"]: row for row in rows("summary.csv")}
+    first = identifiers[next(iter(variants))]
+    change = {}
+    for row in rows("differences.csv"):
+        if row["measure"] == "AO" and first in (row["a"], row["b"]):
+            value, low, high = float(row["value"]), float(row["low"]), float(row["high"])
+            # Differences are a - b.
+            change[row["b"] if row["a"] == first else row["a"]] = \
+                (-value, -high, -low) if row["a"] == first else (value, low, high)
+    print("| variant | EAO | A | F | AO | AO against the first |")
+    print("|---|---|---|---|---|---|")
+    for name, identifier in identifiers.items():
+        row = summary[identifier]
+        figures = [f"{float(row['EAO']):.3f}", f"{float(row['A']):.3f}", f"{float(row['F']):.1f}", f"{float(row['AO']):.3f}"]
+        against = "{:+.3f} ({:+.3f} to {:+.3f})".format(*change[identifier]) if identifier in change else ""
+        print(f"| {name} | {' | '.join(figures)} | {against} |")
+
+
+if __name__ == "__main__":
+    main()
