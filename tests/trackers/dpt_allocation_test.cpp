@@ -4,12 +4,12 @@
 
 #include <asterism/trackers/dpt.hpp>
 #include <vector>
+#ifdef __GLIBC__
+#include <malloc.h>  // before it is replaced
+#endif
 
 #include "../solver/counting_allocator.hpp"
 #include "moving_square.hpp"
-#if defined(__GLIBC__) && !defined(ASTERISM_TEST_ASAN)
-#include <malloc.h>
-#endif
 
 namespace asterism {
 namespace {
@@ -50,9 +50,11 @@ TEST(Dpt, TakesLittleFromTheHeapOnceItRuns) {
   Dpt plain(options), full;
   // The parts, links and times of the result, which is the caller's.
   EXPECT_EQ(allocations_a_frame<Frame>(plain), 3);
-  // OpenCV's own for the gray image.
+  // OpenCV's two for the gray image.
   EXPECT_LE(allocations_a_frame<cv::Mat>(plain), 3 + 2);
-  std::printf("%ld %ld %ld %ld state %zu\n", allocations_a_frame<Frame>(plain), allocations_a_frame<cv::Mat>(plain), allocations_a_frame<Frame>(full), allocations_a_frame<cv::Mat>(full), save_state(full).size());
+  // Segmentation and histograms of the colour model: maps of some 1000 cells in OpenCV's matrices and in
+  // vectors, whose size follows the window. A workspace for them would cost more code than they cost time.
+  EXPECT_LE(allocations_a_frame<Frame>(full), 3 + 26);
 }
 
 #if defined(__GLIBC__) && !defined(ASTERISM_TEST_ASAN)
