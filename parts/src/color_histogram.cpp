@@ -1,5 +1,7 @@
 #include <asterism/parts/color_histogram.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <opencv2/imgproc.hpp>
+#include <stdexcept>
 
 #include "part_geometry.hpp"
 
@@ -26,17 +28,33 @@ ColorHistogram::ColorHistogram(const ColorHistogramOptions& options) : options_(
 
 void ColorHistogram::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size, frame.bgr().empty() ? Space::Gray : options_.space);
+  learn(frame, centre, 1);
+}
+
+void ColorHistogram::prepare(const Size2& size, Space space) {
+  size_ = size, space_ = space;
   const auto [spacing, cols, rows, reach, response] =
       match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
-  space_ = frame.bgr().empty() ? Space::Gray : options_.space;
 
   const int bins = options_.bins, pixels = rows_ * cols_;
   histogram_.setZero(space_ == Space::Gray ? bins : bins * bins * bins);
   counts_.resize(histogram_.size());
   roots_ = Eigen::ArrayXf::LinSpaced(pixels + 1, 0, static_cast<float>(pixels)).sqrt();
-  learn(frame, centre, 1);
+}
+
+void ColorHistogram::visit_state(StateArchive& archive) {
+  archive.begin("color_histogram", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("ColorHistogram: to be saved before init");
+  archive.size(size_);
+  archive(space_, 3);
+  archive.require(space_ == Space::Gray || space_ == options_.space);
+  if (archive.loading()) prepare(Size2(size_), space_);
+  archive(histogram_);
+  archive.require((histogram_ >= 0).all());
+  histogram_roots_ = histogram_.sqrt();
 }
 
 Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/parts/colour.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -98,6 +99,7 @@ struct Axis {
     spacing = length / cells;
     origin = begin - 0.5 + spacing / 2;
     count.resize(std::size_t(cells));
+    pixel.reserve(6 * std::size_t(cells)), cell.reserve(6 * std::size_t(cells));  // or less
     const int stride = int(std::clamp(std::floor(spacing / 3), 1.0, double(limit)));
     for (int i = 0; i < cells; ++i) {
       const double centre = origin + i * spacing;
@@ -270,6 +272,19 @@ Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, 
   const double ratio = foreground / box_size.prod();
   result.informative = ratio > options_.min_area_ratio && ratio < options_.max_area_ratio;
   return result;
+}
+
+void ColourModel::visit_state(StateArchive& archive) {
+  archive.begin("colour", options_);
+  archive(enabled_);
+  for (auto* const histogram : {&foreground_, &background_}) {
+    if (archive.loading()) histogram->fill(0);
+    if (!enabled_) continue;
+    for (float& share : *histogram) {
+      archive(share);
+      archive.require(share >= 0 && share <= 2);  // of sum 1, but for rounding
+    }
+  }
 }
 
 double ColourModel::probability(const Segmentation& segmentation, const Point2& position) const {

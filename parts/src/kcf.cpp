@@ -1,4 +1,5 @@
 #include <asterism/parts/kcf.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
@@ -76,7 +77,11 @@ Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size
 void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require(centre.allFinite(), "Kcf: the centre must be finite");
   require(size.allFinite() && size.minCoeff() > 0, "Kcf: the size must be finite and positive");
+  prepare(size);
+  train(transform_patch(frame, centre), 1);
+}
 
+void Kcf::prepare(const Size2& size) {
   const double mean_side = std::sqrt(size.prod());
   const Size2 margin = options_.proportional_window ? Size2(options_.padding * size)
                                                     : Size2::Constant(options_.padding * mean_side);
@@ -117,8 +122,46 @@ void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
                        label_down = gaussian_spectrum(rows_, sigma, rows_);
   label_.setZero(half);
   for (int r = 0; r < rows_; ++r) label_.segment(r * t.padded_bins, t.bins) = label_down(r) * label_across;
+}
 
-  train(transform_patch(frame, centre), 1);
+void Kcf::visit_state(StateArchive& archive) {
+  archive.begin("kcf", options_);
+  if (!archive.loading() && plan_ == nullptr) throw std::logic_error("Kcf: to be saved before init");
+  archive.size(initial_size_);
+  Size2 size = size_;
+  archive.size(size);
+  if (archive.loading()) {
+    prepare(initial_size_);
+    resize(size);
+    response_.values.setZero();
+  }
+
+  // Without the padding and in an order that does not depend on the kernels: a state may move to a machine of
+  // other instructions.
+  const part_kernels_v0_1::Transform& t = plan_->transform;
+  const Eigen::Index lanes = plan_->kernels.lanes;
+  for (Eigen::Index channel = 0; channel < channels_; ++channel)
+    for (Eigen::Index row = 0; row < t.rows; ++row)
+      for (Eigen::Index bin = 0; bin < t.bins; ++bin) {
+        float* const real = template_.data() + ((channel / lanes * t.rows + row) * t.bins + bin) * 2 * lanes +
+                            channel % lanes;
+        archive(real[0]);
+        archive(real[lanes]);
+      }
+  archive(template_norm_);
+  const auto spectrum = [&](Eigen::ArrayXd& values) {
+    for (int row = 0; row < t.rows; ++row) archive(values.segment(row * t.padded_bins, t.bins));
+  };
+  if (!options_.separate_update) {
+    spectrum(alpha_);
+  } else {
+    if (archive.loading()) denominator_.setOnes();  // also in the padding
+    spectrum(numerator_);
+    spectrum(denominator_);
+    alpha_ = numerator_ / denominator_;
+    archive.require(alpha_.allFinite());
+  }
+  alpha_float_ = alpha_.cast<float>();
 }
 
 void Kcf::resize(const Size2& size) {

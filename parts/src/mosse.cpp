@@ -1,5 +1,6 @@
 #include <array>
 #include <asterism/parts/mosse.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <cstdint>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
@@ -82,8 +83,8 @@ Mosse::Mosse(const MosseOptions& options) : options_(options) {
           "MosseOptions: template sides must satisfy 16 <= min <= max");
 }
 
-void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
-  require_target(centre, size);
+void Mosse::prepare(const Size2& size) {
+  size_ = size;
   const double to_template =
       template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
   const double margin = options_.padding * mean_side(size);
@@ -114,6 +115,11 @@ void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
     }
   label_.resize(half);
   fft_.forward(plane_.data(), label_.data());
+}
+
+void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  prepare(size);
 
   // The filter that is best for the target and for perturbed images of it: means over all of them.
   sample(frame, centre);
@@ -131,6 +137,21 @@ void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
     transform(perturbed);
     learn(1.0 / (i + 1));
   }
+  update_filter();
+}
+
+void Mosse::visit_state(StateArchive& archive) {
+  archive.begin("mosse", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Mosse: to be saved before init");
+  archive.size(size_);
+  if (archive.loading()) {
+    prepare(Size2(size_));
+    response_.values.setZero();
+    psr_ = 0;
+  }
+  archive(numerator_);
+  archive(denominator_);
+  archive.require((denominator_ >= 0).all());
   update_filter();
 }
 

@@ -2,6 +2,7 @@
 #include <asterism/parts/mrf.hpp>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <stdexcept>
 #include <vector>
 
@@ -93,7 +94,7 @@ void check_map(const cv::Mat& map, const char* message) {
 
 /// sum_i log(f_i b_i) with one logarithm for eight elements: f_i + b_i = 2 and f_i, b_i > 1e-15, so that the
 /// product of eight pairs is far from the ends of double.
-double log_of_product(const std::vector<float>& f, const std::vector<float>& b) {
+double log_of_product(std::span<const float> f, std::span<const float> b) {
   constexpr std::size_t kGroup = 8;
   double sum = 0;
   for (std::size_t begin = 0; begin < f.size(); begin += kGroup) {
@@ -135,8 +136,10 @@ cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat
   Neighbourhood lambda(size,
                        std::max(1, cvFloor(options.neighbourhood * std::max(size.width, size.height) + 0.5)));
 
-  std::vector<float> pi(cells, 0.5f), p_f(cells), p_b(cells), s(cells), q_f(cells), q_b(cells), mean_f(cells),
-      mean_b(cells);
+  std::vector<float> planes(8 * cells, 0.5f);
+  const auto plane = [&](std::size_t k) { return std::span(planes).subspan(k * cells, cells); };
+  const std::span<float> pi = plane(0), p_f = plane(1), p_b = plane(2), s = plane(3), q_f = plane(4),
+                         q_b = plane(5), mean_f = plane(6), mean_b = plane(7);
   if (!foreground_prior.empty()) {
     // A prior of exactly 0 beside one of exactly 1 would leave no class possible (0 / 0 in s).
     float* target = pi.data();

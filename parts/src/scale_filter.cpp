@@ -1,3 +1,4 @@
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/scale_filter.hpp>
 #include <cmath>
 #include <numbers>
@@ -43,6 +44,13 @@ ScaleFilter::ScaleFilter(const ScaleFilterOptions& options) : options_(options),
 
 void ScaleFilter::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size);
+  compute_features(frame, centre, size);
+  learn(1);
+}
+
+void ScaleFilter::prepare(const Size2& size) {
+  size_ = initial_size_ = size;
   const double to_template = std::min(
       {1.0, std::sqrt(options_.max_template_area) / mean_side(size), kMaxWindowSide / size.maxCoeff()});
   const auto side = [&](double length) {
@@ -57,10 +65,18 @@ void ScaleFilter::init(const Frame& frame, const Point2& centre, const Size2& si
   taps_.resize(static_cast<std::size_t>(grid_.width));
   response_.setZero();
   peak_ = log_variance_ = 0;
+}
 
-  compute_features(frame, centre, size);
-  learn(1);
+void ScaleFilter::visit_state(StateArchive& archive) {
+  archive.begin("scale filter", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("ScaleFilter: to be saved before init");
+  archive.size(initial_size_);
+  Size2 size = size_;
+  archive.size(size);
+  if (archive.loading()) prepare(Size2(initial_size_));
   size_ = size;
+  archive(template_);
+  archive(energy_);
 }
 
 double ScaleFilter::localize(const Frame& frame, const Point2& centre) {

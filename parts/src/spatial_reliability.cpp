@@ -1,4 +1,5 @@
 #include <asterism/parts/mrf.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/spatial_reliability.hpp>
 #include <cmath>
 #include <numbers>
@@ -162,6 +163,14 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
 
 void SpatialReliability::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size);
+  if (options_.segmentation) colour_.init(frame, box_around(centre, size));
+  update_mask(frame, centre);
+  transform_patch(frame, centre);
+  train(true);
+}
+
+void SpatialReliability::prepare(const Size2& size) {
   const double to_template =
       template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
   const double margin = options_.padding * mean_side(size);
@@ -205,11 +214,30 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
   // Its spectrum is real: it is symmetric.
   plane_fft_.forward(plane_.data(), spectrum_.data());
   label_ = spectrum_.real();
+}
 
-  if (options_.segmentation) colour_.init(frame, box_around(centre, size));
-  update_mask(frame, centre);
-  transform_patch(frame, centre);
-  train(true);
+void SpatialReliability::visit_state(StateArchive& archive) {
+  archive.begin("spatial_reliability", options_);
+  if (!archive.loading() && size_.isZero())
+    throw std::logic_error("SpatialReliability: to be saved before init");
+  archive.size(initial_size_);
+  Size2 size = size_;
+  archive.size(size);
+  if (archive.loading()) {
+    prepare(Size2(initial_size_));
+    resize(size);
+    mask_.values.setZero();
+    response_.values.setZero();
+    segmented_ = false;
+  }
+  if (options_.segmentation) colour_.visit_state(archive);
+  archive(template_);
+  archive(energy_);
+  archive.require((energy_ >= 0).all());
+  archive(filter_);
+  archive(dual_);
+  archive(weights_);
+  archive.position(bias_);
 }
 
 void SpatialReliability::resize(const Size2& size) {

@@ -1,5 +1,7 @@
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/template.hpp>
 #include <opencv2/imgproc.hpp>
+#include <stdexcept>
 
 #include "part_geometry.hpp"
 
@@ -25,14 +27,28 @@ Template::Template(const TemplateOptions& options) : options_(options) {
 
 void Template::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size, options_.colour && !frame.bgr().empty() ? 3 : 1);
+  learn(frame, centre, 1);
+}
+
+void Template::prepare(const Size2& size, int channels) {
+  size_ = size, channels_ = channels;
   const auto [spacing, cols, rows, reach, response] =
       match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
-  channels_ = options_.colour && !frame.bgr().empty() ? 3 : 1;
-
   template_.setZero(Eigen::Index{rows_} * cols_ * channels_);
-  learn(frame, centre, 1);
+}
+
+void Template::visit_state(StateArchive& archive) {
+  archive.begin("template", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Template: to be saved before init");
+  archive.size(size_);
+  archive(channels_);
+  archive.require(channels_ == 1 || (channels_ == 3 && options_.colour));
+  if (archive.loading()) prepare(Size2(size_), channels_);
+  archive(template_);
+  archive(contrast_);
 }
 
 Evidence Template::localize(const Frame& frame, const Point2& around) {

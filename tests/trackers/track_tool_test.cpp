@@ -183,6 +183,36 @@ TEST_F(TrackTool, WritesBoxesToTheStandardOutput) {
   expect_boxes(path("out"), 1, kFrames);
 }
 
+TEST_F(TrackTool, FollowsSeveralObjects) {
+  make_images("images");
+  ASSERT_EQ(run(kBox + (" --box 200,150,50,40 " + path("images")) + csv() + " --save " + path("overlay.mp4")),
+            0)
+      << err_;
+  EXPECT_TRUE(err_.starts_with("kcf: 2 objects, 20 frames, ")) << err_;
+  const std::vector<std::string> lines = lines_of(folder_ / "boxes.csv");
+  ASSERT_EQ(lines.size(), 2u * kFrames + 1);
+  EXPECT_EQ(lines[0], "frame,id,x,y,width,height,confidence,lost,milliseconds");
+  // The first is what it is alone.
+  ASSERT_EQ(run(path("images") + kBox + " --out " + path("alone.csv")), 0) << err_;
+  const std::vector<std::string> alone = lines_of(folder_ / "alone.csv");
+  for (size_t i = 1; i < lines.size(); ++i) {
+    const std::vector<double> v = parse_numbers(lines[i]);
+    ASSERT_EQ(v.size(), 9u) << lines[i];
+    const size_t frame = (i + 1) / 2;
+    EXPECT_EQ(v[0], static_cast<double>(frame));
+    EXPECT_EQ(v[1], i % 2 == 1 ? 1 : 2);
+    const std::vector<double> w = parse_numbers(alone[frame]);
+    for (size_t k = 1; i % 2 == 1 && k < 7; ++k) EXPECT_EQ(v[k + 1], w[k]) << lines[i];
+    if (i % 2 == 0) {
+      EXPECT_GT(overlap({v[2], v[3], v[4], v[5]}, {200, 150, 50, 40}), 0.6);
+    }
+  }
+  cv::VideoCapture video(path("overlay.mp4"));
+  EXPECT_EQ(video.get(cv::CAP_PROP_FRAME_COUNT), kFrames);
+  expect_error(path("images") + kBox + kBox + " --sheet " + path("sheet.png"), {"--sheet is for one object"});
+  expect_error(path("images") + kBox + " --box 1,2,3", {"--box \"1,2,3\" is not x,y,width,height"});
+}
+
 TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
   ASSERT_EQ(
       run(make_video().string() + kBox + " --save " + path("overlay.mp4") + " --sheet " + path("sheet.png")),

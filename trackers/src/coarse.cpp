@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -142,19 +143,20 @@ void CoarseLayer::adapt(const Frame& frame, bool informative) {
 
 CoarseTracker::CoarseTracker(const CoarseOptions& options) : layer_(options) {}
 
-void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void CoarseTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   layer_.init(frame, box);
   initialized_ = true;
 }
 
-TrackResult CoarseTracker::update(const cv::Mat& image) {
+TrackResult CoarseTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult CoarseTracker::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("CoarseTracker: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
 
   const CoarseLayer::Estimate estimate = layer_.localize(frame);
   result.times.push_back({"root", estimate.root_milliseconds});

@@ -2,10 +2,13 @@
 #include <asterism/solver/batch.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/stiffness.hpp>
+#include <cmath>
 #include <exception>
+#include <numbers>
 #include <stdexcept>
 
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -74,11 +77,13 @@ void Dpt::for_each_part(F&& f) {
     if (exception) std::rethrow_exception(exception);
 }
 
-void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void Dpt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   coarse_.init(frame, box);
   initial_size_ = coarse_.size();
+  angle_ = 0;
 
   if (options_.scale_share > 0) scale_.init(frame, coarse_.centre(), coarse_.size());
 
@@ -97,12 +102,14 @@ void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) {
   initialized_ = true;
 }
 
-TrackResult Dpt::update(const cv::Mat& image) {
+TrackResult Dpt::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult Dpt::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Dpt: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
+  result.parts.reserve(parts_.size());
+  result.times.reserve(8);  // of update(image) too
 
   // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
@@ -112,6 +119,7 @@ TrackResult Dpt::update(const cv::Mat& image) {
   clock.lap();
   result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
   result.lost = coarse.lost;
+  result.angle = angle_;
   result.links.assign(springs_.links().begin(), springs_.links().end());
   if (coarse_.waits(coarse)) {
     result.box = coarse_.box();
@@ -123,11 +131,11 @@ TrackResult Dpt::update(const cv::Mat& image) {
   }
 
   // Line 2: responses of the parts form the spring system.
-  std::vector<Evidence> evidence(parts_.size());
+  std::array<Evidence, kMaxParts> evidence;
   for_each_part([&](std::size_t i) {
     evidence[i] = parts_[i].localize(frame, placement.col(static_cast<Eigen::Index>(i)));
   });
-  set_springs(evidence);
+  set_springs({evidence.data(), parts_.size()});
   result.times.push_back({"parts", clock.lap()});
 
   // Line 3: the MAP constellation.
@@ -168,6 +176,7 @@ TrackResult Dpt::update(const cv::Mat& image) {
   result.times.push_back({"root update", clock.lap()});
 
   result.box = coarse_.box();
+  result.angle = angle_;
   return result;
 }
 
@@ -190,10 +199,11 @@ void Dpt::follow(const Frame& frame, Placement& placement) {
     for (AnyPart& part : parts_) part.resize(part_size_);
   }
   coarse_.move(box_around(centre, size));
+  angle_ = std::remainder(angle_ + transform.angle, 2 * std::numbers::pi);
   placement_ = placement;
 }
 
-void Dpt::set_springs(const std::vector<Evidence>& evidence) {
+void Dpt::set_springs(std::span<const Evidence> evidence) {
   for (int i = 0; i < part_count(); ++i) {
     const Evidence& part = evidence[static_cast<std::size_t>(i)];
     springs_.anchors.col(i) = part.position;

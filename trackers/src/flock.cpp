@@ -5,6 +5,7 @@
 
 #include "require.hpp"
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -17,8 +18,9 @@ Flock::Flock(const FlockOptions& options) : options_(options), flow_(options.flo
   require(options.lost_below >= 0 && options.lost_below <= 1, "FlockOptions: lost_below must be in [0, 1]");
 }
 
-void Flock::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void Flock::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   pose_ = ObjectPose(box);
   const int n = options_.grid;
@@ -31,12 +33,12 @@ void Flock::init(const cv::Mat& image, const cv::Rect2d& box) {
   initialized_ = true;
 }
 
-TrackResult Flock::update(const cv::Mat& image) {
+TrackResult Flock::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult Flock::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Flock: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
 
   // Each point by itself.
   const std::vector<Evidence> evidence = flow_.follow(frame, placement_);
@@ -88,6 +90,7 @@ TrackResult Flock::update(const cv::Mat& image) {
   result.times.push_back({"part update", clock.lap()});
 
   result.box = pose_.box();
+  result.angle = pose_.transform().angle;
   result.confidence = std::clamp(confidence, 0.0, 1.0);
   result.lost = lost;
   return result;

@@ -6,6 +6,7 @@
 
 #include "require.hpp"
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -37,8 +38,9 @@ KeypointTracker::KeypointTracker(const KeypointTrackerOptions& options)
           "KeypointTrackerOptions: lost_below must be in [0, 1]");
 }
 
-void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void KeypointTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   pose_ = ObjectPose(box);
   padding_ = options_.padding;
@@ -53,12 +55,12 @@ void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
   initialized_ = true;
 }
 
-TrackResult KeypointTracker::update(const cv::Mat& image) {
+TrackResult KeypointTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult KeypointTracker::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("KeypointTracker: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
 
   // Where each part that was seen went, and where each looks as it did.
   const int n = parts_.size();
@@ -124,6 +126,7 @@ TrackResult KeypointTracker::update(const cv::Mat& image) {
   }
   result.links = parts_.links();
   result.box = pose_.box();
+  result.angle = pose_.transform().angle;
   result.confidence = n > 0 ? std::clamp(agreeing / n, 0.0, 1.0) : 0;
   result.lost = lost;
   if (lost) {

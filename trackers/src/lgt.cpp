@@ -7,6 +7,7 @@
 
 #include "require.hpp"
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -39,8 +40,9 @@ Lgt::Lgt(const LgtOptions& options) : options_(options), parts_(options.springs)
             "LgtOptions: remove_below, layout_rate and lost_below must be in [0, 1]");
 }
 
-void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void Lgt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   pose_ = ObjectPose(box);
   colour_.init(frame, box);
@@ -51,12 +53,12 @@ void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) {
   initialized_ = true;
 }
 
-TrackResult Lgt::update(const cv::Mat& image) {
+TrackResult Lgt::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult Lgt::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Lgt: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
 
   // What both layers see.
   const Segmentation segmentation = colour_.segment(
@@ -101,6 +103,7 @@ TrackResult Lgt::update(const cv::Mat& image) {
   }
   result.links = parts_.links();
   result.box = pose_.box();
+  result.angle = pose_.transform().angle;
   result.confidence = std::clamp(confidence, 0.0, 1.0);
   result.lost = confidence < options_.lost_below;
 

@@ -8,6 +8,7 @@
 
 #include "require.hpp"
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -36,8 +37,9 @@ SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
           "SuperpixelTrackerOptions: lost_below must be in [0, 1]");
 }
 
-void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
-  const Frame frame(image);
+void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void SuperpixelTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   colour_ = frame.has_colour();
   pose_ = ObjectPose(box);
@@ -50,12 +52,12 @@ void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
   initialized_ = true;
 }
 
-TrackResult SuperpixelTracker::update(const cv::Mat& image) {
+TrackResult SuperpixelTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult SuperpixelTracker::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("SuperpixelTracker: update before init");
   StageClock clock;
-  const Frame frame(image);
   TrackResult result;
-  result.times.push_back({"frame", clock.lap()});
 
   const Candidates seen = cut(frame);
   const Eigen::ArrayXXf likeness = alike(colours_, seen.colours);
@@ -126,6 +128,7 @@ TrackResult SuperpixelTracker::update(const cv::Mat& image) {
   }
   result.links = parts_.links();
   result.box = pose_.box();
+  result.angle = pose_.transform().angle;
   result.confidence = std::clamp(confidence, 0.0, 1.0);
   result.lost = confidence < options_.lost_below;
   if (!result.lost) renew(seen);

@@ -4,6 +4,7 @@
 #include <asterism/trackers/lgt.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker.hpp>
+#include <cmath>
 #include <optional>
 #include <stdexcept>
 #ifdef ASTERISM_TRACKERS_FLOW
@@ -99,6 +100,21 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 }
 
 }  // namespace
+
+std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  const cv::Point2d middle(box.x + box.width / 2, box.y + box.height / 2);
+  std::array<cv::Point2d, 4> corners{cv::Point2d(box.x, box.y),
+                                     {box.x + box.width, box.y},
+                                     {box.x + box.width, box.y + box.height},
+                                     {box.x, box.y + box.height}};
+  if (angle == 0) return corners;
+  for (cv::Point2d& corner : corners) {
+    const cv::Point2d d = corner - middle;
+    corner = middle + cv::Point2d(c * d.x - s * d.y, s * d.x + c * d.y);
+  }
+  return corners;
+}
 
 std::vector<std::string> tracker_names() {
   std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",     "dpt_crs_nos",

@@ -28,7 +28,8 @@ void append(std::string& line, double value, int decimals = 4) {
 
 std::string why() { return errno == 0 ? "" : std::string(": ") + std::strerror(errno); }
 
-CsvFile::CsvFile(const std::string& path) : name_(path == "-" ? "the standard output" : path) {
+CsvFile::CsvFile(const std::string& path, bool several)
+    : several_(several), name_(path == "-" ? "the standard output" : path) {
   errno = 0;
   if (path == "-") {
     stream_ = &std::cout;
@@ -37,18 +38,23 @@ CsvFile::CsvFile(const std::string& path) : name_(path == "-" ? "the standard ou
     if (!file_) throw std::runtime_error("cannot write " + name_ + why());
     stream_ = &file_;
   }
-  write("frame,x,y,width,height,confidence,lost,milliseconds\n");
+  write(std::string(several ? "frame,id" : "frame") + ",x,y,width,height,confidence,lost,milliseconds\n");
 }
 
-void CsvFile::add(int frame, const TrackResult& result, double milliseconds) {
-  std::string line = std::to_string(frame);
-  for (const double value :
-       {result.box.x, result.box.y, result.box.width, result.box.height, result.confidence}) {
-    append(line += ',', value);
+void CsvFile::add(int frame, std::span<const TrackResult> objects, double milliseconds) {
+  std::string lines;
+  for (int id = 1; const TrackResult& result : objects) {
+    lines += std::to_string(frame);
+    if (several_) lines += ',' + std::to_string(id++);
+    for (const double value :
+         {result.box.x, result.box.y, result.box.width, result.box.height, result.confidence}) {
+      append(lines += ',', value);
+    }
+    lines += result.lost ? ",1," : ",0,";
+    append(lines, milliseconds, 3);
+    lines += '\n';
   }
-  line += result.lost ? ",1," : ",0,";
-  append(line, milliseconds, 3);
-  write(line += '\n');
+  write(lines);
 }
 
 void CsvFile::write(const std::string& line) {

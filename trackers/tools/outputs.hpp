@@ -5,21 +5,25 @@
 #include <fstream>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
+#include <span>
 #include <string>
 
 namespace asterism::tools {
 
-/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds`, each written out at once.
+/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds`, each written out at once; of
+/// several objects as lines of `frame,id,x,..`.
 class CsvFile {
  public:
   /// `path` "-" is the standard output. Throws std::runtime_error where the file cannot be written; so do
   /// all.
-  explicit CsvFile(const std::string& path);
-  void add(int frame, const TrackResult& result, double milliseconds);
+  CsvFile(const std::string& path, bool several);
+  /// A line an object, with ids from 1 in their order; milliseconds: of all objects in this frame.
+  void add(int frame, std::span<const TrackResult> objects, double milliseconds);
 
  private:
   void write(const std::string& line);
 
+  bool several_;
   std::string name_;
   std::ofstream file_;
   std::ostream* stream_ = nullptr;  // `file_` or std::cout

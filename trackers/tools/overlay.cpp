@@ -1,6 +1,7 @@
 #include "overlay.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstdio>
 #include <opencv2/imgproc.hpp>
@@ -9,8 +10,7 @@
 namespace asterism::tools {
 namespace {
 
-const cv::Scalar kYellow(0, 255, 255), kRed(0, 0, 255), kBlue(255, 112, 16), kWhite(255, 255, 255),
-    kDark(0, 0, 0);
+const cv::Scalar kRed(0, 0, 255), kBlue(255, 112, 16), kWhite(255, 255, 255), kDark(0, 0, 0);
 constexpr double kFaded = 0.35;    // opacity of what was not updated
 constexpr int kSubpixelBits = 4;   // of the coordinates that OpenCV draws
 constexpr int kMinReadable = 480;  // rows below which the overlay is drawn at twice the size
@@ -30,14 +30,17 @@ struct Pen {
   cv::Point2d map(double x, double y) const {
     return {(x + 0.5 - view.origin.x) * view.scale - 0.5, (y + 0.5 - view.origin.y) * view.scale - 0.5};
   }
-  void box(const cv::Rect2d& b, const cv::Scalar& colour, int width) const {
-    if (!std::isfinite(b.x + b.y + b.width + b.height)) return;
-    // From the outer edge of the first pixel to that of the last one.
-    const cv::Point2d a = map(b.x - 0.5, b.y - 0.5), z = map(b.x + b.width - 0.5, b.y + b.height - 0.5);
-    cv::rectangle(canvas, subpixel(a), subpixel(z), colour, width, cv::LINE_AA, kSubpixelBits);
+  void outline(const std::array<cv::Point2d, 4>& corners, const cv::Scalar& colour, int width) const {
+    std::vector<cv::Point> drawn;
+    for (const cv::Point2d& corner : corners) {
+      if (!std::isfinite(corner.x + corner.y)) return;
+      // A box begins at the outer edge of its first pixel and ends at that of the last one.
+      drawn.push_back(subpixel(map(corner.x - 0.5, corner.y - 0.5)));
+    }
+    cv::polylines(canvas, drawn, true, colour, width, cv::LINE_AA, kSubpixelBits);
   }
-  void part(const PartState& part) const {
-    box(box_around(part.position, part.size), kBlue, 1);
+  void part(const TrackResult& result, const PartState& part) const {
+    outline(result.corners(part), kBlue, 1);
     if (!part.position.allFinite()) return;
     cv::circle(canvas, subpixel(map(part.position.x(), part.position.y())), 2 << kSubpixelBits, kBlue,
                cv::FILLED, cv::LINE_AA, kSubpixelBits);
@@ -58,7 +61,7 @@ void draw_constellation(const Pen& pen, const TrackResult& result, bool updated)
     if ((a.updated && b.updated) == updated) pen.spring(a, b);
   }
   for (const PartState& part : result.parts) {
-    if (part.updated == updated) pen.part(part);
+    if (part.updated == updated) pen.part(result, part);
   }
 }
 
@@ -82,14 +85,23 @@ std::string text(const char* format, double value) {
 
 double overlay_scale(cv::Size frame) { return frame.height < kMinReadable ? 2 : 1; }
 
-void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view) {
+cv::Scalar colour_of(size_t object) {
+  constexpr std::array<std::array<double, 3>, 6> kColours{
+      {{0, 255, 255}, {80, 220, 80}, {255, 200, 0}, {240, 80, 240}, {0, 150, 255}, {255, 255, 255}}};
+  const auto& [blue, green, red] = kColours[object % kColours.size()];
+  return {blue, green, red};
+}
+
+void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view, const cv::Scalar& colour) {
   if (!result.parts.empty()) {
     cv::Mat faded = canvas.clone();
     draw_constellation({faded, view}, result, false);
     cv::addWeighted(faded, kFaded, canvas, 1 - kFaded, 0, canvas);
     draw_constellation({canvas, view}, result, true);
   }
-  Pen{canvas, view}.box(result.box, result.lost ? kRed : kYellow, 2);
+  const cv::Scalar& shown = result.lost ? kRed : colour;
+  Pen{canvas, view}.outline(turned(result.box, 0), shown, 2);
+  if (result.angle != 0) Pen{canvas, view}.outline(result.corners(), shown, 1);
 }
 
 void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point corner, double size) {
@@ -103,14 +115,27 @@ void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point
   }
 }
 
-cv::Mat draw_overlay(const cv::Mat& frame, const TrackResult& result, int number, double fps) {
+cv::Mat draw_overlay(const cv::Mat& frame, std::span<const TrackResult> objects, int number, double fps) {
   cv::Mat canvas = to_bgr(frame);
   const double scale = overlay_scale(frame.size());
   if (scale != 1) cv::resize(canvas, canvas, {}, scale, scale, cv::INTER_CUBIC);
-  draw_track(canvas, result, {scale, {}});
-
-  std::vector<std::string> lines = {"frame " + std::to_string(number) + (result.lost ? "  LOST" : "")};
+  std::vector<std::string> lines = {"frame " + std::to_string(number)};
   if (fps > 0) lines.push_back(text("%.1f fps", fps));
+  if (objects.size() != 1) {
+    for (size_t i = 0; i < objects.size(); ++i) {
+      const TrackResult& object = objects[i];
+      draw_track(canvas, object, {scale, {}}, colour_of(i));
+      const cv::Rect2d& box = object.box;
+      if (!(std::abs(box.x) < 1e6 && std::abs(box.y) < 1e6)) continue;  // no place to write at
+      draw_text(canvas, {std::to_string(i + 1) + (object.lost ? "  LOST" : "")},
+                {cvRound(box.x * scale) + 4, cvRound(box.y * scale) + 4});
+    }
+    draw_text(canvas, lines, {8, 8});
+    return canvas;
+  }
+  const TrackResult& result = objects.front();
+  draw_track(canvas, result, {scale, {}});
+  if (result.lost) lines.front() += "  LOST";
   if (!result.times.empty()) lines.push_back(text("%.2f ms in all", result.milliseconds()));
   for (const StageTime& t : result.times) {
     lines.push_back(text("%.2f ms ", t.milliseconds) + std::string(t.stage));

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <asterism/trackers/dpt.hpp>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/multi_tracker.hpp>
 #include <chrono>
 #include <cstdio>
 #include <opencv2/imgcodecs.hpp>
@@ -36,7 +36,12 @@ cv::Rect2d parse_box(const std::string& text) {
 // What can be seen to be wrong before the first frame is read.
 void check(const Options& options) {
   make_tracker(options.tracker);  // throws for a name that it does not know
-  if (options.box) parse_box(*options.box);
+  for (const std::string& box : options.boxes) parse_box(box);
+  if (options.boxes.size() > 1) {
+    for (const auto& [option, path] :
+         {std::pair("--sheet", options.sheet), {"--record-systems", options.systems}})
+      if (!path.empty()) throw std::runtime_error(std::string(option) + " is for one object: give one --box");
+  }
   if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
   if (!options.save.empty()) check_output("--save", options.save, options.input);
   if (!options.systems.empty()) {
@@ -55,15 +60,19 @@ void check(const Options& options) {
   }
 }
 
-cv::Rect2d first_box(const Options& options, const std::vector<std::optional<Region>>& truth, Window* window,
-                     const cv::Mat& image) {
-  if (options.box) return parse_box(*options.box);
+std::vector<cv::Rect2d> first_boxes(const Options& options, const std::vector<std::optional<Region>>& truth,
+                                    Window* window, const cv::Mat& image) {
+  if (!options.boxes.empty()) {
+    std::vector<cv::Rect2d> boxes;
+    for (const std::string& box : options.boxes) boxes.push_back(parse_box(box));
+    return boxes;
+  }
   const auto index = static_cast<size_t>(options.start - 1);
-  if (index < truth.size() && truth[index]) return truth[index]->box();
+  if (index < truth.size() && truth[index]) return {truth[index]->box()};
   if (window != nullptr) {
     const cv::Rect2d box = window->select(image);
     if (box.empty()) throw std::runtime_error("no box was selected");
-    return box;
+    return {box};
   }
   if (!truth.empty()) {
     throw std::runtime_error("the ground truth has no box in frame " + std::to_string(options.start) +
@@ -85,18 +94,18 @@ std::string name_of(const std::string& input) {
 class Outputs {
  public:
   Outputs(const Options& options, Window* window, double fps) : options_(options), window_(window) {
-    if (!options.out.empty()) csv_.emplace(options.out);
+    if (!options.out.empty()) csv_.emplace(options.out, options.boxes.size() > 1);
     if (!options.save.empty()) video_.emplace(options.save, fps);
   }
 
   /// False where the user closes the window.
-  bool add(const cv::Mat& image, const TrackResult& result, int frame, double milliseconds) {
-    if (csv_) csv_->add(frame, result, milliseconds);
-    if (!options_.sheet.empty()) sheet_.add(image, result, frame);
+  bool add(const cv::Mat& image, std::span<const TrackResult> objects, int frame, double milliseconds) {
+    if (csv_) csv_->add(frame, objects, milliseconds);
+    if (!options_.sheet.empty()) sheet_.add(image, objects.front(), frame);
     // Of about the last ten frames; the first one is `init`.
     if (frames_++ > 0) recent_ = frames_ == 2 ? milliseconds : 0.9 * recent_ + 0.1 * milliseconds;
     if (!video_ && window_ == nullptr) return true;
-    const cv::Mat overlay = draw_overlay(image, result, frame, recent_ > 0 ? 1000 / recent_ : 0);
+    const cv::Mat overlay = draw_overlay(image, objects, frame, recent_ > 0 ? 1000 / recent_ : 0);
     if (video_) video_->add(overlay);
     return window_ == nullptr || show(overlay);
   }
@@ -132,7 +141,9 @@ struct Score {
 };
 
 void print_summary(const Options& options, const Score& score) {
-  std::fprintf(stderr, "%s: %d frames", options.tracker.c_str(), score.updates + 1);
+  std::fprintf(stderr, "%s: ", options.tracker.c_str());
+  if (options.boxes.size() > 1) std::fprintf(stderr, "%zu objects, ", options.boxes.size());
+  std::fprintf(stderr, "%d frames", score.updates + 1);
   if (score.milliseconds > 0) std::fprintf(stderr, ", %.1f fps", 1000 * score.updates / score.milliseconds);
   if (score.compared > 0) {
     std::fprintf(stderr, ", mean overlap %.3f in %d frames", score.overlaps / score.compared, score.compared);
@@ -160,10 +171,13 @@ void run(const Options& options) {
 
   std::optional<SystemRecorder> recorder;
   if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input));
-  AnyTracker tracker = recorder ? AnyTracker(recorder->make_tracker()) : make_tracker(options.tracker);
-  TrackResult result;
-  result.box = first_box(options, truth, window ? &*window : nullptr, image);
-  result.confidence = 1;
+  MultiTracker tracker(0);
+  std::vector<TrackResult> results;
+  for (const cv::Rect2d& box : first_boxes(options, truth, window ? &*window : nullptr, image)) {
+    results.emplace_back();
+    results.back().box = box;
+    results.back().confidence = 1;
+  }
   Outputs outputs(options, window ? &*window : nullptr, source.fps());
   Score score;
   std::string error;
@@ -178,9 +192,15 @@ void run(const Options& options) {
       }
       return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
     };
-    double milliseconds = timed([&] { tracker.init(image, result.box); });
+    double milliseconds = timed([&] {
+      const Frame frame(image);
+      for (size_t i = 0; i < results.size(); ++i)
+        tracker.add(static_cast<int>(i),
+                    recorder ? AnyTracker(recorder->make_tracker()) : make_tracker(options.tracker), frame,
+                    results[i].box);
+    });
     Progress progress(total);
-    bool go_on = outputs.add(image, result, source.position(), milliseconds);
+    bool go_on = outputs.add(image, results, source.position(), milliseconds);
     while (go_on && g_stop_signal == 0 && (options.frames == 0 || score.updates + 1 < options.frames)) {
       if (!source.next(image)) {
         if (source.position() < source.frame_count()) {
@@ -189,15 +209,21 @@ void run(const Options& options) {
         }
         break;
       }
-      milliseconds = timed([&] { result = tracker.update(image); });
+      milliseconds = timed([&] {
+        for (MultiTracker::Object& object : tracker.update(image)) {
+          if (object.error) std::rethrow_exception(object.error);
+          results[static_cast<size_t>(object.id)] = std::move(object.result);
+        }
+      });
       score.milliseconds += milliseconds;
       ++score.updates;
-      if (const auto at = static_cast<size_t>(source.position() - 1); at < truth.size() && truth[at]) {
-        score.overlaps += overlap(result.box, truth[at]->box());
+      if (const auto at = static_cast<size_t>(source.position() - 1);
+          at < truth.size() && truth[at] && results.size() == 1) {
+        score.overlaps += overlap(results[0].box, truth[at]->box());
         ++score.compared;
       }
       if (recorder) recorder->write(source.position());
-      go_on = outputs.add(image, result, source.position(), milliseconds);
+      go_on = outputs.add(image, results, source.position(), milliseconds);
       progress.report(score.updates + 1);
     }
   } catch (const std::exception& e) {

@@ -1,15 +1,15 @@
 #pragma once
 
 #include <csignal>
-#include <optional>
 #include <string>
+#include <vector>
 
 namespace asterism::tools {
 
 /// The command line.
 struct Options {
   std::string input, tracker = "dpt", out, save, sheet, systems;
-  std::optional<std::string> box;
+  std::vector<std::string> boxes;  // of as many objects; none: that of the ground truth
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all
 };

@@ -1,4 +1,4 @@
-// asterism-track: follows one object through a video and writes where it was.
+// asterism-track: follows objects through a video and writes where it was.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -29,15 +29,17 @@ int run_command_line(int argc, char** argv) {
   silence_libraries();
 
   Options options;
-  CLI::App app("Follows one object through a video; writes its boxes as CSV and an overlay to look at.",
+  CLI::App app("Follows objects through a video; writes their boxes as CSV and an overlay to look at.",
                kProgram);
   app.add_option(
          "INPUT", options.input,
          "video file, camera index, image folder, image pattern (img_%05d.jpg, '*.jpg') or VOT sequence")
       ->required();
   const CLI::Range count(1, 1'000'000'000);
-  app.add_option("--box", options.box,
-                 "x,y,w,h of the object in the first frame [px]; default: ground truth");
+  app.add_option("--box", options.boxes,
+                 "x,y,w,h of the object in the first frame [px]; default: ground truth; again for each "
+                 "further object")
+      ->allow_extra_args(false);
   add_tracker_options(app, options.tracker);
   app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");
   app.add_option("--save", options.save, "overlay video (.mp4)");

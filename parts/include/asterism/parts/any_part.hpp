@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <memory>
 #include <utility>
 
@@ -35,6 +36,8 @@ class AnyPart {
   /// The target has another size in the image [px] from now on; a model that cannot follow (see
   /// ResizableModel) goes on at its own.
   void resize(const Size2& size) { self_->resize(size); }
+  /// Throws std::invalid_argument for a model that is not Stateful.
+  void visit_state(StateArchive& archive) { self_->visit_state(archive); }
 
  private:
   struct Concept {
@@ -46,6 +49,7 @@ class AnyPart {
     virtual void adapt(const Frame&, const Point2&) = 0;
     virtual const ResponseMap* response() const = 0;
     virtual void resize(const Size2&) = 0;
+    virtual void visit_state(StateArchive&) = 0;
   };
   template <class P>
   struct Model final : Concept {
@@ -67,6 +71,12 @@ class AnyPart {
     }
     void resize(const Size2& size) override {
       if constexpr (ResizableModel<P>) part.resize(size);
+    }
+    void visit_state(StateArchive& archive) override {
+      if constexpr (Stateful<P>)
+        part.visit_state(archive);
+      else
+        throw_not_stateful("part model");
     }
     static const ResponseMap* pointer_to(const ResponseMap& response) { return &response; }
     static const ResponseMap* pointer_to(const ResponseMap* response) { return response; }

@@ -2,6 +2,7 @@
 
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -57,14 +58,19 @@ class ColorHistogram {
   /// The learned histogram, of sum 1; the last channel (of B, G, R or of H, S, V) runs fastest.
   const Eigen::ArrayXf& histogram() const { return histogram_; }
 
+  /// What has been learned, for save_state; the response of the last `localize` is not.
+  void visit_state(StateArchive& archive);
+
   const ColorHistogramOptions& options() const { return options_; }
 
  private:
+  void prepare(const Size2& size, Space space);  // all that follows from them
   // The bins of the window of `grid` template pixels around `centre`, in `bins_`, row by row.
   void sample(const Frame& frame, const Point2& centre, const cv::Size& grid);
   void learn(const Frame& frame, const Point2& at, double rate);
 
   ColorHistogramOptions options_;
+  Size2 size_ = Size2::Zero();  // of the target
   Space space_ = Space::Rgb;
   double spacing_ = 1;                          // image pixels a template pixel
   int rows_ = 0, cols_ = 0, reach_ = 0;         // of the template; largest displacement [template pixels]

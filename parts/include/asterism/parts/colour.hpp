@@ -3,6 +3,7 @@
 #include <array>
 #include <asterism/parts/frame.hpp>
 #include <asterism/parts/mrf.hpp>
+#include <asterism/parts/state.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -84,6 +85,9 @@ class ColourModel {
   /// Eq. segmentation_uniform: p(f) (1 - alpha_col) + alpha_col, alpha_col being 1, and so the result, where
   /// uninformative.
   double probability(const Segmentation& segmentation, const Point2& position) const;
+
+  /// What has been learned, for save_state.
+  void visit_state(StateArchive& archive);
 
   const ColourOptions& options() const { return options_; }
   const std::array<float, kBins>& foreground() const { return foreground_; }

@@ -4,6 +4,7 @@
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <memory>
 
 namespace asterism::part_kernels_v0_1 {
@@ -95,11 +96,16 @@ class Kcf {
   /// stays.
   void resize(const Size2& size);
 
+  /// What has been learned, for save_state; the response of the last `localize` is not.
+  void visit_state(StateArchive& archive);
+
   const KcfOptions& options() const { return options_; }
 
  private:
   using Plan = part_kernels_v0_1::FilterPlan;
 
+  // All that follows from the target's size in the first frame: what `init` makes but the model itself.
+  void prepare(const Size2& size);
   // Features of the cells: the gray level of `patch_`, and the colours around `centre`.
   void add_gray(float* plane);
   void add_colour(const Frame& frame, const Point2& centre, float* planes);

@@ -3,6 +3,7 @@
 #include <asterism/parts/fft.hpp>
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -56,11 +57,15 @@ class Mosse {
   /// is occluded (Bolme et al.); 0 without any response.
   double psr() const { return psr_; }
 
+  /// What has been learned, for save_state; the response of the last `localize` is not.
+  void visit_state(StateArchive& archive);
+
   const MosseOptions& options() const { return options_; }
 
  private:
   using Spectrum = Eigen::ArrayXcf;
 
+  void prepare(const Size2& size);  // all that follows from the target's size
   // Spectrum F of a patch of the template's size, in `spectrum_`.
   void transform(const cv::Mat& patch);
   // The patch around `centre`, in `patch_`.
@@ -72,7 +77,8 @@ class Mosse {
   }
 
   MosseOptions options_;
-  double spacing_ = 1;  // image pixels a template pixel
+  Size2 size_ = Size2::Zero();  // of the target
+  double spacing_ = 1;          // image pixels a template pixel
   int rows_ = 0, cols_ = 0;
   RealFft2<float> fft_;
   Eigen::ArrayXf hann_;  // the cosine window

@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/patch.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -67,9 +68,13 @@ class ScaleFilter {
   /// responses counting as 0, and of the steps' quantisation. That of all sizes where there is no response.
   double log_variance() const { return log_variance_; }
 
+  /// What has been learned, for save_state; the response of the last `localize` is not.
+  void visit_state(StateArchive& archive);
+
   const ScaleFilterOptions& options() const { return options_; }
 
  private:
+  void prepare(const Size2& size);  // all that follows from the target's first size
   // The windowed features of the patches about `centre`, the middle one of `size`, in `sample_`.
   void compute_features(const Frame& frame, const Point2& centre, const Size2& size);
   // A patch of CV_32FC1 from the middle `fraction` of the source, bilinear.
@@ -81,7 +86,7 @@ class ScaleFilter {
   void correlate(const Eigen::MatrixXf& first);
 
   ScaleFilterOptions options_;
-  Size2 size_ = Size2::Zero();
+  Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
   Fhog fhog_;
   cv::Size grid_;                    // template pixels
   Eigen::ArrayXf hann_;              // over the sizes

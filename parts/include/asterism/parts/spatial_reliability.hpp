@@ -5,6 +5,7 @@
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -143,11 +144,15 @@ class SpatialReliability {
   /// Weight of each channel: HOG's, the gray level, and the colours if they were asked for.
   const Eigen::ArrayXf& weights() const { return weights_; }
 
+  /// What has been learned, for save_state; mask and response of the last calls are not.
+  void visit_state(StateArchive& archive);
+
   const SpatialReliabilityOptions& options() const { return options_; }
 
  private:
   using Spectrum = Eigen::ArrayXcf;
 
+  void prepare(const Size2& size);  // all that follows from the target's first size
   // Spectra of the windowed features of the patch around `centre`, in `sample_`.
   void transform_patch(const Frame& frame, const Point2& centre);
   void update_mask(const Frame& frame, const Point2& at);

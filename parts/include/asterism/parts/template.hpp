@@ -2,6 +2,7 @@
 
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -50,14 +51,19 @@ class Template {
   /// The response map of the last `localize`, one value a displacement.
   const ResponseMap& response() const { return response_; }
 
+  /// What has been learned, for save_state; the response of the last `localize` is not.
+  void visit_state(StateArchive& archive);
+
   const TemplateOptions& options() const { return options_; }
 
  private:
+  void prepare(const Size2& size, int channels);  // all that follows from them
   // The window of `grid` template pixels around `centre`, in float gray levels.
   void sample(const Frame& frame, const Point2& centre, const cv::Size& grid, cv::Mat& pixels);
   void learn(const Frame& frame, const Point2& at, double rate);
 
   TemplateOptions options_;
+  Size2 size_ = Size2::Zero();    // of the target
   double spacing_ = 1;            // image pixels a template pixel
   int rows_ = 0, cols_ = 0;       // of the template
   int channels_ = 1, reach_ = 0;  // reach: largest displacement [template pixels]

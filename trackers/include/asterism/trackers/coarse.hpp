@@ -60,6 +60,8 @@ class CoarseLayer {
   /// Update the root filter and, where the segmentation was informative, the histograms at the object's box.
   void adapt(const Frame& frame, bool informative);
 
+  void visit_state(StateArchive& archive);
+
   const Point2& centre() const { return centre_; }
   const Size2& size() const { return size_; }
   cv::Rect2d box() const { return box_around(centre_, size()); }
@@ -88,6 +90,9 @@ class CoarseTracker {
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
  private:
   CoarseLayer layer_;

@@ -7,6 +7,7 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <functional>
+#include <span>
 #include <variant>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -93,6 +94,11 @@ class Dpt {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+
+  /// For save_state; of the options `threads` may differ.
+  void visit_state(StateArchive& archive);
 
   /// The spring system of the last frame and how its solver stopped.
   const Springs& springs() const { return springs_; }
@@ -108,7 +114,7 @@ class Dpt {
   /// `placement`, which is scaled to the size that the scale filter has a say in, if there is one.
   void follow(const Frame& frame, Placement& placement);
   /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
-  void set_springs(const std::vector<Evidence>& evidence);
+  void set_springs(std::span<const Evidence> evidence);
   /// Sec. 2.5.2: which parts may learn from this frame.
   void gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const;
 
@@ -122,6 +128,7 @@ class Dpt {
   Summary summary_;
   Placement placement_;  // X_{t-1}
   Size2 initial_size_ = Size2::Zero();
+  double angle_ = 0;  // since init [rad]
   bool initialized_ = false;
 };
 

@@ -34,6 +34,8 @@ class Flock {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
 
   const FlockOptions& options() const { return options_; }
 

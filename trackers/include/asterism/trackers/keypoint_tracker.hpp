@@ -44,6 +44,8 @@ class KeypointTracker {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
 
   const KeypointTrackerOptions& options() const { return options_; }
 

@@ -42,6 +42,8 @@ class Lgt {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
 
   const LgtOptions& options() const { return options_; }
 

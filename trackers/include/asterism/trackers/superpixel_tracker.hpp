@@ -39,6 +39,8 @@ class SuperpixelTracker {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
 
   const SuperpixelTrackerOptions& options() const { return options_; }
 

@@ -1,9 +1,12 @@
 #pragma once
 
+#include <array>
 #include <asterism/parts/frame.hpp>
+#include <asterism/parts/state.hpp>
 #include <asterism/solver/topology.hpp>
 #include <concepts>
 #include <memory>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -25,14 +28,28 @@ struct StageTime {
   double milliseconds = 0;
 };
 
+/// The corners of a box turned by `angle` [rad, from the x axis towards the y axis] about its middle,
+/// sub-pixel: those that the upright box has at its top left, top right, bottom right and bottom left. For
+/// angle 0 they are (x, y), (x + width, y), (x + width, y + height), (x, y + height).
+std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
+
 /// A tracker's answer for one frame.
 struct TrackResult {
-  cv::Rect2d box;         ///< sub-pixel, axis-aligned; may reach over the frame's border
+  cv::Rect2d box;  ///< sub-pixel, axis-aligned; may reach over the frame's border
+  /// By how much the object has turned since `init` [rad, from the x axis towards the y axis], as far as its
+  /// parts say: 0 for trackers without parts. `box` is the object's box turned back upright.
+  double angle = 0;
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
   std::vector<PartState> parts;
   std::vector<Link> links;       ///< the springs between parts, as indices into `parts`
   std::vector<StageTime> times;  ///< in the order of the stages
+
+  /// The object's box as it is turned, and that of a part; see `turned`.
+  std::array<cv::Point2d, 4> corners() const { return turned(box, angle); }
+  std::array<cv::Point2d, 4> corners(const PartState& part) const {
+    return turned(box_around(part.position, part.size), angle);
+  }
 
   double milliseconds() const {
     double sum = 0;
@@ -55,7 +72,16 @@ concept Tracker = requires(T tracker, const cv::Mat& image, const cv::Rect2d& bo
   { tracker.update(image) } -> std::same_as<TrackResult>;
 };
 
-/// Any Tracker, chosen at run time.
+/// A Tracker that takes a Frame as well, so that trackers of several objects share one (MultiTracker): the
+/// same results, but for the stage "frame".
+template <class T>
+concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, const cv::Rect2d& box) {
+  tracker.init(frame, box);
+  { tracker.update(frame) } -> std::same_as<TrackResult>;
+};
+
+/// Any Tracker, chosen at run time; itself one that takes a Frame. A tracker in it that does not gets the
+/// frame's 8-bit pixels.
 class AnyTracker {
  public:
   template <Tracker T>
@@ -64,18 +90,53 @@ class AnyTracker {
 
   void init(const cv::Mat& image, const cv::Rect2d& box) { self_->init(image, box); }
   TrackResult update(const cv::Mat& image) { return self_->update(image); }
+  void init(const Frame& frame, const cv::Rect2d& box) { self_->init(frame, box); }
+  TrackResult update(const Frame& frame) { return self_->update(frame); }
+
+  /// The tracker's state between two frames as bytes (save_state), and back into a tracker of the same
+  /// options, which then goes on as the saved one would have, bit for bit, and may not have been initialised
+  /// before (restore_state). Throw what these do, and std::invalid_argument for a tracker that is not
+  /// Stateful.
+  std::vector<std::byte> save() const { return self_->save(); }
+  void restore(std::span<const std::byte> state) { self_->restore(state); }
 
  private:
   struct Concept {
     virtual ~Concept() = default;
     virtual void init(const cv::Mat&, const cv::Rect2d&) = 0;
     virtual TrackResult update(const cv::Mat&) = 0;
+    virtual void init(const Frame&, const cv::Rect2d&) = 0;
+    virtual TrackResult update(const Frame&) = 0;
+    virtual std::vector<std::byte> save() const = 0;
+    virtual void restore(std::span<const std::byte>) = 0;
   };
   template <class T>
   struct Model final : Concept {
     explicit Model(T t) : tracker(std::move(t)) {}
     void init(const cv::Mat& image, const cv::Rect2d& box) override { tracker.init(image, box); }
     TrackResult update(const cv::Mat& image) override { return tracker.update(image); }
+    void init(const Frame& frame, const cv::Rect2d& box) override {
+      tracker.init(seen_by_tracker(frame), box);
+    }
+    TrackResult update(const Frame& frame) override { return tracker.update(seen_by_tracker(frame)); }
+    std::vector<std::byte> save() const override {
+      if constexpr (Stateful<T>)
+        return save_state(tracker);
+      else
+        throw_not_stateful("tracker");
+    }
+    void restore(std::span<const std::byte> state) override {
+      if constexpr (Stateful<T>)
+        restore_state(tracker, state);
+      else
+        throw_not_stateful("tracker");
+    }
+    static decltype(auto) seen_by_tracker(const Frame& frame) {
+      if constexpr (FrameTracker<T>)
+        return (frame);
+      else
+        return (frame.bgr().empty() ? frame.gray() : frame.bgr());
+    }
     T tracker;
   };
   std::unique_ptr<Concept> self_;

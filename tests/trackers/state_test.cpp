@@ -1,0 +1,212 @@
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <asterism/parts/color_histogram.hpp>
+#include <asterism/parts/mosse.hpp>
+#include <asterism/parts/template.hpp>
+#include <asterism/trackers/dpt.hpp>
+#include <cstring>
+#include <functional>
+#include <stdexcept>
+
+#include "moving_square.hpp"
+#include "same_results.hpp"
+
+namespace asterism {
+namespace {
+
+using Bytes = std::vector<std::byte>;
+constexpr std::size_t kHeader = 32, kChecksumAt = 24;
+
+AnyTracker started(AnyTracker tracker) {
+  tracker.init(draw_frame(0), true_box(0));
+  return tracker;
+}
+
+// CRC-32 bit by bit.
+void seal(Bytes& state) {
+  std::uint32_t crc = 0xFFFFFFFF;
+  for (std::size_t i = kHeader; i < state.size(); ++i) {
+    crc ^= std::to_integer<std::uint32_t>(state[i]);
+    for (int k = 0; k < 8; ++k) crc = crc & 1 ? crc >> 1 ^ 0xEDB88320 : crc >> 1;
+  }
+  crc = ~crc;
+  std::memcpy(state.data() + kChecksumAt, &crc, sizeof crc);
+}
+
+std::string refusal(AnyTracker& tracker, const Bytes& state) {
+  try {
+    tracker.restore(state);
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+  return "taken";
+}
+
+// Small enough for every byte of its state to be tried.
+CoarseTracker small_tracker() {
+  CoarseOptions options;
+  options.use_colour = false;
+  options.root = ColorHistogram({.space = ColorHistogramOptions::Space::Gray, .bins = 8});
+  return CoarseTracker(options);
+}
+
+std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
+  std::vector<std::pair<std::string, std::function<AnyTracker()>>> result;
+  for (const char* name : {"dpt", "coarse", "kcf", "dpt_3x3_ov", "dpt_plus"})
+    result.emplace_back(name, [name] { return make_tracker(name); });
+  const std::pair<const char*, AnyPart> parts[]{{"mosse", Mosse()},
+                                                {"template", Template()},
+                                                {"color_histogram", ColorHistogram()},
+                                                {"linear kcf", [] {
+                                                   KcfOptions options;
+                                                   options.kernel.type = Kernel::Type::Linear;
+                                                   options.features.colour = true;
+                                                   options.separate_update = false;
+                                                   return Kcf(options);
+                                                 }()}};
+  for (const auto& [name, part] : parts)
+    result.emplace_back(name, [part = part] {
+      DptOptions options;
+      options.coarse.root = options.part = part;
+      options.grid_rows = 3;
+      options.constellation = Constellation::Local;
+      options.spring_solver = SpringSolver::Newton;
+      return AnyTracker(Dpt(options));
+    });
+  return result;
+}
+
+TEST(State, ARestoredTrackerGoesOnBitByBit) {
+  for (const auto& [name, make] : trackers()) {
+    SCOPED_TRACE(name);
+    AnyTracker saved = started(make());
+    for (int t = 1; t <= 30; ++t) saved.update(draw_frame(t));
+    const Bytes state = saved.save();
+    EXPECT_EQ(state, saved.save());
+    // Into a new one, and into one that follows something else.
+    AnyTracker fresh = make(), other = make();
+    other.init(draw_frame(9), {100, 90, 70, 30});
+    other.update(draw_frame(8));
+    fresh.restore(state);
+    other.restore(state);
+    EXPECT_EQ(fresh.save(), state);
+    for (int t = 31; t <= 60; ++t) {
+      const TrackResult expected = saved.update(draw_frame(t));
+      expect_same(fresh.update(draw_frame(t)), expected);
+      expect_same(other.update(draw_frame(t)), expected);
+    }
+    EXPECT_EQ(fresh.save(), saved.save());
+  }
+}
+
+TEST(State, AnyNumberOfThreadsTakesIt) {
+  DptOptions options;
+  Dpt one(options);
+  options.threads = 2;
+  Dpt two(options);
+  one.init(draw_frame(0), true_box(0));
+  restore_state(two, save_state(one));
+  expect_same(one.update(draw_frame(1)), two.update(draw_frame(1)));
+}
+
+TEST(State, EveryFlippedByteAndEveryLengthIsRefused) {
+  AnyTracker source = started(small_tracker());
+  const Bytes state = source.save();
+  ASSERT_LT(state.size(), 2000u);
+  AnyTracker target = started(small_tracker()), reference = started(small_tracker());
+  Bytes damaged = state;
+  for (std::size_t i = 0; i < state.size(); ++i) {
+    for (int bit = 0; bit < 8; ++bit) {
+      damaged[i] ^= std::byte(1 << bit);
+      EXPECT_THROW(target.restore(damaged), std::runtime_error) << i;
+      damaged[i] = state[i];
+    }
+    EXPECT_THROW(target.restore(std::span(state).first(i)), std::runtime_error) << i;
+  }
+  damaged.push_back({});
+  EXPECT_THROW(target.restore(damaged), std::runtime_error);
+  // It is as it was.
+  for (int t = 1; t <= 3; ++t) expect_same(target.update(draw_frame(t)), reference.update(draw_frame(t)));
+  EXPECT_EQ(refusal(target, {}), "state: these bytes are no saved state");
+  EXPECT_EQ(refusal(target, Bytes(100)), "state: these bytes are no saved state");
+  damaged = state;
+  damaged[8] = std::byte(99);
+  EXPECT_EQ(refusal(target, damaged), "state: of format version 99, this is version 1");
+  EXPECT_EQ(refusal(target, state), "taken");
+}
+
+// A state that has been tampered with, its checksum being right: an error, or a tracker that gives boxes.
+TEST(State, NothingInASealedStateCrashes) {
+  std::uint32_t random = 1;
+  const auto next = [&] { return (random = random * 1664525u + 1013904223u) >> 8; };
+  for (const auto& [name, make] : trackers()) {
+    SCOPED_TRACE(name);
+    AnyTracker source = started(make());
+    const Bytes state = source.save();
+    int refused = 0;
+    for (int i = 0; i < 60; ++i) {
+      Bytes changed = state;
+      // Half of them among the options and sizes at the beginning.
+      const std::size_t from = kHeader + next() % (i % 2 == 0 ? 2000 : state.size() - kHeader - 8);
+      const double values[]{0, -1, 1e308, 1e-308, 1e6, -1e6};
+      if (i % 3 == 0)
+        changed[from] ^= std::byte(1 << next() % 8);
+      else if (i % 3 == 1)
+        std::memcpy(changed.data() + from, &values[next() % std::size(values)], sizeof(double));
+      else
+        changed.erase(changed.begin() + static_cast<std::ptrdiff_t>(from),
+                      changed.begin() + static_cast<std::ptrdiff_t>(from) + 4);
+      const std::uint64_t size = changed.size() - kHeader;
+      std::memcpy(changed.data() + 16, &size, sizeof size);
+      seal(changed);
+      AnyTracker target = make();
+      try {
+        target.restore(changed);
+      } catch (const std::runtime_error&) {
+        ++refused;
+        continue;
+      } catch (const std::invalid_argument&) {
+        ++refused;
+        continue;
+      }
+      for (int t = 1; t <= 2; ++t) try {
+          target.update(draw_frame(t));
+        } catch (const std::exception&) {  // positions that are not finite are refused by the parts
+        }
+    }
+    EXPECT_GT(refused, 20);
+    EXPECT_LT(refused, 60);
+  }
+}
+
+TEST(State, OfOtherOptionsOrAnotherTrackerIsRefused) {
+  AnyTracker dpt = started(make_tracker("dpt")), coarse = started(make_tracker("coarse"));
+  const Bytes of_dpt = dpt.save(), of_coarse = coarse.save();
+  EXPECT_EQ(refusal(coarse, of_dpt), "state: of something else: it has 'dpt' where 'coarse layer' is");
+  EXPECT_EQ(refusal(dpt, of_coarse), "state: of something else: it has 'coarse layer' where 'dpt' is");
+  DptOptions gate, part;
+  gate.mask_gate = 0.25;
+  AnyTracker other = Dpt(gate);
+  EXPECT_EQ(refusal(other, of_dpt), "state: of other options: 'mask_gate' was 0.200000 and is 0.250000");
+  part.part = Mosse();
+  other = Dpt(part);
+  EXPECT_EQ(refusal(other, of_dpt), "state: of something else: it has 'kcf' where 'mosse' is");
+  KcfOptions filter;
+  filter.lambda = 1e-3;
+  part.part = Kcf(filter);
+  other = Dpt(part);
+  EXPECT_EQ(refusal(other, of_dpt), "state: of other options: 'lambda' was 0.000100 and is 0.001000");
+  EXPECT_THROW(other.update(draw_frame(0)), std::logic_error) << "it was not initialised, and is not";
+}
+
+TEST(State, IsNotThereBeforeInitAndNotOfEveryTracker) {
+  for (const char* name : {"dpt", "coarse", "kcf"}) EXPECT_THROW(make_tracker(name).save(), std::logic_error);
+  EXPECT_THROW(save_state(AnyPart(Kcf())), std::logic_error);
+  AnyTracker lgt = started(make_tracker("lgt"));
+  EXPECT_THROW(lgt.save(), std::invalid_argument);
+  EXPECT_EQ(refusal(lgt, Bytes(100)), "state: this kind of tracker cannot be saved");
+}
+
+}  // namespace
+}  // namespace asterism
