@@ -508,8 +508,9 @@ class Constellations : public ::testing::TestWithParam<std::string> {};
 
 std::vector<std::string> constellation_names() {
   std::vector<std::string> names = tracker_names();
-  std::erase_if(names,
-                [](const std::string& name) { return name == "dpt" || name == "coarse" || name == "kcf"; });
+  std::erase_if(names, [](const std::string& name) {
+    return name == "dpt" || name == "coarse" || name == "kcf" || name == "kalman";
+  });
   return names;
 }
 

@@ -35,6 +35,7 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   estimate.evidence = root_.localize(frame, centre_);
   estimate.similarity = estimate.evidence.peak;
   estimate.root_milliseconds = clock.lap();
+  evidence_ = estimate.evidence;
   if (!options_.use_colour || !colour_.enabled()) return estimate;
 
   const ResponseMap* const response = root_.response();
@@ -48,7 +49,7 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
         density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
                                     static_cast<float>(colour_.probability(estimate.segmentation, position));
       }
-    estimate.evidence = evidence_of(density_, options_.sub_pixel);
+    estimate.evidence = evidence_ = evidence_of(density_, options_.sub_pixel);
     estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   estimate.colour_milliseconds = clock.lap();

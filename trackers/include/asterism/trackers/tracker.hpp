@@ -4,6 +4,7 @@
 #include <asterism/solver/topology.hpp>
 #include <concepts>
 #include <memory>
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -30,7 +31,11 @@ struct TrackResult {
   cv::Rect2d box;         ///< sub-pixel, axis-aligned; may reach over the frame's border
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
+  /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
+  /// both sides are scaled alike. Positive semi-definite. Empty where the tracker cannot tell.
+  std::optional<Eigen::Matrix3d> covariance;
   std::vector<PartState> parts;
+  double update_threshold = 0;   ///< parts of less weight are not updated; 0 where no weight is compared
   std::vector<Link> links;       ///< the springs between parts, as indices into `parts`
   std::vector<StageTime> times;  ///< in the order of the stages
 
@@ -85,11 +90,12 @@ class AnyTracker {
 std::vector<std::string> tracker_names();
 
 /// A tracker from its description: a name, "dpt", "coarse" (DPT's coarse layer alone), "kcf" (its root filter
-/// alone), "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt) or "superpixels" (SuperpixelTracker),
-/// with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a name and a JSON object of options, which
-/// are the members of the class's options; `{"tracker": "dpt", "part": "mosse"}`, the same as one object; or
-/// `dpt+MODEL`, DPT with another part model. Part models are written as PartRegistry::read has them. Flock
-/// and KeypointTracker are not known where OpenCV's libraries for them were not found.
+/// alone), "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt), "superpixels" (SuperpixelTracker) or
+/// "kalman" (KalmanTracker of DPT, or of the tracker that its option "of" describes), with default options;
+/// `dpt{"part": "mosse", "grid_rows": 3}`, a name and a JSON object of options, which are the members of the
+/// class's options; `{"tracker": "dpt", "part": "mosse"}`, the same as one object; or `dpt+MODEL`, DPT with
+/// another part model. Part models are written as PartRegistry::read has them. Flock and KeypointTracker are
+/// not known where OpenCV's libraries for them were not found.
 ///
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
 /// for an unknown one, or that says what is wrong with a value; for a description that is more than a name
