@@ -10,6 +10,7 @@
 #include <stdexcept>
 #include <vector>
 
+#include "figures.hpp"
 #include "ground_truth.hpp"
 #include "image_source.hpp"
 #include "outputs.hpp"
@@ -39,20 +40,29 @@ void check(const Options& options) {
   if (options.box) parse_box(*options.box);
   if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
   if (!options.save.empty()) check_output("--save", options.save, options.input);
+  const auto needs_dpt = [&](const std::string& option) {
+    if (options.tracker == "dpt") return;
+    throw std::runtime_error(option + ": tracker \"" + options.tracker +
+                             "\" solves no spring systems (dpt does)");
+  };
   if (!options.systems.empty()) {
     SystemRecorder::check_built();
-    if (options.tracker != "dpt") {
-      throw std::runtime_error("--record-systems: tracker \"" + options.tracker +
-                               "\" solves no spring systems (dpt does)");
-    }
+    needs_dpt("--record-systems");
     check_output("--record-systems", options.systems, options.input);
   }
-  if (!options.sheet.empty()) {
-    check_output("--sheet", options.sheet, options.input);
-    if (!cv::haveImageWriter(options.sheet)) {
-      throw std::runtime_error("--sheet " + options.sheet + ": its ending is of no known image format");
-    }
-  }
+  if (!options.constellation.empty()) needs_dpt("--constellation");
+  const auto check_picture = [&](const std::string& option, const std::string& path) {
+    if (path.empty()) return;
+    check_output(option, path, options.input);
+    if (!cv::haveImageWriter(path))
+      throw std::runtime_error(option + " " + path + ": its ending is of no known image format");
+  };
+  check_picture("--sheet", options.sheet);
+  check_picture("--timeline", options.timeline);
+  check_picture("--constellation", options.constellation);
+  if (!options.compare.empty() && options.sheet.empty())
+    throw std::runtime_error("--compare: the other trackers are drawn on a --sheet");
+  for (const std::string& other : options.compare) make_tracker(other);
 }
 
 cv::Rect2d first_box(const Options& options, const std::vector<std::optional<Region>>& truth, Window* window,
@@ -84,15 +94,21 @@ std::string name_of(const std::string& input) {
 // Everything that a run leaves behind.
 class Outputs {
  public:
-  Outputs(const Options& options, Window* window, double fps) : options_(options), window_(window) {
+  /// `watch` sees the tracker's solves where a picture of them is asked for.
+  Outputs(const Options& options, Window* window, const SolveWatch& watch, double fps)
+      : options_(options), window_(window), watch_(watch), sheet_(names(options)) {
     if (!options.out.empty()) csv_.emplace(options.out);
     if (!options.save.empty()) video_.emplace(options.save, fps);
   }
 
   /// False where the user closes the window.
-  bool add(const cv::Mat& image, const TrackResult& result, int frame, double milliseconds) {
+  bool add(const cv::Mat& image, const std::vector<TrackResult>& results,
+           const std::optional<cv::Rect2d>& truth, int frame, double milliseconds) {
+    const TrackResult& result = results.front();
     if (csv_) csv_->add(frame, result, milliseconds);
-    if (!options_.sheet.empty()) sheet_.add(image, result, frame);
+    if (!options_.sheet.empty()) sheet_.add(image, results, truth, frame);
+    if (!options_.timeline.empty()) timeline_.add(image, result, frame);
+    if (!options_.constellation.empty()) last_.emplace(Last{image.clone(), result, frame});
     // Of about the last ten frames; the first one is `init`.
     if (frames_++ > 0) recent_ = frames_ == 2 ? milliseconds : 0.9 * recent_ + 0.1 * milliseconds;
     if (!video_ && window_ == nullptr) return true;
@@ -104,9 +120,25 @@ class Outputs {
   void finish() {
     if (video_) video_->close();
     if (const cv::Mat sheet = sheet_.draw(); !sheet.empty()) write_image(options_.sheet, sheet);
+    if (const cv::Mat timeline = timeline_.draw(); !timeline.empty())
+      write_image(options_.timeline, timeline);
+    if (last_ && watch_.last())
+      write_image(options_.constellation,
+                  draw_solve(last_->image, *watch_.last(), last_->result, last_->frame));
   }
 
  private:
+  struct Last {
+    cv::Mat image;
+    TrackResult result;
+    int frame = 0;
+  };
+  // The tracker and those beside it on the sheet.
+  static std::vector<std::string> names(const Options& options) {
+    std::vector<std::string> all = options.compare;
+    all.insert(all.begin(), options.tracker);
+    return all;
+  }
   bool show(const cv::Mat& overlay) {
     window_->show(overlay);
     Window::Key key = window_->key(1);
@@ -119,9 +151,12 @@ class Outputs {
 
   const Options& options_;
   Window* window_;
+  const SolveWatch& watch_;
   std::optional<CsvFile> csv_;
   std::optional<VideoFile> video_;
   ContactSheet sheet_;
+  Timeline timeline_;
+  std::optional<Last> last_;
   int frames_ = 0;
   double recent_ = 0;  // milliseconds a frame
 };
@@ -160,27 +195,38 @@ void run(const Options& options) {
 
   std::optional<SystemRecorder> recorder;
   if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input));
-  AnyTracker tracker = recorder ? AnyTracker(recorder->make_tracker()) : make_tracker(options.tracker);
-  TrackResult result;
-  result.box = first_box(options, truth, window ? &*window : nullptr, image);
-  result.confidence = 1;
-  Outputs outputs(options, window ? &*window : nullptr, source.fps());
+  SolveWatch watch;
+  AnyTracker tracker = recorder || !options.constellation.empty() ? AnyTracker(watch.make_tracker())
+                                                                  : make_tracker(options.tracker);
+  std::vector<AnyTracker> others;
+  for (const std::string& other : options.compare) others.push_back(make_tracker(other));
+  TrackResult start;
+  start.box = first_box(options, truth, window ? &*window : nullptr, image);
+  start.confidence = 1;
+  std::vector<TrackResult> results(1 + others.size(), start);
+  Outputs outputs(options, window ? &*window : nullptr, watch, source.fps());
   Score score;
   std::string error;
   try {
-    const auto timed = [&](auto&& call) {
-      const auto start = std::chrono::steady_clock::now();
+    const auto timed = [&](const std::string& name, auto&& call) {
+      const auto begin = std::chrono::steady_clock::now();
       try {
         call();
       } catch (const std::exception& e) {
-        throw std::runtime_error(options.tracker + " in frame " + std::to_string(source.position()) + ": " +
-                                 e.what());
+        throw std::runtime_error(name + " in frame " + std::to_string(source.position()) + ": " + e.what());
       }
-      return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+      return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };
-    double milliseconds = timed([&] { tracker.init(image, result.box); });
+    const auto true_box = [&]() -> std::optional<cv::Rect2d> {
+      const auto at = static_cast<size_t>(source.position() - 1);
+      if (at < truth.size() && truth[at]) return truth[at]->box();
+      return {};
+    };
+    double milliseconds = timed(options.tracker, [&] { tracker.init(image, start.box); });
+    for (size_t i = 0; i < others.size(); ++i)
+      timed(options.compare[i], [&] { others[i].init(image, start.box); });
     Progress progress(total);
-    bool go_on = outputs.add(image, result, source.position(), milliseconds);
+    bool go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
     while (go_on && g_stop_signal == 0 && (options.frames == 0 || score.updates + 1 < options.frames)) {
       if (!source.next(image)) {
         if (source.position() < source.frame_count()) {
@@ -189,15 +235,17 @@ void run(const Options& options) {
         }
         break;
       }
-      milliseconds = timed([&] { result = tracker.update(image); });
+      milliseconds = timed(options.tracker, [&] { results[0] = tracker.update(image); });
+      for (size_t i = 0; i < others.size(); ++i)
+        timed(options.compare[i], [&] { results[i + 1] = others[i].update(image); });
       score.milliseconds += milliseconds;
       ++score.updates;
-      if (const auto at = static_cast<size_t>(source.position() - 1); at < truth.size() && truth[at]) {
-        score.overlaps += overlap(result.box, truth[at]->box());
+      if (const auto box = true_box()) {
+        score.overlaps += overlap(results[0].box, *box);
         ++score.compared;
       }
-      if (recorder) recorder->write(source.position());
-      go_on = outputs.add(image, result, source.position(), milliseconds);
+      if (recorder && watch.last()) recorder->write(source.position(), *watch.last());
+      go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
       progress.report(score.updates + 1);
     }
   } catch (const std::exception& e) {

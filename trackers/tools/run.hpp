@@ -3,12 +3,14 @@
 #include <csignal>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace asterism::tools {
 
 /// The command line.
 struct Options {
-  std::string input, tracker = "dpt", out, save, sheet, systems;
+  std::string input, tracker = "dpt", out, save, sheet, systems, timeline, constellation;
+  std::vector<std::string> compare;  // with the tracker, on the sheet
   std::optional<std::string> box;
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all
