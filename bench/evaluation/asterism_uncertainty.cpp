@@ -210,22 +210,6 @@ std::vector<Outcome> outcomes(const Begin& begin, const Sequence& sequence) {
   return result;
 }
 
-/// Area under the ROC curve: the probability that a tracked frame has a higher value than one that is not,
-/// equal ones counting half (Mann and Whitney). NaN without one of either.
-double area_under_curve(std::vector<std::pair<double, bool>> values) {
-  std::sort(values.begin(), values.end());
-  double tracked = 0, pairs = 0, off = 0;
-  for (std::size_t i = 0; i < values.size();) {
-    double equal_tracked = 0, equal_off = 0;
-    const double value = values[i].first;
-    for (; i < values.size() && values[i].first == value; ++i)
-      (values[i].second ? equal_tracked : equal_off)++;
-    pairs += equal_tracked * (off + equal_off / 2);
-    tracked += equal_tracked, off += equal_off;
-  }
-  return tracked > 0 && off > 0 ? pairs / (tracked * off) : std::numeric_limits<double>::quiet_NaN();
-}
-
 using Run = std::vector<std::vector<Outcome>>;  // one a sequence
 
 void print_areas(const std::string& name, const Run& run, double threshold) {
@@ -247,14 +231,14 @@ void print_areas(const std::string& name, const Run& run, double threshold) {
             found == outcome.signals.end() ? -std::numeric_limits<double>::infinity() : found->second,
             outcome.overlap > threshold);
       }
-      const double area = area_under_curve(values[s]);
+      const double area = bench::area_under_roc(values[s]);
       if (!std::isnan(area)) within += area, counted += 1;
     }
     const auto pooled = [&](std::span<const bench::Draw> draws) {
       std::vector<std::pair<double, bool>> all;
       for (const bench::Draw& draw : draws)
         all.insert(all.end(), values[draw.sequence].begin(), values[draw.sequence].end());
-      return area_under_curve(std::move(all));
+      return bench::area_under_roc(std::move(all));
     };
     const bench::Bootstrapped areas = bench::bootstrap(starts, pooled, {.resamples = 500});
     if (signal == signals.front()) baseline = areas;
