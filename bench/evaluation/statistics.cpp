@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
 #include <random>
@@ -108,6 +109,23 @@ double rank_sum_p(std::span<const double> a, std::span<const double> b) {
   const double deviation = std::abs(static_cast<double>(of_a) / 2 - size_a * (size + 1) / 2);
   if (variance <= 0 || deviation == 0) return 1;
   return two_sided_normal((deviation - 0.5) / std::sqrt(variance));
+}
+
+double area_under_roc(std::vector<std::pair<double, bool>> scores) {
+  if (std::ranges::any_of(scores, [](const auto& score) { return std::isnan(score.first); }))
+    throw std::invalid_argument("area under the ROC curve of a score that is NaN");
+  std::ranges::sort(scores);
+  double pairs = 0, members = 0, others = 0;
+  for (std::size_t i = 0; i < scores.size();) {
+    double equal_members = 0, equal_others = 0;
+    const double score = scores[i].first;
+    for (; i < scores.size() && scores[i].first == score; ++i)
+      (scores[i].second ? equal_members : equal_others) += 1;
+    pairs += equal_members * (others + equal_others / 2);
+    members += equal_members;
+    others += equal_others;
+  }
+  return members > 0 && others > 0 ? pairs / (members * others) : std::numeric_limits<double>::quiet_NaN();
 }
 
 double kde_bandwidth(std::span<const double> values) {

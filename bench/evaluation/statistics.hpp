@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <functional>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace asterism::bench {
@@ -20,6 +21,11 @@ double signed_rank_p(std::span<const double> differences);
 /// 20, else normal with continuity correction. 1 where all values are equal. Throws std::invalid_argument for
 /// an empty sample or NaN.
 double rank_sum_p(std::span<const double> a, std::span<const double> b);
+
+/// Area under the ROC curve of a score by which two classes are told apart: the probability that a member of
+/// the class `true` has a higher one than a member of the other, equal ones counting half (Mann and Whitney).
+/// NaN without a member of either. Throws std::invalid_argument for a score that is NaN.
+double area_under_roc(std::vector<std::pair<double, bool>> scores);
 
 /// Standard deviation of the Gaussian kernels by the plug-in rule of the legacy VOT toolkit (gmm_estimate.m,
 /// after Wand and Jones, Kernel Smoothing): that of least mean integrated squared error for the fourth

@@ -4,6 +4,8 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
+#include <random>
 #include <stdexcept>
 
 #include "supervised_measures.hpp"
@@ -35,6 +37,28 @@ TEST(RankSum, ExactByHand) {
   EXPECT_NEAR(rank_sum_p(Values{1, 2, 3}, Values{4, 5, 6}), 2 / 20.0, 1e-15);
   EXPECT_NEAR(rank_sum_p(Values{4, 5, 6}, Values{1, 2, 3}), 2 / 20.0, 1e-15);
   EXPECT_NEAR(rank_sum_p(Values{1, 1}, Values{1, 1, 1}), 1, 1e-15);
+}
+
+TEST(AreaUnderRoc, IsTheShareOfPairsInOrder) {
+  std::vector<std::pair<double, bool>> scores;
+  std::mt19937 random(1);
+  for (int i = 0; i < 200; ++i) {
+    const bool member = random() % 3 == 0;
+    scores.emplace_back(static_cast<double>(random() % 20) + (member ? 5 : 0), member);  // with ties
+  }
+  double pairs = 0, ordered = 0;
+  for (const auto& [a, member] : scores)
+    for (const auto& [b, other] : scores)
+      if (member && !other) pairs += 1, ordered += a > b ? 1 : a == b ? 0.5 : 0;
+  EXPECT_NEAR(area_under_roc(scores), ordered / pairs, 1e-12);
+  EXPECT_EQ(area_under_roc({{1, false}, {2, true}}), 1);
+  EXPECT_EQ(area_under_roc({{1, true}, {2, false}}), 0);
+  EXPECT_EQ(area_under_roc({{3, true}, {3, false}}), 0.5);
+  const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_EQ(area_under_roc({{-infinity, false}, {-infinity, true}, {1, true}}), 0.75);
+  EXPECT_TRUE(std::isnan(area_under_roc({{1, true}})));
+  EXPECT_TRUE(std::isnan(area_under_roc({})));
+  EXPECT_THROW(area_under_roc({{std::nan(""), true}}), std::invalid_argument);
 }
 
 TEST(RankSum, NormalByHand) {

@@ -235,6 +235,71 @@ TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
   EXPECT_GT(cv::countNonZero(yellow), 8 * 4 * 40);
 }
 
+TEST_F(TrackTool, ComparesTrackersOnAContactSheet) {
+  const std::string sequence = make_sequence().string(), sheet = path("sheet.png");
+  ASSERT_EQ(run(sequence + " --sheet " + sheet), 0) << err_;
+  const cv::Mat alone = cv::imread(sheet);
+  ASSERT_EQ(run(sequence + " --compare coarse --compare dpt --sheet " + sheet), 0) << err_;
+  const cv::Mat together = cv::imread(sheet);
+  EXPECT_GT(together.rows, alone.rows) << "a legend";
+  const auto pixels = [](const cv::Mat& image, const cv::Scalar& colour) {
+    cv::Mat found;
+    cv::inRange(image, colour - cv::Scalar::all(4), colour + cv::Scalar::all(4), found);
+    return cv::countNonZero(found);
+  };
+  // The three colours, those of kcf (on top), coarse and dpt.
+  for (const cv::Scalar& colour :
+       {cv::Scalar(85, 255, 255), cv::Scalar(255, 255, 85), cv::Scalar(255, 85, 255)}) {
+    EXPECT_EQ(pixels(alone, colour), 0);
+    EXPECT_GT(pixels(together, colour), 40);
+  }
+  expect_error(sequence + " --compare coarse", {"--compare", "--sheet"});
+  expect_error(sequence + " --compare magic --sheet " + sheet, {"magic"});
+}
+
+// The left half of the square is covered from the middle of the run on: its parts, and no others, are shown
+// as not updated from then on.
+TEST_F(TrackTool, DrawsThePartsWeightsOverTime) {
+  fs::create_directories(folder_ / "covered");
+  for (int i = 1; i <= kFrames; ++i) {
+    cv::Mat image = draw_frame(i - 1);
+    const cv::Rect2d box = true_box(i - 1);
+    if (i > kFrames / 2)
+      image(cv::Rect2d(box.x, box.y, box.width / 2, box.height)) = cv::Scalar(128, 128, 128);
+    cv::imwrite((folder_ / "covered" / ("img_" + std::to_string(i) + ".png")).string(), image);
+  }
+  const std::string picture = path("timeline.png"),
+                    arguments = path("covered") + kBox + " --timeline " + picture;
+  ASSERT_EQ(run(arguments + " --tracker dpt", false), 0) << err_;
+  const cv::Mat timeline = cv::imread(picture);
+  ASSERT_FALSE(timeline.empty());
+  cv::Mat red;
+  cv::inRange(timeline, cv::Scalar(50, 40, 150), cv::Scalar(50, 40, 150), red);
+  // Strips of parts 1 to 4 below the film, parts 1 and 3 on the left of the square.
+  const int top = 180, strip = 120, left = 110, middle = left + 750;
+  for (int part = 0; part < 4; ++part) {
+    const auto count = [&](int from, int to) {
+      return cv::countNonZero(
+          red(cv::Range(top + part * strip, top + (part + 1) * strip - 10), cv::Range(from, to)));
+    };
+    EXPECT_EQ(count(left, middle - 100), 0) << part;
+    if (part % 2 == 0)
+      EXPECT_GT(count(middle, left + 1500), 110 * 300) << part;
+    else
+      EXPECT_EQ(count(middle, left + 1500), 0) << part;
+  }
+  expect_error(arguments, {"--timeline"});  // kcf has no parts
+}
+
+TEST_F(TrackTool, DrawsTheLastConstellationBeforeAndAfterItsSolve) {
+  const std::string images = make_images("images").string() + kBox, picture = path("constellation.png");
+  ASSERT_EQ(run(images + " --frames 5 --tracker dpt --constellation " + picture, false), 0) << err_;
+  const cv::Mat both = cv::imread(picture);
+  ASSERT_FALSE(both.empty());
+  EXPECT_GT(both.cols, 1.8 * both.rows);
+  expect_error(images + " --constellation " + picture, {"--constellation", "kcf"});
+}
+
 #ifdef ASTERISM_TEST_JSON
 TEST_F(TrackTool, TakesATrackerFromAFile) {
   const std::string images = make_images("images").string() + kBox, config = " --config " + path("t.json");
@@ -341,7 +406,7 @@ TEST_F(TrackTool, ReportsErrorsInOneLine) {
   expect_error(images + " --box 4000,50,48,40" + csv(), {"kcf in frame 1: "});
   expect_error(images + kBox + " --tracker magic", {"magic", "dpt", "coarse", "kcf"}, false);
 
-  for (const std::string option : {"--out", "--save", "--sheet"}) {
+  for (const std::string option : {"--out", "--save", "--sheet", "--timeline"}) {
     expect_error(images + kBox + " " + option + " " + path("no/x.mp4"), {option, path("no")});
     expect_error(images + kBox + " " + option + " " + images, {option, "folder"});
   }

@@ -688,7 +688,7 @@ class Constellations : public ::testing::TestWithParam<std::string> {};
 std::vector<std::string> constellation_names() {
   std::vector<std::string> names = tracker_names();
   std::erase_if(names, [](const std::string& name) {
-    return name.starts_with("dpt") || name == "coarse" || name == "kcf";
+    return name.starts_with("dpt") || name == "coarse" || name == "kcf" || name == "kalman";
   });
   return names;
 }

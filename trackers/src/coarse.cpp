@@ -77,6 +77,7 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
     }
     estimate.colour_milliseconds = clock.lap();
   }
+  evidence_ = estimate.evidence;
   estimate.lost = !(estimate.similarity >= options_.lost_below);
   return estimate;
 }

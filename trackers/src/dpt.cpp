@@ -1,5 +1,6 @@
 #include <array>
 #include <asterism/solver/batch.hpp>
+#include <asterism/solver/covariance.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/stiffness.hpp>
 #include <cmath>
@@ -55,6 +56,8 @@ Dpt::Dpt(const DptOptions& options)
     throw std::invalid_argument("DptOptions: overlap must be in [0, 1)");
   if (!(options.scale_share >= 0 && options.scale_share <= 1))
     throw std::invalid_argument("DptOptions: scale_share must be in [0, 1]");
+  if (!(options.smoothness >= 0 && std::isfinite(options.smoothness)))
+    throw std::invalid_argument("DptOptions: smoothness must not be negative");
   if (options.threads < 0) throw std::invalid_argument("DptOptions: threads must not be negative");
 }
 
@@ -98,6 +101,7 @@ void Dpt::init(const Frame& frame, const cv::Rect2d& box) {
     placement_.col(i) = centre_of({corner.x(), corner.y(), part_size_.x(), part_size_.y()});
     parts_[static_cast<std::size_t>(i)].init(frame, placement_.col(i), part_size_);
   }
+  velocity_.setZero(2, part_count());
   springs_.set_rest_lengths(placement_);
   initialized_ = true;
 }
@@ -136,12 +140,14 @@ TrackResult Dpt::update(const Frame& frame) {
     evidence[i] = parts_[i].localize(frame, placement.col(static_cast<Eigen::Index>(i)));
   });
   set_springs({evidence.data(), parts_.size()});
+  if (options_.smoothness > 0) smooth_motion();
   result.times.push_back({"parts", clock.lap()});
 
   // Line 3: the MAP constellation.
   Placement start;
   if (options_.on_solve) start = placement;
   summary_ = std::visit([&](auto& solver) { return solver.solve(springs_, placement); }, solver_);
+  result.covariance = box_covariance(placement);
   result.times.push_back({"springs", clock.lap()});
   if (options_.on_solve) {
     options_.on_solve(springs_, start, summary_);
@@ -160,7 +166,7 @@ TrackResult Dpt::update(const Frame& frame) {
                             .visual_best = evidence[i].position,
                             .weight = parts_[i].similarity_at(position)});
   }
-  gate_updates(coarse.segmentation, result.parts);
+  result.update_threshold = gate_updates(coarse.segmentation, result.parts);
   for_each_part([&](std::size_t i) {
     if (result.parts[i].updated) parts_[i].adapt(frame, result.parts[i].position);
   });
@@ -199,6 +205,7 @@ void Dpt::follow(const Frame& frame, Placement& placement) {
     for (AnyPart& part : parts_) part.resize(part_size_);
   }
   coarse_.move(box_around(centre, size));
+  velocity_ = placement - placement_;
   angle_ = std::remainder(angle_ + transform.angle, 2 * std::numbers::pi);
   placement_ = placement;
 }
@@ -220,17 +227,39 @@ void Dpt::set_springs(std::span<const Evidence> evidence) {
   }
 }
 
-void Dpt::gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const {
+// The product of two Gaussians is one: information adds up, and weighs the means.
+void Dpt::smooth_motion() {
+  const double prior = options_.smoothness * part_count() / coarse_.size().prod();
+  for (int i = 0; i < part_count(); ++i) {
+    const Eigen::Matrix2d seen = springs_.anchor_stiffness[i] * springs_.anchor_shape.middleCols<2>(2 * i);
+    const Eigen::Matrix2d both = seen + prior * Eigen::Matrix2d::Identity();
+    const Point2 predicted = placement_.col(i) + velocity_.col(i);
+    springs_.anchors.col(i) = both.inverse() * (seen * springs_.anchors.col(i) + prior * predicted);
+    springs_.set_anchor_information(i, both);
+  }
+}
+
+std::optional<Eigen::Matrix3d> Dpt::box_covariance(const Placement& placement) const {
+  const auto parts = covariance(springs_, placement);
+  if (!parts) return std::nullopt;
+  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 2 * kMaxParts> jacobian(3, 2 * part_count());
+  fit_jacobian(placement_, placement, options_.transform, coarse_.centre(), jacobian);
+  return jacobian * parts.matrix * jacobian.transpose();
+}
+
+double Dpt::gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const {
   double strongest = 0;
   for (const PartState& state : states) strongest = std::max(strongest, state.weight);
+  const double threshold = options_.response_gate * strongest;
   for (PartState& state : states) {
-    const bool matches = state.weight >= options_.response_gate * strongest;
+    const bool matches = state.weight >= threshold;
     // A segmentation that failed its test says nothing of the parts.
     const bool on_object =
         !segmentation.informative ||
         segmentation.foreground_fraction(box_around(state.position, state.size)) >= options_.mask_gate;
     state.updated = matches && on_object;
   }
+  return threshold;
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

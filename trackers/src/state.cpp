@@ -38,6 +38,8 @@ void Dpt::visit_state(StateArchive& archive) {
     placement_.col(i) = position;
     parts_[static_cast<std::size_t>(i)].visit_state(archive);
   }
+  velocity_.resize(2, part_count());
+  archive(velocity_);
   archive(springs_.rest_length);
   archive.require((springs_.rest_length.array() >= 0).all());
   initialized_ = true;

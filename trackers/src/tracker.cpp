@@ -1,6 +1,7 @@
 #include <asterism/parts/spatial_reliability.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/kalman.hpp>
 #include <asterism/trackers/lgt.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker.hpp>
@@ -35,6 +36,20 @@ Options with(Options options, std::string_view name, std::string_view json) {
                               ": options of trackers need a build with nlohmann-json (Debian package "
                               "nlohmann-json3-dev)");
 #endif
+}
+
+// A tracker around another one, which the option `of` describes.
+AnyTracker make_kalman(std::string_view name, std::string_view json) {
+  std::string of = "dpt", options(json);
+#ifdef ASTERISM_TRACKERS_JSON
+  auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // what is no object is refused below
+  if (object.is_object() && object.contains("of")) {
+    of = object["of"].is_string() ? object["of"].get<std::string>() : object["of"].dump();
+    object.erase("of");
+    options = object.dump();
+  }
+#endif
+  return KalmanTracker(make_tracker(of), with(KalmanOptions(), name, options));
 }
 
 // The paper's Table 1, and what comes of DPT beyond the paper.
@@ -94,6 +109,7 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 #endif
   if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
   if (name == "superpixels") return SuperpixelTracker(with(SuperpixelTrackerOptions(), name, json));
+  if (name == "kalman") return make_kalman(name, json);
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
@@ -125,7 +141,7 @@ std::vector<std::string> tracker_names() {
 #ifdef ASTERISM_TRACKERS_KEYPOINTS
   names.push_back("keypoints");
 #endif
-  names.insert(names.end(), {"lgt", "superpixels"});
+  names.insert(names.end(), {"lgt", "superpixels", "kalman"});
   return names;
 }
 

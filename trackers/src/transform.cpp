@@ -69,6 +69,43 @@ PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
   return from_moments(from_mean, to_mean, dot, cross, spread, model);
 }
 
+void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                  const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model,
+                  const Eigen::Vector2d& point, Eigen::Ref<Eigen::Matrix3Xd> jacobian) {
+  const Eigen::Index n = from.cols();
+  const auto turned = [](const Eigen::Vector2d& v) { return Eigen::Vector2d(-v.y(), v.x()); };
+  if (n == 0) return;
+  const Eigen::Vector2d from_mean = from.rowwise().mean(), to_mean = to.rowwise().mean();
+  // scale (cos, sin) = (a, b) / spread, both linear in `to`.
+  double a = 0, b = 0, spread = 0;
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
+    a += p.dot(q);
+    b += turned(p).dot(q);
+    spread += p.squaredNorm();
+  }
+  const double aligned = std::hypot(a, b);
+  const bool turns = model != TransformModel::Translation && aligned > 0 && spread > 0;
+  const double scale = turns && model == TransformModel::Similarity ? aligned / spread : 1;
+  const Eigen::Vector2d direction = turns ? Eigen::Vector2d(a, b) / aligned : Eigen::Vector2d(1, 0);
+  const Eigen::Vector2d d = point - from_mean;
+  const Eigen::Vector2d arm = scale * (direction.x() * d + direction.y() * turned(d));
+  for (Eigen::Index i = 0; i < n; ++i) {
+    const Eigen::Vector2d p = from.col(i) - from_mean;
+    auto block = jacobian.middleCols<2>(2 * i);
+    block.setZero();
+    block.topRows<2>().diagonal().setConstant(1 / static_cast<double>(n));
+    if (!turns) continue;
+    const Eigen::RowVector2d by_angle = (direction.x() * turned(p) - direction.y() * p).transpose() / aligned;
+    block.topRows<2>() += turned(arm) * by_angle;
+    if (model != TransformModel::Similarity) continue;
+    const Eigen::RowVector2d by_log_scale =
+        (direction.x() * p + direction.y() * turned(p)).transpose() / aligned;
+    block.topRows<2>() += arm * by_log_scale;
+    block.row(2) = by_log_scale;
+  }
+}
+
 RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                                      const Eigen::Ref<const Eigen::Matrix2Xd>& to,
                                      const Eigen::Ref<const Eigen::VectorXd>& weights, TransformModel model,

@@ -1,11 +1,14 @@
 #pragma once
 
 #include <asterism/trackers/tracker.hpp>
-#include <filesystem>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
+
+#include "thinned.hpp"
 
 namespace asterism::tools {
 
@@ -18,13 +21,10 @@ struct View {
 /// The scale at which a frame of this size is drawn so that text on it can be read: small ones are doubled.
 double overlay_scale(cv::Size frame);
 
-/// The colour (BGR) of an object's box, counting from 0; that of the first is yellow.
-cv::Scalar colour_of(size_t object);
-
 /// Draws the object's box (in `colour`, red where lost), thinly also as it is turned, its parts (blue) as
 /// they are turned, and their springs; parts that were not updated, and springs that end in one, are faded.
 void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view,
-                const cv::Scalar& colour = colour_of(0));
+                const cv::Scalar& colour = {0, 255, 255});
 
 /// Writes white text with a dark outline, readable on any background; `corner` is the top left of its first
 /// line.
@@ -34,26 +34,52 @@ void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point
 /// with the stages' times of a single object, or the number of each, from 1, at its box.
 cv::Mat draw_overlay(const cv::Mat& frame, std::span<const TrackResult> objects, int number, double fps);
 
-/// Eight frames evenly spread over a run of a length not known before, in two rows, each cut to the object
-/// and what is around it. Memory is bounded whatever the run's length.
+/// A copy of a frame in 8-bit BGR.
+cv::Mat to_bgr(const cv::Mat& frame);
+
+/// The part of a frame of about the size of `region` around a box [px].
+cv::Rect cut_around(cv::Size frame, const cv::Rect2d& box, const cv::Size2d& region);
+
+/// Colours (BGR) that can be told apart, for `index` of `count`.
+cv::Scalar colour_of(std::size_t index, std::size_t count);
+
+/// A frame kept to be drawn later; large ones are kept smaller.
+struct Still {
+  Still(const cv::Mat& image, int frame_number);
+
+  /// What is around a box, enlarged or shrunk to fit into a tile, and where that is; all in px of the input.
+  cv::Mat cut(const cv::Rect2d& box, const cv::Size2d& region, cv::Size tile, View& view) const;
+
+  cv::Mat frame;
+  double scale = 1;  ///< of `frame` to the frame of the input
+  int number = 0;    ///< of the frame, from 1
+};
+
+/// Eight frames evenly spread over a run of a length not known before, in two rows, each cut to the first
+/// tracker's object and what is around it. One tracker is drawn with its parts, of several the boxes alone,
+/// with a legend and the ground truth. Memory is bounded whatever the run's length.
 class ContactSheet {
  public:
-  void add(const cv::Mat& frame, const TrackResult& result, int number);
+  /// Names of the trackers, at least one.
+  explicit ContactSheet(std::vector<std::string> names) : names_(std::move(names)) {}
+  /// Results of all trackers, in the order of their names.
+  void add(const cv::Mat& frame, const std::vector<TrackResult>& results,
+           const std::optional<cv::Rect2d>& truth, int number);
   /// The sheet of what was added until now; empty where nothing was.
   cv::Mat draw() const;
 
  private:
   struct Entry {
-    cv::Mat frame;
-    double scale = 1;  // of `frame` to the frame of the input
-    TrackResult result;
-    int number = 0;
+    Still still;
+    std::vector<TrackResult> results;
+    std::optional<cv::Rect2d> truth;
   };
   cv::Size2d region() const;
-  static cv::Rect cut(const Entry& entry, const cv::Size2d& region);
+  void draw_tile(cv::Mat& tile, const Entry& entry, const View& view) const;
+  void draw_legend(cv::Mat& sheet) const;
 
-  std::vector<Entry> entries_;  // every `stride_`-th frame of the run
-  int count_ = 0, stride_ = 1;
+  std::vector<std::string> names_;
+  Thinned<Entry> entries_;
 };
 
 }  // namespace asterism::tools

@@ -7,9 +7,11 @@
 #include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
+#include <span>
 #include <stdexcept>
 #include <vector>
 
+#include "figures.hpp"
 #include "ground_truth.hpp"
 #include "image_source.hpp"
 #include "outputs.hpp"
@@ -38,26 +40,37 @@ void check(const Options& options) {
   make_tracker(options.tracker);  // throws for a name that it does not know
   for (const std::string& box : options.boxes) parse_box(box);
   if (options.boxes.size() > 1) {
-    for (const auto& [option, path] :
-         {std::pair("--sheet", options.sheet), {"--record-systems", options.systems}})
+    for (const auto& [option, path] : {std::pair("--sheet", options.sheet),
+                                       {"--record-systems", options.systems},
+                                       {"--timeline", options.timeline},
+                                       {"--constellation", options.constellation}})
       if (!path.empty()) throw std::runtime_error(std::string(option) + " is for one object: give one --box");
   }
   if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
   if (!options.save.empty()) check_output("--save", options.save, options.input);
+  const auto needs_dpt = [&](const std::string& option) {
+    if (options.tracker == "dpt") return;
+    throw std::runtime_error(option + ": tracker \"" + options.tracker +
+                             "\" solves no spring systems (dpt does)");
+  };
   if (!options.systems.empty()) {
     SystemRecorder::check_built();
-    if (options.tracker != "dpt") {
-      throw std::runtime_error("--record-systems: tracker \"" + options.tracker +
-                               "\" solves no spring systems (dpt does)");
-    }
+    needs_dpt("--record-systems");
     check_output("--record-systems", options.systems, options.input);
   }
-  if (!options.sheet.empty()) {
-    check_output("--sheet", options.sheet, options.input);
-    if (!cv::haveImageWriter(options.sheet)) {
-      throw std::runtime_error("--sheet " + options.sheet + ": its ending is of no known image format");
-    }
-  }
+  if (!options.constellation.empty()) needs_dpt("--constellation");
+  const auto check_picture = [&](const std::string& option, const std::string& path) {
+    if (path.empty()) return;
+    check_output(option, path, options.input);
+    if (!cv::haveImageWriter(path))
+      throw std::runtime_error(option + " " + path + ": its ending is of no known image format");
+  };
+  check_picture("--sheet", options.sheet);
+  check_picture("--timeline", options.timeline);
+  check_picture("--constellation", options.constellation);
+  if (!options.compare.empty() && options.sheet.empty())
+    throw std::runtime_error("--compare: the other trackers are drawn on a --sheet");
+  for (const std::string& other : options.compare) make_tracker(other);
 }
 
 std::vector<cv::Rect2d> first_boxes(const Options& options, const std::vector<std::optional<Region>>& truth,
@@ -93,15 +106,22 @@ std::string name_of(const std::string& input) {
 // Everything that a run leaves behind.
 class Outputs {
  public:
-  Outputs(const Options& options, Window* window, double fps) : options_(options), window_(window) {
+  /// `watch` sees the tracker's solves where a picture of them is asked for.
+  Outputs(const Options& options, Window* window, const SolveWatch& watch, double fps)
+      : options_(options), window_(window), watch_(watch), sheet_(names(options)) {
     if (!options.out.empty()) csv_.emplace(options.out, options.boxes.size() > 1);
     if (!options.save.empty()) video_.emplace(options.save, fps);
   }
 
   /// False where the user closes the window.
-  bool add(const cv::Mat& image, std::span<const TrackResult> objects, int frame, double milliseconds) {
+  /// The objects' results, and after them those of the other trackers on the sheet.
+  bool add(const cv::Mat& image, const std::vector<TrackResult>& results,
+           const std::optional<cv::Rect2d>& truth, int frame, double milliseconds) {
+    const std::span objects = std::span(results).first(results.size() - options_.compare.size());
     if (csv_) csv_->add(frame, objects, milliseconds);
-    if (!options_.sheet.empty()) sheet_.add(image, objects.front(), frame);
+    if (!options_.sheet.empty()) sheet_.add(image, results, truth, frame);
+    if (!options_.timeline.empty()) timeline_.add(image, objects.front(), frame);
+    if (!options_.constellation.empty()) last_.emplace(Last{image.clone(), objects.front(), frame});
     // Of about the last ten frames; the first one is `init`.
     if (frames_++ > 0) recent_ = frames_ == 2 ? milliseconds : 0.9 * recent_ + 0.1 * milliseconds;
     if (!video_ && window_ == nullptr) return true;
@@ -113,9 +133,25 @@ class Outputs {
   void finish() {
     if (video_) video_->close();
     if (const cv::Mat sheet = sheet_.draw(); !sheet.empty()) write_image(options_.sheet, sheet);
+    if (const cv::Mat timeline = timeline_.draw(); !timeline.empty())
+      write_image(options_.timeline, timeline);
+    if (last_ && watch_.last())
+      write_image(options_.constellation,
+                  draw_solve(last_->image, *watch_.last(), last_->result, last_->frame));
   }
 
  private:
+  struct Last {
+    cv::Mat image;
+    TrackResult result;
+    int frame = 0;
+  };
+  // The tracker and those beside it on the sheet.
+  static std::vector<std::string> names(const Options& options) {
+    std::vector<std::string> all = options.compare;
+    all.insert(all.begin(), options.tracker);
+    return all;
+  }
   bool show(const cv::Mat& overlay) {
     window_->show(overlay);
     Window::Key key = window_->key(1);
@@ -128,9 +164,12 @@ class Outputs {
 
   const Options& options_;
   Window* window_;
+  const SolveWatch& watch_;
   std::optional<CsvFile> csv_;
   std::optional<VideoFile> video_;
   ContactSheet sheet_;
+  Timeline timeline_;
+  std::optional<Last> last_;
   int frames_ = 0;
   double recent_ = 0;  // milliseconds a frame
 };
@@ -171,36 +210,48 @@ void run(const Options& options) {
 
   std::optional<SystemRecorder> recorder;
   if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input));
-  MultiTracker tracker(0);
-  std::vector<TrackResult> results;
-  for (const cv::Rect2d& box : first_boxes(options, truth, window ? &*window : nullptr, image)) {
-    results.emplace_back();
-    results.back().box = box;
-    results.back().confidence = 1;
+  SolveWatch watch;
+  const bool watched = recorder || !options.constellation.empty();
+  // The objects, and the first of them again for each tracker beside; the box is an answer, too.
+  const std::vector<cv::Rect2d> boxes = first_boxes(options, truth, window ? &*window : nullptr, image);
+  std::vector<std::string> names(boxes.size(), options.tracker);
+  names.insert(names.end(), options.compare.begin(), options.compare.end());
+  std::vector<TrackResult> results(names.size());
+  for (size_t i = 0; i < results.size(); ++i) {
+    results[i].box = boxes[i < boxes.size() ? i : 0];
+    results[i].confidence = 1;
   }
-  Outputs outputs(options, window ? &*window : nullptr, source.fps());
+  MultiTracker tracker(0);
+  Outputs outputs(options, window ? &*window : nullptr, watch, source.fps());
   Score score;
   std::string error;
   try {
+    // Milliseconds of a call, which says which tracker is at work.
     const auto timed = [&](auto&& call) {
-      const auto start = std::chrono::steady_clock::now();
+      size_t at_work = 0;
+      const auto begin = std::chrono::steady_clock::now();
       try {
-        call();
+        call(at_work);
       } catch (const std::exception& e) {
-        throw std::runtime_error(options.tracker + " in frame " + std::to_string(source.position()) + ": " +
+        throw std::runtime_error(names[at_work] + " in frame " + std::to_string(source.position()) + ": " +
                                  e.what());
       }
-      return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - start).count();
+      return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };
-    double milliseconds = timed([&] {
+    const auto true_box = [&]() -> std::optional<cv::Rect2d> {
+      const auto at = static_cast<size_t>(source.position() - 1);
+      if (at < truth.size() && truth[at]) return truth[at]->box();
+      return {};
+    };
+    double milliseconds = timed([&](size_t& i) {
       const Frame frame(image);
-      for (size_t i = 0; i < results.size(); ++i)
+      for (i = 0; i < names.size(); ++i)
         tracker.add(static_cast<int>(i),
-                    recorder ? AnyTracker(recorder->make_tracker()) : make_tracker(options.tracker), frame,
+                    watched && i == 0 ? AnyTracker(watch.make_tracker()) : make_tracker(names[i]), frame,
                     results[i].box);
     });
     Progress progress(total);
-    bool go_on = outputs.add(image, results, source.position(), milliseconds);
+    bool go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
     while (go_on && g_stop_signal == 0 && (options.frames == 0 || score.updates + 1 < options.frames)) {
       if (!source.next(image)) {
         if (source.position() < source.frame_count()) {
@@ -209,21 +260,21 @@ void run(const Options& options) {
         }
         break;
       }
-      milliseconds = timed([&] {
+      milliseconds = timed([&](size_t& i) {
         for (MultiTracker::Object& object : tracker.update(image)) {
+          i = static_cast<size_t>(object.id);
           if (object.error) std::rethrow_exception(object.error);
-          results[static_cast<size_t>(object.id)] = std::move(object.result);
+          results[i] = std::move(object.result);
         }
       });
       score.milliseconds += milliseconds;
       ++score.updates;
-      if (const auto at = static_cast<size_t>(source.position() - 1);
-          at < truth.size() && truth[at] && results.size() == 1) {
-        score.overlaps += overlap(results[0].box, truth[at]->box());
+      if (const auto box = true_box(); box && boxes.size() == 1) {
+        score.overlaps += overlap(results[0].box, *box);
         ++score.compared;
       }
-      if (recorder) recorder->write(source.position());
-      go_on = outputs.add(image, results, source.position(), milliseconds);
+      if (recorder && watch.last()) recorder->write(source.position(), *watch.last());
+      go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
       progress.report(score.updates + 1);
     }
   } catch (const std::exception& e) {

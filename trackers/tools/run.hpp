@@ -8,8 +8,9 @@ namespace asterism::tools {
 
 /// The command line.
 struct Options {
-  std::string input, tracker = "dpt", out, save, sheet, systems;
-  std::vector<std::string> boxes;  // of as many objects; none: that of the ground truth
+  std::string input, tracker = "dpt", out, save, sheet, systems, timeline, constellation;
+  std::vector<std::string> boxes;    // of as many objects; none: that of the ground truth
+  std::vector<std::string> compare;  // with the tracker, on the sheet
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all
 };

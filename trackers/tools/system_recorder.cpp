@@ -27,7 +27,7 @@ SystemRecorder::SystemRecorder(const std::string& path, std::string name)
   if (!file_) throw std::runtime_error("cannot write " + path_ + why());
 }
 
-Dpt SystemRecorder::make_tracker() {
+Dpt SolveWatch::make_tracker() {
   DptOptions options;
   options.on_solve = [this](const Dpt::Springs& system, const Dpt::Placement& start, const Summary& summary) {
     last_.emplace(Solve{system, start, summary});
@@ -35,10 +35,9 @@ Dpt SystemRecorder::make_tracker() {
   return Dpt(options);
 }
 
-void SystemRecorder::write([[maybe_unused]] int frame) {
+void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const SolveWatch::Solve& solve) {
 #ifdef ASTERISM_TRACK_HAS_JSON
-  if (!last_) return;
-  const auto& [system, start, summary] = *last_;
+  const auto& [system, start, summary] = solve;
   const nlohmann::json origin = {{"tracker", "dpt"},
                                  {"frame", frame},
                                  {"solver", summary.solver},
@@ -54,7 +53,6 @@ void SystemRecorder::write([[maybe_unused]] int frame) {
   }
   file_.flush();
   if (!file_) throw std::runtime_error("cannot write " + path_ + why());
-  last_.reset();
 #endif
 }
 

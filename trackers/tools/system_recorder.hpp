@@ -7,6 +7,27 @@
 
 namespace asterism::tools {
 
+/// Keeps what a Dpt solved last.
+class SolveWatch {
+ public:
+  struct Solve {
+    Dpt::Springs system;
+    Dpt::Placement start;
+    Summary summary;
+  };
+  SolveWatch() = default;
+  SolveWatch(const SolveWatch&) = delete;
+  SolveWatch& operator=(const SolveWatch&) = delete;
+
+  /// A tracker that is watched; not to be used beyond this object's life.
+  Dpt make_tracker();
+  /// Empty before the first solve.
+  const std::optional<Solve>& last() const { return last_; }
+
+ private:
+  std::optional<Solve> last_;
+};
+
 /// The spring systems that a Dpt solves, with the placements it starts from, as JSON lines
 /// (docs/system-json.md).
 class SystemRecorder {
@@ -16,25 +37,14 @@ class SystemRecorder {
 
   /// `name` is what the systems are called after. Throws std::runtime_error where the file cannot be written.
   SystemRecorder(const std::string& path, std::string name);
-  SystemRecorder(const SystemRecorder&) = delete;
-  SystemRecorder& operator=(const SystemRecorder&) = delete;
 
-  /// A tracker that is recorded; not to be used beyond this object's life.
-  Dpt make_tracker();
-
-  /// Writes the last system that was solved, if it is not written yet, as that of a frame. Apart from the
-  /// solve, so that it does not count as the tracker's time. Throws std::runtime_error where it cannot.
-  void write(int frame);
+  /// Writes the system of a frame. Apart from the solve, so that it does not count as the tracker's time.
+  /// Throws std::runtime_error where it cannot.
+  void write(int frame, const SolveWatch::Solve& solve);
 
  private:
-  struct Solve {
-    Dpt::Springs system;
-    Dpt::Placement start;
-    Summary summary;
-  };
   std::string path_, name_;
   std::ofstream file_;
-  std::optional<Solve> last_;
 };
 
 }  // namespace asterism::tools

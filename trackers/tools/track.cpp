@@ -44,6 +44,13 @@ int run_command_line(int argc, char** argv) {
   app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");
   app.add_option("--save", options.save, "overlay video (.mp4)");
   app.add_option("--sheet", options.sheet, "contact sheet of eight frames (.png)");
+  app.add_option("--compare", options.compare,
+                 "another tracker whose box is drawn on the sheet; may be given again")
+      ->expected(1)
+      ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
+  app.add_option("--timeline", options.timeline, "the parts' weights and the update gate over time (.png)");
+  app.add_option("--constellation", options.constellation,
+                 "dpt's constellation before and after its optimisation in the last frame (.png)");
   app.add_option("--record-systems", options.systems,
                  "file of the spring systems that dpt solves, with their starts, as JSON lines (.jsonl)");
   app.add_flag("--show", options.show,

@@ -30,7 +30,7 @@ inline void add_tracker_options(CLI::App& app, std::string& description) {
   CLI::Option* const tracker =
       app.add_option(
              "--tracker", description,
-             R"(dpt, coarse, kcf, flock, keypoints, lgt, superpixels, dpt+MODEL, or one with options: 'dpt{"part": "mosse"}')")
+             R"(dpt, coarse, kcf, flock, keypoints, lgt, superpixels, kalman, dpt+MODEL, or one with options: 'dpt{"part": "mosse"}')")
           ->capture_default_str();
   app.add_option_function<std::string>(
          "--config", [&description](const std::string& file) { description = read_tracker(file); },

@@ -66,6 +66,8 @@ class CoarseLayer {
   const Size2& size() const { return size_; }
   cv::Rect2d box() const { return box_around(centre_, size()); }
   const CoarseOptions& options() const { return options_; }
+  /// That of the last `localize`.
+  const Evidence& evidence() const { return evidence_; }
 
  private:
   Estimate localize_around(const Frame& frame, const Point2& around);
@@ -80,6 +82,7 @@ class CoarseLayer {
   ColourModel colour_;
   Point2 centre_ = Point2::Zero();
   Size2 size_ = Size2::Zero();
+  Evidence evidence_;
   ResponseMap density_;  // Eq. position_posterior_root on the root's response grid
 };
 

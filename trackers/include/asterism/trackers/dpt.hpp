@@ -52,6 +52,10 @@ struct DptOptions {
   /// ... and at least this fraction of its pixels are on the object according to the segmentation
   /// (Sec. 2.5.2).
   double mask_gate = 0.2;
+  /// Smoothness of the parts' motion: each has a Gaussian prior about where its velocity of the last frame
+  /// takes it, of this information in units of 1 / area of a part, >= 0. 0, the paper's, is none; 1 is a
+  /// deviation of a part's mean side.
+  double smoothness = 0;
   /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
@@ -103,6 +107,7 @@ class Dpt {
   /// The spring system of the last frame and how its solver stopped.
   const Springs& springs() const { return springs_; }
   const Summary& summary() const { return summary_; }
+  const CoarseLayer& coarse() const { return coarse_; }
   const DptOptions& options() const { return options_; }
 
  private:
@@ -115,8 +120,13 @@ class Dpt {
   void follow(const Frame& frame, Placement& placement);
   /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
   void set_springs(std::span<const Evidence> evidence);
-  /// Sec. 2.5.2: which parts may learn from this frame.
-  void gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const;
+  /// The smoothness prior: the anchors become the products of evidence and prediction.
+  void smooth_motion();
+  /// Laplace's covariance of the placement, taken to the box (TrackResult::covariance); none where the
+  /// placement is no strict minimum.
+  std::optional<Eigen::Matrix3d> box_covariance(const Placement& placement) const;
+  /// Sec. 2.5.2: which parts may learn from this frame; returns the least response that may.
+  double gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const;
 
   DptOptions options_;
   CoarseLayer coarse_;
@@ -127,6 +137,7 @@ class Dpt {
   std::variant<Ida<Springs>, Newton<Springs>> solver_;
   Summary summary_;
   Placement placement_;  // X_{t-1}
+  Placement velocity_;   // X_{t-1} - X_{t-2}
   Size2 initial_size_ = Size2::Zero();
   double angle_ = 0;  // since init [rad]
   bool initialized_ = false;

@@ -6,6 +6,7 @@
 #include <asterism/solver/topology.hpp>
 #include <concepts>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -41,7 +42,11 @@ struct TrackResult {
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
+  /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
+  /// both sides are scaled alike. Positive semi-definite. Empty where the tracker cannot tell.
+  std::optional<Eigen::Matrix3d> covariance;
   std::vector<PartState> parts;
+  double update_threshold = 0;   ///< parts of less weight are not updated; 0 where no weight is compared
   std::vector<Link> links;       ///< the springs between parts, as indices into `parts`
   std::vector<StageTime> times;  ///< in the order of the stages
 
@@ -155,7 +160,8 @@ std::vector<std::string> tracker_names();
 ///   the window of Henriques' KCF);
 /// - "dpt_plus", the best that this library can make of a constellation (docs/tracker.md);
 /// - "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt), "superpixels" (SuperpixelTracker). Flock
-///   and KeypointTracker are not known where OpenCV's libraries for them were not found.
+///   and KeypointTracker are not known where OpenCV's libraries for them were not found;
+/// - "kalman" (KalmanTracker of DPT, or of the tracker that its option "of" describes).
 ///
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
 /// for an unknown one, or that says what is wrong with a value; for a description that is more than a name

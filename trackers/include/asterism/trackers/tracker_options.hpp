@@ -3,6 +3,7 @@
 #include <asterism/parts/part_options.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/kalman.hpp>
 #include <asterism/trackers/lgt.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
 #if __has_include(<asterism/trackers/flock.hpp>)  // only installed where it was built
@@ -41,6 +42,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("spring_rate", options.spring_rate);
   visit("response_gate", options.response_gate);
   visit("mask_gate", options.mask_gate);
+  visit("smoothness", options.smoothness);
   visit("transform", options.transform, {"translation", "euclidean", "similarity"});
   visit("scale_share", options.scale_share);
   visit("scale", options.scale);
@@ -49,6 +51,14 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("spring_solver", options.spring_solver, {"ida", "newton"});
   visit("solver", options.solver);
   visit("threads", options.threads);
+}
+
+inline void visit_options(OptionVisitor& visit, KalmanOptions& options) {
+  visit("acceleration", options.acceleration);
+  visit("size_acceleration", options.size_acceleration);
+  visit("deviation", options.deviation);
+  visit("size_deviation", options.size_deviation);
+  visit("lost_factor", options.lost_factor);
 }
 
 inline void visit_options(OptionVisitor& visit, ElasticOptions& options) {

@@ -28,6 +28,13 @@ enum class TransformModel {
 PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                              const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model);
 
+/// How the least-squares transform follows the points that it fits: the derivative of
+/// fit_transform(from, to, model)(point), x and y, and of the logarithm of its scale (rows) by `to`
+/// (coordinate d of column i is column 2 i + d). jacobian: 3 x 2N, written.
+void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                  const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model,
+                  const Eigen::Vector2d& point, Eigen::Ref<Eigen::Matrix3Xd> jacobian);
+
 /// A transform and how much of the points moves by it.
 struct RobustTransform {
   PlaneTransform transform;
