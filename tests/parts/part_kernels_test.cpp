@@ -260,5 +260,26 @@ TEST_P(PartKernels, FiltersAgree) {
   EXPECT_LT((values - run()).abs().maxCoeff(), 1e-4);
 }
 
+// A saved filter moves to kernels of another layout without a bit of it changed.
+TEST_P(PartKernels, ASavedFilterMovesToOthers) {
+  const Frame frame(testing::texture(240, 320));
+  for (const bool separate : {true, false}) {
+    KcfOptions options;
+    options.separate_update = separate;
+    options.features.colour = true;
+    part_kernels_v0_1::prefer(set_);
+    Kcf kcf(options);
+    kcf.init(frame, {160, 120}, {50, 42});
+    kcf.adapt(frame, {161, 121});
+    kcf.localize(frame, {158, 122});
+    part_kernels_v0_1::prefer(part_kernels_v0_1::kernels(part_kernels_v0_1::kPortable));
+    Kcf portable(options);
+    restore_state(portable, save_state(kcf));
+    EXPECT_EQ(save_state(portable), save_state(kcf));
+    portable.localize(frame, {158, 122});
+    EXPECT_LT((portable.response().values - kcf.response().values).abs().maxCoeff(), 1e-4);
+  }
+}
+
 }  // namespace
 }  // namespace asterism
