@@ -34,11 +34,11 @@ class ConstantVelocityFilter {
 
 /// Options of KalmanTracker. Lengths are in mean sides of the box (geometric mean), so that nothing changes
 /// with the image's scale; those of the size are of its natural logarithm. The defaults are measured:
-/// docs/dynamics.md.
+/// docs/results/uncertainty.md.
 struct KalmanOptions {
   /// Deviation that white acceleration gives to the velocity in a frame, of the centre on each axis [mean
   /// sides / frame] and of the size, > 0.
-  double acceleration = 0.1, size_acceleration = 0.01;
+  double acceleration = 0.3, size_acceleration = 0.05;
   /// Deviation of a box from the object where its tracker tells no covariance: of the centre on each axis
   /// [mean sides], and of the size, > 0.
   double deviation = 0.05, size_deviation = 0.05;
