@@ -123,10 +123,11 @@ TrackResult Dpt::update(const Frame& frame) {
   clock.lap();
   result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
   result.lost = coarse.lost;
-  result.angle = angle_;
   result.links.assign(springs_.links().begin(), springs_.links().end());
   if (coarse_.waits(coarse)) {
+    velocity_.setZero();
     result.box = coarse_.box();
+    result.angle = angle_;
     for (Eigen::Index i = 0; i < placement_.cols(); ++i) {
       const Point2 position = placement_.col(i);
       result.parts.push_back({.position = position, .size = part_size_, .visual_best = position});
@@ -156,7 +157,14 @@ TrackResult Dpt::update(const Frame& frame) {
 
   // Line 4: root position and size.
   follow(frame, placement);
-  if (options_.scale_share > 0) result.times.push_back({"scale", clock.lap()});
+  if (options_.scale_share > 0) {
+    if (result.covariance) {
+      const Eigen::Vector3d kept(1, 1, 1 - options_.scale_share);
+      *result.covariance = kept.asDiagonal() * *result.covariance * kept.asDiagonal();
+      (*result.covariance)(2, 2) += std::pow(options_.scale_share, 2) * scale_.log_variance();
+    }
+    result.times.push_back({"scale", clock.lap()});
+  }
 
   // Line 5: spring lengths and part models.
   for (std::size_t i = 0; i < parts_.size(); ++i) {
