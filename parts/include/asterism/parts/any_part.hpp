@@ -36,7 +36,8 @@ class AnyPart {
   /// The target has another size in the image [px] from now on; a model that cannot follow (see
   /// ResizableModel) goes on at its own.
   void resize(const Size2& size) { self_->resize(size); }
-  /// Throws std::invalid_argument for a model that is not Stateful.
+  /// Whether the model in it is Stateful; if not, `visit_state` throws std::invalid_argument.
+  bool stateful() const { return self_->stateful(); }
   void visit_state(StateArchive& archive) { self_->visit_state(archive); }
 
  private:
@@ -49,6 +50,7 @@ class AnyPart {
     virtual void adapt(const Frame&, const Point2&) = 0;
     virtual const ResponseMap* response() const = 0;
     virtual void resize(const Size2&) = 0;
+    virtual bool stateful() const = 0;
     virtual void visit_state(StateArchive&) = 0;
   };
   template <class P>
@@ -72,6 +74,7 @@ class AnyPart {
     void resize(const Size2& size) override {
       if constexpr (ResizableModel<P>) part.resize(size);
     }
+    bool stateful() const override { return Stateful<P>; }
     void visit_state(StateArchive& archive) override {
       if constexpr (Stateful<P>)
         part.visit_state(archive);
