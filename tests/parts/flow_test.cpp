@@ -1,8 +1,11 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <asterism/parts/flow.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
+#include <opencv2/video/tracking.hpp>
+#include <vector>
 
 #include "part_axioms.hpp"
 
@@ -26,6 +29,37 @@ TEST(Flow, FindsAShiftedTexture) {
     EXPECT_GT(evidence.peak, 0.9);
     EXPECT_LT(evidence.covariance.trace(), 0.1);
   }
+}
+
+// OpenCV's own tracker on the whole images, at points of the target: the median of their displacements.
+TEST(Flow, IsTheMedianOfOpenCvsFlow) {
+  const cv::Mat image = texture(240, 320);
+  cv::Mat turned;
+  cv::warpAffine(image, turned, cv::Matx23d(0.999, -0.04, 7.2, 0.04, 0.999, -3.7), image.size(),
+                 cv::INTER_CUBIC);
+  cv::Mat first, second;
+  cv::cvtColor(image, first, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(turned, second, cv::COLOR_BGR2GRAY);
+  std::vector<cv::Point2f> points, moved;
+  for (float y = 102; y <= 138; y += 4)
+    for (float x = 138; x <= 182; x += 4) points.emplace_back(x, y);
+  std::vector<uchar> found;
+  cv::calcOpticalFlowPyrLK(first, second, points, moved, found, cv::noArray());
+  std::vector<double> dx, dy;
+  for (std::size_t i = 0; i < points.size(); ++i) {
+    ASSERT_TRUE(found[i]);
+    dx.push_back(static_cast<double>(moved[i].x - points[i].x));
+    dy.push_back(static_cast<double>(moved[i].y - points[i].y));
+  }
+  std::sort(dx.begin(), dx.end());
+  std::sort(dy.begin(), dy.end());
+  const Point2 expected = Point2(160, 120) + Point2(dx[dx.size() / 2], dy[dy.size() / 2]);
+
+  Flow part;
+  part.init(Frame(image), {160, 120}, {48, 40});
+  const Evidence evidence = part.localize(Frame(turned), {160, 120});
+  EXPECT_LT((evidence.position - expected).norm(), 0.4);  // of other points: they are 0.16 px apart each 4 px
+  EXPECT_GT((evidence.position - Point2(160, 120)).norm(), 1.5);
 }
 
 // The target that turns and grows about its centre stays; its points disagree by as much as they move.
