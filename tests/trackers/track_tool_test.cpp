@@ -93,9 +93,9 @@ class TrackTool : public testing::Test {
 
   // The exit code; what the program prints is in out_ and err_ then.
   int run(const std::string& arguments, bool with_tracker = true) {
-    const std::string command = limits_ + "env -u DISPLAY -u WAYLAND_DISPLAY " ASTERISM_TRACK_TOOL " " + arguments +
-                                (with_tracker ? " --tracker kcf" : "") + " > " + path("out") + " 2> " +
-                                path("err");
+    const std::string command = limits_ + "env -u DISPLAY -u WAYLAND_DISPLAY " ASTERISM_TRACK_TOOL " " +
+                                arguments + (with_tracker ? " --tracker kcf" : "") + " > " + path("out") +
+                                " 2> " + path("err");
     const int status = std::system(command.c_str());
     out_ = read(folder_ / "out");
     err_ = read(folder_ / "err");
