@@ -1,5 +1,5 @@
-// Of one type of system: what <asterism/solver/compiled.hpp> declares. A source file defines ASTERISM_SYSTEM as the type
-// and includes this.
+// Of one type of system: what <asterism/solver/compiled.hpp> declares. A source file defines ASTERISM_SYSTEM
+// as the type and includes this.
 #include <asterism/solver.hpp>
 
 namespace asterism::inline ASTERISM_ABI {

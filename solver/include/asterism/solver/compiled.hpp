@@ -3,9 +3,9 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/spring_system.hpp>
 
-// Solvers take long to compile: seconds each for one type of system. asterism::solver_compiled has them ready for
-// the common types, and defines ASTERISM_SOLVER_COMPILED for its users, for whom the headers then only declare
-// what it has; other types are compiled where they are used, as everything is with asterism::solver.
+// Solvers take long to compile: seconds each for one type of system. asterism::solver_compiled has them ready
+// for the common types, and defines ASTERISM_SOLVER_COMPILED for its users, for whom the headers then only
+// declare what it has; other types are compiled where they are used, as everything is with asterism::solver.
 
 namespace asterism::inline ASTERISM_ABI::detail {
 
@@ -18,15 +18,16 @@ using FourPartSystem = SpringSystem<double, 2, 4>;
 
 #ifdef ASTERISM_SOLVER_COMPILED
 /// Declares a solver's class for these types.
-#define ASTERISM_COMPILED_SOLVER(Solver)               \
+#define ASTERISM_COMPILED_SOLVER(Solver)             \
   extern template class Solver<detail::PlaneSystem>; \
   extern template class Solver<detail::SpaceSystem>; \
   extern template class Solver<detail::FourPartSystem>;
 /// Declares a function solve(system, x, options) for these types.
-#define ASTERISM_COMPILED_SOLVE(solve, Options)                                                              \
+#define ASTERISM_COMPILED_SOLVE(solve, Options)                                                            \
   extern template Summary solve(const detail::PlaneSystem&, detail::PlaneSystem::Points&, const Options&); \
   extern template Summary solve(const detail::SpaceSystem&, detail::SpaceSystem::Points&, const Options&); \
-  extern template Summary solve(const detail::FourPartSystem&, detail::FourPartSystem::Points&, const Options&);
+  extern template Summary solve(const detail::FourPartSystem&, detail::FourPartSystem::Points&,            \
+                                const Options&);
 #else
 #define ASTERISM_COMPILED_SOLVER(Solver)
 #define ASTERISM_COMPILED_SOLVE(solve, Options)
