@@ -166,10 +166,13 @@ class NewtonMatrix {
     if constexpr (kUnrolled) return kPadded;
     return size() + 1;
   }
-  Scalar& at(int row, int column) { return values_[static_cast<std::size_t>(column * stride() + row)]; }
-  const Scalar& at(int row, int column) const {
-    return values_[static_cast<std::size_t>(column * stride() + row)];
+  // Not of int: dense matrices of some 23,000 nodes have more entries than that counts.
+  std::size_t index(int row, int column) const {
+    return static_cast<std::size_t>(column) * static_cast<std::size_t>(stride()) +
+           static_cast<std::size_t>(row);
   }
+  Scalar& at(int row, int column) { return values_[index(row, column)]; }
+  const Scalar& at(int row, int column) const { return values_[index(row, column)]; }
   Scalar right(int k) const {
     if constexpr (kUnrolled) return right_[static_cast<std::size_t>(k)];
     return at(size(), k);
@@ -190,7 +193,7 @@ class NewtonMatrix {
 
   // Energy, gradient and Hessian for any links.
   Scalar assemble_links(const System& system, const Points& x, bool clamp, Points& gradient) {
-    std::fill_n(values_.begin(), size() * stride(), Scalar(0));
+    std::fill_n(values_.begin(), index(0, size()), Scalar(0));
     gradient.resize(kDim, system.nodes());
     Scalar energy = 0;
     for (int i = 0; i < system.nodes(); ++i) {
