@@ -3,6 +3,7 @@
 
 #include <asterism/parts/part_registry.hpp>
 #include <stdexcept>
+#include <string>
 
 #include "bytes.hpp"
 
@@ -10,16 +11,14 @@ using namespace asterism;
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const fuzz::ScratchFolder folder("part_plugin");
-  static const bool entered = (std::filesystem::current_path(folder.path()), true);
-  static_cast<void>(entered);
   const std::string_view input = fuzz::text(data, size);
   const std::size_t end = input.find('\n');
-  const std::string_view name = input.substr(0, end);
+  std::string name(input.substr(0, end));
   // Other people's files; and a damaged library is the dynamic linker's to survive, which it need not.
-  const bool is_elf = end != std::string_view::npos && input.substr(end + 1).starts_with(
-                                                           "\x7f"
-                                                           "ELF");
-  if (name.find('/') != std::string_view::npos || is_elf) return 0;
+  constexpr std::string_view kElf("\177ELF");
+  const bool is_elf = end != std::string_view::npos && input.substr(end + 1).starts_with(kElf);
+  if (name.find('/') != std::string::npos || is_elf) return 0;
+  if (name.find(':') < name.find('{')) name = folder.path().string() + '/' + name;
   if (end != std::string_view::npos) folder.write("plugin.so", input.substr(end + 1));
   PartRegistry registry;
   const std::size_t known = registry.names().size();
