@@ -27,6 +27,7 @@ class ConstantVelocityFilter {
   /// Of position and velocity, in this order.
   const Eigen::Matrix<double, 6, 6>& covariance() const { return covariance_; }
 
+
  private:
   Eigen::Vector<double, 6> state_ = Eigen::Vector<double, 6>::Zero();
   Eigen::Matrix<double, 6, 6> covariance_ = Eigen::Matrix<double, 6, 6>::Zero();
@@ -57,6 +58,8 @@ class KalmanTracker {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
 
  private:
   // Of a box as a measurement, in px and logarithms.
