@@ -27,6 +27,7 @@ class ConstantVelocityFilter {
   /// Of position and velocity, in this order.
   const Eigen::Matrix<double, 6, 6>& covariance() const { return covariance_; }
 
+  void visit_state(StateArchive& archive);
 
  private:
   Eigen::Vector<double, 6> state_ = Eigen::Vector<double, 6>::Zero();
@@ -60,6 +61,7 @@ class KalmanTracker {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
  private:
   // Of a box as a measurement, in px and logarithms.
