@@ -238,6 +238,16 @@ TEST(State, ADamagedLengthIsRefusedBeforeItIsUsed) {
   EXPECT_EQ(target.values, (std::vector<double>{1, 2, 3}));
 }
 
+TEST(State, OfEachTrackerIsForItAlone) {
+  for (const auto& [name, make] : trackers()) {
+    const Bytes state = started(make()).save();
+    for (const auto& [other, make_other] : trackers()) {
+      AnyTracker target = make_other();
+      EXPECT_EQ(refusal(target, state) == "taken", name == other) << name << " into " << other;
+    }
+  }
+}
+
 TEST(State, OfOtherOptionsOrAnotherTrackerIsRefused) {
   AnyTracker dpt = started(make_tracker("dpt")), coarse = started(make_tracker("coarse"));
   const Bytes of_dpt = dpt.save(), of_coarse = coarse.save();
