@@ -64,7 +64,7 @@ std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
       result.emplace_back(name, [name] { return make_tracker(name); });
   result.emplace_back("kalman of lgt", [] { return KalmanTracker(make_tracker("lgt")); });
   const std::pair<const char*, AnyPart> parts[]{{"mosse", Mosse()},
-                                                {"superpixels", Superpixels()},
+                                                {"superpixel parts", Superpixels()},
                                                 {"template", Template()},
                                                 {"color_histogram", ColorHistogram()},
                                                 {"linear kcf", [] {
