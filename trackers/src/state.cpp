@@ -21,7 +21,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-// Of a matrix of doubles that is symmetric and positive semi-definite.
+// How far rounding takes correlations from a matrix that is symmetric and positive semi-definite.
 constexpr double kRounding = 1e-6;
 
 // Numbers that must not be negative, one a part; at most so large.
