@@ -83,6 +83,8 @@ class StateArchive {
   /// A position in the image, at most 1e6 px from its origin on each axis, and a size from 1e-6 to 1e6 px.
   void position(Point2& value);
   void size(Size2& value);
+  /// How many things follow, which take at least `bytes_each` bytes each: reading, no more than are there.
+  void count(int& value, std::size_t bytes_each);
   /// 8-bit pixels; the image has this size and number of channels already, or gets them.
   void pixels(cv::Mat& image, const cv::Size& size, int channels);
 

@@ -25,6 +25,7 @@ class ObjectPose {
 
   const PlaneTransform& transform() const { return transform_; }
   void move(const PlaneTransform& transform);
+  void visit_state(StateArchive& archive);
 
   Point2 centre() const { return transform_.translation; }
   Size2 size() const { return transform_.scale * first_size_; }
@@ -79,6 +80,9 @@ class ElasticConstellation {
   Points posed(const ObjectPose& pose) const;
   int size() const { return static_cast<int>(layout_.cols()); }
   std::vector<Link> links() const { return {springs_.links().begin(), springs_.links().end()}; }
+
+  /// Parts and links, and the parts' placement x (2 x N).
+  void visit_state(StateArchive& archive, Points& x);
 
  private:
   // The solver, whose workspace cannot be copied: a copy of the constellation has its own.

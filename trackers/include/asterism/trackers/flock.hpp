@@ -36,6 +36,7 @@ class Flock {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const FlockOptions& options() const { return options_; }
 

@@ -27,6 +27,8 @@ class ConstantVelocityFilter {
   /// Of position and velocity, in this order.
   const Eigen::Matrix<double, 6, 6>& covariance() const { return covariance_; }
 
+  void visit_state(StateArchive& archive);
+
  private:
   Eigen::Vector<double, 6> state_ = Eigen::Vector<double, 6>::Zero();
   Eigen::Matrix<double, 6, 6> covariance_ = Eigen::Matrix<double, 6, 6>::Zero();
@@ -57,6 +59,9 @@ class KalmanTracker {
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
  private:
   // Of a box as a measurement, in px and logarithms.

@@ -46,6 +46,7 @@ class KeypointTracker {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const KeypointTrackerOptions& options() const { return options_; }
 

@@ -44,6 +44,7 @@ class Lgt {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const LgtOptions& options() const { return options_; }
 

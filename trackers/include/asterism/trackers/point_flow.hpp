@@ -2,6 +2,7 @@
 
 #include <asterism/parts/part_model.hpp>
 #include <asterism/parts/patch.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -61,7 +62,14 @@ class PointFlow {
 
   const ObjectWindow& window() const { return window_; }
 
+  /// Saves or takes over what `learn` learned, of the same centre and size.
+  void visit_state(StateArchive& archive, const Point2& centre, const Size2& size);
+
  private:
+  // What follows from centre and size.
+  ObjectWindow window_of(const Point2& centre, const Size2& size) const;
+  std::vector<cv::Mat> pyramid(const cv::Mat& window) const;
+
   PointFlowOptions options_;
   ObjectWindow window_;
   std::vector<cv::Mat> learned_;  // pyramid; never written again: copies share it

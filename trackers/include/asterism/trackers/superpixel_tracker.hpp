@@ -41,6 +41,7 @@ class SuperpixelTracker {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const SuperpixelTrackerOptions& options() const { return options_; }
 
