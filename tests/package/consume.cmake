@@ -1,5 +1,8 @@
-# A consumer of the installed and moved package. NAME names the test, COMPONENTS what it asks for.
+# A consumer of the package in PREFIX, by default as installed and moved. NAME names the test, COMPONENTS what it asks for.
 cmake_minimum_required(VERSION 3.25)
 include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
 string(REPLACE "," ";" COMPONENTS ${COMPONENTS})
-consume(${NAME} ${WORK}/moved/prefix ${COMPONENTS})
+if(NOT PREFIX)
+  set(PREFIX ${WORK}/moved/prefix)
+endif()
+consume(${NAME} ${PREFIX} ${COMPONENTS})

@@ -26,7 +26,7 @@ foreach(room IN ITEMS solver parts trackers)
   endif()
 endforeach()
 
-file(GLOB_RECURSE files ${WORK}/moved/prefix/*.cmake)
+file(GLOB_RECURSE files ${WORK}/moved/prefix/*.cmake ${WORK}/moved/prefix/*.pc)
 if(files STREQUAL "")
   fail("no CMake files are installed")
 endif()

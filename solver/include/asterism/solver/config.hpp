@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <asterism/solver/export.hpp>
 
 /// Library version; the project's CMake version is checked against it by a test.
 #define ASTERISM_VERSION_MAJOR 0

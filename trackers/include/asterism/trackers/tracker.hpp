@@ -148,7 +148,7 @@ class AnyTracker {
 };
 
 /// The trackers that `make_tracker` knows.
-std::vector<std::string> tracker_names();
+ASTERISM_API std::vector<std::string> tracker_names();
 
 /// A tracker from its description: a name, with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a
 /// name and a JSON object of options, which are the members of the class's options; `{"tracker": "dpt",
@@ -166,6 +166,6 @@ std::vector<std::string> tracker_names();
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
 /// for an unknown one, or that says what is wrong with a value; for a description that is more than a name
 /// also where the library was built without PartRegistry.
-AnyTracker make_tracker(std::string_view description);
+ASTERISM_API AnyTracker make_tracker(std::string_view description);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,33 @@
+# Eigen aligns for the SIMD width that is compiled for. A program compiled for AVX may use the headers; with the installed
+# library, compiled for another alignment, it does not link. By all of COMPILERS, whichever built the library.
+cmake_minimum_required(VERSION 3.25)
+include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
+
+set(ENV{PKG_CONFIG_PATH} ${WORK}/moved/prefix/${LIBDIR}/pkgconfig)
+must(${PKG_CONFIG} --cflags asterism-solver)
+separate_arguments(solver UNIX_COMMAND "${out}")
+must(${PKG_CONFIG} --cflags --libs asterism-parts)
+separate_arguments(parts UNIX_COMMAND "${out}")
+fresh(${WORK}/abi)
+set(program ${WORK}/abi/program)
+file(STRINGS /proc/cpuinfo has_avx REGEX "^flags.* avx " LIMIT_COUNT 1)
+
+foreach(compiler IN LISTS COMPILERS)
+  set(compile ${compiler} -std=c++20 ${scripts}/abi.cpp -o ${program})
+
+  must(${compile} -mavx ${solver})
+  if(has_avx)
+    must(${program})
+    must_match("${out}" "^32 is content\n$" "header-only use with AVX is wrong")
+  endif()
+
+  must(${compile} -DCOMPILED ${parts})
+  must(${program})
+  must_match("${out}" "^16 is content\n$" "use of the compiled library is wrong")
+
+  run(${compile} -DCOMPILED -mavx ${parts})
+  if(result EQUAL 0)
+    fail("a program for AVX links with a library that is not")
+  endif()
+  must_match("${err}" "undefined reference to `asterism::v[0-9_]+_align32::evidence_of" "another error was expected")
+endforeach()

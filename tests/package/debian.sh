@@ -1,0 +1,59 @@
+#!/usr/bin/env bash
+# Makes the Debian packages, and installs and uses them in a fresh Debian 12. Root, with debootstrap; a quarter of an hour.
+#
+#   bash tests/package/debian.sh [MIRROR]
+#
+# build/deb/packages then holds the packages. Not one of ctest's: it builds all libraries once more, and wants the network.
+set -euo pipefail
+cd "$(dirname "$0")/../.."
+mirror=${1:-http://deb.debian.org/debian}
+
+cmake --preset deb -DASTERISM_WERROR=ON
+cmake --build --preset deb
+rm -rf build/deb/packages
+cpack --preset deb
+
+root=$(mktemp -d)
+trap 'rm -rf "$root"' EXIT
+debootstrap --variant=minbase bookworm "$root" "$mirror" >/dev/null
+inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C DEBIAN_FRONTEND=noninteractive "$@"; }
+install() { inside apt-get install -qq -y --no-install-recommends -o Dpkg::Use-Pty=0 "$@" >/dev/null; }
+# absent PACKAGE...: what must not have come along.
+absent() { for package in "$@"; do ! inside dpkg -s "$package" >/dev/null 2>&1 || { echo "$package came along"; exit 1; }; done; }
+mkdir "$root/packages" && cp build/deb/packages/*.deb "$root/packages"
+cp -r tests/package/consumer tests/package/video.cpp "$root"
+version=$(sed -nE 's/^  VERSION (.*)/\1/p' CMakeLists.txt)
+
+# consume COMPONENTS: by CMake, and by pkg-config with the compiler alone.
+consume() {
+  rm -rf "$root/out"
+  inside cmake -S /consumer -B /out -DCMAKE_PREFIX_PATH=/usr -DCOMPONENTS="$1" -DVERSION="$version" -DCMAKE_BUILD_TYPE=Debug
+  inside cmake --build /out --target run
+  local defines=() modules=()
+  for component in ${1//,/ }; do defines+=("-DHAVE_${component^^}"); modules+=("asterism-$component"); done
+  inside sh -c "g++ -std=c++20 -DVERSION='\"$version\"' ${defines[*]} /consumer/main.cpp -o /out/plain \
+                \$(pkg-config --cflags --libs ${modules[*]}) && /out/plain"
+}
+
+# The programs.
+install /packages/libasterism0*.deb /packages/asterism-tools_*.deb
+inside asterism-track --version
+inside asterism-trax --version
+
+# The solver, where nothing of OpenCV, Ceres and SuiteSparse can be compiled against.
+install /packages/libasterism-dev_*.deb g++ cmake make pkg-config
+absent libopencv-dev libceres-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev
+consume solver,batch
+
+# Everything, and an object followed.
+install libopencv-dev libceres-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev
+consume solver,batch,cholmod,ceres,lbfgs,json,parts,trackers
+inside sh -c 'g++ -std=c++20 /video.cpp -o /out/video $(pkg-config --cflags --libs opencv4) && /out/video /out/video.avi'
+inside asterism-track /out/video.avi --box 100,80,48,64 --tracker dpt --out /out/boxes.csv
+[[ $(wc -l <"$root/out/boxes.csv") -gt 40 ]]
+
+inside dpkg --verify libasterism0.1 libasterism-dev asterism-tools
+inside apt-get purge -qq -y -o Dpkg::Use-Pty=0 libasterism0.1 >/dev/null
+absent libasterism-dev asterism-tools
+[[ -z $(find "$root/usr" "$root/etc" -iname '*asterism*') ]] || { echo "files are left behind"; exit 1; }
+echo "the packages are content"
