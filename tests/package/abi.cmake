@@ -1,5 +1,6 @@
 # Eigen aligns for the SIMD width that is compiled for. A program compiled for AVX may use the headers; with the installed
-# library, compiled for another alignment, it does not link. By all of COMPILERS, whichever built the library.
+# library, compiled for another alignment, it does not link, nor where only the way differs how memory is freed. By all of
+# COMPILERS, whichever built the library.
 cmake_minimum_required(VERSION 3.25)
 include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
 
@@ -25,9 +26,11 @@ foreach(compiler IN LISTS COMPILERS)
   must(${program})
   must_match("${out}" "^16 is content\n$" "use of the compiled library is wrong")
 
-  run(${compile} -DCOMPILED -mavx ${parts})
-  if(result EQUAL 0)
-    fail("a program for AVX links with a library that is not")
-  endif()
-  must_match("${err}" "undefined reference to `asterism::v[0-9_]+_align32::evidence_of" "another error was expected")
+  foreach(flags IN ITEMS "-mavx" "-mavx;-DEIGEN_MAX_STATIC_ALIGN_BYTES=16")
+    run(${compile} -DCOMPILED ${flags} ${parts})
+    if(result EQUAL 0)
+      fail("a program compiled with ${flags} links with a library that is not")
+    endif()
+    must_match("${err}" "undefined reference to `asterism::v[0-9_]+_align(32|16)_malloc0::evidence_of" "another error was expected")
+  endforeach()
 endforeach()
