@@ -1,33 +1,36 @@
 #!/usr/bin/env bash
-# Makes the Debian packages, and installs and uses them in a fresh Debian 12. Root, with debootstrap; a quarter of an hour.
+# Installs and uses the Debian packages in a fresh Debian 12. Root, with debootstrap.
 #
-#   bash tests/package/debian.sh [MIRROR]
+#   bash tests/package/debian.sh [FOLDER]      packages that are there; by default they are made, in build/deb/packages
 #
-# build/deb/packages then holds the packages. Not one of ctest's: it builds all libraries once more, and wants the network.
+# MIRROR in the environment names another mirror of Debian. Not one of ctest's: it builds all libraries once more, and wants
+# the network.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-mirror=${1:-http://deb.debian.org/debian}
+packages=${1:-build/deb/packages}
 
-cmake --preset deb -DASTERISM_WERROR=ON
-cmake --build --preset deb
-rm -rf build/deb/packages
-cpack --preset deb
+if [[ $# == 0 ]]; then
+  cmake --preset deb -DASTERISM_WERROR=ON
+  cmake --build --preset deb
+  rm -rf "$packages"
+  cpack --preset deb
+fi
 
 root=$(mktemp -d)
 trap 'rm -rf "$root"' EXIT
-debootstrap --variant=minbase bookworm "$root" "$mirror" >/dev/null
+debootstrap --variant=minbase bookworm "$root" "${MIRROR:-http://deb.debian.org/debian}" >/dev/null
 inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C DEBIAN_FRONTEND=noninteractive "$@"; }
 install() { inside apt-get install -qq -y --no-install-recommends -o Dpkg::Use-Pty=0 "$@" >/dev/null; }
 # absent PACKAGE...: what must not have come along.
 absent() { for package in "$@"; do ! inside dpkg -s "$package" >/dev/null 2>&1 || { echo "$package came along"; exit 1; }; done; }
-mkdir "$root/packages" && cp build/deb/packages/*.deb "$root/packages"
+mkdir "$root/packages" && cp "$packages"/*.deb "$root/packages"
 cp -r tests/package/consumer tests/package/video.cpp "$root"
 version=$(sed -nE 's/^  VERSION (.*)/\1/p' CMakeLists.txt)
 
 # consume COMPONENTS: by CMake, and by pkg-config with the compiler alone.
 consume() {
   rm -rf "$root/out"
-  inside cmake -S /consumer -B /out -DCMAKE_PREFIX_PATH=/usr -DCOMPONENTS="$1" -DVERSION="$version" -DCMAKE_BUILD_TYPE=Debug
+  inside cmake -S /consumer -B /out -DCMAKE_PREFIX_PATH=/usr -DCOMPONENTS="$1" -DVERSION="$version" -DSOURCE=main.cpp
   inside cmake --build /out --target run
   local defines=() modules=()
   for component in ${1//,/ }; do defines+=("-DHAVE_${component^^}"); modules+=("asterism-$component"); done

@@ -7,7 +7,7 @@ fresh(${WORK}/debs)
 must(${CPACK} --config ${WORK}/eigen-only/CPackConfig.cmake -G DEB -B ${WORK}/debs)
 file(GLOB debs RELATIVE ${WORK}/debs ${WORK}/debs/*.deb)
 string(REGEX MATCH "^[0-9]+[.][0-9]+" minor ${VERSION})
-must_match("${debs}" "^libasterism${minor}_${VERSION}-1_[a-z0-9]+[.]deb;libasterism-dev_${VERSION}-1_[a-z0-9]+[.]deb$"
+must_match("${debs}" "^libasterism-dev_${VERSION}-1_[a-z0-9]+[.]deb;libasterism${minor}_${VERSION}-1_[a-z0-9]+[.]deb$"
            "these are the packages")
 
 # look(NAME DEPENDS EXPECTED...): what the package needs, and files that it must hold (expressions); all others, too.
@@ -41,6 +41,8 @@ look(libasterism-dev "libeigen3-dev, libasterism${m} [(]= ${v}-1[)]" ${LIBDIR}/l
      share/doc/libasterism-dev/copyright)
 
 # A program of what was unpacked needs the library by its soname.
-consume(debs ${WORK}/debs/usr batch)
-must(ldd ${WORK}/consume-debs/consumer)
-must_match("${out}" "libasterism_batch[.]so[.]${m} => ${WORK}/debs/usr" "the consumer does not use the shared library")
+must(${CXX} -std=c++20 -DHAVE_BATCH ${scripts}/compiled.cpp -o ${WORK}/debs/program -I${WORK}/debs/usr/${INCLUDEDIR}
+     -L${WORK}/debs/usr/${LIBDIR} -lasterism_batch -Wl,-rpath,${WORK}/debs/usr/${LIBDIR})
+must(ldd ${WORK}/debs/program)
+must_match("${out}" "libasterism_batch[.]so[.]${m} => ${WORK}/debs/usr" "the program does not use the shared library")
+must(${WORK}/debs/program)

@@ -1,0 +1,56 @@
+// Calls something of each library that it was built with: what links and runs has found them all.
+#include <iostream>
+#ifdef HAVE_BATCH
+#include <asterism/solver/batch_kernels.hpp>
+#endif
+#ifdef HAVE_CHOLMOD
+#include <asterism/solver/cholmod.hpp>
+#endif
+#ifdef HAVE_CERES
+#include <asterism/solver/ceres.hpp>
+#endif
+#ifdef HAVE_LBFGS
+#include <asterism/solver/liblbfgs.hpp>
+#endif
+#ifdef HAVE_JSON
+#include <asterism/solver/json.hpp>
+#endif
+#ifdef HAVE_PARTS
+#include <asterism/parts/response.hpp>
+#endif
+#ifdef HAVE_TRACKERS
+#include <asterism/trackers/tracker.hpp>
+#endif
+
+int main() {
+  bool ok = true;
+#ifdef HAVE_BATCH
+  ok = ok && asterism::lanes_v0_1::kernels(asterism::lanes_v0_1::kPortable) != nullptr;
+#endif
+#ifdef HAVE_CHOLMOD
+  int version[3];
+  ok = ok && cholmod_version(version) >= CHOLMOD_VER_CODE(3, 0);
+#endif
+#ifdef HAVE_CERES
+  ok = ok && *asterism::reference::ceres_version() >= '1';
+#endif
+#ifdef HAVE_LBFGS
+  lbfgsfloatval_t* x = lbfgs_malloc(8);
+  ok = ok && x != nullptr;
+  lbfgs_free(x);
+#endif
+#ifdef HAVE_JSON
+  ok = ok && nlohmann::json::parse("[1]").size() == 1;
+#endif
+#ifdef HAVE_PARTS
+  asterism::ResponseMap map;
+  map.values.setConstant(3, 3, 0.5f);
+  map.values(1, 1) = 1;
+  ok = ok && (asterism::evidence_of(map).position - map.position(1, 1)).norm() < 1e-6;
+#endif
+#ifdef HAVE_TRACKERS
+  ok = ok && asterism::tracker_names().size() > 5;
+#endif
+  std::cout << (ok ? "the consumer is content\n" : "wrong\n");
+  return ok ? 0 : 1;
+}
