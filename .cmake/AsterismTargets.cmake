@@ -89,7 +89,8 @@ function(asterism_pkg_config name)
   if(NOT type STREQUAL "INTERFACE_LIBRARY")
     list(PREPEND arg_LIBRARIES "-L\${libdir}" -lasterism_${name})
   endif()
-  list(TRANSFORM arg_INCLUDES PREPEND "-I")
+  list(REMOVE_ITEM arg_INCLUDES "" ${CMAKE_CXX_IMPLICIT_INCLUDE_DIRECTORIES})
+  list(TRANSFORM arg_INCLUDES PREPEND "-isystem ") # OpenCV's headers warn of themselves in C++20
   list(PREPEND arg_INCLUDES "-I\${includedir}")
 
   set(dir ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig)

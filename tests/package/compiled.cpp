@@ -1,4 +1,6 @@
-// Calls something of each library that it was built with: what links and runs has found them all.
+// Calls something of the solver and of each library that it was built with: what links and runs has found
+// them all.
+#include <asterism/solver/energy.hpp>
 #include <iostream>
 #ifdef HAVE_BATCH
 #include <asterism/solver/batch_kernels.hpp>
@@ -23,7 +25,12 @@
 #endif
 
 int main() {
-  bool ok = true;
+  asterism::SpringSystem<double, 2, 2> system(asterism::Topology<2>::full());
+  system.anchors << 0, 3, 0, 4;
+  system.anchor_stiffness.setOnes();
+  system.rest_length.setConstant(7);
+  system.link_stiffness.setConstant(3);
+  bool ok = std::abs(asterism::energy(system, system.anchors) - 6) < 1e-12;  // 3 (7 - 5)^2 / 2
 #ifdef HAVE_BATCH
   ok = ok && asterism::lanes_v0_1::kernels(asterism::lanes_v0_1::kPortable) != nullptr;
 #endif
