@@ -45,12 +45,12 @@ inside asterism-trax --version
 
 # The solver, where nothing of OpenCV, Ceres and SuiteSparse can be compiled against.
 install /packages/libasterism-dev_*.deb g++ cmake make pkg-config
-absent libopencv-dev libceres-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev
+absent libopencv-dev libceres-dev libsuitesparse-dev libcholmod3 liblbfgs-dev nlohmann-json3-dev
 consume solver,batch
 
 # Everything, and an object followed.
-install libopencv-dev libceres-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev
-consume solver,batch,cholmod,ceres,lbfgs,json,parts,trackers
+install libopencv-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev
+consume solver,batch,cholmod,lbfgs,json,parts,trackers
 inside sh -c 'g++ -std=c++20 /video.cpp -o /out/video $(pkg-config --cflags --libs opencv4) && /out/video /out/video.avi'
 inside asterism-track /out/video.avi --box 100,80,48,64 --tracker dpt --out /out/boxes.csv
 [[ $(wc -l <"$root/out/boxes.csv") -gt 40 ]]

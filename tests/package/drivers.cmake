@@ -43,6 +43,14 @@ mark_as_advanced(ASTERISM_PYTHON)
 if(ASTERISM_PYTHON)
   add_test(NAME package.recipes COMMAND ${ASTERISM_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/recipes_test.py)
   set_tests_properties(package.recipes PROPERTIES LABELS package)
+  set(compiled ${components})
+  list(FILTER compiled INCLUDE REGEX "^(batch|ceres|parts|trackers)$")
+  list(TRANSFORM compiled REPLACE "^.*$" "$<TARGET_FILE:asterism_\\0>")
+  add_test(NAME package.exports
+           COMMAND ${ASTERISM_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/exports_test.py ${CMAKE_NM}
+                   ${PROJECT_SOURCE_DIR}/solver/include ${PROJECT_SOURCE_DIR}/parts/include
+                   ${PROJECT_SOURCE_DIR}/trackers/include -- ${compiled})
+  set_tests_properties(package.exports PROPERTIES LABELS package)
 endif()
 package_test(subproject subproject)
 package_test(eigen_only eigen_only)

@@ -32,7 +32,7 @@ struct StageTime {
 /// The corners of a box turned by `angle` [rad, from the x axis towards the y axis] about its middle,
 /// sub-pixel: those that the upright box has at its top left, top right, bottom right and bottom left. For
 /// angle 0 they are (x, y), (x + width, y), (x + width, y + height), (x, y + height).
-std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
+ASTERISM_API std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
 
 /// A tracker's answer for one frame.
 struct TrackResult {
