@@ -23,9 +23,11 @@ inside() { chroot "$root" env -i PATH=/usr/sbin:/usr/bin:/sbin:/bin LC_ALL=C DEB
 install() { inside apt-get install -qq -y --no-install-recommends -o Dpkg::Use-Pty=0 "$@" >/dev/null; }
 # absent PACKAGE...: what must not have come along.
 absent() { for package in "$@"; do ! inside dpkg -s "$package" >/dev/null 2>&1 || { echo "$package came along"; exit 1; }; done; }
-mkdir "$root/packages" && cp "$packages"/*.deb "$root/packages"
+mkdir "$root/packages"
+for deb in "$packages"/*.deb; do cp "$deb" "$root/packages/$(dpkg-deb --field "$deb" Package).deb"; done
 cp -r tests/package/consumer tests/package/video.cpp "$root"
 version=$(sed -nE 's/^  VERSION (.*)/\1/p' CMakeLists.txt)
+runtime=libasterism${version%.*}
 
 # consume COMPONENTS: by CMake, and by pkg-config with the compiler alone.
 consume() {
@@ -39,12 +41,12 @@ consume() {
 }
 
 # The programs.
-install /packages/libasterism0*.deb /packages/asterism-tools_*.deb
+install "/packages/$runtime.deb" /packages/asterism-tools.deb
 inside asterism-track --version
 inside asterism-trax --version
 
 # The solver, where nothing of OpenCV, Ceres and SuiteSparse can be compiled against.
-install /packages/libasterism-dev_*.deb g++ cmake make pkg-config
+install /packages/libasterism-dev.deb g++ cmake make pkg-config
 absent libopencv-dev libceres-dev libsuitesparse-dev libcholmod3 liblbfgs-dev nlohmann-json3-dev
 consume solver,batch
 
@@ -55,8 +57,8 @@ inside sh -c 'g++ -std=c++20 /video.cpp -o /out/video $(pkg-config --cflags --li
 inside asterism-track /out/video.avi --box 100,80,48,64 --tracker dpt --out /out/boxes.csv
 [[ $(wc -l <"$root/out/boxes.csv") -gt 40 ]]
 
-inside dpkg --verify libasterism0.1 libasterism-dev asterism-tools
-inside apt-get purge -qq -y -o Dpkg::Use-Pty=0 libasterism0.1 >/dev/null
+inside dpkg --verify "$runtime" libasterism-dev asterism-tools
+inside apt-get purge -qq -y -o Dpkg::Use-Pty=0 "$runtime" >/dev/null
 absent libasterism-dev asterism-tools
 [[ -z $(find "$root/usr" "$root/etc" -iname '*asterism*') ]] || { echo "files are left behind"; exit 1; }
 echo "the packages are content"

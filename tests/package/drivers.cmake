@@ -45,7 +45,7 @@ if(ASTERISM_PYTHON)
   set_tests_properties(package.recipes PROPERTIES LABELS package)
   set(compiled ${components})
   list(FILTER compiled INCLUDE REGEX "^(batch|ceres|parts|trackers)$")
-  list(TRANSFORM compiled REPLACE "^.*$" "$<TARGET_FILE:asterism_\\0>")
+  list(TRANSFORM compiled REPLACE "[a-z]+" "$<TARGET_FILE:asterism_\\0>")
   add_test(NAME package.exports
            COMMAND ${ASTERISM_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/exports_test.py ${CMAKE_NM}
                    ${PROJECT_SOURCE_DIR}/solver/include ${PROJECT_SOURCE_DIR}/parts/include
