@@ -70,14 +70,14 @@ function(asterism_library name)
   endif()
 endfunction()
 
-# asterism_pkg_config(NAME [REQUIRES MODULE...] [INCLUDES DIR...] [LIBRARIES LIBRARY...] [PRIVATE LIBRARY...]): what the
-# users of library NAME need beside it, for asterism-NAME.pc: modules of pkg-config, or libraries (names or files) that have
-# none.
+# asterism_pkg_config(NAME [REQUIRES MODULE...] [CFLAGS FLAG...] [INCLUDES DIR...] [LIBRARIES LIBRARY...]
+# [PRIVATE LIBRARY...]): what the users of library NAME need beside it, for asterism-NAME.pc: modules of pkg-config, flags, or
+# libraries (names or files) that have no module.
 function(asterism_pkg_config name)
   if(NOT ASTERISM_INSTALL)
     return()
   endif()
-  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "REQUIRES;INCLUDES;LIBRARIES;PRIVATE")
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "REQUIRES;CFLAGS;INCLUDES;LIBRARIES;PRIVATE")
   get_target_property(type asterism_${name} TYPE)
   if(type STREQUAL "STATIC_LIBRARY") # and its users link what it uses
     list(APPEND arg_LIBRARIES ${arg_PRIVATE})
@@ -91,14 +91,14 @@ function(asterism_pkg_config name)
   endif()
   list(REMOVE_ITEM arg_INCLUDES "" ${CMAKE_CXX_IMPLICIT_INCLUDE_DIRECTORIES})
   list(TRANSFORM arg_INCLUDES PREPEND "-isystem ") # OpenCV's headers warn of themselves in C++20
-  list(PREPEND arg_INCLUDES "-I\${includedir}")
+  list(PREPEND arg_CFLAGS "-I\${includedir}" ${arg_INCLUDES})
 
   set(dir ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig)
   file(RELATIVE_PATH prefix ${dir} ${CMAKE_INSTALL_PREFIX})
   string(REGEX REPLACE "/$" "" prefix ${prefix})
   file(RELATIVE_PATH libdir ${CMAKE_INSTALL_PREFIX} ${CMAKE_INSTALL_FULL_LIBDIR})
   file(RELATIVE_PATH includedir ${CMAKE_INSTALL_PREFIX} ${CMAKE_INSTALL_FULL_INCLUDEDIR})
-  foreach(list IN ITEMS REQUIRES INCLUDES LIBRARIES PRIVATE)
+  foreach(list IN ITEMS REQUIRES CFLAGS LIBRARIES PRIVATE)
     list(JOIN arg_${list} " " ${list})
   endforeach()
   file(WRITE ${PROJECT_BINARY_DIR}/asterism-${name}.pc "\
@@ -110,7 +110,7 @@ Name: asterism-${name}
 Description: ${PROJECT_DESCRIPTION} (C++20)
 Version: ${PROJECT_VERSION}
 Requires: ${REQUIRES}
-Cflags: ${INCLUDES}
+Cflags: ${CFLAGS}
 Libs: ${LIBRARIES}
 Libs.private: ${PRIVATE}
 ")

@@ -2,6 +2,9 @@
 // them all.
 #include <asterism/solver/energy.hpp>
 #include <iostream>
+#ifdef HAVE_SOLVER_COMPILED
+#include <asterism/solver/ida.hpp>
+#endif
 #ifdef HAVE_BATCH
 #include <asterism/solver/batch_kernels.hpp>
 #endif
@@ -31,6 +34,15 @@ int main() {
   system.rest_length.setConstant(7);
   system.link_stiffness.setConstant(3);
   bool ok = std::abs(asterism::energy(system, system.anchors) - 6) < 1e-12;  // 3 (7 - 5)^2 / 2
+#ifdef HAVE_SOLVER_COMPILED
+  asterism::SpringSystem<double, 2> pair(asterism::Topology<>::full(2));
+  pair.anchors << 0, 3, 0, 4;
+  pair.anchor_stiffness.setOnes();
+  pair.rest_length.setConstant(7);
+  pair.link_stiffness.setConstant(3);
+  auto x = pair.anchors;
+  ok = ok && asterism::solve_ida(pair, x).status == asterism::Status::Converged;
+#endif
 #ifdef HAVE_BATCH
   ok = ok && asterism::lanes_v0_1::kernels(asterism::lanes_v0_1::kPortable) != nullptr;
 #endif

@@ -32,12 +32,12 @@ function(look name depends)
 endfunction()
 string(REPLACE "." "[.]" v ${VERSION})
 string(REPLACE "." "[.]" m ${minor})
-look(libasterism${minor} "libc6 [^\n]*" ${LIBDIR}/libasterism_batch[.]so[.]${v} ${LIBDIR}/libasterism_batch[.]so[.]${m}
-     share/doc/libasterism${m}/copyright)
-look(libasterism-dev "libeigen3-dev, libasterism${m} [(]= ${v}-1[)]" ${LIBDIR}/libasterism_batch[.]so
+look(libasterism${minor} "libc6 [^\n]*" "${LIBDIR}/libasterism_(batch|solver_compiled)[.]so[.]${v}"
+     "${LIBDIR}/libasterism_(batch|solver_compiled)[.]so[.]${m}"     share/doc/libasterism${m}/copyright)
+look(libasterism-dev "libeigen3-dev, libasterism${m} [(]= ${v}-1[)]" "${LIBDIR}/libasterism_(batch|solver_compiled)[.]so"
      ${INCLUDEDIR}/asterism/solver[.]hpp "${INCLUDEDIR}/asterism/solver/[a-z_]+[.]hpp" ${LIBDIR}/cmake/Asterism/AsterismConfig[.]cmake
      ${LIBDIR}/cmake/Asterism/AsterismConfigVersion[.]cmake
-     "${LIBDIR}/cmake/Asterism/Asterism_(solver|batch)(-[a-z]+)?[.]cmake" "${LIBDIR}/pkgconfig/asterism-(solver|batch)[.]pc"
+     "${LIBDIR}/cmake/Asterism/Asterism_(solver|solver_compiled|batch)(-[a-z]+)?[.]cmake" "${LIBDIR}/pkgconfig/asterism-(solver|solver_compiled|batch)[.]pc"
      share/doc/libasterism-dev/copyright)
 
 # A program of what was unpacked needs the library by its soname.

@@ -53,7 +53,7 @@ foreach(adapter IN ITEMS cholmod ceres liblbfgs json)
     fail("the header of asterism::${adapter} is installed without it")
   endif()
 endforeach()
-consume(eigen-only ${WORK}/solver-only consumer/main.cpp batch)
+consume(eigen-only ${WORK}/solver-only consumer/main.cpp solver_compiled batch)
 
 # Every option off, nothing to say.
 fresh(${WORK}/all-off)
