@@ -54,9 +54,9 @@ int main() {
   ok = ok && *asterism::reference::ceres_version() >= '1';
 #endif
 #ifdef HAVE_LBFGS
-  lbfgsfloatval_t* x = lbfgs_malloc(8);
-  ok = ok && x != nullptr;
-  lbfgs_free(x);
+  lbfgsfloatval_t* numbers = lbfgs_malloc(8);
+  ok = ok && numbers != nullptr;
+  lbfgs_free(numbers);
 #endif
 #ifdef HAVE_JSON
   ok = ok && nlohmann::json::parse("[1]").size() == 1;
