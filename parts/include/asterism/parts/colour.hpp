@@ -30,7 +30,7 @@ struct ColourOptions {
 
 /// The foreground posterior p(f | x, y) of a region of the image, on a grid of about 1000 cells (fewer where
 /// the region has fewer pixels).
-struct Segmentation {
+struct ASTERISM_API Segmentation {
   /// CV_32FC1, posterior in [0, 1]; 0 where the cell's centre is outside the image. Empty where the model is
   /// off or the frame has no colour; then `informative` is false, `at` and `foreground_fraction` are 0
   /// everywhere.
@@ -60,7 +60,7 @@ struct Segmentation {
 /// Boxes cover the pixels x .. x + width - 1 (as `centre_of`); pixels outside the image are never counted. At
 /// most about 10000 pixels are read for a histogram: larger regions are sampled on a regular grid. All boxes
 /// and regions must be finite and of positive size, std::invalid_argument otherwise.
-class ColourModel {
+class ASTERISM_API ColourModel {
  public:
   static constexpr int kBinsPerChannel = 16;
   static constexpr int kBins = kBinsPerChannel * kBinsPerChannel * kBinsPerChannel;

@@ -31,7 +31,7 @@ struct FlowOptions {
 /// error is small enough; the peak the share of those points in all. It follows from one `adapt` to the next:
 /// that replaces the image that the target is followed from, so what it learns is the last appearance alone.
 /// Without any such point the peak is 0, the position that of the search and the covariance the window's.
-class Flow {
+class ASTERISM_API Flow {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Flow(const FlowOptions& options = {});

@@ -33,7 +33,7 @@ struct KeypointsOptions {
 /// offset from. The largest group of votes that agree gives the position, their mean; the peak is their
 /// number over that of the learned key-points (over 5 where those are fewer), so that occlusion is a low
 /// peak. Without a vote the peak is 0, the position that of the search and the covariance the window's.
-class Keypoints {
+class ASTERISM_API Keypoints {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Keypoints(const KeypointsOptions& options = {});

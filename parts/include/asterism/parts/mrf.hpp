@@ -32,11 +32,13 @@ struct MrfWorkspace {
 /// iteration and is not part of the likelihood (the group's code multiplies it into both). Returns the
 /// regularised foreground posterior, CV_32FC1 in [0, 1]. Throws std::invalid_argument for other types, sizes
 /// or values (NaN included), and for options out of range.
-cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior = {},
-                             const MrfOptions& options = {});
+ASTERISM_API cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood,
+                                          const cv::Mat& foreground_prior = {},
+                                          const MrfOptions& options = {});
 /// As above, into `posterior`, which may be `foreground_likelihood` itself; it is allocated where it has
 /// another size or type.
-void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior,
-                          const MrfOptions& options, MrfWorkspace& workspace, cv::Mat& posterior);
+ASTERISM_API void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior,
+                                       const MrfOptions& options, MrfWorkspace& workspace,
+                                       cv::Mat& posterior);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -12,7 +12,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Part models by name, with options from JSON: the library's own, those that a program adds, and those of
 /// shared libraries (part_plugin.hpp).
-class PartRegistry {
+class ASTERISM_API PartRegistry {
  public:
   /// Knows the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
   /// "spatial_reliability", "superpixels", "template"; without "flow" or "keypoints" where they were not

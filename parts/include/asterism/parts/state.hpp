@@ -27,7 +27,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// length and a checksum (CRC-32), which are checked before anything is read. Whatever they hold, reading
 /// them ends in an exception or in a state: each read is bounded, sizes are the reader's own, and numbers
 /// must be finite and in the range that is asked for.
-class StateArchive {
+class ASTERISM_API StateArchive {
  public:
   static constexpr std::uint32_t kVersion = 1;
 
@@ -160,6 +160,6 @@ void restore_state(T& object, std::span<const std::byte> bytes) {
 }
 
 /// Throws std::invalid_argument: this kind of `what` cannot be saved.
-[[noreturn]] void throw_not_stateful(std::string_view what);
+[[noreturn]] ASTERISM_API void throw_not_stateful(std::string_view what);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -38,7 +38,7 @@ struct SuperpixelsOptions {
 /// the confidences of the frame's superpixels under the target's box are added. The response is the sum
 /// relative to that of the target as learned. Among equal matches the one nearest to the window's middle
 /// counts; a response that is the same everywhere says nothing, and the similarity is 0.
-class Superpixels {
+class ASTERISM_API Superpixels {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Superpixels(const SuperpixelsOptions& options = {});

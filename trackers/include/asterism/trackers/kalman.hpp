@@ -9,7 +9,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// The Kalman filter of a point of three coordinates whose velocity is constant but for white acceleration
 /// (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 6.2.2). The
 /// unit of time is the frame.
-class ConstantVelocityFilter {
+class ASTERISM_API ConstantVelocityFilter {
  public:
   using Vector = Eigen::Vector3d;
   using Matrix = Eigen::Matrix3d;
@@ -52,7 +52,7 @@ struct KalmanOptions {
 /// but for white acceleration; the tracker's box measures them, with TrackResult::covariance where it has
 /// one. The result is the tracker's with box and covariance filtered; the box keeps its aspect. The tracker
 /// itself goes on from its own box.
-class KalmanTracker {
+class ASTERISM_API KalmanTracker {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});

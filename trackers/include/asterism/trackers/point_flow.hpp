@@ -24,7 +24,7 @@ struct PointFlowOptions {
 };
 
 /// An object with its surroundings, resampled to a size that does not depend on the object's.
-class ObjectWindow {
+class ASTERISM_API ObjectWindow {
  public:
   /// The window of an object of `size` [px] at `centre` [px]; sides as PointFlowOptions has them.
   ObjectWindow() = default;
@@ -47,7 +47,7 @@ class ObjectWindow {
 
 /// Many points of one object, each followed from frame to frame by pyramidal Lucas-Kanade and back (Kalal,
 /// Mikolajczyk and Matas, ICPR 2010): one run for all of them, where Flow is a part by itself.
-class PointFlow {
+class ASTERISM_API PointFlow {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit PointFlow(const PointFlowOptions& options = {});

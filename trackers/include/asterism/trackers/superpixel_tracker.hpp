@@ -32,7 +32,7 @@ struct SuperpixelTrackerOptions {
 /// whose colour is rather the object's than its surroundings'. Matching is by colour and place; springs to
 /// the nearest neighbours are the geometric term. The graph is dynamic: parts that are not matched any more
 /// leave, candidates on the object that are no parts join.
-class SuperpixelTracker {
+class ASTERISM_API SuperpixelTracker {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit SuperpixelTracker(const SuperpixelTrackerOptions& options = {});

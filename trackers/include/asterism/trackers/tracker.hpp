@@ -32,7 +32,7 @@ struct StageTime {
 /// The corners of a box turned by `angle` [rad, from the x axis towards the y axis] about its middle,
 /// sub-pixel: those that the upright box has at its top left, top right, bottom right and bottom left. For
 /// angle 0 they are (x, y), (x + width, y), (x + width, y + height), (x, y + height).
-std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
+ASTERISM_API std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
 
 /// A tracker's answer for one frame.
 struct TrackResult {
@@ -159,7 +159,7 @@ class AnyTracker {
 };
 
 /// The trackers that `make_tracker` knows.
-std::vector<std::string> tracker_names();
+ASTERISM_API std::vector<std::string> tracker_names();
 
 /// A tracker from its description: a name, with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a
 /// name and a JSON object of options, which are the members of the class's options; `{"tracker": "dpt",
@@ -177,6 +177,6 @@ std::vector<std::string> tracker_names();
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
 /// for an unknown one, or that says what is wrong with a value; for a description that is more than a name
 /// also where the library was built without PartRegistry.
-AnyTracker make_tracker(std::string_view description);
+ASTERISM_API AnyTracker make_tracker(std::string_view description);
 
 }  // namespace asterism::inline ASTERISM_ABI
