@@ -175,7 +175,9 @@ class PluginPart {
     return evidence;
   }
   double similarity_at(const Point2& position) const {
-    return guarded(name_, [&] { return part_.similarity_at(position); });
+    const double similarity = guarded(name_, [&] { return part_.similarity_at(position); });
+    if (!std::isfinite(similarity)) throw std::runtime_error(name_ + ": a similarity that is not finite");
+    return similarity;
   }
   void adapt(const Frame& frame, const Point2& at) {
     guarded(name_, [&] { part_.adapt(frame, at); });
@@ -203,6 +205,21 @@ Function* symbol(void* library, const char* name) {
 }
 
 }  // namespace
+
+void detail::check_nesting(const std::string& of, std::string_view json) {
+  constexpr int kMost = 100;
+  int depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    if (json[i] == '"') in_string = !in_string;
+    if (in_string && json[i] == '\\') ++i;
+    if (in_string) continue;
+    if (json[i] == '{' || json[i] == '[') ++depth;
+    if (json[i] == '}' || json[i] == ']') --depth;
+    if (depth > kMost)
+      throw std::invalid_argument(of + ": options nested more than " + std::to_string(kMost) + " deep");
+  }
+}
 
 PartRegistry::PartRegistry() {
   add<ColorHistogram, ColorHistogramOptions>("color_histogram");
@@ -278,10 +295,11 @@ AnyPart PartRegistry::make(std::string_view model) {
 }
 
 void PartRegistry::read_json(const std::string& of, std::string_view json, const Visit& options) {
+  detail::check_nesting(of, json);
   Json object;
   try {
     object = Json::parse(json);
-  } catch (const Json::parse_error& error) {
+  } catch (const Json::exception& error) {  // also of a number beyond double's range
     throw std::invalid_argument(of + ": its options are no JSON object: " + error.what());
   }
   if (!object.is_object())

@@ -80,6 +80,8 @@ TEST(PartRegistry, SaysWhatIsWrong) {
       "kcf: option 'kernel.type' must be one of \"gaussian\", \"polynomial\", \"linear\", not \"gauss\"");
   EXPECT_THAT(refused(R"(kcf{"lambda": })"), StartsWith("kcf: its options are no JSON object: "));
   EXPECT_THAT(refused(R"(kcf{"lambda": 1} x)"), StartsWith("kcf: its options are no JSON object: "));
+  EXPECT_THAT(refused(R"(kcf{"lambda": 1e999})"), StartsWith("kcf: its options are no JSON object: "));
+  EXPECT_EQ(refused("kcf{\"lambda\": " + std::string(100000, '[')), "kcf: options nested more than 100 deep");
   EXPECT_THAT(refused(R"(kcf{"lambda": -1})"), AllOf(StartsWith("kcf: "), HasSubstr("lambda")));
   EXPECT_EQ(refused(""), refused("{}"));
 }
@@ -162,6 +164,10 @@ TEST(PartPlugin, ThrowsWithItsName) {
               part.similarity_at({40, 30});
             }),
             library + ":hostile: a mishap");
+  EXPECT_EQ(message<std::runtime_error>([&] {
+              part.similarity_at({-1, 30});
+            }),
+            library + ":hostile: a similarity that is not finite");
   EXPECT_EQ(message<std::invalid_argument>([&] {
               part.init(frame, {40, 30}, {0, 0});
             }),

@@ -18,7 +18,8 @@ struct Hostile {
   Evidence localize(const Frame&, const Point2&) {
     return {.peak = std::numeric_limits<double>::quiet_NaN()};
   }
-  double similarity_at(const Point2&) const {
+  double similarity_at(const Point2& position) const {
+    if (position.x() < 0) return std::numeric_limits<double>::infinity();
     struct Mishap : std::exception {
       const char* what() const noexcept override { return "a mishap"; }
     };
