@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import tracemalloc
 import unittest
 
 import asterism
@@ -93,6 +94,18 @@ class TrackersTest(unittest.TestCase):
         gray = asterism.Tracker("kcf")
         gray.init(self.frames[0][..., 1], BOX)
         np.testing.assert_allclose(gray.update(np.ascontiguousarray(self.frames[1][..., 1])).box, true_box(1), atol=3)
+
+    def test_images_are_used_as_they_are(self):
+        tracker = asterism.Tracker("kcf")
+        large = np.zeros((1200, 1600, 3), np.uint8)
+        large[:240, :320] = self.frames[0]
+        tracker.init(large, BOX)
+        for image, copies in [(large, 0), (large[100:, 100:-7], 0), (large[..., ::-1], 1)]:
+            tracemalloc.start()  # of NumPy's memory
+            tracker.update(image)
+            _, peak = tracemalloc.get_traced_memory()
+            tracemalloc.stop()
+            self.assertEqual(round(peak / large.nbytes), copies)
 
     def test_refuses_what_is_no_image(self):
         tracker = self.started("kcf")

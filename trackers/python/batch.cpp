@@ -101,7 +101,8 @@ void bind_batch(py::module_& m) {
           "The reason in words.")
       .def_readonly("first_failure", &BatchSummary::first_failure, "The system that `status` is of, or -1.")
       .def_readonly("converged", &BatchSummary::converged, "Number of systems.")
-      .def_readonly("by_scalar", &BatchSummary::by_scalar, "Systems that the lanes left to the scalar solver.")
+      .def_readonly("by_scalar", &BatchSummary::by_scalar,
+                    "Systems that the lanes left to the scalar solver.")
       .def_property_readonly(
           "simd", [](const BatchSummary& s) { return std::string(to_string(s.simd)); }, "Instructions used.")
       .def_readonly("seconds", &BatchSummary::seconds, "Wall-clock time of the solve.")
@@ -112,7 +113,8 @@ void bind_batch(py::module_& m) {
 
   py::class_<AnyBatch> type(
       m, "SpringBatch",
-      "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's own\n"
+      "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
+      "own\n"
       "memory, a view of planes of M numbers: change them in place, nothing is copied. They start as NaN.");
   type.def(py::init(&make_batch), py::arg("topology"), py::arg("count"), py::arg("dim") = 2,
            "count: number of systems M. dim: 2 or 3.");
@@ -133,21 +135,16 @@ void bind_batch(py::module_& m) {
   };
   const auto nodes = [](auto& b) { return b.nodes(); };
   const auto links = [](auto& b) { return b.link_count(); };
-  def_values(
-      type, "anchors", points([](auto& b, int node, int axis) { return b.anchors(node, axis); }),
-      "(M, N, dim) [px].");
-  def_values(
-      type, "anchor_stiffness", numbers(nodes, [](auto& b, int node) { return b.anchor_stiffness(node); }),
-      "(M, N), >= 0.");
-  def_values(
-      type, "rest_length", numbers(links, [](auto& b, int link) { return b.rest_length(link); }),
-      "(M, L), >= 0 [px].");
-  def_values(
-      type, "link_stiffness", numbers(links, [](auto& b, int link) { return b.link_stiffness(link); }),
-      "(M, L), >= 0.");
-  def_values(
-      type, "x", points([](auto& b, int node, int axis) { return b.x(node, axis); }),
-      "(M, N, dim): the starts before a solve, the minima after.");
+  def_values(type, "anchors", points([](auto& b, int node, int axis) { return b.anchors(node, axis); }),
+             "(M, N, dim) [px].");
+  def_values(type, "anchor_stiffness",
+             numbers(nodes, [](auto& b, int node) { return b.anchor_stiffness(node); }), "(M, N), >= 0.");
+  def_values(type, "rest_length", numbers(links, [](auto& b, int link) { return b.rest_length(link); }),
+             "(M, L), >= 0 [px].");
+  def_values(type, "link_stiffness", numbers(links, [](auto& b, int link) { return b.link_stiffness(link); }),
+             "(M, L), >= 0.");
+  def_values(type, "x", points([](auto& b, int node, int axis) { return b.x(node, axis); }),
+             "(M, N, dim): the starts before a solve, the minima after.");
   type.def(
           "solve",
           [](AnyBatch& self, int threads, const std::string& simd, double tolerance, int max_iterations,
@@ -163,9 +160,11 @@ void bind_batch(py::module_& m) {
           py::arg("threads") = 1, py::arg("simd") = "auto", py::arg("tolerance") = NewtonOptions().tolerance,
           py::arg("max_iterations") = NewtonOptions().max_iterations, py::arg("align") = true,
           py::arg("allow_reflection") = false, py::arg("escape_saddles") = true,
-          "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the machine\n"
+          "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the "
+          "machine\n"
           "runs at once. simd: auto, portable, avx2 or avx512. The GIL is released meanwhile; signals are\n"
-          "looked at every few hundred systems, and after a KeyboardInterrupt some are solved, some are not.\n"
+          "looked at every few hundred systems, and after a KeyboardInterrupt some are solved, some are "
+          "not.\n"
           "One thread at a time: RuntimeError else.")
       .def_property_readonly(
           "size", [](AnyBatch& self) { return self.visit([](auto& b) { return b.size(); }); },

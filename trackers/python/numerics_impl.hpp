@@ -139,6 +139,7 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
   template std::unique_ptr<AnySolver<Dim>> make_solver<Dim>(std::string_view);                               \
   template Covariance<System<Dim>> covariance_of(const System<Dim>&, const System<Dim>::Points&);            \
   template NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>&, const System<Dim>::Points&); \
-  template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int, const std::function<bool()>&)
+  template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int,                            \
+                                    const std::function<bool()>&)
 
 }  // namespace asterism::python

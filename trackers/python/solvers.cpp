@@ -1,8 +1,8 @@
 // Summary, Solver and solve.
 
-#include <asterism/solver/validate.hpp>
 #include <pybind11/stl.h>
 
+#include <asterism/solver/validate.hpp>
 #include <memory>
 #include <sstream>
 
@@ -138,7 +138,8 @@ void bind_solvers(py::module_& m) {
       .def_readonly("iterations", &Summary::iterations, "Updates of x.")
       .def_readonly("energy_evaluations", &Summary::energy_evaluations, "Made by the method.")
       .def_readonly("gradient_evaluations", &Summary::gradient_evaluations, "Made by the method.")
-      .def_readonly("linear_solves", &Summary::linear_solves, "All dimensions as right-hand sides count once.")
+      .def_readonly("linear_solves", &Summary::linear_solves,
+                    "All dimensions as right-hand sides count once.")
       .def_readonly("factorizations", &Summary::factorizations, "Of a matrix.")
       .def_readonly("initial_energy", &Summary::initial_energy, "E at the x given.")
       .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
@@ -169,16 +170,16 @@ void bind_solvers(py::module_& m) {
 
   m.def("methods", &method_names, "The methods of this build, for solve and Solver.");
 
-  py::class_<Solver>(m, "Solver",
-                     "A method that keeps its memory between solves, for systems of any size and dimension. One\n"
-                     "thread at a time: RuntimeError else.")
+  py::class_<Solver>(
+      m, "Solver",
+      "A method that keeps its memory between solves, for systems of any size and dimension. One\n"
+      "thread at a time: RuntimeError else.")
       .def(py::init<const std::string&, const py::kwargs&>(), py::arg("method") = "auto",
            "method: one of methods(), ValueError else. options: as `options` lists them, TypeError else.")
       .def("solve", &Solver::solve, py::arg("system"), py::arg("x"), kSolve)
       .def_property_readonly("method", &Solver::method, "The method's name.")
       .def_property_readonly("options", &Solver::options, "The options, a copy.")
-      .def("__repr__",
-           [](const Solver& self) { return "<asterism.Solver: " + self.method() + ">"; });
+      .def("__repr__", [](const Solver& self) { return "<asterism.Solver: " + self.method() + ">"; });
 
   const std::string doc = std::string(kSolve) +
                           "\n\nmethod: one of methods(). options: those of Solver(method).options. Keep a "

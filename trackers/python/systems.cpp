@@ -72,7 +72,8 @@ void def_values(py::class_<AnySystem>& type, const char* name, Member member, co
     return self.cast<AnySystem&>().visit([&](auto& system) -> py::array {
       auto& values = member(system);
       Shape shape{values.cols(), values.rows()};
-      if (values.cols() == 1 && std::decay_t<decltype(values)>::ColsAtCompileTime == 1) shape = {values.rows()};
+      if (values.cols() == 1 && std::decay_t<decltype(values)>::ColsAtCompileTime == 1)
+        shape = {values.rows()};
       return py::array_t<double>(shape, values.data(), self);
     });
   };
@@ -227,12 +228,12 @@ void bind_systems(py::module_& m) {
       "gradient",
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          return owned(evaluated(system, x,
-                                 [](const auto& sys, const auto& points) {
-                                   return Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>(
-                                       gradient(sys, points));
-                                 }),
-                       {s.nodes(), Dim});
+          return owned(
+              evaluated(system, x,
+                        [](const auto& sys, const auto& points) {
+                          return Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>(gradient(sys, points));
+                        }),
+              {s.nodes(), Dim});
         });
       },
       py::arg("system"), py::arg("x"), "dE/dx, (N, dim); zero for fixed nodes.");
@@ -257,7 +258,8 @@ void bind_systems(py::module_& m) {
   m.def(
       "stationarity",
       [](AnySystem& system, const py::object& x) {
-        return evaluated(system, x, [](const auto& s, const auto& points) { return stationarity(s, points); });
+        return evaluated(system, x,
+                         [](const auto& s, const auto& points) { return stationarity(s, points); });
       },
       py::arg("system"), py::arg("x"),
       "How far x is from a stationary point, without units: what the solvers' tolerance is compared with.");
@@ -292,7 +294,8 @@ void bind_systems(py::module_& m) {
         });
       },
       py::arg("system"), py::arg("x"),
-      "Each node's own covariance, (N, dim, dim): the diagonal blocks of covariance(), also for large sparse\n"
+      "Each node's own covariance, (N, dim, dim): the diagonal blocks of covariance(), also for large "
+      "sparse\n"
       "systems.");
 }
 

@@ -29,11 +29,13 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
                          py::str(array.dtype()).cast<std::string>());
   }
   const Shape shape = shape_of(array);
-  const bool is_image = array.size() > 0 && (shape.size() == 2 || (shape.size() == 3 && shape[2] <= 4 && shape[2] != 2));
+  const bool is_image =
+      array.size() > 0 && (shape.size() == 2 || (shape.size() == 3 && shape[2] <= 4 && shape[2] != 2));
   if (!is_image || shape[0] > std::numeric_limits<int>::max() || shape[1] > std::numeric_limits<int>::max()) {
-    throw py::value_error("image: expected shape (height, width), (height, width, 3) in the order blue, green, red, "
-                          "or (height, width, 4), found " +
-                          text_of(shape));
+    throw py::value_error(
+        "image: expected shape (height, width), (height, width, 3) in the order blue, green, red, "
+        "or (height, width, 4), found " +
+        text_of(shape));
   }
   const int channels = shape.size() == 3 ? static_cast<int>(shape[2]) : 1;
   const py::ssize_t pixel = channels * array.itemsize();
@@ -52,11 +54,11 @@ AnyTracker made(const std::string& name, const py::object& options) {
   std::string description = name;
   if (!options.is_none()) {
     if (!py::isinstance<py::dict>(options)) {
-      throw py::type_error("options: expected a dict or None, found " + py::repr(options).cast<std::string>());
+      throw py::type_error("options: expected a dict or None, found " +
+                           py::repr(options).cast<std::string>());
     }
-    description += py::module_::import("json")
-                       .attr("dumps")(options, py::arg("allow_nan") = false)
-                       .cast<std::string>();
+    description +=
+        py::module_::import("json").attr("dumps")(options, py::arg("allow_nan") = false).cast<std::string>();
   }
   return make_tracker(description);
 }
@@ -111,7 +113,8 @@ class Objects {
  public:
   explicit Objects(int threads) : objects_(threads) {}
 
-  void add(int id, const py::object& image, const Box& box, const std::string& name, const py::object& options) {
+  void add(int id, const py::object& image, const Box& box, const std::string& name,
+           const py::object& options) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
     AnyTracker tracker = made(name, options);
@@ -236,49 +239,60 @@ void bind_trackers(py::module_& m) {
             return array_of(part == nullptr ? r.corners() : r.corners(*part));
           },
           py::arg("part") = py::none(),
-          "The box, or that of a part, as it is turned: (4, 2), those at the top left, top right, bottom right\n"
+          "The box, or that of a part, as it is turned: (4, 2), those at the top left, top right, bottom "
+          "right\n"
           "and bottom left while upright [px].")
       .def("__repr__", [](const TrackResult& r) {
-        return "<asterism.TrackResult: box " + py::repr(tuple_of(r.box)).cast<std::string>() + ", confidence " +
-               py::repr(py::float_(r.confidence)).cast<std::string>() + (r.lost ? ", lost>" : ">");
+        return "<asterism.TrackResult: box " + py::repr(tuple_of(r.box)).cast<std::string>() +
+               ", confidence " + py::repr(py::float_(r.confidence)).cast<std::string>() +
+               (r.lost ? ", lost>" : ">");
       });
 
   m.def("tracker_names", &tracker_names, "The trackers of this build.");
 
   py::class_<Tracker>(
       m, "Tracker",
-      "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, red,\n"
+      "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
+      "red,\n"
       "or (height, width, 4), of uint8, uint16 or of float32 in [0, 1]; they are used as they are where the\n"
-      "pixels of a row are next to each other. Boxes are (x, y, width, height) [px]. The GIL is released while\n"
+      "pixels of a row are next to each other. Boxes are (x, y, width, height) [px]. The GIL is released "
+      "while\n"
       "it computes. One thread at a time: RuntimeError else.")
       .def(py::init<const std::string&, const py::object&>(), py::arg("name") = "dpt",
            py::arg("options") = py::none(),
-           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class. ValueError\n"
+           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class. "
+           "ValueError\n"
            "names what is wrong.")
       .def("init", &Tracker::init, py::arg("image"), py::arg("box"),
-           "Start on an object; may be called again at any time. ValueError, and the former state, for a box that\n"
+           "Start on an object; may be called again at any time. ValueError, and the former state, for a box "
+           "that\n"
            "is not finite, smaller than 1 x 1 or off the image.")
       .def("update", &Tracker::update, py::arg("image"),
            "The object in the next image. RuntimeError before init.")
       .def("save", &Tracker::save,
-           "The state between two frames. RuntimeError before init, ValueError for trackers that cannot be saved.")
+           "The state between two frames. RuntimeError before init, ValueError for trackers that cannot be "
+           "saved.")
       .def("restore", &Tracker::restore, py::arg("state"),
-           "Goes on as the tracker that `state` was saved from, bit for bit; name and options are to be the same.\n"
+           "Goes on as the tracker that `state` was saved from, bit for bit; name and options are to be the "
+           "same.\n"
            "RuntimeError for bytes that are no state, ValueError for the state of something else.")
       .def_property_readonly("name", &Tracker::name, "The tracker's name.")
       .def("__repr__", [](const Tracker& self) { return "<asterism.Tracker: " + self.name() + ">"; });
 
-  py::class_<Objects>(m, "MultiTracker",
-                      "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
-                      "of single trackers, bit for bit. Images and boxes as for Tracker.")
+  py::class_<Objects>(
+      m, "MultiTracker",
+      "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
+      "of single trackers, bit for bit. Images and boxes as for Tracker.")
       .def(py::init<int>(), py::arg("threads") = 1, "threads: 0 for as many as the machine runs at once.")
       .def("add", &Objects::add, py::arg("id"), py::arg("image"), py::arg("box"), py::arg("name") = "dpt",
            py::arg("options") = py::none(),
-           "Follow an object from this image on, by a tracker of this name and options. ValueError where there is\n"
+           "Follow an object from this image on, by a tracker of this name and options. ValueError where "
+           "there is\n"
            "one of that id, and what Tracker and its init raise.")
       .def("remove", &Objects::remove, py::arg("id"), "False where there is no object of that id.")
       .def("update", &Objects::update, py::arg("image"),
-           "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker ended\n"
+           "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
+           "ended\n"
            "with; the others do not notice.")
       .def("__len__", &Objects::size);
 }

@@ -80,7 +80,6 @@ def main() -> None:
 
     figure = plt.figure(figsize=(11, 5.5), layout="constrained")
     rows = figure.subfigures(2, 1, height_ratios=[2, 1])
-    shown = np.unique(np.linspace(0, len(images) - 1, 4).astype(int))
     for axes, (frame, (image, result)) in zip(rows[0].subplots(1, len(shown), squeeze=False)[0], shown.items()):
         draw(axes, image, result, frame)
     axes = rows[1].subplots()
