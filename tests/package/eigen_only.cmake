@@ -14,9 +14,11 @@ if(result EQUAL 0)
 endif()
 must_match("${err}" "libeigen3-dev" "the error does not name Eigen's Debian package")
 
-# Eigen alone: one line for each package that is not there. The tests are off, as they need GoogleTest.
+# Eigen alone: one line for each package that is not there. The tests are off, as they need GoogleTest. With shared
+# libraries, as all other tests have static ones.
 fresh(${WORK}/eigen-only)
-must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/eigen-only -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_BUILD_TESTS=OFF)
+must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/eigen-only -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_BUILD_TESTS=OFF
+     -DBUILD_SHARED_LIBS=ON)
 if(NOT err STREQUAL "")
   fail("configuring with Eigen alone wrote to standard error")
 endif()
@@ -51,7 +53,7 @@ foreach(adapter IN ITEMS cholmod ceres liblbfgs json)
     fail("the header of asterism::${adapter} is installed without it")
   endif()
 endforeach()
-consume(eigen-only ${WORK}/solver-only solver)
+consume(eigen-only ${WORK}/solver-only consumer/main.cpp solver_compiled batch)
 
 # Every option off, nothing to say.
 fresh(${WORK}/all-off)

@@ -17,7 +17,7 @@ namespace {
 
 Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options) {
   const int rows = options.grid_rows, cols = options.grid_cols;
-  if (rows < 1 || cols < 1 || rows * cols > Dpt::kMaxParts)
+  if (rows < 1 || cols < 1 || rows > Dpt::kMaxParts || cols > Dpt::kMaxParts || rows * cols > Dpt::kMaxParts)
     throw std::invalid_argument("DptOptions: the grid must have 1 to 16 parts");
   using Links = Topology<Eigen::Dynamic, Dpt::kMaxParts>;
   switch (options.constellation) {
@@ -250,7 +250,7 @@ void Dpt::smooth_motion() {
 std::optional<Eigen::Matrix3d> Dpt::box_covariance(const Placement& placement) const {
   const auto parts = covariance(springs_, placement);
   if (!parts) return std::nullopt;
-  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 2 * kMaxParts> jacobian(3, 2 * part_count());
+  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 2 * kMaxParts> jacobian(3, placement.size());
   fit_jacobian(placement_, placement, options_.transform, coarse_.centre(), jacobian);
   return jacobian * parts.matrix * jacobian.transpose();
 }
