@@ -9,7 +9,9 @@ import tempfile
 
 cmake, build, folder = sys.argv[1:]
 with tempfile.TemporaryDirectory() as prefix:
-    subprocess.run([cmake, "--install", build, "--component", "python", "--prefix", prefix], check=True, stdout=subprocess.DEVNULL)
+    for component in ("Asterism_python", "Asterism_runtime"):  # the latter has the shared libraries, if any
+        command = [cmake, "--install", build, "--component", component, "--prefix", prefix]
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     package = pathlib.Path(prefix, folder, "asterism")
     installed = {path.name for path in package.iterdir() if path.suffix != ".so"}
     assert installed == {"__init__.py", "_asterism.pyi", "evaluation.py", "py.typed", "stored.py"}, installed
