@@ -10,39 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <stdexcept>
-#ifdef ASTERISM_PARTS_FLOW
-#include <asterism/parts/flow.hpp>
-#endif
-#ifdef ASTERISM_PARTS_KEYPOINTS
-#include <asterism/parts/keypoints.hpp>
-#endif
 
 namespace asterism::inline ASTERISM_ABI {
-
-#ifdef ASTERISM_PARTS_FLOW
-static void visit_options(OptionVisitor& visit, FlowOptions& options) {
-  visit("grid", options.grid);
-  visit("max_error", options.max_error);
-  visit("lk_window", options.lk_window);
-  visit("lk_levels", options.lk_levels);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
-}
-#endif
-
-#ifdef ASTERISM_PARTS_KEYPOINTS
-static void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
-  visit("max_points", options.max_points);
-  visit("fast_threshold", options.fast_threshold);
-  visit("max_distance", options.max_distance);
-  visit("max_ratio", options.max_ratio);
-  visit("vote_radius", options.vote_radius);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
-}
-#endif
 
 namespace {
 
@@ -218,6 +187,10 @@ class PluginPart {
   }
   void resize(const Size2& size) {
     guarded(name_, [&] { part_.resize(size); });
+  }
+  bool stateful() const { return part_.stateful(); }
+  void visit_state(StateArchive& archive) {
+    guarded(name_, [&] { part_.visit_state(archive); });
   }
 
  private:
