@@ -60,6 +60,7 @@ struct Segmentation {
 /// and regions must be finite and of positive size, std::invalid_argument otherwise.
 class ColourModel {
  public:
+  /// Bins of a histogram, of each channel and in all.
   static constexpr int kBinsPerChannel = 16;
   static constexpr int kBins = kBinsPerChannel * kBinsPerChannel * kBinsPerChannel;
 
@@ -74,6 +75,7 @@ class ColourModel {
   /// the frame has no colour. A histogram whose region has no pixel in the image stays. Bins that have
   /// decayed to less than 1e-12 are emptied.
   void adapt(const Frame& frame, const cv::Rect2d& box);
+  /// Whether there is a colour model: the first frame had colour.
   bool enabled() const { return enabled_; }
 
   /// Segment `region` of the frame: histogram backprojection by Bayes' rule (mean posterior of up to 6 x 6
@@ -90,6 +92,7 @@ class ColourModel {
   void visit_state(StateArchive& archive);
 
   const ColourOptions& options() const { return options_; }
+  /// The histograms, each of sum 1.
   const std::array<float, kBins>& foreground() const { return foreground_; }
   const std::array<float, kBins>& background() const { return background_; }
 

@@ -7,6 +7,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of `regularize_posterior`.
 struct MrfOptions {
+  /// False: the posterior stays as it is.
   bool enabled = true;
   /// >= 1; about eight are usual.
   int max_iterations = 50;
