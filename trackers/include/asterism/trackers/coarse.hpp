@@ -50,7 +50,8 @@ class CoarseLayer {
     double similarity = 0;      ///< the root filter's own response at the position
     Segmentation segmentation;  ///< of the search window, empty where the colour model is off
     bool lost = false;          ///< `similarity` is below CoarseOptions::lost_below
-    double root_milliseconds = 0, colour_milliseconds = 0;  ///< wall-clock time in each
+    /// Wall-clock time in each.
+    double root_milliseconds = 0, colour_milliseconds = 0;
   };
   /// The object's position near its last one: the maximum of Eq. position_posterior_root.
   Estimate localize(const Frame& frame);
