@@ -250,7 +250,7 @@ void Dpt::smooth_motion() {
 std::optional<Eigen::Matrix3d> Dpt::box_covariance(const Placement& placement) const {
   const auto parts = covariance(springs_, placement);
   if (!parts) return std::nullopt;
-  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 2 * kMaxParts> jacobian(3, 2 * part_count());
+  Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, 2 * kMaxParts> jacobian(3, placement.size());
   fit_jacobian(placement_, placement, options_.transform, coarse_.centre(), jacobian);
   return jacobian * parts.matrix * jacobian.transpose();
 }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/lbfgs.hpp>
 #include <asterism/solver/newton.hpp>
@@ -44,24 +45,7 @@ class Auto {
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for the method that is
   /// chosen.
-  Summary solve(const System& system, Points& x) {
-    const int n = system.nodes();
-    if (n <= kNewton) return solve_by(newton_, system, x);
-    if constexpr (kHasMore) {
-      const std::int64_t pairs = std::int64_t{n} * (n - 1) / 2;
-      if (!kHeap || 3 * std::int64_t{system.link_count()} > pairs) {
-        const Summary summary = solve_by(lbfgs_, system, x);
-        if (summary.status != Status::NumericalFailure) return summary;
-      } else if (n > kSmallSparse) {
-        const bool weak = system.anchor_stiffness.sum() < kWeak * system.link_stiffness.sum();
-        if (!weak || n > kFactored) return solve_by(schwarz_, system, x);
-        if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
-      }
-      return solve_by(newton_cg_, system, x);
-    } else {
-      return solve_by(newton_, system, x);
-    }
-  }
+  Summary solve(const System& system, Points& x);
 
  private:
   static constexpr int kNewton = 12;
@@ -92,10 +76,33 @@ class Auto {
   If<kHeap, Schwarz<System, SparseNewton<System>>> factored_schwarz_;
 };
 
+template <typename System>
+Summary Auto<System>::solve(const System& system, Points& x) {
+  const int n = system.nodes();
+  if (n <= kNewton) return solve_by(newton_, system, x);
+  if constexpr (kHasMore) {
+    const std::int64_t pairs = std::int64_t{n} * (n - 1) / 2;
+    if (!kHeap || 3 * std::int64_t{system.link_count()} > pairs) {
+      const Summary summary = solve_by(lbfgs_, system, x);
+      if (summary.status != Status::NumericalFailure) return summary;
+    } else if (n > kSmallSparse) {
+      const bool weak = system.anchor_stiffness.sum() < kWeak * system.link_stiffness.sum();
+      if (!weak || n > kFactored) return solve_by(schwarz_, system, x);
+      if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
+    }
+    return solve_by(newton_cg_, system, x);
+  } else {
+    return solve_by(newton_, system, x);
+  }
+}
+
 /// One solve by Auto with a workspace of its own; see Auto::solve. Keep an Auto where solves repeat.
 template <typename System>
 Summary solve(const System& system, typename System::Points& x, const AlignedOptions& options = {}) {
   return Auto<System>(system, options).solve(system, x);
 }
+
+ASTERISM_COMPILED_SOLVER(Auto)
+ASTERISM_COMPILED_SOLVE(solve, AlignedOptions)
 
 }  // namespace asterism::inline ASTERISM_ABI

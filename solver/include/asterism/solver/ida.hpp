@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/dense_cholesky.hpp>
 #include <asterism/solver/session.hpp>
@@ -68,33 +69,35 @@ class Ida {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (K_dyn is not positive definite to the digits of Scalar),
   /// OutOfMemory, and NoProgress where rounding stops the iteration first.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      summary.factorizations = 1;
-      if (!factorization_.factorize(system)) {  // Algorithm 1, line 1
-        summary.message =
-            "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
-        return Status::NumericalFailure;
-      }
-      while (true) {
-        // Lines 4-5: the spring vectors at x, and with them minus the forces at the dynamic nodes, Eq. 15.
-        detail::evaluate<false>(system, x, gradient_);
-        ++summary.gradient_evaluations;
-        if (session_.done(gradient_)) return Status::Converged;
-        if (summary.iterations == options.max_iterations) return Status::MaxIterations;
-        if (options.relaxation != 1) gradient_ *= static_cast<Scalar>(options.relaxation);
-        factorization_.descend(gradient_, x);  // lines 6-7: Eq. 19
-        ++summary.linear_solves;
-        ++summary.iterations;
-      }
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   detail::Session<System> session_;
   Factorization factorization_;
   Points gradient_;
 };
+
+template <typename System, typename Factorization>
+Summary Ida<System, Factorization>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    summary.factorizations = 1;
+    if (!factorization_.factorize(system)) {  // Algorithm 1, line 1
+      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      return Status::NumericalFailure;
+    }
+    while (true) {
+      // Lines 4-5: the spring vectors at x, and with them minus the forces at the dynamic nodes, Eq. 15.
+      detail::evaluate<false>(system, x, gradient_);
+      ++summary.gradient_evaluations;
+      if (session_.done(gradient_)) return Status::Converged;
+      if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (options.relaxation != 1) gradient_ *= static_cast<Scalar>(options.relaxation);
+      factorization_.descend(gradient_, x);  // lines 6-7: Eq. 19
+      ++summary.linear_solves;
+      ++summary.iterations;
+    }
+  });
+}
 
 /// Ida with a sparse factorisation.
 template <typename System>
@@ -105,5 +108,8 @@ template <typename System>
 Summary solve_ida(const System& system, typename System::Points& x, const IdaOptions& options = {}) {
   return Ida<System>(system, options).solve(system, x);
 }
+
+ASTERISM_COMPILED_SOLVER(Ida)
+ASTERISM_COMPILED_SOLVE(solve_ida, IdaOptions)
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/dense_cholesky.hpp>
 #include <asterism/solver/descent.hpp>
@@ -39,41 +40,7 @@ class Lbfgs {
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Metric>::value; }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for Ida::solve.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      ++summary.factorizations;
-      if (!metric_.factorize(system)) {
-        summary.message =
-            "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
-        return Status::NumericalFailure;
-      }
-      state_.start(system, x, summary);
-      forget(x.size());
-      majorised_descent(summary);
-      while (true) {
-        const bool converged = session_.done(state_.gradient());
-        if (converged || summary.iterations == options.max_iterations) {
-          session_.adopt(x, state_.energy(), state_.gradient());
-          return converged ? Status::Converged : Status::MaxIterations;
-        }
-
-        quasi_newton_direction();
-        Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
-        Scalar step = 1;
-        while (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
-          if (used_ == 0) return Status::NoProgress;
-          forget(x.size());
-          direction_ = descent_;
-          slope = state_.gradient().cwiseProduct(direction_).sum();
-          step = 1;
-        }
-        previous_descent_.swap(descent_);
-        majorised_descent(summary);
-        ++summary.iterations;
-        remember(slope, step);
-      }
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   static constexpr std::string_view kMethod = "L-BFGS";
@@ -249,5 +216,43 @@ class Lbfgs {
   int used_ = 0;  // pairs remembered
   int next_ = 0;  // slot of the next
 };
+
+template <typename System, typename Metric>
+Summary Lbfgs<System, Metric>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    ++summary.factorizations;
+    if (!metric_.factorize(system)) {
+      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      return Status::NumericalFailure;
+    }
+    state_.start(system, x, summary);
+    forget(x.size());
+    majorised_descent(summary);
+    while (true) {
+      const bool converged = session_.done(state_.gradient());
+      if (converged || summary.iterations == options.max_iterations) {
+        session_.adopt(x, state_.energy(), state_.gradient());
+        return converged ? Status::Converged : Status::MaxIterations;
+      }
+
+      quasi_newton_direction();
+      Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
+      Scalar step = 1;
+      while (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
+        if (used_ == 0) return Status::NoProgress;
+        forget(x.size());
+        direction_ = descent_;
+        slope = state_.gradient().cwiseProduct(direction_).sum();
+        step = 1;
+      }
+      previous_descent_.swap(descent_);
+      majorised_descent(summary);
+      ++summary.iterations;
+      remember(slope, step);
+    }
+  });
+}
+
+ASTERISM_COMPILED_SOLVER(Lbfgs)
 
 }  // namespace asterism::inline ASTERISM_ABI

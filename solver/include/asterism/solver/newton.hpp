@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/align.hpp>
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
@@ -165,10 +166,13 @@ class NewtonMatrix {
     if constexpr (kUnrolled) return kPadded;
     return size() + 1;
   }
-  Scalar& at(int row, int column) { return values_[static_cast<std::size_t>(column * stride() + row)]; }
-  const Scalar& at(int row, int column) const {
-    return values_[static_cast<std::size_t>(column * stride() + row)];
+  // Not of int: dense matrices of some 23,000 nodes have more entries than that counts.
+  std::size_t index(int row, int column) const {
+    return static_cast<std::size_t>(column) * static_cast<std::size_t>(stride()) +
+           static_cast<std::size_t>(row);
   }
+  Scalar& at(int row, int column) { return values_[index(row, column)]; }
+  const Scalar& at(int row, int column) const { return values_[index(row, column)]; }
   Scalar right(int k) const {
     if constexpr (kUnrolled) return right_[static_cast<std::size_t>(k)];
     return at(size(), k);
@@ -189,7 +193,7 @@ class NewtonMatrix {
 
   // Energy, gradient and Hessian for any links.
   Scalar assemble_links(const System& system, const Points& x, bool clamp, Points& gradient) {
-    std::fill_n(values_.begin(), size() * stride(), Scalar(0));
+    std::fill_n(values_.begin(), index(0, size()), Scalar(0));
     gradient.resize(kDim, system.nodes());
     Scalar energy = 0;
     for (int i = 0; i < system.nodes(); ++i) {
@@ -454,48 +458,7 @@ class Newton {
   /// Hessian is singular or saddles are not to be escaped. Statuses other than Converged: MaxIterations,
   /// InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step lowers the energy
   /// beyond its rounding.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
-      // follow.
-      realign_ = options.align && detail::has_weak_anchors(system);
-      matrix_.reset(session_.node_stiffness());
-      clamps_ = true;
-      energy_ = assemble(system, x, gradient_, summary);
-      while (true) {
-        const bool stationary = session_.done(gradient_);
-        const bool last = summary.iterations == options.max_iterations;
-        if (last && !stationary) {
-          session_.adopt(x, energy_, gradient_);
-          summary.positive_definite = -1;
-          return Status::MaxIterations;
-        }
-        if (stationary && clamps_) {
-          clamps_ = false;
-          assemble(system, x, gradient_, summary);
-        }
-        ++summary.factorizations;
-        const bool definite = matrix_.factorize();
-        summary.positive_definite = clamps_ ? -1 : definite;
-        if (stationary) {
-          if (!last &&
-              (definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
-            continue;
-          session_.adopt(x, energy_, gradient_);
-          return Status::Converged;
-        }
-        const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
-        ++summary.linear_solves;
-        if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * energy_ &&
-            finish(system, x, summary))
-          return Status::Converged;
-        // Far off: the step promises to lose more than half of the energy.
-        clamps_ = decrement > energy_ && summary.iterations + 1 < kClampedSteps;
-        if (!search(system, x, decrement, summary) && !majorise(system, x, summary))
-          return Status::NoProgress;
-      }
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   static constexpr int kClampedSteps = 4;
@@ -637,5 +600,50 @@ class Newton {
   Points next_x_;
   Points next_gradient_;
 };
+
+template <typename System>
+Summary Newton<System>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+    // follow.
+    realign_ = options.align && detail::has_weak_anchors(system);
+    matrix_.reset(session_.node_stiffness());
+    clamps_ = true;
+    energy_ = assemble(system, x, gradient_, summary);
+    while (true) {
+      const bool stationary = session_.done(gradient_);
+      const bool last = summary.iterations == options.max_iterations;
+      if (last && !stationary) {
+        session_.adopt(x, energy_, gradient_);
+        summary.positive_definite = -1;
+        return Status::MaxIterations;
+      }
+      if (stationary && clamps_) {
+        clamps_ = false;
+        assemble(system, x, gradient_, summary);
+      }
+      ++summary.factorizations;
+      const bool definite = matrix_.factorize();
+      summary.positive_definite = clamps_ ? -1 : definite;
+      if (stationary) {
+        if (!last &&
+            (definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
+          continue;
+        session_.adopt(x, energy_, gradient_);
+        return Status::Converged;
+      }
+      const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
+      ++summary.linear_solves;
+      if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * energy_ &&
+          finish(system, x, summary))
+        return Status::Converged;
+      // Far off: the step promises to lose more than half of the energy.
+      clamps_ = decrement > energy_ && summary.iterations + 1 < kClampedSteps;
+      if (!search(system, x, decrement, summary) && !majorise(system, x, summary)) return Status::NoProgress;
+    }
+  });
+}
+
+ASTERISM_COMPILED_SOLVER(Newton)
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -2,6 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
@@ -94,51 +95,7 @@ class NewtonCg {
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. An iteration is an update of x, a
   /// linear solve an application of the preconditioner. Statuses as for Ida::solve.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if constexpr (kFactored) {
-        ++summary.factorizations;
-        if (!preconditioner_.factorize(system)) {
-          summary.message =
-              "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
-          return Status::NumericalFailure;
-        }
-      }
-      state_.start(system, x, summary);
-      Scalar forcing = kLargestForcing;
-      Scalar previous_square = 0;
-      while (true) {
-        if (session_.done(state_.gradient())) return Status::Converged;
-        if (summary.iterations == options.max_iterations) return Status::MaxIterations;
-
-        hessian_.set(system, x);
-        if constexpr (!kFactored) preconditioner_.update(system, x);
-        precondition(state_.gradient(), summary);
-        const Scalar square = -state_.gradient().cwiseProduct(preconditioned_).sum();  // |g|^2 in M^-1
-        if (!(square > 0)) return Status::NoProgress;
-        if (summary.iterations > 0) {
-          // eta = 0.9 (|g| / |g before|)^2, and not much below the last one while that was large.
-          const Scalar before = Scalar(0.9) * forcing * forcing;
-          forcing = Scalar(0.9) * square / previous_square;
-          if (before > Scalar(0.1)) forcing = std::max(forcing, before);
-          forcing = std::min(forcing, kLargestForcing);
-        }
-        previous_square = square;
-        newton_direction(system, square, forcing, summary);
-
-        Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
-        Scalar step = 1;
-        if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
-          // The preconditioned gradient: fails for rounding alone.
-          precondition(state_.gradient(), summary);
-          slope = -square;
-          step = 1;
-          if (!state_.search(system, x, preconditioned_, slope, step, summary)) return Status::NoProgress;
-        }
-        ++summary.iterations;
-      }
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   static constexpr std::string_view kMethod = "Newton-CG";
@@ -192,5 +149,54 @@ class NewtonCg {
   Points product_;
   Points preconditioned_;
 };
+
+template <typename System, typename Preconditioner>
+Summary NewtonCg<System, Preconditioner>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    if constexpr (kFactored) {
+      ++summary.factorizations;
+      if (!preconditioner_.factorize(system)) {
+        summary.message =
+            "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+        return Status::NumericalFailure;
+      }
+    }
+    state_.start(system, x, summary);
+    Scalar forcing = kLargestForcing;
+    Scalar previous_square = 0;
+    while (true) {
+      if (session_.done(state_.gradient())) return Status::Converged;
+      if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+
+      hessian_.set(system, x);
+      if constexpr (!kFactored) preconditioner_.update(system, x);
+      precondition(state_.gradient(), summary);
+      const Scalar square = -state_.gradient().cwiseProduct(preconditioned_).sum();  // |g|^2 in M^-1
+      if (!(square > 0)) return Status::NoProgress;
+      if (summary.iterations > 0) {
+        // eta = 0.9 (|g| / |g before|)^2, and not much below the last one while that was large.
+        const Scalar before = Scalar(0.9) * forcing * forcing;
+        forcing = Scalar(0.9) * square / previous_square;
+        if (before > Scalar(0.1)) forcing = std::max(forcing, before);
+        forcing = std::min(forcing, kLargestForcing);
+      }
+      previous_square = square;
+      newton_direction(system, square, forcing, summary);
+
+      Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
+      Scalar step = 1;
+      if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
+        // The preconditioned gradient: fails for rounding alone.
+        precondition(state_.gradient(), summary);
+        slope = -square;
+        step = 1;
+        if (!state_.search(system, x, preconditioned_, slope, step, summary)) return Status::NoProgress;
+      }
+      ++summary.iterations;
+    }
+  });
+}
+
+ASTERISM_COMPILED_SOLVER(NewtonCg)
 
 }  // namespace asterism::inline ASTERISM_ABI

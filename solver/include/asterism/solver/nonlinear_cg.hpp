@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
@@ -199,56 +200,7 @@ class NonlinearCg {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step
   /// along the steepest descent lowers the energy beyond its rounding.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      detail::RayPoint<Scalar> start;
-      evaluate_.start(system, x);
-      start.energy = evaluate_(system, x, gradient_, summary);
-      bool restart = true;
-      Scalar step = 0;
-      Scalar next_energy = 0;
-      while (true) {
-        if (stationary(system, x)) return Status::Converged;
-        if (summary.iterations == options.max_iterations) return Status::MaxIterations;
-
-        const Scalar previous_slope = start.slope;
-        start.slope = restart ? Scalar(0) : gradient_.cwiseProduct(direction_).sum();
-        if (!(start.slope < 0)) {
-          restart = true;
-          direction_ = -gradient_;
-          start.slope = -gradient_.squaredNorm();
-          step = detail::majorised_step(system, direction_, start.slope);
-        } else {
-          step *= previous_slope / start.slope;  // the same first-order decrease as before
-        }
-
-        const bool found = detail::strong_wolfe(
-            start, step, detail::rounding_of_energy(system, start.energy), [&](Scalar trial) {
-              step = trial;
-              next_x_ = x + trial * direction_;
-              next_energy = evaluate_(system, next_x_, next_gradient_, summary);
-              return detail::RayPoint<Scalar>{trial, next_energy,
-                                              next_gradient_.cwiseProduct(direction_).sum()};
-            });
-        if (!found) {
-          if (restart) return Status::NoProgress;
-          restart = true;
-          continue;
-        }
-        restart = false;
-
-        // beta = max(0, g_new . (g_new - g) / g . g)
-        const Scalar beta =
-            std::max(Scalar(0),
-                     next_gradient_.cwiseProduct(next_gradient_ - gradient_).sum() / gradient_.squaredNorm());
-        direction_ = beta * direction_ - next_gradient_;
-        x.swap(next_x_);
-        gradient_.swap(next_gradient_);
-        start.energy = next_energy;
-        ++summary.iterations;
-      }
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   static constexpr std::string_view kMethod = "nonlinear CG";
@@ -270,5 +222,58 @@ class NonlinearCg {
   Points analytic_gradient_;  // of numeric ones
   Gradient evaluate_;
 };
+
+template <typename System, typename Gradient>
+Summary NonlinearCg<System, Gradient>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    detail::RayPoint<Scalar> start;
+    evaluate_.start(system, x);
+    start.energy = evaluate_(system, x, gradient_, summary);
+    bool restart = true;
+    Scalar step = 0;
+    Scalar next_energy = 0;
+    while (true) {
+      if (stationary(system, x)) return Status::Converged;
+      if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+
+      const Scalar previous_slope = start.slope;
+      start.slope = restart ? Scalar(0) : gradient_.cwiseProduct(direction_).sum();
+      if (!(start.slope < 0)) {
+        restart = true;
+        direction_ = -gradient_;
+        start.slope = -gradient_.squaredNorm();
+        step = detail::majorised_step(system, direction_, start.slope);
+      } else {
+        step *= previous_slope / start.slope;  // the same first-order decrease as before
+      }
+
+      const bool found = detail::strong_wolfe(
+          start, step, detail::rounding_of_energy(system, start.energy), [&](Scalar trial) {
+            step = trial;
+            next_x_ = x + trial * direction_;
+            next_energy = evaluate_(system, next_x_, next_gradient_, summary);
+            return detail::RayPoint<Scalar>{trial, next_energy,
+                                            next_gradient_.cwiseProduct(direction_).sum()};
+          });
+      if (!found) {
+        if (restart) return Status::NoProgress;
+        restart = true;
+        continue;
+      }
+      restart = false;
+
+      // beta = max(0, g_new . (g_new - g) / g . g)
+      const Scalar beta = std::max(
+          Scalar(0), next_gradient_.cwiseProduct(next_gradient_ - gradient_).sum() / gradient_.squaredNorm());
+      direction_ = beta * direction_ - next_gradient_;
+      x.swap(next_x_);
+      gradient_.swap(next_gradient_);
+      start.energy = next_energy;
+      ++summary.iterations;
+    }
+  });
+}
+
+ASTERISM_COMPILED_SOLVER(NonlinearCg)
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -214,17 +214,7 @@ class Schwarz {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. A sweep and an iteration of Global
   /// are an iteration each; the other counts are of work on all nodes at once. Statuses as for Ida::solve;
   /// Summary::positive_definite is Global's.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if (session_.done(session_.gradient())) return Status::Converged;
-      if (options.max_iterations == 0) return Status::MaxIterations;
-      decomposition_.set(system, kSubdomain);
-      renumbered_ = decomposition_.renumbered(x);
-      const Status status = iterate(decomposition_.system(), renumbered_, summary);
-      decomposition_.restore(renumbered_, x);
-      return status;
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   static constexpr std::string_view kMethod = "Schwarz";
@@ -292,5 +282,18 @@ class Schwarz {
   Global global_;
   Points renumbered_;
 };
+
+template <typename System, typename Global>
+Summary Schwarz<System, Global>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    if (session_.done(session_.gradient())) return Status::Converged;
+    if (options.max_iterations == 0) return Status::MaxIterations;
+    decomposition_.set(system, kSubdomain);
+    renumbered_ = decomposition_.renumbered(x);
+    const Status status = iterate(decomposition_.system(), renumbered_, summary);
+    decomposition_.restore(renumbered_, x);
+    return status;
+  });
+}
 
 }  // namespace asterism::inline ASTERISM_ABI

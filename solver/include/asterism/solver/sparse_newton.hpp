@@ -162,49 +162,7 @@ class SparseNewton {
 
   /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
   /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
-  Summary solve(const System& given, Points& x) {
-    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      const bool realign = options.align && detail::has_weak_anchors(system);
-      if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
-      state_.start(system, x, summary);
-      int clamped_steps = 0;
-      while (true) {
-        const bool stationary = session_.done(state_.gradient());
-        const bool last = summary.iterations == options.max_iterations;
-        if (last && !stationary) {
-          summary.positive_definite = -1;
-          return Status::MaxIterations;
-        }
-        bool definite = false;
-        if (stationary || clamped_steps == 0) {
-          hessian_.assemble(system, x, false);
-          definite = factorize(summary);
-          clamped_steps = definite ? 0 : kClampedSteps;
-          summary.positive_definite = definite;
-        } else {
-          --clamped_steps;
-        }
-        if (last) return Status::Converged;
-        if (stationary && !definite) {
-          if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
-          continue;
-        }
-        if (!definite) repair(system, x, summary);
-        // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
-        const Scalar slope = newton_direction(summary);
-        if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
-        if (!search(system, x, slope, summary)) {
-          if (stationary) return Status::Converged;
-          detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
-          const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
-          if (!search(system, x, steepest, summary)) return Status::NoProgress;
-        }
-        // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
-        // follow.
-        if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
-      }
-    });
-  }
+  Summary solve(const System& given, Points& x);
 
  private:
   static constexpr std::string_view kMethod = "Newton";
@@ -271,5 +229,50 @@ class SparseNewton {
   Points direction_;
   Points next_x_;
 };
+
+template <typename System, typename Factorization>
+Summary SparseNewton<System, Factorization>::solve(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    const bool realign = options.align && detail::has_weak_anchors(system);
+    if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
+    state_.start(system, x, summary);
+    int clamped_steps = 0;
+    while (true) {
+      const bool stationary = session_.done(state_.gradient());
+      const bool last = summary.iterations == options.max_iterations;
+      if (last && !stationary) {
+        summary.positive_definite = -1;
+        return Status::MaxIterations;
+      }
+      bool definite = false;
+      if (stationary || clamped_steps == 0) {
+        hessian_.assemble(system, x, false);
+        definite = factorize(summary);
+        clamped_steps = definite ? 0 : kClampedSteps;
+        summary.positive_definite = definite;
+      } else {
+        --clamped_steps;
+      }
+      if (last) return Status::Converged;
+      if (stationary && !definite) {
+        if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
+        continue;
+      }
+      if (!definite) repair(system, x, summary);
+      // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
+      const Scalar slope = newton_direction(summary);
+      if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
+      if (!search(system, x, slope, summary)) {
+        if (stationary) return Status::Converged;
+        detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
+        const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
+        if (!search(system, x, steepest, summary)) return Status::NoProgress;
+      }
+      // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+      // follow.
+      if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
+    }
+  });
+}
 
 }  // namespace asterism::inline ASTERISM_ABI

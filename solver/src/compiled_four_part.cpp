@@ -1,0 +1,2 @@
+#define ASTERISM_SYSTEM detail::FourPartSystem
+#include "compiled.hpp"

@@ -1,0 +1,2 @@
+#define ASTERISM_SYSTEM detail::PlaneSystem
+#include "compiled.hpp"

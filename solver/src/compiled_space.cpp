@@ -1,0 +1,2 @@
+#define ASTERISM_SYSTEM detail::SpaceSystem
+#include "compiled.hpp"
