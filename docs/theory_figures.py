@@ -59,21 +59,22 @@ def minima(path):
     if not np.allclose(found, [0.01044740, 0.02675862], atol=5e-9):
         sys.exit(f'theory_figures.py: the minima are {found}')
 
-    figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 3.1), sharey=True, layout='constrained')
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 4), sharey=True, layout='constrained')
     u, v = np.meshgrid(np.linspace(-0.4, 1.4, 91), np.linspace(-1.2, 1.2, 121))
     x = np.broadcast_to(ANCHORS, (*u.shape, 3, 2)).copy()
     x[..., 2, 0], x[..., 2, 1] = u, v
     lowest = energy(ida(x, fixed=1, iterations=60))
     left.contour(u, v, lowest, levels=np.geomspace(0.0105, 1, 14), cmap='viridis', linewidths=0.8)
-    for end, value, offset in zip(ends, found, (0.12, -0.18)):
+    for end, value in zip(ends, found):
         left.plot(*end[2], 'o', color='tab:red', markersize=5)
-        left.text(end[2, 0], end[2, 1] + offset, f'{value:.4f}', color='tab:red', ha='center')
+        left.text(*end[2] + (0, 0.05), f'{value:.4f}', color='tab:red', ha='center', va='bottom', fontsize=8,
+                  bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
     left.set_title('least E for each place of the third node', fontsize=9)
     draw(right, ends[0], 'tab:blue')
     draw(right, ends[1], 'tab:orange')
     right.plot(*ANCHORS.T, '+', color='black', markersize=9, label='anchors')
     right.set_title('the two minima', fontsize=9)
-    right.legend(frameon=False, loc='upper right')
+    right.legend(frameon=False, loc='upper left', bbox_to_anchor=(0.9, 1))
     for axes in (left, right):
         axes.set_aspect('equal')
         axes.set_xlabel('x')
@@ -82,24 +83,28 @@ def minima(path):
 
 
 def majoriser(path):
-    """A node on a line: an anchor at -0.4 of stiffness 0.6 and a spring of rest length 1 to a node held at 0."""
-    def e(x):
-        return 0.3 * (x + 0.4) ** 2 + 0.5 * (abs(x) - 1) ** 2
+    """A node on the line (y, 0.4): its anchor's part on it is at -0.4, of stiffness 0.3, a spring holds it to the origin."""
+    off = 0.4
+
+    def e(y):
+        return 0.15 * (y + 0.4) ** 2 + 0.5 * (np.hypot(y, off) - 1) ** 2
 
     def bound(y, x):
-        return 0.3 * (y + 0.4) ** 2 + 0.5 * (y - np.sign(x)) ** 2
+        return 0.15 * (y + 0.4) ** 2 + 0.5 * (y ** 2 + off ** 2 + 1) - (x * y + off ** 2) / np.hypot(x, off)
 
-    y = np.linspace(-1.7, 1.7, 341)
-    figure, axes = plt.subplots(figsize=(5.4, 3.1), layout='constrained')
+    y = np.linspace(-1.7, 1.9, 361)
+    figure, axes = plt.subplots(figsize=(6.6, 3.1), layout='constrained')
     axes.plot(y, e(y), color='black', label='E')
-    for x, colour in ((1.45, 'tab:orange'), (-0.15, 'tab:blue')):
+    for x, colour in ((0.9, 'tab:orange'), (-0.15, 'tab:blue')):
+        following = (x / np.hypot(x, off) - 0.3 * 0.4) / 1.3
+        if not (np.all(bound(y, x) >= e(y) - 1e-12) and e(following) < e(x)):
+            sys.exit('theory_figures.py: not a majoriser')
         axes.plot(y, bound(y, x), '--', color=colour, linewidth=1, label=f'majoriser at {x}')
-        step = (np.sign(x) - 0.6 * 0.4) / 1.6
         axes.plot(x, e(x), 'o', color=colour, markersize=5)
-        axes.plot(step, bound(step, x), 'v', color=colour, markersize=6)
-    axes.set_ylim(0, 2)
+        axes.plot(following, bound(following, x), 'v', color=colour, markersize=6)
+    axes.set_ylim(0, 1)
     axes.set_xlabel('y')
-    axes.legend(frameon=False, loc='upper center')
+    axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
     figure.savefig(path, metadata={'Date': None})
 
 
