@@ -11,6 +11,9 @@ function(asterism_private_options target)
                                              -fno-omit-frame-pointer)
     target_link_options(${target} PRIVATE -fsanitize=address,undefined)
   endif()
+  if(ASTERISM_FUZZ)
+    target_compile_options(${target} PRIVATE -fsanitize=fuzzer-no-link)  # what is covered guides the fuzzers
+  endif()
   set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF CXX_VISIBILITY_PRESET hidden)
 endfunction()
 
@@ -20,9 +23,9 @@ function(asterism_command_line source)
   set_source_files_properties(${source} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>")
 endfunction()
 
-# asterism_library(NAME [INTERFACE] [SOURCES ...] [HEADERS ...] [WITHOUT ...]) declares library asterism_NAME, exported
-# as asterism::NAME. Its public headers, in include/ of the current folder, are asterism/NAME.hpp and all of
-# asterism/NAME/ but those in WITHOUT, or else HEADERS.
+# asterism_library(NAME [INTERFACE] [SOURCES ...] [HEADERS ...] [WITHOUT ...]) declares library asterism_NAME, static unless
+# BUILD_SHARED_LIBS, exported as asterism::NAME. Its public headers, in include/ of the current folder, are
+# asterism/NAME.hpp and all of asterism/NAME/ but those in WITHOUT, or else HEADERS.
 function(asterism_library name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "INTERFACE" "" "SOURCES;HEADERS;WITHOUT")
   set(target asterism_${name})
@@ -30,8 +33,14 @@ function(asterism_library name)
     add_library(${target} INTERFACE)
     set(scope INTERFACE)
   else()
-    add_library(${target} STATIC ${arg_SOURCES})
-    set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON)
+    add_library(${target} ${arg_SOURCES})
+    # Before 1.0, a minor version may change the ABI.
+    set_target_properties(${target} PROPERTIES POSITION_INDEPENDENT_CODE ON VERSION ${PROJECT_VERSION}
+                          SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR} INSTALL_RPATH "$ORIGIN")
+    get_target_property(type ${target} TYPE)
+    if(type STREQUAL "STATIC_LIBRARY")
+      target_compile_definitions(${target} PRIVATE ASTERISM_API=)
+    endif()
     asterism_private_options(${target})
     set(scope PUBLIC)
   endif()
@@ -54,11 +63,79 @@ function(asterism_library name)
   set_property(GLOBAL APPEND PROPERTY ASTERISM_COMPONENTS ${name})
   if(ASTERISM_INSTALL)
     install(TARGETS ${target} EXPORT Asterism_${name}
-            ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR}
-            FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}
+            LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT Asterism_runtime NAMELINK_COMPONENT Asterism_dev
+            ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT Asterism_dev
+            FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT Asterism_dev
             INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})  # CMake before 3.23 knows no file sets
     install(EXPORT Asterism_${name} FILE Asterism_${name}.cmake NAMESPACE asterism::
-            DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism)
+            DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism COMPONENT Asterism_dev)
+    export(EXPORT Asterism_${name} FILE ${PROJECT_BINARY_DIR}/Asterism_${name}.cmake NAMESPACE asterism::)
+  endif()
+endfunction()
+
+# asterism_pkg_config(NAME [REQUIRES MODULE...] [CFLAGS FLAG...] [INCLUDES DIR...] [LIBRARIES LIBRARY...]
+# [PRIVATE LIBRARY...]): what the users of library NAME need beside it, for asterism-NAME.pc: modules of pkg-config, flags, or
+# libraries (names or files) that have no module.
+function(asterism_pkg_config name)
+  if(NOT ASTERISM_INSTALL)
+    return()
+  endif()
+  cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "REQUIRES;CFLAGS;INCLUDES;LIBRARIES;PRIVATE")
+  get_target_property(type asterism_${name} TYPE)
+  if(type STREQUAL "STATIC_LIBRARY") # and its users link what it uses
+    list(APPEND arg_LIBRARIES ${arg_PRIVATE})
+    set(arg_PRIVATE "")
+  endif()
+  foreach(list IN ITEMS LIBRARIES PRIVATE)
+    list(TRANSFORM arg_${list} REPLACE "^[^/]+$" "-l\\0")
+  endforeach()
+  if(NOT type STREQUAL "INTERFACE_LIBRARY")
+    list(PREPEND arg_LIBRARIES "-L\${libdir}" -lasterism_${name})
+  endif()
+  list(REMOVE_ITEM arg_INCLUDES "" ${CMAKE_CXX_IMPLICIT_INCLUDE_DIRECTORIES})
+  list(TRANSFORM arg_INCLUDES PREPEND "-isystem ") # OpenCV's headers warn of themselves in C++20
+  list(PREPEND arg_CFLAGS "-I\${includedir}" ${arg_INCLUDES})
+
+  set(dir ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig)
+  file(RELATIVE_PATH prefix ${dir} ${CMAKE_INSTALL_PREFIX})
+  string(REGEX REPLACE "/$" "" prefix ${prefix})
+  file(RELATIVE_PATH libdir ${CMAKE_INSTALL_PREFIX} ${CMAKE_INSTALL_FULL_LIBDIR})
+  file(RELATIVE_PATH includedir ${CMAKE_INSTALL_PREFIX} ${CMAKE_INSTALL_FULL_INCLUDEDIR})
+  foreach(list IN ITEMS REQUIRES CFLAGS LIBRARIES PRIVATE)
+    list(JOIN arg_${list} " " ${list})
+  endforeach()
+  file(WRITE ${PROJECT_BINARY_DIR}/asterism-${name}.pc "\
+prefix=\${pcfiledir}/${prefix}
+libdir=\${prefix}/${libdir}
+includedir=\${prefix}/${includedir}
+
+Name: asterism-${name}
+Description: ${PROJECT_DESCRIPTION} (C++20)
+Version: ${PROJECT_VERSION}
+Requires: ${REQUIRES}
+Cflags: ${CFLAGS}
+Libs: ${LIBRARIES}
+Libs.private: ${PRIVATE}
+")
+  install(FILES ${PROJECT_BINARY_DIR}/asterism-${name}.pc DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig
+          COMPONENT Asterism_dev)
+endfunction()
+
+# asterism_find_module(FILE): a find module that this build and users of the package need.
+function(asterism_find_module file)
+  if(ASTERISM_INSTALL)
+    configure_file(${file} ${PROJECT_BINARY_DIR} COPYONLY) # for users of the build tree
+    install(FILES ${file} DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism COMPONENT Asterism_dev)
+  endif()
+endfunction()
+
+# asterism_install_tool(TARGET)
+function(asterism_install_tool target)
+  if(ASTERISM_INSTALL)
+    file(RELATIVE_PATH libdir ${CMAKE_INSTALL_FULL_BINDIR} ${CMAKE_INSTALL_FULL_LIBDIR})
+    set_target_properties(${target} PROPERTIES INSTALL_RPATH "$ORIGIN/${libdir}")
+    install(TARGETS ${target} RUNTIME DESTINATION ${CMAKE_INSTALL_BINDIR} COMPONENT Asterism_tools)
+    set_property(GLOBAL APPEND PROPERTY ASTERISM_TOOLS ${target})
   endif()
 endfunction()
 
@@ -77,5 +154,5 @@ function(asterism_install_package)
   write_basic_package_version_file(${PROJECT_BINARY_DIR}/AsterismConfigVersion.cmake
                                    COMPATIBILITY SameMinorVersion)
   install(FILES ${PROJECT_BINARY_DIR}/AsterismConfig.cmake ${PROJECT_BINARY_DIR}/AsterismConfigVersion.cmake
-          DESTINATION ${dir})
+          DESTINATION ${dir} COMPONENT Asterism_dev)
 endfunction()

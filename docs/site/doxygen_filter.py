@@ -3,7 +3,7 @@
 
 In our headers a comment is for all declarations below it up to a blank line or the next comment; Doxygen takes it for the
 first one alone, so the others get it, too. Members that every class of a kind has mean the same in each and have no comment;
-their text is here. The inline namespace of the ABI is left out: users never write it. Lines keep their numbers.
+their text is here. The inline namespace of the ABI and the marks of what is exported are left out: users never write them. Lines keep their numbers.
 """
 import re
 import sys
@@ -48,7 +48,8 @@ TWO_FIELDS = re.compile(r'(\s*)((?:static constexpr )?\w+) (\w+ = [^,;(]+), (\w+
 
 
 def main():
-    lines = open(sys.argv[1], encoding='utf-8').read().replace('::inline ASTERISM_ABI', '').split('\n')
+    header = open(sys.argv[1], encoding='utf-8').read()
+    lines = header.replace('::inline ASTERISM_ABI', '').replace(' ASTERISM_API ', ' ').split('\n')
     comment, indent, used = [], 0, False  # the last comment, and whether a declaration has taken it
     for number, line in enumerate(lines):
         text = line.lstrip()

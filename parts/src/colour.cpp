@@ -9,8 +9,6 @@
 namespace asterism::inline ASTERISM_ABI {
 namespace {
 
-using Histogram = std::array<float, ColourModel::kBins>;
-
 /// At most about this many pixels are read for one histogram; larger regions are sampled on a regular grid.
 constexpr double kSamples = 10000;
 /// Cells of a segmentation, about; and the most along one side, for regions that are extremely long.
@@ -60,71 +58,65 @@ cv::Rect pixels_of(const cv::Rect2d& box, cv::Size image) {
   return {x.first, y.first, x.length(), y.length()};
 }
 
-/// HSV histogram, of sum 1, of the pixels in `region` but not in `hole`. False, and nothing done, without a
-/// pixel.
-bool collect(const cv::Mat& bgr, const cv::Rect& region, const cv::Rect& hole, Histogram& histogram) {
+}  // namespace
+
+bool ColourModel::collect(const cv::Mat& bgr, const cv::Rect& region, const cv::Rect& hole,
+                          Histogram& histogram) {
   const double area = double(region.area()) - double((region & hole).area());
   const int stride = std::max(1, int(std::ceil(std::sqrt(area / kSamples))));
   // Only the samples are converted to HSV, in one call.
-  std::vector<cv::Vec3b> samples, hsv;
-  samples.reserve(std::size_t(kSamples));
+  samples_.clear();
+  samples_.reserve(std::size_t(kSamples));
   for (int y = region.y; y < region.br().y; y += stride) {
     const cv::Vec3b* row = bgr.ptr<cv::Vec3b>(y);
     for (int x = region.x; x < region.br().x; x += stride) {
-      if (!hole.contains({x, y})) samples.push_back(row[x]);
+      if (!hole.contains({x, y})) samples_.push_back(row[x]);
     }
   }
-  if (samples.empty()) return false;
-  cv::cvtColor(samples, hsv, cv::COLOR_BGR2HSV_FULL);
+  if (samples_.empty()) return false;
   // Counts up to 2^24 are exact in float.
   histogram.fill(0);
-  for (const cv::Vec3b& pixel : hsv) ++histogram[bin(pixel)];
-  for (float& value : histogram) value /= float(hsv.size());
+  for (const cv::Vec3b& pixel : samples_in_hsv()) ++histogram[bin(pixel)];
+  for (float& value : histogram) value /= float(samples_.size());
   return true;
 }
 
-/// Cells of one axis of a segmentation's grid.
-struct Axis {
-  int cells = 1;
-  double origin = 0, spacing = 1;
-  /// Sampled pixels, in order, and their cells.
-  std::vector<int> pixel, cell;
-  /// Number of samples of each cell; 0 where the cell's centre is outside the image.
-  std::vector<int> count;
-  /// The cells whose centres are in the image.
-  Span valid;
+const std::vector<cv::Vec3b>& ColourModel::samples_in_hsv() {
+  hsv_.reserve(samples_.capacity());  // grows as seldom
+  cv::cvtColor(samples_, hsv_, cv::COLOR_BGR2HSV_FULL);
+  return hsv_;
+}
 
-  Axis(double begin, double length, double scale, int limit) {
-    cells = int(std::clamp(std::round(length * scale), 1.0, kMaxSide));
-    spacing = length / cells;
-    origin = begin - 0.5 + spacing / 2;
-    count.resize(std::size_t(cells));
-    pixel.reserve(6 * std::size_t(cells)), cell.reserve(6 * std::size_t(cells));  // or less
-    const int stride = int(std::clamp(std::floor(spacing / 3), 1.0, double(limit)));
-    for (int i = 0; i < cells; ++i) {
-      const double centre = origin + i * spacing;
-      if (!(centre >= -0.5 && centre < limit - 0.5)) continue;
-      if (valid.length() == 0) valid.first = i;
-      valid.end = i + 1;
-      Span span = pixels_along(centre - spacing / 2 + 0.5, spacing, limit);
-      if (span.length() == 0) {
-        // Cells smaller than a pixel: the nearest one.
-        span.first = std::clamp(int(std::lround(centre)), 0, limit - 1);
-        span.end = span.first + 1;
-      }
-      // Centred in the cell, so that the samples' mean position is the cell's centre.
-      const int samples = (span.length() - 1) / stride + 1;
-      const int first = span.first + (span.length() - 1 - (samples - 1) * stride) / 2;
-      count[std::size_t(i)] = samples;
-      for (int k = 0; k < samples; ++k) {
-        pixel.push_back(first + k * stride);
-        cell.push_back(i);
-      }
+void ColourModel::Axis::place(double begin, double length, double scale, int limit) {
+  cells = int(std::clamp(std::round(length * scale), 1.0, kMaxSide));
+  spacing = length / cells;
+  origin = begin - 0.5 + spacing / 2;
+  count.assign(std::size_t(cells), 0);
+  pixel.clear(), cell.clear();
+  pixel.reserve(6 * std::size_t(cells)), cell.reserve(6 * std::size_t(cells));  // or less
+  valid = {0, 0};
+  const int stride = int(std::clamp(std::floor(spacing / 3), 1.0, double(limit)));
+  for (int i = 0; i < cells; ++i) {
+    const double centre = origin + i * spacing;
+    if (!(centre >= -0.5 && centre < limit - 0.5)) continue;
+    if (valid.empty()) valid.start = i;
+    valid.end = i + 1;
+    Span span = pixels_along(centre - spacing / 2 + 0.5, spacing, limit);
+    if (span.length() == 0) {
+      // Cells smaller than a pixel: the nearest one.
+      span.first = std::clamp(int(std::lround(centre)), 0, limit - 1);
+      span.end = span.first + 1;
+    }
+    // Centred in the cell, so that the samples' mean position is the cell's centre.
+    const int samples = (span.length() - 1) / stride + 1;
+    const int first = span.first + (span.length() - 1 - (samples - 1) * stride) / 2;
+    count[std::size_t(i)] = samples;
+    for (int k = 0; k < samples; ++k) {
+      pixel.push_back(first + k * stride);
+      cell.push_back(i);
     }
   }
-};
-
-}  // namespace
+}
 
 double Segmentation::at(const Point2& position) const {
   if (posterior.empty()) return 0;
@@ -213,7 +205,7 @@ void ColourModel::adapt(const Frame& frame, const cv::Rect2d& box) {
   if (collect(frame.bgr(), outer, inner, seen)) update(background_, seen);
 }
 
-Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size) const {
+Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size) {
   if (!is_box(region) || !is_box({0, 0, box_size.x(), box_size.y()})) {
     throw std::invalid_argument("ColourModel: the region or the box is not finite or empty");
   }
@@ -223,12 +215,16 @@ Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, 
   const double scale = std::min(
       1.0, std::sqrt(kCells / std::max(1.0, region.width - 1)) / std::sqrt(std::max(1.0, region.height - 1)));
   const cv::Mat& bgr = frame.bgr();
-  const Axis x_axis(region.x, region.width, scale, bgr.cols),
-      y_axis(region.y, region.height, scale, bgr.rows);
-  result.origin = {x_axis.origin, y_axis.origin};
-  result.spacing = {x_axis.spacing, y_axis.spacing};
-  result.posterior = cv::Mat(y_axis.cells, x_axis.cells, CV_32FC1, cv::Scalar(0));
-  if (x_axis.pixel.empty() || y_axis.pixel.empty()) return result;
+  x_axis_.place(region.x, region.width, scale, bgr.cols);
+  y_axis_.place(region.y, region.height, scale, bgr.rows);
+  result.origin = {x_axis_.origin, y_axis_.origin};
+  result.spacing = {x_axis_.spacing, y_axis_.spacing};
+  cv::Mat& posterior = posterior_.mat;
+  if (posterior.u != nullptr && posterior.u->refcount > 1) posterior.release();  // a result that is kept
+  posterior.create(y_axis_.cells, x_axis_.cells, CV_32FC1);
+  std::fill_n(posterior.ptr<float>(), posterior.total(), 0.0f);  // setTo takes from the heap
+  result.posterior = posterior;
+  if (x_axis_.pixel.empty() || y_axis_.pixel.empty()) return result;
 
   // p(f | colour) of every bin by Bayes' rule.
   const float prior_f = float(options_.foreground_prior), prior_b = 1 - prior_f;
@@ -240,35 +236,34 @@ Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, 
 
   // The pixels' posteriors are averaged over each cell, not their colours: a mean colour may be neither of
   // those that it is made of, nor one that a histogram of single pixels has seen.
-  cv::Mat samples(int(y_axis.pixel.size()), int(x_axis.pixel.size()), CV_8UC3), hsv;
-  for (int row = 0; row < samples.rows; ++row) {
-    const cv::Vec3b* source = bgr.ptr<cv::Vec3b>(y_axis.pixel[std::size_t(row)]);
-    cv::Vec3b* target = samples.ptr<cv::Vec3b>(row);
-    for (int col = 0; col < samples.cols; ++col) target[col] = source[x_axis.pixel[std::size_t(col)]];
+  samples_.resize(y_axis_.pixel.size() * x_axis_.pixel.size());
+  cv::Vec3b* sample = samples_.data();
+  for (const int y : y_axis_.pixel) {
+    const cv::Vec3b* row = bgr.ptr<cv::Vec3b>(y);
+    for (const int x : x_axis_.pixel) *sample++ = row[x];
   }
-  cv::cvtColor(samples, hsv, cv::COLOR_BGR2HSV_FULL);
-  for (int row = 0; row < hsv.rows; ++row) {
-    const cv::Vec3b* pixel = hsv.ptr<cv::Vec3b>(row);
-    float* sum = result.posterior.ptr<float>(y_axis.cell[std::size_t(row)]);
-    for (int col = 0; col < hsv.cols; ++col)
-      sum[x_axis.cell[std::size_t(col)]] += posterior_of_bin[bin(pixel[col])];
+  const cv::Vec3b* pixel = samples_in_hsv().data();
+  for (const int row : y_axis_.cell) {
+    float* sum = posterior.ptr<float>(row);
+    for (const int col : x_axis_.cell) sum[col] += posterior_of_bin[bin(*pixel++)];
   }
-  cv::Mat valid = result.posterior(cv::Range(y_axis.valid.first, y_axis.valid.end),
-                                   cv::Range(x_axis.valid.first, x_axis.valid.end));
+  cv::Mat valid = posterior(y_axis_.valid, x_axis_.valid);
   for (int row = 0; row < valid.rows; ++row) {
-    const int count_y = y_axis.count[std::size_t(y_axis.valid.first + row)];
+    const int count_y = y_axis_.count[std::size_t(y_axis_.valid.start + row)];
     float* value = valid.ptr<float>(row);
     for (int col = 0; col < valid.cols; ++col) {
-      const int count = count_y * x_axis.count[std::size_t(x_axis.valid.first + col)];
+      const int count = count_y * x_axis_.count[std::size_t(x_axis_.valid.start + col)];
       value[col] = std::min(value[col] / float(count), 1.0f);
     }
   }
 
   // The random field is that of the cells in the image: what is outside has neither a say nor a posterior.
-  regularize_posterior(valid, {}, options_.mrf).copyTo(valid);
+  regularize_posterior(valid, {}, options_.mrf, mrf_, valid);
 
   // Eq. uniform_component, with M_fg in pixels.
-  const double foreground = cv::countNonZero(result.posterior > 0.5f) * result.spacing.prod();
+  const float* const first = posterior.ptr<float>();
+  const auto cells = std::count_if(first, first + posterior.total(), [](float p) { return p > 0.5f; });
+  const double foreground = static_cast<double>(cells) * result.spacing.prod();
   const double ratio = foreground / box_size.prod();
   result.informative = ratio > options_.min_area_ratio && ratio < options_.max_area_ratio;
   return result;

@@ -8,7 +8,7 @@
 namespace asterism::part_kernels_v0_1 {
 
 /// What filters of one size share: the transform's passes and twiddles, and the kernels that it is for.
-struct FilterPlan {
+struct ASTERISM_API FilterPlan {
   const KernelSet& kernels;
   Transform transform{};
 

@@ -1,4 +1,5 @@
 #include <asterism/parts/flow.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 
@@ -52,6 +53,12 @@ Flow::Flow(const FlowOptions& options) : options_(options) {
 
 void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size);
+  learned_ = sample(frame, centre);
+}
+
+void Flow::prepare(const Size2& size) {
+  size_ = size;
   const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
                                                          options_.max_template_side, kMinWindowSide);
   spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
@@ -66,11 +73,20 @@ void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {
           middle + cell.cwiseProduct(Point2(c, r) - Point2::Constant(0.5 * (options_.grid - 1)));
       points_.emplace_back(static_cast<float>(point.x()), static_cast<float>(point.y()));
     }
-  learned_ = pyramid(frame, centre);
+}
+
+void Flow::visit_state(StateArchive& archive) {
+  archive.begin("flow", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Flow: to be saved before init");
+  archive.size(size_);
+  if (archive.loading()) prepare(Size2(size_));
+  cv::Mat window = archive.loading() ? cv::Mat() : learned_[0];
+  archive.pixels(window, {cols_, rows_}, 1);
+  if (archive.loading()) learned_ = pyramid(window);
 }
 
 Evidence Flow::localize(const Frame& frame, const Point2& around) {
-  const Pyramid seen = pyramid(frame, around);
+  const Pyramid seen = sample(frame, around);
   std::vector<cv::Point2f> forward, back;
   std::vector<uchar> found, returned;
   const cv::Size side(options_.lk_window, options_.lk_window);
@@ -111,13 +127,16 @@ Evidence Flow::localize(const Frame& frame, const Point2& around) {
   return evidence;
 }
 
-void Flow::adapt(const Frame& frame, const Point2& at) { learned_ = pyramid(frame, at); }
+void Flow::adapt(const Frame& frame, const Point2& at) { learned_ = sample(frame, at); }
 
-Flow::Pyramid Flow::pyramid(const Frame& frame, const Point2& centre) {
+Flow::Pyramid Flow::sample(const Frame& frame, const Point2& centre) {
   sample_patch(frame.gray(), centre, window(), {cols_, rows_}, patch_.mat);
+  return pyramid(patch_.mat);
+}
+
+Flow::Pyramid Flow::pyramid(const cv::Mat& window) const {
   Pyramid levels;
-  cv::buildOpticalFlowPyramid(patch_.mat, levels, {options_.lk_window, options_.lk_window},
-                              options_.lk_levels);
+  cv::buildOpticalFlowPyramid(window, levels, {options_.lk_window, options_.lk_window}, options_.lk_levels);
   return levels;
 }
 

@@ -1,4 +1,5 @@
 #include <asterism/parts/keypoints.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <opencv2/features2d.hpp>
 
 #include "part_geometry.hpp"
@@ -12,7 +13,7 @@ constexpr int kMinWindowSide = 32;
 // With fewer key-points than this no target is sure: a peak of 1 needs as many votes.
 constexpr std::size_t kFewest = 5;
 // Bits of an ORB descriptor.
-constexpr double kBits = 256;
+constexpr int kBits = 256;
 
 }  // namespace
 
@@ -30,11 +31,10 @@ Keypoints::Keypoints(const KeypointsOptions& options) : options_(options) {
 
 void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
-  const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
-                                                         options_.max_template_side, kMinWindowSide);
-  spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
-
+  prepare(size);
   const Detection all = detect(frame, centre);
+  const double to_template =
+      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
   const Size2 half = size * to_template / 2;
   offsets_.clear();
   descriptors_ = cv::Mat();
@@ -43,6 +43,26 @@ void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size
     offsets_.push_back(all.offsets[i]);
     descriptors_.push_back(all.descriptors.row(static_cast<int>(i)));
   }
+}
+
+void Keypoints::prepare(const Size2& size) {
+  size_ = size;
+  const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
+                                                         options_.max_template_side, kMinWindowSide);
+  spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
+}
+
+void Keypoints::visit_state(StateArchive& archive) {
+  archive.begin("keypoints", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Keypoints: to be saved before init");
+  archive.size(size_);
+  if (archive.loading()) prepare(Size2(size_));
+  int count = size();
+  archive.count(count, sizeof(Point2));
+  offsets_.resize(static_cast<std::size_t>(count));
+  for (Point2& offset : offsets_) archive.position(offset);
+  if (archive.loading()) descriptors_ = cv::Mat();
+  if (count > 0) archive.pixels(descriptors_, {kBits / 8, count}, 1);
 }
 
 Evidence Keypoints::localize(const Frame& frame, const Point2& around) {

@@ -20,16 +20,21 @@ constexpr float kEps = std::numeric_limits<float>::epsilon();
 /// parts, those in the same row and those in other rows, and no term is ever subtracted.
 class Neighbourhood {
  public:
-  Neighbourhood(cv::Size size, int radius)
-      : rows_(size.height), cols_(size.width), radius_(radius), weights_(std::size_t(radius) + 1) {
-    const double sigma = radius / 3.0;
+  Neighbourhood(cv::Size size, int radius, MrfWorkspace& workspace)
+      : rows_(size.height),
+        cols_(size.width),
+        radius_(radius),
+        weights_(workspace.weights),
+        padded_(workspace.padded_row),
+        row_others_(workspace.row_others),
+        row_all_(workspace.row_all) {
+    const auto gaussian = [sigma = radius / 3.0](int d) {
+      return std::exp(-0.5 * (d / sigma) * (d / sigma));
+    };
     double sum = 1;
-    std::vector<double> gaussian(weights_.size());
-    for (int d = 0; d <= radius; ++d) {
-      gaussian[std::size_t(d)] = std::exp(-0.5 * (d / sigma) * (d / sigma));
-      if (d > 0) sum += 2 * gaussian[std::size_t(d)];
-    }
-    for (std::size_t d = 0; d < weights_.size(); ++d) weights_[d] = float(gaussian[d] / sum);
+    for (int d = 1; d <= radius; ++d) sum += 2 * gaussian(d);
+    weights_.resize(std::size_t(radius) + 1);
+    for (int d = 0; d <= radius; ++d) weights_[std::size_t(d)] = float(gaussian(d) / sum);
     scale_ = float(1 / (1 - (1 / sum) * (1 / sum)));
     padded_.resize(std::size_t(cols_) + 2 * std::size_t(radius));
     row_others_.resize(std::size_t(rows_) * std::size_t(cols_));
@@ -77,9 +82,9 @@ class Neighbourhood {
   }
 
   int rows_, cols_, radius_;
-  float scale_ = 1;             // 1 / (1 - weight of the centre)
-  std::vector<float> weights_;  // one side of the normalised 1-D Gaussian, the centre first
-  std::vector<float> padded_, row_others_, row_all_;
+  float scale_ = 1;              // 1 / (1 - weight of the centre)
+  std::vector<float>& weights_;  // one side of the normalised 1-D Gaussian, the centre first
+  std::vector<float>&padded_, &row_others_, &row_all_;
 };
 
 void check_map(const cv::Mat& map, const char* message) {
@@ -110,6 +115,14 @@ double log_of_product(std::span<const float> f, std::span<const float> b) {
 
 cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior,
                              const MrfOptions& options) {
+  MrfWorkspace workspace;
+  cv::Mat posterior;
+  regularize_posterior(foreground_likelihood, foreground_prior, options, workspace, posterior);
+  return posterior;
+}
+
+void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior,
+                          const MrfOptions& options, MrfWorkspace& workspace, cv::Mat& posterior) {
   if (foreground_likelihood.empty()) throw std::invalid_argument("regularize_posterior: the map is empty");
   check_map(foreground_likelihood, "regularize_posterior: the likelihood must be CV_32FC1 in [0, 1]");
   if (!foreground_prior.empty()) {
@@ -122,24 +135,25 @@ cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat
       !(options.neighbourhood > 0 && options.neighbourhood <= 1)) {
     throw std::invalid_argument("regularize_posterior: an option is out of range");
   }
-  if (!options.enabled) return foreground_likelihood.clone();
+  if (!options.enabled) return foreground_likelihood.copyTo(posterior);
 
   // All maps are contiguous planes. Only the foreground's is stored of pi and s, whose classes sum to one:
   // lambda keeps that sum. Both are stored of q, since the background's is needed where it is far below
   // rounding of one.
   const auto off_the_ends = [](float pi_f) { return std::min(std::max(pi_f, kEps), 1 - kEps); };
-  const cv::Mat likelihood =
-      foreground_likelihood.isContinuous() ? foreground_likelihood : foreground_likelihood.clone();
-  const cv::Size size = likelihood.size();
-  const std::size_t cells = likelihood.total();
-  const float* const l = likelihood.ptr<float>();
-  Neighbourhood lambda(size,
-                       std::max(1, cvFloor(options.neighbourhood * std::max(size.width, size.height) + 0.5)));
+  const cv::Size size = foreground_likelihood.size();
+  const std::size_t cells = foreground_likelihood.total();
+  Neighbourhood lambda(
+      size, std::max(1, cvFloor(options.neighbourhood * std::max(size.width, size.height) + 0.5)), workspace);
 
-  std::vector<float> planes(8 * cells, 0.5f);
-  const auto plane = [&](std::size_t k) { return std::span(planes).subspan(k * cells, cells); };
+  workspace.planes.resize(9 * cells);
+  const auto plane = [&](std::size_t k) { return std::span(workspace.planes).subspan(k * cells, cells); };
   const std::span<float> pi = plane(0), p_f = plane(1), p_b = plane(2), s = plane(3), q_f = plane(4),
-                         q_b = plane(5), mean_f = plane(6), mean_b = plane(7);
+                         q_b = plane(5), mean_f = plane(6), mean_b = plane(7), l = plane(8);
+  float* copy = l.data();
+  for (int y = 0; y < size.height; ++y, copy += size.width)
+    std::copy_n(foreground_likelihood.ptr<float>(y), size.width, copy);
+  std::fill(pi.begin(), pi.end(), 0.5f);
   if (!foreground_prior.empty()) {
     // A prior of exactly 0 beside one of exactly 1 would leave no class possible (0 / 0 in s).
     float* target = pi.data();
@@ -149,8 +163,6 @@ cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat
     }
   }
 
-  cv::Mat posterior(size, CV_32FC1);
-  float* const result = posterior.ptr<float>();
   double previous = std::numeric_limits<double>::infinity();
   for (int iteration = 0; iteration < options.max_iterations; ++iteration) {
     // P_k = pi_k L_k, kept off zero.
@@ -172,14 +184,12 @@ cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat
       q_f[i] = f / (f + b);
       q_b[i] = b / (f + b);
     }
-    // S_k = s_k + lambda * s_k, Q_k = q_k + lambda * q_k, and the M step pi_k = (S_k + Q_k) / 4. Since
-    // Q_f + Q_b = 2, the regularised posterior is Q_f / 2.
+    // S_k = s_k + lambda * s_k, Q_k = q_k + lambda * q_k, and the M step pi_k = (S_k + Q_k) / 4.
     lambda.apply(q_f.data(), mean_f.data());
     lambda.apply(q_b.data(), mean_b.data());
     for (std::size_t i = 0; i < cells; ++i) {
       q_f[i] += mean_f[i];
       q_b[i] += mean_b[i];
-      result[i] = std::min(q_f[i] / 2, 1.0f);
     }
     // e = -1/(2N) sum_i sum_k log Q_k. It grows while the labels sharpen; only its change says anything.
     const double energy = -log_of_product(q_f, q_b) / (2.0 * double(cells));
@@ -189,7 +199,12 @@ cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat
     lambda.apply(s.data(), mean_f.data());
     for (std::size_t i = 0; i < cells; ++i) pi[i] = off_the_ends((s[i] + mean_f[i] + q_f[i]) / 4);
   }
-  return posterior;
+  // Since Q_f + Q_b = 2, the regularised posterior is Q_f / 2.
+  posterior.create(size, CV_32FC1);
+  const float* q = q_f.data();
+  for (int y = 0; y < size.height; ++y, q += size.width)
+    std::transform(q, q + size.width, posterior.ptr<float>(y),
+                   [](float value) { return std::min(value / 2, 1.0f); });
 }
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -3,6 +3,7 @@
 // The border between the part models and their compiled kernels. No Eigen and no standard library on it: the
 // kernels are compiled for wider instructions than their callers, and whatever both would emit, the linker
 // could take from either.
+#include <asterism/solver/export.hpp>
 #include <cstddef>
 #include <cstdint>
 
@@ -115,10 +116,10 @@ struct KernelSet {
 enum Isa : int { kPortable = 0, kAvx2 = 1, kAvx512 = 2 };
 
 /// The kernels for an instruction set, nullptr where this build or this machine does not have it.
-const KernelSet* kernels(Isa isa);
+ASTERISM_API const KernelSet* kernels(Isa isa);
 /// The widest that this machine has, or the one that `prefer` named.
-const KernelSet& kernels();
+ASTERISM_API const KernelSet& kernels();
 /// For tests and benchmarks: what objects made from now on use; nullptr for the widest.
-void prefer(const KernelSet* set);
+ASTERISM_API void prefer(const KernelSet* set);
 
 }  // namespace asterism::part_kernels_v0_1

@@ -10,39 +10,8 @@
 #include <nlohmann/json.hpp>
 #include <set>
 #include <stdexcept>
-#ifdef ASTERISM_PARTS_FLOW
-#include <asterism/parts/flow.hpp>
-#endif
-#ifdef ASTERISM_PARTS_KEYPOINTS
-#include <asterism/parts/keypoints.hpp>
-#endif
 
 namespace asterism::inline ASTERISM_ABI {
-
-#ifdef ASTERISM_PARTS_FLOW
-static void visit_options(OptionVisitor& visit, FlowOptions& options) {
-  visit("grid", options.grid);
-  visit("max_error", options.max_error);
-  visit("lk_window", options.lk_window);
-  visit("lk_levels", options.lk_levels);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
-}
-#endif
-
-#ifdef ASTERISM_PARTS_KEYPOINTS
-static void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
-  visit("max_points", options.max_points);
-  visit("fast_threshold", options.fast_threshold);
-  visit("max_distance", options.max_distance);
-  visit("max_ratio", options.max_ratio);
-  visit("vote_radius", options.vote_radius);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
-}
-#endif
 
 namespace {
 
@@ -206,7 +175,9 @@ class PluginPart {
     return evidence;
   }
   double similarity_at(const Point2& position) const {
-    return guarded(name_, [&] { return part_.similarity_at(position); });
+    const double similarity = guarded(name_, [&] { return part_.similarity_at(position); });
+    if (!std::isfinite(similarity)) throw std::runtime_error(name_ + ": a similarity that is not finite");
+    return similarity;
   }
   void adapt(const Frame& frame, const Point2& at) {
     guarded(name_, [&] { part_.adapt(frame, at); });
@@ -216,6 +187,10 @@ class PluginPart {
   }
   void resize(const Size2& size) {
     guarded(name_, [&] { part_.resize(size); });
+  }
+  bool stateful() const { return part_.stateful(); }
+  void visit_state(StateArchive& archive) {
+    guarded(name_, [&] { part_.visit_state(archive); });
   }
 
  private:
@@ -230,6 +205,21 @@ Function* symbol(void* library, const char* name) {
 }
 
 }  // namespace
+
+void detail::check_nesting(const std::string& of, std::string_view json) {
+  constexpr int kMost = 100;
+  int depth = 0;
+  bool in_string = false;
+  for (std::size_t i = 0; i < json.size(); ++i) {
+    if (json[i] == '"') in_string = !in_string;
+    if (in_string && json[i] == '\\') ++i;
+    if (in_string) continue;
+    if (json[i] == '{' || json[i] == '[') ++depth;
+    if (json[i] == '}' || json[i] == ']') --depth;
+    if (depth > kMost)
+      throw std::invalid_argument(of + ": options nested more than " + std::to_string(kMost) + " deep");
+  }
+}
 
 PartRegistry::PartRegistry() {
   add<ColorHistogram, ColorHistogramOptions>("color_histogram");
@@ -305,10 +295,11 @@ AnyPart PartRegistry::make(std::string_view model) {
 }
 
 void PartRegistry::read_json(const std::string& of, std::string_view json, const Visit& options) {
+  detail::check_nesting(of, json);
   Json object;
   try {
     object = Json::parse(json);
-  } catch (const Json::parse_error& error) {
+  } catch (const Json::exception& error) {  // also of a number beyond double's range
     throw std::invalid_argument(of + ": its options are no JSON object: " + error.what());
   }
   if (!object.is_object())

@@ -115,6 +115,12 @@ void StateArchive::size(Size2& value) {
   require((value.array() >= kSmallest).all() && (value.array() <= kFarthest).all());
 }
 
+void StateArchive::count(int& value, std::size_t bytes_each) {
+  (*this)(value);
+  require(value >= 0);
+  if (loading_) require(static_cast<std::size_t>(value) <= (payload_.size() - position_) / bytes_each);
+}
+
 void StateArchive::pixels(cv::Mat& image, const cv::Size& size, int channels) {
   const int type = CV_MAKETYPE(CV_8U, channels);
   if (loading_) image = cv::Mat(size, type);  // its own: copies of a model share pixels

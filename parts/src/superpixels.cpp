@@ -1,3 +1,4 @@
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/superpixels.hpp>
 #include <opencv2/imgproc.hpp>
 
@@ -13,6 +14,8 @@ constexpr float kSame = 1e-4f;
 constexpr float kSlope = 1e-4f;
 // Density of colours that are neither the target's nor its surroundings'.
 constexpr float kForeign = 1e-3f;
+// No coordinate of CIELAB is beyond.
+constexpr float kFarthestColour = 200;
 
 }  // namespace
 
@@ -32,13 +35,29 @@ Superpixels::Superpixels(const SuperpixelsOptions& options) : options_(options) 
 
 void Superpixels::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
+  prepare(size);
+  colour_ = !frame.bgr().empty();
+  learn(frame, centre, 1);
+}
+
+void Superpixels::prepare(const Size2& size) {
+  size_ = size;
   const auto [spacing, cols, rows, reach, response] =
       match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
-  colour_ = !frame.bgr().empty();
   learned_.setZero(Eigen::Index{rows_ + 2 * reach_} * (cols_ + 2 * reach_), 3);
-  learn(frame, centre, 1);
+}
+
+void Superpixels::visit_state(StateArchive& archive) {
+  archive.begin("superpixels", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Superpixels: to be saved before init");
+  archive.size(size_);
+  archive(colour_);
+  if (archive.loading()) prepare(Size2(size_));
+  archive(learned_);
+  archive.require((learned_.abs() <= kFarthestColour).all());
+  if (archive.loading()) cut();
 }
 
 Evidence Superpixels::localize(const Frame& frame, const Point2& around) {
@@ -86,7 +105,10 @@ void Superpixels::adapt(const Frame& frame, const Point2& at) { learn(frame, at,
 void Superpixels::learn(const Frame& frame, const Point2& at, double rate) {
   sample(frame, at);
   learned_ += static_cast<float>(rate) * (pixels_ - learned_);
+  cut();
+}
 
+void Superpixels::cut() {
   const int width = cols_ + 2 * reach_;
   const SuperpixelMap all = slic(learned_, width, options_.slic);
   std::vector<std::vector<Run>> runs(static_cast<std::size_t>(all.areas.size()));

@@ -4,13 +4,13 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-template class Ida<ASTERISM_SYSTEM>;
-template class Newton<ASTERISM_SYSTEM>;
-template class Lbfgs<ASTERISM_SYSTEM>;
-template class NewtonCg<ASTERISM_SYSTEM>;
-template class NonlinearCg<ASTERISM_SYSTEM>;
-template class Auto<ASTERISM_SYSTEM>;
-template Summary solve_ida(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const IdaOptions&);
-template Summary solve(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const AlignedOptions&);
+template class ASTERISM_API Ida<ASTERISM_SYSTEM>;
+template class ASTERISM_API Newton<ASTERISM_SYSTEM>;
+template class ASTERISM_API Lbfgs<ASTERISM_SYSTEM>;
+template class ASTERISM_API NewtonCg<ASTERISM_SYSTEM>;
+template class ASTERISM_API NonlinearCg<ASTERISM_SYSTEM>;
+template class ASTERISM_API Auto<ASTERISM_SYSTEM>;
+template ASTERISM_API Summary solve_ida(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const IdaOptions&);
+template ASTERISM_API Summary solve(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const AlignedOptions&);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -2,8 +2,8 @@
 """check_pages.py PROJECT TOOL...: what is wrong with README.md and docs/, a line each; no output if nothing is.
 
 - Every block of code is fenced, at the left margin, in a language that a test knows. A ```cpp is compiled (and run), a
-  ```cpp fragment included by fragments_test.cpp, a ```text right after a ```cpp compared with its output, a ```cmake configured;
-  here, ```json is parsed and ```sh read: its commands are known, scripts are there, and our programs' options exist.
+  ```cpp fragment included by fragments_test.cpp, a ```text right after a ```cpp compared with its output, a ```cmake configured,
+  a ```python run by tests/python; here, ```json is parsed and ```sh read: its commands are known, scripts are there, and our programs' options exist.
   Anything else says why not, on the line before: <!-- not run: REASON -->
 - Every link to a file, and every anchor in a page of ours, is there; URLs of others are well formed.
 
@@ -19,7 +19,8 @@ import urllib.parse
 
 OURS = re.compile(r'asterism-[a-z-]+$')
 # Programs of others; their options are theirs.
-FOREIGN = {'apt-get', 'cat', 'cd', 'cmake', 'ctest', 'git', 'mkdir', 'mpirun', 'ninja', 'pip', 'printf', 'sudo', 'vot'}
+FOREIGN = {'apt-get', 'cat', 'cd', 'cmake', 'conan', 'cpack', 'ctest', 'g++', 'git', 'mkdir', 'mpirun', 'ninja', 'pip', 'pkg-config', 'printf', 'sudo', 'vcpkg',
+           'vot'}
 INTERPRETERS = {'bash', 'python3'}
 KEYWORDS = {'do', 'done', 'then', 'fi', 'else', '(', ')', '{', '}'}
 
@@ -72,6 +73,8 @@ def block_problems(root, name, lines, help_of, included):
             yield number + 1, 'a fence that is not at the left margin'
         if line.startswith('    ') and (number == 0 or not lines[number - 1]):
             yield number + 1, 'an indented block: fence it, with its language, or write an equation'
+    python_tests = root / 'tests/python/CMakeLists.txt'
+    python_tests = python_tests.read_text() if python_tests.exists() else ''
     fragments = 0
     for number, language, text, before, previous in blocks(lines):
         fragments += language == 'cpp fragment'
@@ -82,7 +85,7 @@ def block_problems(root, name, lines, help_of, included):
             if included.count(f'#include "{file}"') != 1:
                 yield number + 1, f'fragments_test.cpp does not include {file} once'
         elif language == 'text':
-            if previous != 'cpp':
+            if previous not in ('cpp', 'python'):
                 yield number + 1, 'output that nothing is compared with; say why: <!-- not run: REASON -->'
         elif language == 'json':
             try:
@@ -92,6 +95,9 @@ def block_problems(root, name, lines, help_of, included):
         elif language == 'sh':
             for problem in shell_problems(root, text, help_of):
                 yield number + 1, problem
+        elif language == 'python':
+            if name not in python_tests:
+                yield number + 1, 'tests/python does not run the blocks of this page'
         elif language not in ('cpp', 'cmake'):
             yield number + 1, f'a block in {language or "no language"}, which no test knows; say why: <!-- not run: REASON -->'
 
@@ -147,10 +153,14 @@ def logical_lines(text):
 
 
 def command_problems(root, command, help_of):
-    if command[0] == 'for' or command[0] == '..':
+    while command and re.match(r'[A-Z_]+=', command[0]):
+        command = command[1:]
+    if not command or command[0] in ('for', '..'):
         return
     program = command[0]
     rest = command[1:]
+    if program in INTERPRETERS and not rest:
+        return
     if program in INTERPRETERS:
         script = rest[0]
         if not (root / script).is_file():

@@ -38,6 +38,7 @@ BAD = {
     'not at the left margin': '  ```cpp\n',
     'output that nothing': '```text\nx\n```\n',
     'not JSON': '```json\n{\n```\n',
+    'does not run the blocks': '```python\nx\n```\n',
     'which no test knows': '```perl\nx\n```\n',
     'does not include README_1.inc once': '```cpp fragment\nf();\n```\n',
     'knows no option --unknown': '```sh\nasterism-fake run --unknown\n```\n',

@@ -8,6 +8,7 @@ import math
 import pathlib
 import re
 import random
+import resource
 import signal
 import struct
 import subprocess
@@ -51,8 +52,13 @@ def make_sequence(folder, seed, frames=FRAMES):
     (folder / "groundtruth.txt").write_text("\n".join(truth) + "\n")
 
 
-def run(*arguments, launcher=()):
-    return subprocess.run([*launcher, EXECUTABLE, *map(str, arguments)], capture_output=True, text=True, timeout=600)
+def run(*arguments, launcher=(), file_limit=None):
+    """file_limit: bytes a file may have; like on a full disk, writing more fails."""
+    def limit():
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (file_limit, file_limit))
+    return subprocess.run([*launcher, EXECUTABLE, *map(str, arguments)], capture_output=True, text=True, timeout=600,
+                          preexec_fn=limit if file_limit else None)
 
 
 class Evaluation(unittest.TestCase):
@@ -72,8 +78,8 @@ class Evaluation(unittest.TestCase):
         self.addCleanup(scratch.cleanup)
         self.out = pathlib.Path(scratch.name) / "out"
 
-    def evaluate(self, *arguments, out=None, data="data", trackers=("--trackers", "kcf"), launcher=()):
-        return run("run", self.root / data, *trackers, "--out", out or self.out, *arguments, launcher=launcher)
+    def evaluate(self, *arguments, out=None, data="data", trackers=("--trackers", "kcf"), **how):
+        return run("run", self.root / data, *trackers, "--out", out or self.out, *arguments, **how)
 
     def results(self, out=None):
         """All results but for times, by their paths."""
@@ -135,6 +141,46 @@ class Evaluation(unittest.TestCase):
                 break
         self.assertGreater(stopped, 0)
         self.assertEqual(run(*command[1:]).returncode, 0)
+        self.assertEqual(self.results(), self.results(whole))
+
+    def test_a_killed_run_loses_nothing(self):
+        whole = self.out.with_name("whole")
+        self.assertEqual(self.evaluate("--starts", 8, out=whole).returncode, 0)
+        command = [EXECUTABLE, "run", self.root / "data", "--trackers", "kcf", "--starts", "8", "--out", self.out]
+        for pause in (0.2, 0.5, 1):
+            process = subprocess.Popen(list(map(str, command)), stderr=subprocess.DEVNULL)
+            time.sleep(pause)
+            process.kill()
+            process.wait()
+            for name, text in self.results().items():
+                if not pathlib.Path(name).name.startswith("."):
+                    self.assertEqual(text, self.results(whole)[name], name)
+        self.assertEqual(run(*command[1:]).returncode, 0)
+        self.assertEqual(self.results(), self.results(whole))
+
+    def test_two_processes_may_share_a_folder(self):
+        whole = self.out.with_name("whole")
+        self.assertEqual(self.evaluate("--starts", 4, out=whole).returncode, 0)
+        command = [EXECUTABLE, "run", self.root / "data", "--trackers", "kcf", "--starts", "4", "--out", self.out]
+        processes = [subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True) for _ in range(2)]
+        for process in processes:
+            message = process.communicate(timeout=300)[1]
+            self.assertEqual(process.returncode, 0, message)
+        self.assertEqual(self.results(), self.results(whole))
+        self.assertFalse(list(self.out.rglob(".*")), "left half a file")
+
+    def test_a_full_disk_is_named_and_what_is_whole_stays(self):
+        whole = self.out.with_name("whole")
+        self.assertEqual(self.evaluate(out=whole).returncode, 0)
+        room = (whole / "campaign.json").stat().st_size
+        for limit in (room // 2, room, 10 * room):  # the campaign does not fit, then the results, then all do
+            done = self.evaluate(file_limit=limit)
+            if limit == 10 * room:
+                self.assertEqual(done.returncode, 0, done.stderr)
+                break
+            self.assertEqual(done.returncode, 1, done.stderr)
+            self.assertEqual(done.stderr.splitlines()[-1].count("File too large"), 1, done.stderr)
+            self.assertFalse(list(self.out.rglob(".*")), "left half a file")
         self.assertEqual(self.results(), self.results(whole))
 
     def test_results_that_would_not_fit_together_are_refused(self):

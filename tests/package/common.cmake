@@ -46,13 +46,13 @@ function(fresh dir)
   file(MAKE_DIRECTORY ${dir})
 endfunction()
 
-# consume(NAME PREFIX COMPONENT...): configures, builds and runs the consumer of the installed components.
-function(consume name prefix)
+# consume(NAME PREFIX SOURCE COMPONENT...): configures, builds and runs the consumer of the installed components.
+function(consume name prefix source)
   set(dir ${WORK}/consume-${name})
   fresh(${dir})
   list(JOIN ARGN "," components)
   must(${configure} -S ${scripts}/consumer -B ${dir} -DCMAKE_PREFIX_PATH=${prefix} -DCOMPONENTS=${components}
-       -DVERSION=${VERSION})
+       -DVERSION=${VERSION} -DSOURCE=${scripts}/${source})
   if(NOT err STREQUAL "")
     fail("find_package(Asterism) wrote to standard error")
   endif()

@@ -1,5 +1,14 @@
 # Tests that configure, build and install in folders of their own.
 
+find_package(PkgConfig QUIET)
+find_program(ASTERISM_DPKG_DEB dpkg-deb)
+find_program(ASTERISM_DPKG_SHLIBDEPS dpkg-shlibdeps)
+find_program(ASTERISM_GCC g++)
+find_program(ASTERISM_CLANG clang++)
+mark_as_advanced(ASTERISM_DPKG_DEB ASTERISM_DPKG_SHLIBDEPS ASTERISM_GCC ASTERISM_CLANG)
+set(compilers ${ASTERISM_GCC} ${ASTERISM_CLANG})
+list(FILTER compilers EXCLUDE REGEX "NOTFOUND$")
+
 # The drivers build consumers with this build's compiler and flags, so that they link with what it built.
 file(GENERATE OUTPUT ${CMAKE_CURRENT_BINARY_DIR}/settings-$<CONFIG>.cmake CONTENT "\
 set(SOURCE_DIR [[${PROJECT_SOURCE_DIR}]])
@@ -15,6 +24,10 @@ set(EIGEN3_DIR [[${Eigen3_DIR}]])
 set(INCLUDEDIR [[${CMAKE_INSTALL_INCLUDEDIR}]])
 set(LIBDIR [[${CMAKE_INSTALL_LIBDIR}]])
 set(BUILT [[${components}]])
+set(PKG_CONFIG [[${PKG_CONFIG_EXECUTABLE}]])
+set(DPKG_DEB [[${ASTERISM_DPKG_DEB}]])
+set(CPACK [[${CMAKE_CPACK_COMMAND}]])
+set(COMPILERS [[${compilers}]])
 ")
 
 # package_test(NAME SCRIPT [OPTION...]).
@@ -25,6 +38,20 @@ function(package_test name script)
   set_tests_properties(package.${name} PROPERTIES LABELS package TIMEOUT 600)
 endfunction()
 
+find_program(ASTERISM_PYTHON python3)
+mark_as_advanced(ASTERISM_PYTHON)
+if(ASTERISM_PYTHON)
+  add_test(NAME package.recipes COMMAND ${ASTERISM_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/recipes_test.py)
+  set_tests_properties(package.recipes PROPERTIES LABELS package)
+  set(compiled ${components})
+  list(FILTER compiled INCLUDE REGEX "^(batch|ceres|parts|trackers)$")
+  list(TRANSFORM compiled REPLACE "[a-z]+" "$<TARGET_FILE:asterism_\\0>")
+  add_test(NAME package.exports
+           COMMAND ${ASTERISM_PYTHON} ${CMAKE_CURRENT_SOURCE_DIR}/exports_test.py ${CMAKE_NM}
+                   ${PROJECT_SOURCE_DIR}/solver/include ${PROJECT_SOURCE_DIR}/parts/include
+                   ${PROJECT_SOURCE_DIR}/trackers/include -- ${compiled})
+  set_tests_properties(package.exports PROPERTIES LABELS package)
+endif()
 package_test(subproject subproject)
 package_test(eigen_only eigen_only)
 if(ASTERISM_INSTALL)
@@ -35,6 +62,19 @@ if(ASTERISM_INSTALL)
   set_tests_properties(package.eigen_only PROPERTIES FIXTURES_SETUP asterism_solver_installed)
   set_tests_properties(package.components PROPERTIES FIXTURES_REQUIRED "asterism_installed;asterism_solver_installed")
   set_tests_properties(package.solver PROPERTIES FIXTURES_REQUIRED asterism_installed)
+  package_test(build_tree build_tree)
+  if(PKG_CONFIG_FOUND)
+    package_test(pkg_config pkg_config)
+    set_tests_properties(package.pkg_config PROPERTIES FIXTURES_REQUIRED asterism_installed)
+    if(TARGET asterism_parts AND CMAKE_SYSTEM_PROCESSOR STREQUAL "x86_64")
+      package_test(abi abi)
+      set_tests_properties(package.abi PROPERTIES FIXTURES_REQUIRED asterism_installed)
+    endif()
+  endif()
+  if(ASTERISM_DPKG_DEB AND ASTERISM_DPKG_SHLIBDEPS)
+    package_test(debs debs)
+    set_tests_properties(package.debs PROPERTIES FIXTURES_REQUIRED asterism_solver_installed)
+  endif()
   if(TARGET asterism_trackers)
     package_test(trackers consume -DNAME=trackers -DCOMPONENTS=trackers,parts) # parts last: trackers must bring it
     set_tests_properties(package.trackers PROPERTIES FIXTURES_REQUIRED asterism_installed)

@@ -14,9 +14,11 @@ if(result EQUAL 0)
 endif()
 must_match("${err}" "libeigen3-dev" "the error does not name Eigen's Debian package")
 
-# Eigen alone: one line for each package that is not there. The tests are off, as they need GoogleTest.
+# Eigen alone: one line for each package that is not there. The tests are off, as they need GoogleTest. With shared
+# libraries, as all other tests have static ones.
 fresh(${WORK}/eigen-only)
-must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/eigen-only -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_BUILD_TESTS=OFF)
+must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/eigen-only -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_BUILD_TESTS=OFF
+     -DBUILD_SHARED_LIBS=ON)
 if(NOT err STREQUAL "")
   fail("configuring with Eigen alone wrote to standard error")
 endif()
@@ -51,13 +53,14 @@ foreach(adapter IN ITEMS cholmod ceres liblbfgs json)
     fail("the header of asterism::${adapter} is installed without it")
   endif()
 endforeach()
-consume(eigen-only ${WORK}/solver-only solver)
+consume(eigen-only ${WORK}/solver-only consumer/main.cpp solver_compiled batch)
 
 # Every option off, nothing to say.
 fresh(${WORK}/all-off)
 must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/all-off -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_WITH_CHOLMOD=OFF
      -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_WITH_PARTS=OFF
-     -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
+     -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_TESTS=OFF
+       -DASTERISM_BUILD_BENCH=OFF)
 if(out MATCHES "Asterism:")
   fail("says what is missing though it was not asked for")
 endif()
@@ -67,7 +70,8 @@ if("parts" IN_LIST BUILT)
   fresh(${WORK}/no-fftw)
   must(${configure} -S ${SOURCE_DIR} -B ${WORK}/no-fftw -DASTERISM_FFTW_INCLUDE_DIR= -DASTERISM_WITH_CHOLMOD=OFF
        -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_BUILD_TOOLS=OFF
-       -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
+       -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_TESTS=OFF
+       -DASTERISM_BUILD_BENCH=OFF)
   count("${out}" "Asterism: " lines)
   if(NOT lines EQUAL 1 OR NOT out MATCHES "-- Asterism: FFTW not found [(]Debian package libfftw3-dev[)]")
     fail("not one line for FFTW")

@@ -169,7 +169,7 @@ TEST(ColourTest, InitMayBeCalledAgain) {
 
 // ------------------------------------------------------------------------------------------------- being off
 
-void expect_off(const ColourModel& model, const Frame& frame) {
+void expect_off(ColourModel& model, const Frame& frame) {
   const Segmentation segmentation = model.segment(frame, {0, 0, 50, 50}, {20, 20});
   EXPECT_FALSE(segmentation.informative);
   EXPECT_TRUE(segmentation.posterior.empty());
@@ -397,6 +397,26 @@ TEST(ColourTest, ShiftsWithTheImage) {
   const Segmentation away = b.segment(Frame(shifted), region + cv::Point2d(11, 7), {30, 25});
   EXPECT_EQ(cv::norm(at_home.posterior, away.posterior, cv::NORM_INF), 0);
   EXPECT_LT((away.origin - at_home.origin - Point2(11, 7)).norm(), 1e-9);
+}
+
+// Memory that is used again is that of segmentations that nobody holds.
+TEST(ColourTest, WhatIsKeptStaysAsItWas) {
+  const cv::Rect object(40, 35, 30, 25);
+  const Frame frame(textured({160, 140}, object));
+  ColourModel model;
+  model.init(frame, object);
+  const std::vector<cv::Rect2d> regions{{20, 15, 75, 65}, {30, 25, 75, 65}, {10, 5, 120, 40}};
+  const auto alone = [&](std::size_t i) { return ColourModel(model).segment(frame, regions[i], {30, 25}); };
+  std::vector<Segmentation> kept;
+  for (int round = 0; round < 2; ++round)
+    for (const cv::Rect2d& region : regions) {
+      model.segment(frame, region, {30, 25});
+      kept.push_back(model.segment(frame, region, {30, 25}));
+      ColourModel copy = model;
+      copy.segment(frame, regions[0], {30, 25});
+    }
+  for (std::size_t i = 0; i < kept.size(); ++i)
+    EXPECT_EQ(cv::norm(kept[i].posterior, alone(i % regions.size()).posterior, cv::NORM_INF), 0) << i;
 }
 
 // ------------------------------------------------------------------------------------------ reading the

@@ -197,6 +197,26 @@ TEST(MrfTest, ViewsAndRepeatedCallsGiveTheSame) {
   EXPECT_EQ(largest_difference(view, before), 0);
 }
 
+TEST(MrfTest, AWorkspaceOfOtherMapsChangesNothing) {
+  asterism::MrfWorkspace workspace;
+  for (const bool enabled : {true, false})
+    for (const cv::Size size : {cv::Size(30, 40), cv::Size(5, 1), cv::Size(41, 29), cv::Size(30, 40)}) {
+      const MrfOptions options{.enabled = enabled};
+      const cv::Mat map = uniform_map(size, 0, 1, 7), prior = uniform_map(size, 0, 1, 8);
+      const cv::Mat expected = regularize_posterior(map, prior, options);
+      cv::Mat other(3, 3, CV_8UC1), frame(size + cv::Size(2, 2), CV_32FC1, cv::Scalar(2));
+      regularize_posterior(map, prior, options, workspace, other);
+      EXPECT_EQ(largest_difference(other, expected), 0);
+      // In the place of the map, which is part of a larger one.
+      cv::Mat part = frame(cv::Rect({1, 1}, size));
+      map.copyTo(part);
+      regularize_posterior(part, prior, options, workspace, part);
+      EXPECT_EQ(largest_difference(part, expected), 0);
+      part.setTo(2);
+      EXPECT_EQ(largest_difference(frame, cv::Mat(frame.size(), CV_32FC1, cv::Scalar(2))), 0);
+    }
+}
+
 TEST(MrfTest, DisabledReturnsACopy) {
   const cv::Mat likelihood = uniform_map({8, 9}, 0, 1, 10);
   MrfOptions options;

@@ -80,6 +80,8 @@ TEST(PartRegistry, SaysWhatIsWrong) {
       "kcf: option 'kernel.type' must be one of \"gaussian\", \"polynomial\", \"linear\", not \"gauss\"");
   EXPECT_THAT(refused(R"(kcf{"lambda": })"), StartsWith("kcf: its options are no JSON object: "));
   EXPECT_THAT(refused(R"(kcf{"lambda": 1} x)"), StartsWith("kcf: its options are no JSON object: "));
+  EXPECT_THAT(refused(R"(kcf{"lambda": 1e999})"), StartsWith("kcf: its options are no JSON object: "));
+  EXPECT_EQ(refused("kcf{\"lambda\": " + std::string(100000, '[')), "kcf: options nested more than 100 deep");
   EXPECT_THAT(refused(R"(kcf{"lambda": -1})"), AllOf(StartsWith("kcf: "), HasSubstr("lambda")));
   EXPECT_EQ(refused(""), refused("{}"));
 }
@@ -162,10 +164,43 @@ TEST(PartPlugin, ThrowsWithItsName) {
               part.similarity_at({40, 30});
             }),
             library + ":hostile: a mishap");
+  EXPECT_EQ(message<std::runtime_error>([&] {
+              part.similarity_at({-1, 30});
+            }),
+            library + ":hostile: a similarity that is not finite");
   EXPECT_EQ(message<std::invalid_argument>([&] {
               part.init(frame, {40, 30}, {0, 0});
             }),
             library + ":hostile: a size");
+}
+
+TEST(PartPlugin, IsSavedIfItCanBe) {
+  const std::string library = ASTERISM_HOSTILE_PLUGIN;
+  PartRegistry registry;
+  const cv::Mat image = testing::texture(60, 80);
+  const Frame frame(image);
+  AnyPart counter = registry.make(library + ":counter"), other = counter;
+  EXPECT_TRUE(counter.stateful());
+  for (int i = 0; i < 3; ++i) counter.adapt(frame, {40, 30});
+  const std::vector<std::byte> state = save_state(counter);
+  restore_state(other, state);
+  EXPECT_EQ(other.localize(frame, {40, 30}).peak, 3);
+
+  AnyPart hostile = registry.make(library + ":hostile");
+  EXPECT_FALSE(hostile.stateful());
+  const std::string reason = library + ":hostile: state: this kind of part model cannot be saved";
+  EXPECT_EQ(message<std::invalid_argument>([&] { save_state(hostile); }), reason);
+  EXPECT_EQ(message<std::invalid_argument>([&] { restore_state(hostile, state); }), reason);
+  EXPECT_THAT(message<std::invalid_argument>([&] {
+                AnyPart kcf = registry.make("kcf");
+                restore_state(kcf, state);
+              }),
+              HasSubstr("'counter' where 'kcf' is"));
+}
+
+TEST(PartRegistry, EveryModelOfTheLibraryCanBeSaved) {
+  PartRegistry registry;
+  for (const std::string& name : registry.names()) EXPECT_TRUE(registry.make(name).stateful()) << name;
 }
 
 }  // namespace

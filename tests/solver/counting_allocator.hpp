@@ -4,13 +4,7 @@
 #include <atomic>
 #include <cstddef>
 
-#if defined(__SANITIZE_ADDRESS__)
-#define ASTERISM_TEST_ASAN
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define ASTERISM_TEST_ASAN
-#endif
-#endif
+#include "address_sanitizer.hpp"
 
 namespace {
 std::atomic<long> allocations{0};

@@ -319,9 +319,10 @@ cv::Rect2d steady(int t) {
 std::vector<TrackResult> filtered(const cv::Rect2d& first, const std::vector<TrackResult>& script,
                                   const KalmanOptions& options = {}) {
   KalmanTracker tracker(ScriptedTracker(script), options);
-  tracker.init(cv::Mat(), first);
+  const cv::Mat image(1, 1, CV_8UC1, cv::Scalar(0));  // any that Frame takes
+  tracker.init(image, first);
   std::vector<TrackResult> results;
-  for (std::size_t t = 0; t < script.size(); ++t) results.push_back(tracker.update(cv::Mat()));
+  for (std::size_t t = 0; t < script.size(); ++t) results.push_back(tracker.update(image));
   return results;
 }
 

@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/kalman.hpp>
 #include <asterism/trackers/multi_tracker.hpp>
 #include <stdexcept>
 
@@ -10,7 +12,8 @@
 namespace asterism {
 namespace {
 
-const std::vector<cv::Rect2d> kBoxes{true_box(0), {150, 120, 60, 50}, {20, 150, 40, 40}, {200, 20, 50, 70}};
+const std::vector<cv::Rect2d> kBoxes{
+    true_box(0), {150, 120, 60, 50}, {20, 150, 40, 40}, {200, 20, 50, 70}, {100, 60, 40, 60}};
 
 // Takes images alone, and throws where it is told to.
 struct Fussy {
@@ -26,10 +29,11 @@ struct Fussy {
     return result;
   }
 };
-static_assert(FrameTracker<Dpt> && FrameTracker<AnyTracker> && Tracker<Fussy> && !FrameTracker<Fussy>);
+static_assert(FrameTracker<Dpt> && FrameTracker<KalmanTracker> && FrameTracker<AnyTracker> &&
+              Tracker<Fussy> && !FrameTracker<Fussy>);
 
 TEST(MultiTracker, IsAsManySingleTrackersForAnyNumberOfThreads) {
-  const std::vector<std::string> trackers{"dpt", "coarse", "lgt", "kcf"};
+  const std::vector<std::string> trackers{"dpt", "coarse", "lgt", "kcf", "kalman"};
   std::vector<AnyTracker> alone;
   std::vector<MultiTracker> together;
   for (const int threads : {1, 2, 3, 0}) together.emplace_back(threads);
@@ -108,6 +112,23 @@ TEST(MultiTracker, RefusesBadInputAndStaysAsItWas) {
   EXPECT_THROW(multi.update(cv::Mat()), std::invalid_argument);
   EXPECT_EQ(multi.size(), 1u);
   EXPECT_NEAR(multi.update(draw_frame(1))[0].result.box.x, true_box(1).x, 2);
+}
+
+TEST(KalmanTracker, SharesAFrameThatIsConvertedAlready) {
+  KalmanTracker of_images(make_tracker("dpt")), of_frames(make_tracker("dpt"));
+  const auto conversions = [](const TrackResult& result) {
+    return std::count_if(result.times.begin(), result.times.end(),
+                         [](const StageTime& time) { return time.stage == "frame"; });
+  };
+  of_images.init(draw_frame(0), true_box(0));
+  of_frames.init(Frame(draw_frame(0)), true_box(0));
+  for (int t = 1; t <= 5; ++t) {
+    const TrackResult a = of_images.update(draw_frame(t)), b = of_frames.update(Frame(draw_frame(t)));
+    expect_same(a, b);
+    EXPECT_EQ(conversions(a), 1);
+    EXPECT_EQ(conversions(b), 0);
+  }
+  EXPECT_THROW(of_frames.init(Frame(draw_frame(0)), {0, 0, 0, 0}), std::invalid_argument);
 }
 
 // A tracker that takes images alone sees the frame's 8-bit pixels.

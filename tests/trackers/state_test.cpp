@@ -3,10 +3,14 @@
 #include <algorithm>
 #include <asterism/parts/color_histogram.hpp>
 #include <asterism/parts/mosse.hpp>
+#include <asterism/parts/superpixels.hpp>
 #include <asterism/parts/template.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/kalman.hpp>
+#include <asterism/trackers/lgt.hpp>
 #include <cstring>
 #include <functional>
+#include <limits>
 #include <stdexcept>
 
 #include "moving_square.hpp"
@@ -53,9 +57,14 @@ CoarseTracker small_tracker() {
 
 std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
   std::vector<std::pair<std::string, std::function<AnyTracker()>>> result;
-  for (const char* name : {"dpt", "coarse", "kcf", "dpt_3x3_ov", "dpt_plus"})
-    result.emplace_back(name, [name] { return make_tracker(name); });
+  const std::vector<std::string> known = tracker_names();
+  for (const char* name : {"dpt", "coarse", "kcf", "dpt_3x3_ov", "dpt_plus", "flock", "keypoints", "lgt",
+                           "superpixels", "kalman"})
+    if (std::find(known.begin(), known.end(), name) != known.end())
+      result.emplace_back(name, [name] { return make_tracker(name); });
+  result.emplace_back("kalman of lgt", [] { return KalmanTracker(make_tracker("lgt")); });
   const std::pair<const char*, AnyPart> parts[]{{"mosse", Mosse()},
+                                                {"superpixel parts", Superpixels()},
                                                 {"template", Template()},
                                                 {"color_histogram", ColorHistogram()},
                                                 {"linear kcf", [] {
@@ -81,7 +90,7 @@ TEST(State, ARestoredTrackerGoesOnBitByBit) {
   for (const auto& [name, make] : trackers()) {
     SCOPED_TRACE(name);
     AnyTracker saved = started(make());
-    for (int t = 1; t <= 30; ++t) saved.update(draw_frame(t));
+    for (int t = 1; t <= 20; ++t) saved.update(draw_frame(t));
     const Bytes state = saved.save();
     EXPECT_EQ(state, saved.save());
     // Into a new one, and into one that follows something else.
@@ -91,12 +100,37 @@ TEST(State, ARestoredTrackerGoesOnBitByBit) {
     fresh.restore(state);
     other.restore(state);
     EXPECT_EQ(fresh.save(), state);
-    for (int t = 31; t <= 60; ++t) {
-      const TrackResult expected = saved.update(draw_frame(t));
-      expect_same(fresh.update(draw_frame(t)), expected);
-      expect_same(other.update(draw_frame(t)), expected);
+    // The object is hidden for a while; from there on, too.
+    AnyTracker without = make();
+    for (int t = 21; t <= 40; ++t) {
+      const cv::Mat image =
+          t > 24 && t <= 30 ? cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(90)) : draw_frame(t);
+      const TrackResult expected = saved.update(image);
+      expect_same(fresh.update(image), expected);
+      expect_same(other.update(image), expected);
+      if (t > 30) expect_same(without.update(image), expected);
+      if (t == 30) without.restore(saved.save());
     }
     EXPECT_EQ(fresh.save(), saved.save());
+    EXPECT_EQ(without.save(), saved.save());
+  }
+}
+
+TEST(State, IsThatOfEveryTracker) {
+  for (const std::string& name : tracker_names()) {
+    AnyTracker source = started(make_tracker(name)), target = make_tracker(name);
+    EXPECT_THROW(target.save(), std::logic_error) << name;
+    target.restore(source.save());
+    expect_same(target.update(draw_frame(1)), source.update(draw_frame(1)));
+  }
+}
+
+TEST(State, CopiesOfATrackerAreIndependent) {
+  for (const auto& [name, make] : trackers()) {
+    SCOPED_TRACE(name);
+    AnyTracker first = started(make()), reference = started(make()), second = first;
+    second.update(draw_frame(5));
+    for (int t = 1; t <= 3; ++t) expect_same(first.update(draw_frame(t)), reference.update(draw_frame(t)));
   }
 }
 
@@ -180,6 +214,40 @@ TEST(State, NothingInASealedStateCrashes) {
   }
 }
 
+// As many things as follow, or a model's list would be as long as a damaged number says.
+TEST(State, ADamagedLengthIsRefusedBeforeItIsUsed) {
+  struct List {
+    std::vector<double> values;
+    void visit_state(StateArchive& archive) {
+      auto length = static_cast<int>(values.size());
+      archive.count(length, sizeof(double));
+      values.resize(static_cast<std::size_t>(length));
+      for (double& value : values) archive(value);
+    }
+  };
+  const Bytes state = save_state(List{{1, 2, 3}});
+  List target{{7}};
+  for (const int length : {-1, 2, 4, 1 << 20, std::numeric_limits<int>::max()}) {
+    Bytes changed = state;
+    std::memcpy(changed.data() + kHeader, &length, sizeof length);
+    seal(changed);
+    EXPECT_THROW(restore_state(target, changed), std::runtime_error) << length;
+    EXPECT_EQ(target.values, std::vector<double>{7});
+  }
+  restore_state(target, state);
+  EXPECT_EQ(target.values, (std::vector<double>{1, 2, 3}));
+}
+
+TEST(State, OfEachTrackerIsForItAlone) {
+  for (const auto& [name, make] : trackers()) {
+    const Bytes state = started(make()).save();
+    for (const auto& [other, make_other] : trackers()) {
+      AnyTracker target = make_other();
+      EXPECT_EQ(refusal(target, state) == "taken", name == other) << name << " into " << other;
+    }
+  }
+}
+
 TEST(State, OfOtherOptionsOrAnotherTrackerIsRefused) {
   AnyTracker dpt = started(make_tracker("dpt")), coarse = started(make_tracker("coarse"));
   const Bytes of_dpt = dpt.save(), of_coarse = coarse.save();
@@ -200,12 +268,39 @@ TEST(State, OfOtherOptionsOrAnotherTrackerIsRefused) {
   EXPECT_THROW(other.update(draw_frame(0)), std::logic_error) << "it was not initialised, and is not";
 }
 
-TEST(State, IsNotThereBeforeInitAndNotOfEveryTracker) {
-  for (const char* name : {"dpt", "coarse", "kcf"}) EXPECT_THROW(make_tracker(name).save(), std::logic_error);
-  EXPECT_THROW(save_state(AnyPart(Kcf())), std::logic_error);
-  AnyTracker lgt = started(make_tracker("lgt"));
-  EXPECT_THROW(lgt.save(), std::invalid_argument);
-  EXPECT_EQ(refusal(lgt, Bytes(100)), "state: this kind of tracker cannot be saved");
+struct Forgetful {
+  void init(const cv::Mat&, const cv::Rect2d&) {}
+  TrackResult update(const cv::Mat&) { return {}; }
+};
+struct ForgetfulPart {
+  void init(const Frame&, const Point2&, const Size2&) {}
+  Evidence localize(const Frame&, const Point2& around) { return {.position = around}; }
+  double similarity_at(const Point2&) const { return 1; }
+  void adapt(const Frame&, const Point2&) {}
+};
+
+TEST(State, OfWhatHasNoneIsRefused) {
+  const std::string no_tracker = "state: this kind of tracker cannot be saved";
+  DptOptions dpt;
+  dpt.part = ForgetfulPart();
+  LgtOptions lgt;
+  lgt.part = ForgetfulPart();
+  std::vector<std::pair<AnyTracker, std::string>> cases;
+  cases.emplace_back(Forgetful(), no_tracker);
+  cases.emplace_back(KalmanTracker(Forgetful()), no_tracker);
+  cases.emplace_back(Dpt(dpt), "state: this kind of part model cannot be saved");
+  cases.emplace_back(Lgt(lgt), "state: this kind of part model cannot be saved");
+  for (auto& [tracker, reason] : cases) {
+    tracker.init(draw_frame(0), true_box(0));
+    try {
+      tracker.save();
+      FAIL() << reason;
+    } catch (const std::invalid_argument& error) {
+      EXPECT_EQ(error.what(), reason);
+    }
+    tracker.update(draw_frame(1));  // no worse for it
+  }
+  EXPECT_THROW(AnyTracker(cases[0].first), std::invalid_argument);
 }
 
 }  // namespace

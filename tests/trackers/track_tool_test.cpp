@@ -93,9 +93,9 @@ class TrackTool : public testing::Test {
 
   // The exit code; what the program prints is in out_ and err_ then.
   int run(const std::string& arguments, bool with_tracker = true) {
-    const std::string command = "env -u DISPLAY -u WAYLAND_DISPLAY " ASTERISM_TRACK_TOOL " " + arguments +
-                                (with_tracker ? " --tracker kcf" : "") + " > " + path("out") + " 2> " +
-                                path("err");
+    const std::string command = limits_ + "env -u DISPLAY -u WAYLAND_DISPLAY " ASTERISM_TRACK_TOOL " " +
+                                arguments + (with_tracker ? " --tracker kcf" : "") + " > " + path("out") +
+                                " 2> " + path("err");
     const int status = std::system(command.c_str());
     out_ = read(folder_ / "out");
     err_ = read(folder_ / "err");
@@ -136,6 +136,7 @@ class TrackTool : public testing::Test {
 
   static constexpr char kBox[] = " --box 60,50,48,40";
   fs::path folder_;
+  std::string limits_;  // shell commands before the program
   std::string out_, err_;
 };
 
@@ -429,6 +430,16 @@ TEST_F(TrackTool, ReportsAFullDisk) {
   expect_error(make_images("images", 3).string() + kBox + " --out /dev/full", {"/dev/full", "No space left"});
 }
 
+TEST_F(TrackTool, ReportsADiskThatFillsUp) {
+  const std::string images = make_images("images").string() + kBox;
+  limits_ = "trap '' XFSZ; ulimit -f 1; ";  // blocks of 512 bytes a file
+  for (const auto& [option, file] : {std::pair(" --out ", "boxes.csv"),
+                                     {" --save ", "overlay.mp4"},
+                                     {" --sheet ", "sheet.png"},
+                                     {" --timeline ", "timeline.png"}})
+    expect_error(images + option + path(file), {file});
+}
+
 TEST_F(TrackTool, NamesFileAndLineOfMalformedGroundTruth) {
   const std::string file = path("sequence") + "/groundtruth.txt";
   for (const std::string line : {"1,2,3", "1,2,x,4", "1,2,3,4,5,6,7", "1,2,-3,4", "1,2,inf,4"}) {
@@ -501,6 +512,43 @@ TEST_F(TrackTool, NotesAVideoThatEndsEarly) {
   const std::vector<std::string> lines = lines_of(path("boxes.csv"));
   EXPECT_GT(lines.size(), 5u);
   EXPECT_LT(lines.size(), static_cast<size_t>(kFrames));
+}
+
+TEST_F(TrackTool, SurvivesVideosThatAreCutOrDamaged) {
+  const std::string video = make_video().string(), whole = read(video);
+  const auto survives = [&](const std::string& bytes) {
+    std::ofstream(video, std::ios::binary | std::ios::trunc) << bytes;
+    const int code = run(video + kBox + csv());
+    EXPECT_TRUE(code == 0 || code == 1) << code;
+    if (code == 1) EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
+    return code;
+  };
+  for (const std::size_t length : {std::size_t{0}, std::size_t{1}, std::size_t{100}})
+    EXPECT_EQ(survives(whole.substr(0, length)), 1) << length;
+  for (std::size_t eighth = 1; eighth < 8; ++eighth) {
+    SCOPED_TRACE(eighth);
+    survives(whole.substr(0, whole.size() * eighth / 8));
+    std::string damaged = whole;
+    for (std::size_t i = 0; i < 64; ++i) damaged[whole.size() * (eighth - 1) / 8 + 97 * i] ^= char(0x5a);
+    survives(damaged);
+  }
+}
+
+// As a camera that is pulled out amid a frame: what there is until then is kept.
+TEST_F(TrackTool, KeepsWhatThereIsWhenACameraDisappears) {
+  const std::string stream = read(make_video()), camera = path("camera.avi");
+  ASSERT_EQ(mkfifo(camera.c_str(), 0600), 0);
+  std::thread writer([&] {
+    std::signal(SIGPIPE, SIG_IGN);
+    std::ofstream(camera, std::ios::binary).write(stream.data(), std::ssize(stream) * 6 / 10);
+  });
+  const int code = run(camera + kBox + csv());
+  writer.join();
+  EXPECT_EQ(code, 0) << err_;
+  const std::size_t frames = lines_of(path("boxes.csv")).size() - 1;
+  EXPECT_GT(frames, std::size_t{kFrames / 3});
+  EXPECT_LT(frames, std::size_t{kFrames});
+  expect_error("97" + std::string(kBox), {"cannot open 97 as a video, camera or image"});
 }
 
 TEST(GroundTruthFile, GivesBoundingBoxesOfPolygonsAndRectangles) {

@@ -312,6 +312,10 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp'"), std::string::npos);
   EXPECT_NE(refusal("dpt{").find("dpt: its options are no JSON object"), std::string::npos);
   EXPECT_NE(refusal("{").find("no JSON object"), std::string::npos);
+  EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("no JSON object"), std::string::npos);
+  const std::string deep(100000, '[');
+  EXPECT_EQ(refusal("{\"tracker\": " + deep), "a tracker's description: options nested more than 100 deep");
+  EXPECT_EQ(refusal("kalman{\"of\": " + deep), "kalman: options nested more than 100 deep");
 }
 
 // The root of the coarse layer may be any model: with colour where it has a response map, alone where not.
@@ -679,6 +683,7 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = 0; });
   refused([](DptOptions& o) { o.grid_cols = -1; });
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 5; });
+  refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 65536; });  // a product of 0 in 32 bits
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
   refused([](DptOptions& o) { o.overlap = 1; });

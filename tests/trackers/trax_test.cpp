@@ -10,6 +10,7 @@
 #include <asterism/trackers/tracker.hpp>
 #include <chrono>
 #include <cmath>
+#include <complex>
 #include <cstdint>
 #include <cstdlib>
 #include <filesystem>
@@ -24,6 +25,7 @@
 #include <trax_image.hpp>
 #include <trax_message.hpp>
 #include <utility>
+#include <variant>
 #include <vector>
 
 #include "moving_square.hpp"
@@ -336,6 +338,28 @@ class Trax : public Test {
     return images;
   }
 
+  // A rectangle is the tracker's box; a polygon the start's, by the similarity of the plane that takes the
+  // start's box to it.
+  static void expect_region(const Region& region, const Region& start, const TrackResult& result) {
+    ASSERT_EQ(region.is_rectangle(), start.is_rectangle());
+    if (start.is_rectangle()) {
+      EXPECT_EQ(region.box(), result.box);
+      return;
+    }
+    using Complex = std::complex<double>;
+    const auto middle = [](const cv::Rect2d& box) {
+      return Complex(box.x + box.width / 2, box.y + box.height / 2);
+    };
+    const Complex factor = std::polar(result.box.width / start.box().width, result.angle);
+    EXPECT_NEAR(std::abs(factor), result.box.height / start.box().height, 1e-9);
+    ASSERT_EQ(region.points().size(), start.points().size());
+    for (size_t i = 0; i < start.points().size(); ++i) {
+      const cv::Point2d &p = start.points()[i], &q = region.points()[i];
+      const Complex expected = middle(result.box) + factor * (Complex(p.x, p.y) - middle(start.box()));
+      EXPECT_LT(std::abs(Complex(q.x, q.y) - expected), 1e-9);
+    }
+  }
+
   // What the tracker says through TraX is what it says when called.
   static void expect_same_track(TraxClient& client, const std::vector<TraxImage>& images,
                                 const std::vector<Region>& objects, const std::string& name = "kcf") {
@@ -344,7 +368,8 @@ class Trax : public Test {
       const std::vector<TraxClient::Reply> replies =
           frame == 0 ? client.initialize(images[0], objects) : client.frame(images[frame]);
       ASSERT_EQ(replies.size(), objects.size());
-      const cv::Mat image = draw_frame(static_cast<int>(frame));
+      const cv::Mat* const pixels = std::get_if<cv::Mat>(&images[frame]);
+      const cv::Mat image = pixels ? *pixels : draw_frame(static_cast<int>(frame));
       for (size_t i = 0; i < objects.size(); ++i) {
         TrackResult expected;
         if (frame == 0) {
@@ -357,8 +382,7 @@ class Trax : public Test {
         }
         const TraxClient::Reply& reply = replies[i];
         ASSERT_TRUE(reply.region);
-        EXPECT_TRUE(reply.region->is_rectangle());
-        EXPECT_EQ(reply.region->box(), expected.box);
+        expect_region(*reply.region, objects[i], expected);
         EXPECT_EQ(reply.confidence, expected.confidence);
         EXPECT_EQ(reply.properties.at("lost"), expected.lost ? "1" : "0");
         std::vector<double> parts;
@@ -444,6 +468,31 @@ TEST_F(Trax, SaysWhereThePartsAre) {
   expect_same_track(client, sequence(true), {rectangle()}, "dpt");
 }
 
+TEST_F(Trax, TurnsAPolygonWithTheObject) {
+  const cv::Rect2d box = true_box(0);
+  const cv::Point2f middle(static_cast<float>(box.x + box.width / 2),
+                           static_cast<float>(box.y + box.height / 2));
+  std::vector<TraxImage> turning;
+  for (int t = 0; t < kFrames; ++t) {
+    cv::Mat image;
+    cv::warpAffine(images_[0], image, cv::getRotationMatrix2D(middle, -2.0 * t, 1), images_[0].size());
+    turning.emplace_back(image);
+  }
+  const Region start = polygon();
+  for (const int version : {3, 4}) {
+    TraxClient client(server("--tracker dpt --trax-version " + std::to_string(version)));
+    expect_same_track(client, turning, {start}, "dpt");
+    // It has turned by some degrees, and clockwise on the screen as the object has.
+    const Region last = *client.frame(turning.back())[0].region;
+    const auto direction = [](const Region& region) {
+      const cv::Point2d d = region.points()[1] - region.points()[0];
+      return std::atan2(d.y, d.x);
+    };
+    EXPECT_GT(direction(last) - direction(start), 0.05);
+    EXPECT_LT(direction(last) - direction(start), 0.3);
+  }
+}
+
 TEST_F(Trax, TakesImagesInAllEncodings) {
   const std::vector<std::string> formats = {"path", "memory", "data"};
   std::string input;
@@ -465,7 +514,7 @@ TEST_F(Trax, TakesImagesInAllEncodings) {
 TEST_F(Trax, TracksSeveralObjectsInVersion4) {
   const Region other = Region::rectangle({200, 100, 40, 60});
   TraxClient client(server(4));
-  expect_same_track(client, sequence(true), {rectangle(), other, polygon()});
+  expect_same_track(client, sequence(true), {rectangle(), other, polygon()});  // each in its own form
   expect_same_track(client, sequence(true), {other});
   TraxClient single(server(3));
   EXPECT_THROW(single.initialize(files_[0], {rectangle(), other}), std::invalid_argument);

@@ -17,7 +17,7 @@ namespace {
 
 Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options) {
   const int rows = options.grid_rows, cols = options.grid_cols;
-  if (rows < 1 || cols < 1 || rows * cols > Dpt::kMaxParts)
+  if (rows < 1 || cols < 1 || rows > Dpt::kMaxParts || cols > Dpt::kMaxParts || rows * cols > Dpt::kMaxParts)
     throw std::invalid_argument("DptOptions: the grid must have 1 to 16 parts");
   using Links = Topology<Eigen::Dynamic, Dpt::kMaxParts>;
   switch (options.constellation) {

@@ -4,6 +4,7 @@
 
 #include "require.hpp"
 #include "stage_clock.hpp"
+#include "update_from_image.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -73,15 +74,19 @@ Eigen::Matrix3d KalmanTracker::covariance_of(const TrackResult& result) const {
          Eigen::Vector3d(centre, centre, options_.size_deviation).cwiseAbs2().asDiagonal().toDenseMatrix();
 }
 
-void KalmanTracker::init(const cv::Mat& image, const cv::Rect2d& box) {
-  tracker_.init(image, box);
+void KalmanTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+
+void KalmanTracker::init(const Frame& frame, const cv::Rect2d& box) {
+  tracker_.init(frame, box);
   const double side = std::exp(log_mean_side(box));
   // The first box is the object.
   filter_.start(measured(box), Eigen::Matrix3d::Zero(), {kVelocity * side, kVelocity * side, kSizeVelocity});
 }
 
-TrackResult KalmanTracker::update(const cv::Mat& image) {
-  TrackResult result = tracker_.update(image);
+TrackResult KalmanTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult KalmanTracker::update(const Frame& frame) {
+  TrackResult result = tracker_.update(frame);
   StageClock clock;
   const double centre = options_.acceleration * mean_side();
   filter_.predict(Eigen::Vector3d(centre, centre, options_.size_acceleration).cwiseAbs2());

@@ -70,12 +70,25 @@ PointFlow::PointFlow(const PointFlowOptions& options) : options_(options) {
 }
 
 void PointFlow::learn(const Frame& frame, const Point2& centre, const Size2& size) {
-  window_ =
-      ObjectWindow(centre, size, options_.padding, options_.min_template_side, options_.max_template_side);
-  std::vector<cv::Mat> pyramid;
-  cv::buildOpticalFlowPyramid(window_.sample(frame), pyramid, {options_.lk_window, options_.lk_window},
-                              options_.lk_levels);
-  learned_ = std::move(pyramid);
+  window_ = window_of(centre, size);
+  learned_ = pyramid(window_.sample(frame));
+}
+
+void PointFlow::visit_state(StateArchive& archive, const Point2& centre, const Size2& size) {
+  if (archive.loading()) window_ = window_of(centre, size);
+  cv::Mat window = archive.loading() ? cv::Mat() : learned_[0];
+  archive.pixels(window, window_.grid(), 1);
+  if (archive.loading()) learned_ = pyramid(window);
+}
+
+ObjectWindow PointFlow::window_of(const Point2& centre, const Size2& size) const {
+  return {centre, size, options_.padding, options_.min_template_side, options_.max_template_side};
+}
+
+std::vector<cv::Mat> PointFlow::pyramid(const cv::Mat& window) const {
+  std::vector<cv::Mat> levels;
+  cv::buildOpticalFlowPyramid(window, levels, {options_.lk_window, options_.lk_window}, options_.lk_levels);
+  return levels;
 }
 
 std::vector<Evidence> PointFlow::follow(const Frame& frame,
@@ -85,8 +98,7 @@ std::vector<Evidence> PointFlow::follow(const Frame& frame,
   if (count == 0) return result;
   const cv::Size side(options_.lk_window, options_.lk_window);
   const cv::Mat patch = window_.sample(frame);
-  std::vector<cv::Mat> seen;
-  cv::buildOpticalFlowPyramid(patch, seen, side, options_.lk_levels);
+  const std::vector<cv::Mat> seen = pyramid(patch);
 
   std::vector<cv::Point2f> from(count), forward, back;
   for (std::size_t i = 0; i < count; ++i)

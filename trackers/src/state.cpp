@@ -1,11 +1,60 @@
 // What the trackers save.
 
+#include <Eigen/Eigenvalues>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/kalman.hpp>
+#include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker_options.hpp>
+#include <cmath>
+#include <limits>
 #include <stdexcept>
+#ifdef ASTERISM_TRACKERS_FLOW
+#include <asterism/trackers/flock.hpp>
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+#include <asterism/trackers/keypoint_tracker.hpp>
+#endif
 
 namespace asterism::inline ASTERISM_ABI {
+
+namespace {
+
+// How far rounding takes correlations from a matrix that is symmetric and positive semi-definite.
+constexpr double kRounding = 1e-6;
+
+// Numbers that must not be negative, one a part; at most so large.
+template <typename T>
+void visit_all(StateArchive& archive, std::vector<T>& values, std::size_t count, T most) {
+  values.resize(count);
+  for (T& value : values) {
+    archive(value);
+    archive.require(value >= 0 && value <= most);
+  }
+}
+
+// Frames since a part was seen: counting goes on for another year before it overflows.
+void visit_unseen(StateArchive& archive, std::vector<int>& unseen, int parts) {
+  visit_all(archive, unseen, static_cast<std::size_t>(parts), 1'000'000'000);
+}
+
+// Colours in CIELAB, no coordinate of which is beyond 200.
+void visit_colours(StateArchive& archive, Eigen::ArrayX3f& colours, int count) {
+  colours.resize(count, 3);
+  archive(colours);
+  archive.require((colours.abs() <= 200).all());
+}
+
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+// ORB's descriptors of 32 bytes, row by row.
+void visit_descriptors(StateArchive& archive, cv::Mat& descriptors, int count) {
+  if (archive.loading()) descriptors = cv::Mat();
+  if (count > 0) archive.pixels(descriptors, {32, count}, 1);
+}
+#endif
+
+}  // namespace
 
 void CoarseLayer::visit_state(StateArchive& archive) {
   archive.begin("coarse layer", options_);
@@ -44,5 +93,122 @@ void Dpt::visit_state(StateArchive& archive) {
   archive.require((springs_.rest_length.array() >= 0).all());
   initialized_ = true;
 }
+
+void ConstantVelocityFilter::visit_state(StateArchive& archive) {
+  using State = Eigen::Matrix<double, 6, 6>;
+  archive(state_);
+  archive(covariance_);
+  // Of correlations, not variances: the units of the coordinates differ.
+  const auto variance = covariance_.diagonal().array();
+  archive.require((variance >= 0).all());
+  const Eigen::Vector<double, 6> weight = variance.max(std::numeric_limits<double>::min()).rsqrt();
+  const State correlation = weight.asDiagonal() * covariance_ * weight.asDiagonal();
+  archive.require(
+      (correlation - correlation.transpose()).cwiseAbs().maxCoeff() <= kRounding &&
+      Eigen::SelfAdjointEigenSolver<State>(correlation, Eigen::EigenvaluesOnly).eigenvalues()[0] >=
+          -kRounding);
+}
+
+void KalmanTracker::visit_state(StateArchive& archive) {
+  archive.begin("kalman", options_);
+  tracker_.visit_state(archive);
+  filter_.visit_state(archive);
+  // Centre and mean side as the archive has positions and sizes; no faster than from one end to the other.
+  const Eigen::Vector3d most(1e6, 1e6, std::log(1e6));
+  archive.require((filter_.position().cwiseAbs().array() <= most.array()).all() &&
+                  (filter_.velocity().cwiseAbs().array() <= 2 * most.array()).all());
+}
+
+void ObjectPose::visit_state(StateArchive& archive) {
+  archive.size(first_size_);
+  archive.position(transform_.translation);
+  archive(transform_.angle);
+  archive(transform_.scale);
+  archive.require(transform_.scale >= kMinScale && transform_.scale <= kMaxScale);
+}
+
+void ElasticConstellation::visit_state(StateArchive& archive, Points& x) {
+  int parts = size(), links = springs_.link_count();
+  bool full = springs_.topology().is_full();  // solvers are faster for it, and round otherwise
+  archive.count(parts, 2 * sizeof(Point2));
+  layout_.resize(2, parts), x.resize(2, parts);
+  for (Points* const points : {&layout_, &x})
+    for (int i = 0; i < parts; ++i) {
+      Point2 position = points->col(i);
+      archive.position(position);
+      points->col(i) = position;
+    }
+  archive(full);
+  archive.count(links, sizeof(Link));
+  std::vector<Link> list = this->links();
+  list.resize(static_cast<std::size_t>(links));
+  for (Link& link : list) archive(link.i), archive(link.j);
+  if (!archive.loading()) return;
+  Topology<> topology = Topology<>::from_links(parts, list);
+  archive.require(!topology.defect() &&
+                  (!full || std::int64_t{2} * links == std::int64_t{parts} * (parts - 1)));
+  springs_ = Springs(full ? Topology<>::full(parts) : std::move(topology));
+}
+
+void Lgt::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("Lgt: to be saved before init");
+  archive.begin("lgt", options_);
+  pose_.visit_state(archive);
+  colour_.visit_state(archive);
+  parts_.visit_state(archive, placement_);
+  archive.require(parts_.size() <= options_.max_parts);
+  const auto count = static_cast<std::size_t>(parts_.size());
+  visit_all(archive, weights_, count, 2.0);  // up to 1, but for rounding
+  models_.resize(count, options_.part);
+  for (AnyPart& model : models_) model.visit_state(archive);
+  initialized_ = true;
+}
+
+void SuperpixelTracker::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_)
+    throw std::logic_error("SuperpixelTracker: to be saved before init");
+  archive.begin("superpixel tracker", options_);
+  archive(colour_);
+  pose_.visit_state(archive);
+  spacing_ = pose_.mean_side() / options_.template_side;
+  parts_.visit_state(archive, placement_);
+  visit_unseen(archive, unseen_, parts_.size());
+  visit_colours(archive, colours_, parts_.size());
+  auto around = static_cast<int>(background_.rows());
+  archive.count(around, 3 * sizeof(float));
+  visit_colours(archive, background_, around);
+  initialized_ = true;
+}
+
+#ifdef ASTERISM_TRACKERS_FLOW
+void Flock::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("Flock: to be saved before init");
+  archive.begin("flock", options_);
+  pose_.visit_state(archive);
+  points_.visit_state(archive, placement_);
+  archive.require(points_.size() == options_.grid * options_.grid);
+  flow_.visit_state(archive, pose_.centre(), pose_.size());
+  initialized_ = true;
+}
+#endif
+
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+void KeypointTracker::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("KeypointTracker: to be saved before init");
+  archive.begin("keypoint tracker", options_);
+  pose_.visit_state(archive);
+  parts_.visit_state(archive, placement_);
+  archive.require(parts_.size() <= options_.max_parts);
+  visit_unseen(archive, unseen_, parts_.size());
+  visit_descriptors(archive, descriptors_, parts_.size());
+  int around = background_.rows;
+  archive.count(around, 32);
+  visit_descriptors(archive, background_, around);
+  archive(padding_);
+  archive.require(padding_ >= options_.padding && padding_ <= options_.max_padding);
+  flow_.visit_state(archive, pose_.centre(), pose_.size());
+  initialized_ = true;
+}
+#endif
 
 }  // namespace asterism::inline ASTERISM_ABI

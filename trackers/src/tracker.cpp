@@ -42,6 +42,7 @@ Options with(Options options, std::string_view name, std::string_view json) {
 AnyTracker make_kalman(std::string_view name, std::string_view json) {
   std::string of = "dpt", options(json);
 #ifdef ASTERISM_TRACKERS_JSON
+  detail::check_nesting(std::string(name), json);
   auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // what is no object is refused below
   if (object.is_object() && object.contains("of")) {
     of = object["of"].is_string() ? object["of"].get<std::string>() : object["of"].dump();
@@ -154,10 +155,11 @@ AnyTracker make_tracker(std::string_view description) {
     return Dpt(options);
   }
   if (description.starts_with('{')) {
+    detail::check_nesting("a tracker's description", description);
     nlohmann::ordered_json object;
     try {
       object = nlohmann::ordered_json::parse(description);
-    } catch (const nlohmann::json::parse_error& error) {
+    } catch (const nlohmann::json::exception& error) {  // also of a number beyond double's range
       throw std::invalid_argument(std::string("a tracker's description is no JSON object: ") + error.what());
     }
     if (!object.contains("tracker") || !object["tracker"].is_string())

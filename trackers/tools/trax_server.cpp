@@ -54,8 +54,21 @@ TraxMessage hello(const TraxServerOptions& options) {
   return message;
 }
 
-TraxMessage state(const TrackResult& result) {
-  TraxMessage message{Type::State, {to_string(Region::rectangle(result.box))}, {}};
+// In the form of the start: a polygon moves, grows and turns with the box, in which it began.
+Region region_of(const TrackResult& result, const Region& start) {
+  if (start.is_rectangle()) return Region::rectangle(result.box);
+  const std::array<cv::Point2d, 4> corners = result.corners();
+  std::vector<cv::Point2d> points = start.points();
+  for (cv::Point2d& p : points) {
+    const cv::Point2d in_box = p - start.box().tl();
+    p = corners[0] + in_box.x / start.box().width * (corners[1] - corners[0]) +
+        in_box.y / start.box().height * (corners[3] - corners[0]);
+  }
+  return Region::polygon(std::move(points));
+}
+
+TraxMessage state(const TrackResult& result, const Region& region) {
+  TraxMessage message{Type::State, {to_string(region)}, {}};
   message.properties = {{"confidence", to_text(result.confidence)}, {"lost", result.lost ? "1" : "0"}};
   std::string parts;
   for (const PartState& part : result.parts) {
@@ -65,6 +78,11 @@ TraxMessage state(const TrackResult& result) {
   if (!parts.empty()) message.properties.emplace("parts", parts);
   return message;
 }
+
+struct Object {
+  AnyTracker tracker;
+  Region start;
+};
 
 class Session {
  public:
@@ -114,23 +132,23 @@ class Session {
     const std::vector<std::string>& arguments = message.arguments;
     if (options_.version >= 4) {
       if (arguments.empty()) {
-        trackers_.clear();
+        objects_.clear();
         starts_.clear();
       } else {
         check_count(message, 1, "a region");
-        starts_.push_back(start_box(arguments[0]));
+        starts_.push_back(start_region(arguments[0]));
       }
       return;
     }
     check_count(message, 2, "an image and a region");
-    trackers_.clear();
-    starts_ = {start_box(arguments[1])};
+    objects_.clear();
+    starts_ = {start_region(arguments[1])};
     reply(decode_trax_image(arguments[0]));
   }
 
   void frame(const TraxMessage& message) {
     check_count(message, 1, "an image");
-    if (trackers_.empty() && starts_.empty()) throw TraxError("a frame before an object to track");
+    if (objects_.empty() && starts_.empty()) throw TraxError("a frame before an object to track");
     reply(decode_trax_image(message.arguments[0]));
   }
 
@@ -140,25 +158,27 @@ class Session {
                     std::to_string(message.arguments.size()) + " arguments came");
   }
 
-  static cv::Rect2d start_box(const std::string& text) {
+  static Region start_region(const std::string& text) {
     const std::optional<Region> region = parse_region(text);
     constexpr size_t kShown = 64;
     if (!region) throw TraxError("neither a rectangle nor a polygon: '" + text.substr(0, kShown) + "'");
-    return region->box();
+    return *region;
   }
 
   // One state an object, in the order in which they came.
   void reply(const cv::Mat& image) {
     ++frames_;
     try {
-      for (AnyTracker& tracker : trackers_) send(state(tracker.update(image)));
-      for (const cv::Rect2d& box : starts_) {
-        trackers_.push_back(make_tracker(options_.tracker));
-        trackers_.back().init(image, box);
+      for (Object& object : objects_) {
+        const TrackResult result = object.tracker.update(image);
+        send(state(result, region_of(result, object.start)));
+      }
+      for (const Region& start : starts_) {
+        objects_.push_back({make_tracker(options_.tracker), start});
+        objects_.back().tracker.init(image, start.box());
         TrackResult result;
-        result.box = box;
         result.confidence = 1;
-        send(state(result));
+        send(state(result, start));
       }
     } catch (const TraxError&) {
       throw;
@@ -171,8 +191,8 @@ class Session {
   const TraxServerOptions& options_;
   LineReader reader_;
   int out_;
-  std::vector<AnyTracker> trackers_;
-  std::vector<cv::Rect2d> starts_;  // of objects that wait for their first image
+  std::vector<Object> objects_;
+  std::vector<Region> starts_;  // of objects that wait for their first image
   int frames_ = 0;
 };
 

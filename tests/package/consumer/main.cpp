@@ -2,6 +2,9 @@
 #include <asterism/solver.hpp>
 #include <iostream>
 #include <string>
+#ifdef HAVE_BATCH
+#include <asterism/solver/batch.hpp>
+#endif
 #ifdef HAVE_CHOLMOD
 #include <asterism/solver/cholmod.hpp>
 #endif
@@ -53,6 +56,20 @@ bool solves(Solver solver) {
                std::string(summary.solver));
 }
 
+#ifdef HAVE_BATCH
+bool solves_batch() {
+  using Batch = asterism::SpringBatch<double, 2>;
+  const System system = triangle();
+  Batch batch(asterism::Topology<>::full(3), 5);
+  for (int s = 0; s < 5; ++s) batch.set(s, system, system.anchors);
+  asterism::BatchNewton<Batch> solver;
+  solver.solve(batch, asterism::SerialExecutor());
+  auto expected = system.anchors;
+  asterism::solve_ida(system, expected);
+  return check((batch.points(4) - expected).norm() < 1e-5, "batch");
+}
+#endif
+
 #ifdef HAVE_TRACKERS
 bool tracks() {
   cv::Mat image(120, 160, CV_8UC3);
@@ -81,6 +98,9 @@ int main() {
                               std::to_string(ASTERISM_VERSION_PATCH);
   bool ok = check(version == VERSION, "version " + version);
   ok = solves(asterism::Ida<System>()) && ok;
+#ifdef HAVE_BATCH
+  ok = solves_batch() && ok;
+#endif
 #ifdef HAVE_CHOLMOD
   ok = solves(asterism::CholmodIda<System>()) && ok;
 #endif

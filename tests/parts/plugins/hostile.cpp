@@ -1,4 +1,4 @@
-// A part model that does what none may.
+// A part model that does what none may, and one that counts.
 #include <asterism/parts/part_plugin.hpp>
 #include <limits>
 #include <stdexcept>
@@ -18,7 +18,8 @@ struct Hostile {
   Evidence localize(const Frame&, const Point2&) {
     return {.peak = std::numeric_limits<double>::quiet_NaN()};
   }
-  double similarity_at(const Point2&) const {
+  double similarity_at(const Point2& position) const {
+    if (position.x() < 0) return std::numeric_limits<double>::infinity();
     struct Mishap : std::exception {
       const char* what() const noexcept override { return "a mishap"; }
     };
@@ -27,6 +28,22 @@ struct Hostile {
   void adapt(const Frame&, const Point2&) { throw 42; }
 };
 
+struct Counter {
+  int adapted = 0;
+  explicit Counter(const HostileOptions&) {}
+  void init(const Frame&, const Point2&, const Size2&) { adapted = 0; }
+  Evidence localize(const Frame&, const Point2&) { return {.peak = static_cast<double>(adapted)}; }
+  double similarity_at(const Point2&) const { return 0; }
+  void adapt(const Frame&, const Point2&) { ++adapted; }
+  void visit_state(StateArchive& archive) {
+    archive.begin("counter", HostileOptions());
+    archive(adapted);
+  }
+};
+
 }  // namespace
 
-ASTERISM_PART_PLUGIN(models) { models.add<Hostile, HostileOptions>("hostile"); }
+ASTERISM_PART_PLUGIN(models) {
+  models.add<Hostile, HostileOptions>("hostile");
+  models.add<Counter, HostileOptions>("counter");
+}

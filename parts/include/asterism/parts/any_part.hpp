@@ -76,7 +76,12 @@ class AnyPart {
     void resize(const Size2& size) override {
       if constexpr (ResizableModel<P>) part.resize(size);
     }
-    bool stateful() const override { return Stateful<P>; }
+    bool stateful() const override {
+      if constexpr (requires { part.stateful(); })
+        return part.stateful();  // a wrapper of any part
+      else
+        return Stateful<P>;
+    }
     void visit_state(StateArchive& archive) override {
       if constexpr (Stateful<P>)
         part.visit_state(archive);

@@ -39,7 +39,7 @@ struct ColorHistogramOptions {
 /// likelihood exp(-lambda d^2), d^2 = 1 - rho. It does not care how the pixels are arranged: deformation and
 /// rotation change little, and it locates coarsely. Among equal matches the one nearest to the window's
 /// middle counts; a response that is the same everywhere says nothing, and the similarity is 0.
-class ColorHistogram {
+class ASTERISM_API ColorHistogram {
  public:
   /// What can be counted.
   using Space = ColorHistogramOptions::Space;

@@ -3,7 +3,9 @@
 #include <array>
 #include <asterism/parts/frame.hpp>
 #include <asterism/parts/mrf.hpp>
+#include <asterism/parts/patch.hpp>
 #include <asterism/parts/state.hpp>
+#include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -28,7 +30,7 @@ struct ColourOptions {
 
 /// The foreground posterior p(f | x, y) of a region of the image, on a grid of about 1000 cells (fewer where
 /// the region has fewer pixels).
-struct Segmentation {
+struct ASTERISM_API Segmentation {
   /// CV_32FC1, posterior in [0, 1]; 0 where the cell's centre is outside the image. Empty where the model is
   /// off or the frame has no colour; then `informative` is false, `at` and `foreground_fraction` are 0
   /// everywhere.
@@ -58,7 +60,7 @@ struct Segmentation {
 /// Boxes cover the pixels x .. x + width - 1 (as `centre_of`); pixels outside the image are never counted. At
 /// most about 10000 pixels are read for a histogram: larger regions are sampled on a regular grid. All boxes
 /// and regions must be finite and of positive size, std::invalid_argument otherwise.
-class ColourModel {
+class ASTERISM_API ColourModel {
  public:
   /// Bins of a histogram, of each channel and in all.
   static constexpr int kBinsPerChannel = 16;
@@ -81,8 +83,9 @@ class ColourModel {
   /// Segment `region` of the frame: histogram backprojection by Bayes' rule (mean posterior of up to 6 x 6
   /// pixels a cell), regularised by the Markov random field, and the informativeness test: the foreground of
   /// the whole region, in pixels, against the area of `box_size`. Colours that neither histogram has seen get
-  /// the prior, so the posterior is defined everywhere.
-  Segmentation segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size) const;
+  /// the prior, so the posterior is defined everywhere. Its memory is used again by a later call once nobody
+  /// holds it any more: calls for regions of one size take none from the heap.
+  Segmentation segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size);
 
   /// Eq. segmentation_uniform: p(f) (1 - alpha_col) + alpha_col, alpha_col being 1, and so the result, where
   /// uninformative.
@@ -97,9 +100,33 @@ class ColourModel {
   const std::array<float, kBins>& background() const { return background_; }
 
  private:
+  using Histogram = std::array<float, kBins>;
+  // Cells of one axis of a segmentation's grid.
+  struct Axis {
+    int cells = 1;
+    double origin = 0, spacing = 1;
+    std::vector<int> pixel, cell;  // sampled pixels, in order, and their cells
+    std::vector<int> count;        // samples of each cell; 0 where its centre is outside the image
+    cv::Range valid;               // the cells whose centres are in the image
+
+    void place(double begin, double length, double scale, int limit);
+  };
+
+  // HSV histogram, of sum 1, of the pixels in `region` but not in `hole`. False, and nothing done, without a
+  // pixel.
+  bool collect(const cv::Mat& bgr, const cv::Rect& region, const cv::Rect& hole, Histogram& histogram);
+  // `samples_` in HSV.
+  const std::vector<cv::Vec3b>& samples_in_hsv();
+
   ColourOptions options_;
-  std::array<float, kBins> foreground_{}, background_{};
+  Histogram foreground_{}, background_{};
   bool enabled_ = false;
+
+  // Overwritten by each call.
+  std::vector<cv::Vec3b> samples_, hsv_;
+  Axis x_axis_, y_axis_;
+  MrfWorkspace mrf_;
+  Scratch posterior_;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -22,7 +22,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// Buffers should be aligned as FFTW's SIMD code wants it (16 bytes: Eigen, cv::Mat and the default operator
 /// new are). Others are correct too, but slower and equal only up to rounding.
 template <typename Scalar>
-class RealFft2 {
+class ASTERISM_API RealFft2 {
  public:
   RealFft2() = default;
   /// All three > 0, or std::invalid_argument is thrown.

@@ -24,7 +24,7 @@ namespace asterism::inline ASTERISM_ABI {
 ///
 /// Gray values are taken to span 0..255: the features are invariant to contrast as far as a cell's squared
 /// gradient sum is large against the regulariser 1e-4 of the block energy. Scale [0, 1] images by 255.
-class Fhog {
+class ASTERISM_API Fhog {
  public:
   /// Channels of a cell.
   static constexpr int kChannels = 31;

@@ -2,6 +2,7 @@
 
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -30,7 +31,7 @@ struct FlowOptions {
 /// error is small enough; the peak the share of those points in all. It follows from one `adapt` to the next:
 /// that replaces the image that the target is followed from, so what it learns is the last appearance alone.
 /// Without any such point the peak is 0, the position that of the search and the covariance the window's.
-class Flow {
+class ASTERISM_API Flow {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Flow(const FlowOptions& options = {});
@@ -45,15 +46,22 @@ class Flow {
 
   double similarity_at(const Point2& position) const { return response_.at(position); }
 
+  /// What has been learned, for save_state.
+  void visit_state(StateArchive& archive);
+
   const FlowOptions& options() const { return options_; }
 
  private:
   using Pyramid = std::vector<cv::Mat>;
 
   Size2 window() const { return spacing_ * Size2(cols_, rows_); }
-  Pyramid pyramid(const Frame& frame, const Point2& centre);
+  // What follows from the size.
+  void prepare(const Size2& size);
+  Pyramid sample(const Frame& frame, const Point2& centre);
+  Pyramid pyramid(const cv::Mat& window) const;
 
   FlowOptions options_;
+  Size2 size_ = Size2::Zero();       // of the target [px], 0 before init
   double spacing_ = 1;               // image pixels a template pixel
   int rows_ = 0, cols_ = 0;          // of the search window [template pixels]
   std::vector<cv::Point2f> points_;  // of the grid, in the window

@@ -21,7 +21,7 @@ inline cv::Rect2d box_around(const Point2& centre, const Size2& size) {
 }
 
 /// One video frame, converted once and shared by all parts of a tracker.
-class Frame {
+class ASTERISM_API Frame {
  public:
   /// image: 1, 3 (BGR) or 4 (BGRA) channels of 8 or 16 bit unsigned or of float in [0, 1]; 8-bit gray and BGR
   /// are used without a copy, so the image must outlive the frame. Throws std::invalid_argument for an empty

@@ -74,7 +74,7 @@ struct KcfOptions {
 ///
 /// Once it has been initialised, `localize` and `adapt` do not allocate, but for colour channels. One object
 /// is for one thread at a time, different ones are independent.
-class Kcf {
+class ASTERISM_API Kcf {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Kcf(const KcfOptions& options = {});

@@ -2,6 +2,7 @@
 
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -32,7 +33,7 @@ struct KeypointsOptions {
 /// offset from. The largest group of votes that agree gives the position, their mean; the peak is their
 /// number over that of the learned key-points (over 5 where those are fewer), so that occlusion is a low
 /// peak. Without a vote the peak is 0, the position that of the search and the covariance the window's.
-class Keypoints {
+class ASTERISM_API Keypoints {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Keypoints(const KeypointsOptions& options = {});
@@ -47,6 +48,8 @@ class Keypoints {
   void adapt(const Frame& frame, const Point2& at);
 
   double similarity_at(const Point2& position) const { return response_.at(position); }
+  /// What has been learned, for save_state.
+  void visit_state(StateArchive& archive);
   /// Number of learned key-points.
   int size() const { return static_cast<int>(offsets_.size()); }
 
@@ -60,9 +63,12 @@ class Keypoints {
   };
 
   Size2 window() const { return spacing_ * Size2(cols_, rows_); }
+  // What follows from the size.
+  void prepare(const Size2& size);
   Detection detect(const Frame& frame, const Point2& centre);
 
   KeypointsOptions options_;
+  Size2 size_ = Size2::Zero();   // of the target [px], 0 before init
   double spacing_ = 1;           // image pixels a template pixel
   int rows_ = 0, cols_ = 0;      // of the search window [template pixels]
   std::vector<Point2> offsets_;  // of the learned key-points from the target's centre [template pixels]

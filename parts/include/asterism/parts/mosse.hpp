@@ -36,7 +36,7 @@ struct MosseOptions {
 /// all displacements is the inverse transform of F H*. The window's taper pulls a displaced target towards
 /// the window's middle by a few hundredths of its displacement; searched again around where it was found, the
 /// error is gone.
-class Mosse {
+class ASTERISM_API Mosse {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Mosse(const MosseOptions& options = {});

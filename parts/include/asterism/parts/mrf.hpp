@@ -2,6 +2,7 @@
 
 #include <asterism/solver/config.hpp>
 #include <opencv2/core.hpp>
+#include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -19,6 +20,11 @@ struct MrfOptions {
   double neighbourhood = 0.06;
 };
 
+/// What `regularize_posterior` overwrites. Given to it again, it spares the heap for maps that are no larger.
+struct MrfWorkspace {
+  std::vector<float> planes, weights, padded_row, row_others, row_all;
+};
+
 /// Smooths a foreground posterior with a Markov random field whose prior and posterior are spatially averaged
 /// (Diplaros et al. 2007, Kristan et al. 2014), by expectation maximisation.
 ///
@@ -27,7 +33,13 @@ struct MrfOptions {
 /// iteration and is not part of the likelihood (the group's code multiplies it into both). Returns the
 /// regularised foreground posterior, CV_32FC1 in [0, 1]. Throws std::invalid_argument for other types, sizes
 /// or values (NaN included), and for options out of range.
-cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior = {},
-                             const MrfOptions& options = {});
+ASTERISM_API cv::Mat regularize_posterior(const cv::Mat& foreground_likelihood,
+                                          const cv::Mat& foreground_prior = {},
+                                          const MrfOptions& options = {});
+/// As above, into `posterior`, which may be `foreground_likelihood` itself; it is allocated where it has
+/// another size or type.
+ASTERISM_API void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& foreground_prior,
+                                       const MrfOptions& options, MrfWorkspace& workspace,
+                                       cv::Mat& posterior);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -11,6 +11,12 @@
 #include <asterism/parts/spatial_reliability.hpp>
 #include <asterism/parts/superpixels.hpp>
 #include <asterism/parts/template.hpp>
+#if __has_include(<asterism/parts/flow.hpp>)  // only installed where it was built
+#include <asterism/parts/flow.hpp>
+#endif
+#if __has_include(<asterism/parts/keypoints.hpp>)
+#include <asterism/parts/keypoints.hpp>
+#endif
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -143,5 +149,30 @@ inline void visit_options(OptionVisitor& visit, TemplateOptions& options) {
   visit("min_template_side", options.min_template_side);
   visit("max_template_side", options.max_template_side);
 }
+
+#if __has_include(<asterism/parts/flow.hpp>)
+inline void visit_options(OptionVisitor& visit, FlowOptions& options) {
+  visit("grid", options.grid);
+  visit("max_error", options.max_error);
+  visit("lk_window", options.lk_window);
+  visit("lk_levels", options.lk_levels);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+#endif
+
+#if __has_include(<asterism/parts/keypoints.hpp>)
+inline void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
+  visit("max_points", options.max_points);
+  visit("fast_threshold", options.fast_threshold);
+  visit("max_distance", options.max_distance);
+  visit("max_ratio", options.max_ratio);
+  visit("vote_radius", options.vote_radius);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+#endif
 
 }  // namespace asterism::inline ASTERISM_ABI

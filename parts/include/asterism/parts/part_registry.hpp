@@ -10,9 +10,15 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
+namespace detail {
+/// Refuses JSON that is nested so deep that a walk through it might use up the stack, by a
+/// std::invalid_argument that begins with `of`.
+void check_nesting(const std::string& of, std::string_view json);
+}  // namespace detail
+
 /// Part models by name, with options from JSON: the library's own, those that a program adds, and those of
 /// shared libraries (part_plugin.hpp).
-class PartRegistry {
+class ASTERISM_API PartRegistry {
  public:
   /// Knows the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
   /// "spatial_reliability", "superpixels", "template"; without "flow" or "keypoints" where they were not
@@ -37,7 +43,7 @@ class PartRegistry {
   /// part models, was built for another version of this one or of what its types are made of, or throws.
   ///
   /// What such a model throws comes out as std::invalid_argument if it was one, else as std::runtime_error,
-  /// with the model's name; so does evidence that is not finite.
+  /// with the model's name; so does evidence or a similarity that is not finite.
   std::vector<std::string> load(const std::string& library);
 
   /// A model from its name, which may be followed by a JSON object of options: `mosse`,

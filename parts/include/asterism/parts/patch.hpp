@@ -13,8 +13,8 @@ namespace asterism::inline ASTERISM_ABI {
 /// type and exactly `grid` pixels, bilinear, after a box filter where it shrinks (so that no aliasing reaches
 /// the features). `patch` is reused where it has the right size already. Throws std::invalid_argument for a
 /// centre or size that is not finite.
-void sample_patch(const cv::Mat& image, const Point2& centre, const Size2& size, const cv::Size& grid,
-                  cv::Mat& patch);
+ASTERISM_API void sample_patch(const cv::Mat& image, const Point2& centre, const Size2& size,
+                               const cv::Size& grid, cv::Mat& patch);
 
 /// Pixels that a part overwrites in each frame. A copy has none, where that of a cv::Mat would share them:
 /// copies of a part may be used in several threads.
@@ -29,7 +29,7 @@ struct Scratch {
 /// What `sample_patch` does to images of one channel, several times as fast and with workspace of its own:
 /// once the grid and the image's width have been seen, nothing is allocated. One object is for one thread at
 /// a time; copies share nothing.
-class PatchSampler {
+class ASTERISM_API PatchSampler {
  public:
   /// image: CV_8UC1; otherwise `sample_patch`'s conditions and, but for rounding in windows that shrink, its
   /// result.

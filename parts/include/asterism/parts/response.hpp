@@ -6,7 +6,7 @@
 namespace asterism::inline ASTERISM_ABI {
 
 /// A similarity response over a search window, on a regular grid in the image.
-struct ResponseMap {
+struct ASTERISM_API ResponseMap {
   /// rows x cols responses; may be negative away from the peak.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> values;
   /// Image position of values(0, 0) and spacing of the grid [px].
@@ -43,15 +43,15 @@ concept ResizableModel = PartModel<P> && requires(P part, const Size2& size) {
 /// the grid; covariance: second moments about the position weighted by the response, negative responses
 /// counting as 0, so that its trace is the paper's weighted variance (Sec. 2.3.3). A map without any positive
 /// response gives its centre, peak 0 and the moments of a constant map.
-Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
+ASTERISM_API Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
 
 /// As above, sub-pixel, but with the covariance of the position's likelihood, a map on the same grid, where
 /// the response is positive anywhere.
-Evidence evidence_of(const ResponseMap& response, const ResponseMap& likelihood);
+ASTERISM_API Evidence evidence_of(const ResponseMap& response, const ResponseMap& likelihood);
 
 /// The similarity of a model that has no response map: peak x exp(-d' covariance^-1 d / 2) at a distance d
 /// from the position of its evidence, 0 outside its search window.
-struct ResponsePeak {
+struct ASTERISM_API ResponsePeak {
   Evidence evidence;  ///< where the peak is
   /// Middle and sides of the search window [px].
   Point2 centre = Point2::Zero();

@@ -43,7 +43,7 @@ struct ScaleFilterOptions {
 ///     scale.adapt(frame, x, size);
 ///
 /// Sizes are not bounded: a caller that knows limits clamps what it multiplies.
-class ScaleFilter {
+class ASTERISM_API ScaleFilter {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit ScaleFilter(const ScaleFilterOptions& options = {});

@@ -34,6 +34,6 @@ struct SuperpixelMap {
 /// the eye. Seeds are the middles of a regular grid of about side x side pixels, and not moved off edges.
 /// What is then left in pieces of less than side^2 / 4 pixels joins a neighbour. Throws std::invalid_argument
 /// for options out of range, and for pixels that are no whole rows of `cols`.
-SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& options = {});
+ASTERISM_API SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& options = {});
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -32,7 +32,7 @@ struct MaskedRegressionOptions {
 /// where * is the circular correlation, by the alternating direction method of multipliers (Lukezic et al.,
 /// CVPR 2017, Sec. 3.1): the regression is diagonal in the Fourier domain, the constraint in the image. All
 /// spectra are half ones, as RealFft2's.
-class MaskedRegression {
+class ASTERISM_API MaskedRegression {
  public:
   MaskedRegression() = default;
   /// rows, cols > 0. Throws std::invalid_argument for these and for options out of range.
@@ -112,7 +112,7 @@ struct SpatialReliabilityOptions {
 /// mask. So the window may be large, and all of what it sees counts as background, without the filter
 /// learning from it where the target is. The response is the weighted sum over the channels, weights such
 /// that the target as learned gets 1.
-class SpatialReliability {
+class ASTERISM_API SpatialReliability {
  public:
   /// Channels of orientations.
   static constexpr int kHogChannels = 18;

@@ -27,7 +27,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// length and a checksum (CRC-32), which are checked before anything is read. Whatever they hold, reading
 /// them ends in an exception or in a state: each read is bounded, sizes are the reader's own, and numbers
 /// must be finite and in the range that is asked for.
-class StateArchive {
+class ASTERISM_API StateArchive {
  public:
   /// Of the format.
   static constexpr std::uint32_t kVersion = 1;
@@ -86,6 +86,8 @@ class StateArchive {
   /// A position in the image, at most 1e6 px from its origin on each axis, and a size from 1e-6 to 1e6 px.
   void position(Point2& value);
   void size(Size2& value);
+  /// How many things follow, which take at least `bytes_each` bytes each: reading, no more than are there.
+  void count(int& value, std::size_t bytes_each);
   /// 8-bit pixels; the image has this size and number of channels already, or gets them.
   void pixels(cv::Mat& image, const cv::Size& size, int channels);
 
@@ -161,6 +163,6 @@ void restore_state(T& object, std::span<const std::byte> bytes) {
 }
 
 /// Throws std::invalid_argument: this kind of `what` cannot be saved.
-[[noreturn]] void throw_not_stateful(std::string_view what);
+[[noreturn]] ASTERISM_API void throw_not_stateful(std::string_view what);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -3,6 +3,7 @@
 #include <asterism/parts/patch.hpp>
 #include <asterism/parts/response.hpp>
 #include <asterism/parts/slic.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -37,7 +38,7 @@ struct SuperpixelsOptions {
 /// the confidences of the frame's superpixels under the target's box are added. The response is the sum
 /// relative to that of the target as learned. Among equal matches the one nearest to the window's middle
 /// counts; a response that is the same everywhere says nothing, and the similarity is 0.
-class Superpixels {
+class ASTERISM_API Superpixels {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Superpixels(const SuperpixelsOptions& options = {});
@@ -52,6 +53,8 @@ class Superpixels {
   double similarity_at(const Point2& position) const { return response_.at(position); }
   /// The response map of the last `localize`, one value a displacement.
   const ResponseMap& response() const { return response_; }
+  /// What has been learned, for save_state.
+  void visit_state(StateArchive& archive);
   /// Number of superpixels on the target.
   int size() const { return static_cast<int>(weights_.size()); }
 
@@ -68,12 +71,17 @@ class Superpixels {
     Eigen::ArrayXf shares;
   };
 
+  // What follows from the size.
+  void prepare(const Size2& size);
   void sample(const Frame& frame, const Point2& centre);
   void learn(const Frame& frame, const Point2& at, double rate);
+  // The superpixels of what has been learned.
+  void cut();
   Eigen::ArrayXXf alike(const Eigen::ArrayX3f& rows, const Eigen::ArrayX3f& cols) const;
   Eigen::ArrayXf confidence(const Eigen::ArrayX3f& colours) const;
 
   SuperpixelsOptions options_;
+  Size2 size_ = Size2::Zero();             // of the target [px], 0 before init
   bool colour_ = false;                    // learned in colour
   double spacing_ = 1;                     // image pixels a template pixel
   int rows_ = 0, cols_ = 0, reach_ = 0;    // of the template; largest displacement [template pixels]

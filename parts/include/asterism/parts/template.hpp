@@ -36,7 +36,7 @@ struct TemplateOptions {
 /// which is the NCC itself for that distance; the covariance is that of the displacement's likelihood
 /// (Nickels and Hutchinson, IVC 2002). A template without contrast, or a response that is the same
 /// everywhere, says nothing: the similarity is 0.
-class Template {
+class ASTERISM_API Template {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Template(const TemplateOptions& options = {});

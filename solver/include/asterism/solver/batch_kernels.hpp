@@ -4,6 +4,7 @@
 // it: the kernels are compiled for wider instructions than their callers, and whatever both would emit, the
 // linker could take from either. For the same reason its names do not depend on Eigen's alignment, so that
 // one build of the kernels serves programs compiled for any machine.
+#include <asterism/solver/export.hpp>
 #include <cstddef>
 #include <cstdint>
 
@@ -69,6 +70,6 @@ struct KernelSet {
 enum Isa : int { kPortable = 0, kAvx2 = 1, kAvx512 = 2 };
 
 /// The kernels for an instruction set, nullptr where this build or this machine does not have it.
-const KernelSet* kernels(Isa isa);
+ASTERISM_API const KernelSet* kernels(Isa isa);
 
 }  // namespace asterism::lanes_v0_1

@@ -38,13 +38,13 @@ struct CeresProblem {
 };
 
 /// Minimises from and into x. Adds Ceres's counts and words to `summary`.
-Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterations, double* x,
-                Summary& summary);
+ASTERISM_API Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterations, double* x,
+                             Summary& summary);
 
 }  // namespace detail
 
 /// Version of the Ceres that was compiled with, such as "2.1.0".
-const char* ceres_version();
+ASTERISM_API const char* ceres_version();
 
 /// Ceres as a reference for the library's own solvers: residuals sqrt(k_i) (x_i - a_i) and sqrt(k_ij) (r_ij -
 /// mu_ij) with analytic Jacobians, in double whatever the system's scalar. Ceres's own tolerances are off: it

@@ -18,16 +18,18 @@ using FourPartSystem = SpringSystem<double, 2, 4>;
 
 #ifdef ASTERISM_SOLVER_COMPILED
 /// Declares a solver's class for these types.
-#define ASTERISM_COMPILED_SOLVER(Solver)             \
-  extern template class Solver<detail::PlaneSystem>; \
-  extern template class Solver<detail::SpaceSystem>; \
-  extern template class Solver<detail::FourPartSystem>;
+#define ASTERISM_COMPILED_SOLVER(Solver)                          \
+  extern template class ASTERISM_API Solver<detail::PlaneSystem>; \
+  extern template class ASTERISM_API Solver<detail::SpaceSystem>; \
+  extern template class ASTERISM_API Solver<detail::FourPartSystem>;
 /// Declares a function solve(system, x, options) for these types.
-#define ASTERISM_COMPILED_SOLVE(solve, Options)                                                            \
-  extern template Summary solve(const detail::PlaneSystem&, detail::PlaneSystem::Points&, const Options&); \
-  extern template Summary solve(const detail::SpaceSystem&, detail::SpaceSystem::Points&, const Options&); \
-  extern template Summary solve(const detail::FourPartSystem&, detail::FourPartSystem::Points&,            \
-                                const Options&);
+#define ASTERISM_COMPILED_SOLVE(solve, Options)                                                              \
+  extern template ASTERISM_API Summary solve(const detail::PlaneSystem&, detail::PlaneSystem::Points&,       \
+                                             const Options&);                                                \
+  extern template ASTERISM_API Summary solve(const detail::SpaceSystem&, detail::SpaceSystem::Points&,       \
+                                             const Options&);                                                \
+  extern template ASTERISM_API Summary solve(const detail::FourPartSystem&, detail::FourPartSystem::Points&, \
+                                             const Options&);
 #else
 #define ASTERISM_COMPILED_SOLVER(Solver)
 #define ASTERISM_COMPILED_SOLVE(solve, Options)

@@ -9,7 +9,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// The paper's part model, Kcf with default options. Not in the headers' code: every program that has options
 /// would compile it.
-AnyPart paper_filter();
+ASTERISM_API AnyPart paper_filter();
 
 /// Options of the coarse layer (Sec. 2.2).
 struct CoarseOptions {
@@ -36,7 +36,7 @@ struct CoarseOptions {
 
 /// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t,
 /// which together place the object's centre within the search region of the root.
-class CoarseLayer {
+class ASTERISM_API CoarseLayer {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit CoarseLayer(const CoarseOptions& options = CoarseOptions());
@@ -92,7 +92,7 @@ class CoarseLayer {
 
 /// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos
 /// without colour. The box keeps its size.
-class CoarseTracker {
+class ASTERISM_API CoarseTracker {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
@@ -108,6 +108,6 @@ class CoarseTracker {
 };
 
 /// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
-void check_start(const Frame& frame, const cv::Rect2d& box);
+ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
 
 }  // namespace asterism::inline ASTERISM_ABI

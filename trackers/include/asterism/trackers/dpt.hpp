@@ -92,7 +92,7 @@ struct DptOptions {
 /// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a colour model,
 /// and a mid level of parts whose MAP constellation is the equilibrium of a spring system. `update` is the
 /// paper's Algorithm 2.
-class Dpt {
+class ASTERISM_API Dpt {
  public:
   /// Parts at most.
   static constexpr int kMaxParts = DptOptions::kMaxParts;

@@ -13,7 +13,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Where an object is: the similarity that takes positions in the object, pixels of its first frame about its
 /// centre, to the image.
-class ObjectPose {
+class ASTERISM_API ObjectPose {
  public:
   /// The box keeps to this range of its first size, whatever a collapsed or burst constellation says.
   static constexpr double kMinScale = 0.1, kMaxScale = 10;
@@ -28,6 +28,7 @@ class ObjectPose {
   const PlaneTransform& transform() const { return transform_; }
   /// The object moves by a transform of the image; its size keeps to the range above.
   void move(const PlaneTransform& transform);
+  void visit_state(StateArchive& archive);
 
   /// The box now, and its size in the first frame [px].
   Point2 centre() const { return transform_.translation; }
@@ -62,7 +63,7 @@ struct ElasticOptions {
 /// The energy is a negative log-probability. A part is where its evidence says by a Gaussian of information
 /// peak x covariance^-1, with the loss of Geman and McClure, so that one that is wrong does not matter; a
 /// link is as long as in the layout, under the object's scale, but for a Gaussian of `deformation`.
-class ElasticConstellation {
+class ASTERISM_API ElasticConstellation {
  public:
   /// The type of its spring system.
   using Springs = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
@@ -88,6 +89,9 @@ class ElasticConstellation {
   int size() const { return static_cast<int>(layout_.cols()); }
   std::vector<Link> links() const { return {springs_.links().begin(), springs_.links().end()}; }
 
+  /// Parts and links, and the parts' placement x (2 x N).
+  void visit_state(StateArchive& archive, Points& x);
+
  private:
   // The solver, whose workspace cannot be copied: a copy of the constellation has its own.
   class Solver {
@@ -111,12 +115,12 @@ class ElasticConstellation {
 
 /// The edges of the Delaunay triangulation of points (2 x N, finite) in the plane; of points on a line, or
 /// fewer than three, all pairs. Of points that coincide one is linked.
-Topology<> delaunay(const ElasticConstellation::Points& points);
+ASTERISM_API Topology<> delaunay(const ElasticConstellation::Points& points);
 
 /// How the object moved, by the parts' evidence alone: the transform of the layout that most of it agrees
 /// with, within the constellation's reach.
-RobustTransform fit_pose(const ElasticConstellation::Points& layout,
-                         const ElasticConstellation::Points& placed, const Eigen::VectorXd& weights,
-                         const ObjectPose& pose, double reach);
+ASTERISM_API RobustTransform fit_pose(const ElasticConstellation::Points& layout,
+                                      const ElasticConstellation::Points& placed,
+                                      const Eigen::VectorXd& weights, const ObjectPose& pose, double reach);
 
 }  // namespace asterism::inline ASTERISM_ABI

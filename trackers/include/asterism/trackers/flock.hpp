@@ -27,7 +27,7 @@ struct FlockOptions {
 /// al., ICPR 2010, is its ancestor) as a constellation: a grid of points, each followed by optical flow, on
 /// springs to its nearest neighbours. The object moves as most of the MAP placement does; points that failed
 /// begin anew where this motion puts them.
-class Flock {
+class ASTERISM_API Flock {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Flock(const FlockOptions& options = {});
@@ -36,6 +36,7 @@ class Flock {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const FlockOptions& options() const { return options_; }
 

@@ -9,7 +9,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// The Kalman filter of a point of three coordinates whose velocity is constant but for white acceleration
 /// (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 6.2.2). The
 /// unit of time is the frame.
-class ConstantVelocityFilter {
+class ASTERISM_API ConstantVelocityFilter {
  public:
   using Vector = Eigen::Vector3d;
   using Matrix = Eigen::Matrix3d;
@@ -27,6 +27,8 @@ class ConstantVelocityFilter {
   Vector velocity() const { return state_.tail<3>(); }
   /// Of position and velocity, in this order.
   const Eigen::Matrix<double, 6, 6>& covariance() const { return covariance_; }
+
+  void visit_state(StateArchive& archive);
 
  private:
   Eigen::Vector<double, 6> state_ = Eigen::Vector<double, 6>::Zero();
@@ -51,13 +53,16 @@ struct KalmanOptions {
 /// but for white acceleration; the tracker's box measures them, with TrackResult::covariance where it has
 /// one. The result is the tracker's with box and covariance filtered; the box keeps its aspect. The tracker
 /// itself goes on from its own box.
-class KalmanTracker {
+class ASTERISM_API KalmanTracker {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});
 
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
  private:
   // Of a box as a measurement, in px and logarithms.

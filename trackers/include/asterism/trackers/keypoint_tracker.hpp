@@ -37,7 +37,7 @@ struct KeypointTrackerOptions {
 /// where it is; what most of them agree with is the object's motion, and springs to the nearest neighbours
 /// with robust anchors the placement. Parts that are not seen any more are replaced by new ones; few that
 /// agree are an occlusion, and the object is lost.
-class KeypointTracker {
+class ASTERISM_API KeypointTracker {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KeypointTracker(const KeypointTrackerOptions& options = {});
@@ -46,6 +46,7 @@ class KeypointTracker {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const KeypointTrackerOptions& options() const { return options_; }
 

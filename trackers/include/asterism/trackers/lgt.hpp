@@ -8,7 +8,7 @@
 namespace asterism::inline ASTERISM_ABI {
 
 /// Lgt's part model, a ColorHistogram that searches twice its size to each side.
-AnyPart histogram_part();
+ASTERISM_API AnyPart histogram_part();
 
 /// Options of Lgt.
 struct LgtOptions {
@@ -35,7 +35,7 @@ struct LgtOptions {
 /// coupled-layer visual model", PAMI 2013). The local layer is a constellation of small histogram parts on a
 /// Delaunay triangulation of springs; parts that do badly fade and leave. The global layer, the colour model,
 /// says where on the object new ones are needed, and weighs what the parts see.
-class Lgt {
+class ASTERISM_API Lgt {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Lgt(const LgtOptions& options = LgtOptions());
@@ -44,6 +44,7 @@ class Lgt {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const LgtOptions& options() const { return options_; }
 

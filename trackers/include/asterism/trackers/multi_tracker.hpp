@@ -9,7 +9,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// Several objects in one video, each with a tracker of its own: the frame is converted once for all of them,
 /// and they are tracked in parallel. Objects know nothing of each other, so that results are those of as many
 /// single trackers, bit for bit, for any number of threads.
-class MultiTracker {
+class ASTERISM_API MultiTracker {
  public:
   /// threads: that objects are tracked on, the calling one among them; 0: as many as the machine runs at
   /// once. Throws std::invalid_argument where negative. Trackers in it are best given one thread each.

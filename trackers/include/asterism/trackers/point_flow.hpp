@@ -2,6 +2,7 @@
 
 #include <asterism/parts/part_model.hpp>
 #include <asterism/parts/patch.hpp>
+#include <asterism/parts/state.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -23,7 +24,7 @@ struct PointFlowOptions {
 };
 
 /// An object with its surroundings, resampled to a size that does not depend on the object's.
-class ObjectWindow {
+class ASTERISM_API ObjectWindow {
  public:
   /// The window of an object of `size` [px] at `centre` [px]; sides as PointFlowOptions has them.
   ObjectWindow() = default;
@@ -47,7 +48,7 @@ class ObjectWindow {
 
 /// Many points of one object, each followed from frame to frame by pyramidal Lucas-Kanade and back (Kalal,
 /// Mikolajczyk and Matas, ICPR 2010): one run for all of them, where Flow is a part by itself.
-class PointFlow {
+class ASTERISM_API PointFlow {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit PointFlow(const PointFlowOptions& options = {});
@@ -63,7 +64,14 @@ class PointFlow {
   /// The window of the last frame.
   const ObjectWindow& window() const { return window_; }
 
+  /// Saves or takes over what `learn` learned, of the same centre and size.
+  void visit_state(StateArchive& archive, const Point2& centre, const Size2& size);
+
  private:
+  // What follows from centre and size.
+  ObjectWindow window_of(const Point2& centre, const Size2& size) const;
+  std::vector<cv::Mat> pyramid(const cv::Mat& window) const;
+
   PointFlowOptions options_;
   ObjectWindow window_;
   std::vector<cv::Mat> learned_;  // pyramid; never written again: copies share it

@@ -32,7 +32,7 @@ struct SuperpixelTrackerOptions {
 /// whose colour is rather the object's than its surroundings'. Matching is by colour and place; springs to
 /// the nearest neighbours are the geometric term. The graph is dynamic: parts that are not matched any more
 /// leave, candidates on the object that are no parts join.
-class SuperpixelTracker {
+class ASTERISM_API SuperpixelTracker {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit SuperpixelTracker(const SuperpixelTrackerOptions& options = {});
@@ -41,6 +41,7 @@ class SuperpixelTracker {
   TrackResult update(const cv::Mat& image);
   void init(const Frame& frame, const cv::Rect2d& box);
   TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
 
   const SuperpixelTrackerOptions& options() const { return options_; }
 

@@ -32,7 +32,7 @@ struct StageTime {
 /// The corners of a box turned by `angle` [rad, from the x axis towards the y axis] about its middle,
 /// sub-pixel: those that the upright box has at its top left, top right, bottom right and bottom left. For
 /// angle 0 they are (x, y), (x + width, y), (x + width, y + height), (x, y + height).
-std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
+ASTERISM_API std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
 
 /// A tracker's answer for one frame.
 struct TrackResult {
@@ -88,13 +88,23 @@ concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, con
 };
 
 /// Any Tracker, chosen at run time; itself one that takes a Frame. A tracker in it that does not gets the
-/// frame's 8-bit pixels.
+/// frame's 8-bit pixels. A copy copies the tracker; only those that are Stateful have copies, for any other
+/// std::invalid_argument is thrown. After a move from it, it may only be assigned to or destroyed.
 class AnyTracker {
  public:
   /// Holds any tracker but itself.
-  template <Tracker T>
-  requires(!std::same_as<T, AnyTracker>) AnyTracker(T tracker)
+  template <class T>
+  requires(!std::same_as<T, AnyTracker> && Tracker<T>) AnyTracker(T tracker)
       : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
+
+  AnyTracker(const AnyTracker& other) : self_(other.self_->clone()) {}
+  AnyTracker(AnyTracker&&) noexcept = default;
+  AnyTracker& operator=(const AnyTracker& other) {
+    self_ = other.self_->clone();
+    return *this;
+  }
+  AnyTracker& operator=(AnyTracker&&) noexcept = default;
+  ~AnyTracker() = default;
 
   void init(const cv::Mat& image, const cv::Rect2d& box) { self_->init(image, box); }
   TrackResult update(const cv::Mat& image) { return self_->update(image); }
@@ -105,37 +115,38 @@ class AnyTracker {
   /// options, which then goes on as the saved one would have, bit for bit, and may not have been initialised
   /// before (restore_state). Throw what these do, and std::invalid_argument for a tracker that is not
   /// Stateful.
-  std::vector<std::byte> save() const { return self_->save(); }
-  void restore(std::span<const std::byte> state) { self_->restore(state); }
+  std::vector<std::byte> save() const { return save_state(*this); }
+  void restore(std::span<const std::byte> state) { restore_state(*this, state); }
+  void visit_state(StateArchive& archive) { self_->visit_state(archive); }
 
  private:
   struct Concept {
     virtual ~Concept() = default;
+    virtual std::unique_ptr<Concept> clone() const = 0;
     virtual void init(const cv::Mat&, const cv::Rect2d&) = 0;
     virtual TrackResult update(const cv::Mat&) = 0;
     virtual void init(const Frame&, const cv::Rect2d&) = 0;
     virtual TrackResult update(const Frame&) = 0;
-    virtual std::vector<std::byte> save() const = 0;
-    virtual void restore(std::span<const std::byte>) = 0;
+    virtual void visit_state(StateArchive&) = 0;
   };
   template <class T>
   struct Model final : Concept {
     explicit Model(T t) : tracker(std::move(t)) {}
+    std::unique_ptr<Concept> clone() const override {
+      if constexpr (Stateful<T>)
+        return std::make_unique<Model>(tracker);
+      else
+        throw_not_stateful("tracker");
+    }
     void init(const cv::Mat& image, const cv::Rect2d& box) override { tracker.init(image, box); }
     TrackResult update(const cv::Mat& image) override { return tracker.update(image); }
     void init(const Frame& frame, const cv::Rect2d& box) override {
       tracker.init(seen_by_tracker(frame), box);
     }
     TrackResult update(const Frame& frame) override { return tracker.update(seen_by_tracker(frame)); }
-    std::vector<std::byte> save() const override {
+    void visit_state(StateArchive& archive) override {
       if constexpr (Stateful<T>)
-        return save_state(tracker);
-      else
-        throw_not_stateful("tracker");
-    }
-    void restore(std::span<const std::byte> state) override {
-      if constexpr (Stateful<T>)
-        restore_state(tracker, state);
+        tracker.visit_state(archive);
       else
         throw_not_stateful("tracker");
     }
@@ -151,7 +162,7 @@ class AnyTracker {
 };
 
 /// The trackers that `make_tracker` knows.
-std::vector<std::string> tracker_names();
+ASTERISM_API std::vector<std::string> tracker_names();
 
 /// A tracker from its description: a name, with default options; `dpt{"part": "mosse", "grid_rows": 3}`, a
 /// name and a JSON object of options, which are the members of the class's options; `{"tracker": "dpt",
@@ -169,6 +180,6 @@ std::vector<std::string> tracker_names();
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
 /// for an unknown one, or that says what is wrong with a value; for a description that is more than a name
 /// also where the library was built without PartRegistry.
-AnyTracker make_tracker(std::string_view description);
+ASTERISM_API AnyTracker make_tracker(std::string_view description);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -6,7 +6,7 @@
 namespace asterism::inline ASTERISM_ABI {
 
 /// A similarity of the plane, x -> scale R(angle) x + translation.
-struct PlaneTransform {
+struct ASTERISM_API PlaneTransform {
   double scale = 1;                                       ///< > 0
   double angle = 0;                                       ///< [rad], from the x axis towards the y axis
   Eigen::Vector2d translation = Eigen::Vector2d::Zero();  ///< [px]
@@ -27,15 +27,15 @@ enum class TransformModel {
 /// The least-squares transform from one point set to another (2 x N each, columns correspond; Umeyama 1991,
 /// without reflection). Rotation and scale stay at their identity where the points do not determine them (N <
 /// 2, or all points of a set coincident). N = 0 gives the identity.
-PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
-                             const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model);
+ASTERISM_API PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                                          const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model);
 
 /// How the least-squares transform follows the points that it fits: the derivative of
 /// fit_transform(from, to, model)(point), x and y, and of the logarithm of its scale (rows) by `to`
 /// (coordinate d of column i is column 2 i + d). jacobian: 3 x 2N, written.
-void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
-                  const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model,
-                  const Eigen::Vector2d& point, Eigen::Ref<Eigen::Matrix3Xd> jacobian);
+ASTERISM_API void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                               const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model,
+                               const Eigen::Vector2d& point, Eigen::Ref<Eigen::Matrix3Xd> jacobian);
 
 /// A transform and how much of the points moves by it.
 struct RobustTransform {
@@ -49,9 +49,10 @@ struct RobustTransform {
 /// 1977). Hypotheses of more than twice or less than half the scale of `start` are left out.
 ///
 /// from, to: 2 x N, finite; weights: N, >= 0. Without any positive weight the result is `start`, support 0.
-RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
-                                     const Eigen::Ref<const Eigen::Matrix2Xd>& to,
-                                     const Eigen::Ref<const Eigen::VectorXd>& weights, TransformModel model,
-                                     double radius, const PlaneTransform& start);
+ASTERISM_API RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                                                  const Eigen::Ref<const Eigen::Matrix2Xd>& to,
+                                                  const Eigen::Ref<const Eigen::VectorXd>& weights,
+                                                  TransformModel model, double radius,
+                                                  const PlaneTransform& start);
 
 }  // namespace asterism::inline ASTERISM_ABI

@@ -1,0 +1,142 @@
+// Any springs by any of the library's methods: bad input is refused and named, x being left alone; what is
+// usable is finite and no worse than the start; what has converged is stationary.
+
+#include <algorithm>
+#include <asterism/solver/stationarity.hpp>
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <limits>
+
+#include "../../bench/laboratory.hpp"
+#include "bytes.hpp"
+
+using namespace asterism;
+using bench::Points;
+using bench::System;
+
+namespace {
+
+// Of any magnitude from 1e-16 to 1e12 and, rarely, any double.
+double number(fuzz::Bytes& bytes) {
+  const auto kind = bytes.take<std::uint8_t>();
+  if (kind == 255) return bytes.take<double>();
+  return bytes.take<std::int16_t>() * std::pow(10.0, kind % 25 - 16);
+}
+// The same, but mostly not negative.
+double magnitude(fuzz::Bytes& bytes) {
+  const bool any = bytes.take<std::uint8_t>() == 255;
+  const double value = number(bytes);
+  return any ? value : std::abs(value);
+}
+
+bench::Problem problem(fuzz::Bytes& bytes) {
+  const int nodes = bytes.take<std::uint8_t>() % 10;
+  const int count = bytes.take<std::uint8_t>() % 32;
+  std::vector<Link> links;
+  const auto node = [&] {  // mostly one of them
+    const auto value = bytes.take<std::uint8_t>();
+    return value > 250 || nodes == 0 ? value - 253 : value % nodes;
+  };
+  for (int l = 0; l < count; ++l) {
+    const int i = node(), j = node();
+    links.push_back({i, j});
+  }
+  using Topology = System::TopologyType;
+  bench::Problem result{System(count == 31 ? Topology::full(nodes) : Topology::from_links(nodes, links)),
+                        Points(2, nodes)};
+  System& system = result.system;
+  for (double& k : system.anchor_stiffness) k = magnitude(bytes);
+  for (double& k : system.link_stiffness) k = magnitude(bytes);
+  for (double& length : system.rest_length) length = magnitude(bytes);
+  for (double& a : system.anchors.reshaped()) a = number(bytes);
+  for (double& x : result.start.reshaped()) x = number(bytes);
+  const auto fixed = bytes.take<std::uint8_t>();
+  for (int i = 0; i < nodes; ++i)
+    if (fixed >> i % 8 & 1) system.fix(i);
+  return result;
+}
+
+// The energy, written down once more.
+long double energy_of(const System& system, const Points& x) {
+  long double sum = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    const long double u = x(0, i) - static_cast<long double>(system.anchors(0, i));
+    const long double v = x(1, i) - static_cast<long double>(system.anchors(1, i));
+    sum += system.anchor_stiffness[i] * (u * u + v * v) / 2;
+  }
+  for (int l = 0; l < system.link_count(); ++l) {
+    const Link link = system.links()[static_cast<std::size_t>(l)];
+    const long double u = x(0, link.i) - static_cast<long double>(x(0, link.j));
+    const long double v = x(1, link.i) - static_cast<long double>(x(1, link.j));
+    const long double stretch = system.rest_length[l] - std::sqrt(u * u + v * v);
+    sum += system.link_stiffness[l] * stretch * stretch / 2;
+  }
+  return sum;
+}
+
+bool is_bad(const bench::Problem& given) {
+  const System& system = given.system;
+  const auto is_good = [](const auto& values) { return values.allFinite() && (values.array() >= 0).all(); };
+  return system.nodes() == 0 || system.defect() || !is_good(system.anchor_stiffness) ||
+         !is_good(system.link_stiffness) || !is_good(system.rest_length) || !system.anchors.allFinite() ||
+         !given.start.allFinite();
+}
+
+void require(bool holds, const Summary& summary, const char* what) {
+  if (holds) return;
+  std::fprintf(stderr, "%s: %s\n", std::string(summary.solver).c_str(), what);
+  std::abort();
+}
+
+void check(const bench::Problem& given, const Summary& summary, const Points& x, double tolerance) {
+  if (!summary.usable()) {
+    require(x.size() == given.start.size() &&
+                std::memcmp(x.data(), given.start.data(),
+                            sizeof(double) * static_cast<std::size_t>(x.size())) == 0,
+            summary, "x was changed without a result");
+    require(!summary.message.empty(), summary, "no reason");
+    if (summary.status != Status::InvalidInput) require(!is_bad(given), summary, "bad input was not named");
+    return;
+  }
+  const System& system = given.system;
+  require(!is_bad(given), summary, "bad input was solved");
+  require(x.allFinite() && std::isfinite(summary.final_energy), summary, "a result that is not finite");
+  const long double before = energy_of(system, given.start), after = energy_of(system, x);
+  // Distances are known to the rounding of the coordinates.
+  constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+  const long double extent = std::max(x.cwiseAbs().maxCoeff(), given.start.cwiseAbs().maxCoeff()) +
+                             system.anchors.cwiseAbs().maxCoeff();
+  const long double stiffness = system.anchor_stiffness.sum() + system.link_stiffness.sum();
+  const long double force = std::sqrt(2 * stiffness * before);
+  const long double rounding = 16 * kEpsilon * (system.nodes() + system.link_count()) *
+                               (before + extent * force + kEpsilon * stiffness * extent * extent);
+  require(after <= before + rounding, summary, "the energy rose");
+  require(std::abs(after - static_cast<long double>(summary.final_energy)) <= rounding, summary,
+          "another energy than the summary's");
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) require(x.col(i) == given.start.col(i), summary, "a fixed node moved");
+  }
+  if (summary.status == Status::Converged) {
+    detail::StoppingRule<System> rule;
+    rule.set(system, given.start, tolerance);
+    require(rule.stationarity(gradient(system, x)) <= static_cast<double>(rule.tolerance()) * (1 + 1e-9),
+            summary, "converged, but not stationary");
+  }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  fuzz::Bytes bytes(data, size);
+  const auto& methods = bench::solvers();
+  const bench::SolverEntry& method = methods[bytes.take<std::uint8_t>() % methods.size()];
+  const bench::Limits limits{std::pow(10.0, -(bytes.take<std::uint8_t>() % 16)), bytes.take<std::uint8_t>()};
+  const bench::Problem given = problem(bytes);
+  const auto runner = method.make(given.system.nodes());
+  runner->load(given);
+  Points x = given.start;
+  const Summary summary = runner->solve(limits, x);
+  check(given, summary, x, limits.tolerance);
+  return 0;
+}

@@ -1,0 +1,119 @@
+// States that were tampered with, their checksums being right: refused, or a tracker that gives finite boxes
+// or says why not. An input says which tracker, and what is written where into the state that it saves.
+
+#include <array>
+#include <asterism/parts/color_histogram.hpp>
+#include <asterism/parts/mosse.hpp>
+#include <asterism/parts/template.hpp>
+#include <asterism/trackers/dpt.hpp>
+#include <cstring>
+#include <functional>
+#include <stdexcept>
+
+#include "bytes.hpp"
+#include "small_scene.hpp"
+
+using namespace asterism;
+
+namespace {
+
+using State = std::vector<std::byte>;
+constexpr std::size_t kHeader = 32, kSizeAt = 16, kChecksumAt = 24;
+
+struct Saved {
+  std::function<AnyTracker()> make;
+  State state;
+};
+
+std::vector<Saved> saved_trackers() {
+  std::vector<Saved> all;
+  const auto add = [&all](std::function<AnyTracker()> make) {
+    AnyTracker tracker = make();
+    tracker.init(fuzz::small_frame(0), fuzz::small_box());
+    all.push_back({make, tracker.save()});
+  };
+  const ColorHistogram histogram({.space = ColorHistogramOptions::Space::Gray, .bins = 8});
+  CoarseOptions coarse;
+  coarse.use_colour = false;
+  coarse.root = histogram;
+  add([=] { return AnyTracker(CoarseTracker(coarse)); });
+  for (const AnyPart& part : {AnyPart(histogram), AnyPart(Template()), AnyPart(Mosse())}) {
+    DptOptions options;
+    options.coarse = coarse;
+    options.part = part;
+    add([=] { return AnyTracker(Dpt(options)); });
+  }
+  for (const std::string& name : tracker_names()) try {
+      add([=] { return make_tracker(name); });
+    } catch (const std::invalid_argument&) {  // it cannot be saved
+    }
+  return all;
+}
+
+// CRC-32, as the header has it.
+std::uint32_t checksum(const State& state) {
+  static const auto table = [] {
+    std::array<std::uint32_t, 256> result;
+    for (std::uint32_t i = 0; i < result.size(); ++i) {
+      result[i] = i;
+      for (int k = 0; k < 8; ++k)
+        result[i] = (result[i] & 1) != 0 ? result[i] >> 1 ^ 0xEDB88320 : result[i] >> 1;
+    }
+    return result;
+  }();
+  std::uint32_t crc = ~std::uint32_t{0};
+  for (std::size_t i = kHeader; i < state.size(); ++i)
+    crc = crc >> 8 ^ table[(crc ^ std::to_integer<std::uint32_t>(state[i])) & 255];
+  return ~crc;
+}
+
+void seal(State& state) {
+  const std::uint64_t size = state.size() - kHeader;
+  const std::uint32_t crc = checksum(state);
+  std::memcpy(state.data() + kSizeAt, &size, sizeof size);
+  std::memcpy(state.data() + kChecksumAt, &crc, sizeof crc);
+}
+
+// One change: where (32 bits, modulo the state's length), what (8 bits), and a value.
+void change(State& state, fuzz::Bytes& bytes) {
+  const std::size_t at = kHeader + bytes.take<std::uint32_t>() % (state.size() - kHeader);
+  const auto kind = bytes.take<std::uint8_t>();
+  const auto put = [&](auto value) {
+    std::memcpy(state.data() + at, &value, std::min(sizeof value, state.size() - at));
+  };
+  switch (kind % 5) {
+    case 0:
+      put(bytes.take<std::uint8_t>());
+      break;
+    case 1:
+      put(bytes.take<std::int32_t>());
+      break;
+    case 2:
+      put(bytes.take<float>());
+      break;
+    case 3:
+      put(bytes.take<double>());
+      break;
+    case 4:
+      state.resize(at + 1);
+  }
+}
+
+}  // namespace
+
+extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
+  static const std::vector<Saved> all = saved_trackers();
+  fuzz::Bytes bytes(data, size);
+  const Saved& saved = all[bytes.take<std::uint8_t>() % all.size()];
+  State state = saved.state;
+  for (int i = 0; i < 8 && !bytes.empty(); ++i) change(state, bytes);
+  seal(state);
+  AnyTracker tracker = saved.make();
+  try {
+    tracker.restore(state);
+    for (int t = 1; t >= 0; --t) fuzz::check(tracker.update(fuzz::small_frame(t)));
+  } catch (const std::invalid_argument&) {
+  } catch (const std::runtime_error&) {
+  }
+  return 0;
+}

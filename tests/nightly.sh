@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# What takes too long for every change (docs/testing.md): hours on two cores. Goes on after a failure, and says at the end
+# what failed.
+set -uo pipefail
+cd "$(dirname "$0")/.."
+failed=()
+step() {
+  local name=$1
+  shift
+  echo "== $name"
+  "$@" || failed+=("$name")
+}
+
+thread_sanitizer() {
+  cmake --preset thread && cmake --build --preset thread --target multi_tracker_test solver_batch_test tracker_test &&
+    ctest --preset thread -R '^(multi_tracker_test|solver_batch_test|tracker_test)$'
+}
+
+# Every memory access of the tool on a few frames.
+memcheck() {
+  local frames=build/release/memcheck
+  mkdir -p "$frames" && python3 -c '
+import pathlib, sys
+for t in range(6):
+    pixels = bytearray()
+    for y in range(120):
+        for x in range(160):
+            u, v = x - 40 - t, y - 40
+            inside = 0 <= u < 40 and 0 <= v < 40
+            pixels += bytes([90 + (u * 37 + v * 91) % 160 if inside else (x * 7 + y * 13) % 60, 80, 200 if inside else 40])
+    pathlib.Path(sys.argv[1], f"{t}.ppm").write_bytes(b"P6 160 120 255 " + pixels)' "$frames" &&
+    valgrind --quiet --error-exitcode=9 build/release/trackers/tools/asterism-track "$frames" --box 40,40,40,40 \
+      --out - >/dev/null
+}
+
+step "tests" bash tests/run.sh
+step "fuzzers" bash tests/fuzz.sh 1000000
+step "random systems" env ASTERISM_PROPERTY_SYSTEMS=100000 build/release/tests/solver/solver_property_test
+for tracker in dpt dpt_plus; do
+  step "soak of $tracker" build/release/tests/trackers/soak 100000 "$tracker"
+done
+step "ThreadSanitizer" thread_sanitizer
+step "valgrind" memcheck
+
+if [[ ${#failed[@]} -gt 0 ]]; then
+  printf 'failed: %s\n' "${failed[@]}" >&2
+  exit 1
+fi

@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""The examples as a user runs them, small: examples_test.py FOLDER."""
+
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import asterism
+import numpy as np
+from moving_square import BOX, draw_frame, write_png
+from PIL import Image
+
+EXAMPLES = pathlib.Path(sys.argv.pop())
+
+
+class ExamplesTest(unittest.TestCase):
+    def setUp(self):
+        folder = tempfile.TemporaryDirectory()
+        self.addCleanup(folder.cleanup)
+        self.folder = pathlib.Path(folder.name)
+        self.figure = self.folder / "figure.png"
+
+    def run_example(self, name, *arguments):
+        command = [sys.executable, str(EXAMPLES / name), *map(str, arguments)]
+        run = subprocess.run(command, capture_output=True, text=True)
+        self.assertEqual((run.returncode, run.stderr), (0, ""), run.stdout)
+        return run.stdout
+
+    def assert_drawn(self, colours):
+        """A figure with at least so many colours: axes alone have fewer."""
+        pixels = np.asarray(Image.open(self.figure).convert("RGB"))
+        self.assertGreater(min(pixels.shape[:2]), 300)
+        self.assertGreater(len(np.unique(pixels.reshape(-1, 3), axis=0)), colours)
+
+    def test_solve_and_draw(self):
+        self.assertIn("converged", self.run_example("solve_and_draw.py", "--rows", 2, "--out", self.figure))
+        self.assert_drawn(300)
+
+    def test_compare_solvers(self):
+        out = self.run_example("compare_solvers.py", "--sizes", 4, 6, "--systems", 2, "--out", self.figure)
+        rows = {line[:16].strip(): float(line.split()[-1]) for line in out.splitlines()[1:]}
+        self.assertEqual(set(rows), {"ida", "newton", "lbfgs", "newton-cg", "ncg", "SciPy L-BFGS-B", "SciPy BFGS", "SciPy CG"})
+        self.assertLess(max(value for name, value in rows.items() if "SciPy" not in name), 1e-7)
+        self.assert_drawn(300)
+
+    @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
+    def test_track_video(self):
+        for frame in range(12):
+            write_png(self.folder / f"{frame:04}.png", draw_frame(frame))
+        box = ",".join(map(str, BOX))
+        out = self.run_example("track_video.py", self.folder, "--box", box, "--frames", 10, "--out", self.figure)
+        self.assertIn("dpt: 9 frames", out)
+        self.assert_drawn(1000)
+
+    def test_help(self):
+        for name in ("solve_and_draw.py", "compare_solvers.py", "track_video.py"):
+            if name == "track_video.py" and not hasattr(asterism, "Tracker"):
+                continue
+            self.assertIn("--out", self.run_example(name, "--help"))
+
+
+if __name__ == "__main__":
+    unittest.main()

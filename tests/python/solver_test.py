@@ -1,0 +1,408 @@
+#!/usr/bin/env python3
+"""Spring systems and solvers from Python, against NumPy and SciPy."""
+
+import pathlib
+import signal
+import tempfile
+import threading
+import time
+import unittest
+
+import asterism
+import numpy as np
+import scipy.optimize
+
+
+def random_system(nodes=6, dim=2, seed=1):
+    """A system whose start is in the basin of a minimum nearby."""
+    random = np.random.default_rng(seed)
+    points = random.uniform(0, 10, (nodes, dim))
+    system = asterism.SpringSystem(asterism.Topology.full(nodes), dim)
+    system.set_rest_lengths(points)
+    system.rest_length *= random.uniform(0.95, 1.05, system.link_count)
+    system.anchors = points + random.normal(scale=0.3, size=points.shape)
+    system.anchor_stiffness = random.uniform(0.5, 2, nodes)
+    system.link_stiffness = random.uniform(0.5, 2, system.link_count)
+    return system, points + random.normal(scale=0.1, size=points.shape)
+
+
+def energy(system, x):
+    """The energy as docs/solver.md has it, written a second time."""
+    i, j = system.topology.links.T
+    stretch = system.rest_length - np.linalg.norm(x[i] - x[j], axis=1)
+    anchors = np.sum((x - system.anchors) ** 2, axis=1)
+    return 0.5 * np.sum(system.anchor_stiffness * anchors) + 0.5 * np.sum(system.link_stiffness * stretch**2)
+
+
+def differences(function, x, step=1e-5):
+    """Central differences of a function of x, by the flat index of x."""
+    result = []
+    for i in range(x.size):
+        up, down = x.copy(), x.copy()
+        up.flat[i] += step
+        down.flat[i] -= step
+        result.append((function(up) - function(down)) / (2 * step))
+    return np.array(result)
+
+
+class TopologyTest(unittest.TestCase):
+    def test_links(self):
+        np.testing.assert_array_equal(asterism.Topology.full(3).links, [[0, 1], [0, 2], [1, 2]])
+        np.testing.assert_array_equal(asterism.Topology.star(4, 2).links, [[2, 0], [2, 1], [2, 3]])
+        links = [(0, 3), (1, 2), (1, 2)]
+        np.testing.assert_array_equal(asterism.Topology.from_links(4, links).links, links)
+        self.assertEqual(asterism.Topology.from_links(4, []).link_count, 0)
+        line = np.arange(5.0)[:, None] * [1, 2, 3]
+        np.testing.assert_array_equal(asterism.Topology.k_nearest(line, 1).links, [[0, 1], [1, 2], [2, 3], [3, 4]])
+        self.assertFalse(asterism.Topology.full(3).links.flags.writeable)
+
+    def test_refuses_what_is_no_topology(self):
+        for links, error, message in [
+            ([(0, 9)], ValueError, "link 0 has an end that is not a node"),
+            ([(0, 1), (2, 2)], ValueError, "link 1 joins a node to itself"),
+            ([(0, 2**40)], ValueError, "link 0 has an end that is not a node"),
+            ([(0, 1, 2)], ValueError, r"shape \(count, 2\), found \(1, 3\)"),
+            ([(0.5, 1)], TypeError, "expected integers, found float64"),
+        ]:
+            with self.assertRaisesRegex(error, message):
+                asterism.Topology.from_links(4, links)
+        with self.assertRaisesRegex(ValueError, "node count does not fit"):
+            asterism.Topology.full(-1)
+        with self.assertRaisesRegex(ValueError, "not finite"):
+            asterism.Topology.k_nearest(np.full((3, 2), np.nan), 1)
+        with self.assertRaisesRegex(ValueError, r"points: expected shape \(3, 2\), found \(3, 4\)"):
+            asterism.Topology.k_nearest(np.zeros((3, 4)), 1)
+
+
+class SystemTest(unittest.TestCase):
+    def test_arrays_are_the_systems_memory(self):
+        system, x = random_system()
+        for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness"):
+            with self.subTest(name):
+                view = getattr(system, name)
+                self.assertTrue(np.shares_memory(view, getattr(system, name)))
+                self.assertTrue(view.flags.c_contiguous and view.flags.writeable)
+                before = asterism.energy(system, x)
+                view *= 1.5
+                self.assertNotEqual(asterism.energy(system, x), before)
+                self.assertAlmostEqual(asterism.energy(system, x), energy(system, x), places=10)
+
+    def test_a_view_keeps_its_system_alive(self):
+        anchors = random_system()[0].anchors
+        expected = random_system()[0].anchors.copy()
+        [random_system(seed=s) for s in range(50)]  # memory that was freed would be written to
+        np.testing.assert_array_equal(anchors, expected)
+
+    def test_values_are_set_by_copying(self):
+        system, _ = random_system()
+        view = system.anchors
+        system.anchors = np.arange(12).reshape(6, 2)  # of another type, too
+        np.testing.assert_array_equal(view, np.arange(12.0).reshape(6, 2))
+        with self.assertRaises(ValueError):
+            system.anchors = np.zeros((5, 2))
+
+    def test_shapes(self):
+        for dim in (2, 3):
+            system = asterism.SpringSystem(asterism.Topology.full(5), dim=dim)
+            self.assertEqual((system.nodes, system.link_count, system.dim), (5, 10, dim))
+            self.assertEqual(system.anchors.shape, (5, dim))
+            self.assertEqual(system.rest_length.shape, (10,))
+        one = asterism.SpringSystem(asterism.Topology.full(1))
+        self.assertEqual(one.anchors.shape, (1, 2))
+        self.assertEqual(one.anchor_stiffness.shape, (1,))
+        with self.assertRaisesRegex(ValueError, "dim: expected 2 or 3, found 4"):
+            asterism.SpringSystem(asterism.Topology.full(2), dim=4)
+
+    def test_fixed_nodes(self):
+        system, start = random_system()
+        system.fix(2)
+        self.assertEqual([system.is_fixed(i) for i in range(6)], [False, False, True, False, False, False])
+        x = start.copy()
+        self.assertTrue(asterism.solve(system, x).usable)
+        np.testing.assert_array_equal(x[2], start[2])
+        self.assertFalse(np.array_equal(x[1], start[1]))
+        system.release(2)
+        asterism.solve(system, x)
+        self.assertFalse(np.array_equal(x[2], start[2]))
+        with self.assertRaisesRegex(IndexError, "node 6 is none of 6"):
+            system.fix(6)
+
+
+class FunctionsTest(unittest.TestCase):
+    def test_against_numpy(self):
+        for dim in (2, 3):
+            with self.subTest(dim=dim):
+                system, x = random_system(dim=dim)
+                self.assertAlmostEqual(asterism.energy(system, x), energy(system, x), places=12)
+                gradient = differences(lambda y: energy(system, y), x).reshape(x.shape)
+                np.testing.assert_allclose(asterism.gradient(system, x), gradient, atol=1e-7)
+                hessian = differences(lambda y: asterism.gradient(system, y).ravel(), x)
+                np.testing.assert_allclose(asterism.hessian(system, x), hessian, atol=1e-7)
+                np.testing.assert_array_equal(asterism.sparse_hessian(system, x).toarray(), asterism.hessian(system, x))
+
+    def test_covariance_is_the_inverse_of_the_hessian(self):
+        for dim in (2, 3):
+            system, x = random_system(dim=dim)
+            asterism.solve(system, x)
+            expected = np.linalg.inv(asterism.hessian(system, x))
+            np.testing.assert_allclose(asterism.covariance(system, x), expected, atol=1e-12)
+            blocks = [expected[dim * i : dim * (i + 1), dim * i : dim * (i + 1)] for i in range(len(x))]
+            np.testing.assert_allclose(asterism.node_covariances(system, x), blocks, atol=1e-12)
+
+    def test_there_is_no_covariance_at_a_saddle(self):
+        system = asterism.SpringSystem(asterism.Topology.full(2))
+        system.anchors = 0
+        system.anchor_stiffness = 1e-3
+        system.rest_length = 5
+        system.link_stiffness = 1
+        with self.assertRaisesRegex(np.linalg.LinAlgError, "not positive definite"):
+            asterism.covariance(system, np.array([[0.0, 0], [0.1, 0]]))
+
+    def test_unset_values_are_errors(self):
+        system = asterism.SpringSystem(asterism.Topology.full(3))
+        for function in (asterism.energy, asterism.gradient, asterism.hessian, asterism.covariance):
+            with self.assertRaisesRegex(ValueError, "anchor 0 is not finite"):
+                function(system, np.zeros((3, 2)))
+
+
+class SolveTest(unittest.TestCase):
+    def test_every_method_finds_scipys_minimum(self):
+        for dim in (2, 3):
+            system, start = random_system(dim=dim)
+            expected = scipy.optimize.minimize(lambda y: energy(system, y.reshape(start.shape)), start.ravel(), tol=1e-10)
+            for method in asterism.methods():
+                with self.subTest(method=method, dim=dim):
+                    x = start.copy()
+                    summary = asterism.solve(system, x, method=method, tolerance=1e-6)
+                    self.assertEqual(summary.status, asterism.Status.CONVERGED, summary)
+                    np.testing.assert_allclose(x.ravel(), expected.x, atol=1e-3)
+                    self.assertAlmostEqual(summary.final_energy, energy(system, x), places=12)
+                    self.assertLess(summary.final_energy, expected.fun + 1e-8)
+
+    def test_methods(self):
+        methods = asterism.methods()
+        self.assertEqual(len(methods), len(set(methods)))
+        self.assertLessEqual({"auto", "ida", "newton", "lbfgs", "schwarz", "multi-start"}, set(methods))
+        with self.assertRaisesRegex(ValueError, "unknown method 'idas' .known: auto, ida, "):
+            asterism.Solver("idas")
+
+    def test_a_solver_is_reused(self):
+        solver = asterism.Solver("ida", tolerance=1e-10, relaxation=1.5)
+        self.assertEqual(solver.options["relaxation"], 1.5)
+        self.assertEqual(solver.options["max_iterations"], 10000)
+        for nodes, dim in ((4, 2), (9, 3), (5, 2)):
+            system, x = random_system(nodes, dim)
+            alone = x.copy()
+            summary = solver.solve(system, x)
+            self.assertEqual(summary.status, asterism.Status.CONVERGED)
+            self.assertLessEqual(asterism.stationarity(system, x), 1e-10)
+            asterism.solve(system, alone, "ida", tolerance=1e-10, relaxation=1.5)
+            np.testing.assert_array_equal(x, alone)
+
+    def test_options(self):
+        system, start = random_system()
+        x = start.copy()
+        summary = asterism.solve(system, x, "ida", max_iterations=2)
+        self.assertEqual((summary.status, summary.iterations), (asterism.Status.MAX_ITERATIONS, 2))
+        with self.assertRaisesRegex(TypeError, "'newton' has no option 'relaxation' .it has: tolerance, "):
+            asterism.Solver("newton", relaxation=1.5)
+        for option in ({"max_iterations": 1.5}, {"max_iterations": 2**40}, {"tolerance": "1e-3"}, {"align": 1}):
+            with self.assertRaisesRegex(TypeError, "option .*: expected "):
+                asterism.Solver("newton", **option)
+
+    def test_summary(self):
+        system, x = random_system()
+        summary = asterism.solve(system, x, "newton")
+        self.assertEqual(summary.as_dict()["final_energy"], summary.final_energy)
+        self.assertIs(summary.positive_definite, True)
+        self.assertRegex(repr(summary), "^<asterism.Summary: Newton.*: converged after .* iterations, energy ")
+
+    def test_what_a_solver_refuses_is_in_the_summary(self):
+        system, start = random_system()
+        system.anchors[2, 1] = np.nan
+        x = start.copy()
+        summary = asterism.solve(system, x)
+        self.assertEqual(summary.status, asterism.Status.INVALID_INPUT)
+        self.assertEqual(summary.message, "anchor 2 is not finite")
+        self.assertFalse(summary.usable)
+        np.testing.assert_array_equal(x, start)
+        self.assertEqual(asterism.solve(*random_system(), tolerance=-1.0).status, asterism.Status.INVALID_INPUT)
+
+    def test_refuses_other_arrays(self):
+        system, x = random_system()
+        read_only = x.copy()
+        read_only.flags.writeable = False
+        for bad, error, message in [
+            (x.tolist(), TypeError, "x: expected a NumPy array of float64, found list"),
+            (x.astype(np.float32), TypeError, "x: expected float64, found float32"),
+            (x.astype(int), TypeError, "x: expected float64, found int64"),
+            (x.astype(">f8"), TypeError, "x: expected float64, found >f8"),
+            (x[:-1], ValueError, r"x: expected shape \(6, 2\), found \(5, 2\)"),
+            (x.ravel(), ValueError, r"x: expected shape \(6, 2\), found \(12,\)"),
+            (np.asfortranarray(x), ValueError, "x: expected a C-contiguous array"),
+            (np.repeat(x, 2, axis=0)[::2], ValueError, "x: expected a C-contiguous array"),
+            (np.frombuffer(b"0" + x.tobytes(), np.uint8)[1:].view(float).reshape(6, 2), ValueError, "x: expected a"),
+            (read_only, ValueError, "x: expected a writeable array"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(error, message):
+                asterism.solve(system, bad)
+        asterism.energy(system, read_only)  # which writes nothing
+
+
+def long_solve():
+    """One that takes some tenths of a second, without the GIL."""
+    nodes = 100
+    system, x = random_system(nodes)
+    return lambda: asterism.solve(system, x.copy(), "ncg-central", max_iterations=100, tolerance=0.0)
+
+
+class ThreadsTest(unittest.TestCase):
+    def test_the_gil_is_released(self):
+        solve = long_solve()
+        ticks, stop = [], threading.Event()
+
+        def tick():
+            while not stop.is_set():
+                ticks.append(time.perf_counter())
+                time.sleep(0.001)
+
+        thread = threading.Thread(target=tick)
+        thread.start()
+        begin = time.perf_counter()
+        solve()
+        end = time.perf_counter()
+        stop.set()
+        thread.join()
+        self.assertGreater(end - begin, 0.05)
+        meanwhile = sum(begin + 0.1 * (end - begin) < t < end - 0.1 * (end - begin) for t in ticks)
+        self.assertGreater(meanwhile, 5)
+
+    def test_a_solver_is_for_one_thread_at_a_time(self):
+        system, start = random_system(100)
+        solver = asterism.Solver("ncg-central", max_iterations=100, tolerance=0.0)
+        errors, stop = [], threading.Event()
+
+        def solve():
+            while not stop.is_set():
+                try:
+                    solver.solve(system, start.copy())
+                except RuntimeError as error:
+                    errors.append(str(error))
+                    stop.set()
+
+        threads = [threading.Thread(target=solve) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        stop.wait(30)
+        stop.set()
+        for thread in threads:
+            thread.join()
+        self.assertIn("this asterism.Solver is in use by another thread", errors)
+        self.assertTrue(solver.solve(*random_system()).usable)
+
+
+class BatchTest(unittest.TestCase):
+    def batch(self, count=200, nodes=4, dim=2):
+        batch = asterism.SpringBatch(asterism.Topology.full(nodes), count, dim=dim)
+        systems = [random_system(nodes, dim, seed) for seed in range(count)]
+        for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness"):
+            setattr(batch, name, np.stack([getattr(system, name) for system, _ in systems]))
+        batch.x = np.stack([x for _, x in systems])
+        return batch, systems
+
+    def test_each_system_is_solved_as_alone(self):
+        for dim in (2, 3):
+            batch, systems = self.batch(dim=dim)
+            summary = batch.solve()
+            self.assertEqual(summary.status, asterism.Status.CONVERGED)
+            self.assertEqual(summary.converged, batch.size)
+            for (system, x), solved, final in zip(systems, batch.x, batch.final_energy):
+                asterism.solve(system, x, "newton")
+                np.testing.assert_allclose(solved, x, atol=1e-6)
+                self.assertAlmostEqual(final, energy(system, solved), places=9)
+            self.assertTrue(np.all(batch.status == int(asterism.Status.CONVERGED)))
+            self.assertTrue(np.all(batch.positive_definite == 1))
+            self.assertTrue(np.all(batch.stationarity <= 1e-8))
+
+    def test_arrays_are_the_batchs_memory(self):
+        batch, _ = self.batch(count=5, nodes=3)
+        for name, shape in {"anchors": (5, 3, 2), "anchor_stiffness": (5, 3), "rest_length": (5, 3), "x": (5, 3, 2)}.items():
+            view = getattr(batch, name)
+            self.assertEqual(view.shape, shape)
+            view[3, 1] = 7
+            np.testing.assert_array_equal(getattr(batch, name)[3, 1], view[3, 1])
+            self.assertTrue(np.shares_memory(view, getattr(batch, name)))
+
+    def test_a_forgotten_value_is_that_systems_failure(self):
+        batch, _ = self.batch(count=5)
+        batch.anchor_stiffness[3, 0] = np.nan
+        summary = batch.solve()
+        self.assertEqual((summary.status, summary.first_failure, summary.converged), (asterism.Status.INVALID_INPUT, 3, 4))
+
+    def test_sizes(self):
+        empty = asterism.SpringBatch(asterism.Topology.full(3), 0)
+        self.assertEqual(empty.anchors.shape, (0, 3, 2))
+        self.assertEqual(empty.solve().converged, 0)
+        self.assertEqual(asterism.SpringBatch(asterism.Topology.full(1), 4).rest_length.shape, (4, 0))
+        for call, message in [
+            (lambda: asterism.SpringBatch(asterism.Topology.full(3), -1), "count: expected 0 or more"),
+            (lambda: asterism.SpringBatch(asterism.Topology.full(3), 1, dim=1), "dim: expected 2 or 3"),
+            (lambda: empty.solve(threads=-1), "threads: expected 0 or more"),
+            (lambda: empty.solve(simd="sse"), "simd: expected auto, portable, avx2 or avx512, found 'sse'"),
+        ]:
+            with self.assertRaisesRegex(ValueError, message):
+                call()
+
+    def test_threads_and_instructions_agree(self):
+        one, _ = self.batch(2000)
+        two, _ = self.batch(2000)
+        one.solve(simd="portable")
+        two.solve(simd="portable", threads=2)
+        np.testing.assert_array_equal(one.x, two.x)
+
+    def test_keyboard_interrupt(self):
+        system, start = random_system(16)  # too large for the lanes
+        batch = asterism.SpringBatch(system.topology, 20000)
+        for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness"):
+            setattr(batch, name, getattr(system, name))
+        batch.x = start
+        timer = threading.Timer(0.05, lambda: signal.raise_signal(signal.SIGINT))
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            batch.solve()
+        timer.join()
+        np.testing.assert_array_equal(batch.x[-1], start)  # it did not get there
+
+
+@unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
+class JsonTest(unittest.TestCase):
+    def test_systems_come_back_bit_for_bit(self):
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "systems.jsonl"
+            systems = [random_system(dim=dim) for dim in (2, 3)]
+            asterism.write_systems(
+                path, [asterism.StoredSystem(system, x, "näme", {"frame": 3}) for system, x in systems]
+            )
+            self.assertEqual(path.read_text().count("\n"), 2)
+            for stored, (system, x) in zip(asterism.read_systems(path), systems):
+                np.testing.assert_array_equal(stored.start, x)
+                self.assertEqual((stored.name, stored.origin), ("näme", {"frame": 3}))
+                for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness"):
+                    np.testing.assert_array_equal(getattr(stored.system, name), getattr(system, name))
+
+    def test_errors_name_the_place(self):
+        with self.assertRaisesRegex(ValueError, "^text:2: not JSON"):
+            asterism.parse_systems('\n{"asterism_system": 1,,}')
+        with self.assertRaises(FileNotFoundError):
+            asterism.read_systems("no/such/file.json")
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "systems.jsonl"
+            system, x = random_system()
+            system.rest_length[0] = -1
+            with self.assertRaisesRegex(ValueError, "rest length 0 is negative"):
+                asterism.write_systems(path, [asterism.StoredSystem(system, x)])
+            self.assertFalse(path.exists())
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,197 @@
+#!/usr/bin/env python3
+"""Trackers from Python, against asterism-track: trackers_test.py [ASTERISM_TRACK]."""
+
+import math
+import pathlib
+import subprocess
+import sys
+import tempfile
+import threading
+import tracemalloc
+import unittest
+
+import asterism
+import numpy as np
+from moving_square import BOX, draw_frame, true_box, write_png
+
+TRACK = sys.argv.pop() if len(sys.argv) > 1 and not sys.argv[-1].startswith("-") else None
+FRAMES = 12
+
+
+def follow(tracker, frames):
+    return [tracker.update(frame) for frame in frames]
+
+
+def boxes(results):
+    return [result.box for result in results]
+
+
+class TrackersTest(unittest.TestCase):
+    frames = [draw_frame(i) for i in range(FRAMES)]
+
+    def started(self, name="dpt", options=None):
+        tracker = asterism.Tracker(name, options)
+        tracker.init(self.frames[0], BOX)
+        return tracker
+
+    @unittest.skipUnless(TRACK, "asterism-track was not built")
+    def test_the_same_numbers_as_asterism_track(self):
+        with tempfile.TemporaryDirectory() as folder:
+            images = pathlib.Path(folder) / "images"
+            images.mkdir()
+            for i, frame in enumerate(self.frames):
+                write_png(images / f"{i:04}.png", frame)
+            for name in ("dpt", "kcf", "dpt_plus"):
+                with self.subTest(name):
+                    box = ",".join(map(str, BOX))
+                    command = [TRACK, str(images), "--box", box, "--tracker", name, "--out", "-"]
+                    csv = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+                    expected = [line.split(",")[1:7] for line in csv.splitlines()[2:]]
+                    self.assertEqual(len(expected), FRAMES - 1)
+                    results = follow(self.started(name), self.frames[1:])
+                    found = [
+                        [f"{number:.4f}" for number in (*result.box, result.confidence)] + [str(int(result.lost))]
+                        for result in results
+                    ]
+                    self.assertEqual(found, expected)
+
+    def test_results(self):
+        for frame, result in enumerate(follow(self.started(), self.frames[1:]), 1):
+            np.testing.assert_allclose(result.box, true_box(frame), atol=3)
+            self.assertFalse(result.lost)
+            self.assertTrue(0 < result.confidence <= 1)
+        x, y, width, height = result.box
+        upright = np.array([[x, y], [x + width, y], [x + width, y + height], [x, y + height]])
+        middle = upright.mean(axis=0)
+        turn = np.array([[math.cos(result.angle), -math.sin(result.angle)], [math.sin(result.angle), math.cos(result.angle)]])
+        np.testing.assert_allclose(result.corners(), middle + (upright - middle) @ turn.T, atol=1e-9)
+        self.assertEqual(len(result.parts), 4)
+        self.assertEqual(result.links.shape, (6, 2))
+        part = result.parts[0]
+        self.assertEqual(part.position.shape, (2,))
+        # Boxes cover whole pixels, positions are of their centres.
+        np.testing.assert_allclose(result.corners(part).mean(axis=0), part.position + 0.5, atol=1e-9)
+        self.assertEqual(result.covariance.shape, (3, 3))
+        self.assertTrue(np.all(np.linalg.eigvalsh(result.covariance) >= 0))
+        self.assertAlmostEqual(sum(result.times.values()), result.milliseconds)
+        self.assertRegex(repr(result), r"^<asterism.TrackResult: box \(\d+\.\d+, .*, confidence 0\.\d+>$")
+
+    def test_images_of_every_kind(self):
+        expected = boxes(follow(self.started("kcf"), self.frames[1:]))
+        alpha = np.full((240, 320, 1), 255, np.uint8)
+        for name, convert in {
+            "16 bit": lambda f: f.astype(np.uint16) * 257,
+            "float": lambda f: f.astype(np.float32) / 255,
+            "four channels": lambda f: np.concatenate([f, alpha], axis=2),
+            "rows of a larger image": lambda f: np.pad(f, ((3, 3), (5, 5), (0, 0)))[3:-3, 5:-5],
+            "in another order": lambda f: np.ascontiguousarray(f[..., ::-1])[..., ::-1],
+            "columns first": np.asfortranarray,
+        }.items():
+            with self.subTest(name):
+                tracker = asterism.Tracker("kcf")
+                tracker.init(convert(self.frames[0]), BOX)
+                self.assertEqual(boxes(follow(tracker, map(convert, self.frames[1:]))), expected)
+        gray = asterism.Tracker("kcf")
+        gray.init(self.frames[0][..., 1], BOX)
+        np.testing.assert_allclose(gray.update(np.ascontiguousarray(self.frames[1][..., 1])).box, true_box(1), atol=3)
+
+    def test_images_are_used_as_they_are(self):
+        tracker = asterism.Tracker("kcf")
+        large = np.zeros((1200, 1600, 3), np.uint8)
+        large[:240, :320] = self.frames[0]
+        tracker.init(large, BOX)
+        for image, copies in [(large, 0), (large[100:, 100:-7], 0), (large[..., ::-1], 1)]:
+            tracemalloc.start()  # of NumPy's memory
+            tracker.update(image)
+            _, peak = tracemalloc.get_traced_memory()
+            tracemalloc.stop()
+            self.assertEqual(round(peak / large.nbytes), copies)
+
+    def test_refuses_what_is_no_image(self):
+        tracker = self.started("kcf")
+        image = self.frames[1]
+        for bad, error, message in [
+            (image.tolist(), TypeError, "image: expected a NumPy array, found list"),
+            (image.astype(float), TypeError, "image: expected uint8, uint16 or float32, found float64"),
+            (image[..., :2], ValueError, r"image: expected shape .*, found \(240, 320, 2\)"),
+            (image[None], ValueError, r"found \(1, 240, 320, 3\)"),
+            (image[:0], ValueError, r"found \(0, 320, 3\)"),
+            (np.full((240, 320), np.nan, np.float32), ValueError, "a pixel is not finite"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(error, message):
+                tracker.update(bad)
+        self.assertEqual(tracker.update(image).box, self.started("kcf").update(image).box)
+
+    def test_errors_have_the_librarys_words(self):
+        with self.assertRaisesRegex(ValueError, "unknown tracker 'dbt' .known: dpt, "):
+            asterism.Tracker("dbt")
+        with self.assertRaisesRegex(RuntimeError, "init"):
+            asterism.Tracker("kcf").update(self.frames[0])
+        with self.assertRaises(ValueError):
+            asterism.Tracker("kcf").init(self.frames[0], (1000, 1000, 10, 10))
+        with self.assertRaises(ValueError):
+            asterism.Tracker("kcf").init(self.frames[0], (10, 10, math.nan, 10))
+        with self.assertRaisesRegex(TypeError, "options: expected a dict or None"):
+            asterism.Tracker("dpt", [("grid_rows", 3)])
+
+    @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
+    def test_options(self):
+        tracker = self.started("dpt", {"grid_rows": 3, "part": {"model": "mosse"}})
+        self.assertEqual(len(tracker.update(self.frames[1]).parts), 6)
+        with self.assertRaisesRegex(ValueError, "unknown option 'grid_row'.*'grid_rows'"):
+            asterism.Tracker("dpt", {"grid_row": 3})
+
+    def test_goes_on_from_a_saved_state(self):
+        tracker = self.started()
+        follow(tracker, self.frames[1:5])
+        state = tracker.save()
+        self.assertIsInstance(state, bytes)
+        expected = boxes(follow(tracker, self.frames[5:]))
+        later = asterism.Tracker("dpt")
+        later.restore(state)
+        self.assertEqual(boxes(follow(later, self.frames[5:])), expected)
+        with self.assertRaises(RuntimeError):
+            later.restore(state[:-1])
+        with self.assertRaises(ValueError):
+            asterism.Tracker("kcf").restore(state)
+
+    def test_several_objects_are_tracked_as_alone(self):
+        several = asterism.MultiTracker(threads=2)
+        several.add(7, self.frames[0], BOX)
+        several.add(3, self.frames[0], (200, 150, 50, 40), name="kcf")
+        self.assertEqual(len(several), 2)
+        alone = self.started()
+        for frame in self.frames[1:]:
+            results = several.update(frame)
+            self.assertEqual(list(results), [3, 7])
+            self.assertEqual(results[7].box, alone.update(frame).box)
+        with self.assertRaisesRegex(ValueError, "7"):
+            several.add(7, self.frames[0], BOX)
+        self.assertTrue(several.remove(3))
+        self.assertFalse(several.remove(3))
+
+    def test_a_tracker_is_for_one_thread_at_a_time(self):
+        tracker = self.started()
+        stop = threading.Event()
+        errors = []
+
+        def update():
+            while not stop.is_set():
+                try:
+                    tracker.update(self.frames[0])
+                except RuntimeError as error:
+                    errors.append(str(error))
+                    stop.set()
+
+        threads = [threading.Thread(target=update) for _ in range(2)]
+        for thread in threads:
+            thread.start()
+        stop.wait(30)
+        stop.set()
+        for thread in threads:
+            thread.join()
+        self.assertIn("this asterism.Tracker is in use by another thread", errors)
+
+
+if __name__ == "__main__":
+    unittest.main()

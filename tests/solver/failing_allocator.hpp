@@ -1,0 +1,70 @@
+#pragma once
+
+// Makes one allocation of this thread fail. It replaces malloc, or operator new under AddressSanitizer, which
+// has a malloc of its own: include it in one source file of an executable.
+
+#include <cerrno>
+#include <cstddef>
+#include <cstdlib>
+#include <new>
+
+#include "address_sanitizer.hpp"
+
+namespace asterism::testing {
+
+inline thread_local long allocations_left = -1;  // before the one that fails; none does where negative
+
+inline bool fails() { return allocations_left >= 0 && allocations_left-- == 0; }
+
+/// Calls f() with its first allocation failing, then with the second, and so on, every one at first and fewer
+/// later, and after(k) each time, until none does. Returns the last k, which is the number of allocations in
+/// f at least.
+template <typename F, typename After>
+long fail_each_allocation(F&& f, After&& after) {
+  for (long k = 0;; k += 1 + k / 25) {
+    allocations_left = k;
+    f();
+    const bool failed = allocations_left < 0;
+    allocations_left = -1;
+    if (!failed) return k;
+    after(k);
+  }
+}
+
+}  // namespace asterism::testing
+
+#ifdef ASTERISM_TEST_ASAN
+void* operator new(std::size_t size) {
+  void* const memory = asterism::testing::fails() ? nullptr : std::malloc(size > 0 ? size : 1);
+  if (memory == nullptr) throw std::bad_alloc();
+  return memory;
+}
+void* operator new[](std::size_t size) { return operator new(size); }
+void operator delete(void* memory) noexcept { std::free(memory); }
+void operator delete[](void* memory) noexcept { std::free(memory); }
+void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
+void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
+#else
+// glibc lets a program replace malloc; operator new, Eigen and OpenCV come through it.
+extern "C" {
+void* __libc_malloc(std::size_t);
+void* __libc_calloc(std::size_t, std::size_t);
+void* __libc_realloc(void*, std::size_t);
+void* __libc_memalign(std::size_t, std::size_t);
+
+void* malloc(std::size_t size) { return asterism::testing::fails() ? nullptr : __libc_malloc(size); }
+void* calloc(std::size_t count, std::size_t size) {
+  return asterism::testing::fails() ? nullptr : __libc_calloc(count, size);
+}
+void* realloc(void* memory, std::size_t size) {
+  return asterism::testing::fails() ? nullptr : __libc_realloc(memory, size);
+}
+void* aligned_alloc(std::size_t alignment, std::size_t size) {
+  return asterism::testing::fails() ? nullptr : __libc_memalign(alignment, size);
+}
+int posix_memalign(void** memory, std::size_t alignment, std::size_t size) {
+  *memory = aligned_alloc(alignment, size);
+  return *memory == nullptr ? ENOMEM : 0;
+}
+}
+#endif

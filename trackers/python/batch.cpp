@@ -1,0 +1,194 @@
+// SpringBatch: many systems of one topology, as arrays over its planes.
+
+#include <pybind11/stl.h>
+
+#include <optional>
+
+#include "bindings.hpp"
+
+namespace asterism::python {
+
+namespace {
+
+/// asterism.SpringBatch.
+struct AnyBatch {
+  std::variant<Batch<2>, Batch<3>> of_dim;
+  bool busy = false;
+
+  template <typename F>
+  decltype(auto) visit(F&& f) {
+    return std::visit(std::forward<F>(f), of_dim);
+  }
+};
+
+AnyBatch make_batch(const Topology<>& topology, int count, int dim) {
+  if (count < 0) throw py::value_error("count: expected 0 or more, found " + std::to_string(count));
+  if (dim == 2) return {Batch<2>(topology, count)};
+  if (dim == 3) return {Batch<3>(topology, count)};
+  throw py::value_error("dim: expected 2 or 3, found " + std::to_string(dim));
+}
+
+/// The memory of `items` planes next to each other, each of one number of every system: (M, items), or (M,
+/// items / dim, dim) of points. `plane(p)` is the first number of plane p.
+template <typename Plane>
+py::array planes(const py::object& owner, int count, int items, int dim, Plane&& plane) {
+  constexpr auto kNumber = static_cast<py::ssize_t>(sizeof(double));
+  double* const first = items > 0 ? plane(0) : nullptr;
+  const py::ssize_t step = items > 1 ? kNumber * (plane(1) - first) : 0;
+  Shape shape{count, items}, strides{kNumber, step};
+  if (dim > 0) shape = {count, items / dim, dim}, strides = {kNumber, dim * step, step};
+  if (first == nullptr) return py::array_t<double>(shape);
+  return py::array_t<double>(shape, strides, first, owner);
+}
+
+template <typename View>
+void def_values(py::class_<AnyBatch>& type, const char* name, View view, const char* doc) {
+  type.def_property(
+      name, [view](const py::object& self) { return view(self); },
+      [view](const py::object& self, const py::object& values) {
+        view(self).attr("__setitem__")(py::ellipsis(), values);
+      },
+      doc);
+}
+
+/// One number of every system that the last solve left.
+template <typename T, typename F>
+void def_verdict(py::class_<AnyBatch>& type, const char* name, F verdict, const char* doc) {
+  type.def_property_readonly(
+      name,
+      [verdict](AnyBatch& self) {
+        return self.visit([&](auto& batch) {
+          py::array_t<T> result(batch.size());
+          for (int i = 0; i < batch.size(); ++i) result.mutable_at(i) = verdict(batch, i);
+          return result;
+        });
+      },
+      doc);
+}
+
+Simd simd_of(const std::string& name) {
+  if (name == "auto") return Simd::Auto;
+  if (name == "portable") return Simd::Portable;
+  if (name == "avx2") return Simd::Avx2;
+  if (name == "avx512") return Simd::Avx512;
+  throw py::value_error("simd: expected auto, portable, avx2 or avx512, found '" + name + "'");
+}
+
+BatchSummary solve(AnyBatch& self, int threads, const std::string& simd, const NewtonOptions& options) {
+  if (threads < 0) throw py::value_error("threads: expected 0 or more, found " + std::to_string(threads));
+  const Simd instructions = simd_of(simd);
+  const Exclusive use(self.busy, "this asterism.SpringBatch");
+  bool interrupted = false;
+  const BatchSummary summary = self.visit([&]<int Dim>(Batch<Dim>& batch) {
+    const py::gil_scoped_release release;
+    return solve_batch<Dim>(batch, options, instructions, threads, [&interrupted] {
+      const py::gil_scoped_acquire acquire;
+      return interrupted = PyErr_CheckSignals() != 0;
+    });
+  });
+  if (interrupted) throw py::error_already_set();
+  return summary;
+}
+
+}  // namespace
+
+void bind_batch(py::module_& m) {
+  py::class_<BatchSummary>(m, "BatchSummary", "What became of a batch as a whole.")
+      .def_readonly("status", &BatchSummary::status,
+                    "CONVERGED if every system is, else the first other status of a system.")
+      .def_property_readonly(
+          "message", [](const BatchSummary& s) { return std::string(std::string_view(s.message)); },
+          "The reason in words.")
+      .def_readonly("first_failure", &BatchSummary::first_failure, "The system that `status` is of, or -1.")
+      .def_readonly("converged", &BatchSummary::converged, "Number of systems.")
+      .def_readonly("by_scalar", &BatchSummary::by_scalar,
+                    "Systems that the lanes left to the scalar solver.")
+      .def_property_readonly(
+          "simd", [](const BatchSummary& s) { return std::string(to_string(s.simd)); }, "Instructions used.")
+      .def_readonly("seconds", &BatchSummary::seconds, "Wall-clock time of the solve.")
+      .def("__repr__", [](const BatchSummary& s) {
+        return "<asterism.BatchSummary: " + std::to_string(s.converged) + " converged (" +
+               std::string(std::string_view(s.message)) + ")>";
+      });
+
+  py::class_<AnyBatch> type(
+      m, "SpringBatch",
+      "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
+      "own\n"
+      "memory, a view of planes of M numbers: change them in place, nothing is copied. They start as NaN.");
+  type.def(py::init(&make_batch), py::arg("topology"), py::arg("count"), py::arg("dim") = 2,
+           "count: number of systems M. dim: 2 or 3.");
+  const auto points = [](auto plane_of) {
+    return [plane_of](const py::object& self) {
+      return self.cast<AnyBatch&>().visit([&]<int Dim>(Batch<Dim>& b) {
+        return planes(self, b.size(), Dim * b.nodes(), Dim,
+                      [&](int p) { return plane_of(b, p / Dim, p % Dim).data(); });
+      });
+    };
+  };
+  const auto numbers = [](auto count_of, auto plane_of) {
+    return [count_of, plane_of](const py::object& self) {
+      return self.cast<AnyBatch&>().visit([&](auto& b) {
+        return planes(self, b.size(), count_of(b), 0, [&](int p) { return plane_of(b, p).data(); });
+      });
+    };
+  };
+  const auto nodes = [](auto& b) { return b.nodes(); };
+  const auto links = [](auto& b) { return b.link_count(); };
+  def_values(type, "anchors", points([](auto& b, int node, int axis) { return b.anchors(node, axis); }),
+             "(M, N, dim) [px].");
+  def_values(type, "anchor_stiffness",
+             numbers(nodes, [](auto& b, int node) { return b.anchor_stiffness(node); }), "(M, N), >= 0.");
+  def_values(type, "rest_length", numbers(links, [](auto& b, int link) { return b.rest_length(link); }),
+             "(M, L), >= 0 [px].");
+  def_values(type, "link_stiffness", numbers(links, [](auto& b, int link) { return b.link_stiffness(link); }),
+             "(M, L), >= 0.");
+  def_values(type, "x", points([](auto& b, int node, int axis) { return b.x(node, axis); }),
+             "(M, N, dim): the starts before a solve, the minima after.");
+  type.def(
+          "solve",
+          [](AnyBatch& self, int threads, const std::string& simd, double tolerance, int max_iterations,
+             bool align, bool allow_reflection, bool escape_saddles) {
+            NewtonOptions options;
+            options.tolerance = tolerance;
+            options.max_iterations = max_iterations;
+            options.align = align;
+            options.allow_reflection = allow_reflection;
+            options.escape_saddles = escape_saddles;
+            return solve(self, threads, simd, options);
+          },
+          py::arg("threads") = 1, py::arg("simd") = "auto", py::arg("tolerance") = NewtonOptions().tolerance,
+          py::arg("max_iterations") = NewtonOptions().max_iterations, py::arg("align") = true,
+          py::arg("allow_reflection") = false, py::arg("escape_saddles") = true,
+          "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the "
+          "machine\n"
+          "runs at once. simd: auto, portable, avx2 or avx512. The GIL is released meanwhile; signals are\n"
+          "looked at every few hundred systems, and after a KeyboardInterrupt some are solved, some are "
+          "not.\n"
+          "One thread at a time: RuntimeError else.")
+      .def_property_readonly(
+          "size", [](AnyBatch& self) { return self.visit([](auto& b) { return b.size(); }); },
+          "Number of systems M.")
+      .def("__repr__", [](AnyBatch& self) {
+        return self.visit([](auto& b) {
+          return "<asterism.SpringBatch: " + std::to_string(b.size()) + " systems of " +
+                 std::to_string(b.nodes()) + " nodes, dim " + std::to_string(b.kDim) + ">";
+        });
+      });
+  def_verdict<int>(
+      type, "status", [](auto& b, int i) { return static_cast<int>(b.status(i)); },
+      "(M,), values of Status: `status == int(Status.CONVERGED)`.");
+  def_verdict<int>(
+      type, "iterations", [](auto& b, int i) { return b.iterations(i); }, "(M,), -1 until known.");
+  def_verdict<int>(
+      type, "positive_definite", [](auto& b, int i) { return b.positive_definite(i); },
+      "(M,): 1 where the Hessian is, 0 where not, -1 where nobody looked.");
+  def_verdict<double>(
+      type, "initial_energy", [](auto& b, int i) { return b.initial_energy(i); }, "(M,), -1 until known.");
+  def_verdict<double>(
+      type, "final_energy", [](auto& b, int i) { return b.final_energy(i); }, "(M,), -1 until known.");
+  def_verdict<double>(
+      type, "stationarity", [](auto& b, int i) { return b.stationarity(i); }, "(M,), -1 until known.");
+}
+
+}  // namespace asterism::python

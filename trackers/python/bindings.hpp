@@ -1,0 +1,111 @@
+#pragma once
+
+// What the sources of the module share: the classes that several of them bind, and NumPy arrays as points.
+
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+#include "numerics.hpp"
+
+namespace asterism::python {
+
+namespace py = pybind11;
+
+void bind_systems(py::module_& m);
+void bind_solvers(py::module_& m);
+void bind_batch(py::module_& m);
+void bind_json(py::module_& m);
+void bind_trackers(py::module_& m);
+
+/// asterism.SpringSystem.
+struct AnySystem {
+  std::variant<System<2>, System<3>> of_dim;
+
+  template <typename F>
+  decltype(auto) visit(F&& f) {
+    return std::visit(std::forward<F>(f), of_dim);
+  }
+};
+
+/// While it lives, `busy` is true: other threads, which may run where the GIL is released, get a RuntimeError
+/// instead of a race. To be made and destroyed with the GIL held.
+class Exclusive {
+ public:
+  Exclusive(bool& busy, const char* what) : busy_(busy) {
+    if (busy) throw std::runtime_error(std::string(what) + " is in use by another thread");
+    busy = true;
+  }
+  ~Exclusive() { busy_ = false; }
+  Exclusive(const Exclusive&) = delete;
+  Exclusive& operator=(const Exclusive&) = delete;
+
+ private:
+  bool& busy_;
+};
+
+using Shape = std::vector<py::ssize_t>;
+
+inline std::string text_of(const Shape& shape) {
+  std::string text = "(";
+  for (std::size_t i = 0; i < shape.size(); ++i) text += (i > 0 ? ", " : "") + std::to_string(shape[i]);
+  return text + (shape.size() == 1 ? ",)" : ")");
+}
+
+inline Shape shape_of(const py::array& array) { return {array.shape(), array.shape() + array.ndim()}; }
+
+/// The array itself, if it is float64, C-contiguous and of this shape; TypeError or ValueError that says what
+/// was expected else. `name` begins the message.
+inline py::array_t<double> checked(const py::object& object, const char* name, const Shape& shape,
+                                   bool writeable = false) {
+  const std::string begin = std::string(name) + ": expected ";
+  if (!py::isinstance<py::array>(object)) {
+    throw py::type_error(begin + "a NumPy array of float64, found " +
+                         py::str(py::type::of(object).attr("__name__")).cast<std::string>());
+  }
+  const auto array = py::reinterpret_borrow<py::array>(object);
+  if (!py::isinstance<py::array_t<double>>(array)) {
+    throw py::type_error(begin + "float64, found " + py::str(array.dtype()).cast<std::string>());
+  }
+  if (const Shape found = shape_of(array); found != shape) {
+    throw py::value_error(begin + "shape " + text_of(shape) + ", found " + text_of(found));
+  }
+  if (!(array.flags() & py::array::c_style) ||
+      reinterpret_cast<std::uintptr_t>(array.data()) % alignof(double) != 0) {
+    throw py::value_error(begin + "a C-contiguous array (numpy.ascontiguousarray makes one)");
+  }
+  if (writeable && !array.writeable()) {
+    throw py::value_error(begin + "a writeable array, as the result goes there; this one is read-only");
+  }
+  return py::reinterpret_borrow<py::array_t<double>>(array);
+}
+
+/// (N, Dim) in C order is the memory of Dim x N in Eigen's.
+template <int Dim>
+auto map_points(const py::array_t<double>& array) {
+  return Eigen::Map<const typename System<Dim>::Points>(array.data(), Dim, array.shape(0));
+}
+
+template <int Dim>
+typename System<Dim>::Points points_of(const System<Dim>& system, const py::object& x) {
+  return map_points<Dim>(checked(x, "x", {system.nodes(), Dim}));
+}
+
+/// A matrix as an array that owns it, with this shape in C order; nothing is copied.
+template <typename Matrix>
+py::array owned(Matrix matrix, const Shape& shape) {
+  auto* held = new Matrix(std::move(matrix));
+  const py::capsule owner(held, [](void* pointer) { delete static_cast<Matrix*>(pointer); });
+  return py::array_t<double>(shape, held->data(), owner);
+}
+
+/// What a solver would refuse, as ValueError: for functions that do not validate.
+void require_valid(const Defect& defect);
+
+}  // namespace asterism::python

@@ -1,0 +1,49 @@
+// Spring systems as JSON; asterism/systems.py makes it what a user calls.
+
+#include <asterism/solver/json.hpp>
+
+#include "bindings.hpp"
+
+namespace asterism::python {
+
+void bind_json(py::module_& m) {
+  m.def(
+      "_parse_systems",
+      [](const std::string& text, const std::string& source) {
+        std::vector<AnyStoredSystem> systems;
+        try {
+          const py::gil_scoped_release release;
+          systems = parse_systems(text, source);
+        } catch (const std::runtime_error& error) {
+          throw py::value_error(error.what());
+        }
+        py::list result;
+        for (AnyStoredSystem& any : systems) {
+          std::visit(
+              [&]<typename S>(StoredSystem<S>& stored) {
+                const Shape shape{stored.system.nodes(), S::kDim};
+                result.append(py::make_tuple(AnySystem{std::move(stored.system)},
+                                             owned(std::move(stored.start), shape), stored.name,
+                                             stored.origin.dump()));
+              },
+              any);
+        }
+        return result;
+      },
+      py::arg("text"), py::arg("source"));
+  m.def(
+      "_system_to_json",
+      [](AnySystem& system, const py::object& start, const std::string& name, const std::string& origin) {
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          const auto points = map_points<Dim>(checked(start, "start", {s.nodes(), Dim}));
+          try {
+            return system_to_json(s, points, name, nlohmann::json::parse(origin)).dump();
+          } catch (const std::runtime_error& error) {
+            throw py::value_error(error.what());
+          }
+        });
+      },
+      py::arg("system"), py::arg("start"), py::arg("name"), py::arg("origin"));
+}
+
+}  // namespace asterism::python

@@ -1,0 +1,16 @@
+#include "bindings.hpp"
+
+PYBIND11_MODULE(_asterism, m) {
+  using namespace asterism::python;
+  m.doc() = "Asterism, compiled: what the package `asterism` shows.";
+  m.attr("__version__") = ASTERISM_VERSION;
+  bind_systems(m);
+  bind_solvers(m);
+  bind_batch(m);
+#ifdef ASTERISM_PYTHON_JSON
+  bind_json(m);
+#endif
+#ifdef ASTERISM_PYTHON_TRACKERS
+  bind_trackers(m);
+#endif
+}

@@ -1,0 +1,195 @@
+// Summary, Solver and solve.
+
+#include <pybind11/stl.h>
+
+#include <asterism/solver/validate.hpp>
+#include <memory>
+#include <sstream>
+
+#include "bindings.hpp"
+
+namespace asterism::python {
+
+namespace {
+
+/// asterism.Solver: a method for systems of both dimensions, which keeps its memory between solves.
+class Solver {
+ public:
+  Solver(const std::string& method, const py::kwargs& options)
+      : method_(method), of_2_(make_solver<2>(method)), of_3_(make_solver<3>(method)) {
+    set(of_2_->options(), options);
+    set(of_3_->options(), options);
+  }
+
+  const std::string& method() const { return method_; }
+
+  py::dict options() {
+    py::dict result;
+    for (const Option& option : of_2_->options()) {
+      result[option.name] = std::visit([](auto* value) { return py::cast(*value); }, option.value);
+    }
+    return result;
+  }
+
+  Summary solve(AnySystem& system, const py::object& x) {
+    const Exclusive use(busy_, "this asterism.Solver");
+    return system.visit([&]<int Dim>(System<Dim>& s) {
+      const py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
+      auto& points = workspace<Dim>();
+      points = map_points<Dim>(array);
+      const Summary summary = [&] {
+        const py::gil_scoped_release release;
+        return solver<Dim>().solve(s, points);
+      }();
+      if (summary.usable()) std::copy_n(points.data(), points.size(), const_cast<double*>(array.data()));
+      return summary;
+    });
+  }
+
+ private:
+  void set(const std::vector<Option>& known, const py::kwargs& options) {
+    for (const auto& [key, given] : options) {
+      const auto name = key.cast<std::string>();
+      const Option* option = nullptr;
+      std::string names;
+      for (const Option& o : known) {
+        if (name == o.name) option = &o;
+        names.append(names.empty() ? "" : ", ").append(o.name);
+      }
+      if (option == nullptr) {
+        throw py::type_error("method '" + method_ + "' has no option '" + name + "' (it has: " + names + ")");
+      }
+      std::visit([&, value = given](auto* target) { assign(*target, name, value); }, option->value);
+    }
+  }
+
+  template <typename T>
+  static void assign(T& target, const std::string& name, py::handle value) {
+    constexpr bool kBool = std::is_same_v<T, bool>;
+    try {
+      if (kBool == py::isinstance<py::bool_>(value)) {  // True is no number here
+        target = value.cast<T>();
+        return;
+      }
+    } catch (const py::cast_error&) {  // refused below
+    }
+    const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
+    throw py::type_error("option " + name + ": expected " + expected + ", found " +
+                         py::repr(value).cast<std::string>());
+  }
+
+  template <int Dim>
+  AnySolver<Dim>& solver() {
+    if constexpr (Dim == 2) {
+      return *of_2_;
+    } else {
+      return *of_3_;
+    }
+  }
+
+  template <int Dim>
+  typename System<Dim>::Points& workspace() {
+    if constexpr (Dim == 2) {
+      return x_2_;
+    } else {
+      return x_3_;
+    }
+  }
+
+  std::string method_;
+  std::unique_ptr<AnySolver<2>> of_2_;
+  std::unique_ptr<AnySolver<3>> of_3_;
+  System<2>::Points x_2_;
+  System<3>::Points x_3_;
+  bool busy_ = false;
+};
+
+std::string text_of(std::string_view text) { return std::string(text); }
+
+py::object definite(const Summary& summary) {
+  if (summary.positive_definite < 0) return py::none();
+  return py::bool_(summary.positive_definite == 1);
+}
+
+constexpr const char* kSolve =
+    "Moves x (N, dim), the start, to a stationary point of the system's energy and writes it back into x, a\n"
+    "float64, C-contiguous, writeable array: TypeError or ValueError else. What became of it is in the\n"
+    "Summary, also for values that a solver refuses; where `usable` is false, x is as it was. The GIL is\n"
+    "released meanwhile.";
+
+}  // namespace
+
+void bind_solvers(py::module_& m) {
+  py::enum_<Status>(m, "Status", "Why a solver stopped, and what became of x.", py::arithmetic())
+      .value("NOT_RUN", Status::NotRun)
+      .value("CONVERGED", Status::Converged, "x is a stationary point to the tolerance asked for")
+      .value("MAX_ITERATIONS", Status::MaxIterations, "the iterations ran out; x is the last iterate")
+      .value("NO_PROGRESS", Status::NoProgress, "the solver could not go on; x is its best iterate")
+      .value("NUMERICAL_FAILURE", Status::NumericalFailure, "x is as it was")
+      .value("INVALID_INPUT", Status::InvalidInput, "the message names the offending value; x is as it was")
+      .value("OUT_OF_MEMORY", Status::OutOfMemory, "x is as it was");
+
+  py::class_<Summary>(m, "Summary", "What a solver returns. Numbers are -1 until they are known.")
+      .def_readonly("status", &Summary::status, "Why it stopped.")
+      .def_property_readonly(
+          "message", [](const Summary& s) { return text_of(s.message); }, "The reason in words.")
+      .def_property_readonly(
+          "solver", [](const Summary& s) { return text_of(s.solver); }, "The solver's name.")
+      .def_readonly("iterations", &Summary::iterations, "Updates of x.")
+      .def_readonly("energy_evaluations", &Summary::energy_evaluations, "Made by the method.")
+      .def_readonly("gradient_evaluations", &Summary::gradient_evaluations, "Made by the method.")
+      .def_readonly("linear_solves", &Summary::linear_solves,
+                    "All dimensions as right-hand sides count once.")
+      .def_readonly("factorizations", &Summary::factorizations, "Of a matrix.")
+      .def_readonly("initial_energy", &Summary::initial_energy, "E at the x given.")
+      .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
+      .def_readonly("gradient_norm", &Summary::gradient_norm, "|dE/dx| at the x returned.")
+      .def_readonly("stationarity", &Summary::stationarity, "At the x returned; see stationarity().")
+      .def_property_readonly("positive_definite", &definite,
+                             "Whether the Hessian at the x returned is; None where the method did not look.")
+      .def_readonly("seconds", &Summary::seconds, "Wall-clock time of the solve.")
+      .def_property_readonly("usable", &Summary::usable, "x is finite and at least as good as the start.")
+      .def(
+          "as_dict",
+          [](const py::object& self) {
+            py::dict result;
+            for (const char* name :
+                 {"solver", "status", "message", "iterations", "energy_evaluations", "gradient_evaluations",
+                  "linear_solves", "factorizations", "initial_energy", "final_energy", "gradient_norm",
+                  "stationarity", "positive_definite", "seconds", "usable"}) {
+              result[name] = self.attr(name);
+            }
+            return result;
+          },
+          "All of it by name.")
+      .def("__repr__", [](const Summary& self) {
+        std::ostringstream text;
+        text << "<asterism.Summary: " << self << ">";
+        return text.str();
+      });
+
+  m.def("methods", &method_names, "The methods of this build, for solve and Solver.");
+
+  py::class_<Solver>(
+      m, "Solver",
+      "A method that keeps its memory between solves, for systems of any size and dimension. One\n"
+      "thread at a time: RuntimeError else.")
+      .def(py::init<const std::string&, const py::kwargs&>(), py::arg("method") = "auto",
+           "method: one of methods(), ValueError else. options: as `options` lists them, TypeError else.")
+      .def("solve", &Solver::solve, py::arg("system"), py::arg("x"), kSolve)
+      .def_property_readonly("method", &Solver::method, "The method's name.")
+      .def_property_readonly("options", &Solver::options, "The options, a copy.")
+      .def("__repr__", [](const Solver& self) { return "<asterism.Solver: " + self.method() + ">"; });
+
+  const std::string doc = std::string(kSolve) +
+                          "\n\nmethod: one of methods(). options: those of Solver(method).options. Keep a "
+                          "Solver where\nsolves repeat.";
+  m.def(
+      "solve",
+      [](AnySystem& system, const py::object& x, const std::string& method, const py::kwargs& options) {
+        return Solver(method, options).solve(system, x);
+      },
+      py::arg("system"), py::arg("x"), py::arg("method") = "auto", doc.c_str());
+}
+
+}  // namespace asterism::python

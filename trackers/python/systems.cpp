@@ -1,0 +1,302 @@
+// Topology, SpringSystem, and the functions of a system and its points.
+
+#include <pybind11/eigen.h>
+#include <pybind11/stl.h>
+
+#include <asterism/solver/energy.hpp>
+#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/validate.hpp>
+#include <limits>
+
+#include "bindings.hpp"
+
+namespace asterism::python {
+
+void require_valid(const Defect& defect) {
+  if (defect) throw py::value_error(std::string(std::string_view(Message(defect))));
+}
+
+namespace {
+
+Topology<> valid(Topology<> topology) {
+  require_valid(topology.defect());
+  return topology;
+}
+
+std::vector<Link> links_of(const py::object& object) {
+  const py::array array = py::array::ensure(object);
+  if (!array) throw py::type_error("links: expected pairs of nodes");
+  std::vector<Link> links;
+  if (array.size() == 0) return links;
+  if (array.dtype().kind() != 'i' && array.dtype().kind() != 'u') {
+    throw py::type_error("links: expected integers, found " + py::str(array.dtype()).cast<std::string>());
+  }
+  if (array.ndim() != 2 || array.shape(1) != 2) {
+    throw py::value_error("links: expected shape (count, 2), found " + text_of(shape_of(array)));
+  }
+  const py::array_t<std::int64_t, py::array::c_style | py::array::forcecast> pairs(array);
+  const auto node = [&](py::ssize_t l, py::ssize_t end) {  // -1, which is none, for what is no int
+    const std::int64_t index = pairs.at(l, end);
+    return index > std::numeric_limits<int>::max() || index < 0 ? -1 : static_cast<int>(index);
+  };
+  for (py::ssize_t l = 0; l < pairs.shape(0); ++l) links.push_back({node(l, 0), node(l, 1)});
+  return links;
+}
+
+/// Points of any number and of 2 or 3 dimensions.
+template <typename F>
+decltype(auto) with_points(const py::object& object, const char* name, F&& f) {
+  py::ssize_t n = 0;
+  py::ssize_t dim = 2;
+  if (py::isinstance<py::array>(object)) {
+    const auto array = py::reinterpret_borrow<py::array>(object);
+    if (array.ndim() == 2) {
+      n = array.shape(0);
+      dim = array.shape(1) == 3 ? 3 : 2;
+    }
+  }
+  const py::array_t<double> points = checked(object, name, {n, dim});
+  return dim == 3 ? f(map_points<3>(points)) : f(map_points<2>(points));
+}
+
+AnySystem make_system(const Topology<>& topology, int dim) {
+  if (dim == 2) return {System<2>(topology)};
+  if (dim == 3) return {System<3>(topology)};
+  throw py::value_error("dim: expected 2 or 3, found " + std::to_string(dim));
+}
+
+/// A property that is the system's own memory, and is set by copying into it.
+template <typename Member>
+void def_values(py::class_<AnySystem>& type, const char* name, Member member, const char* doc) {
+  const auto view = [member](const py::object& self) {
+    return self.cast<AnySystem&>().visit([&](auto& system) -> py::array {
+      auto& values = member(system);
+      Shape shape{values.cols(), values.rows()};
+      if (values.cols() == 1 && std::decay_t<decltype(values)>::ColsAtCompileTime == 1)
+        shape = {values.rows()};
+      return py::array_t<double>(shape, values.data(), self);
+    });
+  };
+  const auto set = [view](const py::object& self, const py::object& values) {
+    view(self).attr("__setitem__")(py::ellipsis(), values);
+  };
+  type.def_property(name, view, set, doc);
+}
+
+int checked_node(const AnySystem& self, int node) {
+  const int nodes = std::visit([](auto& system) { return system.nodes(); }, self.of_dim);
+  if (node >= 0 && node < nodes) return node;
+  throw py::index_error("node " + std::to_string(node) + " is none of " + std::to_string(nodes));
+}
+
+/// f(system, x) of valid values, without the GIL.
+template <typename F>
+auto evaluated(AnySystem& self, const py::object& x, F&& f) {
+  return self.visit([&]<int Dim>(System<Dim>& system) {
+    const auto points = points_of<Dim>(system, x);
+    require_valid(detail::validate_values(system, points));
+    const py::gil_scoped_release release;
+    return f(system, points);
+  });
+}
+
+[[noreturn]] void refuse_covariance(CovarianceStatus status, const Message& message) {
+  const std::string text{std::string_view(message)};
+  if (status == CovarianceStatus::InvalidInput) throw py::value_error(text);
+  if (status == CovarianceStatus::OutOfMemory) throw std::bad_alloc();
+  const py::object type = py::module_::import("numpy.linalg").attr("LinAlgError");
+  PyErr_SetString(type.ptr(), text.c_str());
+  throw py::error_already_set();
+}
+
+}  // namespace
+
+void bind_systems(py::module_& m) {
+  py::class_<Topology<>>(m, "Topology",
+                         "Who is linked to whom: an immutable list of links over nodes 0 .. nodes - 1.\n\n"
+                         "Duplicated links act as springs in parallel. ValueError names a link that is none.")
+      .def_static(
+          "full", [](int nodes) { return valid(Topology<>::full(nodes)); }, py::arg("nodes"),
+          "Every pair, in the order (0, 1), (0, 2), ..., (1, 2), ...")
+      .def_static(
+          "star", [](int nodes, int centre) { return valid(Topology<>::star(nodes, centre)); },
+          py::arg("nodes"), py::arg("centre"), "Node `centre` linked to each of the others.")
+      .def_static(
+          "k_nearest",
+          [](const py::object& points, int k) {
+            return with_points(points, "points",
+                               [k](const auto& map) { return valid(Topology<>::k_nearest(map, k)); });
+          },
+          py::arg("points"), py::arg("k"),
+          "Each node linked to its k nearest others, and the other way round. points: (N, 2) or (N, 3).")
+      .def_static(
+          "from_links",
+          [](int nodes, const py::object& links) {
+            return valid(Topology<>::from_links(nodes, links_of(links)));
+          },
+          py::arg("nodes"), py::arg("links"), "The links as given: pairs of nodes, or an array (L, 2).")
+      .def_property_readonly("nodes", &Topology<>::nodes, "Number of nodes N.")
+      .def_property_readonly("link_count", &Topology<>::link_count, "Number of links L.")
+      .def_property_readonly(
+          "links",
+          [](const py::object& self) {
+            const auto& topology = self.cast<const Topology<>&>();
+            static_assert(sizeof(Link) == 2 * sizeof(int));
+            const py::array_t<int> view(Shape{topology.link_count(), 2}, &topology.links().data()->i, self);
+            view.attr("setflags")(py::arg("write") = false);
+            return view;
+          },
+          "The links, (L, 2), read-only.")
+      .def("__repr__", [](const Topology<>& self) {
+        return "<asterism.Topology: " + std::to_string(self.nodes()) + " nodes, " +
+               std::to_string(self.link_count()) + " links>";
+      });
+
+  py::class_<AnySystem> type(
+      m, "SpringSystem",
+      "A constellation as a spring system: node i hangs on its anchor by a spring of stiffness k_i, linked\n"
+      "nodes are joined by springs of stiffness k_ij and rest length mu_ij. Its energy is\n"
+      "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2.\n\n"
+      "The arrays are the system's own memory: change them in place, nothing is copied. They start as NaN,\n"
+      "so that a forgotten value is an error. Do not change them while another thread solves the system.");
+  type.def(py::init(&make_system), py::arg("topology"), py::arg("dim") = 2,
+           "dim: coordinates of a point, 2 or 3.");
+  def_values(
+      type, "anchors", [](auto& s) -> auto& { return s.anchors; }, "a_i, (N, dim) [px].");
+  def_values(
+      type, "anchor_stiffness", [](auto& s) -> auto& { return s.anchor_stiffness; },
+      "k_i >= 0, (N,); each connected component needs one that is positive.");
+  def_values(
+      type, "rest_length", [](auto& s) -> auto& { return s.rest_length; },
+      "mu_ij >= 0, (L,), in the order of the topology's links [px].");
+  def_values(
+      type, "link_stiffness", [](auto& s) -> auto& { return s.link_stiffness; },
+      "k_ij >= 0, (L,), in the order of the topology's links.");
+  type.def(
+          "set_rest_lengths",
+          [](AnySystem& self, const py::object& points) {
+            self.visit([&]<int Dim>(System<Dim>& system) {
+              system.set_rest_lengths(map_points<Dim>(checked(points, "points", {system.nodes(), Dim})));
+            });
+          },
+          py::arg("points"), "Sets every rest length to the distance of its two nodes in points (N, dim).")
+      .def(
+          "fix",
+          [](AnySystem& self, int node) {
+            self.visit([n = checked_node(self, node)](auto& system) { system.fix(n); });
+          },
+          py::arg("node"), "Holds a node where the start of a solve has it. IndexError for none.")
+      .def(
+          "release",
+          [](AnySystem& self, int node) {
+            self.visit([n = checked_node(self, node)](auto& system) { system.release(n); });
+          },
+          py::arg("node"), "Lets a node move again.")
+      .def(
+          "is_fixed",
+          [](AnySystem& self, int node) {
+            return self.visit([n = checked_node(self, node)](auto& system) { return system.is_fixed(n); });
+          },
+          py::arg("node"), "Whether a node is held.")
+      .def_property_readonly(
+          "topology", [](AnySystem& self) { return self.visit([](auto& s) { return s.topology(); }); },
+          "A copy of the topology.")
+      .def_property_readonly(
+          "dim", [](AnySystem& self) { return self.visit([](auto& s) { return s.kDim; }); },
+          "Coordinates of a point.")
+      .def_property_readonly(
+          "nodes", [](AnySystem& self) { return self.visit([](auto& s) { return s.nodes(); }); },
+          "Number of nodes N.")
+      .def_property_readonly(
+          "link_count", [](AnySystem& self) { return self.visit([](auto& s) { return s.link_count(); }); },
+          "Number of links L.")
+      .def("__repr__", [](AnySystem& self) {
+        return self.visit([](auto& s) {
+          return "<asterism.SpringSystem: " + std::to_string(s.nodes()) + " nodes, " +
+                 std::to_string(s.link_count()) + " links, dim " + std::to_string(s.kDim) + ">";
+        });
+      });
+
+  // x is (N, dim), float64 and C-contiguous; values that a solver would refuse are a ValueError.
+  m.def(
+      "energy",
+      [](AnySystem& system, const py::object& x) {
+        return evaluated(system, x, [](const auto& s, const auto& points) { return energy(s, points); });
+      },
+      py::arg("system"), py::arg("x"), "E(x).");
+  m.def(
+      "gradient",
+      [](AnySystem& system, const py::object& x) {
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          return owned(
+              evaluated(system, x,
+                        [](const auto& sys, const auto& points) {
+                          return Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>(gradient(sys, points));
+                        }),
+              {s.nodes(), Dim});
+        });
+      },
+      py::arg("system"), py::arg("x"), "dE/dx, (N, dim); zero for fixed nodes.");
+  m.def(
+      "hessian",
+      [](AnySystem& system, const py::object& x) {
+        const Eigen::Index size = system.visit([](auto& s) { return s.nodes() * s.kDim; });
+        return owned(
+            evaluated(system, x, [](const auto& s, const auto& points) { return hessian(s, points); }),
+            {size, size});
+      },
+      py::arg("system"), py::arg("x"),
+      "d2E/dx2, (dim N, dim N), symmetric; coordinate d of node i is row dim i + d. Fixed nodes are coupled\n"
+      "to none.");
+  m.def(
+      "sparse_hessian",
+      [](AnySystem& system, const py::object& x) {
+        return evaluated(system, x,
+                         [](const auto& s, const auto& points) { return sparse_hessian(s, points); });
+      },
+      py::arg("system"), py::arg("x"), "The same as a scipy.sparse.csc_matrix; needs SciPy.");
+  m.def(
+      "stationarity",
+      [](AnySystem& system, const py::object& x) {
+        return evaluated(system, x,
+                         [](const auto& s, const auto& points) { return stationarity(s, points); });
+      },
+      py::arg("system"), py::arg("x"),
+      "How far x is from a stationary point, without units: what the solvers' tolerance is compared with.");
+  m.def(
+      "covariance",
+      [](AnySystem& system, const py::object& x) {
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          const auto points = points_of<Dim>(s, x);
+          auto result = [&] {
+            const py::gil_scoped_release release;
+            return covariance_of<Dim>(s, points);
+          }();
+          if (!result) refuse_covariance(result.status, result.message);
+          return owned(std::move(result.matrix), {Dim * s.nodes(), Dim * s.nodes()});
+        });
+      },
+      py::arg("system"), py::arg("x"),
+      "The covariance of the solution x by Laplace's approximation, (dim N, dim N) [px^2 for stiffness in\n"
+      "1/px^2]. numpy.linalg.LinAlgError where x is no strict local minimum, ValueError for what a solver\n"
+      "would refuse.");
+  m.def(
+      "node_covariances",
+      [](AnySystem& system, const py::object& x) {
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          const auto points = points_of<Dim>(s, x);
+          auto result = [&] {
+            const py::gil_scoped_release release;
+            return node_covariances_of<Dim>(s, points);
+          }();
+          if (!result) refuse_covariance(result.status, result.message);
+          return owned(std::move(result.blocks), {s.nodes(), Dim, Dim});
+        });
+      },
+      py::arg("system"), py::arg("x"),
+      "Each node's own covariance, (N, dim, dim): the diagonal blocks of covariance(), also for large "
+      "sparse\n"
+      "systems.");
+}
+
+}  // namespace asterism::python

@@ -1,0 +1,300 @@
+// Trackers on NumPy images.
+
+#include <pybind11/stl.h>
+
+#include <asterism/trackers/multi_tracker.hpp>
+#include <asterism/trackers/tracker.hpp>
+#include <map>
+#include <opencv2/core.hpp>
+
+#include "bindings.hpp"
+
+namespace asterism::python {
+
+namespace {
+
+/// The image's pixels as they are, where those of a row are next to each other; else `copy` holds them.
+cv::Mat mat_of(const py::object& image, py::array& copy) {
+  if (!py::isinstance<py::array>(image)) {
+    throw py::type_error("image: expected a NumPy array, found " +
+                         py::str(py::type::of(image).attr("__name__")).cast<std::string>());
+  }
+  auto array = py::reinterpret_borrow<py::array>(image);
+  const int depth = py::isinstance<py::array_t<std::uint8_t>>(array)    ? CV_8U
+                    : py::isinstance<py::array_t<std::uint16_t>>(array) ? CV_16U
+                    : py::isinstance<py::array_t<float>>(array)         ? CV_32F
+                                                                        : -1;
+  if (depth < 0) {
+    throw py::type_error("image: expected uint8, uint16 or float32, found " +
+                         py::str(array.dtype()).cast<std::string>());
+  }
+  const Shape shape = shape_of(array);
+  const bool is_image =
+      array.size() > 0 && (shape.size() == 2 || (shape.size() == 3 && shape[2] <= 4 && shape[2] != 2));
+  if (!is_image || shape[0] > std::numeric_limits<int>::max() || shape[1] > std::numeric_limits<int>::max()) {
+    throw py::value_error(
+        "image: expected shape (height, width), (height, width, 3) in the order blue, green, red, "
+        "or (height, width, 4), found " +
+        text_of(shape));
+  }
+  const int channels = shape.size() == 3 ? static_cast<int>(shape[2]) : 1;
+  const py::ssize_t pixel = channels * array.itemsize();
+  const bool rows_are_whole = array.strides(1) == pixel && array.strides(0) >= shape[1] * pixel &&
+                              (shape.size() == 2 || array.strides(2) == array.itemsize()) &&
+                              array.strides(0) % array.itemsize() == 0;
+  if (!rows_are_whole) array = copy = py::array::ensure(array, py::array::c_style);
+  return cv::Mat(static_cast<int>(shape[0]), static_cast<int>(shape[1]), CV_MAKETYPE(depth, channels),
+                 const_cast<void*>(array.data()), static_cast<std::size_t>(array.strides(0)));
+}
+
+using Box = std::array<double, 4>;
+cv::Rect2d rect_of(const Box& box) { return {box[0], box[1], box[2], box[3]}; }
+
+AnyTracker made(const std::string& name, const py::object& options) {
+  std::string description = name;
+  if (!options.is_none()) {
+    if (!py::isinstance<py::dict>(options)) {
+      throw py::type_error("options: expected a dict or None, found " +
+                           py::repr(options).cast<std::string>());
+    }
+    description +=
+        py::module_::import("json").attr("dumps")(options, py::arg("allow_nan") = false).cast<std::string>();
+  }
+  return make_tracker(description);
+}
+
+/// asterism.Tracker.
+class Tracker {
+ public:
+  Tracker(const std::string& name, const py::object& options) : name_(name), tracker_(made(name, options)) {}
+
+  const std::string& name() const { return name_; }
+
+  void init(const py::object& image, const Box& box) {
+    py::array copy;
+    const cv::Mat mat = mat_of(image, copy);
+    run([&] { tracker_.init(mat, rect_of(box)); });
+  }
+
+  TrackResult update(const py::object& image) {
+    py::array copy;
+    const cv::Mat mat = mat_of(image, copy);
+    TrackResult result;
+    run([&] { result = tracker_.update(mat); });
+    return result;
+  }
+
+  py::bytes save() {
+    std::vector<std::byte> state;
+    run([&] { state = tracker_.save(); });
+    return {reinterpret_cast<const char*>(state.data()), state.size()};
+  }
+
+  void restore(const py::bytes& state) {
+    const std::string_view bytes(state);
+    run([&] { tracker_.restore(std::as_bytes(std::span(bytes))); });
+  }
+
+ private:
+  template <typename F>
+  void run(F&& f) {
+    const Exclusive use(busy_, "this asterism.Tracker");
+    const py::gil_scoped_release release;
+    f();
+  }
+
+  std::string name_;
+  AnyTracker tracker_;
+  bool busy_ = false;
+};
+
+/// asterism.MultiTracker.
+class Objects {
+ public:
+  explicit Objects(int threads) : objects_(threads) {}
+
+  void add(int id, const py::object& image, const Box& box, const std::string& name,
+           const py::object& options) {
+    py::array copy;
+    const cv::Mat mat = mat_of(image, copy);
+    AnyTracker tracker = made(name, options);
+    const Exclusive use(busy_, "this asterism.MultiTracker");
+    const py::gil_scoped_release release;
+    objects_.add(id, std::move(tracker), mat, rect_of(box));
+  }
+
+  bool remove(int id) {
+    const Exclusive use(busy_, "this asterism.MultiTracker");
+    return objects_.remove(id);
+  }
+
+  std::size_t size() const { return objects_.size(); }
+
+  py::dict update(const py::object& image) {
+    py::array copy;
+    const cv::Mat mat = mat_of(image, copy);
+    const Exclusive use(busy_, "this asterism.MultiTracker");
+    std::vector<MultiTracker::Object> objects;
+    {
+      const py::gil_scoped_release release;
+      objects = objects_.update(mat);
+    }
+    py::dict results;
+    for (MultiTracker::Object& object : objects) {
+      results[py::int_(object.id)] =
+          object.error ? exception_of(object.error) : py::cast(std::move(object.result));
+    }
+    return results;
+  }
+
+ private:
+  static py::object exception_of(const std::exception_ptr& error) {
+    const py::object type = py::module_::import("builtins").attr("RuntimeError");
+    try {
+      std::rethrow_exception(error);
+    } catch (const std::exception& e) {
+      return type(e.what());
+    } catch (...) {
+      return type("unknown error");
+    }
+  }
+
+  MultiTracker objects_;
+  bool busy_ = false;
+};
+
+py::tuple tuple_of(const cv::Rect2d& box) { return py::make_tuple(box.x, box.y, box.width, box.height); }
+
+py::array array_of(const Eigen::Vector2d& v) { return owned(v, {2}); }
+
+py::array array_of(const std::array<cv::Point2d, 4>& corners) {
+  py::array_t<double> result(Shape{4, 2});
+  for (std::size_t i = 0; i < 4; ++i) {
+    result.mutable_at(i, 0) = corners[i].x;
+    result.mutable_at(i, 1) = corners[i].y;
+  }
+  return result;
+}
+
+}  // namespace
+
+void bind_trackers(py::module_& m) {
+  py::class_<PartState>(m, "PartState", "What became of one part in one frame.")
+      .def_property_readonly(
+          "position", [](const PartState& p) { return array_of(p.position); },
+          "(x, y) in the MAP constellation [px].")
+      .def_property_readonly(
+          "size", [](const PartState& p) { return array_of(p.size); },
+          "(width, height) of the part's template in the image [px].")
+      .def_property_readonly(
+          "visual_best", [](const PartState& p) { return array_of(p.visual_best); },
+          "Visually most similar position (x, y) [px].")
+      .def_readonly("weight", &PartState::weight, "Response at the position, compared by the update gate.")
+      .def_readonly("updated", &PartState::updated, "The appearance model was updated in this frame.");
+
+  py::class_<TrackResult>(m, "TrackResult", "A tracker's answer for one frame.")
+      .def_property_readonly(
+          "box", [](const TrackResult& r) { return tuple_of(r.box); },
+          "(x, y, width, height) [px], upright; may reach over the frame's border.")
+      .def_readonly("angle", &TrackResult::angle,
+                    "By how much the object has turned since init [rad, from the x axis towards the y axis].")
+      .def_readonly("confidence", &TrackResult::confidence, "In [0, 1].")
+      .def_readonly("lost", &TrackResult::lost, "The tracker does not believe in the box.")
+      .def_property_readonly(
+          "covariance",
+          [](const TrackResult& r) -> py::object {
+            if (!r.covariance) return py::none();
+            return owned(*r.covariance, {3, 3});
+          },
+          "Of the box's centre x, y [px] and of the logarithm of its size, (3, 3); None where unknown.")
+      .def_readonly("parts", &TrackResult::parts, "The parts, empty for trackers without.")
+      .def_readonly("update_threshold", &TrackResult::update_threshold,
+                    "Parts of less weight are not updated; 0 where no weight is compared.")
+      .def_property_readonly(
+          "links",
+          [](const TrackResult& r) {
+            py::array_t<int> links(Shape{static_cast<py::ssize_t>(r.links.size()), 2});
+            for (std::size_t l = 0; l < r.links.size(); ++l) {
+              links.mutable_at(l, 0) = r.links[l].i;
+              links.mutable_at(l, 1) = r.links[l].j;
+            }
+            return links;
+          },
+          "The springs between parts, (L, 2).")
+      .def_property_readonly(
+          "times",
+          [](const TrackResult& r) {
+            py::dict times;
+            for (const StageTime& t : r.times) {
+              const py::str stage(std::string(t.stage));
+              times[stage] = t.milliseconds + (times.contains(stage) ? times[stage].cast<double>() : 0);
+            }
+            return times;
+          },
+          "Milliseconds by stage.")
+      .def_property_readonly("milliseconds", &TrackResult::milliseconds, "Their sum.")
+      .def(
+          "corners",
+          [](const TrackResult& r, const PartState* part) {
+            return array_of(part == nullptr ? r.corners() : r.corners(*part));
+          },
+          py::arg("part") = py::none(),
+          "The box, or that of a part, as it is turned: (4, 2), those at the top left, top right, bottom "
+          "right\n"
+          "and bottom left while upright [px].")
+      .def("__repr__", [](const TrackResult& r) {
+        return "<asterism.TrackResult: box " + py::repr(tuple_of(r.box)).cast<std::string>() +
+               ", confidence " + py::repr(py::float_(r.confidence)).cast<std::string>() +
+               (r.lost ? ", lost>" : ">");
+      });
+
+  m.def("tracker_names", &tracker_names, "The trackers of this build.");
+
+  py::class_<Tracker>(
+      m, "Tracker",
+      "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
+      "red,\n"
+      "or (height, width, 4), of uint8, uint16 or of float32 in [0, 1]; they are used as they are where the\n"
+      "pixels of a row are next to each other. Boxes are (x, y, width, height) [px]. The GIL is released "
+      "while\n"
+      "it computes. One thread at a time: RuntimeError else.")
+      .def(py::init<const std::string&, const py::object&>(), py::arg("name") = "dpt",
+           py::arg("options") = py::none(),
+           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class. "
+           "ValueError\n"
+           "names what is wrong.")
+      .def("init", &Tracker::init, py::arg("image"), py::arg("box"),
+           "Start on an object; may be called again at any time. ValueError, and the former state, for a box "
+           "that\n"
+           "is not finite, smaller than 1 x 1 or off the image.")
+      .def("update", &Tracker::update, py::arg("image"),
+           "The object in the next image. RuntimeError before init.")
+      .def("save", &Tracker::save,
+           "The state between two frames. RuntimeError before init, ValueError for trackers that cannot be "
+           "saved.")
+      .def("restore", &Tracker::restore, py::arg("state"),
+           "Goes on as the tracker that `state` was saved from, bit for bit; name and options are to be the "
+           "same.\n"
+           "RuntimeError for bytes that are no state, ValueError for the state of something else.")
+      .def_property_readonly("name", &Tracker::name, "The tracker's name.")
+      .def("__repr__", [](const Tracker& self) { return "<asterism.Tracker: " + self.name() + ">"; });
+
+  py::class_<Objects>(
+      m, "MultiTracker",
+      "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
+      "of single trackers, bit for bit. Images and boxes as for Tracker.")
+      .def(py::init<int>(), py::arg("threads") = 1, "threads: 0 for as many as the machine runs at once.")
+      .def("add", &Objects::add, py::arg("id"), py::arg("image"), py::arg("box"), py::arg("name") = "dpt",
+           py::arg("options") = py::none(),
+           "Follow an object from this image on, by a tracker of this name and options. ValueError where "
+           "there is\n"
+           "one of that id, and what Tracker and its init raise.")
+      .def("remove", &Objects::remove, py::arg("id"), "False where there is no object of that id.")
+      .def("update", &Objects::update, py::arg("image"),
+           "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
+           "ended\n"
+           "with; the others do not notice.")
+      .def("__len__", &Objects::size);
+}
+
+}  // namespace asterism::python
