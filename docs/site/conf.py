@@ -14,8 +14,8 @@ nitpicky = True
 myst_enable_extensions = ['dollarmath']
 myst_heading_anchors = 4
 myst_dmath_double_inline = True
-# Links to files that are no pages are for the code host; tests/docs checks that the files exist.
-suppress_warnings = ['myst.xref_missing']
+# Links to files that are no pages are for the code host; tests/docs checks that files and headings exist.
+suppress_warnings = ['ref.myst']
 
 html_theme = 'furo'
 html_title = 'Asterism'

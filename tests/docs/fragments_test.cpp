@@ -4,6 +4,7 @@
 #include <asterism/parts/kcf.hpp>
 #include <asterism/parts/scale_filter.hpp>
 #include <asterism/parts/state.hpp>
+#include <asterism/solver/auto.hpp>
 #include <asterism/solver/batch.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/multi_tracker.hpp>

@@ -22,7 +22,11 @@ struct MrfOptions {
 
 /// What `regularize_posterior` overwrites. Given to it again, it spares the heap for maps that are no larger.
 struct MrfWorkspace {
-  std::vector<float> planes, weights, padded_row, row_others, row_all;
+  std::vector<float> planes;      ///< of the maps
+  std::vector<float> weights;     ///< of the neighbourhood
+  std::vector<float> padded_row;  ///< of the map that is convolved
+  std::vector<float> row_others;  ///< sums along rows without the centre
+  std::vector<float> row_all;     ///< sums along rows
 };
 
 /// Smooths a foreground posterior with a Markov random field whose prior and posterior are spatially averaged

@@ -400,7 +400,7 @@ class BatchNewton {
   void run(Batch& batch, E& executor, BatchSummary& summary) {
     using namespace lanes_v0_1;
     const Isa isa = summary.simd == Simd::Avx512 ? kAvx512 : summary.simd == Simd::Avx2 ? kAvx2 : kPortable;
-    Kernel<Scalar> kernel = nullptr;
+    lanes_v0_1::Kernel<Scalar> kernel = nullptr;
     if (!options.allow_reflection) kernel = kernel_for(*kernels(isa), batch);
     try {
       if (kernel != nullptr) {

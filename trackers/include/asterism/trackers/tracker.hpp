@@ -97,6 +97,7 @@ class AnyTracker {
   requires(!std::same_as<T, AnyTracker> && Tracker<T>) AnyTracker(T tracker)
       : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
 
+  /// A copy goes on by itself.
   AnyTracker(const AnyTracker& other) : self_(other.self_->clone()) {}
   AnyTracker(AnyTracker&&) noexcept = default;
   AnyTracker& operator=(const AnyTracker& other) {
