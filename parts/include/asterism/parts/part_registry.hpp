@@ -13,7 +13,7 @@ namespace asterism::inline ASTERISM_ABI {
 namespace detail {
 /// Refuses JSON that is nested so deep that a walk through it might use up the stack, by a
 /// std::invalid_argument that begins with `of`.
-void check_nesting(const std::string& of, std::string_view json);
+ASTERISM_API void check_nesting(const std::string& of, std::string_view json);
 }  // namespace detail
 
 /// Part models by name, with options from JSON: the library's own, those that a program adds, and those of
