@@ -13,6 +13,7 @@ class AlignedFloats {
   void reset(std::ptrdiff_t count) {
     lines_.assign(static_cast<std::size_t>(count + kPerLine - 1) / kPerLine, Line{});
   }
+  /// The first value, aligned; null for none.
   float* data() { return lines_.empty() ? nullptr : lines_.front().values; }
   const float* data() const { return lines_.empty() ? nullptr : lines_.front().values; }
 

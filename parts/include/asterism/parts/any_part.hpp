@@ -13,10 +13,12 @@ namespace asterism::inline ASTERISM_ABI {
 class AnyPart {
  public:
   // In this order: PartModel<AnyPart> asks whether AnyPart is copyable, and so this very constraint.
+  /// Holds any part model but itself.
   template <class P>
   requires(!std::same_as<P, AnyPart> && PartModel<P>) AnyPart(P part)
       : self_(std::make_unique<Model<P>>(std::move(part))) {}
 
+  /// A copy learns for itself.
   AnyPart(const AnyPart& other) : self_(other.self_->clone()) {}
   AnyPart(AnyPart&&) noexcept = default;
   AnyPart& operator=(const AnyPart& other) {

@@ -9,6 +9,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of ColorHistogram.
 struct ColorHistogramOptions {
+  /// What can be counted.
   enum class Space {
     Gray,  ///< LGT's parts
     Rgb,   ///< Comaniciu et al. (PAMI 2003)
@@ -40,6 +41,7 @@ struct ColorHistogramOptions {
 /// middle counts; a response that is the same everywhere says nothing, and the similarity is 0.
 class ASTERISM_API ColorHistogram {
  public:
+  /// What can be counted.
   using Space = ColorHistogramOptions::Space;
 
   /// Throws std::invalid_argument for options out of range.

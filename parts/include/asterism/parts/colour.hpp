@@ -62,6 +62,7 @@ struct ASTERISM_API Segmentation {
 /// and regions must be finite and of positive size, std::invalid_argument otherwise.
 class ASTERISM_API ColourModel {
  public:
+  /// Bins of a histogram, of each channel and in all.
   static constexpr int kBinsPerChannel = 16;
   static constexpr int kBins = kBinsPerChannel * kBinsPerChannel * kBinsPerChannel;
 
@@ -76,6 +77,7 @@ class ASTERISM_API ColourModel {
   /// the frame has no colour. A histogram whose region has no pixel in the image stays. Bins that have
   /// decayed to less than 1e-12 are emptied.
   void adapt(const Frame& frame, const cv::Rect2d& box);
+  /// Whether there is a colour model: the first frame had colour.
   bool enabled() const { return enabled_; }
 
   /// Segment `region` of the frame: histogram backprojection by Bayes' rule (mean posterior of up to 6 x 6
@@ -93,6 +95,7 @@ class ASTERISM_API ColourModel {
   void visit_state(StateArchive& archive);
 
   const ColourOptions& options() const { return options_; }
+  /// The histograms, each of sum 1.
   const std::array<float, kBins>& foreground() const { return foreground_; }
   const std::array<float, kBins>& background() const { return background_; }
 

@@ -28,6 +28,7 @@ class ASTERISM_API RealFft2 {
   /// All three > 0, or std::invalid_argument is thrown.
   RealFft2(int rows, int cols, int channels = 1);
 
+  /// The size that it is for.
   int rows() const { return rows_; }
   int cols() const { return cols_; }
   int channels() const { return channels_; }

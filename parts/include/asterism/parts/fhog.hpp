@@ -26,11 +26,13 @@ namespace asterism::inline ASTERISM_ABI {
 /// gradient sum is large against the regulariser 1e-4 of the block energy. Scale [0, 1] images by 255.
 class ASTERISM_API Fhog {
  public:
+  /// Channels of a cell.
   static constexpr int kChannels = 31;
 
   /// cell_size in pixels, >= 1; std::invalid_argument otherwise.
   explicit Fhog(int cell_size = 4);
 
+  /// Side of a cell [px].
   int cell_size() const { return cell_size_; }
 
   /// patch: CV_8UC1 or CV_32FC1 in units of 0..255, at least one cell in each direction, or

@@ -32,6 +32,7 @@ class ASTERISM_API Frame {
   const cv::Mat& gray() const { return gray_; }
   /// 8-bit BGR, or empty where the input has one channel.
   const cv::Mat& bgr() const { return bgr_; }
+  /// Size of the image [px].
   cv::Size size() const { return gray_.size(); }
   /// True where at least one pixel has channels that differ: gray video is often stored with three equal
   /// ones.

@@ -16,15 +16,16 @@ namespace asterism::inline ASTERISM_ABI {
 /// The kernel kappa(z, z') of a correlation filter; c is the multi-channel circular correlation, n its number
 /// of elements (channels x rows x cols).
 struct Kernel {
+  /// Which function of c.
   enum class Type {
     Gaussian,    ///< exp(-max(0, |z|^2 + |z'|^2 - 2 c) / (n sigma^2))
     Polynomial,  ///< (c / n + offset)^exponent
     Linear       ///< c / n
   };
-  Type type = Type::Gaussian;
-  double sigma = 0.5;
-  double offset = 1;
-  double exponent = 9;
+  Type type = Type::Gaussian;  ///< which function of c
+  double sigma = 0.5;          ///< of Gaussian, > 0
+  double offset = 1;           ///< of Polynomial
+  double exponent = 9;         ///< of Polynomial
 };
 
 /// What a Kcf sees of a cell, at least one of them; all feed one kernel, in this order.

@@ -8,6 +8,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of `regularize_posterior`.
 struct MrfOptions {
+  /// False: the posterior stays as it is.
   bool enabled = true;
   /// >= 1; about eight are usual.
   int max_iterations = 50;
@@ -21,7 +22,11 @@ struct MrfOptions {
 
 /// What `regularize_posterior` overwrites. Given to it again, it spares the heap for maps that are no larger.
 struct MrfWorkspace {
-  std::vector<float> planes, weights, padded_row, row_others, row_all;
+  std::vector<float> planes;      ///< of the maps
+  std::vector<float> weights;     ///< of the neighbourhood
+  std::vector<float> padded_row;  ///< of the map that is convolved
+  std::vector<float> row_others;  ///< sums along rows without the centre
+  std::vector<float> row_all;     ///< sums along rows
 };
 
 /// Smooths a foreground posterior with a Markov random field whose prior and posterior are spatially averaged

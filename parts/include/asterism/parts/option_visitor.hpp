@@ -22,6 +22,7 @@ class OptionVisitor {
  public:
   virtual ~OptionVisitor() = default;
 
+  /// A number or a switch.
   virtual void operator()(std::string_view name, double& value) = 0;
   virtual void operator()(std::string_view name, int& value) = 0;
   virtual void operator()(std::string_view name, bool& value) = 0;
@@ -43,6 +44,7 @@ class OptionVisitor {
   }
 
  protected:
+  /// For visitors alone.
   OptionVisitor() = default;
   OptionVisitor(const OptionVisitor&) = default;
   OptionVisitor& operator=(const OptionVisitor&) = default;

@@ -19,7 +19,8 @@ ASTERISM_API void sample_patch(const cv::Mat& image, const Point2& centre, const
 /// Pixels that a part overwrites in each frame. A copy has none, where that of a cv::Mat would share them:
 /// copies of a part may be used in several threads.
 struct Scratch {
-  cv::Mat mat;
+  cv::Mat mat;  ///< the pixels
+  /// A copy has no pixels.
   Scratch() = default;
   Scratch(const Scratch&) {}
   Scratch& operator=(const Scratch&) { return *this; }

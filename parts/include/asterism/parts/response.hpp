@@ -52,11 +52,12 @@ ASTERISM_API Evidence evidence_of(const ResponseMap& response, const ResponseMap
 /// The similarity of a model that has no response map: peak x exp(-d' covariance^-1 d / 2) at a distance d
 /// from the position of its evidence, 0 outside its search window.
 struct ASTERISM_API ResponsePeak {
-  Evidence evidence;
+  Evidence evidence;  ///< where the peak is
   /// Middle and sides of the search window [px].
   Point2 centre = Point2::Zero();
   Size2 window = Size2::Zero();
 
+  /// At a position in the image.
   double at(const Point2& position) const;
 };
 

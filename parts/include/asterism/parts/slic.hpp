@@ -18,6 +18,7 @@ struct SlicOptions {
 
 /// Parts of an image that cover it, each in one piece.
 struct SuperpixelMap {
+  /// Size of the image [px].
   int cols = 0, rows = 0;
   /// Of each pixel, row by row: 0 .. areas.size() - 1.
   std::vector<int> labels;

@@ -114,6 +114,7 @@ struct SpatialReliabilityOptions {
 /// that the target as learned gets 1.
 class ASTERISM_API SpatialReliability {
  public:
+  /// Channels of orientations.
   static constexpr int kHogChannels = 18;
 
   /// Throws std::invalid_argument for options out of range.

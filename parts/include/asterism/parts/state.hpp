@@ -29,6 +29,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// must be finite and in the range that is asked for.
 class ASTERISM_API StateArchive {
  public:
+  /// Of the format.
   static constexpr std::uint32_t kVersion = 1;
 
   /// To be written to.
@@ -37,6 +38,7 @@ class ASTERISM_API StateArchive {
   /// short, damaged, or of another version or byte order.
   explicit StateArchive(std::span<const std::byte> bytes);
 
+  /// Whether the state is being read.
   bool loading() const { return loading_; }
 
   /// The model that comes now, and its options (by their visit_options), which do not change: reading, the
@@ -50,6 +52,7 @@ class ASTERISM_API StateArchive {
     name("");
   }
 
+  /// Writes a value, or reads it.
   void operator()(bool& value);
   void operator()(int& value);
   void operator()(float& value);

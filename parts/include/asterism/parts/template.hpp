@@ -14,6 +14,7 @@ struct TemplateOptions {
     Ncc,  ///< 2 (1 - NCC), the normalised cross-correlation: blind to brightness and contrast
     Ssd   ///< |y - z|^2 / |z - mean z|^2
   };
+  /// The distance used.
   Distance distance = Distance::Ncc;
   /// Compare BGR where the target was learned in colour, else gray levels.
   bool colour = true;

@@ -36,6 +36,7 @@ concept Executor = requires(E&& executor, int task_count, void (*f)(int)) {
 
 /// One task after the other, in the calling thread.
 struct SerialExecutor {
+  /// Calls f(0) to f(task_count - 1), and returns when all have ended.
   template <typename F>
   void operator()(int task_count, F&& f) const {
     for (int task = 0; task < task_count; ++task) f(task);
@@ -47,6 +48,7 @@ struct SerialExecutor {
 struct ThreadExecutor {
   int threads = 0;  ///< with the calling one; 0: as many as the machine runs at once
 
+  /// Calls f(0) to f(task_count - 1), and returns when all have ended.
   template <typename F>
   void operator()(int task_count, F&& f) const {
     std::atomic<int> next{0};
@@ -151,6 +153,7 @@ class SpringBatch {
   using WidePoints = typename SpringSystem<double, Dim, N, MaxN>::Points;
   /// One number of every system, size().
   using Plane = Eigen::Map<Eigen::Array<Scalar, Eigen::Dynamic, 1>>;
+  /// One number in double of every system, size().
   using WidePlane = Eigen::Map<Eigen::Array<double, Eigen::Dynamic, 1>>;
 
   static constexpr int kDim = Dim;
@@ -172,6 +175,7 @@ class SpringBatch {
     for (const Link& link : topology_.links()) ends_.insert(ends_.end(), {link.i, link.j});
   }
 
+  /// Number of systems.
   int size() const { return count_; }
   int nodes() const { return topology_.nodes(); }
   int link_count() const { return topology_.link_count(); }
@@ -247,8 +251,7 @@ class SpringBatch {
     return result;
   }
 
-  // The planes, to be filled or read in place. Coordinates are relative to the origin.
-
+  /// The planes, to be filled or read in place. Coordinates are relative to the origin.
   Plane anchors(int node, int axis) { return plane(Dim * node + axis); }
   Plane anchor_stiffness(int node) { return plane(Dim * nodes() + node); }
   Plane rest_length(int link) { return plane((Dim + 1) * nodes() + link); }
@@ -257,8 +260,7 @@ class SpringBatch {
   /// 0 unless set() chose another.
   WidePlane origin(int axis) { return {origins_.data() + at(axis), count_}; }
 
-  // What became of each system: as in its Summary.
-
+  /// What became of each system: as in its Summary.
   Status status(int index) const { return static_cast<Status>(count_of(kStatus, index)); }
   int iterations(int index) const { return count_of(kIterations, index); }
   int positive_definite(int index) const { return count_of(kDefinite, index); }
@@ -327,10 +329,12 @@ struct BatchSummary {
   /// Converged if every system is; else the first other status of a system. Where the options or the topology
   /// are invalid, or the machine lacks the instructions asked for, InvalidInput, and nothing was touched.
   Status status = Status::NotRun;
+  /// What was wrong with options or topology.
   Message message = "solve was not called";
   int first_failure = -1;  ///< the system that `status` is of
   int converged = 0;       ///< systems
   int by_scalar = 0;       ///< systems that the scalar solver had to finish
+  /// The instructions to use.
   Simd simd = Simd::Auto;  ///< instructions used
   double seconds = -1;     ///< wall-clock time in solve
 };
@@ -355,6 +359,7 @@ class BatchNewton {
   using Points = typename Batch::Points;
 
   NewtonOptions options;
+  /// The instructions to use.
   Simd simd = Simd::Auto;
 
   BatchNewton() = default;
@@ -395,7 +400,7 @@ class BatchNewton {
   void run(Batch& batch, E& executor, BatchSummary& summary) {
     using namespace lanes_v0_1;
     const Isa isa = summary.simd == Simd::Avx512 ? kAvx512 : summary.simd == Simd::Avx2 ? kAvx2 : kPortable;
-    Kernel<Scalar> kernel = nullptr;
+    lanes_v0_1::Kernel<Scalar> kernel = nullptr;
     if (!options.allow_reflection) kernel = kernel_for(*kernels(isa), batch);
     try {
       if (kernel != nullptr) {

@@ -11,10 +11,11 @@ namespace asterism::inline ASTERISM_ABI {
 /// What a LinkPotential or AnchorLoss does that it must not, and where; `problem` is a null pointer if
 /// nothing.
 struct ModelViolation {
-  const char* problem = nullptr;
-  double at = 0;           ///< the length r, or the squared distance s
-  double rest_length = 0;  ///< of links
+  const char* problem = nullptr;  ///< the rule that is broken
+  double at = 0;                  ///< the length r, or the squared distance s
+  double rest_length = 0;         ///< of links
 
+  /// Whether a rule is broken.
   explicit operator bool() const { return problem != nullptr; }
 };
 

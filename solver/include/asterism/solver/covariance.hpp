@@ -50,12 +50,13 @@ inline std::ostream& operator<<(std::ostream& out, CovarianceStatus status) {
 /// The covariance of all nodes, or why there is none.
 template <typename System>
 struct Covariance {
-  CovarianceStatus status = CovarianceStatus::InvalidInput;
-  Message message;
+  CovarianceStatus status = CovarianceStatus::InvalidInput;  ///< whether there is one
+  Message message;                                           ///< what is wrong, where there is none
   /// (Dim N) x (Dim N), symmetric; coordinate d of node i is row Dim i + d [px^2 for stiffness in 1/px^2].
   /// Where it was refused it has no entries, or NaN for a fixed number of nodes.
   DenseHessian<System> matrix;
 
+  /// Whether it was computed.
   explicit operator bool() const { return status == CovarianceStatus::Computed; }
 };
 
@@ -63,18 +64,20 @@ struct Covariance {
 template <typename System>
 struct NodeCovariances {
   static constexpr int kDim = System::kDim;
+  /// A Dim x Dim block a node, side by side.
   using Blocks = Eigen::Matrix<typename System::Scalar, kDim, detail::times<System::kNodes>(kDim),
                                (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim,
                                detail::times<System::kMaxNodes>(kDim)>;
 
-  CovarianceStatus status = CovarianceStatus::InvalidInput;
-  Message message;
+  CovarianceStatus status = CovarianceStatus::InvalidInput;  ///< whether there is one
+  Message message;                                           ///< what is wrong, where there is none
   /// Dim x (Dim N), the nodes' symmetric blocks side by side [px^2 for stiffness in 1/px^2]. Where they were
   /// refused there are no entries, or NaN for a fixed number of nodes.
   Blocks blocks;
 
   /// Node i's Dim x Dim block.
   auto of(int node) const { return blocks.template middleCols<kDim>(kDim * node); }
+  /// Whether it was computed.
   explicit operator bool() const { return status == CovarianceStatus::Computed; }
 };
 

@@ -132,6 +132,7 @@ typename System::Points gradient(const System& system, const typename System::Po
   return result;
 }
 
+/// Of all coordinates, (Dim N) x (Dim N).
 template <typename System>
 using DenseHessian = Eigen::Matrix<typename System::Scalar, detail::times<System::kNodes>(System::kDim),
                                    detail::times<System::kNodes>(System::kDim), Eigen::ColMajor,

@@ -43,7 +43,7 @@ concept StorableSystem = std::same_as<typename S::Scalar, double> &&
 /// A spring system with the rest of what its file says.
 template <StorableSystem System = SpringSystem<double, 2>>
 struct StoredSystem {
-  System system;
+  System system;                                     ///< the springs themselves
   typename System::Points start;                     ///< of a solve, Dim x N [px]; part of the problem
   std::string name;                                  ///< empty for none
   nlohmann::json origin = nlohmann::json::object();  ///< free: where the system comes from

@@ -10,9 +10,9 @@ namespace asterism::inline ASTERISM_ABI {
 /// A function's value and its first and second derivative.
 template <typename Scalar>
 struct Derivatives {
-  Scalar value;
-  Scalar first;
-  Scalar second;
+  Scalar value;   ///< of the function
+  Scalar first;   ///< derivative
+  Scalar second;  ///< derivative
 };
 
 /// The energy of a link of unit stiffness as a function phi of its length r >= 0 and its rest length mu; the
@@ -42,6 +42,7 @@ concept AnchorLoss = std::default_initializable<L> && requires(const L loss, dou
 
 /// The paper's link: a spring, phi = 1/2 (r - mu)^2.
 struct Hooke {
+  /// phi at length r and rest length mu, and its derivatives by r.
   template <typename Scalar>
   constexpr Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
     const Scalar stretch = r - mu;
@@ -51,6 +52,7 @@ struct Hooke {
 
 /// The paper's anchor: a spring, rho = s.
 struct Quadratic {
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
   template <typename Scalar>
   constexpr Derivatives<Scalar> operator()(Scalar s) const {
     return {s, 1, 0};
@@ -71,6 +73,7 @@ constexpr const char* scale_problem(double scale) {
 struct Huber {
   double scale = 1;  ///< [px]
 
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
   template <typename Scalar>
   Derivatives<Scalar> operator()(Scalar s) const {
     const auto c = static_cast<Scalar>(scale);
@@ -88,6 +91,7 @@ struct Huber {
 struct GemanMcClure {
   double scale = 1;  ///< [px]
 
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
   template <typename Scalar>
   Derivatives<Scalar> operator()(Scalar s) const {
     const auto square = static_cast<Scalar>(scale * scale);
@@ -106,9 +110,9 @@ enum class AnchorShape { Isotropic, Anisotropic };
 template <LinkPotential Link = Hooke, AnchorLoss Loss = Quadratic,
           AnchorShape kShape = AnchorShape::Isotropic>
 struct Model {
-  using LinkPotential = Link;
-  using AnchorLoss = Loss;
-  static constexpr AnchorShape kAnchorShape = kShape;
+  using LinkPotential = Link;                          ///< phi of every link
+  using AnchorLoss = Loss;                             ///< rho of every anchor
+  static constexpr AnchorShape kAnchorShape = kShape;  ///< isotropic or with information matrices
 };
 
 /// The paper's: springs all of them.

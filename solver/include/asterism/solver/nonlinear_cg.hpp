@@ -101,6 +101,7 @@ class DifferencedEnergy {
     relative_step_ = kCentral ? std::cbrt(kEpsilon) : std::sqrt(kEpsilon);
   }
 
+  /// Energy at x, with its gradient (Dim x N); counts its evaluations in the summary.
   Scalar operator()(const System& system, const Points& x, Points& gradient, Summary& summary) {
     const Scalar here = energy(system, x);
     summary.energy_evaluations += 1 + static_cast<int>(kCentral ? 2 * x.size() : x.size());
@@ -141,10 +142,13 @@ class AnalyticGradient {
   using Points = typename System::Points;
 
   static constexpr std::string_view kName = "analytic gradient";
+  /// Whether the gradient is made of differences of energies.
   static constexpr bool kNumeric = false;
 
+  /// Called once before a solve.
   void start(const System&, const Points&) {}
 
+  /// Energy at x, with its gradient (Dim x N); counts its evaluations in the summary.
   Scalar operator()(const System& system, const Points& x, Points& gradient, Summary& summary) {
     ++summary.energy_evaluations, ++summary.gradient_evaluations;
     return energy_and_gradient(system, x, gradient);

@@ -32,21 +32,26 @@ class SpringSystem {
 
  public:
   using Scalar = Scalar_;
+  /// Of links and anchors.
   using Model = Model_;
   using TopologyType = Topology<N, MaxN>;
   using Point = Eigen::Matrix<Scalar, Dim, 1>;
   using Points = Eigen::Matrix<Scalar, Dim, N, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim, MaxN>;
+  /// A number a node, N.
   using NodeVector = Eigen::Matrix<Scalar, N, 1, Eigen::ColMajor, MaxN, 1>;
+  /// A number a link, in the order of links().
   using LinkVector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1, Eigen::ColMajor, TopologyType::kMaxLinks, 1>;
 
   static constexpr int kDim = Dim;
   static constexpr int kNodes = N;
   static constexpr int kMaxNodes = MaxN;
+  /// Anchors have an information matrix.
   static constexpr bool kAnisotropic = Model::kAnchorShape == AnchorShape::Anisotropic;
   /// An anchor's Hessian is k_i times the identity wherever the node is.
   static constexpr bool kPlainAnchors =
       !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
 
+  /// No value is set yet: all are NaN.
   explicit SpringSystem(TopologyType topology) : topology_(std::move(topology)) {
     constexpr Scalar kUnset = std::numeric_limits<Scalar>::quiet_NaN();
     anchors.setConstant(Dim, nodes(), kUnset);
@@ -70,6 +75,7 @@ class SpringSystem {
   void fix(int node) { set_fixed(node, true); }
   /// Lets node i move again.
   void release(int node) { set_fixed(node, false); }
+  /// Whether node i is held, and how many are.
   bool is_fixed(int node) const { return fixed_[node]; }
   int fixed_count() const { return fixed_count_; }
 
@@ -107,12 +113,14 @@ class SpringSystem {
   LinkVector rest_length;       ///< mu_ij >= 0, one a link, in the order of links() [px]
   LinkVector link_stiffness;    ///< k_ij >= 0, one a link, in the order of links()
 
+  /// Of anchor_shape.
   using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,
                                (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
                                MaxN == Eigen::Dynamic ? MaxN : Dim * MaxN>;
   /// Anisotropic anchors alone: Dim x (Dim N), for each node its information matrix over k_i, with
   /// eigenvalues from 0 to 1.
   [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
+  /// Parameters of the anchors' loss and of the links' potential, if these have any.
   [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
   [[no_unique_address]] typename Model::LinkPotential link_potential;
 

@@ -50,6 +50,7 @@ inline std::ostream& operator<<(std::ostream& out, Status status) { return out <
 class Message {
  public:
   Message() = default;
+  /// The text, as far as it fits.
   Message(std::string_view text) { append(text); }
   Message(const char* text) : Message(std::string_view(text)) {}
 
@@ -66,8 +67,10 @@ class Message {
     size_ = 0;
     return append(text);
   }
+  /// No text.
   void clear() { size_ = 0; }
 
+  /// Adds a text or a number, as far as it fits.
   Message& append(std::string_view text) {
     const std::size_t count = std::min(text.size(), sizeof text_ - size_);
     std::memcpy(text_ + size_, text.data(), count);
@@ -75,15 +78,19 @@ class Message {
     return *this;
   }
 
+  /// Adds a text or a number, as far as it fits.
   Message& append(int value) {
     char digits[16];
     return append({digits, static_cast<std::size_t>(std::to_chars(digits, digits + sizeof digits, value).ptr -
                                                     digits)});
   }
 
+  /// The text; valid while the message lives.
   operator std::string_view() const { return {text_, size_}; }
+  /// Whether there is no text.
   bool empty() const { return size_ == 0; }
 
+  /// Whether it is this text.
   friend bool operator==(const Message& a, std::string_view b) { return std::string_view(a) == b; }
   friend std::ostream& operator<<(std::ostream& out, const Message& message) {
     return out << std::string_view(message);
@@ -124,6 +131,7 @@ struct SolverOptions {
 /// it is not counted as an iteration, cannot raise the energy, and removes the modes that are slowest where
 /// anchors are weak.
 struct AlignedOptions : SolverOptions {
+  /// Start with rigid_alignment of x.
   bool align = true;
 
   /// The alignment may also mirror x: for constellations whose mirror image is as good.
@@ -137,21 +145,21 @@ struct AlignedOptions : SolverOptions {
 /// are computed by this library from x, whatever the solver, and their cost is in `seconds` but not in the
 /// counts.
 struct Summary {
-  Status status = Status::NotRun;
-  Message message = "solve was not called";
-  std::string_view solver;        ///< name of the solver
-  int iterations = -1;            ///< updates of x
-  int energy_evaluations = -1;    ///< made by the method
-  int gradient_evaluations = -1;  ///< made by the method
-  int linear_solves = -1;         ///< with all dimensions as right-hand sides counting once
-  int factorizations = -1;        ///< of a matrix
-  double initial_energy = -1;     ///< E at the x given
-  double final_energy = -1;       ///< E at the x returned
-  double gradient_norm = -1;      ///< |dE/dx| at the x returned [stiffness x px]
-  double stationarity = -1;       ///< at the x returned, see SolverOptions::tolerance
-  int positive_definite = -1;     ///< 1: the Hessian at the x returned is, x is a strict local minimum if
-                                  ///< stationary; 0: it is not; -1: the method did not look
-  double seconds = -1;            ///< wall-clock time in solve
+  Status status = Status::NotRun;            ///< why it stopped
+  Message message = "solve was not called";  ///< what was wrong, or more on the status
+  std::string_view solver;                   ///< name of the solver
+  int iterations = -1;                       ///< updates of x
+  int energy_evaluations = -1;               ///< made by the method
+  int gradient_evaluations = -1;             ///< made by the method
+  int linear_solves = -1;                    ///< with all dimensions as right-hand sides counting once
+  int factorizations = -1;                   ///< of a matrix
+  double initial_energy = -1;                ///< E at the x given
+  double final_energy = -1;                  ///< E at the x returned
+  double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
+  double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
+  int positive_definite = -1;  ///< 1: the Hessian at the x returned is, x is a strict local minimum if
+                               ///< stationary; 0: it is not; -1: the method did not look
+  double seconds = -1;         ///< wall-clock time in solve
 
   /// x is finite and at least as good as the start.
   bool usable() const {

@@ -15,19 +15,21 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// A spring between nodes `i` and `j`. Undirected: (i, j) and (j, i) are the same spring.
 struct Link {
-  int i = 0;
-  int j = 0;
+  int i = 0;  ///< a node, from 0
+  int j = 0;  ///< another node
 
+  /// The same nodes in the same order.
   friend bool operator==(const Link&, const Link&) = default;
 };
 
 /// What is wrong with an input, and where. Reads as "<subject> <index> <problem>"; no problem is a null
 /// pointer.
 struct Defect {
-  const char* subject = nullptr;
-  int index = -1;  ///< -1: the subject needs no index
-  const char* problem = nullptr;
+  const char* subject = nullptr;  ///< what is wrong, e.g. "link"
+  int index = -1;                 ///< -1: the subject needs no index
+  const char* problem = nullptr;  ///< why; null for nothing
 
+  /// Whether there is a problem.
   explicit operator bool() const { return problem != nullptr; }
 };
 
@@ -49,6 +51,7 @@ class Topology {
  public:
   static constexpr int kNodes = N;
   static constexpr int kMaxNodes = MaxN;
+  /// Greatest number of links, or Eigen::Dynamic.
   static constexpr int kMaxLinks = MaxN == Eigen::Dynamic ? Eigen::Dynamic : std::max(1, MaxN*(MaxN - 1) / 2);
 
   /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ...
@@ -200,6 +203,7 @@ class NearestNeighbours {
 
 }  // namespace detail
 
+/// @cond for Doxygen, which does not see that it is declared above
 template <int N, int MaxN>
 template <typename Derived>
 Topology<N, MaxN> Topology<N, MaxN>::k_nearest(const Eigen::MatrixBase<Derived>& points, int k) {
@@ -220,5 +224,6 @@ Topology<N, MaxN> Topology<N, MaxN>::k_nearest(const Eigen::MatrixBase<Derived>&
   for (const Link& link : links) topology.add(link);
   return topology;
 }
+/// @endcond
 
 }  // namespace asterism::inline ASTERISM_ABI

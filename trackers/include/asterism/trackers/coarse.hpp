@@ -15,6 +15,7 @@ ASTERISM_API AnyPart paper_filter();
 struct CoarseOptions {
   /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
   AnyPart root = paper_filter();
+  /// The colour model of object and surroundings.
   ColourOptions colour;
   /// Multiply the root's response with the colour probability; otherwise, and for a root without a response
   /// map, the position is the root's alone.
@@ -37,6 +38,7 @@ struct CoarseOptions {
 /// which together place the object's centre within the search region of the root.
 class ASTERISM_API CoarseLayer {
  public:
+  /// Throws std::invalid_argument for options out of range.
   explicit CoarseLayer(const CoarseOptions& options = CoarseOptions());
 
   /// Learn both models from the object's box.
@@ -48,6 +50,7 @@ class ASTERISM_API CoarseLayer {
     double similarity = 0;      ///< the root filter's own response at the position
     Segmentation segmentation;  ///< of the search window, empty where the colour model is off
     bool lost = false;          ///< `similarity` is below CoarseOptions::lost_below
+    /// Wall-clock time in each.
     double root_milliseconds = 0, colour_milliseconds = 0;
   };
   /// The object's position near its last one: the maximum of Eq. position_posterior_root.
@@ -62,6 +65,7 @@ class ASTERISM_API CoarseLayer {
 
   void visit_state(StateArchive& archive);
 
+  /// The object's centre, size and box after the last frame [px].
   const Point2& centre() const { return centre_; }
   const Size2& size() const { return size_; }
   cv::Rect2d box() const { return box_around(centre_, size()); }
@@ -90,6 +94,7 @@ class ASTERISM_API CoarseLayer {
 /// without colour. The box keeps its size.
 class ASTERISM_API CoarseTracker {
  public:
+  /// Throws std::invalid_argument for options out of range.
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
   void init(const cv::Mat& image, const cv::Rect2d& box);
   TrackResult update(const cv::Mat& image);

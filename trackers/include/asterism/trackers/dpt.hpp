@@ -21,6 +21,7 @@ enum class AnchorLaw {
   Covariance  ///< static_information
 };
 
+/// What finds the placement of the parts.
 enum class SpringSolver {
   Ida,    ///< the paper's
   Newton  ///< the same minimum in a fraction of the iterations
@@ -28,10 +29,13 @@ enum class SpringSolver {
 
 /// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. What the paper leaves open is said so.
 struct DptOptions {
+  /// Parts at most, grid_rows x grid_cols.
   static constexpr int kMaxParts = 16;
+  /// The type of its spring system.
   using Springs =
       SpringSystem<double, 2, Eigen::Dynamic, kMaxParts, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
 
+  /// The coarse layer: root and colour.
   CoarseOptions coarse;
   /// The parts' model z^(i), not yet initialised: the paper's is a Kcf, with the root's parameters.
   AnyPart part = paper_filter();
@@ -42,6 +46,7 @@ struct DptOptions {
   /// The fraction of its side that a part shares with each neighbour, in [0, 1): parts grow so that they
   /// still cover the box. 3 x 3 parts with one half have the size of 2 x 2 (DPT_3x3_ov of Table 1).
   double overlap = 0;
+  /// Which parts are linked.
   Constellation constellation = Constellation::Full;
 
   /// Rate of the nominal spring lengths' update, alpha_spr (Sec. 2.5.2), in [0, 1].
@@ -67,7 +72,9 @@ struct DptOptions {
   /// Parts that can grow and shrink with the object; the paper's keep their size.
   bool resize_parts = false;
 
+  /// What an anchor's stiffness is made of.
   AnchorLaw anchor_law = AnchorLaw::Variance;
+  /// What finds the placement of the parts.
   SpringSolver spring_solver = SpringSolver::Ida;
   /// The solver's stopping rule. Open in the paper; see docs/tracker.md.
   SolverOptions solver;
@@ -87,9 +94,11 @@ struct DptOptions {
 /// paper's Algorithm 2.
 class ASTERISM_API Dpt {
  public:
+  /// Parts at most.
   static constexpr int kMaxParts = DptOptions::kMaxParts;
   /// The box keeps to this range of its first size, whatever a collapsed or burst constellation says.
   static constexpr double kMinScale = 0.1, kMaxScale = 10;
+  /// The type of its spring system.
   using Springs = DptOptions::Springs;
   using Placement = Springs::Points;  ///< 2 x N_p, a part is a column
 
@@ -107,6 +116,7 @@ class ASTERISM_API Dpt {
   /// The spring system of the last frame and how its solver stopped.
   const Springs& springs() const { return springs_; }
   const Summary& summary() const { return summary_; }
+  /// The coarse layer after the last frame.
   const CoarseLayer& coarse() const { return coarse_; }
   const DptOptions& options() const { return options_; }
 

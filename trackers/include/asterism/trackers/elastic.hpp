@@ -19,14 +19,18 @@ class ASTERISM_API ObjectPose {
   static constexpr double kMinScale = 0.1, kMaxScale = 10;
 
   ObjectPose() = default;
+  /// Where the object is in its first frame.
   explicit ObjectPose(const cv::Rect2d& box) : first_size_(box.width, box.height) {
     transform_.translation = centre_of(box);
   }
 
+  /// From positions in the object to the image.
   const PlaneTransform& transform() const { return transform_; }
+  /// The object moves by a transform of the image; its size keeps to the range above.
   void move(const PlaneTransform& transform);
   void visit_state(StateArchive& archive);
 
+  /// The box now, and its size in the first frame [px].
   Point2 centre() const { return transform_.translation; }
   Size2 size() const { return transform_.scale * first_size_; }
   const Size2& first_size() const { return first_size_; }
@@ -50,6 +54,7 @@ struct ElasticOptions {
   double deformation = 0.1;
   /// An anchor lets go of its part beyond this distance [object's mean side, > 0].
   double reach = 0.1;
+  /// Of the solve in each frame.
   SolverOptions solver = {.tolerance = 1e-4, .max_iterations = 200};
 };
 
@@ -60,6 +65,7 @@ struct ElasticOptions {
 /// link is as long as in the layout, under the object's scale, but for a Gaussian of `deformation`.
 class ASTERISM_API ElasticConstellation {
  public:
+  /// The type of its spring system.
   using Springs = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
                                Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
   using Points = Springs::Points;  ///< 2 x N, a part is a column
@@ -73,11 +79,13 @@ class ASTERISM_API ElasticConstellation {
   /// holds keep to those that one does. x stays where the solver fails.
   Summary place(const ObjectPose& pose, std::span<const Evidence> evidence, Points& x);
 
+  /// The parts' positions in the object.
   const Points& layout() const { return layout_; }
   /// A part's position in the object learns: it moves by `rate` towards that of the placement x.
   void relax(const ObjectPose& pose, const Points& x, double rate);
   /// The layout in the image.
   Points posed(const ObjectPose& pose) const;
+  /// Number of parts, and who is linked to whom.
   int size() const { return static_cast<int>(layout_.cols()); }
   std::vector<Link> links() const { return {springs_.links().begin(), springs_.links().end()}; }
 

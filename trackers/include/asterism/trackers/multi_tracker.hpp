@@ -22,11 +22,12 @@ class ASTERISM_API MultiTracker {
   void add(int id, AnyTracker tracker, const Frame& frame, const cv::Rect2d& box);
   /// False where there is no object of that id.
   bool remove(int id) { return objects_.erase(id) > 0; }
+  /// Number of objects.
   std::size_t size() const { return objects_.size(); }
 
   /// What became of one object.
   struct Object {
-    int id = 0;
+    int id = 0;                ///< as add had it
     TrackResult result;        ///< where there is no error
     std::exception_ptr error;  ///< what its tracker threw, or null
   };

@@ -37,6 +37,7 @@ class ASTERISM_API ObjectWindow {
   Point2 to_image(const cv::Point2f& p) const;
   /// Image pixels a window pixel.
   double spacing() const { return spacing_; }
+  /// Size of the window [window pixels].
   const cv::Size& grid() const { return grid_; }
 
  private:
@@ -60,6 +61,7 @@ class ASTERISM_API PointFlow {
   /// error.
   std::vector<Evidence> follow(const Frame& frame, const Eigen::Ref<const Eigen::Matrix2Xd>& points) const;
 
+  /// The window of the last frame.
   const ObjectWindow& window() const { return window_; }
 
   /// Saves or takes over what `learn` learned, of the same centre and size.

@@ -25,8 +25,8 @@ struct PartState {
 
 /// Milliseconds spent in one stage of `update`.
 struct StageTime {
-  std::string_view stage;  ///< a string literal, e.g. "root", "colour", "parts", "springs", "update"
-  double milliseconds = 0;
+  std::string_view stage;   ///< a string literal, e.g. "root", "colour", "parts", "springs", "update"
+  double milliseconds = 0;  ///< wall-clock time
 };
 
 /// The corners of a box turned by `angle` [rad, from the x axis towards the y axis] about its middle,
@@ -45,6 +45,7 @@ struct TrackResult {
   /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
   /// both sides are scaled alike. Positive semi-definite. Empty where the tracker cannot tell.
   std::optional<Eigen::Matrix3d> covariance;
+  /// Empty for trackers without parts.
   std::vector<PartState> parts;
   double update_threshold = 0;   ///< parts of less weight are not updated; 0 where no weight is compared
   std::vector<Link> links;       ///< the springs between parts, as indices into `parts`
@@ -56,6 +57,7 @@ struct TrackResult {
     return turned(box_around(part.position, part.size), angle);
   }
 
+  /// Of all stages together.
   double milliseconds() const {
     double sum = 0;
     for (const StageTime& t : times) sum += t.milliseconds;
@@ -90,10 +92,12 @@ concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, con
 /// std::invalid_argument is thrown. After a move from it, it may only be assigned to or destroyed.
 class AnyTracker {
  public:
+  /// Holds any tracker but itself.
   template <class T>
   requires(!std::same_as<T, AnyTracker> && Tracker<T>) AnyTracker(T tracker)
       : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
 
+  /// A copy goes on by itself.
   AnyTracker(const AnyTracker& other) : self_(other.self_->clone()) {}
   AnyTracker(AnyTracker&&) noexcept = default;
   AnyTracker& operator=(const AnyTracker& other) {

@@ -7,15 +7,17 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// A similarity of the plane, x -> scale R(angle) x + translation.
 struct ASTERISM_API PlaneTransform {
-  double scale = 1;
-  double angle = 0;  ///< [rad], from the x axis towards the y axis
-  Eigen::Vector2d translation = Eigen::Vector2d::Zero();
+  double scale = 1;                                       ///< > 0
+  double angle = 0;                                       ///< [rad], from the x axis towards the y axis
+  Eigen::Vector2d translation = Eigen::Vector2d::Zero();  ///< [px]
 
+  /// A point moved by it.
   Eigen::Vector2d operator()(const Eigen::Vector2d& x) const;
   /// The transform that undoes this one; scale must not be 0.
   PlaneTransform inverse() const;
 };
 
+/// What a transform may change.
 enum class TransformModel {
   Translation,
   Euclidean,  ///< rotation and translation, the paper's words (Sec. 2.5.2)
@@ -37,8 +39,8 @@ ASTERISM_API void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
 
 /// A transform and how much of the points moves by it.
 struct RobustTransform {
-  PlaneTransform transform;
-  double support = 0;  ///< share of the weight, in [0, 1]: a point counts 1 / (1 + (error / radius)^2)
+  PlaneTransform transform;  ///< of the points that agree
+  double support = 0;        ///< share of the weight, in [0, 1]: a point counts 1 / (1 + (error / radius)^2)
 };
 
 /// The transform that most points agree with, whatever the others do: the least of sum_i w_i rho(error_i),

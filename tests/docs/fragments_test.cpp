@@ -1,0 +1,148 @@
+// The ```cpp fragment blocks of the pages, each in what it says that it is in, as it stands there.
+#include <gtest/gtest.h>
+
+#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/scale_filter.hpp>
+#include <asterism/parts/state.hpp>
+#include <asterism/solver/auto.hpp>
+#include <asterism/solver/batch.hpp>
+#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/multi_tracker.hpp>
+#include <asterism/trackers/tracker.hpp>
+#include <opencv2/imgproc.hpp>
+#include <span>
+#include <vector>
+
+#include "docs_own-part_1.cpp"
+#include "statistics.hpp"
+#include "supervised_measures.hpp"
+#include "trax_client.hpp"
+
+using namespace asterism;
+
+namespace {
+
+cv::Mat texture(const cv::Size& size, std::uint64_t seed) {
+  cv::Mat image(size, CV_8U);
+  cv::RNG(seed).fill(image, cv::RNG::UNIFORM, 0, 255);
+  cv::GaussianBlur(image, image, {9, 9}, 0);
+  cv::normalize(image, image, 0, 255, cv::NORM_MINMAX);
+  return image;
+}
+
+// A textured object at (60, 50) in the first frame, 2 px further right in each one.
+const cv::Rect2d box(60, 50, 64, 64);
+cv::Mat draw(int frame) {
+  static const cv::Mat background = texture({240, 180}, 1), object = texture({64, 64}, 2);
+  cv::Mat image = background.clone();
+  object.copyTo(image(cv::Rect(60 + 2 * frame, 50, 64, 64)));
+  return image;
+}
+
+TEST(Batch, Page) {
+  const int count = 10;
+  std::vector<SpringSystem<double, 2, 4>> systems;
+  std::vector<SpringSystem<double, 2, 4>::Points> starts;
+  for (int s = 0; s < count; ++s) {
+    auto& system = systems.emplace_back(Topology<4>::full());
+    system.anchors << 0, 40 + s, 0, 40, 0, 0, 40, 40;
+    system.link_stiffness.setOnes();
+    system.anchor_stiffness.setOnes();
+    system.rest_length.setConstant(40);
+    starts.push_back(system.anchors);
+  }
+  int used = 0;
+  const auto use = [&](const auto& x, Status status, double final_energy) {
+    auto expected = starts[static_cast<std::size_t>(used)];
+    const Summary summary = solve(systems[static_cast<std::size_t>(used)], expected);
+    EXPECT_EQ(status, Status::Converged);
+    EXPECT_NEAR(final_energy, summary.final_energy, 1e-9 * summary.final_energy);
+    EXPECT_LT((x - expected).norm(), 1e-4);
+    ++used;
+  };
+#include "docs_batch_1.inc"
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_EQ(used, count);
+}
+
+TEST(EvaluationMeasures, Page) {
+  using namespace asterism::bench;
+  // Two trackers on four sequences of 400 frames: one overlaps by 0.8, the other by 0.3.
+  const auto sequences = [](double overlap) {
+    SupervisedRun run{std::vector<Outcome>(400, Outcome::Tracked), std::vector<double>(400, overlap)};
+    run.outcomes[0] = Outcome::Started;
+    return std::vector<SupervisedSequence>(4, {{run}, {}, {}});
+  };
+  const auto sequences_of_a = sequences(0.8), sequences_of_b = sequences(0.3);
+  const std::vector<std::size_t> starts(4, 1);
+  const Bootstrapped b = bootstrap(starts, [&](std::span<const Draw> draws) {
+    return eao(resampled(sequences_of_b, draws), {166, 377}, Toolkit::Legacy);
+  });
+#include "docs_evaluation-measures_1.inc"
+  EXPECT_TRUE(significant);
+  EXPECT_NEAR(a.value - b.value, 0.5, 0.01);
+}
+
+TEST(InPractice, SeveralObjects) {
+  const cv::Mat image = draw(0), next = draw(1);
+  int drawn = 0;
+  const auto draw = [&](int id, const TrackResult& result) {
+    EXPECT_EQ(id, 7);
+    EXPECT_NEAR(result.box.x, 62, 1);
+    ++drawn;
+  };
+#include "docs_in-practice_1.inc"
+  EXPECT_EQ(drawn, 1);
+}
+
+TEST(InPractice, Saving) {
+  AnyTracker tracker = make_tracker("dpt");
+  tracker.init(draw(0), box);
+  tracker.update(draw(1));
+#include "docs_in-practice_2.inc"
+  EXPECT_EQ(later.update(draw(2)).box, tracker.update(draw(2)).box);
+}
+
+struct Saved {
+#include "docs_in-practice_3.inc"
+  GrayPatchOptions options_;
+  Size2 size_ = Size2::Ones();
+  Eigen::Array33f learned_ = Eigen::Array33f::Zero();
+};
+
+TEST(InPractice, StateOfAModel) {
+  Saved saved, later;
+  saved.size_ << 3, 4;
+  saved.learned_.setConstant(5);
+  restore_state(later, save_state(saved));
+  EXPECT_EQ(later.size_.y(), 4);
+  EXPECT_EQ(later.learned_(2, 2), 5);
+}
+
+TEST(OwnPart, Page) {
+#include "docs_own-part_1.inc"
+  tracker.init(draw(0), box);
+  EXPECT_NEAR(tracker.update(draw(1)).box.x, 62, 1);
+}
+
+TEST(Parts, ScaleFilter) {
+  const Frame first(draw(0)), frame(draw(1));
+  Point2 x(92, 82);
+  Size2 size(64, 64);
+  Kcf part;
+  ScaleFilter scale;
+  part.init(first, x, size);
+  scale.init(first, x, size);
+#include "docs_parts_1.inc"
+  EXPECT_NEAR(x.x(), 94, 1);
+  EXPECT_NEAR(size.x(), 64, 3);
+}
+
+// Compiled alone: it wants a tracker to talk to (tests/trackers/trax_test.cpp has one).
+[[maybe_unused]] bool trax() {
+  using namespace asterism::tools;
+#include "docs_trax_1.inc"
+  return reply.region.has_value();
+}
+
+}  // namespace

@@ -1,0 +1,12 @@
+# A program of a page (PROGRAM) ends well, and prints what the page says (EXPECTED) where it says that.
+cmake_minimum_required(VERSION 3.25)
+execute_process(COMMAND ${PROGRAM} OUTPUT_VARIABLE out ERROR_VARIABLE err RESULT_VARIABLE result)
+if(NOT result EQUAL 0)
+  message(FATAL_ERROR "the example ended with ${result}: ${out}${err}")
+endif()
+if(EXPECTED)
+  file(READ ${EXPECTED} expected)
+  if(NOT out STREQUAL expected)
+    message(FATAL_ERROR "the page shows\n${expected}\nbut the example prints\n${out}")
+  endif()
+endif()
