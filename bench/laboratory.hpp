@@ -8,6 +8,7 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -32,7 +33,8 @@ class Runner {
  public:
   virtual ~Runner() = default;
 
-  /// Takes the problem, in the types that the solver is compiled for; to be called first.
+  /// Takes the problem, in the types that the solver is compiled for; to be called first. Throws
+  /// std::invalid_argument where these have no room for its links: more than the pairs of a few nodes.
   virtual void load(const Problem& problem) = 0;
 
   /// Moves x from the problem's start. Energies and status are the library's verdict, whoever solved.
@@ -81,6 +83,8 @@ class RunnerOf final : public Runner {
   void load(const Problem& problem) override {
     const System& system = problem.system;
     Native& native = system_.emplace(native_topology(system));
+    if (native.link_count() != system.link_count())
+      throw std::invalid_argument("more links than pairs of nodes, which this solver's type has no room for");
     native.anchors = system.anchors;
     native.anchor_stiffness = system.anchor_stiffness;
     native.rest_length = system.rest_length;

@@ -7,6 +7,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <limits>
+#include <stdexcept>
 
 #include "../../bench/laboratory.hpp"
 #include "bytes.hpp"
@@ -139,7 +140,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const bench::Problem given = problem(bytes);
   if (given.system.defect()) return 0;  // the laboratory's runners would leave out the link that is none
   const auto runner = method.make(given.system.nodes());
-  runner->load(given);
+  try {
+    runner->load(given);
+  } catch (const std::invalid_argument&) {
+    return 0;
+  }
   Points x = given.start;
   const Summary summary = runner->solve(limits, x);
   check(given, summary, x, limits.tolerance);
