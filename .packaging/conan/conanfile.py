@@ -56,7 +56,7 @@ class AsterismConan(ConanFile):
             toolchain.cache_variables[f"ASTERISM_WITH_{absent}"] = False
         for option in ("json", "parts", "trackers"):
             toolchain.cache_variables[f"ASTERISM_WITH_{option.upper()}"] = bool(getattr(self.options, option))
-        for absent in ("TOOLS", "PYTHON", "TESTS", "BENCH"):
+        for absent in ("TOOLS", "PYTHON", "TESTS", "BENCH", "DOCS"):
             toolchain.cache_variables[f"ASTERISM_BUILD_{absent}"] = False
         toolchain.generate()
         CMakeDeps(self).generate()

@@ -15,7 +15,7 @@ vcpkg_check_features(
 vcpkg_cmake_configure(
   SOURCE_PATH "${SOURCE_PATH}"
   OPTIONS ${FEATURE_OPTIONS} -DASTERISM_INSTALL=ON -DASTERISM_BUILD_TOOLS=OFF -DASTERISM_BUILD_PYTHON=OFF
-          -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
+          -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
 vcpkg_cmake_install()
 vcpkg_cmake_config_fixup(PACKAGE_NAME Asterism CONFIG_PATH lib/cmake/Asterism)
 vcpkg_fixup_pkgconfig()

@@ -41,6 +41,7 @@ class StubsTest(unittest.TestCase):
         body = ast.parse(path.read_text()).body
         cls.functions = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
         cls.classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
+        del cls.classes["_Values"]  # of the stubs alone
 
     def test_names(self):
         missing = OPTIONAL - set(dir(_asterism))

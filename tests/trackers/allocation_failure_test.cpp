@@ -70,7 +70,7 @@ TEST_P(OutOfMemory, InUpdate) {
   EXPECT_GT(allocations, 3);
 }
 
-INSTANTIATE_TEST_SUITE_P(Trackers, OutOfMemory, ::testing::Values("dpt", "dpt_plus"));
+INSTANTIATE_TEST_SUITE_P(Trackers, OutOfMemory, ::testing::Values("dpt"));
 
 }  // namespace
 }  // namespace asterism

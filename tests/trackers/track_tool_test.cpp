@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -433,10 +434,8 @@ TEST_F(TrackTool, ReportsAFullDisk) {
 TEST_F(TrackTool, ReportsADiskThatFillsUp) {
   const std::string images = make_images("images").string() + kBox;
   limits_ = "trap '' XFSZ; ulimit -f 1; ";  // blocks of 512 bytes a file
-  for (const auto& [option, file] : {std::pair(" --out ", "boxes.csv"),
-                                     {" --save ", "overlay.mp4"},
-                                     {" --sheet ", "sheet.png"},
-                                     {" --timeline ", "timeline.png"}})
+  for (const auto& [option, file] :
+       {std::pair(" --out ", "boxes.csv"), {" --save ", "overlay.mp4"}, {" --sheet ", "sheet.png"}})
     expect_error(images + option + path(file), {file});
 }
 
@@ -520,7 +519,9 @@ TEST_F(TrackTool, SurvivesVideosThatAreCutOrDamaged) {
     std::ofstream(video, std::ios::binary | std::ios::trunc) << bytes;
     const int code = run(video + kBox + csv());
     EXPECT_TRUE(code == 0 || code == 1) << code;
-    if (code == 1) EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
+    if (code == 1) {
+      EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
+    }
     return code;
   };
   for (const std::size_t length : {std::size_t{0}, std::size_t{1}, std::size_t{100}})
@@ -539,7 +540,7 @@ TEST_F(TrackTool, KeepsWhatThereIsWhenACameraDisappears) {
   const std::string stream = read(make_video()), camera = path("camera.avi");
   ASSERT_EQ(mkfifo(camera.c_str(), 0600), 0);
   std::thread writer([&] {
-    std::signal(SIGPIPE, SIG_IGN);
+    signal(SIGPIPE, SIG_IGN);
     std::ofstream(camera, std::ios::binary).write(stream.data(), std::ssize(stream) * 6 / 10);
   });
   const int code = run(camera + kBox + csv());

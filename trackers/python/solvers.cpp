@@ -34,14 +34,14 @@ class Solver {
   Summary solve(AnySystem& system, const py::object& x) {
     const Exclusive use(busy_, "this asterism.Solver");
     return system.visit([&]<int Dim>(System<Dim>& s) {
-      const py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
+      py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
       const Summary summary = [&] {
         const py::gil_scoped_release release;
         return solver<Dim>().solve(s, points);
       }();
-      if (summary.usable()) std::copy_n(points.data(), points.size(), const_cast<double*>(array.data()));
+      if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
       return summary;
     });
   }

@@ -227,14 +227,13 @@ void bind_systems(py::module_& m) {
   m.def(
       "gradient",
       [](AnySystem& system, const py::object& x) {
-        return system.visit([&]<int Dim>(System<Dim>& s) {
-          return owned(
-              evaluated(system, x,
-                        [](const auto& sys, const auto& points) {
-                          return Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>(gradient(sys, points));
-                        }),
-              {s.nodes(), Dim});
-        });
+        const Shape shape = system.visit([](auto& s) { return Shape{s.nodes(), s.kDim}; });
+        return owned(
+            evaluated(system, x,
+                      [](const auto& s, const auto& points) {
+                        return Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic>(gradient(s, points));
+                      }),
+            shape);
       },
       py::arg("system"), py::arg("x"), "dE/dx, (N, dim); zero for fixed nodes.");
   m.def(

@@ -37,7 +37,7 @@ def _rows(path: pathlib.Path, columns: list[str]) -> Iterator[_Row]:
     with path.open(encoding="utf-8", newline="") as file:
         reader = csv.reader(file, strict=True)
         try:
-            header = next(reader, [])
+            header: list[str] = next(reader, [])
             if header[: len(columns)] != columns:
                 raise ValueError(f"{path}:1: expected the columns {','.join(columns)}, found {','.join(header)}")
             for cells in reader:
