@@ -15,9 +15,10 @@ using namespace asterism;
 
 namespace {
 
+constexpr double kMost = 40;
+
 // Whether the numbers ask for a tracker of a size that fits here: sizes are the user's to choose.
 bool is_small(std::string_view description) {
-  constexpr double kMost = 40;
   const std::size_t brace = description.find('{');
   if (brace == std::string_view::npos) return true;
   const auto json = nlohmann::json::parse(description.substr(brace), nullptr, false);
