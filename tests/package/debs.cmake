@@ -40,9 +40,14 @@ look(libasterism-dev "libeigen3-dev, libasterism${m} [(]= ${v}-1[)]" "${LIBDIR}/
      "${LIBDIR}/cmake/Asterism/Asterism_(solver|solver_compiled|batch)(-[a-z]+)?[.]cmake" "${LIBDIR}/pkgconfig/asterism-(solver|solver_compiled|batch)[.]pc"
      share/doc/libasterism-dev/copyright)
 
-# A program of what was unpacked needs the library by its soname.
-must(${CXX} -std=c++20 -DHAVE_BATCH ${scripts}/compiled.cpp -o ${WORK}/debs/program -I${WORK}/debs/usr/${INCLUDEDIR}
-     -L${WORK}/debs/usr/${LIBDIR} -lasterism_batch -Wl,-rpath,${WORK}/debs/usr/${LIBDIR})
+# A program of what was unpacked needs the libraries by their sonames.
+set(ENV{PKG_CONFIG_PATH} ${WORK}/debs/usr/${LIBDIR}/pkgconfig)
+must(${PKG_CONFIG} --cflags --libs asterism-batch asterism-solver_compiled)
+separate_arguments(flags UNIX_COMMAND "${out}")
+must(${CXX} -std=c++20 -DHAVE_BATCH -DHAVE_SOLVER_COMPILED ${scripts}/compiled.cpp -o ${WORK}/debs/program ${flags}
+     -Wl,-rpath,${WORK}/debs/usr/${LIBDIR})
 must(ldd ${WORK}/debs/program)
-must_match("${out}" "libasterism_batch[.]so[.]${m} => ${WORK}/debs/usr" "the program does not use the shared library")
+foreach(library IN ITEMS batch solver_compiled)
+  must_match("${out}" "libasterism_${library}[.]so[.]${m} => ${WORK}/debs/usr" "the program does not use the shared library")
+endforeach()
 must(${WORK}/debs/program)
