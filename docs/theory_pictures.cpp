@@ -14,7 +14,7 @@
 namespace asterism {
 namespace {
 
-constexpr int kPanel = 240, kGap = 8;  // [px]
+constexpr int kPanel = 160, kGap = 8;  // [px]
 const cv::Scalar kMark(0, 140, 255);   // orange
 
 // Panels side by side; transparent between them, so that it suits pages of any colour.
@@ -29,7 +29,7 @@ void write(const std::filesystem::path& path, const std::vector<cv::Mat>& panels
     }
     picture = next;
   }
-  if (!cv::imwrite(path.string(), picture)) throw std::runtime_error("cannot write " + path.string());
+  if (!cv::imwrite(path.string(), picture, {cv::IMWRITE_PNG_COMPRESSION, 9})) throw std::runtime_error("cannot write " + path.string());
 }
 
 // A map from its least to its greatest value.
@@ -109,8 +109,8 @@ void draw_kcf(const std::filesystem::path& path) {
 
 // A reddish ellipse on green, in colours that vary from block to block, with stains of either colour on the other.
 void draw_colour(const std::filesystem::path& path) {
-  constexpr int kBlock = 3;
-  const cv::Rect box(70, 50, 100, 140);
+  constexpr int kBlock = 2;
+  const cv::Rect box(46, 33, 68, 94);
   cv::RNG random(3);
   const auto ellipse = [&](cv::Mat& image, const cv::Scalar& colour) {
     cv::ellipse(image, (box.tl() + box.br()) / 2, box.size() / 2, 0, 0, 360, colour, cv::FILLED);
@@ -120,7 +120,7 @@ void draw_colour(const std::filesystem::path& path) {
   cv::Mat is_red = truth.clone();
   for (int i = 0; i < 70; ++i) {
     const cv::Point at(random.uniform(0, kPanel), random.uniform(0, kPanel));
-    cv::circle(is_red, at, random.uniform(3, 8), cv::Scalar::all(255 - truth.at<std::uint8_t>(at)), cv::FILLED);
+    cv::circle(is_red, at, random.uniform(2, 6), cv::Scalar::all(255 - truth.at<std::uint8_t>(at)), cv::FILLED);
   }
   cv::Mat image(is_red.size(), CV_8UC3, cv::Scalar(70, 140, 90)), noise(kPanel / kBlock, kPanel / kBlock, CV_8UC3);
   image.setTo(cv::Scalar(60, 80, 180), is_red);
