@@ -129,6 +129,7 @@ def covariance(path):
     figure, axes = plt.subplots(figsize=(6, 4.4))
     draw(axes, system, x, 'black')
     axes.plot(*system.anchors.T, '+', color='black', markersize=9, label='anchors')
+    axes.plot([], [], '.', color='tab:blue', label='samples')
     for node, sigma in enumerate(asterism.node_covariances(system, x)):
         d = drawn[:, node] - x[node]
         inside = (np.einsum('ki,ij,kj->k', d, np.linalg.inv(sigma), d) < 5.991).mean()
@@ -136,12 +137,11 @@ def covariance(path):
             sys.exit(f'theory_figures.py: {inside:.3f} of the samples of node {node} are in its region')
         variances, directions = np.linalg.eigh(sigma)
         angle = np.degrees(np.arctan2(directions[1, 0], directions[0, 0]))
-        axes.plot(*drawn[::20, node].T, '.', color='tab:blue', alpha=0.3, markersize=1.5, rasterized=True, zorder=0,
-                  label='samples' if node == 0 else None)
+        axes.plot(*drawn[::40, node].T, '.', color='tab:blue', alpha=0.3, markersize=2, rasterized=True, zorder=0)
         axes.add_patch(Ellipse(x[node], *2 * np.sqrt(5.991 * variances), angle=angle, fill=False, color='tab:red',
                                label='95 %, Laplace' if node == 0 else None))
         axes.add_patch(Ellipse(x[node], *2 * np.sqrt([5.991 * of_ida[node, node]] * 2), fill=False, color='tab:green',
-                               linestyle='--', label="by IDA's matrix" if node == 0 else None))
+                               linestyle='--', linewidth=1.5, label="by IDA's matrix" if node == 0 else None))
     axes.set_aspect('equal')
     axes.invert_yaxis()
     axes.set_xlabel('x [px]')

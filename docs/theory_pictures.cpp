@@ -1,5 +1,5 @@
-// asterism-theory-pictures FOLDER: the pictures of docs/theory.md, each of a scene that is drawn here. Ends with an error where one
-// does not show what the page says of it.
+// asterism-theory-pictures FOLDER: the pictures of docs/theory.md, each of a scene that is drawn here. Ends
+// with an error where one does not show what the page says of it.
 #include <asterism/parts/colour.hpp>
 #include <asterism/parts/kcf.hpp>
 #include <cstdint>
@@ -29,7 +29,8 @@ void write(const std::filesystem::path& path, const std::vector<cv::Mat>& panels
     }
     picture = next;
   }
-  if (!cv::imwrite(path.string(), picture, {cv::IMWRITE_PNG_COMPRESSION, 9})) throw std::runtime_error("cannot write " + path.string());
+  if (!cv::imwrite(path.string(), picture, {cv::IMWRITE_PNG_COMPRESSION, 9}))
+    throw std::runtime_error("cannot write " + path.string());
 }
 
 // A map from its least to its greatest value.
@@ -72,17 +73,20 @@ void draw_kcf(const std::filesystem::path& path) {
   };
   ResponseMap response, kernel;
   const Evidence evidence = response_to({}, response);
-  // A label that is 1 at one shift alone, divided by lambda in place of the spectrum: what remains is k / lambda.
+  // A label that is 1 at one shift alone, divided by lambda in place of the spectrum: what remains is k /
+  // lambda.
   KcfOptions kernel_alone;
   kernel_alone.label_sigma = 1e-3;
   kernel_alone.lambda = 1e9;
   response_to(kernel_alone, kernel);
 
-  if ((evidence.position - centre_of(second)).norm() > 1) throw std::runtime_error("KCF does not find the target");
+  if ((evidence.position - centre_of(second)).norm() > 1)
+    throw std::runtime_error("KCF does not find the target");
   const auto above_half = [](const ResponseMap& map) {
     return (map.values > (map.values.minCoeff() + map.values.maxCoeff()) / 2).count();
   };
-  if (above_half(kernel) < 3 * above_half(response)) throw std::runtime_error("the response is no narrower than the kernel");
+  if (above_half(kernel) < 3 * above_half(response))
+    throw std::runtime_error("the response is no narrower than the kernel");
 
   // All four show the search window.
   const Point2 corner = response.origin - response.spacing / 2;
@@ -101,13 +105,15 @@ void draw_kcf(const std::filesystem::path& path) {
   cv::rectangle(pictures[0], at(centre - half), at(centre + half), kMark, 2);
   cv::drawMarker(pictures[1], at(evidence.position), kMark, cv::MARKER_CROSS, 24, 2);
   const auto map_of = [](ResponseMap& map) {
-    return cv::Mat(static_cast<int>(map.values.rows()), static_cast<int>(map.values.cols()), CV_32F, map.values.data());
+    return cv::Mat(static_cast<int>(map.values.rows()), static_cast<int>(map.values.cols()), CV_32F,
+                   map.values.data());
   };
   write(path, {pictures[0], pictures[1], shown(map_of(kernel), cv::COLORMAP_VIRIDIS),
                shown(map_of(response), cv::COLORMAP_VIRIDIS)});
 }
 
-// A reddish ellipse on green, in colours that vary from block to block, with stains of either colour on the other.
+// A reddish ellipse on green, in colours that vary from block to block, with stains of either colour on the
+// other.
 void draw_colour(const std::filesystem::path& path) {
   constexpr int kBlock = 2;
   const cv::Rect box(46, 33, 68, 94);
@@ -120,9 +126,11 @@ void draw_colour(const std::filesystem::path& path) {
   cv::Mat is_red = truth.clone();
   for (int i = 0; i < 70; ++i) {
     const cv::Point at(random.uniform(0, kPanel), random.uniform(0, kPanel));
-    cv::circle(is_red, at, random.uniform(2, 6), cv::Scalar::all(255 - truth.at<std::uint8_t>(at)), cv::FILLED);
+    cv::circle(is_red, at, random.uniform(2, 6), cv::Scalar::all(255 - truth.at<std::uint8_t>(at)),
+               cv::FILLED);
   }
-  cv::Mat image(is_red.size(), CV_8UC3, cv::Scalar(70, 140, 90)), noise(kPanel / kBlock, kPanel / kBlock, CV_8UC3);
+  cv::Mat image(is_red.size(), CV_8UC3, cv::Scalar(70, 140, 90)),
+      noise(kPanel / kBlock, kPanel / kBlock, CV_8UC3);
   image.setTo(cv::Scalar(60, 80, 180), is_red);
   random.fill(noise, cv::RNG::UNIFORM, 0, 70);
   cv::resize(noise, noise, image.size(), 0, 0, cv::INTER_NEAREST);
@@ -157,7 +165,8 @@ void draw_colour(const std::filesystem::path& path) {
   cv::findContours(mask > 0.5, outlines, cv::RETR_LIST, cv::CHAIN_APPROX_NONE);
   cv::drawContours(outlined, outlines, -1, cv::Scalar::all(255), 2);
   cv::rectangle(boxed, box, cv::Scalar::all(255), 2);
-  write(path, {boxed, shown(alone.posterior, cv::COLORMAP_BONE), shown(field.posterior, cv::COLORMAP_BONE), outlined});
+  write(path, {boxed, shown(alone.posterior, cv::COLORMAP_BONE), shown(field.posterior, cv::COLORMAP_BONE),
+               outlined});
 }
 
 }  // namespace
