@@ -7,8 +7,10 @@ function(asterism_private_options target)
     target_compile_options(${target} PRIVATE -Werror)
   endif()
   if(ASTERISM_SANITIZE)
-    target_compile_options(${target} PRIVATE -fsanitize=address,undefined -fno-sanitize-recover=undefined
-                                             -fno-omit-frame-pointer)
+    # Without the checks of every access that AddressSanitizer sees as well: they double the time to compile.
+    target_compile_options(${target} PRIVATE -fsanitize=address,undefined -fno-sanitize=null,object-size,vptr,pointer-overflow
+                                             -fno-sanitize-recover=undefined -fno-omit-frame-pointer)
+    target_compile_definitions(${target} PRIVATE EIGEN_INITIALIZE_MATRICES_BY_NAN)
     target_link_options(${target} PRIVATE -fsanitize=address,undefined)
   endif()
   if(ASTERISM_FUZZ)
