@@ -33,7 +33,13 @@ for t in range(6):
       --out - >/dev/null
 }
 
+# The rules of .clang-tidy, on the libraries.
+tidy() {
+  run-clang-tidy -quiet -p build/release '/(solver|parts|trackers)/src/'
+}
+
 step "tests" bash tests/run.sh
+step "clang-tidy" tidy
 step "fuzzers" bash tests/fuzz.sh 1000000
 for tracker in dpt dpt_plus; do
   step "soak of $tracker" build/release/tests/trackers/soak 100000 "$tracker"
