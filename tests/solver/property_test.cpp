@@ -3,9 +3,13 @@
 // tolerances are what rounding may do.
 #include <gtest/gtest.h>
 
-#include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <asterism/solver.hpp>
+#include <asterism/solver/auto.hpp>
+#include <asterism/solver/ida.hpp>
+#include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/newton.hpp>
+#include <asterism/solver/newton_cg.hpp>
+#include <asterism/solver/nonlinear_cg.hpp>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
@@ -287,8 +291,22 @@ class Change {
 template <typename System>
 struct Basin {
   typename System::Points minimum, start;
-  double curvature = 0;  // the least at the minimum
+  double curvature = 0;  // there is no less at the minimum
 };
+
+// Whether all eigenvalues are above `least`: Cholesky, whose pivots are positive then.
+bool has_curvature(Eigen::MatrixXd matrix, double least) {
+  const Eigen::Index n = matrix.rows();
+  for (Eigen::Index k = 0; k < n; ++k) matrix(k, k) -= least;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    if (!(matrix(k, k) > 0)) return false;
+    for (Eigen::Index i = k + 1; i < n; ++i) {
+      const double factor = matrix(i, k) / matrix(k, k);
+      for (Eigen::Index j = k + 1; j < n; ++j) matrix(i, j) -= factor * matrix(k, j);
+    }
+  }
+  return true;
+}
 
 // The curvature stays above half of the minimum's within a radius, as a spring's changes by some k mu / r^2 a
 // pixel. The start's energy is too low for the rim. False where there is no such minimum, or rounding is
@@ -302,9 +320,9 @@ bool find_basin(Rng& rng, const bench::RandomSystem<System>& problem, Basin<Syst
   if (!newton.solve(system, basin.minimum).usable()) return false;
   const double stiffness = node_stiffness(system).maxCoeff();
   const Eigen::MatrixXd at_minimum = hessian(system, basin.minimum);
-  basin.curvature =
-      Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(at_minimum, Eigen::EigenvaluesOnly).eigenvalues()[0];
-  if (!(basin.curvature > 1e-6 * stiffness)) return false;
+  for (basin.curvature = stiffness; !has_curvature(at_minimum, basin.curvature); basin.curvature /= 2) {
+    if (!(basin.curvature > 1e-6 * stiffness)) return false;
+  }
   double change = 0;  // of the curvature, a pixel
   for (int l = 0; const Link& link : system.links()) {
     const double square = (basin.minimum.col(link.i) - basin.minimum.col(link.j)).squaredNorm();
