@@ -2,13 +2,11 @@
 #include "crossovers.hpp"
 
 #include <algorithm>
-#include <asterism/solver.hpp>
 #include <cstdio>
 #include <string>
 #include <vector>
 
 #include "bars.hpp"
-#include "comparison_solvers.hpp"
 #include "laboratory.hpp"
 #include "sparse_system.hpp"
 
@@ -26,39 +24,34 @@ struct Cost {
   double energy;
 };
 
-template <typename Solver>
-Cost cost(const Systems& systems) {
-  Solver solver;
-  solver.options.tolerance = kTolerance;
-  solver.options.max_iterations = 20000;
+// Compiled for any number of nodes, as Auto is to choose for these.
+Cost cost(const SolverEntry& entry, const Systems& systems) {
+  const auto runner = entry.make(Eigen::Dynamic);
+  const Limits limits{kTolerance, 20000};
   std::vector<double> seconds;
   double energy = 0;
-  for (const auto& [system, start] : systems) {
-    double least = 0;
-    for (int repeat = 0; repeat < 3; ++repeat) {
-      auto x = start;
-      const double before = cpu_seconds();
-      const Summary summary = solver.solve(system, x);
-      const double time = cpu_seconds() - before;
-      least = repeat == 0 ? time : std::min(least, time);
-      if (repeat == 0) energy += summary.final_energy / static_cast<double>(systems.size());
-      if (time > 0.1) break;
+  Points x;
+  for (const Problem& problem : systems) {
+    runner->load(problem);
+    energy += runner->solve(limits, x).final_energy / static_cast<double>(systems.size());
+    double least = runner->seconds(limits, 1);
+    for (int repeat = 0; repeat < 2 && least < 0.1; ++repeat) {
+      least = std::min(least, runner->seconds(limits, 1));
     }
     seconds.push_back(least);
   }
   return {median(seconds), energy};
 }
 
-template <typename... Solvers>
-void row(const std::string& name, const Systems& systems, const Cost& chosen) {
-  const Cost costs[] = {cost<Solvers>(systems)...};
-  const auto fastest = std::min_element(std::begin(costs), std::end(costs),
+/// A line of a table: each candidate's time, and then Auto's.
+void row(const std::string& name, const Systems& systems, const std::vector<SolverEntry>& candidates) {
+  std::vector<Cost> costs;
+  for (const SolverEntry& candidate : candidates) costs.push_back(cost(candidate, systems));
+  const auto fastest = std::min_element(costs.begin(), costs.end(),
                                         [](const Cost& a, const Cost& b) { return a.seconds < b.seconds; });
   std::printf("%-26s", name.c_str());
-  for (const Cost& c : costs) {
-    std::printf(" %9.3g%s", 1e6 * c.seconds, &c == &*fastest ? "*" : " ");
-  }
-  std::printf(" %9.3g  %.6g\n", 1e6 * chosen.seconds, fastest->energy);
+  for (const Cost& c : costs) std::printf(" %9.3g%s", 1e6 * c.seconds, &c == &*fastest ? "*" : " ");
+  std::printf(" %9.3g  %.6g\n", 1e6 * cost(solvers_named("auto").front(), systems).seconds, fastest->energy);
   std::fflush(stdout);
 }
 
@@ -73,15 +66,14 @@ void dense_crossovers() {
   std::printf("CPU time of a solve to stationarity %g [us], median; * the fastest\n\n", kTolerance);
   std::printf("%-26s %9s  %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS",
               "Newton-CG", "Ida", "Anderson", "Chebyshev", "Auto", "energy");
+  const auto candidates = solvers_named("newton,lbfgs,newton-cg-dense,ida,ida-anderson,ida-chebyshev");
   for (const Kind kind : {Kind::Lit, Kind::Track}) {
     for (const double weakness : {1.0, 1e-4}) {
       for (const int n : {4, 6, 9, 12, 16, 20, 25, 36, 64, 100}) {
         const int count = std::max(5, 400 / n);
         const auto systems = weakened(samples<System>(count, Topology<>::full(n), kind), weakness);
         const std::string name = kind == Kind::Lit ? "LIT" : "TRACK";
-        row<Newton<System>, Lbfgs<System>, NewtonCg<System, DenseCholesky<System>>, Ida<System>,
-            AndersonIda<System>, ChebyshevIda<System>>(name + format(", anchors x %g, N=%d", weakness, n),
-                                                       systems, cost<Auto<System>>(systems));
+        row(name + format(", anchors x %g, N=%d", weakness, n), systems, candidates);
       }
     }
   }
@@ -90,6 +82,7 @@ void dense_crossovers() {
 void sparse_crossovers(bool quick) {
   std::printf("\n%-26s %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "six nearest", "LB Jacobi", "LB chol.",
               "CG Jacobi", "Schwarz", "Sch.+LDL", "Auto", "energy");
+  const auto candidates = solvers_named("lbfgs-jacobi,lbfgs-cholesky,newton-cg,schwarz,schwarz-direct");
   for (const double weakness : {1.0, 1e-2, 1e-4, 1e-6}) {
     for (const int n : {30, 100, 300, 1000, 10000, 100000}) {
       if (quick && n > 10000) break;
@@ -98,9 +91,7 @@ void sparse_crossovers(bool quick) {
         systems.push_back(sparse_system<System>(seed, n));
       }
       systems = weakened(std::move(systems), weakness);
-      row<Lbfgs<System, JacobiMetric<System>>, Lbfgs<System, SparseCholesky<System>>, NewtonCg<System>,
-          Schwarz<System>, Schwarz<System, SparseNewton<System>>>(format("anchors x %g, N=%d", weakness, n),
-                                                                  systems, cost<Auto<System>>(systems));
+      row(format("anchors x %g, N=%d", weakness, n), systems, candidates);
     }
   }
 }

@@ -1,78 +1,64 @@
 #!/usr/bin/env python3
-"""theory_figures.py FOLDER: the figures of docs/theory.md as SVG, by its equations.
+"""theory_figures.py FOLDER: the figures of docs/theory.md and docs/covariance.md as SVG, computed by the library (`import asterism`).
 
-Ends with an error where the two minima are not those that the page gives, and the library's tests hold.
+Ends with an error where a figure does not show what its page says.
 """
 import pathlib
 import sys
 
+import asterism
 import matplotlib
 matplotlib.use('svg')
 import matplotlib.pyplot as plt
+from matplotlib.patches import Ellipse
 import numpy as np
 
 plt.rcParams.update({'svg.hashsalt': 'asterism', 'font.size': 9, 'svg.fonttype': 'none', 'axes.spines.top': False,
                      'axes.spines.right': False})
 
-ANCHORS = np.array([[0, 0], [1, 0], [0.5, 0.2]])
-ANCHOR_STIFFNESS = np.array([1, 1, 0.05])
-LINKS = [(0, 1), (0, 2), (1, 2)]  # all of rest length and stiffness 1
+
+def spring_system(anchors, anchor_stiffness, rest_length, link_stiffness):
+    """Fully linked."""
+    system = asterism.SpringSystem(asterism.Topology.full(len(anchors)))
+    system.anchors, system.anchor_stiffness = anchors, anchor_stiffness
+    system.rest_length, system.link_stiffness = rest_length, link_stiffness
+    return system
 
 
-def energy(x):
-    """x: ... x 3 x 2."""
-    anchors = (ANCHOR_STIFFNESS * ((x - ANCHORS) ** 2).sum(-1)).sum(-1)
-    springs = sum((np.linalg.norm(x[..., i, :] - x[..., j, :], axis=-1) - 1) ** 2 for i, j in LINKS)
-    return (anchors + springs) / 2
+def solved(system, start):
+    """Where IDA goes from a start, and its energy there."""
+    x = np.array(start, dtype=float)
+    summary = asterism.solve(system, x, 'ida', tolerance=1e-10)
+    if not summary.usable:
+        sys.exit(f'theory_figures.py: {summary}')
+    return x, summary.final_energy
 
 
-def ida(x, fixed=0, iterations=2000):
-    """IDA from x on, the last `fixed` nodes held."""
-    matrix = np.diag(ANCHOR_STIFFNESS).astype(float)
-    for i, j in LINKS:
-        matrix[[i, j], [i, j]] += 1
-        matrix[[i, j], [j, i]] -= 1
-    free = 3 - fixed
-    inverse = np.linalg.inv(matrix[:free, :free])
-    for _ in range(iterations):
-        gradient = ANCHOR_STIFFNESS[:, None] * (x - ANCHORS)
-        for i, j in LINKS:
-            d = x[..., i, :] - x[..., j, :]
-            length = np.maximum(np.linalg.norm(d, axis=-1, keepdims=True), 1e-12)
-            force = (length - 1) * d / length
-            gradient[..., i, :] += force
-            gradient[..., j, :] -= force
-        x = x.copy()
-        x[..., :free, :] -= np.einsum('ij,...jd->...id', inverse, gradient[..., :free, :])
-    return x
-
-
-def draw(axes, x, colour):
-    for i, j in LINKS:
-        axes.plot(*x[[i, j]].T, color=colour, linewidth=1)
+def draw(axes, system, x, colour):
+    for link in system.topology.links:
+        axes.plot(*x[link].T, color=colour, linewidth=1)
     axes.plot(*x.T, 'o', color=colour, markersize=5)
 
 
 def minima(path):
-    ends = [ida(np.array([[0, 0], [1, 0], [0.5, y]])) for y in (0.2, -0.2)]
-    found = [float(energy(x)) for x in ends]
+    system = spring_system([[0, 0], [1, 0], [0.5, 0.2]], [1, 1, 0.05], 1, 1)
+    ends, found = zip(*(solved(system, [[0, 0], [1, 0], [0.5, y]]) for y in (0.2, -0.2)))
     if not np.allclose(found, [0.01044740, 0.02675862], atol=5e-9):
         sys.exit(f'theory_figures.py: the minima are {found}')
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 4), sharey=True, layout='constrained')
     u, v = np.meshgrid(np.linspace(-0.4, 1.4, 91), np.linspace(-1.2, 1.2, 121))
-    x = np.broadcast_to(ANCHORS, (*u.shape, 3, 2)).copy()
-    x[..., 2, 0], x[..., 2, 1] = u, v
-    lowest = energy(ida(x, fixed=1, iterations=60))
+    system.fix(2)
+    lowest = np.reshape([solved(system, [[0, 0], [1, 0], third])[1] for third in zip(u.flat, v.flat)], u.shape)
     left.contour(u, v, lowest, levels=np.geomspace(0.0105, 1, 14), cmap='viridis', linewidths=0.8)
     for end, value in zip(ends, found):
         left.plot(*end[2], 'o', color='tab:red', markersize=5)
         left.text(*end[2] + (0, 0.05), f'{value:.4f}', color='tab:red', ha='center', va='bottom', fontsize=8,
                   bbox={'facecolor': 'white', 'edgecolor': 'none', 'pad': 1})
     left.set_title('least E for each place of the third node', fontsize=9)
-    draw(right, ends[0], 'tab:blue')
-    draw(right, ends[1], 'tab:orange')
-    right.plot(*ANCHORS.T, '+', color='black', markersize=9, label='anchors')
+    draw(right, system, ends[0], 'tab:blue')
+    draw(right, system, ends[1], 'tab:orange')
+    right.plot(*system.anchors.T, '+', color='black', markersize=9, label='anchors')
     right.set_title('the two minima', fontsize=9)
     right.legend(frameon=False, loc='upper left', bbox_to_anchor=(0.9, 1))
     for axes in (left, right):
@@ -83,29 +69,85 @@ def minima(path):
 
 
 def majoriser(path):
-    """A node on the line (y, 0.4): its anchor's part on it is at -0.4, of stiffness 0.3, a spring holds it to the origin."""
-    off = 0.4
+    """A node on the line (y, 0.4): its anchor is at (-0.4, 0.4), of stiffness 0.3, a spring holds it to the origin."""
+    system = spring_system([[-0.4, 0.4], [0, 0]], [0.3, 0], 1, 1)
+    system.fix(1)
+    stiffness = 0.3 + 1  # IDA's matrix
+
+    def place(y):
+        return np.array([[y, 0.4], [0, 0]])
 
     def e(y):
-        return 0.15 * (y + 0.4) ** 2 + 0.5 * (np.hypot(y, off) - 1) ** 2
+        return asterism.energy(system, place(y))
 
-    def bound(y, x):
-        return 0.15 * (y + 0.4) ** 2 + 0.5 * (y ** 2 + off ** 2 + 1) - (x * y + off ** 2) / np.hypot(x, off)
+    def slope(y):
+        return asterism.gradient(system, place(y))[0, 0]
 
     y = np.linspace(-1.7, 1.9, 361)
+    energies = np.array([e(at) for at in y])
     figure, axes = plt.subplots(figsize=(6.6, 3.1), layout='constrained')
-    axes.plot(y, e(y), color='black', label='E')
+    axes.plot(y, energies, color='black', label='E')
     for x, colour in ((0.9, 'tab:orange'), (-0.15, 'tab:blue')):
-        following = (x / np.hypot(x, off) - 0.3 * 0.4) / 1.3
-        if not (np.all(bound(y, x) >= e(y) - 1e-12) and e(following) < e(x)):
+        def bound(at):
+            return e(x) + slope(x) * (at - x) + stiffness / 2 * (at - x) ** 2
+        following = x - slope(x) / stiffness
+        if not (np.all(bound(y) >= energies - 1e-12) and e(following) < e(x)):
             sys.exit('theory_figures.py: not a majoriser')
-        axes.plot(y, bound(y, x), '--', color=colour, linewidth=1, label=f'majoriser at {x}')
+        axes.plot(y, bound(y), '--', color=colour, linewidth=1, label=f'majoriser at {x}')
         axes.plot(x, e(x), 'o', color=colour, markersize=5)
-        axes.plot(following, bound(following, x), 'v', color=colour, markersize=6)
+        axes.plot(following, bound(following), 'v', color=colour, markersize=6)
     axes.set_ylim(0, 1)
     axes.set_xlabel('y')
     axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
     figure.savefig(path, metadata={'Date': None})
+
+
+def samples(system, x, count):
+    """Of p = exp(-E), by random walk Metropolis from x."""
+    random = np.random.default_rng(1)
+    x, energy = x.copy(), asterism.energy(system, x)
+    kept = np.empty((count, *x.shape))
+    for k in range(count):
+        step = x + random.normal(scale=1.2, size=x.shape)
+        proposed = asterism.energy(system, step)
+        if np.log(random.uniform()) < energy - proposed:
+            x, energy = step, proposed
+        kept[k] = x
+    return kept
+
+
+def covariance(path):
+    """Four parts, one of them seen with little certainty."""
+    places = np.array([[0.0, 0], [40, 0], [0, 40], [40, 40]])
+    system = spring_system(places, [0.1, 0.1, 0.1, 0.002], 1, 0.1)
+    system.set_rest_lengths(places)
+    system.anchors[3] += 12, 9
+    x, _ = solved(system, places)
+    drawn = samples(system, x, 60000)
+    of_ida = np.linalg.inv(np.diag(system.anchor_stiffness + 0.1 * 3) - 0.1 * (1 - np.eye(4)))
+
+    figure, axes = plt.subplots(figsize=(6, 4.4))
+    draw(axes, system, x, 'black')
+    axes.plot(*system.anchors.T, '+', color='black', markersize=9, label='anchors')
+    axes.plot([], [], '.', color='tab:blue', label='samples')
+    for node, sigma in enumerate(asterism.node_covariances(system, x)):
+        d = drawn[:, node] - x[node]
+        inside = (np.einsum('ki,ij,kj->k', d, np.linalg.inv(sigma), d) < 5.991).mean()
+        if not 0.92 < inside < 0.97:
+            sys.exit(f'theory_figures.py: {inside:.3f} of the samples of node {node} are in its region')
+        variances, directions = np.linalg.eigh(sigma)
+        angle = np.degrees(np.arctan2(directions[1, 0], directions[0, 0]))
+        axes.plot(*drawn[::40, node].T, '.', color='tab:blue', alpha=0.3, markersize=2, rasterized=True, zorder=0)
+        axes.add_patch(Ellipse(x[node], *2 * np.sqrt(5.991 * variances), angle=angle, fill=False, color='tab:red',
+                               label='95 %, Laplace' if node == 0 else None))
+        axes.add_patch(Ellipse(x[node], *2 * np.sqrt([5.991 * of_ida[node, node]] * 2), fill=False, color='tab:green',
+                               linestyle='--', linewidth=1.5, label="by IDA's matrix" if node == 0 else None))
+    axes.set_aspect('equal')
+    axes.invert_yaxis()
+    axes.set_xlabel('x [px]')
+    axes.set_ylabel('y [px]')
+    axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
+    figure.savefig(path, metadata={'Date': None}, dpi=150, bbox_inches='tight')
 
 
 if len(sys.argv) != 2:
@@ -114,3 +156,4 @@ folder = pathlib.Path(sys.argv[1])
 folder.mkdir(parents=True, exist_ok=True)
 minima(folder / 'theory-minima.svg')
 majoriser(folder / 'theory-majoriser.svg')
+covariance(folder / 'covariance.svg')

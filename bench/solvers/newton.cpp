@@ -1,5 +1,6 @@
 // Methods that use the Hessian, and the library's choice.
 #include <asterism/solver/auto.hpp>
+#include <asterism/solver/dense_cholesky.hpp>
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/newton_cg.hpp>
 #include <asterism/solver/schwarz.hpp>
@@ -13,6 +14,9 @@ namespace {
 const Registration kNewton(ours<Newton>("newton", 64, 0));
 const Registration kNewtonCg({"newton-cg", std::string(NewtonCg<System>::name()), kOurs, 400, 100000,
                               make_runner<NewtonCg<System>>});
+using DenseNewtonCg = NewtonCg<System, DenseCholesky<System>>;
+const Registration kDenseNewtonCg({"newton-cg-dense", std::string(DenseNewtonCg::name()), kOurs, 400, 0,
+                                   make_runner<DenseNewtonCg>});
 const Registration kSparseNewton({"newton-sparse", std::string(SparseNewton<System>::name()), kOurs, 100,
                                   100000, make_runner<SparseNewton<System>>});
 const Registration kSchwarz({"schwarz", std::string(Schwarz<System>::name()), kOurs, 0, 1000000,

@@ -4,12 +4,18 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-template class ASTERISM_API Ida<ASTERISM_SYSTEM>;
-template class ASTERISM_API Newton<ASTERISM_SYSTEM>;
-template class ASTERISM_API Lbfgs<ASTERISM_SYSTEM>;
-template class ASTERISM_API NewtonCg<ASTERISM_SYSTEM>;
-template class ASTERISM_API NonlinearCg<ASTERISM_SYSTEM>;
-template class ASTERISM_API Auto<ASTERISM_SYSTEM>;
+template ASTERISM_API Summary detail::Compiled::solve(Ida<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
+                                                      ASTERISM_SYSTEM::Points&);
+template ASTERISM_API Summary detail::Compiled::solve(Newton<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
+                                                      ASTERISM_SYSTEM::Points&);
+template ASTERISM_API Summary detail::Compiled::solve(Lbfgs<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
+                                                      ASTERISM_SYSTEM::Points&);
+template ASTERISM_API Summary detail::Compiled::solve(NewtonCg<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
+                                                      ASTERISM_SYSTEM::Points&);
+template ASTERISM_API Summary detail::Compiled::solve(NonlinearCg<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
+                                                      ASTERISM_SYSTEM::Points&);
+template ASTERISM_API Summary detail::Compiled::solve(Auto<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
+                                                      ASTERISM_SYSTEM::Points&);
 template ASTERISM_API Summary solve_ida(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const IdaOptions&);
 template ASTERISM_API Summary solve(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const AlignedOptions&);
 

@@ -193,7 +193,7 @@ def command_problems(root, command, help_of):
 def tool_exists(root, name):
     target = name.replace('-', '_')
     tool = name.removeprefix('asterism-')
-    files = [*root.rglob('bench/**/CMakeLists.txt'), *root.rglob('trackers/**/CMakeLists.txt')]
+    files = [file for folder in ('bench', 'docs', 'trackers') for file in root.glob(f'{folder}/**/CMakeLists.txt')]
     return any(re.search(rf'add_executable\(\s*{target}\b|evaluation_tool\({tool}\)', file.read_text()) for file in files)
 
 

@@ -45,9 +45,13 @@ class Auto {
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for the method that is
   /// chosen.
-  Summary solve(const System& system, Points& x);
+  Summary solve(const System& system, Points& x) { return detail::Compiled::solve(*this, system, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& system, Points& x);
+
   static constexpr int kNewton = 12;
   static constexpr int kSmallSparse = 1000;
   static constexpr int kMediumSparse = 30000;
@@ -77,7 +81,7 @@ class Auto {
 };
 
 template <typename System>
-Summary Auto<System>::solve(const System& system, Points& x) {
+Summary Auto<System>::run(const System& system, Points& x) {
   const int n = system.nodes();
   if (n <= kNewton) return solve_by(newton_, system, x);
   if constexpr (kHasMore) {

@@ -2,6 +2,7 @@
 
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/spring_system.hpp>
+#include <asterism/solver/summary.hpp>
 
 // Solvers take long to compile: seconds each for one type of system. asterism::solver_compiled has them ready
 // for the common types, and defines ASTERISM_SOLVER_COMPILED for its users, for whom the headers then only
@@ -14,14 +15,27 @@ using PlaneSystem = SpringSystem<double, 2>;
 using SpaceSystem = SpringSystem<double, 3>;
 using FourPartSystem = SpringSystem<double, 2, 4>;
 
+/// What the solvers' solve is: their run, by a function that can be declared for a type without its solver's
+/// class, which takes a compiler long to look into.
+struct Compiled {
+  template <template <typename...> typename Solver, typename System, typename... Policies>
+  static Summary solve(Solver<System, Policies...>& solver, const System& system,
+                       typename System::Points& x) {
+    return solver.run(system, x);
+  }
+};
+
 }  // namespace asterism::inline ASTERISM_ABI::detail
 
 #ifdef ASTERISM_SOLVER_COMPILED
-/// Declares a solver's class for these types.
-#define ASTERISM_COMPILED_SOLVER(Solver)                          \
-  extern template class ASTERISM_API Solver<detail::PlaneSystem>; \
-  extern template class ASTERISM_API Solver<detail::SpaceSystem>; \
-  extern template class ASTERISM_API Solver<detail::FourPartSystem>;
+/// Declares Solver::solve for these types.
+#define ASTERISM_COMPILED_SOLVER(Solver)                                                       \
+  extern template ASTERISM_API Summary detail::Compiled::solve(                                \
+      Solver<detail::PlaneSystem>&, const detail::PlaneSystem&, detail::PlaneSystem::Points&); \
+  extern template ASTERISM_API Summary detail::Compiled::solve(                                \
+      Solver<detail::SpaceSystem>&, const detail::SpaceSystem&, detail::SpaceSystem::Points&); \
+  extern template ASTERISM_API Summary detail::Compiled::solve(                                \
+      Solver<detail::FourPartSystem>&, const detail::FourPartSystem&, detail::FourPartSystem::Points&);
 /// Declares a function solve(system, x, options) for these types.
 #define ASTERISM_COMPILED_SOLVE(solve, Options)                                                              \
   extern template ASTERISM_API Summary solve(const detail::PlaneSystem&, detail::PlaneSystem::Points&,       \

@@ -69,16 +69,20 @@ class Ida {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (K_dyn is not positive definite to the digits of Scalar),
   /// OutOfMemory, and NoProgress where rounding stops the iteration first.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   detail::Session<System> session_;
   Factorization factorization_;
   Points gradient_;
 };
 
 template <typename System, typename Factorization>
-Summary Ida<System, Factorization>::solve(const System& given, Points& x) {
+Summary Ida<System, Factorization>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     summary.factorizations = 1;
     if (!factorization_.factorize(system)) {  // Algorithm 1, line 1

@@ -40,9 +40,13 @@ class Lbfgs {
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Metric>::value; }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for Ida::solve.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   static constexpr std::string_view kMethod = "L-BFGS";
   static constexpr int kMemory = 4;
   // Least change of slope along a step, as a share of the slope, for its pair to be remembered.
@@ -218,7 +222,7 @@ class Lbfgs {
 };
 
 template <typename System, typename Metric>
-Summary Lbfgs<System, Metric>::solve(const System& given, Points& x) {
+Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     ++summary.factorizations;
     if (!metric_.factorize(system)) {

@@ -458,9 +458,13 @@ class Newton {
   /// Hessian is singular or saddles are not to be escaped. Statuses other than Converged: MaxIterations,
   /// InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step lowers the energy
   /// beyond its rounding.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   static constexpr int kClampedSteps = 4;
 
   // The Hessian, clamped or not, into the matrix, energy and gradient at x.
@@ -602,7 +606,7 @@ class Newton {
 };
 
 template <typename System>
-Summary Newton<System>::solve(const System& given, Points& x) {
+Summary Newton<System>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
     // follow.

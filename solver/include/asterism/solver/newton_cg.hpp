@@ -95,9 +95,13 @@ class NewtonCg {
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. An iteration is an update of x, a
   /// linear solve an application of the preconditioner. Statuses as for Ida::solve.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   static constexpr std::string_view kMethod = "Newton-CG";
   static constexpr bool kFactored = requires(Preconditioner p, const System& s) { p.factorize(s); };
   static constexpr Scalar kLargestForcing = Scalar(0.5);
@@ -151,7 +155,7 @@ class NewtonCg {
 };
 
 template <typename System, typename Preconditioner>
-Summary NewtonCg<System, Preconditioner>::solve(const System& given, Points& x) {
+Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     if constexpr (kFactored) {
       ++summary.factorizations;

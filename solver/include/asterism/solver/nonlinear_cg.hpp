@@ -200,9 +200,13 @@ class NonlinearCg {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step
   /// along the steepest descent lowers the energy beyond its rounding.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   static constexpr std::string_view kMethod = "nonlinear CG";
 
   bool stationary(const System& system, const Points& x) {
@@ -224,7 +228,7 @@ class NonlinearCg {
 };
 
 template <typename System, typename Gradient>
-Summary NonlinearCg<System, Gradient>::solve(const System& given, Points& x) {
+Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     detail::RayPoint<Scalar> start;
     evaluate_.start(system, x);
