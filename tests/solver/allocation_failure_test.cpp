@@ -1,5 +1,5 @@
-// Every allocation of a solve fails once: OutOfMemory with x as it was, and a solver that solves the next
-// system as a fresh one does.
+// Every allocation of a solver's first solve fails once: OutOfMemory with x as it was, and a solver that then
+// solves as a fresh one does. (One that has solved a smaller system is at Eigen's mercy: docs/solver.md.)
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -24,45 +24,39 @@ TYPED_TEST_SUITE(OutOfMemory, Solvers);
 TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
   using Topology = System::TopologyType;
   bench::Rng rng(1);
-  const auto small = bench::random_system<System>(rng, Topology::full(5));
   const auto problem = bench::random_system<System>(rng, Topology::full(17));
   Points expected = problem.start;
   ASSERT_TRUE(TypeParam().solve(problem.system, expected).usable());
 
-  // From nothing, and for a solver that has the workspace of a smaller system.
-  for (const bool used : {false, true}) {
-    std::optional<TypeParam> solver;
-    Points x;
-    Summary summary;
-    int out_of_memory = 0;
-    const auto renew = [&] {
-      solver.emplace();
-      x = small.start;
-      if (used) solver->solve(small.system, x);
-      x = problem.start;
-    };
-    renew();
-    const long allocations =
-        testing::fail_each_allocation([&] { summary = solver->solve(problem.system, x); },
-                                      [&](long k) {
-                                        SCOPED_TRACE(k);
-                                        if (summary.status == Status::OutOfMemory) {
-                                          ++out_of_memory;
-                                          EXPECT_EQ(x, problem.start);
-                                        } else {  // a method may do with less
-                                          EXPECT_TRUE(summary.usable()) << summary;
-                                          EXPECT_TRUE(x.allFinite());
-                                        }
-                                        x = problem.start;
-                                        EXPECT_TRUE(solver->solve(problem.system, x).usable());
-                                        EXPECT_EQ(x, expected);
-                                        renew();
-                                      });
-    EXPECT_TRUE(summary.usable()) << summary;
-    EXPECT_EQ(x, expected);
-    EXPECT_GT(allocations, 2);
-    EXPECT_GT(out_of_memory, 0);
-  }
+  std::optional<TypeParam> solver;
+  Points x;
+  Summary summary;
+  int out_of_memory = 0;
+  const auto renew = [&] {
+    solver.emplace();
+    x = problem.start;
+  };
+  renew();
+  const long allocations =
+      testing::fail_each_allocation([&] { summary = solver->solve(problem.system, x); },
+                                    [&](long k) {
+                                      SCOPED_TRACE(k);
+                                      if (summary.status == Status::OutOfMemory) {
+                                        ++out_of_memory;
+                                        EXPECT_EQ(x, problem.start);
+                                      } else {  // a method may do with less
+                                        EXPECT_TRUE(summary.usable()) << summary;
+                                        EXPECT_TRUE(x.allFinite());
+                                      }
+                                      x = problem.start;
+                                      EXPECT_TRUE(solver->solve(problem.system, x).usable());
+                                      EXPECT_EQ(x, expected);
+                                      renew();
+                                    });
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_EQ(x, expected);
+  EXPECT_GT(allocations, 2);
+  EXPECT_GT(out_of_memory, 0);
 }
 
 }  // namespace

@@ -40,7 +40,7 @@ int environment(const char* name, int otherwise) {
 template <typename Check>
 void for_each_index(Check&& check) {
   const int first = environment("ASTERISM_PROPERTY_FIRST", 0);
-  const int count = environment("ASTERISM_PROPERTY_SYSTEMS", 2000);
+  const int count = environment("ASTERISM_PROPERTY_SYSTEMS", 1000);
   for (int index = first; index < first + count && !::testing::Test::HasFailure(); ++index) check(index);
 }
 

@@ -19,8 +19,8 @@ namespace detail {
 ///
 /// A step M^-1 g lowers every energy that K majorises if M is above K / 2. An inverse may be off by
 /// eps cond(K) of itself, which by cond(K) = eps^-1/2 makes M anything; Cholesky's factors are those of
-/// M = K + O(eps) diag(K), whatever the condition. So beyond that these serve for few nodes too, with the
-/// diagonal raised by their rounding: M is above K.
+/// M = K + O(eps) diag(K), whatever the condition. So beyond that they serve for few nodes too, and the
+/// diagonal is raised by their rounding before: M is above K.
 template <typename Scalar, int kDim, int kNodes, int kMaxNodes>
 class SpdSolver {
  public:
@@ -32,16 +32,19 @@ class SpdSolver {
   Matrix& matrix() { return matrix_; }
 
   /// False where the matrix is not positive definite, or a pivot is not above `rounding` times its diagonal.
-  /// The inverse serves where all pivots are above `invertible` times their diagonals.
-  bool factorize(Scalar rounding, Scalar invertible) {
+  /// `majorise`: with M above K / 2, else as fast as may be.
+  bool factorize(Scalar rounding, bool majorise) {
+    const Scalar half_of_digits = std::sqrt(std::numeric_limits<Scalar>::epsilon());
     diagonal_ = matrix_.diagonal();
-    is_inverse_ = matrix_.rows() <= kInverseUpTo && invert(invertible);
+    is_inverse_ = matrix_.rows() <= kInverseUpTo && invert(rounding);
+    // The trace is no less than the largest eigenvalue of the inverse of K scaled to a diagonal of 1.
+    if (is_inverse_ && majorise) is_inverse_ = half_of_digits * diagonal_.dot(inverse_.diagonal()) < 1;
     if (is_inverse_) return true;
     cholesky_.compute(matrix_);
     if (cholesky_.info() != Eigen::Success) return false;
     const Scalar least = (cholesky_.matrixLLT().diagonal().array().square() / diagonal_.array()).minCoeff();
     if (!(least > rounding)) return false;
-    if (least <= invertible) {
+    if (majorise && least < half_of_digits) {
       matrix_.diagonal() += kRaise * static_cast<Scalar>(matrix_.rows()) * diagonal_;
       cholesky_.compute(matrix_);
     }
@@ -64,9 +67,9 @@ class SpdSolver {
 
  private:
   // The inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so few nodes
-  // several times faster than Eigen's triangular solves. False where a pivot is not above `least` times its
-  // diagonal.
-  bool invert(Scalar least) {
+  // several times faster than Eigen's triangular solves. False where a pivot is not above `rounding` times
+  // its diagonal.
+  bool invert(Scalar rounding) {
     using Four = Eigen::Array<Scalar, 4, 1>;
     const int n = static_cast<int>(matrix_.rows());
     inverse_.resize(n, n);
@@ -78,7 +81,7 @@ class SpdSolver {
     const Scalar* const column = right_hand_side_.col(0).data();
     for (int p = 0; p < n; ++p) {
       const Scalar pivot = inverse_(p, p);
-      if (!(pivot > least * diagonal_[p])) return false;
+      if (!(pivot > rounding * diagonal_[p])) return false;
       const Scalar inverse = 1 / pivot;
       right_hand_side_.col(0) = inverse_.col(p);
       Scalar* to = inverse_.data();
@@ -211,8 +214,7 @@ class DenseCholesky {
     detail::assemble_k_dyn(system, node_stiffness_, Scalar(1), solver_.matrix());
     // A pivot of so small a share of its diagonal is rounding alone: the anchors are too weak for the
     // springs.
-    constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
-    return solver_.factorize(8 * kEpsilon, std::sqrt(kEpsilon));
+    return solver_.factorize(8 * std::numeric_limits<Scalar>::epsilon(), true);
   }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.
@@ -239,8 +241,8 @@ class SingleCholesky {
     // Stiffness and gradients in units that keep them in the range of single precision.
     unit_ = node_stiffness_.maxCoeff();
     detail::assemble_k_dyn(system, node_stiffness_, unit_, single_.matrix());
-    const float rounding = 8 * std::numeric_limits<float>::epsilon() * static_cast<float>(system.nodes());
-    is_single_ = single_.factorize(rounding, rounding);
+    is_single_ = single_.factorize(
+        8 * std::numeric_limits<float>::epsilon() * static_cast<float>(system.nodes()), false);
     return is_single_ || exact_.factorize(system);
   }
 
