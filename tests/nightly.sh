@@ -41,6 +41,7 @@ tidy() {
 step "tests" bash tests/run.sh
 step "clang-tidy" tidy
 step "fuzzers" bash tests/fuzz.sh 1000000
+step "properties" env ASTERISM_PROPERTY_SYSTEMS=100000 build/release/tests/solver/solver_property_test
 for tracker in dpt dpt_plus; do
   step "soak of $tracker" build/release/tests/trackers/soak 100000 "$tracker"
 done

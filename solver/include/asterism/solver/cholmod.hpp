@@ -23,10 +23,10 @@ class CholmodCholesky {
 
   /// Assembles and factors K_dyn; false where it is not positive definite in double.
   bool factorize(const System& system) {
-    if (stiffness_.assemble(system)) {
-      cholesky_.analyzePattern(stiffness_.matrix());
+    stiffness_.assemble(system, [this](const auto& pattern) {
+      cholesky_.analyzePattern(pattern);
       check_memory();
-    }
+    });
     cholesky_.factorize(stiffness_.matrix());
     check_memory();
     return cholesky_.info() == Eigen::Success;

@@ -5,6 +5,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/stationarity.hpp>
+#include <cmath>
 #include <limits>
 #include <string_view>
 
@@ -12,9 +13,14 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace detail {
 
-/// Solves with a symmetric positive definite matrix for a few right-hand sides, as K_dyn's: by its inverse
+/// Solves with a symmetric positive definite matrix K for a few right-hand sides, as K_dyn's: by its inverse
 /// for up to 40 nodes, which the paper suggests and which is several times faster there than two triangular
 /// solves, by Cholesky's factors beyond.
+///
+/// A step M^-1 g lowers every energy that K majorises if M is above K / 2. An inverse may be off by
+/// eps cond(K) of itself, which by cond(K) = eps^-1/2 makes M anything; Cholesky's factors are those of
+/// M = K + O(eps) diag(K), whatever the condition. So beyond that they serve for few nodes too, and the
+/// diagonal is raised by their rounding before: M is above K.
 template <typename Scalar, int kDim, int kNodes, int kMaxNodes>
 class SpdSolver {
  public:
@@ -26,47 +32,59 @@ class SpdSolver {
   Matrix& matrix() { return matrix_; }
 
   /// False where the matrix is not positive definite, or a pivot is not above `rounding` times its diagonal.
-  bool factorize(Scalar rounding) {
+  /// `majorise`: with M above K / 2, else as fast as may be.
+  bool factorize(Scalar rounding, bool majorise) {
+    const Scalar half_of_digits = std::sqrt(std::numeric_limits<Scalar>::epsilon());
     diagonal_ = matrix_.diagonal();
-    if (matrix_.rows() <= kInverseUpTo) return invert(rounding);
+    is_inverse_ = matrix_.rows() <= kInverseUpTo && invert(rounding);
+    // The trace is no less than the largest eigenvalue of the inverse of K scaled to a diagonal of 1.
+    if (is_inverse_ && majorise) is_inverse_ = half_of_digits * diagonal_.dot(inverse_.diagonal()) < 1;
+    if (is_inverse_) return true;
     cholesky_.compute(matrix_);
     if (cholesky_.info() != Eigen::Success) return false;
-    const auto pivots = cholesky_.matrixLLT().diagonal().array().square();
-    if (!(pivots > rounding * diagonal_.array()).all()) return false;
+    const Scalar least = (cholesky_.matrixLLT().diagonal().array().square() / diagonal_.array()).minCoeff();
+    if (!(least > rounding)) return false;
+    if (majorise && least < half_of_digits) {
+      matrix_.diagonal() += kRaise * static_cast<Scalar>(matrix_.rows()) * diagonal_;
+      cholesky_.compute(matrix_);
+    }
     diagonal_ = cholesky_.matrixLLT().diagonal().cwiseInverse();
     return true;
   }
 
   /// x <- x - matrix^-1 b, both kDim x N.
   void descend(const Points& b, Points& x) {
-    if (x.cols() <= kSmall) {
-      x.noalias() -= b.lazyProduct(matrix_);  // the inverse is symmetric
-    } else if (x.cols() <= kInverseUpTo) {
-      multiply_by_inverse(b, x);
-    } else {
+    if (!is_inverse_) [[unlikely]] {
       right_hand_side_ = b.transpose();
       for (int c = 0; c < kDim; ++c) substitute(right_hand_side_.col(c));
       x -= right_hand_side_.transpose();
+    } else if (x.cols() <= kSmall) {
+      x.noalias() -= b.lazyProduct(inverse_);  // which is symmetric
+    } else {
+      multiply_by_inverse(b, x);
     }
   }
 
  private:
-  // matrix_ <- its inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so
-  // few nodes several times faster than Eigen's triangular solves.
+  // The inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so few nodes
+  // several times faster than Eigen's triangular solves. False where a pivot is not above `rounding` times
+  // its diagonal.
   bool invert(Scalar rounding) {
     using Four = Eigen::Array<Scalar, 4, 1>;
     const int n = static_cast<int>(matrix_.rows());
-    for (int j = 1; j < n; ++j) {
-      for (int i = 0; i < j; ++i) matrix_(i, j) = matrix_(j, i);
+    inverse_.resize(n, n);
+    for (int j = 0; j < n; ++j) {
+      for (int i = 0; i < j; ++i) inverse_(i, j) = matrix_(j, i);
+      for (int i = j; i < n; ++i) inverse_(i, j) = matrix_(i, j);
     }
     right_hand_side_.resize(n, kDim);
     const Scalar* const column = right_hand_side_.col(0).data();
     for (int p = 0; p < n; ++p) {
-      const Scalar pivot = matrix_(p, p);
+      const Scalar pivot = inverse_(p, p);
       if (!(pivot > rounding * diagonal_[p])) return false;
       const Scalar inverse = 1 / pivot;
-      right_hand_side_.col(0) = matrix_.col(p);
-      Scalar* to = matrix_.data();
+      right_hand_side_.col(0) = inverse_.col(p);
+      Scalar* to = inverse_.data();
       for (int j = 0; j < n; ++j, to += n) {
         const Scalar factor = column[j] * inverse;
         int i = 0;
@@ -75,16 +93,16 @@ class SpdSolver {
         }
         for (; i < n; ++i) to[i] -= factor * column[i];
       }
-      matrix_.col(p) = right_hand_side_.col(0) * inverse;
-      to = matrix_.data() + p;
+      inverse_.col(p) = right_hand_side_.col(0) * inverse;
+      to = inverse_.data() + p;
       for (int i = 0; i < n; ++i, to += n) *to = column[i] * inverse;
-      matrix_(p, p) = -inverse;
+      inverse_(p, p) = -inverse;
     }
-    matrix_ = -matrix_;
+    inverse_ = -inverse_;
     return true;
   }
 
-  // x <- x - b matrix_, four nodes of x at a time.
+  // x <- x - b inverse_, four nodes of x at a time.
   void multiply_by_inverse(const Points& b, Points& x) const {
     using Four = Eigen::Array<Scalar, 4, 1>;
     const int n = static_cast<int>(x.cols());
@@ -93,7 +111,7 @@ class SpdSolver {
       Four sums[kDim];
       for (int c = 0; c < kDim; ++c) sums[c].setZero();
       for (int k = 0; k < n; ++k) {
-        const Four row = Eigen::Map<const Four>(&matrix_(j, k));  // the inverse is symmetric
+        const Four row = Eigen::Map<const Four>(&inverse_(j, k));  // which is symmetric
         for (int c = 0; c < kDim; ++c) sums[c] += row * b(c, k);
       }
       for (int r = 0; r < 4; ++r) {
@@ -101,7 +119,7 @@ class SpdSolver {
       }
     }
     for (; j < n; ++j) {
-      for (int k = 0; k < n; ++k) x.col(j) -= matrix_(j, k) * b.col(k);
+      for (int k = 0; k < n; ++k) x.col(j) -= inverse_(j, k) * b.col(k);
     }
   }
 
@@ -137,6 +155,7 @@ class SpdSolver {
     }
   }
 
+  static constexpr Scalar kRaise = 4 * std::numeric_limits<Scalar>::epsilon();
   static constexpr int kSmall = 6;
   static constexpr int kInverseUpTo = 40;
   // One node makes a row vector of it, which Eigen wants in row-major order.
@@ -144,7 +163,9 @@ class SpdSolver {
   using RightHandSide = Eigen::Matrix<Scalar, kNodes, kDim, kOrder, kMaxNodes, kDim>;
   using Vector = Eigen::Matrix<Scalar, kNodes, 1, Eigen::ColMajor, kMaxNodes, 1>;
 
-  Matrix matrix_;  // or its inverse
+  Matrix matrix_;
+  Matrix inverse_;
+  bool is_inverse_ = false;  // whether that serves, or Cholesky's factor
   Eigen::LLT<Matrix> cholesky_;
   RightHandSide right_hand_side_;
   Vector diagonal_;  // of the matrix, then one over that of the factor
@@ -177,8 +198,8 @@ void assemble_k_dyn(const System& system, const typename System::NodeVector& nod
 
 }  // namespace detail
 
-/// Factorisation policy of Ida: dense Cholesky (LLT) of K_dyn, for up to 40 nodes its inverse. Ida's gradient
-/// form corrects the rounding of either.
+/// Factorisation policy of Ida: dense Cholesky (LLT) of K_dyn, for up to 40 nodes its inverse where it is
+/// well enough conditioned. Ida's gradient form corrects the rounding of either.
 template <typename System>
 class DenseCholesky {
  public:
@@ -193,7 +214,7 @@ class DenseCholesky {
     detail::assemble_k_dyn(system, node_stiffness_, Scalar(1), solver_.matrix());
     // A pivot of so small a share of its diagonal is rounding alone: the anchors are too weak for the
     // springs.
-    return solver_.factorize(8 * std::numeric_limits<Scalar>::epsilon());
+    return solver_.factorize(8 * std::numeric_limits<Scalar>::epsilon(), true);
   }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.
@@ -220,8 +241,8 @@ class SingleCholesky {
     // Stiffness and gradients in units that keep them in the range of single precision.
     unit_ = node_stiffness_.maxCoeff();
     detail::assemble_k_dyn(system, node_stiffness_, unit_, single_.matrix());
-    is_single_ =
-        single_.factorize(8 * std::numeric_limits<float>::epsilon() * static_cast<float>(system.nodes()));
+    is_single_ = single_.factorize(
+        8 * std::numeric_limits<float>::epsilon() * static_cast<float>(system.nodes()), false);
     return is_single_ || exact_.factorize(system);
   }
 

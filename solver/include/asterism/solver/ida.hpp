@@ -32,8 +32,8 @@ struct IdaOptions : AlignedOptions {
 /// The spring system is split into one 1-D system a dimension; their matrix K_dyn is the same, so it is
 /// factored once a solve, and one linear solve an iteration serves all dimensions. Each iteration minimises a
 /// quadratic that touches the energy at x and lies above it elsewhere, so the energy never rises (a
-/// majorisation, as SMACOF). Convergence is linear: quick at first, slow at the end where anchors are weak
-/// beside the springs.
+/// majorisation, as SMACOF) but for the rounding of x and of E. Convergence is linear: quick at first, slow
+/// at the end where anchors are weak beside the springs.
 ///
 /// The static nodes (paper's x_stat) are the anchors, the dynamic nodes x. With springs ordered as anchors,
 /// then links, and B, K of Eqs. 13-14, K_hat = B^T K B (Eq. 16) has the upper blocks (Eq. 17)
@@ -50,8 +50,8 @@ struct IdaOptions : AlignedOptions {
 /// and anchors on one line stays on it, even if its stationary point is a saddle.
 ///
 /// `Factorization` is DenseCholesky (default), SparseCholesky or, from <asterism/solver/cholmod.hpp>,
-/// CholmodCholesky. An object holds its workspace: reuse it to solve without allocation, one thread at a
-/// time.
+/// CholmodCholesky; with these two E may rise where K_dyn has no more than its last digits. An object holds
+/// its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System, typename Factorization = DenseCholesky<System>>
 class Ida {
  public:

@@ -18,14 +18,17 @@ class SparseBlocks {
  public:
   using Matrix = Eigen::SparseMatrix<Scalar>;
 
-  /// Makes the pattern, if it is not that of these links already; true where it is new and has to be
-  /// analysed.
-  bool prepare(int nodes, std::span<const Link> links) {
-    if (matrix_.rows() == kBlock * nodes &&
+  /// Makes the pattern and calls analyze(matrix), if it is not that of these links already. Where either
+  /// throws, the next call does so again.
+  template <typename Analyze>
+  void prepare(int nodes, std::span<const Link> links, Analyze&& analyze) {
+    if (is_ready_ && matrix_.rows() == kBlock * nodes &&
         std::equal(links.begin(), links.end(), links_.begin(), links_.end()))
-      return false;
+      return;
+    is_ready_ = false;
     make_pattern(nodes, links);
-    return true;
+    analyze(matrix_);
+    is_ready_ = true;
   }
 
   void set_zero() { matrix_.coeffs().setZero(); }
@@ -104,6 +107,7 @@ class SparseBlocks {
   Matrix matrix_;
   std::vector<Link> links_;
   std::vector<int> rank_;  // a link's place among the neighbours above its lower node
+  bool is_ready_ = false;
 };
 
 }  // namespace asterism::inline ASTERISM_ABI::detail

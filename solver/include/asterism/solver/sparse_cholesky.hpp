@@ -20,13 +20,18 @@ class SparseStiffness {
  public:
   using Matrix = Eigen::SparseMatrix<Scalar>;
 
-  /// Fills in the values of `system`; true where the pattern is new and has to be analysed.
-  template <typename System>
-  bool assemble(const System& system) {
+  /// Fills in the values of `system`, after analyze(matrix) where the pattern is new. Where that throws, it
+  /// is new to the next call, too.
+  template <typename System, typename Analyze>
+  void assemble(const System& system, Analyze&& analyze) {
     const auto links = system.links();
-    const bool is_new = matrix_.rows() != system.nodes() ||
-                        !std::equal(links.begin(), links.end(), links_.begin(), links_.end());
-    if (is_new) make_pattern(system.nodes(), links);
+    if (!is_ready_ || matrix_.rows() != system.nodes() ||
+        !std::equal(links.begin(), links.end(), links_.begin(), links_.end())) {
+      is_ready_ = false;
+      make_pattern(system.nodes(), links);
+      analyze(matrix_);
+      is_ready_ = true;
+    }
     auto* values = matrix_.valuePtr();
     matrix_.coeffs().setZero();
     for (int i = 0; i < system.nodes(); ++i)
@@ -42,7 +47,6 @@ class SparseStiffness {
     for (int i = 0; i < system.nodes(); ++i) {
       if (system.is_fixed(i)) values[diagonal_[i]] = 1;
     }
-    return is_new;
   }
 
   const Matrix& matrix() const { return matrix_; }
@@ -80,6 +84,7 @@ class SparseStiffness {
   std::vector<Link> links_;       // of the pattern
   Eigen::VectorXi diagonal_;      // place of entry (i, i) among the values
   Eigen::VectorXi off_diagonal_;  // place of a link's entry
+  bool is_ready_ = false;
 };
 
 }  // namespace detail
@@ -96,7 +101,7 @@ class SparseCholesky {
 
   /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
   bool factorize(const System& system) {
-    if (stiffness_.assemble(system)) cholesky_.analyzePattern(stiffness_.matrix());
+    stiffness_.assemble(system, [this](const auto& pattern) { cholesky_.analyzePattern(pattern); });
     cholesky_.factorize(stiffness_.matrix());
     if (cholesky_.info() != Eigen::Success) return false;
     constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();

@@ -28,9 +28,11 @@ class SparseHessian {
   using Points = typename System::Points;
   static constexpr int kDim = System::kDim;
 
-  /// Makes the pattern for the system's links, if it is not theirs already; true where it is new and has to
-  /// be analysed.
-  bool prepare(const System& system) { return blocks_.prepare(system.nodes(), system.links()); }
+  /// Makes the pattern for the system's links and calls analyze(matrix), if it is not theirs already.
+  template <typename Analyze>
+  void prepare(const System& system, Analyze&& analyze) {
+    blocks_.prepare(system.nodes(), system.links(), analyze);
+  }
 
   /// Fills in the Hessian at x. With `clamp`, no anchor or link has negative curvature, which makes the
   /// matrix positive semi-definite; with anchors, definite. A fixed node is coupled to none.
@@ -234,7 +236,7 @@ template <typename System, typename Factorization>
 Summary SparseNewton<System, Factorization>::solve(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     const bool realign = options.align && detail::has_weak_anchors(system);
-    if (hessian_.prepare(system)) factorization_.analyze(hessian_.matrix());
+    hessian_.prepare(system, [this](const auto& pattern) { factorization_.analyze(pattern); });
     state_.start(system, x, summary);
     int clamped_steps = 0;
     while (true) {

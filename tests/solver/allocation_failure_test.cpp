@@ -1,0 +1,63 @@
+// Every allocation of a solver's first solve fails once: OutOfMemory with x as it was, and a solver that then
+// solves as a fresh one does. (One that has solved a smaller system is at Eigen's mercy: docs/solver.md.)
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+#include <optional>
+
+#include "../../bench/random_system.hpp"
+#include "failing_allocator.hpp"
+
+namespace asterism {
+namespace {
+
+using System = SpringSystem<double, 2>;
+using Points = System::Points;
+
+template <typename Solver>
+class OutOfMemory : public ::testing::Test {};
+using Solvers =
+    ::testing::Types<Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
+                     NonlinearCg<System>, Auto<System>, SparseNewton<System>, Schwarz<System>>;
+TYPED_TEST_SUITE(OutOfMemory, Solvers);
+
+TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
+  using Topology = System::TopologyType;
+  bench::Rng rng(1);
+  const auto problem = bench::random_system<System>(rng, Topology::full(17));
+  Points expected = problem.start;
+  ASSERT_TRUE(TypeParam().solve(problem.system, expected).usable());
+
+  std::optional<TypeParam> solver;
+  Points x;
+  Summary summary;
+  int out_of_memory = 0;
+  const auto renew = [&] {
+    solver.emplace();
+    x = problem.start;
+  };
+  renew();
+  const long allocations =
+      testing::fail_each_allocation([&] { summary = solver->solve(problem.system, x); },
+                                    [&](long k) {
+                                      SCOPED_TRACE(k);
+                                      if (summary.status == Status::OutOfMemory) {
+                                        ++out_of_memory;
+                                        EXPECT_EQ(x, problem.start);
+                                      } else {  // a method may do with less
+                                        EXPECT_TRUE(summary.usable()) << summary;
+                                        EXPECT_TRUE(x.allFinite());
+                                      }
+                                      x = problem.start;
+                                      EXPECT_TRUE(solver->solve(problem.system, x).usable());
+                                      EXPECT_EQ(x, expected);
+                                      renew();
+                                    });
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_EQ(x, expected);
+  EXPECT_GT(allocations, 2);
+  EXPECT_GT(out_of_memory, 0);
+}
+
+}  // namespace
+}  // namespace asterism

@@ -1,0 +1,424 @@
+// What holds for any system, on random ones: some thousands, or as many as ASTERISM_PROPERTY_SYSTEMS says,
+// from number ASTERISM_PROPERTY_FIRST on. Energy and forces are written down here once more, in long double;
+// tolerances are what rounding may do.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <asterism/solver/auto.hpp>
+#include <asterism/solver/ida.hpp>
+#include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/newton.hpp>
+#include <asterism/solver/newton_cg.hpp>
+#include <asterism/solver/nonlinear_cg.hpp>
+#include <cmath>
+#include <cstdint>
+#include <cstdio>
+#include <cstdlib>
+#include <functional>
+#include <limits>
+#include <numeric>
+#include <string>
+#include <tuple>
+#include <utility>
+#include <vector>
+
+#include "../../bench/random_system.hpp"
+
+namespace asterism {
+namespace {
+
+using bench::Rng;
+
+constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+
+int environment(const char* name, int otherwise) {
+  const char* value = std::getenv(name);
+  return value == nullptr ? otherwise : std::atoi(value);
+}
+
+// Calls check(index) for the systems' numbers, until one fails.
+template <typename Check>
+void for_each_index(Check&& check) {
+  const int first = environment("ASTERISM_PROPERTY_FIRST", 0);
+  const int count = environment("ASTERISM_PROPERTY_SYSTEMS", 1000);
+  for (int index = first; index < first + count && !::testing::Test::HasFailure(); ++index) check(index);
+}
+
+std::string reproduce(int index) {
+  return "ASTERISM_PROPERTY_SYSTEMS=1 ASTERISM_PROPERTY_FIRST=" + std::to_string(index);
+}
+
+int integer(Rng& rng, int low, int high) {  // in [low, high]
+  return std::min(high, low + static_cast<int>(rng.uniform(0, high - low + 1)));
+}
+
+// Connected, so that one anchor suffices: full, or a random tree with further links.
+template <typename Topology>
+Topology random_topology(Rng& rng, int nodes) {
+  if (rng.uniform(0, 1) < 0.3) return Topology::full(nodes);
+  std::vector<Link> links;
+  for (int i = 1; i < nodes; ++i) links.push_back({integer(rng, 0, i - 1), i});
+  const int room = nodes * (nodes - 1) / 2 - (nodes - 1);
+  for (int extra = integer(rng, 0, std::min(nodes, room)); extra > 0; --extra) {
+    const int i = integer(rng, 0, nodes - 1), j = integer(rng, 0, nodes - 2);
+    links.push_back({i, j < i ? j : j + 1});
+  }
+  return Topology::from_links(nodes, links);
+}
+
+bool is_wild(int index) { return index % 3 == 0; }
+
+// The generator's kinds; one in three with stiffnesses from 1e-12 to 1e12, one in five far from the origin.
+template <typename System>
+bench::RandomSystem<System> random_problem(int index) {
+  Rng rng(static_cast<std::uint64_t>(index) + 1);
+  const int nodes = System::kNodes == Eigen::Dynamic ? integer(rng, 2, 12) : System::kNodes;
+  const auto topology = random_topology<typename System::TopologyType>(rng, nodes);
+  const bench::Kind kind = bench::kKinds[static_cast<std::size_t>(integer(rng, 0, 3))];
+  auto problem = bench::random_system<System>(rng, topology, kind);
+  System& system = problem.system;
+  if (is_wild(index)) {
+    const auto wild = [&rng] { return std::pow(10, rng.uniform(-12, 12)); };
+    for (double& k : system.link_stiffness) k = wild();
+    for (double& k : system.anchor_stiffness) k = rng.uniform(0, 1) < 0.3 ? 0 : wild();
+    system.anchor_stiffness[0] = wild();
+  }
+  if (rng.uniform(0, 1) < 0.2) system.fix(integer(rng, 0, nodes - 1));
+  if (rng.uniform(0, 1) < 0.2) {
+    system.anchors.array() += 1e6;
+    problem.start.array() += 1e6;
+  }
+  return problem;
+}
+
+struct Value {
+  long double energy = 0;
+  std::vector<double> forces;  // their norms, node by node
+
+  double force() const {
+    return std::sqrt(std::inner_product(forces.begin(), forces.end(), forces.begin(), 0.0));
+  }
+};
+
+template <typename System>
+Value evaluate(const System& system, const typename System::Points& x) {
+  constexpr int kDim = System::kDim;
+  std::vector<long double> gradient(static_cast<std::size_t>(kDim * system.nodes()));
+  const auto at = [&gradient](int d, int i) -> long double& {
+    return gradient[static_cast<std::size_t>(kDim * i + d)];
+  };
+  Value value;
+  for (int i = 0; i < system.nodes(); ++i) {
+    for (int d = 0; d < kDim; ++d) {
+      const long double difference = static_cast<long double>(x(d, i)) - system.anchors(d, i);
+      value.energy += system.anchor_stiffness[i] * difference * difference / 2;
+      at(d, i) += system.anchor_stiffness[i] * difference;
+    }
+  }
+  for (int l = 0; const Link& link : system.links()) {
+    long double difference[kDim], square = 0;
+    for (int d = 0; d < kDim; ++d) {
+      difference[d] = static_cast<long double>(x(d, link.i)) - x(d, link.j);
+      square += difference[d] * difference[d];
+    }
+    const long double length = std::sqrt(square), stretch = length - system.rest_length[l];
+    value.energy += system.link_stiffness[l] * stretch * stretch / 2;
+    for (int d = 0; d < kDim && length > 0; ++d) {
+      const long double force = system.link_stiffness[l] * stretch / length * difference[d];
+      at(d, link.i) += force;
+      at(d, link.j) -= force;
+    }
+    ++l;
+  }
+  for (int i = 0; i < system.nodes(); ++i) {
+    long double square = 0;
+    for (int d = 0; d < kDim && !system.is_fixed(i); ++d) square += at(d, i) * at(d, i);
+    value.forces.push_back(static_cast<double>(std::sqrt(square)));
+  }
+  return value;
+}
+
+template <typename System>
+double extent(const System& system, const typename System::Points& x) {
+  return std::max(x.cwiseAbs().maxCoeff(), system.anchors.cwiseAbs().maxCoeff());
+}
+
+// What energy and force are known to where coordinates are rounded at their own magnitude.
+struct Rounding {
+  double energy, force;
+};
+template <typename System>
+Rounding rounding(const System& system, const typename System::Points& x, long double energy) {
+  const double step = 8 * kEpsilon * extent(system, x);
+  const double stiffness = system.anchor_stiffness.sum() + 2 * system.link_stiffness.sum();
+  const auto terms = static_cast<double>(system.nodes() + system.link_count());
+  const auto e = static_cast<double>(energy);
+  return {terms * kEpsilon * e + step * std::sqrt(2 * stiffness * e) + stiffness * step * step,
+          stiffness * step};
+}
+
+template <typename System>
+using Solvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
+                           Auto<System>>;
+
+// Calls visit(solve) for each, where solve(max_iterations, x) does.
+template <typename System, typename Visit>
+void for_each_solver(Solvers<System>& solvers, const System& system, const AlignedOptions& options,
+                     const Visit& visit) {
+  const auto call = [&](auto& solver) {
+    SCOPED_TRACE(solver.name());
+    solver.options.tolerance = options.tolerance;
+    if constexpr (requires { solver.options.align; }) solver.options.align = options.align;
+    // One type of them all, for visit to be compiled once.
+    visit(std::function<Summary(int, typename System::Points&)>(
+        [&](int max_iterations, typename System::Points& x) {
+          solver.options.max_iterations = max_iterations;
+          return solver.solve(system, x);
+        }));
+  };
+  std::apply([&](auto&... solver) { (call(solver), ...); }, solvers);
+}
+
+template <typename T>
+class Property : public ::testing::Test {};
+using Systems =
+    ::testing::Types<SpringSystem<double, 2>, SpringSystem<double, 3>, SpringSystem<double, 2, 4>>;
+TYPED_TEST_SUITE(Property, Systems);
+
+TYPED_TEST(Property, EnergyNeverRisesAndTheSummaryIsTrue) {
+  using System = TypeParam;
+  Solvers<System> solvers;
+  const AlignedOptions options;
+  long converged = 0, all = 0;
+  for_each_index([&](int index) {
+    SCOPED_TRACE(reproduce(index));
+    const auto problem = random_problem<System>(index);
+    const System& system = problem.system;
+    const long double start = evaluate(system, problem.start).energy;
+    const double length = characteristic_length(system, problem.start);
+    const auto stiffness = node_stiffness(system);
+    const double tolerance =
+        std::max(options.tolerance, 8 * kEpsilon * (1 + extent(system, problem.start) / length));
+    for_each_solver<System>(solvers, system, options, [&](const auto& solve) {
+      ++all;
+      long double lowest = start;
+      for (const int iterations : {1, 2, 3, 5, 8, 200}) {
+        auto x = problem.start;
+        const Summary summary = solve(iterations, x);
+        ASSERT_FALSE(summary.message.empty());
+        if (!summary.usable()) {
+          EXPECT_EQ(summary.status, Status::NumericalFailure) << summary;
+          EXPECT_TRUE(is_wild(index)) << summary;
+          EXPECT_EQ(x, problem.start);
+          return;
+        }
+        ASSERT_TRUE(x.allFinite());
+        const Value value = evaluate(system, x);
+        const double known = rounding(system, x, lowest).energy;
+        EXPECT_LE(value.energy, lowest + known) << "after " << iterations << " iterations: " << summary;
+        EXPECT_NEAR(static_cast<double>(value.energy), summary.final_energy, known) << summary;
+        lowest = std::min(lowest, value.energy);
+        if (summary.status != Status::Converged) continue;
+        for (int i = 0; i < system.nodes(); ++i) {
+          EXPECT_LE(value.forces[static_cast<std::size_t>(i)],
+                    stiffness[i] * (tolerance * length + 8 * kEpsilon * extent(system, x)))
+              << "node " << i << ": " << summary;
+        }
+        ++converged;
+        return;
+      }
+    });
+  });
+  std::printf("%ld of %ld solves converged within 200 iterations\n", converged, all);
+}
+
+// Turns or mirrors, moves, scales, relabels, and changes the unit of stiffness.
+template <typename System>
+class Change {
+ public:
+  using Points = typename System::Points;
+
+  Change(Rng& rng, const System& system) : labels_(static_cast<std::size_t>(system.nodes())) {
+    turn_.setIdentity();
+    for (int reflections = integer(rng, 1, 2); reflections > 0; --reflections) {
+      typename System::Point normal;
+      for (double& coordinate : normal) coordinate = rng.normal();
+      normal.normalize();
+      turn_ -= 2 * normal * (normal.transpose() * turn_).eval();
+    }
+    scale_ = std::pow(10, rng.uniform(-6, 6));
+    stiffness_ = std::pow(10, rng.uniform(-6, 6));
+    const double size = scale_ * system.anchors.cwiseAbs().maxCoeff();
+    for (double& coordinate : shift_) coordinate = rng.uniform(-size, size);
+    std::iota(labels_.begin(), labels_.end(), 0);
+    for (int i = system.nodes(); i > 1; --i)
+      std::swap(labels_[static_cast<std::size_t>(i - 1)],
+                labels_[static_cast<std::size_t>(integer(rng, 0, i - 1))]);
+  }
+
+  double scale() const { return scale_; }
+  double stiffness() const { return stiffness_; }
+
+  Points operator()(const Points& x) const {
+    Points result = x;
+    for (int i = 0; i < x.cols(); ++i) result.col(label(i)) = scale_ * (turn_ * x.col(i)) + shift_;
+    return result;
+  }
+  System operator()(const System& system) const {
+    std::vector<Link> links;
+    for (const Link& link : system.links()) links.push_back({label(link.i), label(link.j)});
+    System result(System::TopologyType::from_links(system.nodes(), links));
+    result.anchors = (*this)(system.anchors);
+    result.rest_length = scale_ * system.rest_length;
+    result.link_stiffness = stiffness_ * system.link_stiffness;
+    for (int i = 0; i < system.nodes(); ++i) {
+      result.anchor_stiffness[label(i)] = stiffness_ * system.anchor_stiffness[i];
+      if (system.is_fixed(i)) result.fix(label(i));
+    }
+    return result;
+  }
+
+ private:
+  int label(int i) const { return labels_[static_cast<std::size_t>(i)]; }
+
+  Eigen::Matrix<double, System::kDim, System::kDim> turn_;
+  double scale_, stiffness_;
+  typename System::Point shift_;
+  std::vector<int> labels_;
+};
+
+// A minimum, and a start from which each way downhill ends there.
+template <typename System>
+struct Basin {
+  typename System::Points minimum, start;
+  double curvature = 0;  // there is no less at the minimum
+};
+
+// Whether all eigenvalues are above `least`: Cholesky, whose pivots are positive then.
+bool has_curvature(Eigen::MatrixXd matrix, double least) {
+  const Eigen::Index n = matrix.rows();
+  for (Eigen::Index k = 0; k < n; ++k) matrix(k, k) -= least;
+  for (Eigen::Index k = 0; k < n; ++k) {
+    if (!(matrix(k, k) > 0)) return false;
+    for (Eigen::Index i = k + 1; i < n; ++i) {
+      const double factor = matrix(i, k) / matrix(k, k);
+      for (Eigen::Index j = k + 1; j < n; ++j) matrix(i, j) -= factor * matrix(k, j);
+    }
+  }
+  return true;
+}
+
+// The curvature stays above half of the minimum's within a radius, as a spring's changes by some k mu / r^2 a
+// pixel. The start's energy is too low for the rim. False where there is no such minimum, or rounding is
+// wider.
+template <typename System>
+bool find_basin(Rng& rng, const bench::RandomSystem<System>& problem, Basin<System>& basin) {
+  const System& system = problem.system;
+  basin.minimum = problem.start;
+  Newton<System> newton;
+  newton.options.tolerance = 1e-13;
+  if (!newton.solve(system, basin.minimum).usable()) return false;
+  const double stiffness = node_stiffness(system).maxCoeff();
+  const Eigen::MatrixXd at_minimum = hessian(system, basin.minimum);
+  for (basin.curvature = stiffness; !has_curvature(at_minimum, basin.curvature); basin.curvature /= 2) {
+    if (!(basin.curvature > 1e-6 * stiffness)) return false;
+  }
+  double change = 0;  // of the curvature, a pixel
+  for (int l = 0; const Link& link : system.links()) {
+    const double square = (basin.minimum.col(link.i) - basin.minimum.col(link.j)).squaredNorm();
+    change += 4 * system.link_stiffness[l] * system.rest_length[l] / square;
+    ++l;
+  }
+  const double radius =
+      std::min(0.1 * basin.curvature / change, 0.1 * characteristic_length(system, basin.minimum));
+  const double step = 0.5 * radius * std::sqrt(basin.curvature / (stiffness * System::kDim * system.nodes()));
+  if (!(step > 1e4 * kEpsilon * extent(system, basin.minimum))) return false;
+  basin.start = basin.minimum + bench::random_points<System>(rng, system.nodes(), -step, step);
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) basin.start.col(i) = basin.minimum.col(i);
+  }
+  return true;
+}
+
+TYPED_TEST(Property, SolutionsMoveWithTheSystem) {
+  using System = TypeParam;
+  Solvers<System> solvers;
+  AlignedOptions options;
+  options.tolerance = 1e-10;
+  options.align = false;  // which may leave the basin
+  int tried = 0, all = 0;
+  for_each_index([&](int index) {
+    SCOPED_TRACE(reproduce(index));
+    ++all;
+    const auto problem = random_problem<System>(index);
+    Rng rng(static_cast<std::uint64_t>(index) + 77);
+    Basin<System> basin;
+    if (!find_basin(rng, problem, basin)) return;
+    ++tried;
+    const Change<System> change(rng, problem.system);
+    const System changed = change(problem.system);
+    const auto expected = change(basin.minimum);
+    const double unit = change.scale() * change.stiffness();  // of forces
+    // What is left of the forces at either end, numbers being rounded on their way there, too.
+    const double force = unit * (evaluate(problem.system, basin.minimum).force() +
+                                 rounding(problem.system, basin.minimum, 0).force) +
+                         rounding(changed, expected, 0).force;
+    for_each_solver<System>(solvers, changed, options, [&](const auto& solve) {
+      auto x = change(basin.start);
+      const Summary summary = solve(500, x);
+      ASSERT_TRUE(summary.usable()) << summary;
+      EXPECT_LE((x - expected).norm(),
+                2 * (evaluate(changed, x).force() + force) / (change.stiffness() * basin.curvature) +
+                    8 * kEpsilon * expected.norm())
+          << summary;
+    });
+  });
+  EXPECT_GE(8 * tried, all == 1 ? 0 : all);
+  std::printf("%d of %d systems\n", tried, all);
+}
+
+template <typename Solver, typename Float, typename System>
+void expect_agreement(const System& system, const Basin<System>& basin, int& tried) {
+  Float in_float(Float::TopologyType::from_links(system.nodes(), system.links()));
+  in_float.anchors = system.anchors.template cast<float>();
+  in_float.anchor_stiffness = system.anchor_stiffness.template cast<float>();
+  in_float.rest_length = system.rest_length.template cast<float>();
+  in_float.link_stiffness = system.link_stiffness.template cast<float>();
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) in_float.fix(i);
+  }
+  // What rounding to float does to forces; where that leaves the basin, there is nothing to compare.
+  const double stiffness = system.anchor_stiffness.sum() + 2 * system.link_stiffness.sum();
+  const double rounded = 8 * static_cast<double>(std::numeric_limits<float>::epsilon()) * stiffness *
+                         (extent(system, basin.minimum) + system.rest_length.maxCoeff());
+  if (!(rounded / basin.curvature < 0.5 * (basin.start - basin.minimum).norm())) return;
+  ++tried;
+  Solver solver;
+  solver.options.align = false;
+  typename Float::Points x = basin.start.template cast<float>();
+  const Summary summary = solver.solve(in_float, x);
+  ASSERT_TRUE(summary.usable()) << summary;
+  const typename System::Points in_double = x.template cast<double>();
+  const double force = evaluate(system, in_double).force();
+  EXPECT_LE(force, summary.gradient_norm + rounded) << summary;
+  EXPECT_LE((in_double - basin.minimum).norm(), 2 * (force + rounded) / basin.curvature) << summary;
+}
+
+TEST(FloatAndDouble, Agree) {
+  using System = SpringSystem<double, 2>;
+  using Float = SpringSystem<float, 2>;
+  int tried = 0;
+  for_each_index([&](int index) {
+    SCOPED_TRACE(reproduce(index));
+    const auto problem = random_problem<System>(index);
+    Rng rng(static_cast<std::uint64_t>(index) + 99);
+    Basin<System> basin;
+    if (!find_basin(rng, problem, basin)) return;
+    expect_agreement<Ida<Float>, Float>(problem.system, basin, tried);
+    expect_agreement<Newton<Float>, Float>(problem.system, basin, tried);
+  });
+  std::printf("%d solves\n", tried);
+}
+
+}  // namespace
+}  // namespace asterism
