@@ -95,8 +95,8 @@ void require(bool holds, const Summary& summary, const char* what) {
 void check(const bench::Problem& given, const Summary& summary, const Points& x, double tolerance) {
   if (!summary.usable()) {
     require(x.size() == given.start.size() &&
-                std::memcmp(x.data(), given.start.data(),
-                            sizeof(double) * static_cast<std::size_t>(x.size())) == 0,
+                (x.size() == 0 || std::memcmp(x.data(), given.start.data(),
+                                              sizeof(double) * static_cast<std::size_t>(x.size())) == 0),
             summary, "x was changed without a result");
     require(!summary.message.empty(), summary, "no reason");
     if (summary.status != Status::InvalidInput) require(!is_bad(given), summary, "bad input was not named");

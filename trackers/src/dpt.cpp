@@ -15,10 +15,15 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options) {
+std::size_t part_count(const DptOptions& options) {
   const int rows = options.grid_rows, cols = options.grid_cols;
   if (rows < 1 || cols < 1 || rows > Dpt::kMaxParts || cols > Dpt::kMaxParts || rows * cols > Dpt::kMaxParts)
     throw std::invalid_argument("DptOptions: the grid must have 1 to 16 parts");
+  return static_cast<std::size_t>(rows * cols);
+}
+
+Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options) {
+  const int rows = options.grid_rows, cols = options.grid_cols;
   using Links = Topology<Eigen::Dynamic, Dpt::kMaxParts>;
   switch (options.constellation) {
     case Constellation::Star:
@@ -45,7 +50,7 @@ Dpt::Dpt(const DptOptions& options)
     : options_(options),
       coarse_(options.coarse),
       scale_(options.scale),
-      parts_(static_cast<std::size_t>(std::max(0, options.grid_rows * options.grid_cols)), options.part),
+      parts_(part_count(options), options.part),
       springs_(make_topology(options)),
       solver_(std::in_place_type<Ida<Springs>>, springs_, options.solver) {
   if (options.spring_solver == SpringSolver::Newton)
