@@ -15,7 +15,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-std::size_t part_count(const DptOptions& options) {
+std::size_t parts_of_grid(const DptOptions& options) {
   const int rows = options.grid_rows, cols = options.grid_cols;
   if (rows < 1 || cols < 1 || rows > Dpt::kMaxParts || cols > Dpt::kMaxParts || rows * cols > Dpt::kMaxParts)
     throw std::invalid_argument("DptOptions: the grid must have 1 to 16 parts");
@@ -50,7 +50,7 @@ Dpt::Dpt(const DptOptions& options)
     : options_(options),
       coarse_(options.coarse),
       scale_(options.scale),
-      parts_(part_count(options), options.part),
+      parts_(parts_of_grid(options), options.part),
       springs_(make_topology(options)),
       solver_(std::in_place_type<Ida<Springs>>, springs_, options.solver) {
   if (options.spring_solver == SpringSolver::Newton)
