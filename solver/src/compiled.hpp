@@ -4,18 +4,15 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-template ASTERISM_API Summary detail::Compiled::solve(Ida<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
-                                                      ASTERISM_SYSTEM::Points&);
-template ASTERISM_API Summary detail::Compiled::solve(Newton<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
-                                                      ASTERISM_SYSTEM::Points&);
-template ASTERISM_API Summary detail::Compiled::solve(Lbfgs<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
-                                                      ASTERISM_SYSTEM::Points&);
-template ASTERISM_API Summary detail::Compiled::solve(NewtonCg<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
-                                                      ASTERISM_SYSTEM::Points&);
-template ASTERISM_API Summary detail::Compiled::solve(NonlinearCg<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
-                                                      ASTERISM_SYSTEM::Points&);
-template ASTERISM_API Summary detail::Compiled::solve(Auto<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&,
-                                                      ASTERISM_SYSTEM::Points&);
+#define ASTERISM_COMPILE(Solver)                                                                          \
+  template ASTERISM_API Summary detail::Compiled::solve(Solver<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&, \
+                                                        ASTERISM_SYSTEM::Points&);
+ASTERISM_COMPILE(Ida)
+ASTERISM_COMPILE(Newton)
+ASTERISM_COMPILE(Lbfgs)
+ASTERISM_COMPILE(NewtonCg)
+ASTERISM_COMPILE(NonlinearCg)
+ASTERISM_COMPILE(Auto)
 template ASTERISM_API Summary solve_ida(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const IdaOptions&);
 template ASTERISM_API Summary solve(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const AlignedOptions&);
 
