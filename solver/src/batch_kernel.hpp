@@ -757,10 +757,22 @@ class LaneNewton {
   T *final_x_, *rounding_, *tolerances_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;
 };
 
+// The fixed ones take seconds each to compile. On machines of the kind that have wider instructions for ten
+// years, those without get the one of DPT alone.
+#if defined(__SSE2__) && !defined(ASTERISM_LANES_AVX2) && !defined(ASTERISM_LANES_AVX512)
+constexpr bool kFourPartsAlone = true;
+#else
+constexpr bool kFourPartsAlone = false;
+#endif
+
 /// The kernel of a topology, from the fixed ones and the one for any.
 template <typename L, int kDim>
 Kernel<typename L::T> kernel_of(int nodes, int link_count, bool is_full) {
-  if (is_full) {
+  if constexpr (kFourPartsAlone) {
+    if constexpr (kDim == 2) {
+      if (is_full && nodes == 4) return &LaneNewton<L, kDim, 4>::solve;
+    }
+  } else if (is_full) {
     switch (kDim * nodes) {
       case kDim * 2:
         return &LaneNewton<L, kDim, 2>::solve;

@@ -1,19 +1,22 @@
-// Of one type of system: what <asterism/solver/compiled.hpp> declares. A source file defines ASTERISM_SYSTEM
-// as the type and includes this.
+#pragma once
+
+// What <asterism/solver/compiled.hpp> declares, for one type of system.
 #include <asterism/solver.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+#define ASTERISM_COMPILE(Solver, System) \
+  template ASTERISM_API Summary detail::Compiled::solve(Solver<System>&, const System&, System::Points&);
 
-#define ASTERISM_COMPILE(Solver)                                                                          \
-  template ASTERISM_API Summary detail::Compiled::solve(Solver<ASTERISM_SYSTEM>&, const ASTERISM_SYSTEM&, \
-                                                        ASTERISM_SYSTEM::Points&);
-ASTERISM_COMPILE(Ida)
-ASTERISM_COMPILE(Newton)
-ASTERISM_COMPILE(Lbfgs)
-ASTERISM_COMPILE(NewtonCg)
-ASTERISM_COMPILE(NonlinearCg)
-ASTERISM_COMPILE(Auto)
-template ASTERISM_API Summary solve_ida(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const IdaOptions&);
-template ASTERISM_API Summary solve(const ASTERISM_SYSTEM&, ASTERISM_SYSTEM::Points&, const AlignedOptions&);
+#define ASTERISM_COMPILE_SOLVERS(System)                                                      \
+  ASTERISM_COMPILE(Ida, System)                                                               \
+  ASTERISM_COMPILE(Newton, System)                                                            \
+  ASTERISM_COMPILE(Lbfgs, System)                                                             \
+  ASTERISM_COMPILE(NewtonCg, System)                                                          \
+  ASTERISM_COMPILE(NonlinearCg, System)                                                       \
+  ASTERISM_COMPILE(Auto, System)                                                              \
+  template ASTERISM_API Summary solve_ida(const System&, System::Points&, const IdaOptions&); \
+  template ASTERISM_API Summary solve(const System&, System::Points&, const AlignedOptions&);
 
-}  // namespace asterism::inline ASTERISM_ABI
+#define ASTERISM_COMPILE_SPARSE_SOLVERS(System) \
+  ASTERISM_COMPILE(SparseNewton, System)        \
+  ASTERISM_COMPILE(Schwarz, System)             \
+  ASTERISM_COMPILE(detail::FactoredSchwarz, System)

@@ -1,2 +1,8 @@
-#define ASTERISM_SYSTEM detail::PlaneSystem
 #include "compiled.hpp"
+
+namespace asterism::inline ASTERISM_ABI {
+
+ASTERISM_COMPILE_SOLVERS(detail::PlaneSystem)
+ASTERISM_COMPILE_SPARSE_SOLVERS(detail::PlaneSystem)
+
+}  // namespace asterism::inline ASTERISM_ABI

@@ -9,11 +9,16 @@ using DenseLbfgs = Lbfgs<System>;
 template <typename System>
 using JacobiNewtonCg = NewtonCg<System>;
 
-using Cases =
-    ::testing::Types<Case<Newton, Fixed2>, Case<Newton, Dynamic3>, Case<Newton, Bounded3f>,
-                     Case<DenseLbfgs, Fixed2>, Case<DenseLbfgs, Dynamic2>, Case<DenseLbfgs, Bounded3f>,
-                     Case<JacobiNewtonCg, Dynamic2>, Case<JacobiNewtonCg, Fixed2f>>;
-INSTANTIATE_TYPED_TEST_SUITE_P(Fast, EverySolver, Cases);
+const bool kRegistered = [] {
+  register_solvers<Fixed2>("4 nodes", {solver_kind<Newton, Fixed2>(), solver_kind<DenseLbfgs, Fixed2>()});
+  register_solvers<Dynamic2>("plane",
+                             {solver_kind<DenseLbfgs, Dynamic2>(), solver_kind<JacobiNewtonCg, Dynamic2>()});
+  register_solvers<Dynamic3>("space", {solver_kind<Newton, Dynamic3>()});
+  register_solvers<Fixed2f>("4 nodes, float", {solver_kind<JacobiNewtonCg, Fixed2f>()});
+  register_solvers<Bounded3f>("bounded space, float",
+                              {solver_kind<Newton, Bounded3f>(), solver_kind<DenseLbfgs, Bounded3f>()});
+  return true;
+}();
 
 }  // namespace
 }  // namespace asterism

@@ -1,4 +1,6 @@
 // The references, Ceres, liblbfgs and nonlinear CG with numeric gradients, by what every solver promises.
+#include <gtest/gtest.h>
+
 #include "every_solver.hpp"
 
 #ifdef ASTERISM_TEST_CERES
@@ -10,6 +12,8 @@
 
 #include <cstdint>
 #include <string_view>
+
+#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -30,16 +34,21 @@ template <typename System>
 using CeresCg = reference::Ceres<System, reference::CeresMethod::NonlinearCg>;
 #endif
 
-using Cases = ::testing::Types<
+const bool kRegistered = [] {
 #ifdef ASTERISM_TEST_CERES
-    Case<CeresDense, Fixed2>, Case<CeresSparse, Bounded3f>, Case<CeresLbfgs, Dynamic2>,
-    Case<CeresCg, Dynamic3>,
+  register_solvers<Fixed2>("4 nodes", {solver_kind<CeresDense, Fixed2>()});
+  register_solvers<Dynamic2>("plane", {solver_kind<CeresLbfgs, Dynamic2>()});
+  register_solvers<Dynamic3>("space", {solver_kind<CeresCg, Dynamic3>()});
+  register_solvers<Bounded3f>("bounded space, float", {solver_kind<CeresSparse, Bounded3f>()});
 #endif
 #ifdef ASTERISM_TEST_LBFGS
-    Case<reference::Liblbfgs, Fixed2>, Case<reference::Liblbfgs, Dynamic3>,
+  register_solvers<Fixed2>("4 nodes", {solver_kind<reference::Liblbfgs, Fixed2>()});
+  register_solvers<Dynamic3>("space", {solver_kind<reference::Liblbfgs, Dynamic3>()});
 #endif
-    Case<ForwardCg, Fixed2>, Case<CentralCg, Fixed2>, Case<CentralCg, Dynamic3>>;
-INSTANTIATE_TYPED_TEST_SUITE_P(Reference, EverySolver, Cases);
+  register_solvers<Fixed2>("4 nodes", {solver_kind<ForwardCg, Fixed2>(), solver_kind<CentralCg, Fixed2>()});
+  register_solvers<Dynamic3>("space", {solver_kind<CentralCg, Dynamic3>()});
+  return true;
+}();
 
 bench::RandomSystem<Dynamic2> dynamic_system(std::uint64_t seed, int n) {
   bench::Rng rng(seed);

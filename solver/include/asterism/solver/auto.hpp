@@ -14,6 +14,13 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
+namespace detail {
+
+template <typename System>
+using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
+
+}  // namespace detail
+
 /// The default: the method that is fastest for a system of this size, linking and strength of anchors.
 ///
 ///   up to 12 nodes                                  Newton
@@ -77,7 +84,7 @@ class Auto {
   If<kHasMore, Lbfgs<System>> lbfgs_;
   If<kHasMore, NewtonCg<System>> newton_cg_;
   If<kHeap, Schwarz<System>> schwarz_;
-  If<kHeap, Schwarz<System, SparseNewton<System>>> factored_schwarz_;
+  If<kHeap, detail::FactoredSchwarz<System>> factored_schwarz_;
 };
 
 template <typename System>
@@ -106,6 +113,7 @@ Summary solve(const System& system, typename System::Points& x, const AlignedOpt
   return Auto<System>(system, options).solve(system, x);
 }
 
+ASTERISM_COMPILED_SPARSE_SOLVER(detail::FactoredSchwarz)
 ASTERISM_COMPILED_SOLVER(Auto)
 ASTERISM_COMPILED_SOLVE(solve, AlignedOptions)
 

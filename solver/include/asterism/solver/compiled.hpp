@@ -19,11 +19,15 @@ using FourPartSystem = SpringSystem<double, 2, 4>;
 /// class, which takes a compiler long to look into.
 struct Compiled {
   template <template <typename...> typename Solver, typename System, typename... Policies>
-  static Summary solve(Solver<System, Policies...>& solver, const System& system,
-                       typename System::Points& x) {
-    return solver.run(system, x);
-  }
+  static Summary solve(Solver<System, Policies...>& solver, const System& system, typename System::Points& x);
 };
+
+// Not inline: for inlining, a compiler looks into what is compiled elsewhere, too.
+template <template <typename...> typename Solver, typename System, typename... Policies>
+Summary Compiled::solve(Solver<System, Policies...>& solver, const System& system,
+                        typename System::Points& x) {
+  return solver.run(system, x);
+}
 
 }  // namespace asterism::inline ASTERISM_ABI::detail
 
@@ -36,6 +40,12 @@ struct Compiled {
       Solver<detail::SpaceSystem>&, const detail::SpaceSystem&, detail::SpaceSystem::Points&); \
   extern template ASTERISM_API Summary detail::Compiled::solve(                                \
       Solver<detail::FourPartSystem>&, const detail::FourPartSystem&, detail::FourPartSystem::Points&);
+/// Declares it for those of these types that have no bound on their nodes.
+#define ASTERISM_COMPILED_SPARSE_SOLVER(Solver)                                                \
+  extern template ASTERISM_API Summary detail::Compiled::solve(                                \
+      Solver<detail::PlaneSystem>&, const detail::PlaneSystem&, detail::PlaneSystem::Points&); \
+  extern template ASTERISM_API Summary detail::Compiled::solve(                                \
+      Solver<detail::SpaceSystem>&, const detail::SpaceSystem&, detail::SpaceSystem::Points&);
 /// Declares a function solve(system, x, options) for these types.
 #define ASTERISM_COMPILED_SOLVE(solve, Options)                                                              \
   extern template ASTERISM_API Summary solve(const detail::PlaneSystem&, detail::PlaneSystem::Points&,       \
@@ -46,5 +56,6 @@ struct Compiled {
                                              const Options&);
 #else
 #define ASTERISM_COMPILED_SOLVER(Solver)
+#define ASTERISM_COMPILED_SPARSE_SOLVER(Solver)
 #define ASTERISM_COMPILED_SOLVE(solve, Options)
 #endif

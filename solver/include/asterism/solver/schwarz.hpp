@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/align.hpp>
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/newton_cg.hpp>
@@ -214,9 +215,13 @@ class Schwarz {
   /// Moves x (Dim x N), the start, to a stationary point of the energy. A sweep and an iteration of Global
   /// are an iteration each; the other counts are of work on all nodes at once. Statuses as for Ida::solve;
   /// Summary::positive_definite is Global's.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   static constexpr std::string_view kMethod = "Schwarz";
   struct GlobalName {
     static constexpr std::string_view kName = Global::name();
@@ -284,7 +289,7 @@ class Schwarz {
 };
 
 template <typename System, typename Global>
-Summary Schwarz<System, Global>::solve(const System& given, Points& x) {
+Summary Schwarz<System, Global>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     if (session_.done(session_.gradient())) return Status::Converged;
     if (options.max_iterations == 0) return Status::MaxIterations;
@@ -295,5 +300,7 @@ Summary Schwarz<System, Global>::solve(const System& given, Points& x) {
     return status;
   });
 }
+
+ASTERISM_COMPILED_SPARSE_SOLVER(Schwarz)
 
 }  // namespace asterism::inline ASTERISM_ABI

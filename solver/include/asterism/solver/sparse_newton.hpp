@@ -4,6 +4,7 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/align.hpp>
+#include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
@@ -164,9 +165,13 @@ class SparseNewton {
 
   /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
   /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
-  Summary solve(const System& given, Points& x);
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
   static constexpr std::string_view kMethod = "Newton";
   static constexpr int kClampedSteps = 3;  // before the Hessian itself is tried again
   using Matrix = typename Factorization::Matrix;
@@ -233,7 +238,7 @@ class SparseNewton {
 };
 
 template <typename System, typename Factorization>
-Summary SparseNewton<System, Factorization>::solve(const System& given, Points& x) {
+Summary SparseNewton<System, Factorization>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     const bool realign = options.align && detail::has_weak_anchors(system);
     hessian_.prepare(system, [this](const auto& pattern) { factorization_.analyze(pattern); });
@@ -276,5 +281,7 @@ Summary SparseNewton<System, Factorization>::solve(const System& given, Points& 
     }
   });
 }
+
+ASTERISM_COMPILED_SPARSE_SOLVER(SparseNewton)
 
 }  // namespace asterism::inline ASTERISM_ABI
