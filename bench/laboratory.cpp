@@ -27,7 +27,6 @@ const std::vector<SolverEntry>& solvers() { return entries(); }
 
 std::vector<SolverEntry> solvers_named(const std::string& list) {
   if (list == "all") return solvers();
-  using asterism::detail::edit_distance;
   std::vector<SolverEntry> result;
   std::istringstream names(list);
   for (std::string name; std::getline(names, name, ',');) {
@@ -35,10 +34,8 @@ std::vector<SolverEntry> solvers_named(const std::string& list) {
     const auto at =
         std::find_if(all.begin(), all.end(), [&](const SolverEntry& entry) { return entry.name == name; });
     if (at == all.end()) {
-      const auto nearest = std::min_element(all.begin(), all.end(), [&](const auto& a, const auto& b) {
-        return edit_distance(a.name, name) < edit_distance(b.name, name);
-      });
-      throw std::invalid_argument("no solver is named " + name + "; the nearest is " + nearest->name);
+      throw std::invalid_argument("no solver is named " + name + "; the nearest is " +
+                                  detail::nearest(name, all, &SolverEntry::name)->name);
     }
     result.push_back(*at);
   }

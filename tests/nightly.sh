@@ -38,6 +38,7 @@ tidy() {
   run-clang-tidy -quiet -p build/release '/(solver|parts|trackers)/src/'
 }
 
+step "packages" bash .ci/install-packages build test night
 step "tests" bash tests/run.sh
 step "clang-tidy" tidy
 step "fuzzers" bash tests/fuzz.sh 1000000
@@ -46,6 +47,7 @@ for tracker in dpt dpt_plus; do
   step "soak of $tracker" build/release/tests/trackers/soak 100000 "$tracker"
 done
 step "ThreadSanitizer" thread_sanitizer
+step "coverage" bash tests/coverage.sh
 step "valgrind" memcheck
 
 if [[ ${#failed[@]} -gt 0 ]]; then

@@ -17,13 +17,6 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-template <typename Names>
-std::string nearest(std::string_view unknown, const Names& known) {
-  return std::string(*std::min_element(known.begin(), known.end(), [&](const auto& a, const auto& b) {
-    return detail::edit_distance(unknown, a) < detail::edit_distance(unknown, b);
-  }));
-}
-
 // Sets options to what a JSON object has for them.
 class OptionReader : public OptionVisitor {
  public:
@@ -72,7 +65,7 @@ class OptionReader : public OptionVisitor {
         throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', there are none");
       else if (!level.visited.contains(name))
         throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', did you mean '" +
-                                    level.path + nearest(name, level.visited) + "'?");
+                                    level.path + *detail::nearest(name, level.visited) + "'?");
     levels_.pop_back();
   }
 
@@ -332,7 +325,7 @@ const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
   }
   if (at == factories_.end())
     throw std::invalid_argument("no part model '" + std::string(name) + "', did you mean '" +
-                                nearest(name, names()) + "'?");
+                                *detail::nearest(name, names()) + "'?");
   return at->second;
 }
 

@@ -59,8 +59,7 @@ consume(eigen-only ${WORK}/solver-only consumer/main.cpp solver_compiled batch)
 fresh(${WORK}/all-off)
 must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/all-off -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_WITH_CHOLMOD=OFF
      -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_WITH_PARTS=OFF
-     -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_TESTS=OFF
-       -DASTERISM_BUILD_BENCH=OFF)
+     -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
 if(out MATCHES "Asterism:")
   fail("says what is missing though it was not asked for")
 endif()
@@ -70,8 +69,7 @@ if("parts" IN_LIST BUILT)
   fresh(${WORK}/no-fftw)
   must(${configure} -S ${SOURCE_DIR} -B ${WORK}/no-fftw -DASTERISM_FFTW_INCLUDE_DIR= -DASTERISM_WITH_CHOLMOD=OFF
        -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_BUILD_TOOLS=OFF
-       -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_TESTS=OFF
-       -DASTERISM_BUILD_BENCH=OFF)
+       -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
   count("${out}" "Asterism: " lines)
   if(NOT lines EQUAL 1 OR NOT out MATCHES "-- Asterism: FFTW not found [(]Debian package libfftw3-dev[)]")
     fail("not one line for FFTW")

@@ -3,14 +3,16 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <cstddef>
+#include <functional>
 #include <numeric>
 #include <string_view>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI::detail {
 
-/// How many letters are to be put in, taken out or replaced to make one word the other (Levenshtein): errors
-/// name the nearest of what is known.
+// Errors name the nearest of what is known.
+
+/// How many letters are to be put in, taken out or replaced to make one word the other (Levenshtein).
 inline std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -23,6 +25,13 @@ inline std::size_t edit_distance(std::string_view a, std::string_view b) {
     }
   }
   return row.back();
+}
+
+/// Which of `words` (of their `name`s), one at least, is nearest to a word.
+template <typename Words, typename Name = std::identity>
+auto nearest(std::string_view word, const Words& words, Name name = {}) {
+  return std::ranges::min_element(
+      words, {}, [&](const auto& each) { return edit_distance(word, std::invoke(name, each)); });
 }
 
 }  // namespace asterism::inline ASTERISM_ABI::detail

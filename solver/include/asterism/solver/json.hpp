@@ -175,10 +175,8 @@ inline void check_keys(const Json& object) {
   for (const auto& [key, value] : object.items()) {
     if (std::find(kKeys.begin(), kKeys.end(), key) != kKeys.end()) continue;
     const std::string_view unknown = std::string_view(key).substr(0, 40);  // the distance takes its length
-    const auto nearest = std::min_element(kKeys.begin(), kKeys.end(), [&](const char* a, const char* b) {
-      return edit_distance(unknown, a) < edit_distance(unknown, b);
-    });
-    refuse("unknown key ", key_text(unknown), " (the nearest known one is ", key_text(*nearest), ")");
+    refuse("unknown key ", key_text(unknown), " (the nearest known one is ",
+           key_text(*nearest(unknown, kKeys)), ")");
   }
 }
 

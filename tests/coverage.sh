@@ -1,0 +1,30 @@
+#!/usr/bin/env bash
+# What of the libraries and tools the tests run:
+#
+#   bash tests/coverage.sh              builds, runs every test, and prints lines and branches of each file
+#   bash tests/coverage.sh FILE...      then or later: the lines of these files with how often each ran
+set -euo pipefail
+cd "$(dirname "$0")/.."
+profiles=build/coverage/profiles
+
+bash .ci/install-packages build test night
+if [[ $# == 0 || ! -f $profiles/all.profdata ]]; then
+  cmake --preset coverage
+  cmake --build --preset coverage
+  rm -rf "$profiles"
+  # Processes of one program share a few files, which each of them adds to.
+  LLVM_PROFILE_FILE=$PWD/$profiles/%4m.profraw ctest --preset coverage --parallel 2
+  llvm-profdata merge -sparse "$profiles"/*.profraw -o "$profiles/all.profdata"
+fi
+
+programs=()
+while read -r program; do
+  programs+=(-object "$program")
+done < <(find build/coverage -type f \( -perm -u+x -o -name '*.so' \) -not -path '*/CMakeFiles/*' -exec \
+  sh -c 'LC_ALL=C grep -q __llvm_covmap "$1" && echo "$1"' sh {} \;)
+if [[ $# == 0 ]]; then
+  llvm-cov report "${programs[@]:1}" -instr-profile "$profiles/all.profdata" -show-region-summary=false \
+    solver parts trackers
+else
+  llvm-cov show "${programs[@]:1}" -instr-profile "$profiles/all.profdata" -show-branches=count "$@"
+fi
