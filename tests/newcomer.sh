@@ -2,7 +2,7 @@
 # The README's two commands in a fresh Debian 12 that holds nothing but git and a clone of the last commit; says how long each
 # took. Root, with debootstrap. An hour or more: downloads, and builds without a cache.
 #
-#   bash tests/newcomer.sh [FOLDER]      keeps the system in FOLDER; by default it is removed
+#   bash tests/newcomer.sh [FOLDER]      keeps the system in FOLDER, and uses one that is there; by default it is removed
 #
 # MIRROR in the environment names another mirror of Debian.
 set -euo pipefail
@@ -16,7 +16,8 @@ clean() {
 }
 [[ $# == 0 ]] || kept=1
 trap clean EXIT
-debootstrap --variant=minbase --include=ca-certificates,git bookworm "$root" "${MIRROR:-http://deb.debian.org/debian}" >/dev/null
+[[ -e $root/usr/bin/git ]] ||
+  debootstrap --variant=minbase --include=ca-certificates,git bookworm "$root" "${MIRROR:-http://deb.debian.org/debian}" >/dev/null
 for each in proc dev; do
   mount --rbind --make-rslave "/$each" "$root/$each"
   mounted+=("$root/$each")
@@ -24,6 +25,7 @@ done
 inside() { chroot "$root" env -i HOME=/root PATH=/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin "$@"; }
 
 git bundle create -q "$root/asterism.bundle" HEAD
+rm -rf "$root/root/asterism"
 inside git clone -q /asterism.bundle /root/asterism
 mapfile -t commands < <(sed -n '/^## Try it/,/^## /{/^bash /p}' README.md)
 [[ ${#commands[@]} == 2 ]] || { echo "the README has not two commands" >&2; exit 1; }
