@@ -1,0 +1,24 @@
+// Every solver that asterism::solver_compiled has; compiled_symbols.cmake looks at what this needs of it.
+#include <asterism/solver.hpp>
+
+namespace asterism {
+
+template <typename... Solvers, typename System>
+void solve_by(const System& system, typename System::Points& x) {
+  (Solvers().solve(system, x), ...);
+}
+
+template <typename System>
+void solve_by_all(const System& system, typename System::Points& x) {
+  solve_by<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>, Auto<System>>(
+      system, x);
+  if constexpr (System::kNodes == Eigen::Dynamic) {
+    solve_by<SparseNewton<System>, Schwarz<System>, Schwarz<System, SparseNewton<System>>>(system, x);
+  }
+}
+
+template void solve_by_all(const detail::PlaneSystem&, detail::PlaneSystem::Points&);
+template void solve_by_all(const detail::SpaceSystem&, detail::SpaceSystem::Points&);
+template void solve_by_all(const detail::FourPartSystem&, detail::FourPartSystem::Points&);
+
+}  // namespace asterism
