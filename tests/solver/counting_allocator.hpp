@@ -4,13 +4,13 @@
 #include <atomic>
 #include <cstddef>
 
-#include "address_sanitizer.hpp"
+#include "sanitizer.hpp"
 
 namespace {
 std::atomic<long> allocations{0};
 }
 
-#ifdef ASTERISM_TEST_ASAN
+#ifdef ASTERISM_TEST_SANITIZED
 extern "C" int __sanitizer_install_malloc_and_free_hooks(void (*on_malloc)(const volatile void*, std::size_t),
                                                          void (*on_free)(const volatile void*));
 namespace {

@@ -1,6 +1,6 @@
 #pragma once
 
-// Makes one allocation of this thread fail. It replaces malloc, or operator new under AddressSanitizer, which
+// Makes one allocation of this thread fail. It replaces malloc, or operator new under a sanitizer, which
 // has a malloc of its own: include it in one source file of an executable.
 
 #include <cerrno>
@@ -8,7 +8,7 @@
 #include <cstdlib>
 #include <new>
 
-#include "address_sanitizer.hpp"
+#include "sanitizer.hpp"
 
 namespace asterism::testing {
 
@@ -33,7 +33,7 @@ long fail_each_allocation(F&& f, After&& after) {
 
 }  // namespace asterism::testing
 
-#ifdef ASTERISM_TEST_ASAN
+#ifdef ASTERISM_TEST_SANITIZED
 void* operator new(std::size_t size) {
   void* const memory = asterism::testing::fails() ? nullptr : std::malloc(size > 0 ? size : 1);
   if (memory == nullptr) throw std::bad_alloc();

@@ -55,7 +55,7 @@ TEST(Dpt, TakesLittleFromTheHeapOnceItRuns) {
   EXPECT_EQ(allocations_a_frame<Frame>(full), 3);
 }
 
-#if defined(__GLIBC__) && !defined(ASTERISM_TEST_ASAN)
+#if defined(__GLIBC__) && !defined(ASTERISM_TEST_SANITIZED)
 TEST(Dpt, HoldsAsMuchMemoryAfterTenThousandFramesAsAfterAFew) {
   const auto held = [] {
     const struct mallinfo2 info = mallinfo2();
