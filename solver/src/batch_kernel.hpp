@@ -757,8 +757,8 @@ class LaneNewton {
   T *final_x_, *rounding_, *tolerances_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;
 };
 
-// The fixed ones take seconds each to compile. On machines of the kind that have wider instructions for ten
-// years, those without get the one of DPT alone.
+// The fixed ones take seconds each to compile. x86 machines without AVX2 are older than 2013: they get the
+// one that DPT uses.
 #if defined(__SSE2__) && !defined(ASTERISM_LANES_AVX2) && !defined(ASTERISM_LANES_AVX512)
 constexpr bool kFourPartsAlone = true;
 #else
