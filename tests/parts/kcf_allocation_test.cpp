@@ -7,15 +7,8 @@
 #include <cstdlib>
 #include <new>
 
+#include "../solver/sanitizer.hpp"
 #include "part_axioms.hpp"
-
-#if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
-#define ASTERISM_TEST_SANITIZED
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer) || __has_feature(thread_sanitizer)
-#define ASTERISM_TEST_SANITIZED
-#endif
-#endif
 
 #if defined(__GLIBC__) && !defined(ASTERISM_TEST_SANITIZED)
 namespace {
