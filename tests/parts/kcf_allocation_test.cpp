@@ -3,42 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <asterism/parts/kcf.hpp>
-#include <atomic>
-#include <cstdlib>
-#include <new>
 
-#include "../solver/sanitizer.hpp"
+#include "../solver/counting_allocator.hpp"
 #include "part_axioms.hpp"
 
 #if defined(__GLIBC__) && !defined(ASTERISM_TEST_SANITIZED)
-namespace {
-std::atomic<long> allocations{0};
-}
-
-extern "C" {
-void* __libc_malloc(std::size_t);
-void* __libc_memalign(std::size_t, std::size_t);
-void* __libc_calloc(std::size_t, std::size_t);
-
-void* malloc(std::size_t size) {
-  ++allocations;
-  return __libc_malloc(size);
-}
-void* calloc(std::size_t count, std::size_t size) {
-  ++allocations;
-  return __libc_calloc(count, size);
-}
-int posix_memalign(void** result, std::size_t alignment, std::size_t size) {
-  ++allocations;
-  *result = __libc_memalign(alignment, size);
-  return *result == nullptr ? 12 : 0;  // ENOMEM
-}
-void* aligned_alloc(std::size_t alignment, std::size_t size) {
-  ++allocations;
-  return __libc_memalign(alignment, size);
-}
-}
-
 namespace asterism {
 namespace {
 

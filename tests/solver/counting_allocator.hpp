@@ -2,6 +2,7 @@
 
 // Counts every malloc of the program. It replaces malloc: include it in one source file of an executable.
 #include <atomic>
+#include <cerrno>
 #include <cstddef>
 
 #include "sanitizer.hpp"
@@ -40,6 +41,10 @@ void* realloc(void* memory, std::size_t size) {
 void* aligned_alloc(std::size_t alignment, std::size_t size) {
   ++allocations;
   return __libc_memalign(alignment, size);
+}
+int posix_memalign(void** memory, std::size_t alignment, std::size_t size) {
+  *memory = aligned_alloc(alignment, size);
+  return *memory == nullptr ? ENOMEM : 0;
 }
 }
 #endif
