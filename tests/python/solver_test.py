@@ -301,6 +301,27 @@ class ThreadsTest(unittest.TestCase):
         self.assertTrue(solver.solve(*random_system()).usable)
 
 
+class InterruptTest(unittest.TestCase):
+    def test_a_long_solve_ends(self):
+        random = np.random.default_rng(2)
+        points = random.uniform(0, 170, (30000, 2))
+        system = asterism.SpringSystem(asterism.Topology.k_nearest(points, 6))
+        system.set_rest_lengths(points)
+        system.anchors = points + random.uniform(-0.3, 0.3, points.shape)
+        system.anchor_stiffness = 1e-6  # which takes IDA minutes
+        system.link_stiffness = 1
+        x = system.anchors.copy()
+        solver = asterism.Solver("ida-sparse", max_iterations=10**9, tolerance=1e-12)
+        timer = threading.Timer(0.2, lambda: signal.raise_signal(signal.SIGINT))
+        timer.start()
+        with self.assertRaises(KeyboardInterrupt):
+            solver.solve(system, x)
+        timer.join()
+        np.testing.assert_array_equal(x, system.anchors)
+        system.anchor_stiffness = 1
+        self.assertTrue(asterism.solve(system, x).usable)
+
+
 class BatchTest(unittest.TestCase):
     def batch(self, count=200, nodes=4, dim=2):
         batch = asterism.SpringBatch(asterism.Topology.full(nodes), count, dim=dim)
@@ -372,6 +393,7 @@ class BatchTest(unittest.TestCase):
             batch.solve()
         timer.join()
         np.testing.assert_array_equal(batch.x[-1], start)  # it did not get there
+        self.assertEqual(batch.status[-1], int(asterism.Status.INTERRUPTED))
 
 
 @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")

@@ -532,6 +532,26 @@ TEST(Batch, FloatKeepsItsDigitsFarFromTheOrigin) {
   }
 }
 
+TEST(Batch, EndsWhereItIsAskedToStop) {
+  const auto systems = samples<Fixed>(2000, Topology<4>::full());
+  auto batch = batch_of<SpringBatch<double, 2, 4>>(systems, Topology<4>::full());
+  std::atomic<bool> stop{false};
+  BatchNewton solver(batch);
+  solver.options.stop = &stop;
+  // Asked after the first of its tasks.
+  const BatchSummary summary = solver.solve(batch, [&stop](int tasks, auto&& work) {
+    ASSERT_GT(tasks, 1);
+    for (int task = 0; task < tasks; ++task, stop = true) work(task);
+  });
+  EXPECT_EQ(summary.status, Status::Interrupted);
+  EXPECT_EQ(summary.converged, summary.first_failure);
+  EXPECT_GT(summary.converged, 0);
+  for (int s = summary.first_failure; s < batch.size(); ++s) {
+    EXPECT_EQ(batch.status(s), Status::Interrupted);
+    EXPECT_EQ(batch.points(s), systems[static_cast<std::size_t>(s)].start);
+  }
+}
+
 TEST(Batch, OptionsAreNewtons) {
   const auto systems = samples<Fixed>(200, Topology<4>::full());
   for (const Simd simd : available()) {

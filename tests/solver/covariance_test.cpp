@@ -206,7 +206,7 @@ struct Ratios {
 // E = -T log p.
 void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
   constexpr int kSystems = 20;
-  constexpr int kSamples = 200000;
+  constexpr int kSamples = 50000;
   for (std::uint64_t seed = 1; seed <= kSystems; ++seed) {
     auto [system, x] = at_minimum<Fixed2>(seed, 4, Kind::Track);
     system.anchor_stiffness /= temperature;

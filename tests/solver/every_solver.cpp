@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <atomic>
 #include <cmath>
 #include <cstring>
 #include <functional>
@@ -30,6 +31,7 @@ class EverySolver : public ::testing::Test {
          &EverySolver::ReachesStationaryPointsOfThePapersSystems},
         {"SummaryTellsTheTruth", &EverySolver::SummaryTellsTheTruth},
         {"RunsOutOfIterations", &EverySolver::RunsOutOfIterations},
+        {"EndsWhereItIsAskedToStop", &EverySolver::EndsWhereItIsAskedToStop},
         {"LooserToleranceStopsSooner", &EverySolver::LooserToleranceStopsSooner},
         {"StaysAtAStationaryPoint", &EverySolver::StaysAtAStationaryPoint},
         {"CollapsedSystemIsStationary", &EverySolver::CollapsedSystemIsStationary},
@@ -159,6 +161,29 @@ class EverySolver : public ::testing::Test {
     EXPECT_EQ(none.iterations, 0);
     EXPECT_EQ(x, start);
     EXPECT_EQ(none.final_energy, none.initial_energy);
+  }
+
+  void EndsWhereItIsAskedToStop() {
+    const auto [system, start] = random(4);
+    Points x = start;
+    const Summary unasked = kind_.make()->solve(system, x);
+    std::atomic<bool> stop{true};
+    const auto solver = kind_.make();
+    solver->options().stop = &stop;
+    Points stopped = start;
+    const Summary summary = solver->solve(system, stopped);
+    EXPECT_EQ(summary.status, Status::Interrupted) << summary;
+    EXPECT_TRUE(summary.usable());
+    EXPECT_LE(summary.iterations, 1);
+    EXPECT_TRUE(stopped.allFinite());
+    EXPECT_LE(summary.final_energy, summary.initial_energy);
+    stop = false;
+    stopped = start;
+    EXPECT_EQ(solver->solve(system, stopped).status, unasked.status);
+    EXPECT_EQ(stopped, x);
+    stop = true;  // what is stationary has converged all the same
+    if (unasked.status == Status::Converged)
+      EXPECT_EQ(solver->solve(system, stopped).status, Status::Converged);
   }
 
   void LooserToleranceStopsSooner() {

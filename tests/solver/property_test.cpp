@@ -5,24 +5,33 @@
 
 #include <algorithm>
 #include <asterism/solver/auto.hpp>
+#include <asterism/solver/batch.hpp>
 #include <asterism/solver/ida.hpp>
 #include <asterism/solver/lbfgs.hpp>
+#include <asterism/solver/multi_start.hpp>
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/newton_cg.hpp>
 #include <asterism/solver/nonlinear_cg.hpp>
+#include <asterism/solver/schwarz.hpp>
+#include <asterism/solver/sparse_newton.hpp>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <cstdio>
 #include <cstdlib>
 #include <functional>
+#include <initializer_list>
 #include <limits>
 #include <numeric>
 #include <string>
+#include <thread>
 #include <tuple>
 #include <utility>
 #include <vector>
 
 #include "../../bench/random_system.hpp"
+#include "../../bench/sparse_system.hpp"
 
 namespace asterism {
 namespace {
@@ -36,12 +45,14 @@ int environment(const char* name, int otherwise) {
   return value == nullptr ? otherwise : std::atoi(value);
 }
 
-// Calls check(index) for the systems' numbers, until one fails.
+// Calls check(index) for the systems' numbers, or every `stride`-th of them, until one fails.
 template <typename Check>
-void for_each_index(Check&& check) {
+void for_each_index(Check&& check, int stride = 1) {
   const int first = environment("ASTERISM_PROPERTY_FIRST", 0);
   const int count = environment("ASTERISM_PROPERTY_SYSTEMS", 1000);
-  for (int index = first; index < first + count && !::testing::Test::HasFailure(); ++index) check(index);
+  for (int index = first; index < first + count && !::testing::Test::HasFailure(); ++index) {
+    if (index % stride == 0) check(index);
+  }
 }
 
 std::string reproduce(int index) {
@@ -68,27 +79,37 @@ Topology random_topology(Rng& rng, int nodes) {
 
 bool is_wild(int index) { return index % 3 == 0; }
 
-// The generator's kinds; one in three with stiffnesses from 1e-12 to 1e12, one in five far from the origin.
+// Stiffnesses from 1e-12 to 1e12, of anchors also none.
 template <typename System>
-bench::RandomSystem<System> random_problem(int index) {
-  Rng rng(static_cast<std::uint64_t>(index) + 1);
-  const int nodes = System::kNodes == Eigen::Dynamic ? integer(rng, 2, 12) : System::kNodes;
-  const auto topology = random_topology<typename System::TopologyType>(rng, nodes);
+void make_wild(Rng& rng, System& system) {
+  const auto wild = [&rng] { return std::pow(10, rng.uniform(-12, 12)); };
+  for (double& k : system.link_stiffness) k = wild();
+  for (double& k : system.anchor_stiffness) k = rng.uniform(0, 1) < 0.3 ? 0 : wild();
+  system.anchor_stiffness[0] = wild();
+}
+
+// The generator's kinds; one in five with a fixed node, one in five far from the origin.
+template <typename System>
+bench::RandomSystem<System> random_problem(Rng& rng, const typename System::TopologyType& topology,
+                                           bool wild) {
   const bench::Kind kind = bench::kKinds[static_cast<std::size_t>(integer(rng, 0, 3))];
   auto problem = bench::random_system<System>(rng, topology, kind);
   System& system = problem.system;
-  if (is_wild(index)) {
-    const auto wild = [&rng] { return std::pow(10, rng.uniform(-12, 12)); };
-    for (double& k : system.link_stiffness) k = wild();
-    for (double& k : system.anchor_stiffness) k = rng.uniform(0, 1) < 0.3 ? 0 : wild();
-    system.anchor_stiffness[0] = wild();
-  }
-  if (rng.uniform(0, 1) < 0.2) system.fix(integer(rng, 0, nodes - 1));
+  if (wild) make_wild(rng, system);
+  if (rng.uniform(0, 1) < 0.2) system.fix(integer(rng, 0, system.nodes() - 1));
   if (rng.uniform(0, 1) < 0.2) {
     system.anchors.array() += 1e6;
     problem.start.array() += 1e6;
   }
   return problem;
+}
+
+template <typename System>
+bench::RandomSystem<System> random_problem(int index) {
+  Rng rng(static_cast<std::uint64_t>(index) + 1);
+  const int nodes = System::kNodes == Eigen::Dynamic ? integer(rng, 2, 12) : System::kNodes;
+  const auto topology = random_topology<typename System::TopologyType>(rng, nodes);
+  return random_problem<System>(rng, topology, is_wild(index));
 }
 
 struct Value {
@@ -157,13 +178,63 @@ Rounding rounding(const System& system, const typename System::Points& x, long d
           stiffness * step};
 }
 
+// Follows solves of one system from one start by a solver that is given more and more iterations.
 template <typename System>
-using Solvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-                           Auto<System>>;
+class Judge {
+ public:
+  Judge(const bench::RandomSystem<System>& problem, bool wild, double tolerance = SolverOptions().tolerance)
+      : system_(problem.system),
+        start_(problem.start),
+        wild_(wild),
+        lowest_(evaluate(system_, start_).energy),
+        length_(characteristic_length(system_, start_)),
+        tolerance_(std::max(tolerance, 8 * kEpsilon * (1 + extent(system_, start_) / length_))),
+        stiffness_(node_stiffness(system_)) {}
+
+  // Expects that the energy has not risen, that the summary says what x is, and that it has converged only
+  // where forces are within the tolerance. True where the solver may go on.
+  bool goes_on(const Summary& summary, const typename System::Points& x) {
+    EXPECT_FALSE(summary.message.empty());
+    if (!summary.usable()) {
+      EXPECT_EQ(summary.status, Status::NumericalFailure) << summary;
+      EXPECT_TRUE(wild_) << summary;
+      EXPECT_EQ(x, start_);
+      return false;
+    }
+    EXPECT_TRUE(x.allFinite());
+    const Value value = evaluate(system_, x);
+    const double known = rounding(system_, x, lowest_).energy;
+    EXPECT_LE(value.energy, lowest_ + known) << summary;
+    EXPECT_NEAR(static_cast<double>(value.energy), summary.final_energy, known) << summary;
+    lowest_ = std::min(lowest_, value.energy);
+    if (summary.status != Status::Converged) return true;
+    for (int i = 0; i < system_.nodes(); ++i) {
+      EXPECT_LE(value.forces[static_cast<std::size_t>(i)],
+                stiffness_[i] * (tolerance_ * length_ + 8 * kEpsilon * extent(system_, x)))
+          << "node " << i << ": " << summary;
+    }
+    return false;
+  }
+
+ private:
+  const System& system_;
+  const typename System::Points& start_;
+  bool wild_;
+  long double lowest_;
+  double length_, tolerance_;
+  typename System::NodeVector stiffness_;
+};
+
+template <typename System>
+using DenseSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
+                                NonlinearCg<System>, Auto<System>>;
+template <typename System>
+using SparseSolvers = std::tuple<SparseIda<System>, SparseNewton<System>, Schwarz<System>,
+                                 Schwarz<System, SparseNewton<System>>, NewtonCg<System>, Lbfgs<System>>;
 
 // Calls visit(solve) for each, where solve(max_iterations, x) does.
-template <typename System, typename Visit>
-void for_each_solver(Solvers<System>& solvers, const System& system, const AlignedOptions& options,
+template <typename System, typename Solvers, typename Visit>
+void for_each_solver(Solvers& solvers, const System& system, const AlignedOptions& options,
                      const Visit& visit) {
   const auto call = [&](auto& solver) {
     SCOPED_TRACE(solver.name());
@@ -179,6 +250,28 @@ void for_each_solver(Solvers<System>& solvers, const System& system, const Align
   std::apply([&](auto&... solver) { (call(solver), ...); }, solvers);
 }
 
+// Judges each solver after these numbers of iterations, and counts what converged.
+struct Converged {
+  long solves = 0, all = 0;
+  template <typename System, typename Solvers>
+  void judge(Solvers& solvers, const bench::RandomSystem<System>& problem, bool wild,
+             std::initializer_list<int> iterations) {
+    for_each_solver<System>(solvers, problem.system, AlignedOptions(), [&](const auto& solve) {
+      ++all;
+      Judge<System> judge(problem, wild);
+      for (const int max_iterations : iterations) {
+        SCOPED_TRACE(max_iterations);
+        auto x = problem.start;
+        const Summary summary = solve(max_iterations, x);
+        const bool goes_on = judge.goes_on(summary, x);
+        solves += summary.status == Status::Converged;
+        if (!goes_on || ::testing::Test::HasFailure()) return;
+      }
+    });
+  }
+  ~Converged() { std::printf("%ld of %ld solves converged\n", solves, all); }
+};
+
 template <typename T>
 class Property : public ::testing::Test {};
 using Systems =
@@ -187,49 +280,120 @@ TYPED_TEST_SUITE(Property, Systems);
 
 TYPED_TEST(Property, EnergyNeverRisesAndTheSummaryIsTrue) {
   using System = TypeParam;
-  Solvers<System> solvers;
-  const AlignedOptions options;
-  long converged = 0, all = 0;
+  DenseSolvers<System> solvers;
+  Converged converged;
   for_each_index([&](int index) {
     SCOPED_TRACE(reproduce(index));
-    const auto problem = random_problem<System>(index);
-    const System& system = problem.system;
-    const long double start = evaluate(system, problem.start).energy;
-    const double length = characteristic_length(system, problem.start);
-    const auto stiffness = node_stiffness(system);
-    const double tolerance =
-        std::max(options.tolerance, 8 * kEpsilon * (1 + extent(system, problem.start) / length));
-    for_each_solver<System>(solvers, system, options, [&](const auto& solve) {
-      ++all;
-      long double lowest = start;
-      for (const int iterations : {1, 2, 3, 5, 8, 200}) {
-        auto x = problem.start;
-        const Summary summary = solve(iterations, x);
-        ASSERT_FALSE(summary.message.empty());
-        if (!summary.usable()) {
-          EXPECT_EQ(summary.status, Status::NumericalFailure) << summary;
-          EXPECT_TRUE(is_wild(index)) << summary;
-          EXPECT_EQ(x, problem.start);
-          return;
-        }
-        ASSERT_TRUE(x.allFinite());
-        const Value value = evaluate(system, x);
-        const double known = rounding(system, x, lowest).energy;
-        EXPECT_LE(value.energy, lowest + known) << "after " << iterations << " iterations: " << summary;
-        EXPECT_NEAR(static_cast<double>(value.energy), summary.final_energy, known) << summary;
-        lowest = std::min(lowest, value.energy);
-        if (summary.status != Status::Converged) continue;
-        for (int i = 0; i < system.nodes(); ++i) {
-          EXPECT_LE(value.forces[static_cast<std::size_t>(i)],
-                    stiffness[i] * (tolerance * length + 8 * kEpsilon * extent(system, x)))
-              << "node " << i << ": " << summary;
-        }
-        ++converged;
-        return;
-      }
-    });
+    converged.judge(solvers, random_problem<System>(index), is_wild(index), {1, 2, 3, 5, 8, 200});
   });
-  std::printf("%ld of %ld solves converged within 200 iterations\n", converged, all);
+}
+
+using Plane = SpringSystem<double, 2>;
+
+TEST(SparseProperty, EnergyNeverRisesAndTheSummaryIsTrue) {
+  SparseSolvers<Plane> solvers;
+  Converged converged;
+  for_each_index([&](int index) {
+    SCOPED_TRACE(reproduce(index));
+    converged.judge(solvers, random_problem<Plane>(index), is_wild(index), {1, 3, 200});
+  });
+}
+
+// Large enough for Schwarz to have subdomains.
+TEST(SparseProperty, EnergyNeverRisesInLargeSystems) {
+  SparseSolvers<Plane> solvers;
+  Converged converged;
+  for_each_index(
+      [&](int index) {
+        SCOPED_TRACE(reproduce(index));
+        Rng rng(static_cast<std::uint64_t>(index) + 1);
+        auto problem =
+            bench::sparse_system<Plane>(static_cast<std::uint64_t>(index), integer(rng, 350, 1500));
+        const bool wild = rng.uniform(0, 1) < 0.3;
+        if (wild) make_wild(rng, problem.system);
+        for (int fixed = integer(rng, 0, 5); fixed > 0; --fixed)
+          problem.system.fix(integer(rng, 0, problem.system.nodes() - 1));
+        converged.judge(solvers, problem, wild, {1, 2, 10, 200});
+      },
+      200);
+}
+
+TEST(MultiStartProperty, NeverWorseThanItsMethodAndTheSameAgain) {
+  Newton<Plane> newton;
+  MultiStart<Plane, Newton<Plane>> solver;
+  solver.options.starts = 5;
+  solver.options.max_iterations = newton.options.max_iterations = 200;
+  for_each_index([&](int index) {
+    SCOPED_TRACE(reproduce(index));
+    const auto problem = random_problem<Plane>(index);
+    auto once = problem.start, again = problem.start, of_newton = problem.start;
+    const Summary summary = solver.solve(problem.system, once);
+    const Summary alone = newton.solve(problem.system, of_newton);
+    Judge<Plane>(problem, is_wild(index)).goes_on(summary, once);
+    EXPECT_GE(summary.usable(), alone.usable());
+    if (alone.usable()) EXPECT_LE(summary.final_energy, alone.final_energy);
+    solver.solve(problem.system, again);
+    EXPECT_EQ(once, again);
+  });
+}
+
+TEST(MultiStartProperty, KeepsTheLowestWhereItIsAskedToStop) {
+  Rng rng(5);
+  const auto problem = bench::random_system<Plane>(rng, Topology<>::full(6), bench::Kind::Orig);
+  MultiStart<Plane, Newton<Plane>> solver;
+  std::atomic<bool> stop{true};
+  solver.options.stop = &stop;
+  solver.options.starts = 1000000000;
+  auto x = problem.start;
+  EXPECT_EQ(solver.solve(problem.system, x).status, Status::Interrupted);
+  stop = false;
+  std::thread timer([&stop] {
+    std::this_thread::sleep_for(std::chrono::milliseconds(100));
+    stop = true;
+  });
+  x = problem.start;
+  const Summary summary = solver.solve(problem.system, x);
+  timer.join();
+  EXPECT_EQ(summary.status, Status::Interrupted) << summary;
+  auto once = problem.start;
+  EXPECT_LE(summary.final_energy, Newton<Plane>().solve(problem.system, once).final_energy);
+  EXPECT_NEAR(energy(problem.system, x), summary.final_energy, 1e-12 * summary.final_energy);
+}
+
+TEST(BatchProperty, EnergyNeverRisesAndTheStatusIsTrue) {
+  constexpr int kSystems = 32;
+  long converged = 0, all = 0;
+  for_each_index(
+      [&](int index) {
+        SCOPED_TRACE(reproduce(index));
+        Rng rng(static_cast<std::uint64_t>(index) + 1);
+        const auto topology = random_topology<Topology<>>(rng, integer(rng, 2, 12));
+        SpringBatch<double, 2> batch(topology, kSystems);
+        std::vector<bench::RandomSystem<Plane>> problems;
+        for (int s = 0; s < kSystems; ++s) {
+          problems.push_back(random_problem<Plane>(rng, topology, is_wild(s)));
+          batch.set(s, problems.back().system, problems.back().start);
+        }
+        BatchNewton(batch).solve(batch);
+        for (int s = 0; s < kSystems; ++s) {
+          SCOPED_TRACE(s);
+          const auto& problem = problems[static_cast<std::size_t>(s)];
+          if (problem.system.fixed_count() > 0) {
+            EXPECT_EQ(batch.status(s), Status::InvalidInput);
+            continue;
+          }
+          Summary summary;
+          summary.solver = "batch";
+          summary.status = batch.status(s);
+          summary.message = to_string(summary.status);
+          summary.final_energy = batch.final_energy(s);
+          Judge<Plane>(problem, is_wild(s)).goes_on(summary, batch.points(s));
+          converged += summary.status == Status::Converged;
+          ++all;
+        }
+      },
+      kSystems);
+  std::printf("%ld of %ld systems converged\n", converged, all);
 }
 
 // Turns or mirrors, moves, scales, relabels, and changes the unit of stiffness.
@@ -342,7 +506,7 @@ bool find_basin(Rng& rng, const bench::RandomSystem<System>& problem, Basin<Syst
 
 TYPED_TEST(Property, SolutionsMoveWithTheSystem) {
   using System = TypeParam;
-  Solvers<System> solvers;
+  DenseSolvers<System> solvers;
   AlignedOptions options;
   options.tolerance = 1e-10;
   options.align = false;  // which may leave the basin

@@ -5,9 +5,12 @@
 #include <asterism/solver.hpp>
 #include <asterism/solver/schwarz.hpp>
 #include <asterism/solver/sparse_newton.hpp>
+#include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <thread>
 #include <type_traits>
 #include <vector>
 
@@ -48,6 +51,30 @@ TEST(Partition, ConnectedSubdomainsOfTheSizeWanted) {
       EXPECT_EQ(static_cast<int>(reached.size()), partition.first[s + 1] - partition.first[s]);
     }
   }
+}
+
+TEST(LargeSystems, AreLeftWhereAskedToStop) {
+  const auto [system, start] = bench::sparse_system<Plane>(1, 30000);
+  const auto check = [&](auto solver) {
+    SCOPED_TRACE(solver.name());
+    std::atomic<bool> stop{false};
+    solver.options.stop = &stop;
+    Plane::Points x = start;
+    std::thread timer([&stop] {
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      stop = true;
+    });
+    const Summary summary = solver.solve(system, x);
+    timer.join();
+    EXPECT_EQ(summary.status, Status::Interrupted) << summary;
+    EXPECT_LE(summary.final_energy, summary.initial_energy);
+    EXPECT_TRUE(x.allFinite());
+  };
+  check(Schwarz<Plane>());
+  check(Schwarz<Plane, SparseNewton<Plane>>());
+  check(NewtonCg<Plane>());
+  check(SparseNewton<Plane>());
+  check(Lbfgs<Plane>());
 }
 
 TEST(Decomposition, RenumbersAndRestores) {

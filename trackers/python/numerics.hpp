@@ -6,6 +6,7 @@
 #include <asterism/solver/covariance.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
+#include <atomic>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -31,7 +32,9 @@ template <int Dim>
 class AnySolver {
  public:
   virtual ~AnySolver() = default;
-  virtual Summary solve(const System<Dim>& system, typename System<Dim>::Points& x) = 0;
+  /// Ends early once `stop` is true.
+  virtual Summary solve(const System<Dim>& system, typename System<Dim>::Points& x,
+                        const std::atomic<bool>& stop) = 0;
   virtual std::vector<Option> options() = 0;
 };
 
@@ -48,8 +51,8 @@ template <int Dim>
 NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>& system,
                                                  const typename System<Dim>::Points& x);
 
-/// BatchNewton on `threads`. The calling thread asks `interrupted` after each of its tasks; once it is, no
-/// further task is begun.
+/// BatchNewton on `threads`. The calling thread asks `interrupted` after each of its tasks; once it is, what
+/// has not been begun is left as it was.
 template <int Dim>
 BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd simd, int threads,
                          const std::function<bool()>& interrupted);

@@ -26,8 +26,12 @@ namespace asterism::python {
 template <typename Solver, int Dim>
 class SolverOf final : public AnySolver<Dim> {
  public:
-  Summary solve(const System<Dim>& system, typename System<Dim>::Points& x) override {
-    return solver_.solve(system, x);
+  Summary solve(const System<Dim>& system, typename System<Dim>::Points& x,
+                const std::atomic<bool>& stop) override {
+    solver_.options.stop = &stop;
+    const Summary summary = solver_.solve(system, x);
+    solver_.options.stop = nullptr;
+    return summary;
   }
 
   std::vector<Option> options() override {
@@ -123,13 +127,13 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
                          const std::function<bool()>& interrupted) {
   BatchNewton<Batch<Dim>> solver(batch, options);
   solver.simd = simd;
-  std::atomic<bool> stopped{false};
+  std::atomic<bool> stop{false};
+  solver.options.stop = &stop;
   return solver.solve(batch, [&](int task_count, auto&& work) {
     const std::thread::id caller = std::this_thread::get_id();
     ThreadExecutor{threads}(task_count, [&](int task) {
-      if (stopped) return;
       work(task);
-      if (std::this_thread::get_id() == caller && interrupted()) stopped = true;
+      if (!stop && std::this_thread::get_id() == caller && interrupted()) stop = true;
     });
   });
 }

@@ -3,6 +3,10 @@
 #include <pybind11/stl.h>
 
 #include <asterism/solver/validate.hpp>
+#include <atomic>
+#include <chrono>
+#include <functional>
+#include <future>
 #include <memory>
 #include <sstream>
 
@@ -37,16 +41,36 @@ class Solver {
       py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
-      const Summary summary = [&] {
-        const py::gil_scoped_release release;
-        return solver<Dim>().solve(s, points);
-      }();
+      const Summary summary = without_gil(s.link_count(), [&](const std::atomic<bool>& stop) {
+        return solver<Dim>().solve(s, points, stop);
+      });
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
       return summary;
     });
   }
 
  private:
+  // work(stop) with the GIL released. Where it may take long, in a thread of its own, while this one looks
+  // for signals; after one that raises, such as KeyboardInterrupt, the work is told to stop, and its result
+  // dropped.
+  template <typename Work>
+  static Summary without_gil(int links, Work&& work) {
+    constexpr int kLong = 5000;  // links; a thread takes as long to start as a solve of ten or twenty
+    constexpr std::chrono::milliseconds kLook(50);
+    std::atomic<bool> stop{false};
+    const py::gil_scoped_release release;
+    if (links < kLong) return work(stop);
+    auto result = std::async(std::launch::async, work, std::cref(stop));
+    while (result.wait_for(kLook) == std::future_status::timeout) {
+      const py::gil_scoped_acquire acquire;
+      if (PyErr_CheckSignals() == 0) continue;
+      stop = true;
+      result.wait();
+      throw py::error_already_set();
+    }
+    return result.get();
+  }
+
   void set(const std::vector<Option>& known, const py::kwargs& options) {
     for (const auto& [key, given] : options) {
       const auto name = key.cast<std::string>();
@@ -115,7 +139,7 @@ constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a stationary point of the system's energy and writes it back into x, a\n"
     "float64, C-contiguous, writeable array: TypeError or ValueError else. What became of it is in the\n"
     "Summary, also for values that a solver refuses; where `usable` is false, x is as it was. The GIL is\n"
-    "released meanwhile.";
+    "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.";
 
 }  // namespace
 
@@ -127,7 +151,8 @@ void bind_solvers(py::module_& m) {
       .value("NO_PROGRESS", Status::NoProgress, "the solver could not go on; x is its best iterate")
       .value("NUMERICAL_FAILURE", Status::NumericalFailure, "x is as it was")
       .value("INVALID_INPUT", Status::InvalidInput, "the message names the offending value; x is as it was")
-      .value("OUT_OF_MEMORY", Status::OutOfMemory, "x is as it was");
+      .value("OUT_OF_MEMORY", Status::OutOfMemory, "x is as it was")
+      .value("INTERRUPTED", Status::Interrupted, "a batch was; x is as it was or the last iterate");
 
   py::class_<Summary>(m, "Summary", "What a solver returns. Numbers are -1 until they are known.")
       .def_readonly("status", &Summary::status, "Why it stopped.")

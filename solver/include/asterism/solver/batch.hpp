@@ -421,7 +421,7 @@ class BatchNewton {
     executor((count + chunk - 1) / chunk, [&](int task) {
       const int first = task * chunk;
       const int last = std::min(count, first + chunk);
-      if (kernel != nullptr) {
+      if (kernel != nullptr && !options.stopped()) {
         kernel(planes, settings, first, last);
       } else {
         std::fill(planes.outcome + first, planes.outcome + last, kLeft);

@@ -60,7 +60,9 @@ class MultiStart {
     }
     given_ = x;
     best = solver_.solve(system, x);
-    if (best.status == Status::InvalidInput || best.status == Status::OutOfMemory) return best;
+    if (best.status == Status::InvalidInput || best.status == Status::OutOfMemory ||
+        best.status == Status::Interrupted)
+      return best;
 
     std::uint64_t state = options.seed;
     const Scalar reach = static_cast<Scalar>(options.spread) * characteristic_length(system, given_);
@@ -75,6 +77,11 @@ class MultiStart {
       add_counts(total, best, summary);
       best = total;
       if (lower) x = trial_;
+      if (summary.status == Status::Interrupted) {
+        best.status = Status::Interrupted;
+        best.message = "asked to stop, not all starts were tried";
+        break;
+      }
     }
     best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return best;

@@ -616,7 +616,7 @@ Summary Newton<System>::run(const System& given, Points& x) {
     energy_ = assemble(system, x, gradient_, summary);
     while (true) {
       const bool stationary = session_.done(gradient_);
-      const bool last = summary.iterations == options.max_iterations;
+      const bool last = summary.iterations == options.max_iterations || session_.stopped();
       if (last && !stationary) {
         session_.adopt(x, energy_, gradient_);
         summary.positive_definite = -1;

@@ -133,7 +133,7 @@ class NewtonCg {
       residual_ += step * product_;
       precondition(residual_, summary);
       const Scalar next_square = -residual_.cwiseProduct(preconditioned_).sum();
-      if (!(next_square > target)) return;
+      if (!(next_square > target) || session_.stopped()) return;
       const Scalar beta = next_square / square;
       conjugate_ = preconditioned_ + beta * conjugate_;
       length = next_square + beta * beta * length;

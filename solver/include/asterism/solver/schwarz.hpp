@@ -237,6 +237,7 @@ class Schwarz {
     global_.options.tolerance *= 0.9;
     local_.options.tolerance = kFirstTolerance;
     local_.options.max_iterations = 100;
+    local_.options.stop = options.stop;
     for (int turn = kFirstTurn;; turn = std::min(2 * turn, 1 << 20)) {
       if (decomposition_.count() > 1) sweep(system, x, summary);
       const int left = options.max_iterations - summary.iterations;
@@ -257,7 +258,8 @@ class Schwarz {
     const double least = std::max(options.tolerance, 1e-7);
     Scalar before = energy(system, x);
     ++summary.energy_evaluations;
-    for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations; ++i) {
+    for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
+         ++i) {
       for (int s = 0; s < decomposition_.count(); ++s) {
         if (decomposition_.solve(s, local_, x).status == Status::OutOfMemory) throw std::bad_alloc();
       }

@@ -6,6 +6,7 @@
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
+#include <atomic>
 #include <chrono>
 #include <cmath>
 #include <new>
@@ -62,9 +63,11 @@ class Session {
     return summary;
   }
 
-  /// Whether an iterate with this gradient is stationary. A gradient with NaN counts as done: the verdict
-  /// rejects it.
-  bool done(const Points& gradient) const { return rule_.reached(gradient); }
+  /// Whether the method is to end at an iterate with this gradient: it is stationary, or the caller has asked
+  /// to stop, which the verdict tells apart. A gradient with NaN counts as done: the verdict rejects it.
+  bool done(const Points& gradient) const { return rule_.reached(gradient) || stopped(); }
+  /// Whether the caller has asked to stop.
+  bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
   /// The tolerance asked for, or the rounding of the coordinates where that is more.
   Scalar tolerance() const { return rule_.tolerance(); }
 
@@ -106,6 +109,7 @@ class Session {
     }
     if (!summary.message.empty()) return nullptr;
     is_evaluated_ = false;
+    stop_ = options.stop;
 
     start_ = x;
     energy_ = energy_and_gradient(*system, x, gradient_);
@@ -140,6 +144,8 @@ class Session {
       if (reason != Status::NumericalFailure) reason = Status::NoProgress;
     } else if (rule_.reached(gradient_)) {
       reason = Status::Converged;
+    } else if (stopped()) {
+      reason = Status::Interrupted;
     } else if (reason == Status::Converged) {
       reason = Status::NoProgress;
     }
@@ -147,6 +153,7 @@ class Session {
     if (summary.message.empty()) {
       summary.message.assign(reason == Status::Converged       ? "stationary to the tolerance"
                              : reason == Status::MaxIterations ? "not yet stationary"
+                             : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
                                                                : "stopped short of the tolerance");
     }
     summary.final_energy = static_cast<double>(energy_);
@@ -155,6 +162,7 @@ class Session {
   }
 
   StoppingRule<System> rule_;
+  const std::atomic<bool>* stop_ = nullptr;
   std::optional<System> grounded_;
   ComponentScratch<System> scratch_;
   Points start_;

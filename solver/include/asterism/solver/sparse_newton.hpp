@@ -246,7 +246,7 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
     int clamped_steps = 0;
     while (true) {
       const bool stationary = session_.done(state_.gradient());
-      const bool last = summary.iterations == options.max_iterations;
+      const bool last = summary.iterations == options.max_iterations || session_.stopped();
       if (last && !stationary) {
         summary.positive_definite = -1;
         return Status::MaxIterations;

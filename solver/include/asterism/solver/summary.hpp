@@ -2,6 +2,7 @@
 
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/topology.hpp>
+#include <atomic>
 #include <charconv>
 #include <concepts>
 #include <cstddef>
@@ -22,6 +23,7 @@ enum class Status {
                      ///< bit
   InvalidInput,      ///< the message names the offending value; x is as it was, bit for bit
   OutOfMemory,       ///< a workspace could not be allocated; x is as it was, bit for bit
+  Interrupted,  ///< SolverOptions::stop was set; x is the last iterate, its energy no higher than the start's
 };
 
 constexpr std::string_view to_string(Status status) {
@@ -40,6 +42,8 @@ constexpr std::string_view to_string(Status status) {
       return "invalid input";
     case Status::OutOfMemory:
       return "out of memory";
+    case Status::Interrupted:
+      return "interrupted";
   }
   return "unknown status";
 }
@@ -118,6 +122,14 @@ struct SolverOptions {
   /// held where the start has it, which costs no energy.
   bool ground_components = false;
 
+  /// Looked at in every iteration where it is given: once it is true, set by another thread, a signal handler
+  /// or a custom model, the solve ends with Status::Interrupted. What a solver cannot leave in the middle,
+  /// such as a factorisation, it ends first.
+  const std::atomic<bool>* stop = nullptr;
+
+  /// Whether `stop` was set.
+  bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
+
   /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
   constexpr const char* problem() const {
     if (!(tolerance >= 0 && tolerance <= std::numeric_limits<double>::max()))
@@ -163,7 +175,8 @@ struct Summary {
 
   /// x is finite and at least as good as the start.
   bool usable() const {
-    return status == Status::Converged || status == Status::MaxIterations || status == Status::NoProgress;
+    return status == Status::Converged || status == Status::MaxIterations || status == Status::NoProgress ||
+           status == Status::Interrupted;
   }
 };
 
