@@ -6,17 +6,11 @@
 #include <stdexcept>
 
 #include "filter_plan.hpp"
+#include "part_geometry.hpp"
 
 namespace asterism::inline ASTERISM_ABI {
 
 namespace {
-
-// However thin a target is, its window is no longer than this [template pixels].
-constexpr double kMaxWindowSide = 1024;
-
-void require(bool holds, const char* what) {
-  if (!holds) throw std::invalid_argument(what);
-}
 
 // What the transforms want: the multiple of four cells nearest to `wanted` that has no factor above 7, the
 // smaller of two. It differs by 9 % at most from 20 cells on.
@@ -31,14 +25,6 @@ int fast_cells(double wanted) {
   while (!is_fast(above)) above += 4;
   return wanted - below <= above - wanted ? below : above;
 }
-
-// Symmetric Hann window of n >= 2 samples.
-Eigen::ArrayXf hann(int n) {
-  return 0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
-}
-
-// Signed circular distance of index i from 0 on a period of n.
-int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
 // exp(-i^2 / (2 sigma^2)) over wrapped distances, and the real spectrum of that, first n / 2 + 1 or all bins.
 Eigen::ArrayXd gaussian_spectrum(int n, double sigma, int bins) {
@@ -75,18 +61,17 @@ Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size
 }
 
 void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
-  require(centre.allFinite(), "Kcf: the centre must be finite");
-  require(size.allFinite() && size.minCoeff() > 0, "Kcf: the size must be finite and positive");
+  require_target(centre, size);
   prepare(size);
   train(transform_patch(frame, centre), 1);
 }
 
 void Kcf::prepare(const Size2& size) {
-  const double mean_side = std::sqrt(size.prod());
+  const double side = std::sqrt(size.prod());
   const Size2 margin = options_.proportional_window ? Size2(options_.padding * size)
-                                                    : Size2::Constant(options_.padding * mean_side);
+                                                    : Size2::Constant(options_.padding * side);
   const double to_template =
-      std::min(std::clamp(mean_side, options_.min_template_side, options_.max_template_side) / mean_side,
+      std::min(std::clamp(side, options_.min_template_side, options_.max_template_side) / side,
                kMaxWindowSide / (size + margin).maxCoeff());
   const Size2 cells = (size + margin) * to_template / options_.cell_size;
   cols_ = fast_cells(cells.x());
@@ -117,7 +102,7 @@ void Kcf::prepare(const Size2& size) {
     for (int c = 0; c < cols_; ++c) hann_.data()[r * cols_ + c] = down(r) * across(c);
 
   // The label phi: a Gaussian at zero shift, wrapped; a product of one of each axis, as is its spectrum.
-  const double sigma = options_.label_sigma * mean_side * to_template / options_.cell_size;  // [cells]
+  const double sigma = options_.label_sigma * side * to_template / options_.cell_size;  // [cells]
   const Eigen::ArrayXd label_across = gaussian_spectrum(cols_, sigma, t.bins),
                        label_down = gaussian_spectrum(rows_, sigma, rows_);
   label_.setZero(half);
@@ -165,7 +150,7 @@ void Kcf::visit_state(StateArchive& archive) {
 }
 
 void Kcf::resize(const Size2& size) {
-  require(size.allFinite() && size.minCoeff() > 0, "Kcf: the size must be finite and positive");
+  require_size(size);
   size_ = size;
   scale_ = initial_scale_.cwiseProduct(size.cwiseQuotient(initial_size_));
 }

@@ -2,7 +2,6 @@
 #include <asterism/parts/mosse.hpp>
 #include <asterism/parts/part_options.hpp>
 #include <cstdint>
-#include <numbers>
 #include <opencv2/imgproc.hpp>
 
 #include "part_geometry.hpp"
@@ -32,13 +31,6 @@ const std::array<float, 256>& log_levels() {
   }();
   return levels;
 }
-
-Eigen::ArrayXf hann(int n) {
-  return 0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
-}
-
-// Signed circular distance of index i from 0 on a period of n.
-int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
 // Sizes that every FFT is fast at.
 int fast_side(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }

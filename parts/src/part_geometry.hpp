@@ -4,6 +4,7 @@
 #include <asterism/parts/frame.hpp>
 #include <asterism/parts/response.hpp>
 #include <cmath>
+#include <numbers>
 #include <stdexcept>
 
 // What the part models share of checks and sizes.
@@ -16,10 +17,13 @@ inline void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-/// The contract of PartModel::init.
+/// The contract of PartModel::resize, and of PartModel::init.
+inline void require_size(const Size2& size) {
+  require(size.allFinite() && size.minCoeff() > 0, "part: the size must be finite and positive");
+}
 inline void require_target(const Point2& centre, const Size2& size) {
   require(centre.allFinite(), "part: the centre must be finite");
-  require(size.allFinite() && size.minCoeff() > 0, "part: the size must be finite and positive");
+  require_size(size);
 }
 
 /// Geometric mean of the sides, of any size that is finite.
@@ -65,5 +69,13 @@ inline WindowGeometry window_geometry(const Size2& size, double padding, double 
   return {to_template, std::max(least, static_cast<int>(std::lround((size.x() + margin) * to_template))),
           std::max(least, static_cast<int>(std::lround((size.y() + margin) * to_template)))};
 }
+
+/// Symmetric Hann window of n >= 2 samples.
+inline Eigen::ArrayXf hann(int n) {
+  return 0.5F - 0.5F * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
+}
+
+/// Signed circular distance of index i from 0 on a period of n.
+inline int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
 }  // namespace asterism::inline ASTERISM_ABI

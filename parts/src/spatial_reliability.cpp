@@ -21,14 +21,6 @@ constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
 // The number of cells nearest to `wanted` whose FFT is fast.
 int fast_cells(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
-// Symmetric Hann window of n >= 2 samples.
-Eigen::ArrayXf hann(int n) {
-  return 0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
-}
-
-// Signed circular distance of index i from 0 on a period of n.
-int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
-
 // A spectrum as real numbers: real and imaginary parts in turn.
 Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
   return {reinterpret_cast<const float*>(spectrum), 2 * bins};
@@ -241,7 +233,7 @@ void SpatialReliability::visit_state(StateArchive& archive) {
 }
 
 void SpatialReliability::resize(const Size2& size) {
-  require(size.allFinite() && size.minCoeff() > 0, "part: the size must be finite and positive");
+  require_size(size);
   size_ = size;
   scale_ = initial_scale_.cwiseProduct(size.cwiseQuotient(initial_size_));
 }

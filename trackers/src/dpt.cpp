@@ -206,13 +206,11 @@ void Dpt::follow(const Frame& frame, Placement& placement) {
   if (options_.scale_share > 0) {
     const double seen = scale_.localize(frame, centre);
     scale = std::pow(scale, 1 - options_.scale_share) * std::pow(seen, options_.scale_share);
-  }
-  const Size2 size =
-      (scale * coarse_.size()).cwiseMax(kMinScale * initial_size_).cwiseMin(kMaxScale * initial_size_);
-  if (options_.scale_share > 0) {
     const Point2 middle = placement.rowwise().mean();
     placement = ((scale / transform.scale) * (placement.colwise() - middle)).colwise() + middle;
   }
+  const Size2 size =
+      (scale * coarse_.size()).cwiseMax(kMinScale * initial_size_).cwiseMin(kMaxScale * initial_size_);
   if (options_.resize_parts) {
     part_size_ = part_size_.cwiseProduct(size.cwiseQuotient(coarse_.size()));
     for (AnyPart& part : parts_) part.resize(part_size_);
