@@ -182,8 +182,9 @@ class EverySolver : public ::testing::Test {
     EXPECT_EQ(solver->solve(system, stopped).status, unasked.status);
     EXPECT_EQ(stopped, x);
     stop = true;  // what is stationary has converged all the same
-    if (unasked.status == Status::Converged)
+    if (unasked.status == Status::Converged) {
       EXPECT_EQ(solver->solve(system, stopped).status, Status::Converged);
+    }
   }
 
   void LooserToleranceStopsSooner() {

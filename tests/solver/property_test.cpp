@@ -331,7 +331,9 @@ TEST(MultiStartProperty, NeverWorseThanItsMethodAndTheSameAgain) {
     const Summary alone = newton.solve(problem.system, of_newton);
     Judge<Plane>(problem, is_wild(index)).goes_on(summary, once);
     EXPECT_GE(summary.usable(), alone.usable());
-    if (alone.usable()) EXPECT_LE(summary.final_energy, alone.final_energy);
+    if (alone.usable()) {
+      EXPECT_LE(summary.final_energy, alone.final_energy);
+    }
     solver.solve(problem.system, again);
     EXPECT_EQ(once, again);
   });
