@@ -205,8 +205,8 @@ struct Ratios {
 // Ratios of the nodes' standard deviations to those of samples, by H^-1 and by K_dyn^-1, at temperature T:
 // E = -T log p.
 void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
-  constexpr int kSystems = 20;
-  constexpr int kSamples = 50000;
+  constexpr int kSystems = 10;
+  constexpr int kSamples = 200000;
   for (std::uint64_t seed = 1; seed <= kSystems; ++seed) {
     auto [system, x] = at_minimum<Fixed2>(seed, 4, Kind::Track);
     system.anchor_stiffness /= temperature;

@@ -74,7 +74,7 @@ TEST(LargeSystems, AreLeftWhereAskedToStop) {
   check(Schwarz<Plane, SparseNewton<Plane>>());
   check(NewtonCg<Plane>());
   check(SparseNewton<Plane>());
-  check(Lbfgs<Plane>());
+  check(Lbfgs<Plane, JacobiMetric<Plane>>());
 }
 
 TEST(Decomposition, RenumbersAndRestores) {
