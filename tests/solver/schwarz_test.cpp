@@ -54,17 +54,17 @@ TEST(Partition, ConnectedSubdomainsOfTheSizeWanted) {
 }
 
 TEST(LargeSystems, AreLeftWhereAskedToStop) {
-  const auto [system, start] = bench::sparse_system<Plane>(1, 30000);
+  const auto problem = bench::sparse_system<Plane>(1, 30000);
   const auto check = [&](auto solver) {
     SCOPED_TRACE(solver.name());
     std::atomic<bool> stop{false};
     solver.options.stop = &stop;
-    Plane::Points x = start;
+    Plane::Points x = problem.start;
     std::thread timer([&stop] {
       std::this_thread::sleep_for(std::chrono::milliseconds(20));
       stop = true;
     });
-    const Summary summary = solver.solve(system, x);
+    const Summary summary = solver.solve(problem.system, x);
     timer.join();
     EXPECT_EQ(summary.status, Status::Interrupted) << summary;
     EXPECT_LE(summary.final_energy, summary.initial_energy);
