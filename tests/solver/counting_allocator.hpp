@@ -20,6 +20,7 @@ namespace {
 }
 #else
 // glibc lets a program replace malloc; operator new and Eigen come through it.
+#pragma GCC visibility push(default)  // for shared libraries to find them
 extern "C" {
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
@@ -47,6 +48,7 @@ int posix_memalign(void** memory, std::size_t alignment, std::size_t size) {
   return *memory == nullptr ? ENOMEM : 0;
 }
 }
+#pragma GCC visibility pop
 #endif
 
 namespace asterism::testing {
