@@ -176,6 +176,24 @@ TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
   }
 }
 
+// What holds the free end of a short link along an axis is across that axis nothing.
+TYPED_TEST(SparseNewtonTest, CurvatureThatIsNoneIsRaised) {
+  ASTERISM_USE_FIXTURE;
+  System system(System::TopologyType::from_links(2, std::vector<Link>{{0, 1}}));
+  system.anchors.setZero();
+  system.anchor_stiffness << 1, 0;
+  system.rest_length[0] = 100;
+  system.link_stiffness[0] = 1;
+  Points x = Points::Zero(System::kDim, 2);
+  x(0, 1) = 1;
+  Solver solver;
+  solver.options.align = false;
+  const Summary summary = solver.solve(system, x);
+  this->expect_converged(summary);
+  EXPECT_LT(summary.final_energy, 1e-6 * summary.initial_energy);
+  EXPECT_LE(summary.factorizations, 3 * (summary.iterations + 1));
+}
+
 TYPED_TEST(SparseNewtonTest, SmallAndDisconnected) {
   ASTERISM_USE_FIXTURE;
   const auto on_anchors = [&](int n, const std::vector<Link>& links) {

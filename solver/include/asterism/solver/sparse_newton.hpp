@@ -65,8 +65,10 @@ class SparseHessian {
     }
   }
 
-  void scale_diagonal(MatrixScalar factor) {
-    for (int c = 0; c < matrix().cols(); ++c) blocks_.diagonal(c) *= factor;
+  /// Adds factor * stiffness[i] to the diagonal of node i.
+  void raise_diagonal(MatrixScalar factor, const typename System::NodeVector& stiffness) {
+    for (int c = 0; c < matrix().cols(); ++c)
+      blocks_.diagonal(c) += factor * static_cast<MatrixScalar>(stiffness[c / kDim]);
   }
 
   const Eigen::SparseMatrix<MatrixScalar>& matrix() const { return blocks_.matrix(); }
@@ -183,14 +185,16 @@ class SparseNewton {
     return factorization_.factorize(hessian_.matrix());
   }
 
-  // Factors a positive definite matrix in the Hessian's place.
-  void repair(const System& system, const Points& x, Summary& summary) {
+  // Factors a positive definite matrix in the Hessian's place; false where rounding leaves none. The diagonal
+  // is raised by the nodes' stiffness, as its own entries may be 0.
+  bool repair(const System& system, const Points& x, Summary& summary) {
     hessian_.assemble(system, x, true);
-    MatrixScalar shift = 64 * std::numeric_limits<MatrixScalar>::epsilon();
-    while (!factorize(summary) && shift < 1) {
-      hessian_.scale_diagonal(1 + shift);
-      shift *= 256;
+    for (MatrixScalar shift = 64 * std::numeric_limits<MatrixScalar>::epsilon(); !factorize(summary);
+         shift *= 256) {
+      if (!(shift < 1)) return false;
+      hessian_.raise_diagonal(shift, session_.node_stiffness());
     }
+    return true;
   }
 
   // direction_ = -matrix^-1 g; returns the slope along it.
@@ -265,9 +269,8 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
         if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
         continue;
       }
-      if (!definite) repair(system, x, summary);
       // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
-      const Scalar slope = newton_direction(summary);
+      const Scalar slope = definite || repair(system, x, summary) ? newton_direction(summary) : Scalar(0);
       if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
       if (!search(system, x, slope, summary)) {
         if (stationary) return Status::Converged;
