@@ -27,9 +27,9 @@ class CholmodCholesky {
       cholesky_.analyzePattern(pattern);
       check_memory();
     });
-    cholesky_.factorize(stiffness_.matrix());
+    const bool is_definite = stiffness_.factorize(cholesky_);
     check_memory();
-    return cholesky_.info() == Eigen::Success;
+    return is_definite;
   }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/spring_system.hpp>
+#include <cmath>
 #include <limits>
 #include <string_view>
 #include <vector>
@@ -49,9 +50,24 @@ class SparseStiffness {
     }
   }
 
-  const Matrix& matrix() const { return matrix_; }
-  auto diagonal() const {
-    return diagonal_.unaryExpr([this](int at) { return matrix_.valuePtr()[at]; });
+  /// Factors the matrix by Eigen's or CHOLMOD's Cholesky, with the diagonal raised where rounding could make
+  /// the factors' product less than K_dyn (SpdSolver has why): the factors' rows are about sqrt(N) long where
+  /// links are local. False where K_dyn is not positive definite to the digits of the scalar.
+  template <typename Cholesky>
+  bool factorize(Cholesky& cholesky) {
+    using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
+    constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
+    cholesky.factorize(matrix_);
+    if (cholesky.info() != Eigen::Success) return false;
+    const Vector diagonal = diagonal_.unaryExpr([this](int at) { return matrix_.valuePtr()[at]; });
+    // |K_dyn^-1| |K_dyn| 1 up to a factor of 2, no entry of the inverse being negative (Skeel 1979).
+    const Vector condition = cholesky.solve(diagonal);
+    if (!(condition.array() > 0 && kEpsilon * condition.array() < 1).all()) return false;
+    if (std::sqrt(kEpsilon) * condition.maxCoeff() < 1) return true;
+    const Scalar raise = 4 * kEpsilon * std::sqrt(static_cast<Scalar>(diagonal.size()));
+    for (const int at : diagonal_) matrix_.valuePtr()[at] *= 1 + raise;
+    cholesky.factorize(matrix_);
+    return cholesky.info() == Eigen::Success;
   }
 
  private:
@@ -102,11 +118,7 @@ class SparseCholesky {
   /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
   bool factorize(const System& system) {
     stiffness_.assemble(system, [this](const auto& pattern) { cholesky_.analyzePattern(pattern); });
-    cholesky_.factorize(stiffness_.matrix());
-    if (cholesky_.info() != Eigen::Success) return false;
-    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-    const Vector pivots = cholesky_.permutationPinv() * cholesky_.vectorD();
-    return (pivots.array() > kRounding * stiffness_.diagonal().array()).all();
+    return stiffness_.factorize(cholesky_);
   }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.
@@ -117,7 +129,6 @@ class SparseCholesky {
   }
 
  private:
-  using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
   using RightHandSide = Eigen::Matrix<Scalar, Eigen::Dynamic, System::kDim>;
 
   detail::SparseStiffness<Scalar> stiffness_;
