@@ -16,8 +16,10 @@ thread_sanitizer() {
     ctest --preset thread -R '^(multi_tracker_test|solver_batch_test|tracker_test)$'
 }
 
-# Every memory access of the tool on a few frames.
+# Every memory access of the solvers, and of the tool on a few frames.
 memcheck() {
+  ASTERISM_PROPERTY_SYSTEMS=100 valgrind --quiet --error-exitcode=9 build/release/tests/solver/solver_property_test ||
+    return
   local frames=build/release/memcheck
   mkdir -p "$frames" && python3 -c '
 import pathlib, sys
