@@ -35,15 +35,9 @@ for t in range(6):
       --out - >/dev/null
 }
 
-# The rules of .clang-tidy, on the libraries. It cannot read gcc's precompiled headers.
-tidy() {
-  cmake --preset clang -B build/tidy -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON >/dev/null &&
-    run-clang-tidy -quiet -p build/tidy '/(solver|parts|trackers)/src/'
-}
-
 step "packages" bash .ci/install-packages build test night
 step "tests" bash tests/run.sh
-step "clang-tidy" tidy
+step "clang-tidy" bash tests/tidy.sh --analyze
 step "fuzzers" bash tests/fuzz.sh 1000000
 step "properties" env ASTERISM_PROPERTY_SYSTEMS=100000 build/release/tests/solver/solver_property_test
 for tracker in dpt dpt_plus; do

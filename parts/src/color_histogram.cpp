@@ -7,14 +7,7 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-namespace {
-
-// Coefficients in a smaller range are the same: rounding of the running sums.
-constexpr float kSame = 1e-5f;
-// How much less a match at the border of the search window counts than an equal one in its middle.
-constexpr float kSlope = 1e-4f;
-
-}  // namespace
+namespace {}  // namespace
 
 ColorHistogram::ColorHistogram(const ColorHistogramOptions& options) : options_(options) {
   require(options.bins >= 2 && options.bins <= 64, "ColorHistogramOptions: bins must be in [2, 64]");
@@ -88,10 +81,7 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
       values(r, c) = norm * static_cast<float>(sum);
     }
   }
-  if (values.maxCoeff() - values.minCoeff() <= kSame) values.setZero();
-  const auto square = Eigen::ArrayXf::LinSpaced(displacements, -1, 1).square().eval();
-  values.colwise() *= 1 - kSlope * square;
-  values.rowwise() *= 1 - kSlope * square.transpose();
+  settle_ties(values, 1e-5F);  // rounding of the running sums
 
   // Relative to the best match, so that no likelihood underflows.
   likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();

@@ -9,11 +9,11 @@ namespace asterism::inline ASTERISM_ABI {
 namespace {
 
 // Shortest side of a search window [template pixels]: that of a descriptor.
-constexpr int kMinWindowSide = 32;
+constexpr int kDescriptorSide = 32;
 // With fewer key-points than this no target is sure: a peak of 1 needs as many votes.
 constexpr std::size_t kFewest = 5;
 // Bits of an ORB descriptor.
-constexpr int kBits = 256;
+constexpr int kDescriptorBits = 256;
 
 }  // namespace
 
@@ -48,7 +48,7 @@ void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size
 void Keypoints::prepare(const Size2& size) {
   size_ = size;
   const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
-                                                         options_.max_template_side, kMinWindowSide);
+                                                         options_.max_template_side, kDescriptorSide);
   spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
 }
 
@@ -62,7 +62,7 @@ void Keypoints::visit_state(StateArchive& archive) {
   offsets_.resize(static_cast<std::size_t>(count));
   for (Point2& offset : offsets_) archive.position(offset);
   if (archive.loading()) descriptors_ = cv::Mat();
-  if (count > 0) archive.pixels(descriptors_, {kBits / 8, count}, 1);
+  if (count > 0) archive.pixels(descriptors_, {kDescriptorBits / 8, count}, 1);
 }
 
 Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
@@ -74,7 +74,7 @@ Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
   std::vector<Point2> votes;  // for the target's displacement [template pixels]
   for (const std::vector<cv::DMatch>& match : matches) {
     const cv::DMatch& best = match[0];
-    if (best.distance > options_.max_distance * kBits) continue;
+    if (best.distance > options_.max_distance * kDescriptorBits) continue;
     if (match.size() > 1 && best.distance >= options_.max_ratio * match[1].distance) continue;
     votes.push_back(seen.offsets[static_cast<std::size_t>(best.trainIdx)] -
                     offsets_[static_cast<std::size_t>(best.queryIdx)]);
@@ -114,7 +114,7 @@ void Keypoints::adapt(const Frame& frame, const Point2& at) {
   cv::Mat fresh = descriptors_.clone();
   for (std::size_t i = 0; i < offsets_.size(); ++i) {
     const int row = static_cast<int>(i);
-    double best = options_.max_distance * kBits;
+    double best = options_.max_distance * kDescriptorBits;
     for (std::size_t j = 0; j < seen.offsets.size(); ++j) {
       if ((seen.offsets[j] - offsets_[i]).norm() > options_.vote_radius) continue;
       const cv::Mat descriptor = seen.descriptors.row(static_cast<int>(j));

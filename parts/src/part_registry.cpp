@@ -162,7 +162,7 @@ class PluginPart {
     guarded(name_, [&] { part_.init(frame, centre, size); });
   }
   Evidence localize(const Frame& frame, const Point2& around) {
-    const Evidence evidence = guarded(name_, [&] { return part_.localize(frame, around); });
+    Evidence evidence = guarded(name_, [&] { return part_.localize(frame, around); });
     if (!evidence.position.allFinite() || !std::isfinite(evidence.peak) || !evidence.covariance.allFinite())
       throw std::runtime_error(name_ + ": evidence that is not finite");
     return evidence;
@@ -229,7 +229,7 @@ PartRegistry::PartRegistry() {
   add<Template, TemplateOptions>("template");
 }
 
-void PartRegistry::add(const std::string& name, Factory factory) {
+void PartRegistry::add(const std::string& name, Factory&& factory) {
   constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";
   if (name.empty() || name.find_first_not_of(kLetters) != std::string::npos)
     throw std::invalid_argument("a part model's name has letters, digits, '_' and '-', unlike '" + name +
@@ -261,7 +261,8 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
   }
   std::vector<std::string> names;
   for (auto& [model, factory] : models.factories_) {
-    names.push_back(library + ':' + model);
+    names.push_back(library);
+    names.back().append(1, ':').append(model);
     factories_.try_emplace(names.back(),
                            [name = names.back(), factory = std::move(factory)](OptionVisitor& visit) {
                              return [name, make = factory(visit)]() -> AnyPart {

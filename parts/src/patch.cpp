@@ -94,6 +94,7 @@ void PatchSampler::box_filter_row(const cv::Mat& image, int y, const cv::Size& f
   for (int x = first - half; x < first + half; ++x) box += at(x);
   for (int x = first; x <= last; ++x) {
     box += at(x + half);
+    // NOLINTNEXTLINE(bugprone-incorrect-roundings): of what is not negative
     out[static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(static_cast<float>(box) * scale + 0.5F);
     box -= at(x - half);
   }

@@ -96,12 +96,12 @@ double ScaleFilter::localize(const Frame& frame, const Point2& centre) {
   response_.tail(half + 1) = correlation_.head(half + 1).cast<float>() / static_cast<float>(response_.size());
   response_.head(half) = correlation_.tail(half).cast<float>() / static_cast<float>(response_.size());
 
-  const Eigen::Index n = response_.size();
+  const Eigen::Index n = response_.size(), middle_scale = n / 2;
   Eigen::Index best = 0;
   peak_ = static_cast<double>(response_.maxCoeff(&best));
   const bool any = peak_ > 0;
   if (!any) {
-    best = n / 2;
+    best = middle_scale;
     peak_ = 0;
   }
   // Vertex of the parabola through the maximum and its neighbours.
@@ -119,7 +119,7 @@ double ScaleFilter::localize(const Frame& frame, const Point2& centre) {
   }
   const double log_step = std::log(options_.step);
   log_variance_ = (moment / mass + 1.0 / 12) * log_step * log_step;
-  return std::exp((position - static_cast<double>(n / 2)) * log_step);
+  return std::exp((position - static_cast<double>(middle_scale)) * log_step);
 }
 
 void ScaleFilter::adapt(const Frame& frame, const Point2& centre, const Size2& size) {

@@ -18,8 +18,8 @@ constexpr double kSegmentationPadding = 2;
 // Bounds of the spatial prior (Lukezic et al.): even where it knows nothing, never certain.
 constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
 
-// The number of cells nearest to `wanted` whose FFT is fast.
-int fast_cells(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
+// Near to `wanted`: a number of cells whose FFT is fast.
+int multiple_of_eight(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
 // A spectrum as real numbers: real and imaginary parts in turn.
 Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
@@ -140,7 +140,7 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
         colour.mrf.enabled = false;  // the field comes after the spatial prior
         return colour;
       }()) {
-  MaskedRegression(1, 1, options.regression);  // checks its options
+  const MaskedRegression checks_its_options(1, 1, options.regression);
   require(options.learning_rate >= 0 && options.learning_rate <= 1 && options.weight_rate >= 0 &&
               options.weight_rate <= 1,
           "SpatialReliabilityOptions: rates must be in [0, 1]");
@@ -166,8 +166,8 @@ void SpatialReliability::prepare(const Size2& size) {
   const double to_template =
       template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
   const double margin = options_.padding * mean_side(size);
-  cols_ = fast_cells((size.x() + margin) * to_template / options_.cell_size);
-  rows_ = fast_cells((size.y() + margin) * to_template / options_.cell_size);
+  cols_ = multiple_of_eight((size.x() + margin) * to_template / options_.cell_size);
+  rows_ = multiple_of_eight((size.y() + margin) * to_template / options_.cell_size);
   size_ = initial_size_ = size;
   scale_ = initial_scale_ = Size2::Constant(1 / to_template);
 

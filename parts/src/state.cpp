@@ -1,6 +1,8 @@
 #include <array>
 #include <asterism/parts/state.hpp>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <cstring>
 #include <stdexcept>
 
@@ -156,7 +158,7 @@ void StateArchive::OptionCheck::check(std::string_view name, double value) {
   archive_.name(name);
   double saved = value;
   archive_.raw(&saved, sizeof saved);  // an option may be infinite
-  if (std::memcmp(&saved, &value, sizeof value) == 0) return;
+  if (std::bit_cast<std::uint64_t>(saved) == std::bit_cast<std::uint64_t>(value)) return;
   throw std::invalid_argument("state: of other options: '" + std::string(name) + "' was " +
                               std::to_string(saved) + " and is " + std::to_string(value));
 }

@@ -8,10 +8,6 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-// Responses in a smaller range are the same: rounding of the sums.
-constexpr float kSame = 1e-4f;
-// How much less a match at the border of the search window counts than an equal one in its middle.
-constexpr float kSlope = 1e-4f;
 // Density of colours that are neither the target's nor its surroundings'.
 constexpr float kForeign = 1e-3f;
 // No coordinate of CIELAB is beyond.
@@ -90,10 +86,7 @@ Evidence Superpixels::localize(const Frame& frame, const Point2& around) {
                          running.row(run.row + r).segment(run.first, displacements);
   }
   values /= whole_;
-  if (values.maxCoeff() - values.minCoeff() <= kSame) values.setZero();
-  const auto square = Eigen::ArrayXf::LinSpaced(displacements, -1, 1).square().eval();
-  values.colwise() *= 1 - kSlope * square;
-  values.rowwise() *= 1 - kSlope * square.transpose();
+  settle_ties(values, 1e-4F);  // rounding of the sums
 
   // Relative to the best match, so that no likelihood underflows.
   likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();

@@ -3,6 +3,7 @@
 // What <asterism/solver/compiled.hpp> declares, for one type of system.
 #include <asterism/solver.hpp>
 
+// NOLINTBEGIN(bugprone-macro-parentheses): types have none
 #define ASTERISM_COMPILE(Solver, System) \
   template ASTERISM_API Summary detail::Compiled::solve(Solver<System>&, const System&, System::Points&);
 
@@ -20,3 +21,4 @@
   ASTERISM_COMPILE(SparseNewton, System)        \
   ASTERISM_COMPILE(Schwarz, System)             \
   ASTERISM_COMPILE(detail::FactoredSchwarz, System)
+// NOLINTEND(bugprone-macro-parentheses)

@@ -25,8 +25,10 @@ void Flock::init(const Frame& frame, const cv::Rect2d& box) {
   pose_ = ObjectPose(box);
   const int n = options_.grid;
   ElasticConstellation::Points layout(2, n * n);
-  for (int i = 0; i < n * n; ++i)
-    layout.col(i) = pose_.first_size().cwiseProduct(Point2(i % n + 0.5, i / n + 0.5) / n - Point2(0.5, 0.5));
+  for (int i = 0; i < n * n; ++i) {
+    const int row = i / n, col = i % n;
+    layout.col(i) = pose_.first_size().cwiseProduct(Point2(col + 0.5, row + 0.5) / n - Point2(0.5, 0.5));
+  }
   points_.assign(layout, Topology<>::k_nearest(layout, options_.neighbours));
   placement_ = points_.posed(pose_);
   flow_.learn(frame, pose_.centre(), pose_.size());

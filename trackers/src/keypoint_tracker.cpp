@@ -13,7 +13,7 @@ namespace asterism::inline ASTERISM_ABI {
 namespace {
 
 // Bits of an ORB descriptor.
-constexpr double kBits = 256;
+constexpr double kDescriptorBits = 256;
 // Deviation of a key-point that was found anew, and least distance of two parts [window pixels].
 constexpr double kDetection = 1, kLeastDistance = 3;
 
@@ -169,10 +169,11 @@ std::vector<Evidence> KeypointTracker::match(const Detection& seen) const {
   const double deviation = kDetection * flow_.window().spacing();
   for (const std::vector<cv::DMatch>& found : matches) {
     const cv::DMatch& best = found[0];
-    if (best.trainIdx >= descriptors_.rows || best.distance > options_.max_distance * kBits) continue;
+    if (best.trainIdx >= descriptors_.rows || best.distance > options_.max_distance * kDescriptorBits)
+      continue;
     if (found.size() > 1 && best.distance >= options_.max_ratio * found[1].distance) continue;
     Evidence& part = result[static_cast<std::size_t>(best.trainIdx)];
-    const double peak = 1 - best.distance / kBits;
+    const double peak = 1 - best.distance / kDescriptorBits;
     if (peak <= part.peak) continue;
     part = {seen.positions.col(best.queryIdx), peak, deviation * deviation * Eigen::Matrix2d::Identity()};
   }

@@ -182,7 +182,8 @@ void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_pa
     double most = 0;
     Point2 best = Point2::Zero();
     for (int place = 0; place < kPlaces * kPlaces; ++place) {
-      const Point2 u = 2 * Point2(place % kPlaces + 0.5, place / kPlaces + 0.5) / kPlaces - Point2(1, 1);
+      const int row = place / kPlaces, col = place % kPlaces;
+      const Point2 u = 2 * Point2(col + 0.5, row + 0.5) / kPlaces - Point2(1, 1);
       const Point2 in_object = u.cwiseProduct(pose_.first_size()) / 2;
       const Point2 position = pose_.transform()(in_object);
       double free = 4;

@@ -12,9 +12,9 @@ namespace asterism::inline ASTERISM_ABI {
 namespace {
 
 // However thin an object is, its window is no longer than this [window pixels], ...
-constexpr double kMaxWindowSide = 1024;
+constexpr double kMaxFlowWindow = 1024;
 // ... and no shorter.
-constexpr int kMinWindowSide = 16;
+constexpr int kMinFlowWindow = 16;
 // Deviation of a position that Lucas-Kanade has converged to [window pixels].
 constexpr double kConvergence = 0.3;
 
@@ -37,10 +37,10 @@ ObjectWindow::ObjectWindow(const Point2& centre, const Size2& size, double paddi
   const double side = std::sqrt(size.x()) * std::sqrt(size.y());
   const Size2 whole = size + Size2::Constant(padding * side);
   const double scale =
-      std::min(std::clamp(side, min_side, max_side) / side, kMaxWindowSide / whole.maxCoeff());
+      std::min(std::clamp(side, min_side, max_side) / side, kMaxFlowWindow / whole.maxCoeff());
   spacing_ = 1 / scale;
-  grid_ = {std::max(kMinWindowSide, static_cast<int>(std::lround(whole.x() * scale))),
-           std::max(kMinWindowSide, static_cast<int>(std::lround(whole.y() * scale)))};
+  grid_ = {std::max(kMinFlowWindow, static_cast<int>(std::lround(whole.x() * scale))),
+           std::max(kMinFlowWindow, static_cast<int>(std::lround(whole.y() * scale)))};
 }
 
 cv::Mat ObjectWindow::sample(const Frame& frame) const {

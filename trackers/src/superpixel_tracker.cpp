@@ -15,8 +15,8 @@ namespace asterism::inline ASTERISM_ABI {
 namespace {
 
 // However thin an object is, its window is no longer than this, and no shorter [template pixels].
-constexpr double kMaxWindowSide = 512;
-constexpr int kMinWindowSide = 12;
+constexpr double kMaxSuperpixelWindow = 512;
+constexpr int kMinSuperpixelWindow = 12;
 // A part that matches worse is not seen.
 constexpr double kMatch = 0.3;
 
@@ -25,7 +25,7 @@ constexpr double kMatch = 0.3;
 SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
     : options_(options), parts_(options.springs) {
   slic(Eigen::ArrayX3f::Zero(1, 3), 1, options.slic);  // throws where its options are out of range
-  require(options.template_side >= 8 && options.template_side <= kMaxWindowSide,
+  require(options.template_side >= 8 && options.template_side <= kMaxSuperpixelWindow,
           "SuperpixelTrackerOptions: template_side must be in [8, 512]");
   require(options.padding > 0, "SuperpixelTrackerOptions: padding must be positive");
   require(options.colour_sigma > 0, "SuperpixelTrackerOptions: colour_sigma must be positive");
@@ -140,8 +140,8 @@ TrackResult SuperpixelTracker::update(const Frame& frame) {
 SuperpixelTracker::Candidates SuperpixelTracker::cut(const Frame& frame) const {
   const Size2 whole = pose_.size() + Size2::Constant(options_.padding * pose_.mean_side());
   const auto pixels = [&](double side) {
-    return std::clamp(static_cast<int>(std::lround(side / spacing_)), kMinWindowSide,
-                      static_cast<int>(kMaxWindowSide));
+    return std::clamp(static_cast<int>(std::lround(side / spacing_)), kMinSuperpixelWindow,
+                      static_cast<int>(kMaxSuperpixelWindow));
   };
   const cv::Size grid(pixels(whole.x()), pixels(whole.y()));
   const Size2 pixel = whole.cwiseQuotient(Size2(grid.width, grid.height));

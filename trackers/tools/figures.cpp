@@ -13,7 +13,7 @@ namespace {
 
 constexpr std::size_t kMostParts = 16;
 const cv::Scalar kPaper(24, 24, 24), kAxis(150, 150, 150), kBlocked(50, 40, 150), kOrange(40, 140, 255),
-    kBlue(255, 150, 60), kWhite(255, 255, 255), kYellow(0, 255, 255), kDark(0, 0, 0);
+    kYellow(0, 255, 255);
 
 // Of the timeline.
 constexpr int kLeft = 110, kRight = 20, kFooter = 34, kStrip = 110, kStripGap = 10;
@@ -54,7 +54,7 @@ double Timeline::position(int number) const {
 }
 
 // Each place of the film shows the frame that is nearest to its middle in time.
-void Timeline::draw_film(cv::Mat film) const {
+void Timeline::draw_film(const cv::Mat& film) const {
   const std::vector<Shot>& shots = shots_.members();
   const std::size_t parts = moments_.front().weights.size();
   for (int k = 0; k < kShots; ++k) {

@@ -32,7 +32,7 @@ class Timeline {
     TrackResult result;
   };
   double position(int number) const;  // on the axis of time, in [0, 1]
-  void draw_film(cv::Mat film) const;
+  void draw_film(const cv::Mat& film) const;
   void draw_strip(cv::Mat strip, std::size_t part, double top) const;
 
   int frames_ = 0;

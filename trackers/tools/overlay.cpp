@@ -10,7 +10,7 @@
 namespace asterism::tools {
 namespace {
 
-const cv::Scalar kRed(0, 0, 255), kBlue(255, 112, 16), kWhite(255, 255, 255), kDark(0, 0, 0);
+const cv::Scalar kRed(0, 0, 255);
 constexpr double kFaded = 0.35;    // opacity of what was not updated
 constexpr int kMinReadable = 480;  // rows below which the overlay is drawn at twice the size
 

@@ -12,6 +12,8 @@
 
 namespace asterism::tools {
 
+inline const cv::Scalar kBlue(255, 112, 16), kWhite(255, 255, 255), kDark(0, 0, 0);
+
 /// Drawing in frame coordinates, in which integers are pixel centres, as cv::resize maps them. What is not
 /// finite is left out.
 struct Pen {

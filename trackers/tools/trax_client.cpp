@@ -251,15 +251,14 @@ class TraxClient::Process {
   TraxMessage receive() { return receive(after(timeout_)); }
 
   // Tells the tracker to quit, where it still listens, and waits for its end.
-  void quit() {
+  void quit() noexcept {
     const Clock::time_point deadline = Clock::now() + kPatience;
     try {
       send({Type::Quit, {}, {}}, deadline);
-    } catch (const TraxError&) {
-      return;  // it is ended in any case
+      shutdown(connection_.get(), SHUT_WR);
+      child_->wait_until(deadline);
+    } catch (...) {  // it is ended in any case
     }
-    shutdown(connection_.get(), SHUT_WR);
-    child_->wait_until(deadline);
   }
 
  private:

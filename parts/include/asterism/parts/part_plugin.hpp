@@ -17,6 +17,7 @@
 /// of the registry which the models are added to:
 ///
 ///     ASTERISM_PART_PLUGIN(models) { models.add<MyPart, MyOptions>("mine"); }
+// NOLINTBEGIN(bugprone-macro-parentheses): a parameter has none
 #define ASTERISM_PART_PLUGIN(models)                                                         \
   extern "C" __attribute__((visibility("default"))) const char* asterism_part_plugin_abi() { \
     return ASTERISM_PART_PLUGIN_ABI;                                                         \
@@ -24,3 +25,4 @@
   extern "C" __attribute__((visibility("default"))) void asterism_part_plugin_add(           \
       ::asterism::PartRegistry&);                                                            \
   void asterism_part_plugin_add(::asterism::PartRegistry& models)
+// NOLINTEND(bugprone-macro-parentheses)

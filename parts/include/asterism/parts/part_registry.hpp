@@ -76,7 +76,7 @@ class ASTERISM_API PartRegistry {
   using Factories = std::map<std::string, Factory, std::less<>>;
 
   explicit PartRegistry(Factories factories) : factories_(std::move(factories)) {}
-  void add(const std::string& name, Factory factory);
+  void add(const std::string& name, Factory&& factory);
   void read_json(const std::string& of, std::string_view json, const Visit& options);
   static std::string list_json(const Visit& options);
   const Factory& find(std::string_view name);
