@@ -7,8 +7,6 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-namespace {}  // namespace
-
 ColorHistogram::ColorHistogram(const ColorHistogramOptions& options) : options_(options) {
   require(options.bins >= 2 && options.bins <= 64, "ColorHistogramOptions: bins must be in [2, 64]");
   require(options.sharpness > 0, "ColorHistogramOptions: sharpness must be positive");
