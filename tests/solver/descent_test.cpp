@@ -13,9 +13,9 @@
 #include <limits>
 #include <string>
 #include <string_view>
-#include <type_traits>
 
 #include "../../bench/random_system.hpp"
+#include "solver_fixture.hpp"
 
 namespace asterism {
 namespace {
@@ -47,15 +47,11 @@ using Cases = ::testing::Types<
     With<NewtonCg, SparseCholesky, Dynamic3>>;
 
 template <typename C>
-class Descent : public ::testing::Test {
+class Descent : public SolverFixture<C> {
  public:
   using SystemType = typename C::System;
   using SolverType = typename C::Solver;
-  using PointsType = typename SystemType::Points;
-  using ScalarType = typename SystemType::Scalar;
-
-  static_assert(asterism::Solver<SolverType, SystemType>);
-  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
+  using SolverFixture<C>::kDouble;
   static constexpr bool kJacobi = SolverType::name().ends_with("Jacobi");
   static constexpr int kSize = SystemType::kNodes == Eigen::Dynamic ? 6 : SystemType::kNodes;
 
@@ -78,13 +74,6 @@ class Descent : public ::testing::Test {
   }
 };
 TYPED_TEST_SUITE(Descent, Cases);
-
-// Members of a dependent base class, by their short names.
-#define ASTERISM_USE_FIXTURE                                        \
-  using System [[maybe_unused]] = typename TestFixture::SystemType; \
-  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
-  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
-  using Solver [[maybe_unused]] = typename TestFixture::SolverType
 
 TYPED_TEST(Descent, FindsIdasMinimumFromItsBasin) {
   ASTERISM_USE_FIXTURE;

@@ -11,11 +11,11 @@
 #include <cstdint>
 #include <limits>
 #include <thread>
-#include <type_traits>
 #include <vector>
 
 #include "../../bench/random_system.hpp"
 #include "../../bench/sparse_system.hpp"
+#include "solver_fixture.hpp"
 
 namespace asterism {
 namespace {
@@ -124,33 +124,8 @@ using Cases = ::testing::Types<Case<Plane, JacobiNewtonCg>, Case<Plane, LdltNewt
                                Case<Space, JacobiNewtonCg>, Case<Planef, JacobiNewtonCg>>;
 
 template <typename C>
-class SchwarzTest : public ::testing::Test {
- public:
-  using SystemType = typename C::System;
-  using SolverType = typename C::Solver;
-  using PointsType = typename SystemType::Points;
-  using ScalarType = typename SystemType::Scalar;
-
-  static_assert(asterism::Solver<SolverType, SystemType>);
-  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
-
-  static void expect_converged(const Summary& summary) {
-    if (kDouble) {
-      EXPECT_EQ(summary.status, Status::Converged) << summary;
-    } else {
-      EXPECT_TRUE(summary.usable()) << summary;
-    }
-    EXPECT_LE(summary.final_energy, summary.initial_energy * (1 + 1e-6));
-  }
-};
+class SchwarzTest : public SolverFixture<C> {};
 TYPED_TEST_SUITE(SchwarzTest, Cases);
-
-// Members of a dependent base class, by their short names.
-#define ASTERISM_USE_FIXTURE                                        \
-  using System [[maybe_unused]] = typename TestFixture::SystemType; \
-  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
-  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
-  using Solver [[maybe_unused]] = typename TestFixture::SolverType
 
 TYPED_TEST(SchwarzTest, FindsNewtonsMinimumFromItsBasin) {
   ASTERISM_USE_FIXTURE;

@@ -11,11 +11,11 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
-#include <type_traits>
 #include <vector>
 
 #include "../../bench/random_system.hpp"
 #include "../../bench/sparse_system.hpp"
+#include "solver_fixture.hpp"
 
 namespace asterism {
 namespace {
@@ -37,33 +37,8 @@ using Cases = ::testing::Types<
     Case<Plane, SparseLdlt>, Case<Space, SparseLdlt>, Case<Planef, SparseLdlt>>;
 
 template <typename C>
-class SparseNewtonTest : public ::testing::Test {
- public:
-  using SystemType = typename C::System;
-  using SolverType = typename C::Solver;
-  using PointsType = typename SystemType::Points;
-  using ScalarType = typename SystemType::Scalar;
-
-  static_assert(asterism::Solver<SolverType, SystemType>);
-  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
-
-  static void expect_converged(const Summary& summary) {
-    if (kDouble) {
-      EXPECT_EQ(summary.status, Status::Converged) << summary;
-    } else {
-      EXPECT_TRUE(summary.usable()) << summary;
-    }
-    EXPECT_LE(summary.final_energy, summary.initial_energy * (1 + 1e-6));
-  }
-};
+class SparseNewtonTest : public SolverFixture<C> {};
 TYPED_TEST_SUITE(SparseNewtonTest, Cases);
-
-// Members of a dependent base class, by their short names.
-#define ASTERISM_USE_FIXTURE                                        \
-  using System [[maybe_unused]] = typename TestFixture::SystemType; \
-  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
-  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
-  using Solver [[maybe_unused]] = typename TestFixture::SolverType
 
 TYPED_TEST(SparseNewtonTest, MatrixIsTheHessian) {
   ASTERISM_USE_FIXTURE;

@@ -1,0 +1,40 @@
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+#include <type_traits>
+
+namespace asterism {
+
+/// Typed tests of a solver C::Solver on systems of type C::System.
+template <typename C>
+class SolverFixture : public ::testing::Test {
+ public:
+  using SystemType = typename C::System;
+  using SolverType = typename C::Solver;
+  using PointsType = typename SystemType::Points;
+  using ScalarType = typename SystemType::Scalar;
+
+  static_assert(asterism::Solver<SolverType, SystemType>);
+  static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
+
+  /// In double; float may stop short of the tolerance.
+  static void expect_converged(const Summary& summary) {
+    if (kDouble) {
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+    } else {
+      EXPECT_TRUE(summary.usable()) << summary;
+    }
+    EXPECT_LE(summary.final_energy, summary.initial_energy * (1 + 1e-6));
+  }
+};
+
+}  // namespace asterism
+
+/// The types of a SolverFixture by their short names, which a dependent base class does not give.
+#define ASTERISM_USE_FIXTURE                                        \
+  using System [[maybe_unused]] = typename TestFixture::SystemType; \
+  using Points [[maybe_unused]] = typename TestFixture::PointsType; \
+  using Scalar [[maybe_unused]] = typename TestFixture::ScalarType; \
+  using Solver [[maybe_unused]] = typename TestFixture::SolverType
