@@ -5,6 +5,10 @@
 #include <asterism/solver.hpp>
 #include <optional>
 
+#ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/cholmod.hpp>
+#endif
+
 #include "../../bench/random_system.hpp"
 #include "failing_allocator.hpp"
 
@@ -16,9 +20,12 @@ using Points = System::Points;
 
 template <typename Solver>
 class OutOfMemory : public ::testing::Test {};
-using Solvers =
-    ::testing::Types<Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
-                     NonlinearCg<System>, Auto<System>, SparseNewton<System>, Schwarz<System>>;
+using Solvers = ::testing::Types<
+#ifdef ASTERISM_TEST_CHOLMOD
+    CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
+#endif
+    Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
+    Auto<System>, SparseNewton<System>, Schwarz<System>>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
@@ -28,6 +35,8 @@ TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
   Points expected = problem.start;
   ASSERT_TRUE(TypeParam().solve(problem.system, expected).usable());
 
+  // CHOLMOD keeps to another ordering where memory for its best one was lacking.
+  const double rounding = TypeParam::name().ends_with("CHOLMOD") ? 1e-12 : 0;
   std::optional<TypeParam> solver;
   Points x;
   Summary summary;
@@ -50,7 +59,7 @@ TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
                                       }
                                       x = problem.start;
                                       EXPECT_TRUE(solver->solve(problem.system, x).usable());
-                                      EXPECT_EQ(x, expected);
+                                      EXPECT_LE((x - expected).norm(), rounding);
                                       renew();
                                     });
   EXPECT_TRUE(summary.usable()) << summary;

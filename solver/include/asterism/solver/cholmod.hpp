@@ -9,6 +9,45 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
+namespace detail {
+
+/// Eigen's CHOLMOD, silent, which throws std::bad_alloc where memory runs out, at the call in which it does:
+/// the next one would forget it, and go on with what is not a factor.
+class Cholmod {
+ public:
+  using Matrix = Eigen::SparseMatrix<double>;
+
+  Cholmod() { cholesky_.cholmod().print = 0; }
+
+  cholmod_common& common() { return cholesky_.cholmod(); }
+
+  void analyzePattern(const Matrix& lower) {
+    cholesky_.analyzePattern(lower);
+    check_memory();
+  }
+  void factorize(const Matrix& lower) {
+    cholesky_.factorize(lower);
+    check_memory();
+  }
+  Eigen::ComputationInfo info() const { return cholesky_.info(); }
+
+  template <typename RightHandSide>
+  RightHandSide solve(const RightHandSide& b) {
+    RightHandSide x = cholesky_.solve(b);
+    check_memory();
+    return x;
+  }
+
+ private:
+  void check_memory() {
+    if (cholesky_.cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+  }
+
+  Eigen::CholmodDecomposition<Matrix> cholesky_;
+};
+
+}  // namespace detail
+
 /// Factorisation policy of Ida: CHOLMOD (SuiteSparse) with its own choice of ordering, simplicial or
 /// supernodal; for very large sparse systems. Works in double whatever the system's scalar. The ordering is
 /// computed once a topology. Silent. Uses the heap. Needs target asterism::cholmod.
@@ -19,36 +58,24 @@ class CholmodCholesky {
 
   static constexpr std::string_view kIdaName = "IDA, CHOLMOD";
 
-  CholmodCholesky() { cholesky_.cholmod().print = 0; }
-
   /// Assembles and factors K_dyn; false where it is not positive definite in double.
   bool factorize(const System& system) {
-    stiffness_.assemble(system, [this](const auto& pattern) {
-      cholesky_.analyzePattern(pattern);
-      check_memory();
-    });
-    const bool is_definite = stiffness_.factorize(cholesky_);
-    check_memory();
-    return is_definite;
+    stiffness_.assemble(system, [this](const auto& pattern) { cholesky_.analyzePattern(pattern); });
+    return stiffness_.factorize(cholesky_);
   }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.
   void descend(const Points& gradient, Points& x) {
     right_hand_side_ = gradient.transpose().template cast<double>();
     step_ = cholesky_.solve(right_hand_side_);
-    check_memory();
     x -= step_.transpose().template cast<typename System::Scalar>();
   }
 
  private:
   using RightHandSide = Eigen::Matrix<double, Eigen::Dynamic, System::kDim>;
 
-  void check_memory() {
-    if (cholesky_.cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
-  }
-
   detail::SparseStiffness<double> stiffness_;
-  Eigen::CholmodDecomposition<detail::SparseStiffness<double>::Matrix> cholesky_;
+  detail::Cholmod cholesky_;
   RightHandSide right_hand_side_;
   RightHandSide step_;
 };
@@ -58,41 +85,27 @@ class CholmodCholesky {
 template <typename System>
 class CholmodLlt {
  public:
-  using Matrix = Eigen::SparseMatrix<double>;
+  using Matrix = detail::Cholmod::Matrix;
   using Vector = Eigen::VectorXd;
 
   static constexpr std::string_view kName = "CHOLMOD";
 
-  CholmodLlt() {
-    cholesky_.cholmod().print = 0;
-    cholesky_.cholmod().final_ll = 1;  // L D L^T would not notice negative pivots
-  }
+  CholmodLlt() { cholesky_.common().final_ll = 1; }  // L D L^T would not notice negative pivots
 
   /// Orders a new pattern, of a lower triangle.
-  void analyze(const Matrix& lower) {
-    cholesky_.analyzePattern(lower);
-    check_memory();
-  }
+  void analyze(const Matrix& lower) { cholesky_.analyzePattern(lower); }
 
   /// False where the matrix is not positive definite in double.
   bool factorize(const Matrix& lower) {
     cholesky_.factorize(lower);
-    check_memory();
     return cholesky_.info() == Eigen::Success;
   }
 
   /// step = matrix^-1 gradient, both of the matrix's size.
-  void solve(const Vector& gradient, Vector& step) {
-    step = cholesky_.solve(gradient);
-    check_memory();
-  }
+  void solve(const Vector& gradient, Vector& step) { step = cholesky_.solve(gradient); }
 
  private:
-  void check_memory() {
-    if (cholesky_.cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
-  }
-
-  Eigen::CholmodDecomposition<Matrix> cholesky_;
+  detail::Cholmod cholesky_;
 };
 
 /// Ida with CHOLMOD.
