@@ -3,6 +3,7 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
+#include "require.hpp"
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
@@ -22,9 +23,13 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
 AnyPart paper_filter() { return Kcf(); }
 
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
-    : options_(options), root_(options.root), colour_(options.colour) {
-  if (!(options.colour_share >= 0 && options.colour_share <= 1))
-    throw std::invalid_argument("CoarseOptions: colour_share must be in [0, 1]");
+    : options_(options), root_(options.root), colour_(options.colour), motion_(options.motion) {
+  require(options.colour_share >= 0 && options.colour_share <= 1,
+          "CoarseOptions: colour_share must be in [0, 1]");
+  require(options.motion_share >= 0 && options.motion_share <= 1,
+          "CoarseOptions: motion_share must be in [0, 1]");
+  require(options.motion_share == 0 || MotionModel::available(),
+          "CoarseOptions: motion_share needs OpenCV's video, without which this library was built");
 }
 
 void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
@@ -32,10 +37,16 @@ void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
   centre_ = centre_of(box);
   size_ = {box.width, box.height};
   if (options_.use_colour) colour_.init(frame, box);
+  if (options_.motion_share > 0) motion_.init(frame, box);
+  moving_ = {};
 }
 
 CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
+  StageClock clock;
+  if (options_.motion_share > 0) moving_ = motion_.segment(frame);
+  const double motion_milliseconds = clock.lap();
   Estimate estimate = localize_around(frame, centre_);
+  estimate.motion_milliseconds = motion_milliseconds;
   if (!waits(estimate)) return estimate;
 
   // The neighbour with the highest response, if that is one of the object.
@@ -62,29 +73,37 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   estimate.evidence = root_.localize(frame, around);
   estimate.similarity = estimate.evidence.peak;
   estimate.root_milliseconds = clock.lap();
+  const ResponseMap* const response = root_.response();
+  bool combined = false;  // with another cue, in density_
+  if (response != nullptr) density_ = *response;
   if (options_.use_colour && colour_.enabled()) {
-    const ResponseMap* const response = root_.response();
     const Segmentation& segmentation = estimate.segmentation =
         colour_.segment(frame, search_window(around), size_);
     const bool adds = options_.colour_share > 0;
     if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
       if (adds)
-        add_colour(*response, segmentation);
+        add_posterior(segmentation, options_.colour_share);
       else
-        multiply_colour(*response, segmentation);
-      estimate.evidence = evidence_of(density_, options_.sub_pixel);
-      estimate.similarity = root_.similarity_at(estimate.evidence.position);
+        multiply_colour(segmentation);
+      combined = true;
     }
     estimate.colour_milliseconds = clock.lap();
+  }
+  if (response != nullptr && !moving_.posterior.empty()) {
+    add_posterior(moving_, options_.motion_share);
+    combined = true;
+  }
+  if (combined) {
+    estimate.evidence = evidence_of(density_, options_.sub_pixel);
+    estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   evidence_ = estimate.evidence;
   estimate.lost = !(estimate.similarity >= options_.lost_below);
   return estimate;
 }
 
-void CoarseLayer::multiply_colour(const ResponseMap& response, const Segmentation& segmentation) {
+void CoarseLayer::multiply_colour(const Segmentation& segmentation) {
   // Eq. position_posterior_root: template probability times colour probability.
-  density_ = response;
   for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
     for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
       const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
@@ -93,7 +112,7 @@ void CoarseLayer::multiply_colour(const ResponseMap& response, const Segmentatio
     }
 }
 
-void CoarseLayer::add_colour(const ResponseMap& response, const Segmentation& segmentation) {
+void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight) {
   // Sums of the posterior above and left of the cells' corners, bilinear between them; 0 beyond the grid.
   cv::Mat sums;
   cv::integral(segmentation.posterior, sums, CV_64F);
@@ -107,8 +126,7 @@ void CoarseLayer::add_colour(const ResponseMap& response, const Segmentation& se
     return (1 - fy) * ((1 - fx) * upper[0] + fx * upper[1]) + fy * ((1 - fx) * lower[0] + fx * lower[1]);
   };
   const Size2 half = size_.cwiseQuotient(segmentation.spacing) / 2;  // [cells]
-  const auto share = static_cast<float>(options_.colour_share);
-  density_ = response;
+  const auto share = static_cast<float>(weight);
   for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
     for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
       const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
@@ -140,6 +158,7 @@ void CoarseLayer::move(const cv::Rect2d& box) {
 void CoarseLayer::adapt(const Frame& frame, bool informative) {
   root_.adapt(frame, centre_);
   if (informative) colour_.adapt(frame, box());
+  if (options_.motion_share > 0) motion_.adapt(frame, box());
 }
 
 CoarseTracker::CoarseTracker(const CoarseOptions& options) : layer_(options) {}
@@ -162,6 +181,7 @@ TrackResult CoarseTracker::update(const Frame& frame) {
   const CoarseLayer::Estimate estimate = layer_.localize(frame);
   result.times.push_back({"root", estimate.root_milliseconds});
   result.times.push_back({"colour", estimate.colour_milliseconds});
+  if (layer_.options().motion_share > 0) result.times.push_back({"motion", estimate.motion_milliseconds});
   clock.lap();
 
   if (!layer_.waits(estimate)) {

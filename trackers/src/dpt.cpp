@@ -118,13 +118,14 @@ TrackResult Dpt::update(const Frame& frame) {
   StageClock clock;
   TrackResult result;
   result.parts.reserve(parts_.size());
-  result.times.reserve(8);  // of update(image) too
+  result.times.reserve(9);  // of update(image) too
 
   // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
   Placement placement = placement_.colwise() + (coarse.evidence.position - coarse_.centre());
   result.times.push_back({"root", coarse.root_milliseconds});
   result.times.push_back({"colour", coarse.colour_milliseconds});
+  if (options_.coarse.motion_share > 0) result.times.push_back({"motion", coarse.motion_milliseconds});
   clock.lap();
   result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
   result.lost = coarse.lost;

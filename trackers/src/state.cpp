@@ -62,6 +62,19 @@ void CoarseLayer::visit_state(StateArchive& archive) {
   archive.size(size_);
   root_.visit_state(archive);
   colour_.visit_state(archive);
+  if (options_.motion_share > 0) motion_.visit_state(archive, centre_, size_);
+}
+
+void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const Size2& size) {
+  if (archive.loading()) place(centre, size);
+  archive.pixels(previous_, window_.grid(), 1);
+  archive(learned_);
+  archive.require(learned_ >= 0);
+  for (Histogram* const histogram : {&foreground_, &background_})
+    for (double& share : *histogram) {
+      archive(share);
+      archive.require(share >= 0 && share <= 1 + kRounding);
+    }
 }
 
 void CoarseTracker::visit_state(StateArchive& archive) {

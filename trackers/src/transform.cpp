@@ -119,9 +119,12 @@ RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& f
 
   // 1 / (1 + (error / radius)^2) of each point.
   const auto shares = [&](const PlaneTransform& transform) {
+    const Eigen::Matrix2d turn = transform.scale * rotation(transform.angle);
     Eigen::VectorXd result(from.cols());
-    for (Eigen::Index i = 0; i < from.cols(); ++i)
-      result[i] = 1 / (1 + (transform(from.col(i)) - to.col(i)).squaredNorm() / (radius * radius));
+    for (Eigen::Index i = 0; i < from.cols(); ++i) {
+      const Eigen::Vector2d error = turn * from.col(i) + transform.translation - to.col(i);
+      result[i] = 1 / (1 + error.squaredNorm() / (radius * radius));
+    }
     return result;
   };
   const auto offer = [&](const PlaneTransform& transform) {

@@ -3,6 +3,7 @@
 #include <asterism/parts/any_part.hpp>
 #include <asterism/parts/colour.hpp>
 #include <asterism/parts/kcf.hpp>
+#include <asterism/trackers/motion.hpp>
 #include <asterism/trackers/tracker.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -24,6 +25,11 @@ struct CoarseOptions {
   /// the latter with this weight in [0, 1] (Bertinetto et al., *Staple*, CVPR 2016, whose weight is 0.3). 0:
   /// the paper's product.
   double colour_share = 0;
+  /// What moves otherwise than the camera, and the weight in [0, 1] of its mean posterior of the object's box
+  /// around each position, against the response with colour; 0: not used. The paper has nothing like it.
+  /// Needs OpenCV's video module.
+  MotionOptions motion;
+  double motion_share = 0;
   /// Refine the maximum of that product below the root's grid. Open in the paper.
   bool sub_pixel = true;
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
@@ -38,7 +44,7 @@ struct CoarseOptions {
 /// which together place the object's centre within the search region of the root.
 class ASTERISM_API CoarseLayer {
  public:
-  /// Throws std::invalid_argument for options out of range.
+  /// Throws std::invalid_argument for options out of range, or which need what the library was built without.
   explicit CoarseLayer(const CoarseOptions& options = CoarseOptions());
 
   /// Learn both models from the object's box.
@@ -51,7 +57,7 @@ class ASTERISM_API CoarseLayer {
     Segmentation segmentation;  ///< of the search window, empty where the colour model is off
     bool lost = false;          ///< `similarity` is below CoarseOptions::lost_below
     /// Wall-clock time in each.
-    double root_milliseconds = 0, colour_milliseconds = 0;
+    double root_milliseconds = 0, colour_milliseconds = 0, motion_milliseconds = 0;
   };
   /// The object's position near its last one: the maximum of Eq. position_posterior_root.
   Estimate localize(const Frame& frame);
@@ -60,7 +66,8 @@ class ASTERISM_API CoarseLayer {
 
   /// Move the object to a box without learning; a root that can follows its size.
   void move(const cv::Rect2d& box);
-  /// Update the root filter and, where the segmentation was informative, the histograms at the object's box.
+  /// Update the root filter, the model of motion and, where the segmentation was informative, the histograms
+  /// at the object's box.
   void adapt(const Frame& frame, bool informative);
 
   void visit_state(StateArchive& archive);
@@ -75,15 +82,18 @@ class ASTERISM_API CoarseLayer {
 
  private:
   Estimate localize_around(const Frame& frame, const Point2& around);
-  // The response times the colour probability, or their weighted sum, in `density_`.
-  void multiply_colour(const ResponseMap& response, const Segmentation& segmentation);
-  void add_colour(const ResponseMap& response, const Segmentation& segmentation);
+  // `density_` times the colour probability, ...
+  void multiply_colour(const Segmentation& segmentation);
+  // ... or its weighted sum with the mean posterior of the box.
+  void add_posterior(const Segmentation& segmentation, double weight);
   // What the root searches around a position, and the colour model with it.
   cv::Rect2d search_window(const Point2& around) const;
 
   CoarseOptions options_;
   AnyPart root_;
   ColourModel colour_;
+  MotionModel motion_;
+  Segmentation moving_;  // of the last frame
   Point2 centre_ = Point2::Zero();
   Size2 size_ = Size2::Zero();
   Evidence evidence_;

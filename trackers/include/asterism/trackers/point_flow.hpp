@@ -1,8 +1,8 @@
 #pragma once
 
 #include <asterism/parts/part_model.hpp>
-#include <asterism/parts/patch.hpp>
 #include <asterism/parts/state.hpp>
+#include <asterism/trackers/object_window.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -21,29 +21,6 @@ struct PointFlowOptions {
   /// 8].
   double min_template_side = 48;
   double max_template_side = 128;
-};
-
-/// An object with its surroundings, resampled to a size that does not depend on the object's.
-class ASTERISM_API ObjectWindow {
- public:
-  /// The window of an object of `size` [px] at `centre` [px]; sides as PointFlowOptions has them.
-  ObjectWindow() = default;
-  ObjectWindow(const Point2& centre, const Size2& size, double padding, double min_side, double max_side);
-
-  /// The frame's gray values in it.
-  cv::Mat sample(const Frame& frame) const;
-  /// From image to window pixels and back.
-  cv::Point2f to_window(const Point2& x) const;
-  Point2 to_image(const cv::Point2f& p) const;
-  /// Image pixels a window pixel.
-  double spacing() const { return spacing_; }
-  /// Size of the window [window pixels].
-  const cv::Size& grid() const { return grid_; }
-
- private:
-  Point2 centre_ = Point2::Zero();
-  double spacing_ = 1;
-  cv::Size grid_{1, 1};
 };
 
 /// Many points of one object, each followed from frame to frame by pyramidal Lucas-Kanade and back (Kalal,

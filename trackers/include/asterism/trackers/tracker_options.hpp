@@ -22,6 +22,16 @@ inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("max_iterations", options.max_iterations);
 }
 
+inline void visit_options(OptionVisitor& visit, MotionOptions& options) {
+  visit("histogram_rate", options.histogram_rate);
+  visit("novelty", options.novelty);
+  visit("background_novelty", options.background_novelty);
+  visit("foreground_prior", options.foreground_prior);
+  visit("padding", options.padding);
+  visit("min_template_side", options.min_template_side);
+  visit("max_template_side", options.max_template_side);
+}
+
 inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("root", options.root, "kcf");
   visit("colour", options.colour);
@@ -30,6 +40,8 @@ inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("sub_pixel", options.sub_pixel);
   visit("lost_below", options.lost_below);
   visit("redetect", options.redetect);
+  visit("motion", options.motion);
+  visit("motion_share", options.motion_share);
 }
 
 inline void visit_options(OptionVisitor& visit, DptOptions& options) {

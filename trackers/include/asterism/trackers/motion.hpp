@@ -1,0 +1,81 @@
+#pragma once
+
+#include <array>
+#include <asterism/parts/colour.hpp>
+#include <asterism/parts/state.hpp>
+#include <asterism/trackers/object_window.hpp>
+
+namespace asterism::inline ASTERISM_ABI {
+
+/// Options of MotionModel.
+struct MotionOptions {
+  /// Rate of the histograms' autoregressive update, in [0, 1]; that of a running mean in the first frames.
+  double histogram_rate = 0.05;
+  /// Share of the object's pixels, and of those around it, whose speed is none that has been seen, in (0, 1):
+  /// what suddenly moves is the object rather than what is around it.
+  double novelty = 0.2;
+  double background_novelty = 0.02;
+  /// Prior probability of the foreground in Bayes' rule, in (0, 1).
+  double foreground_prior = 0.5;
+  /// The window adds this much around the object, x the geometric mean of its sides on both axes, >= 1.
+  double padding = 3;
+  /// The object is resampled so that the geometric mean of its sides is in this range [window pixels, >= 8].
+  double min_template_side = 16;
+  double max_template_side = 32;
+};
+
+/// What moves otherwise than the camera: histograms of the speed of the object and of what is around it, as
+/// ColourModel has them of colours, and the foreground posterior by Bayes' rule.
+///
+/// Speeds are those of a dense optical flow (Kroeger et al., *Fast Optical Flow using Dense Inverse Search*,
+/// ECCV 2016) from the frame before, less a similarity that most of what is around the object follows. They
+/// are counted in half octaves from 1/4 % of the object's mean side a frame. Where object and surroundings
+/// move alike the histograms agree, and the posterior is the prior everywhere.
+class ASTERISM_API MotionModel {
+ public:
+  /// Bins of a histogram.
+  static constexpr int kBins = 16;
+
+  /// Throws std::invalid_argument for options out of range.
+  explicit MotionModel(const MotionOptions& options = {});
+  /// Whether the library was built with OpenCV's video, without which there is no flow.
+  static bool available();
+
+  /// Start on a box, which is finite and of positive size. Throws std::logic_error where not `available()`.
+  void init(const Frame& frame, const cv::Rect2d& box);
+  /// The posterior in the window around the last box, of the motion since the last frame that `init`, this
+  /// function or `adapt` has seen; empty until `adapt` has learned something. `informative` is not tested.
+  Segmentation segment(const Frame& frame);
+  /// Learn the speeds that `segment` saw in this frame: of the box where the object is now, and of twice the
+  /// box without it. The next window is around this box.
+  void adapt(const Frame& frame, const cv::Rect2d& box);
+
+  /// Saves or takes over what was learned, of the object's last centre and size.
+  void visit_state(StateArchive& archive, const Point2& centre, const Size2& size);
+
+  const MotionOptions& options() const { return options_; }
+  /// The histograms, each of sum 1 or, before anything was learned, 0.
+  const std::array<double, kBins>& foreground() const { return foreground_; }
+  const std::array<double, kBins>& background() const { return background_; }
+
+ private:
+  using Histogram = std::array<double, kBins>;
+  void place(const Point2& centre, const Size2& size);
+  // Posterior of each bin.
+  std::array<float, kBins> posterior() const;
+
+  MotionOptions options_;
+  Point2 centre_ = Point2::Zero();
+  Size2 size_ = Size2::Ones();
+  ObjectWindow window_;
+  cv::Mat previous_;  // the window's pixels; never written again: copies share it
+  Histogram foreground_{}, background_{};
+  int learned_ = 0;  // frames, at most as many as matter for the running mean
+
+  // Of the frame that `segment` saw.
+  Segmentation grid_;              // its origin and spacing
+  std::vector<std::int8_t> bins_;  // of its cells, -1 outside the image
+  int rows_ = 0, cols_ = 0;
+};
+
+}  // namespace asterism::inline ASTERISM_ABI
