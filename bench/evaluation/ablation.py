@@ -25,6 +25,16 @@ def plus(**changes):
     return ("dpt_plus", changes)
 
 
+# What makes dpt_plus of dpt.
+SCALE = {"scale_share": 0.25, "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}
+MOTION = {"motion_share": 0.45}
+
+
+def grown(coarse=None, **changes):
+    """DPT with the root of dpt_plus, and more."""
+    return {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True}, **(coarse or {})}, **changes}
+
+
 # Of each tracker: the name of a row, a tracker's name, and its options.
 VARIANTS = {
     "dpt": {
@@ -56,27 +66,23 @@ VARIANTS = {
         "anchors by covariance": ("dpt", {"anchor_law": "covariance"}),
         "Newton": ("dpt", {"spring_solver": "newton"}),
     },
-    # First what is added to dpt, one after the other, then what dpt_plus loses without each.
+    # First what is added to dpt, one after the other, then what dpt_plus loses without each, then what it could have.
     "dpt_plus": {
         "dpt_plus": plus(),
         "dpt": ("dpt", {}),
-        "+ root SpatialReliability": ("dpt", {"coarse": {"root": "spatial_reliability"}}),
-        "+ scale filter": ("dpt", {"coarse": {"root": "spatial_reliability"}, "scale_share": 0.25,
-                                   "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}, "resize_parts": True}),
-        "+ colour channels": ("dpt", {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True}},
-                                      "scale_share": 0.25, "resize_parts": True,
-                                      "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}),
-        "+ re-detection": ("dpt", {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True},
-                                              "redetect": True}, "scale_share": 0.25, "resize_parts": True,
-                                   "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}),
+        "+ root SpatialReliability": ("dpt", grown(coarse={"root": "spatial_reliability"})),
+        "+ colour channels": ("dpt", grown()),
+        "+ scale filter": ("dpt", grown(**SCALE)),
+        "+ motion": ("dpt", grown(coarse=MOTION, **SCALE)),
         "without the root's filter": plus(coarse={"root": "kcf"}),
-        "without colour channels": plus(coarse={"root": "spatial_reliability"}),
-        "without the sum with colour": plus(coarse={"colour_share": 0, "colour": {"mrf": {"enabled": True}}}),
+        "without colour": plus(coarse={"use_colour": False}),
+        "without motion": plus(coarse={"motion_share": 0}),
         "without re-detection": plus(coarse={"redetect": False}),
         "without the scale filter": plus(scale_share=0),
-        "without resized parts": plus(resize_parts=False),
-        "anchors by covariance": plus(anchor_law="covariance"),
-        "parts SpatialReliability": plus(part="spatial_reliability"),
+        "motion 0.3": plus(coarse={"motion_share": 0.3}),
+        "motion 0.6": plus(coarse={"motion_share": 0.6}),
+        "colour added": plus(coarse={"colour_share": 0.15, "colour": {"mrf": {"enabled": False}}}),
+        "resized parts": plus(resize_parts=True),
     },
 }
 

@@ -14,9 +14,9 @@ namespace {
 template <typename System>
 class Energy : public ::testing::Test {};
 
+// Each dimension, way of storage and scalar once; every_solver.cpp has more of their combinations.
 using Systems = ::testing::Types<SpringSystem<double, 1, 3>, SpringSystem<double, 2, 1>,
-                                 SpringSystem<double, 2, 4>, SpringSystem<double, 2, Eigen::Dynamic, 12>,
-                                 SpringSystem<double, 2>, SpringSystem<double, 3>, SpringSystem<float, 3>>;
+                                 SpringSystem<double, 2, Eigen::Dynamic, 12>, SpringSystem<float, 3>>;
 TYPED_TEST_SUITE(Energy, Systems);
 
 template <typename System>

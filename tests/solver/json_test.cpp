@@ -22,7 +22,6 @@ namespace fs = std::filesystem;
 using nlohmann::json;
 using namespace std::string_view_literals;
 using Plane = SpringSystem<double, 2>;
-using Space = SpringSystem<double, 3>;
 template <int Dim>
 using Anisotropic = SpringSystem<double, Dim, Eigen::Dynamic, Eigen::Dynamic,
                                  Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
@@ -52,8 +51,8 @@ void expect_same(const System& a, const System& b) {
 
 template <typename System>
 class RoundTrip : public ::testing::Test {};
-using Systems = ::testing::Types<Plane, Space, Anisotropic<2>, Anisotropic<3>,
-                                 SpringSystem<double, 2, Eigen::Dynamic, 16>, SpringSystem<double, 1>>;
+using Systems = ::testing::Types<Plane, Anisotropic<3>, SpringSystem<double, 2, Eigen::Dynamic, 16>,
+                                 SpringSystem<double, 1>>;
 TYPED_TEST_SUITE(RoundTrip, Systems);
 
 TYPED_TEST(RoundTrip, KeepsEveryBit) {

@@ -66,21 +66,21 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     options.overlap = name == "dpt_3x3_ov" ? 0.5 : 0;
     return options;
   }
+#ifdef ASTERISM_TRACKERS_FLOW
   if (name == "dpt_plus") {
     SpatialReliabilityOptions filter;
     filter.colour_channels = true;
     options.coarse.root = SpatialReliability(filter);
-    options.coarse.colour.mrf.enabled = false;
-    options.coarse.colour_share = 0.15;
+    options.coarse.motion_share = 0.45;
     options.coarse.redetect = true;
     options.scale_share = 0.25;
     options.scale.scales = 17;
     options.scale.step = 1.04;
     options.scale.label_sigma = 0.17;
-    options.resize_parts = true;
     options.spring_solver = SpringSolver::Newton;
     return options;
   }
+#endif
   return {};
 }
 
@@ -134,10 +134,10 @@ std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
 }
 
 std::vector<std::string> tracker_names() {
-  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",     "dpt_crs_nos",
-                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus"};
+  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",    "dpt_crs_nos",
+                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov"};
 #ifdef ASTERISM_TRACKERS_FLOW
-  names.push_back("flock");
+  names.insert(names.end(), {"dpt_plus", "flock"});
 #endif
 #ifdef ASTERISM_TRACKERS_KEYPOINTS
   names.push_back("keypoints");
