@@ -23,6 +23,9 @@ constexpr double kCameraError = 0.5;
 // before.
 constexpr double kSlowest = 0.0025 * 0.0025;
 
+// Bin of a cell outside the image.
+constexpr std::uint8_t kNone = 255;
+
 // Flow from the pixels of `to` back to those of `from`, both of 8 bits and one size.
 cv::Mat flow_between(const cv::Mat& to, const cv::Mat& from) {
 #ifdef ASTERISM_TRACKERS_FLOW
@@ -78,7 +81,7 @@ void MotionModel::place(const Point2& centre, const Size2& size) {
   centre_ = centre, size_ = size;
   window_ =
       ObjectWindow(centre, size, options_.padding, options_.min_template_side, options_.max_template_side);
-  bins_.clear();
+  bins_.release();
 }
 
 void MotionModel::init(const Frame& frame, const cv::Rect2d& box) {
@@ -105,7 +108,8 @@ Segmentation MotionModel::segment(const Frame& frame) {
   };
 
   // The camera's motion: that of what is around the object.
-  const int stride = std::max(1, static_cast<int>(std::sqrt(flow.total() / kCameraPoints)));
+  const int stride =
+      std::max(1, static_cast<int>(std::sqrt(static_cast<double>(flow.total()) / kCameraPoints)));
   std::vector<Eigen::Vector2d> points, images;
   for (int row = stride / 2; row < flow.rows; row += stride)
     for (int col = stride / 2; col < flow.cols; col += stride) {
@@ -125,31 +129,27 @@ Segmentation MotionModel::segment(const Frame& frame) {
           .transform;
 
   // What is left, in octaves of its square.
-  rows_ = (flow.rows + kStep - 1) / kStep, cols_ = (flow.cols + kStep - 1) / kStep;
   grid_.origin = position(0, 0);
   grid_.spacing = Size2::Constant(kStep * window_.spacing());
-  bins_.assign(static_cast<std::size_t>(rows_ * cols_), -1);
+  bins_ = cv::Mat_<std::uint8_t>((flow.rows + kStep - 1) / kStep, (flow.cols + kStep - 1) / kStep, kNone);
   const double slowest = kSlowest * size_.prod() / (window_.spacing() * window_.spacing());
   const PlaneTransform turn{camera.scale, camera.angle, Eigen::Vector2d::Zero()};
   const Eigen::Vector2d right = turn({1, 0}), down = turn({0, 1});
-  for (int row = 0; row < rows_; ++row)
-    for (int col = 0; col < cols_; ++col) {
+  for (int row = 0; row < bins_.rows; ++row)
+    for (int col = 0; col < bins_.cols; ++col) {
       if (!contains(image, position(kStep * row, kStep * col))) continue;
       const Eigen::Vector2d rest =
           moved(kStep * row, kStep * col) - kStep * (col * right + row * down) - camera.translation;
       const double octave = std::max(0.0, std::logb(std::max(rest.squaredNorm() / slowest, 0.5)) + 1);
-      bins_[static_cast<std::size_t>(row * cols_ + col)] =
-          static_cast<std::int8_t>(std::min<double>(octave, kBins - 1));
+      bins_(row, col) = static_cast<std::uint8_t>(std::min<double>(octave, kBins - 1));
     }
 
   Segmentation result = grid_;
   if (learned_ == 0) return result;
   const std::array<float, kBins> posterior = this->posterior();
-  result.posterior.create(rows_, cols_, CV_32F);
-  for (int i = 0; i < rows_ * cols_; ++i) {
-    const int bin = bins_[static_cast<std::size_t>(i)];
-    result.posterior.ptr<float>()[i] = bin < 0 ? 0 : posterior[static_cast<std::size_t>(bin)];
-  }
+  result.posterior.create(bins_.size(), CV_32F);
+  std::transform(bins_.begin(), bins_.end(), result.posterior.begin<float>(),
+                 [&](std::uint8_t bin) { return bin == kNone ? 0 : posterior[bin]; });
   return result;
 }
 
@@ -175,16 +175,15 @@ void MotionModel::adapt(const Frame& frame, const cv::Rect2d& box) {
   Histogram object{}, around{};
   double inside = 0, outside = 0;
   const cv::Rect2d inner = pixels_of(centre, size), outer = pixels_of(centre, 2 * size);
-  for (std::size_t i = 0; i < bins_.size(); ++i) {
-    if (bins_[i] < 0) continue;
-    const auto row = static_cast<double>(i / static_cast<std::size_t>(cols_)),
-               col = static_cast<double>(i % static_cast<std::size_t>(cols_));
-    const Point2 x = grid_.origin + grid_.spacing.cwiseProduct(Point2(col, row));
-    if (!contains(outer, x)) continue;
-    const bool in = contains(inner, x);
-    (in ? object : around)[static_cast<std::size_t>(bins_[i])] += 1;
-    (in ? inside : outside) += 1;
-  }
+  for (int row = 0; row < bins_.rows; ++row)
+    for (int col = 0; col < bins_.cols; ++col) {
+      const auto bin = bins_(row, col);
+      const Point2 x = grid_.origin + grid_.spacing.cwiseProduct(Point2(col, row));
+      if (bin == kNone || !contains(outer, x)) continue;
+      const bool in = contains(inner, x);
+      (in ? object : around)[bin] += 1;
+      (in ? inside : outside) += 1;
+    }
   if (inside > 0 && outside > 0) {
     learned_ = std::min(learned_ + 1, 1'000'000);
     const double rate = std::max(options_.histogram_rate, 1.0 / learned_);

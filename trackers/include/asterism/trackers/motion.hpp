@@ -4,6 +4,7 @@
 #include <asterism/parts/colour.hpp>
 #include <asterism/parts/state.hpp>
 #include <asterism/trackers/object_window.hpp>
+#include <cstdint>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -73,9 +74,8 @@ class ASTERISM_API MotionModel {
   int learned_ = 0;  // frames, at most as many as matter for the running mean
 
   // Of the frame that `segment` saw.
-  Segmentation grid_;              // its origin and spacing
-  std::vector<std::int8_t> bins_;  // of its cells, -1 outside the image
-  int rows_ = 0, cols_ = 0;
+  Segmentation grid_;            // its origin and spacing
+  cv::Mat_<std::uint8_t> bins_;  // of its cells; never written again
 };
 
 }  // namespace asterism::inline ASTERISM_ABI
