@@ -9,6 +9,7 @@ import pathlib
 import re
 import random
 import resource
+import shutil
 import signal
 import struct
 import subprocess
