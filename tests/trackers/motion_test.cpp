@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
+#include <thread>
 
 namespace asterism {
 namespace {
@@ -192,6 +193,34 @@ TEST_F(Motion, CopiesShareNothing) {
   MotionModel second = model;
   const Segmentation a = model.segment(Frame(next)), b = second.segment(Frame(next));
   EXPECT_EQ(cv::norm(a.posterior, b.posterior, cv::NORM_INF), 0);
+}
+
+// The flow's solver is one of a thread, and adapts itself to small images.
+TEST_F(Motion, DoesNotDependOnWhatTheThreadDidBefore) {
+  const Scene scene;
+  const auto last = [&](const cv::Size2d& before) {
+    cv::Mat result;
+    std::thread([&] {
+      const Point2 object(150, 120);
+      for (const cv::Size2d& size : {before, cv::Size2d(48, 36)}) {
+        MotionModel model({.padding = size.width < 10 ? 1.0 : 3.0, .min_template_side = 8});
+        for (int i = 0; i < 4; ++i) {
+          const cv::Mat image = scene.image(i, object + Point2(2 * i, 0));
+          const cv::Rect2d box = box_around(object + Point2(2 * i, 0), {size.width, size.height});
+          if (i == 0) {
+            model.init(Frame(image), box);
+            continue;
+          }
+          result = model.segment(Frame(image)).posterior;
+          model.adapt(Frame(image), box);
+        }
+      }
+    }).join();
+    return result;
+  };
+  const cv::Mat expected = last({48, 36});
+  for (const cv::Size2d& before : {cv::Size2d(8, 8), cv::Size2d(3, 200), cv::Size2d(200, 100)})
+    EXPECT_EQ(cv::norm(last(before), expected, cv::NORM_INF), 0) << before;
 }
 
 // An object whose appearance is another in each frame: only its motion tells where it is.

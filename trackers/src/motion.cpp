@@ -23,6 +23,8 @@ constexpr double kCameraError = 0.5;
 // before.
 constexpr double kSlowest = 0.0025 * 0.0025;
 
+// Halvings of the window at which the flow ends.
+constexpr int kFinestScale = 0;
 // Bin of a cell outside the image.
 constexpr std::uint8_t kNone = 255;
 
@@ -35,6 +37,10 @@ cv::Mat flow_between(const cv::Mat& to, const cv::Mat& from) {
     result->setUseSpatialPropagation(false);
     return result;
   }();
+  // It changes these where an image is small, and keeps them.
+  solver->setFinestScale(kFinestScale);
+  solver->setPatchSize(8);
+  solver->setPatchStride(4);
   cv::Mat flow;
   solver->calc(to, from, flow);
   return flow;
