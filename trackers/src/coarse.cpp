@@ -75,7 +75,7 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   estimate.root_milliseconds = clock.lap();
   const ResponseMap* const response = root_.response();
   bool combined = false;  // with another cue, in density_
-  if (response != nullptr) density_ = *response;
+  if (response != nullptr && (options_.use_colour || options_.motion_share > 0)) density_ = *response;
   if (options_.use_colour && colour_.enabled()) {
     const Segmentation& segmentation = estimate.segmentation =
         colour_.segment(frame, search_window(around), size_);

@@ -50,9 +50,7 @@ cv::Mat flow_between(const cv::Mat& to, const cv::Mat& from) {
 #endif
 }
 
-bool contains(const cv::Rect2d& box, const Point2& x) {
-  return x.x() >= box.x && x.y() >= box.y && x.x() < box.x + box.width && x.y() < box.y + box.height;
-}
+bool contains(const cv::Rect2d& box, const Point2& x) { return box.contains({x.x(), x.y()}); }
 
 // Pixels, as the corners of a box.
 cv::Rect2d pixels_of(const Point2& centre, const Size2& size) {
@@ -90,6 +88,10 @@ void MotionModel::place(const Point2& centre, const Size2& size) {
   bins_.release();
 }
 
+Point2 MotionModel::position(int row, int col) const {
+  return window_.to_image({static_cast<float>(col), static_cast<float>(row)});
+}
+
 void MotionModel::init(const Frame& frame, const cv::Rect2d& box) {
   if (!available()) throw std::logic_error("MotionModel: built without OpenCV's video");
   place(centre_of(box), {box.width, box.height});
@@ -105,9 +107,6 @@ Segmentation MotionModel::segment(const Frame& frame) {
 
   const cv::Rect2d image(-0.5, -0.5, frame.size().width, frame.size().height),
       object = pixels_of(centre_, size_);
-  const auto position = [&](int row, int col) -> Point2 {
-    return window_.to_image({static_cast<float>(col), static_cast<float>(row)});
-  };
   const auto moved = [&](int row, int col) -> Eigen::Vector2d {
     const cv::Point2f u = flow.at<cv::Point2f>(row, col);
     return Eigen::Vector2d(col, row) + Eigen::Vector2d(u.x, u.y);
@@ -135,8 +134,6 @@ Segmentation MotionModel::segment(const Frame& frame) {
           .transform;
 
   // What is left, in octaves of its square.
-  grid_.origin = position(0, 0);
-  grid_.spacing = Size2::Constant(kStep * window_.spacing());
   bins_ = cv::Mat_<std::uint8_t>((flow.rows + kStep - 1) / kStep, (flow.cols + kStep - 1) / kStep, kNone);
   const double slowest = kSlowest * size_.prod() / (window_.spacing() * window_.spacing());
   const PlaneTransform turn{camera.scale, camera.angle, Eigen::Vector2d::Zero()};
@@ -150,8 +147,10 @@ Segmentation MotionModel::segment(const Frame& frame) {
       bins_(row, col) = static_cast<std::uint8_t>(std::min<double>(octave, kBins - 1));
     }
 
-  Segmentation result = grid_;
+  Segmentation result;
   if (learned_ == 0) return result;
+  result.origin = position(0, 0);
+  result.spacing = Size2::Constant(kStep * window_.spacing());
   const std::array<float, kBins> posterior = this->posterior();
   result.posterior.create(bins_.size(), CV_32F);
   std::transform(bins_.begin(), bins_.end(), result.posterior.begin<float>(),
@@ -184,14 +183,14 @@ void MotionModel::adapt(const Frame& frame, const cv::Rect2d& box) {
   for (int row = 0; row < bins_.rows; ++row)
     for (int col = 0; col < bins_.cols; ++col) {
       const auto bin = bins_(row, col);
-      const Point2 x = grid_.origin + grid_.spacing.cwiseProduct(Point2(col, row));
+      const Point2 x = position(kStep * row, kStep * col);
       if (bin == kNone || !contains(outer, x)) continue;
       const bool in = contains(inner, x);
       (in ? object : around)[bin] += 1;
       (in ? inside : outside) += 1;
     }
   if (inside > 0 && outside > 0) {
-    learned_ = std::min(learned_ + 1, 1'000'000);
+    learned_ = std::min(learned_ + 1, kMostLearned);
     const double rate = std::max(options_.histogram_rate, 1.0 / learned_);
     for (std::size_t k = 0; k < kBins; ++k) {
       foreground_[k] += rate * (object[k] / inside - foreground_[k]);

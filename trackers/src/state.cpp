@@ -69,7 +69,7 @@ void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const
   if (archive.loading()) place(centre, size);
   archive.pixels(previous_, window_.grid(), 1);
   archive(learned_);
-  archive.require(learned_ >= 0);
+  archive.require(learned_ >= 0 && learned_ <= kMostLearned);
   for (Histogram* const histogram : {&foreground_, &background_})
     for (double& share : *histogram) {
       archive(share);

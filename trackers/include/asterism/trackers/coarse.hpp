@@ -52,12 +52,13 @@ class ASTERISM_API CoarseLayer {
 
   /// What the layer says of a frame.
   struct Estimate {
-    Evidence evidence;          ///< of the density of Eq. position_posterior_root
-    double similarity = 0;      ///< the root filter's own response at the position
-    Segmentation segmentation;  ///< of the search window, empty where the colour model is off
-    bool lost = false;          ///< `similarity` is below CoarseOptions::lost_below
-    /// Wall-clock time in each.
-    double root_milliseconds = 0, colour_milliseconds = 0, motion_milliseconds = 0;
+    Evidence evidence;               ///< of the density of Eq. position_posterior_root
+    double similarity = 0;           ///< the root filter's own response at the position
+    Segmentation segmentation;       ///< of the search window, empty where the colour model is off
+    bool lost = false;               ///< `similarity` is below CoarseOptions::lost_below
+    double root_milliseconds = 0;    ///< wall-clock time of the root filter
+    double colour_milliseconds = 0;  ///< of the colour model
+    double motion_milliseconds = 0;  ///< of the model of motion
   };
   /// The object's position near its last one: the maximum of Eq. position_posterior_root.
   Estimate localize(const Frame& frame);

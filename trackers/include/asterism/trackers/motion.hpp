@@ -61,7 +61,11 @@ class ASTERISM_API MotionModel {
 
  private:
   using Histogram = std::array<double, kBins>;
+  // Frames beyond which the running mean no longer counts.
+  static constexpr int kMostLearned = 1'000'000;
   void place(const Point2& centre, const Size2& size);
+  // Of a pixel of the window, in the image.
+  Point2 position(int row, int col) const;
   // Posterior of each bin.
   std::array<float, kBins> posterior() const;
 
@@ -71,11 +75,9 @@ class ASTERISM_API MotionModel {
   ObjectWindow window_;
   cv::Mat previous_;  // the window's pixels; never written again: copies share it
   Histogram foreground_{}, background_{};
-  int learned_ = 0;  // frames, at most as many as matter for the running mean
+  int learned_ = 0;  // frames, at most kMostLearned
 
-  // Of the frame that `segment` saw.
-  Segmentation grid_;            // its origin and spacing
-  cv::Mat_<std::uint8_t> bins_;  // of its cells; never written again
+  cv::Mat_<std::uint8_t> bins_;  // of the cells of the frame that `segment` saw; never written again
 };
 
 }  // namespace asterism::inline ASTERISM_ABI
