@@ -27,10 +27,11 @@ inline std::string read_tracker(const std::string& path) {
 
 /// The options --tracker and --config, which set the description of a tracker.
 inline void add_tracker_options(CLI::App& app, std::string& description) {
+  std::string names;
+  for (const std::string& name : tracker_names()) names += name + ", ";
   CLI::Option* const tracker =
-      app.add_option(
-             "--tracker", description,
-             R"(dpt, coarse, kcf, flock, keypoints, lgt, superpixels, kalman, dpt+MODEL, or one with options: 'dpt{"part": "mosse"}')")
+      app.add_option("--tracker", description,
+                     names + R"(dpt+MODEL, or one with options: 'dpt{"part": "mosse"}')")
           ->capture_default_str();
   app.add_option_function<std::string>(
          "--config", [&description](const std::string& file) { description = read_tracker(file); },
