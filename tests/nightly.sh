@@ -11,11 +11,6 @@ step() {
   "$@" || failed+=("$name")
 }
 
-thread_sanitizer() {
-  cmake --preset thread && cmake --build --preset thread --target multi_tracker_test solver_batch_test tracker_test &&
-    ctest --preset thread -R '^(multi_tracker_test|solver_batch_test|tracker_test)$'
-}
-
 # Every memory access of the solvers, and of the tool on a few frames.
 memcheck() {
   ASTERISM_PROPERTY_SYSTEMS=100 valgrind --quiet --error-exitcode=9 build/release/tests/solver/solver_property_test ||
@@ -43,7 +38,8 @@ step "properties" env ASTERISM_PROPERTY_SYSTEMS=100000 build/release/tests/solve
 for tracker in dpt dpt_plus; do
   step "soak of $tracker" build/release/tests/trackers/soak 100000 "$tracker"
 done
-step "ThreadSanitizer" thread_sanitizer
+step "AddressSanitizer and UndefinedBehaviorSanitizer" bash tests/run.sh sanitize
+step "ThreadSanitizer" bash tests/run.sh thread
 step "coverage" bash tests/coverage.sh
 step "valgrind" memcheck
 

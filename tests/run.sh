@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Installs what the tests need (Debian 12; root or sudo), builds, and runs every test.
 #
-#   bash tests/run.sh [release|clang|sanitize|fuzz] [OPTION...]      one preset of CMakePresets.json, release by default,
+#   bash tests/run.sh [release|clang|sanitize|fuzz|thread] [OPTION...]      one preset of CMakePresets.json, release by default,
 #                                                                    and options of CMake
 #
 # With CI set in the environment, warnings are errors.
