@@ -54,6 +54,9 @@ VARIANTS = {
         "no mask gate": ("dpt", {"mask_gate": 0}),
         "Euclidean transform": ("dpt", {"transform": "euclidean"}),
         "proportional windows": ("dpt", filters(proportional_window=True)),
+        "root's window padded by 2": ("dpt", {"coarse": {"root": {"model": "kcf", "padding": 2}}}),
+        "parts' windows padded by 1": ("dpt", {"part": {"model": "kcf", "padding": 1}}),
+        "parts' windows padded by 2": ("dpt", {"part": {"model": "kcf", "padding": 2}}),
         "A updated as a whole": ("dpt", filters(separate_update=False)),
         "no sub-pixel peak": ("dpt", {
             "coarse": {"root": {"model": "kcf", "sub_pixel": False}, "sub_pixel": False},
@@ -62,6 +65,8 @@ VARIANTS = {
         "smaller templates": ("dpt", {
             "coarse": {"root": {"model": "kcf", "min_template_side": 32, "max_template_side": 64}},
             "part": {"model": "kcf", "min_template_side": 25, "max_template_side": 40}}),
+        "larger template of the root": ("dpt", {
+            "coarse": {"root": {"model": "kcf", "min_template_side": 50, "max_template_side": 100}}}),
         "5 iterations of IDA": ("dpt", {"solver": {"max_iterations": 5}}),
         "anchors by covariance": ("dpt", {"anchor_law": "covariance"}),
         "Newton": ("dpt", {"spring_solver": "newton"}),
