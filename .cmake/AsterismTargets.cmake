@@ -6,7 +6,10 @@ function(asterism_private_options target)
   if(ASTERISM_WERROR)
     target_compile_options(${target} PRIVATE -Werror)
   endif()
-  if(ASTERISM_SANITIZE)
+  if(ASTERISM_SANITIZE STREQUAL thread)
+    target_compile_options(${target} PRIVATE -fsanitize=thread)
+    target_link_options(${target} PRIVATE -fsanitize=thread)
+  elseif(ASTERISM_SANITIZE)
     # Without the checks of every access that AddressSanitizer sees as well: they double the time to compile.
     target_compile_options(${target} PRIVATE -fsanitize=address,undefined -fno-sanitize=null,object-size,vptr,pointer-overflow
                                              -fno-sanitize-recover=undefined -fno-omit-frame-pointer)

@@ -50,8 +50,12 @@ std::vector<Saved> saved_trackers() {
   return all;
 }
 
-// CRC-32, as the header has it.
-std::uint32_t checksum(const State& state) {
+// CRC-32, as the header has it. Its loop tells the fuzzer nothing, and would take it a quarter of its time.
+#ifdef __clang__
+__attribute__((no_sanitize("coverage")))
+#endif
+std::uint32_t
+checksum(const State& state) {
   static const auto table = [] {
     std::array<std::uint32_t, 256> result;
     for (std::uint32_t i = 0; i < result.size(); ++i) {
@@ -103,6 +107,7 @@ void change(State& state, fuzz::Bytes& bytes) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const std::vector<Saved> all = saved_trackers();
+  static const std::array<cv::Mat, 2> frames{fuzz::small_frame(0), fuzz::small_frame(1)};
   fuzz::Bytes bytes(data, size);
   const Saved& saved = all[bytes.take<std::uint8_t>() % all.size()];
   State state = saved.state;
@@ -111,7 +116,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   AnyTracker tracker = saved.make();
   try {
     tracker.restore(state);
-    for (int t = 1; t >= 0; --t) fuzz::check(tracker.update(fuzz::small_frame(t)));
+    fuzz::check(tracker.update(frames[1]));
+    fuzz::check(tracker.update(frames[0]));
   } catch (const std::invalid_argument&) {
   } catch (const std::runtime_error&) {
   }
