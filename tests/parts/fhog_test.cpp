@@ -3,43 +3,22 @@
 #include <algorithm>
 #include <array>
 #include <asterism/parts/fhog.hpp>
-#include <atomic>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
 #include <limits>
-#include <new>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "../solver/counting_allocator.hpp"
+
 #ifdef ASTERISM_TEST_DLIB
 #include <dlib/image_transforms.h>
 #include <dlib/opencv.h>
 #endif
-
-namespace {
-std::atomic<long> allocations{0};
-}
-
-// Counts; not inlined, because gcc then sees malloc and free without their operators and warns.
-[[gnu::noinline]] void* operator new(std::size_t size) {
-  ++allocations;
-  if (void* const p = std::malloc(size == 0 ? 1 : size)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void* operator new(std::size_t size, std::align_val_t alignment) {
-  ++allocations;
-  const auto unit = static_cast<std::size_t>(alignment);
-  if (void* const p = std::aligned_alloc(unit, (size + unit) / unit * unit)) return p;
-  throw std::bad_alloc();
-}
-[[gnu::noinline]] void operator delete(void* p) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::align_val_t) noexcept { std::free(p); }
-[[gnu::noinline]] void operator delete(void* p, std::size_t, std::align_val_t) noexcept { std::free(p); }
 
 namespace {
 
@@ -360,12 +339,13 @@ TEST(Fhog, AllocatesOnlyForALargerPatch) {
   std::vector<float> features(kChannels * 50 * 45);
   Fhog fhog(4);
   fhog.compute(large, features.data());
-  const long before = allocations;
-  fhog.compute(large, features.data());
-  fhog.compute(small, features.data());
-  fhog.compute(floats, features.data());
-  fhog.compute(large, features.data());
-  EXPECT_EQ(allocations, before);
+  const long allocated = asterism::testing::allocations_in([&] {
+    fhog.compute(large, features.data());
+    fhog.compute(small, features.data());
+    fhog.compute(floats, features.data());
+    fhog.compute(large, features.data());
+  });
+  EXPECT_EQ(allocated, 0);
 }
 
 TEST(Fhog, WritesNothingBeyondItsPlanes) {
