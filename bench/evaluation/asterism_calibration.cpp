@@ -14,7 +14,7 @@
 #include <vector>
 
 #include "dataset.hpp"
-#include "tool_main.hpp"
+#include "run_tool.hpp"
 
 namespace {
 
@@ -115,7 +115,9 @@ void report(const std::vector<std::string>& models, const std::vector<Sequence>&
   }
 }
 
-int run_command_line(int argc, char** argv) {
+}  // namespace
+
+int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> models = PartRegistry().names(), only;
   CLI::App app(
@@ -125,26 +127,11 @@ int run_command_line(int argc, char** argv) {
   app.add_option("DATASET", dataset, "a sequence or a folder of them")->required();
   app.add_option("--models", models, "of the registry, with options or without")->capture_default_str();
   app.add_option("--sequences", only, "only these")->delimiter(',');
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    return tools::fail("asterism-calibration", error.what(), 2);
-  }
-  cv::setNumThreads(1);
-  PartRegistry registry;
-  for (const std::string& model : models) registry.make(model);  // unknown ones fail before the first search
-  report(models, bench::open_dataset(dataset, bench::Layout::Auto, only));
-  return 0;
-}
-
-}  // namespace
-
-int main(int argc, char** argv) {
-  asterism::tools::silence_libraries();
-  try {
-    return run_command_line(argc, argv);
-  } catch (const std::exception& error) {
-    return asterism::tools::fail("asterism-calibration", error.what(), 1);
-  }
+  return asterism::tools::run_tool(app, argc, argv, [&] {
+    cv::setNumThreads(1);
+    PartRegistry registry;
+    for (const std::string& model : models)
+      registry.make(model);  // unknown ones fail before the first search
+    report(models, bench::open_dataset(dataset, bench::Layout::Auto, only));
+  });
 }

@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "protocols.hpp"
-#include "tool_main.hpp"
+#include "run_tool.hpp"
 
 namespace {
 
@@ -73,7 +73,9 @@ void report(const std::string& name, const std::vector<Sequence>& sequences) {
   std::fflush(stdout);
 }
 
-int run_command_line(int argc, char** argv) {
+}  // namespace
+
+int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> names = asterism::tracker_names(), only;
   CLI::App app("Times of our trackers' stages and the worth of their lost flag, one pass over sequences.",
@@ -81,27 +83,11 @@ int run_command_line(int argc, char** argv) {
   app.add_option("DATASET", dataset, "a sequence or a folder of them")->required();
   app.add_option("--trackers", names, "of asterism's own")->delimiter(',')->capture_default_str();
   app.add_option("--sequences", only, "only these")->delimiter(',');
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    return asterism::tools::fail("asterism-stages", error.what(), 2);
-  }
-  cv::setNumThreads(1);
-  for (const std::string& name : names)
-    asterism::make_tracker(name);  // unknown ones fail before the first run
-  const std::vector<Sequence> sequences = open_dataset(dataset, Layout::Auto, only);
-  for (const std::string& name : names) report(name, sequences);
-  return 0;
-}
-
-}  // namespace
-
-int main(int argc, char** argv) {
-  asterism::tools::silence_libraries();
-  try {
-    return run_command_line(argc, argv);
-  } catch (const std::exception& error) {
-    return asterism::tools::fail("asterism-stages", error.what(), 1);
-  }
+  return asterism::tools::run_tool(app, argc, argv, [&] {
+    cv::setNumThreads(1);
+    for (const std::string& name : names)
+      asterism::make_tracker(name);  // unknown ones fail before the first run
+    const std::vector<Sequence> sequences = open_dataset(dataset, Layout::Auto, only);
+    for (const std::string& name : names) report(name, sequences);
+  });
 }

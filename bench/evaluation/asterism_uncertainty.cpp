@@ -22,8 +22,8 @@
 #include "dataset.hpp"
 #include "overlap.hpp"
 #include "peers.hpp"
+#include "run_tool.hpp"
 #include "statistics.hpp"
-#include "tool_main.hpp"
 
 namespace {
 
@@ -299,7 +299,9 @@ void print_calibration(const std::string& name, const Run& run, const std::vecto
   }
 }
 
-int run_command_line(int argc, char** argv) {
+}  // namespace
+
+int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> names{"dpt", "kalman", "opencv-csrt", "dlib"}, only;
   double threshold = 0.1;
@@ -319,43 +321,27 @@ int run_command_line(int argc, char** argv) {
       ->capture_default_str();
   app.add_flag("--signals", signals, "also everything that dpt could be judged by");
   app.add_option("--sequences", only, "only these")->delimiter(',');
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& error) {
-    if (error.get_exit_code() == 0) return app.exit(error);
-    return tools::fail("asterism-uncertainty", error.what(), 2);
-  }
-  cv::setNumThreads(1);
-  const std::vector<std::string> own = tracker_names();
-  const auto begin_of = [&](const std::string& name) {
-    bench::evaluated_tracker(name);  // throws for unknown ones
-    const std::string base = name.substr(0, name.find_first_of("{+"));
-    return std::find(own.begin(), own.end(), base) != own.end() || base.empty() ? ours(name) : peer(name);
-  };
-  std::vector<std::pair<std::string, Begin>> trackers;
-  for (const std::string& name : names) trackers.emplace_back(name, begin_of(name));
-  if (signals) trackers.emplace_back("dpt's signals", candidates);
-  const std::vector<Sequence> sequences = bench::open_dataset(dataset, bench::Layout::Auto, only);
+  return asterism::tools::run_tool(app, argc, argv, [&] {
+    cv::setNumThreads(1);
+    const std::vector<std::string> own = tracker_names();
+    const auto begin_of = [&](const std::string& name) {
+      bench::evaluated_tracker(name);  // throws for unknown ones
+      const std::string base = name.substr(0, name.find_first_of("{+"));
+      return std::find(own.begin(), own.end(), base) != own.end() || base.empty() ? ours(name) : peer(name);
+    };
+    std::vector<std::pair<std::string, Begin>> trackers;
+    for (const std::string& name : names) trackers.emplace_back(name, begin_of(name));
+    if (signals) trackers.emplace_back("dpt's signals", candidates);
+    const std::vector<Sequence> sequences = bench::open_dataset(dataset, bench::Layout::Auto, only);
 
-  std::vector<Run> runs;
-  for (const auto& [name, begin] : trackers) {
-    Run& run = runs.emplace_back();
-    for (const Sequence& sequence : sequences) run.push_back(outcomes(begin, sequence));
-    print_areas(name, run, threshold);
-    std::fflush(stdout);
-  }
-  for (std::size_t i = 0; i < runs.size(); ++i)
-    print_calibration(trackers[i].first, runs[i], sequences, threshold);
-  return 0;
-}
-
-}  // namespace
-
-int main(int argc, char** argv) {
-  asterism::tools::silence_libraries();
-  try {
-    return run_command_line(argc, argv);
-  } catch (const std::exception& error) {
-    return asterism::tools::fail("asterism-uncertainty", error.what(), 1);
-  }
+    std::vector<Run> runs;
+    for (const auto& [name, begin] : trackers) {
+      Run& run = runs.emplace_back();
+      for (const Sequence& sequence : sequences) run.push_back(outcomes(begin, sequence));
+      print_areas(name, run, threshold);
+      std::fflush(stdout);
+    }
+    for (std::size_t i = 0; i < runs.size(); ++i)
+      print_calibration(trackers[i].first, runs[i], sequences, threshold);
+  });
 }

@@ -18,7 +18,7 @@
 #include <system_error>
 #include <thread>
 
-#include "tool_main.hpp"
+#include "run_tool.hpp"
 #include "tracker_option.hpp"
 #include "trax_server.hpp"
 
@@ -69,25 +69,8 @@ int connect_to(int port) {
   }
 }
 
-int run_command_line(int argc, char** argv) {
-  using namespace asterism::tools;
-  silence_libraries();
-  std::signal(SIGPIPE, SIG_IGN);  // a client that goes is a failed write like another
-
-  TraxServerOptions options;
-  CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or TRAX_SOCKET.",
-               kProgram);
-  add_tracker_options(app, options.tracker);
-  app.add_option("--trax-version", options.version, "version of the protocol; 4 for several objects")
-      ->check(CLI::Range(1, 4))
-      ->capture_default_str();
-  app.set_version_flag("--version", ASTERISM_VERSION);
-  try {
-    app.parse(argc, argv);
-  } catch (const CLI::ParseError& e) {
-    return e.get_exit_code() == 0 ? app.exit(e) : fail(kProgram, e.what(), 2);
-  }
-
+// On the streams or the socket that the environment names.
+void serve(const TraxServerOptions& options) {
   int in = -1, out = -1;
   if (std::getenv("TRAX_SOCKET") != nullptr) {
     in = out = connect_to(number_from_environment("TRAX_SOCKET", 65535, 0));
@@ -100,15 +83,21 @@ int run_command_line(int argc, char** argv) {
   // Whatever a library may print goes with the errors: the client reads nothing but the protocol.
   dup2(STDERR_FILENO, STDOUT_FILENO);
   serve_trax(options, in, out);
-  return 0;
 }
 
 }  // namespace
 
 int main(int argc, char** argv) {
-  try {
-    return run_command_line(argc, argv);
-  } catch (const std::exception& e) {
-    return asterism::tools::fail(kProgram, e.what(), 1);
-  }
+  using namespace asterism::tools;
+  std::signal(SIGPIPE, SIG_IGN);  // a client that goes is a failed write like another
+
+  TraxServerOptions options;
+  CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or TRAX_SOCKET.",
+               kProgram);
+  add_tracker_options(app, options.tracker);
+  app.add_option("--trax-version", options.version, "version of the protocol; 4 for several objects")
+      ->check(CLI::Range(1, 4))
+      ->capture_default_str();
+  app.set_version_flag("--version", ASTERISM_VERSION);
+  return run_tool(app, argc, argv, [&] { serve(options); });
 }

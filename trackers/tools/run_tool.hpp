@@ -1,0 +1,26 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <exception>
+
+#include "tool_main.hpp"
+
+namespace asterism::tools {
+
+/// What `main` does, and its exit code: reads the command line and calls `run`. What is wrong is told in one
+/// line; the code is 2 for the command line, 1 for what `run` throws.
+template <typename Run>
+int run_tool(CLI::App& app, int argc, char** argv, Run&& run) {
+  silence_libraries();
+  try {
+    app.parse(argc, argv);
+    run();
+    return 0;
+  } catch (const CLI::ParseError& error) {
+    return error.get_exit_code() == 0 ? app.exit(error) : fail(app.get_name(), error.what(), 2);
+  } catch (const std::exception& error) {
+    return fail(app.get_name(), error.what(), 1);
+  }
+}
+
+}  // namespace asterism::tools
