@@ -70,7 +70,7 @@ int connect_to(int port) {
 }
 
 // On the streams or the socket that the environment names.
-void serve(const TraxServerOptions& options) {
+void serve(const asterism::tools::TraxServerOptions& options) {
   int in = -1, out = -1;
   if (std::getenv("TRAX_SOCKET") != nullptr) {
     in = out = connect_to(number_from_environment("TRAX_SOCKET", 65535, 0));
@@ -82,7 +82,7 @@ void serve(const TraxServerOptions& options) {
   }
   // Whatever a library may print goes with the errors: the client reads nothing but the protocol.
   dup2(STDERR_FILENO, STDOUT_FILENO);
-  serve_trax(options, in, out);
+  asterism::tools::serve_trax(options, in, out);
 }
 
 }  // namespace
