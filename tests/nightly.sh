@@ -42,6 +42,7 @@ step "AddressSanitizer and UndefinedBehaviorSanitizer" bash tests/run.sh sanitiz
 step "ThreadSanitizer" bash tests/run.sh thread
 step "coverage" bash tests/coverage.sh
 step "valgrind" memcheck
+step "Debian packages" bash tests/package/debian.sh
 
 if [[ ${#failed[@]} -gt 0 ]]; then
   printf 'failed: %s\n' "${failed[@]}" >&2

@@ -25,7 +25,7 @@ install() { inside apt-get install -qq -y --no-install-recommends -o Dpkg::Use-P
 absent() { for package in "$@"; do ! inside dpkg -s "$package" >/dev/null 2>&1 || { echo "$package came along"; exit 1; }; done; }
 mkdir "$root/packages"
 for deb in "$packages"/*.deb; do cp "$deb" "$root/packages/$(dpkg-deb --field "$deb" Package).deb"; done
-cp -r tests/package/consumer tests/package/video.cpp "$root"
+cp -r tests/package/consumer tests/docs/video.cpp "$root"
 version=$(sed -nE 's/^  VERSION (.*)/\1/p' CMakeLists.txt)
 runtime=libasterism${version%.*}
 
