@@ -110,7 +110,8 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
   constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   const long double extent = std::max(x.cwiseAbs().maxCoeff(), given.start.cwiseAbs().maxCoeff()) +
                              system.anchors.cwiseAbs().maxCoeff();
-  const long double stiffness = system.anchor_stiffness.sum() + system.link_stiffness.sum();
+  const long double stiffness =
+      system.anchor_stiffness.cast<long double>().sum() + system.link_stiffness.cast<long double>().sum();
   const long double force = std::sqrt(2 * stiffness * before);
   const long double rounding =
       (system.nodes() + system.link_count()) *
