@@ -7,7 +7,6 @@
 #include <asterism/parts/part_registry.hpp>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <map>
 #include <opencv2/core/utility.hpp>
 #include <string>

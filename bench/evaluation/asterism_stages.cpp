@@ -4,7 +4,6 @@
 #include <CLI/CLI.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <cstdio>
-#include <exception>
 #include <map>
 #include <memory>
 #include <opencv2/core/utility.hpp>

@@ -8,7 +8,6 @@
 #include <asterism/trackers/dpt.hpp>
 #include <cmath>
 #include <cstdio>
-#include <exception>
 #include <functional>
 #include <limits>
 #include <map>
