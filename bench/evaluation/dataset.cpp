@@ -283,6 +283,7 @@ Sequence read_plain(const fs::path& path) {
   while (source.skip(1)) {
   }  // what a video's header says of its length is an estimate
   const auto frames = static_cast<std::size_t>(source.position());
+  if (frames == 0) fail(path, "no frame can be decoded");
   pad_single_box(sequence, frames);
   if (sequence.truth.size() != frames)
     fail(truth, sequence.truth.size(),
