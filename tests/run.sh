@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
 # Installs what the tests need (Debian 12; root or sudo), builds, and runs every test.
 #
-#   bash tests/run.sh [release|clang|sanitize|fuzz|thread] [OPTION...]      one preset of CMakePresets.json, release by default,
-#                                                                    and options of CMake
+#   bash tests/run.sh [release|clang|sanitize|fuzz|thread] [OPTION...]      one preset of CMakePresets.json, release by
+#                                                                           default, and options of CMake
 #
 # With CI set in the environment, warnings are errors.
 set -euo pipefail

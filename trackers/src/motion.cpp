@@ -13,7 +13,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-// Window pixels from one cell of the posterior to the next: the flow is no finer.
+// Window pixels from one cell of the posterior to the next; the flow's patches are 4 apart.
 constexpr int kStep = 2;
 // About as many points as this tell the camera's motion, ...
 constexpr int kCameraPoints = 256;
@@ -22,9 +22,6 @@ constexpr double kCameraError = 0.5;
 // Speed of the first bin's end, squared [mean sides of the object a frame]; each bin ends at twice the one
 // before.
 constexpr double kSlowest = 0.0025 * 0.0025;
-
-// Halvings of the window at which the flow ends.
-constexpr int kFinestScale = 0;
 // Bin of a cell outside the image.
 constexpr std::uint8_t kNone = 255;
 
@@ -37,8 +34,8 @@ cv::Mat flow_between(const cv::Mat& to, const cv::Mat& from) {
     result->setUseSpatialPropagation(false);
     return result;
   }();
-  // It changes these where an image is small, and keeps them.
-  solver->setFinestScale(kFinestScale);
+  // At full resolution. It changes these where an image is small, and keeps them.
+  solver->setFinestScale(0);
   solver->setPatchSize(8);
   solver->setPatchStride(4);
   cv::Mat flow;
