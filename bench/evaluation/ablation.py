@@ -25,6 +25,8 @@ def plus(**changes):
     return ("dpt_plus", changes)
 
 
+CONVERGED = {"mrf": {"max_iterations": 50}}
+
 # What makes dpt_plus of dpt.
 SCALE = {"scale_share": 0.25, "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}
 MOTION = {"motion_share": 0.45}
@@ -46,10 +48,12 @@ VARIANTS = {
         "coarse layer alone": ("dpt_crs", {}),
         "root filter alone": ("dpt_crs_nos", {}),
         "KCF": ("kcf", {}),
-        "coarse, prior 3/8": ("dpt_crs", {"colour": {"foreground_prior": 0.375}}),
         "no colour": ("dpt", {"coarse": {"use_colour": False}}),
         "no MRF": ("dpt", {"coarse": {"colour": {"mrf": {"enabled": False}}}}),
-        "foreground prior 3/8": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.375}}}),
+        "MRF until it converges": ("dpt", {"coarse": {"colour": CONVERGED}}),
+        "foreground prior 1/2": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.5}}}),
+        "foreground prior 1/2, MRF until it converges":
+            ("dpt", {"coarse": {"colour": {"foreground_prior": 0.5, **CONVERGED}}}),
         "no response gate": ("dpt", {"response_gate": 0}),
         "no mask gate": ("dpt", {"mask_gate": 0}),
         "Euclidean transform": ("dpt", {"transform": "euclidean"}),

@@ -43,10 +43,14 @@ std::vector<Saved> saved_trackers() {
     options.part = part;
     add([=] { return AnyTracker(Dpt(options)); });
   }
-  for (const std::string& name : tracker_names()) try {
+  for (const std::string& name : tracker_names()) {
+    // dpt_loc, dpt_3x3_ov and so on save what dpt does, of other links or more parts.
+    if (name.starts_with("dpt_") && name != "dpt_plus") continue;
+    try {
       add([=] { return make_tracker(name); });
     } catch (const std::invalid_argument&) {  // it cannot be saved
     }
+  }
   return all;
 }
 
