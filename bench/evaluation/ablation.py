@@ -46,6 +46,8 @@ VARIANTS = {
         "3 x 3 overlapping parts": ("dpt_3x3_ov", {}),
         "3 x 3 small parts": ("dpt_3x3_nov", {}),
         "coarse layer alone": ("dpt_crs", {}),
+        "coarse layer alone, prior 1/2, MRF until it converges":
+            ("dpt_crs", {"colour": {"foreground_prior": 0.5, **CONVERGED}}),
         "root filter alone": ("dpt_crs_nos", {}),
         "KCF": ("kcf", {}),
         "no colour": ("dpt", {"coarse": {"use_colour": False}}),
