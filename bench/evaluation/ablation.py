@@ -25,6 +25,7 @@ def plus(**changes):
     return ("dpt_plus", changes)
 
 
+# A random field that comes to its end.
 CONVERGED = {"mrf": {"max_iterations": 50}}
 
 # What makes dpt_plus of dpt.
