@@ -25,8 +25,9 @@ def plus(**changes):
     return ("dpt_plus", changes)
 
 
-# A random field that comes to its end.
+# A random field that comes to its end, and an even prior with it.
 CONVERGED = {"mrf": {"max_iterations": 50}}
+EVEN_CONVERGED = {"foreground_prior": 0.5, **CONVERGED}
 
 # What makes dpt_plus of dpt.
 SCALE = {"scale_share": 0.25, "scale": {"scales": 17, "step": 1.04, "label_sigma": 0.17}}
@@ -48,7 +49,7 @@ VARIANTS = {
         "3 x 3 small parts": ("dpt_3x3_nov", {}),
         "coarse layer alone": ("dpt_crs", {}),
         "coarse layer alone, prior 1/2, MRF until it converges":
-            ("dpt_crs", {"colour": {"foreground_prior": 0.5, **CONVERGED}}),
+            ("dpt_crs", {"colour": EVEN_CONVERGED}),
         "root filter alone": ("dpt_crs_nos", {}),
         "KCF": ("kcf", {}),
         "no colour": ("dpt", {"coarse": {"use_colour": False}}),
@@ -56,7 +57,7 @@ VARIANTS = {
         "MRF until it converges": ("dpt", {"coarse": {"colour": CONVERGED}}),
         "foreground prior 1/2": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.5}}}),
         "foreground prior 1/2, MRF until it converges":
-            ("dpt", {"coarse": {"colour": {"foreground_prior": 0.5, **CONVERGED}}}),
+            ("dpt", {"coarse": {"colour": EVEN_CONVERGED}}),
         "no response gate": ("dpt", {"response_gate": 0}),
         "no mask gate": ("dpt", {"mask_gate": 0}),
         "Euclidean transform": ("dpt", {"transform": "euclidean"}),
