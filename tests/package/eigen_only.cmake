@@ -15,10 +15,12 @@ endif()
 must_match("${err}" "libeigen3-dev" "the error does not name Eigen's Debian package")
 
 # Eigen alone: one line for each package that is not there. The tests are off, as they need GoogleTest. With shared
-# libraries, as all other tests have static ones, and -O0, as nothing here is timed.
+# libraries, as all other tests have static ones; as on a processor whose instructions the batch has no kernels for; in few
+# units and -O0, as nothing here is timed.
 fresh(${WORK}/eigen-only)
 must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/eigen-only -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_BUILD_TESTS=OFF
-     -DBUILD_SHARED_LIBS=ON -DCMAKE_CXX_FLAGS_RELEASE=-O0)
+     -DBUILD_SHARED_LIBS=ON -DCMAKE_CXX_FLAGS_RELEASE=-O0 -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=other
+     -DCMAKE_UNITY_BUILD=ON)
 if(NOT err STREQUAL "")
   fail("configuring with Eigen alone wrote to standard error")
 endif()

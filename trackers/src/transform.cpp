@@ -13,17 +13,43 @@ Eigen::Matrix2d rotation(double angle) {
   return (Eigen::Matrix2d() << c, -s, s, c).finished();
 }
 
-// The least-squares transform of point sets of these means, from sums over the centred points p and q: the
-// angle maximises sum q . R p = cos sum p . q + sin sum p x q.
-PlaneTransform from_moments(const Eigen::Vector2d& from_mean, const Eigen::Vector2d& to_mean, double dot,
-                            double cross, double spread, TransformModel model) {
-  PlaneTransform transform;
-  const double aligned = std::hypot(dot, cross);
-  if (model != TransformModel::Translation && aligned > 0 && spread > 0) {
-    transform.angle = std::atan2(cross, dot);
-    if (model == TransformModel::Similarity) transform.scale = aligned / spread;
+// Two sets of points: their means, and sums over the centred points p and q.
+struct Moments {
+  Eigen::Vector2d from_mean, to_mean;
+  double dot = 0;     // p . q
+  double cross = 0;   // p x q
+  double spread = 0;  // |p|^2
+};
+
+template <typename Weight>
+Moments moments_about(const Eigen::Vector2d& from_mean, const Eigen::Vector2d& to_mean,
+                      const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                      const Eigen::Ref<const Eigen::Matrix2Xd>& to, const Weight& weight) {
+  Moments sums{from_mean, to_mean};
+  for (Eigen::Index i = 0; i < from.cols(); ++i) {
+    const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
+    sums.dot += weight(i) * p.dot(q);
+    sums.cross += weight(i) * (p.x() * q.y() - p.y() * q.x());
+    sums.spread += weight(i) * p.squaredNorm();
   }
-  transform.translation = to_mean - transform.scale * (rotation(transform.angle) * from_mean);
+  return sums;
+}
+
+Moments moments_of(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
+                   const Eigen::Ref<const Eigen::Matrix2Xd>& to) {
+  return moments_about(from.rowwise().mean(), to.rowwise().mean(), from, to,
+                       [](Eigen::Index) { return 1.0; });
+}
+
+// The least-squares transform: its angle maximises sum q . R p = cos sum p . q + sin sum p x q.
+PlaneTransform transform_of(const Moments& sums, TransformModel model) {
+  PlaneTransform transform;
+  const double aligned = std::hypot(sums.dot, sums.cross);
+  if (model != TransformModel::Translation && aligned > 0 && sums.spread > 0) {
+    transform.angle = std::atan2(sums.cross, sums.dot);
+    if (model == TransformModel::Similarity) transform.scale = aligned / sums.spread;
+  }
+  transform.translation = sums.to_mean - transform.scale * (rotation(transform.angle) * sums.from_mean);
   return transform;
 }
 
@@ -31,15 +57,9 @@ PlaneTransform fit_weighted(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                             const Eigen::Ref<const Eigen::Matrix2Xd>& to, const Eigen::VectorXd& weights,
                             TransformModel model) {
   const double total = weights.sum();
-  const Eigen::Vector2d from_mean = from * weights / total, to_mean = to * weights / total;
-  double dot = 0, cross = 0, spread = 0;
-  for (Eigen::Index i = 0; i < from.cols(); ++i) {
-    const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
-    dot += weights[i] * p.dot(q);
-    cross += weights[i] * (p.x() * q.y() - p.y() * q.x());
-    spread += weights[i] * p.squaredNorm();
-  }
-  return from_moments(from_mean, to_mean, dot, cross, spread, model);
+  return transform_of(moments_about(from * weights / total, to * weights / total, from, to,
+                                    [&](Eigen::Index i) { return weights[i]; }),
+                      model);
 }
 
 }  // namespace
@@ -54,19 +74,7 @@ PlaneTransform PlaneTransform::inverse() const {
 
 PlaneTransform fit_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                              const Eigen::Ref<const Eigen::Matrix2Xd>& to, TransformModel model) {
-  PlaneTransform transform;
-  if (from.cols() == 0) return transform;
-  const Eigen::Vector2d from_mean = from.rowwise().mean(), to_mean = to.rowwise().mean();
-  double dot = 0, cross = 0, spread = 0;
-  if (model != TransformModel::Translation) {
-    for (Eigen::Index i = 0; i < from.cols(); ++i) {
-      const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
-      dot += p.dot(q);
-      cross += p.x() * q.y() - p.y() * q.x();
-      spread += p.squaredNorm();
-    }
-  }
-  return from_moments(from_mean, to_mean, dot, cross, spread, model);
+  return from.cols() == 0 ? PlaneTransform() : transform_of(moments_of(from, to), model);
 }
 
 void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
@@ -75,23 +83,17 @@ void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
   const Eigen::Index n = from.cols();
   const auto turned = [](const Eigen::Vector2d& v) { return Eigen::Vector2d(-v.y(), v.x()); };
   if (n == 0) return;
-  const Eigen::Vector2d from_mean = from.rowwise().mean(), to_mean = to.rowwise().mean();
-  // scale (cos, sin) = (a, b) / spread, both linear in `to`.
-  double a = 0, b = 0, spread = 0;
-  for (Eigen::Index i = 0; i < n; ++i) {
-    const Eigen::Vector2d p = from.col(i) - from_mean, q = to.col(i) - to_mean;
-    a += p.dot(q);
-    b += turned(p).dot(q);
-    spread += p.squaredNorm();
-  }
-  const double aligned = std::hypot(a, b);
-  const bool turns = model != TransformModel::Translation && aligned > 0 && spread > 0;
-  const double scale = turns && model == TransformModel::Similarity ? aligned / spread : 1;
-  const Eigen::Vector2d direction = turns ? Eigen::Vector2d(a, b) / aligned : Eigen::Vector2d(1, 0);
-  const Eigen::Vector2d d = point - from_mean;
+  // scale (cos, sin) = (dot, cross) / spread, both linear in `to`.
+  const Moments sums = moments_of(from, to);
+  const double aligned = std::hypot(sums.dot, sums.cross);
+  const bool turns = model != TransformModel::Translation && aligned > 0 && sums.spread > 0;
+  const double scale = turns && model == TransformModel::Similarity ? aligned / sums.spread : 1;
+  const Eigen::Vector2d direction =
+      turns ? Eigen::Vector2d(sums.dot, sums.cross) / aligned : Eigen::Vector2d(1, 0);
+  const Eigen::Vector2d d = point - sums.from_mean;
   const Eigen::Vector2d arm = scale * (direction.x() * d + direction.y() * turned(d));
   for (Eigen::Index i = 0; i < n; ++i) {
-    const Eigen::Vector2d p = from.col(i) - from_mean;
+    const Eigen::Vector2d p = from.col(i) - sums.from_mean;
     auto block = jacobian.middleCols<2>(2 * i);
     block.setZero();
     block.topRows<2>().diagonal().setConstant(1 / static_cast<double>(n));
