@@ -1,5 +1,6 @@
 // Every allocation of a solver's first solve fails once: OutOfMemory with x as it was, and a solver that then
-// solves as a fresh one does. (One that has solved a smaller system is at Eigen's mercy: docs/solver.md.)
+// solves as a fresh one does. (One that has solved a system of another size is at Eigen's mercy:
+// docs/solver.md.)
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -10,6 +11,7 @@
 #endif
 
 #include "../../bench/random_system.hpp"
+#include "../../bench/sparse_system.hpp"
 #include "failing_allocator.hpp"
 
 namespace asterism {
@@ -25,19 +27,19 @@ using Solvers = ::testing::Types<
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, SparseNewton<System>, Schwarz<System>>;
+    Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
-TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
-  using Topology = System::TopologyType;
-  bench::Rng rng(1);
-  const auto problem = bench::random_system<System>(rng, Topology::full(17));
+using Problem = bench::RandomSystem<System>;
+
+template <typename Solver>
+void expect_out_of_memory(const Problem& problem) {
   Points expected = problem.start;
-  ASSERT_TRUE(TypeParam().solve(problem.system, expected).usable());
+  ASSERT_TRUE(Solver().solve(problem.system, expected).usable());
 
   // CHOLMOD keeps to another ordering where memory for its best one was lacking.
-  const double rounding = TypeParam::name().ends_with("CHOLMOD") ? 1e-12 : 0;
-  std::optional<TypeParam> solver;
+  const double rounding = Solver::name().ends_with("CHOLMOD") ? 1e-12 : 0;
+  std::optional<Solver> solver;
   Points x;
   Summary summary;
   int out_of_memory = 0;
@@ -66,6 +68,16 @@ TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
   EXPECT_EQ(x, expected);
   EXPECT_GT(allocations, 2);
   EXPECT_GT(out_of_memory, 0);
+}
+
+TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
+  bench::Rng rng(1);
+  expect_out_of_memory<TypeParam>(bench::random_system<System>(rng, System::TopologyType::full(17)));
+}
+
+// Allocations between those of the subdomains' solvers, too.
+TEST(OutOfMemorySparse, WithSubdomains) {
+  expect_out_of_memory<Schwarz<System>>(bench::sparse_system<System>(1, 700));
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <asterism/solver/summary.hpp>
 #include <chrono>
 #include <cstdint>
+#include <new>
 #include <string_view>
 #include <utility>
 
@@ -58,7 +59,16 @@ class MultiStart {
       best.message = problem;
       return best;
     }
-    given_ = x;
+    try {
+      // Empty before they change their size: Eigen 3.4 frees a matrix twice where there is no memory for
+      // that.
+      if (given_.size() != x.size()) given_ = trial_ = Points();
+      trial_ = given_ = x;
+    } catch (const std::bad_alloc&) {
+      best.status = Status::OutOfMemory;
+      best.message = "the workspace does not fit into memory";
+      return best;
+    }
     best = solver_.solve(system, x);
     if (best.status == Status::InvalidInput || best.status == Status::OutOfMemory ||
         best.status == Status::Interrupted)

@@ -57,6 +57,7 @@ class Decomposition {
   /// Takes the values of `system`; its topology is cut where it is not that of the last call.
   void set(const System& system, int size) {
     if (!is_cut_for(system)) cut(system, size);
+    std::fill(local_.begin(), local_.end(), kOutside);  // also where the last solve ran out of memory
     gather(system, partition_.order, links_, *renumbered_);
   }
 
@@ -102,15 +103,15 @@ class Decomposition {
     }
     System sub(System::TopologyType::from_links(static_cast<int>(nodes_.size()), sub_links_));
     gather(*renumbered_, nodes_, sub_link_numbers_, sub);
-    sub_x_.resize(System::kDim, sub.nodes());
+    Points sub_x(System::kDim, sub.nodes());
     for (int k = 0; const int i : nodes_) {
-      sub_x_.col(k) = x.col(i);
+      sub_x.col(k) = x.col(i);
       local_[i] = kOutside;
       if (k >= static_cast<int>(moving)) sub.fix(k);
       ++k;
     }
-    const Summary summary = solver.solve(sub, sub_x_);
-    for (std::size_t k = 0; k < moving; ++k) x.col(nodes_[k]) = sub_x_.col(static_cast<int>(k));
+    const Summary summary = solver.solve(sub, sub_x);
+    for (std::size_t k = 0; k < moving; ++k) x.col(nodes_[k]) = sub_x.col(static_cast<int>(k));
     return summary;
   }
 
@@ -151,7 +152,6 @@ class Decomposition {
       links_[at] = l++;
       renumbered[at] = {local_[link.i], local_[link.j]};
     }
-    std::fill(local_.begin(), local_.end(), kOutside);
     neighbours_ = Neighbours(n, renumbered);
     renumbered_.emplace(System::TopologyType::from_links(n, renumbered));
   }
@@ -178,7 +178,6 @@ class Decomposition {
   Indexed<int> nodes_;     // of the present subsystem: those that move, then those that are held
   Indexed<Link> sub_links_;
   Indexed<int> sub_link_numbers_;
-  Points sub_x_;
 };
 
 }  // namespace detail
@@ -235,9 +234,9 @@ class Schwarz {
     global_.options = options;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
-    local_.options.tolerance = kFirstTolerance;
-    local_.options.max_iterations = 100;
-    local_.options.stop = options.stop;
+    local_.tolerance = kFirstTolerance;
+    local_.max_iterations = 100;
+    local_.stop = options.stop;
     for (int turn = kFirstTurn;; turn = std::min(2 * turn, 1 << 20)) {
       if (decomposition_.count() > 1) sweep(system, x, summary);
       const int left = options.max_iterations - summary.iterations;
@@ -261,15 +260,18 @@ class Schwarz {
     for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
          ++i) {
       for (int s = 0; s < decomposition_.count(); ++s) {
-        if (decomposition_.solve(s, local_, x).status == Status::OutOfMemory) throw std::bad_alloc();
+        // Anew each time: where memory runs out, Eigen 3.4 frees a matrix twice that was to change its size.
+        NewtonCg<System> solver;
+        solver.options = local_;
+        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) throw std::bad_alloc();
       }
       ++summary.iterations;
       if (options.align) detail::align(system, x, false);
       const Scalar after = energy(system, x);
       ++summary.energy_evaluations;
-      const bool exact = local_.options.tolerance <= least;
+      const bool exact = local_.tolerance <= least;
       if (exact && !(after < (1 - kLittle) * before)) return;
-      local_.options.tolerance = std::max(least, kTighter * local_.options.tolerance);
+      local_.tolerance = std::max(least, kTighter * local_.tolerance);
       before = after;
     }
   }
@@ -285,7 +287,7 @@ class Schwarz {
 
   detail::Session<System> session_;
   detail::Decomposition<System> decomposition_;
-  NewtonCg<System> local_;
+  AlignedOptions local_;  // of the subdomains
   Global global_;
   Points renumbered_;
 };
