@@ -60,8 +60,7 @@ class MultiStart {
       return best;
     }
     try {
-      // Empty before they change their size: Eigen 3.4 frees a matrix twice where there is no memory for
-      // that.
+      // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
       if (given_.size() != x.size()) given_ = trial_ = Points();
       trial_ = given_ = x;
     } catch (const std::bad_alloc&) {

@@ -260,7 +260,7 @@ class Schwarz {
     for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
          ++i) {
       for (int s = 0; s < decomposition_.count(); ++s) {
-        // Anew each time: where memory runs out, Eigen 3.4 frees a matrix twice that was to change its size.
+        // Anew each time: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
         NewtonCg<System> solver;
         solver.options = local_;
         if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) throw std::bad_alloc();
