@@ -98,7 +98,7 @@ OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth
   OtbBox box = result[0];
   for (std::size_t t = 0; t < truth.size(); ++t) {
     const bool no_box = has_nan(result[t]) || result[t].width <= 0 || result[t].height <= 0;
-    if (t > 0 && !(no_box && !has_nan(truth[t]))) box = result[t];
+    if (t > 0 && !no_box) box = result[t];
     const OtbBox& compared = t == 0 ? truth[0] : box;
     if (!is_valid(truth[t])) {
       run.overlaps.push_back(kMissing);

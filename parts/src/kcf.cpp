@@ -94,7 +94,7 @@ void Kcf::prepare(const Size2& size) {
   denominator_.setZero(half);
   alpha_.setZero(half);
   alpha_float_.setZero(half);
-  response_.values.resize(rows_, cols_);
+  response_.values.setZero(rows_, cols_);
 
   const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
   hann_.reset(plane);

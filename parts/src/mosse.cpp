@@ -90,7 +90,7 @@ void Mosse::prepare(const Size2& size) {
   spectrum_.resize(half);
   numerator_.setZero(half);
   denominator_.setZero(half);
-  response_.values.resize(rows_, cols_);
+  response_.values.setZero(rows_, cols_);
   response_.spacing = Size2::Constant(spacing_);
   likelihood_ = response_;
 

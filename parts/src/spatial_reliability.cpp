@@ -188,7 +188,7 @@ void SpatialReliability::prepare(const Size2& size) {
   cell_sums_.resize(static_cast<std::size_t>(cols_));
   weights_.setZero(channels_);
   reliability_.resize(channels_);
-  response_.values.resize(rows_, cols_);
+  response_.values.setZero(rows_, cols_);
   mask_.values.resize(rows_, cols_);
   mask_.periodic = false;
 

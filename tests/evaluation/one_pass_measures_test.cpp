@@ -41,6 +41,12 @@ TEST(Compare, AResultThatIsNoBoxRepeatsTheOneBefore) {
   EXPECT_EQ(run.overlaps[3], run.overlaps[1]);
 }
 
+TEST(Compare, AResultThatIsNoBoxWhereThereIsNoTruthIsNotRepeated) {
+  const OtbBox box = {1, 1, 10, 10}, none = {kNaN, kNaN, kNaN, kNaN};
+  const OnePassRun run = compare(Boxes{box, box, none, none}, Boxes{box, box, none, box});
+  EXPECT_EQ(run.overlaps, (std::vector<double>{1, 1, -1, 1}));
+}
+
 TEST(Compare, FramesWithoutGroundTruthAreMarked) {
   const Boxes truth = {{1, 1, 10, 10}, {kNaN, kNaN, kNaN, kNaN}, {0, 1, 10, 10}, {1, 1, 0, 0}};
   const OnePassRun run = compare(Boxes(4, {1, 1, 10, 10}), truth);

@@ -3,9 +3,11 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
+#include <asterism/solver/auto.hpp>
 #include <asterism/solver/batch.hpp>
 #include <asterism/solver/ida.hpp>
 #include <cmath>
+#include <concepts>
 #include <limits>
 #include <string>
 #include <type_traits>
@@ -729,6 +731,24 @@ TEST(SolveEach, MixedSizes) {
   x.pop_back();
   solve_each(systems, x, summaries, prototype);
   EXPECT_EQ(summaries[3].status, Status::InvalidInput);
+}
+
+TEST(SolveEach, TakesASolverThatCannotBeCopied) {
+  using System = SpringSystem<double, 2>;
+  static_assert(!std::copy_constructible<Auto<System>>);
+  Rng rng(22);
+  auto [system, start] = bench::random_system<System>(rng, Topology<>::full(4));
+  std::vector<System> systems(3, system);
+  std::vector<System::Points> x(3, start);
+  std::vector<Summary> summaries(3);
+  Auto<System> prototype;
+  prototype.options.tolerance = 1e-3;
+  solve_each(systems, x, summaries, prototype);
+  const Summary expected = prototype.solve(system, start);
+  for (std::size_t s = 0; s < x.size(); ++s) {
+    EXPECT_EQ(x[s], start);
+    EXPECT_EQ(summaries[s].stationarity, expected.stationarity);
+  }
 }
 
 TEST(Executors, RunEveryTaskOnce) {

@@ -328,6 +328,12 @@ TEST(Covariance, RefusesBadInput) {
   EXPECT_EQ(overflow.status, CovarianceStatus::NumericalFailure);
   EXPECT_TRUE(overflow.matrix.array().isNaN().all());
   EXPECT_TRUE(node_covariances(system, x).blocks.array().isNaN().all());
+
+  SpringSystem<double, 2, 1> loose(Topology<1>::full());  // its variance is beyond the scalar's range
+  loose.anchors.setZero();
+  loose.anchor_stiffness << 1e-310;
+  EXPECT_EQ(covariance(loose, loose.anchors).status, CovarianceStatus::NumericalFailure);
+  EXPECT_EQ(node_covariances(loose, loose.anchors).status, CovarianceStatus::NumericalFailure);
 }
 
 TEST(Covariance, FollowsARelabelling) {

@@ -241,7 +241,7 @@ TYPED_TEST(Descent, SummaryTellsTheTruth) {
   EXPECT_EQ(summary.solver, Solver::name());
   EXPECT_EQ(summary.initial_energy, double(energy(system, start)));
   EXPECT_EQ(summary.final_energy, double(energy(system, x)));
-  EXPECT_EQ(summary.gradient_norm, double(gradient(system, x).norm()));
+  EXPECT_EQ(summary.gradient_norm, gradient(system, x).template cast<double>().norm());
   EXPECT_GT(summary.iterations, 0);
   EXPECT_GT(summary.gradient_evaluations, summary.iterations);
   EXPECT_GT(summary.linear_solves, 0);

@@ -251,6 +251,19 @@ TEST(Stationarity, LengthFallsBackToTheSpreadOfX) {
   EXPECT_GT(stationarity(system, x), 0.1);
 }
 
+// Where nothing but fixed nodes holds links without length, the length is that of x, wherever x is.
+TEST(Stationarity, LengthWithoutAnchorsIsInvariantToTranslation) {
+  SpringSystem<double, 2> system(Topology<>::full(2));
+  system.anchor_stiffness.setZero();
+  system.rest_length.setZero();
+  system.link_stiffness.setOnes();
+  Eigen::Matrix2Xd x(2, 2);
+  x << -1, 1, 0, 0;
+  EXPECT_DOUBLE_EQ(characteristic_length(system, x), 1);
+  x.array() += 4096;
+  EXPECT_DOUBLE_EQ(characteristic_length(system, x), 1);
+}
+
 TEST(Stationarity, IgnoresAnchorsAndLinksWithoutStiffness) {
   SpringSystem<double, 2> system(Topology<>::full(3));
   system.anchors << -1, 1, 1e9, 0, 0, 0;

@@ -133,7 +133,7 @@ class EverySolver : public ::testing::Test {
     EXPECT_TRUE(summary.usable());
     EXPECT_EQ(summary.initial_energy, double(energy(system, start)));
     EXPECT_EQ(summary.final_energy, double(energy(system, x)));
-    EXPECT_EQ(summary.gradient_norm, double(gradient(system, x).norm()));
+    EXPECT_EQ(summary.gradient_norm, gradient(system, x).template cast<double>().norm());
     EXPECT_NEAR(summary.stationarity, stationarity(system, x), 1e-6 * summary.stationarity);
     EXPECT_GT(summary.iterations, 0);
     EXPECT_GE(summary.gradient_evaluations, 0);

@@ -185,7 +185,7 @@ TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
     converged += summary.status == Status::Converged;
     EXPECT_LE(summary.final_energy, summary.initial_energy);
     EXPECT_EQ(summary.final_energy, double(energy(system, x)));
-    EXPECT_EQ(summary.gradient_norm, double(gradient(system, x).norm()));
+    EXPECT_EQ(summary.gradient_norm, gradient(system, x).template cast<double>().norm());
     if (summary.status == Status::Converged) {
       EXPECT_EQ(summary.positive_definite, 1);
       EXPECT_GT(least_eigenvalue(system, x), 0);
@@ -429,6 +429,15 @@ TEST(Newton, OneNodeAndNoLinks) {
   x << -1, 7;
   EXPECT_EQ(Newton(system).solve(system, x).status, Status::Converged);
   EXPECT_LT((x - system.anchors).norm(), 1e-12);
+}
+
+TEST(Newton, TakesTheOptionsOfAlignedMethods) {
+  AlignedOptions options;
+  options.align = false;
+  options.allow_reflection = true;
+  const NewtonOptions taken = options;
+  EXPECT_FALSE(taken.align);
+  EXPECT_TRUE(taken.allow_reflection);
 }
 
 TEST(IdaRelaxation, IsMonotoneAndFaster) {

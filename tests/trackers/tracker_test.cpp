@@ -694,6 +694,7 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 65536; });  // a product of 0 in 32 bits
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
+  refused([](DptOptions& o) { o.solver.tolerance = -1; });
   refused([](DptOptions& o) { o.overlap = 1; });
   refused([](DptOptions& o) { o.overlap = -0.1; });
   refused([](DptOptions& o) { o.scale_share = 1.5; });
@@ -847,6 +848,8 @@ TEST(Lgt, PartsLeaveAndJoin) {
 
 TEST(ConstellationOptions, RefusesBadOnes) {
   EXPECT_EQ(refusal(R"(lgt{"max_parts": 0})"), "LgtOptions: max_parts must be positive");
+  EXPECT_EQ(refusal(R"(flock{"grid": 65536})"), "FlockOptions: grid must be in [2, 1000]");
+  EXPECT_EQ(refusal(R"(flock{"centre_weight": -1})"), "FlockOptions: centre_weight must not be negative");
   EXPECT_EQ(refusal(R"(lgt{"springs": {"reach": 0}})"),
             "ElasticOptions: deformation and reach must be positive");
   EXPECT_EQ(refusal(R"(superpixels{"template_side": 4})"),

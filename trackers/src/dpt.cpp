@@ -7,6 +7,7 @@
 #include <exception>
 #include <numbers>
 #include <stdexcept>
+#include <string>
 
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
@@ -63,6 +64,8 @@ Dpt::Dpt(const DptOptions& options)
     throw std::invalid_argument("DptOptions: scale_share must be in [0, 1]");
   if (!(options.smoothness >= 0 && std::isfinite(options.smoothness)))
     throw std::invalid_argument("DptOptions: smoothness must not be negative");
+  if (const char* problem = options.solver.problem())
+    throw std::invalid_argument(std::string("DptOptions: ") + problem);
   if (options.threads < 0) throw std::invalid_argument("DptOptions: threads must not be negative");
 }
 

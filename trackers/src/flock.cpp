@@ -10,7 +10,9 @@
 namespace asterism::inline ASTERISM_ABI {
 
 Flock::Flock(const FlockOptions& options) : options_(options), flow_(options.flow), points_(options.springs) {
-  require(options.grid >= 2, "FlockOptions: grid must be at least 2");
+  require(options.grid >= 2 && options.grid <= 1000, "FlockOptions: grid must be in [2, 1000]");
+  require(options.centre_weight >= 0 && std::isfinite(options.centre_weight),
+          "FlockOptions: centre_weight must not be negative");
   require(options.neighbours >= 1, "FlockOptions: neighbours must be at least 1");
   require(options.max_residual > 0, "FlockOptions: max_residual must be positive");
   require(options.layout_rate >= 0 && options.layout_rate <= 1,

@@ -464,10 +464,10 @@ class BatchNewton {
                    std::unique_ptr<Scalars>& scalars, std::int32_t& definite) {
     try {
       if (!scalars) scalars = take_scalars(batch);
+      batch.get(s, scalars->system, scalars->x);
     } catch (const std::bad_alloc&) {
       return Status::OutOfMemory;
     }
-    batch.get(s, scalars->system, scalars->x);
     const Summary one = scalars->newton.solve(scalars->system, scalars->x);
     definite = one.positive_definite;
     planes.iterations[s] = one.iterations;
@@ -534,7 +534,8 @@ class BatchNewton {
   std::vector<std::unique_ptr<Scalars>> scalars_;  // not in use
 };
 
-/// Many systems of any sizes, each solved by a copy of `prototype` (a Solver) with its options: systems[s]
+/// Many systems of any sizes, each solved by a copy of `prototype` (a Solver; of one that cannot be copied,
+/// such as Auto with its sparse factors, by a new one with its options): systems[s]
 /// from and into x[s], what became of it in summaries[s]. The three are contiguous ranges of one length;
 /// where they are not of one length, every summary gets Status::InvalidInput and nothing is solved. Solves by
 /// itself and, for solvers that do not throw, does not throw unless the executor does.
@@ -559,8 +560,17 @@ void solve_each(const Systems& systems, Xs&& x, Summaries&& summaries, const Sol
     const std::size_t first = static_cast<std::size_t>(task) * kChunk;
     const std::size_t last = std::min(all.size(), first + kChunk);
     try {
-      Solver_ solver = prototype;
-      for (std::size_t s = first; s < last; ++s) results[s] = solver.solve(all[s], points[s]);
+      const auto solve = [&](Solver_& solver) {
+        for (std::size_t s = first; s < last; ++s) results[s] = solver.solve(all[s], points[s]);
+      };
+      if constexpr (std::copy_constructible<Solver_>) {
+        Solver_ solver = prototype;
+        solve(solver);
+      } else {
+        Solver_ solver;
+        solver.options = prototype.options;
+        solve(solver);
+      }
     } catch (const std::bad_alloc&) {  // by the copy; a solver catches its own
       for (std::size_t s = first; s < last; ++s) {
         results[s] = Summary();

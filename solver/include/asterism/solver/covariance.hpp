@@ -148,6 +148,7 @@ CovarianceStatus invert_hessian(const System& system, const typename System::Poi
   inverse.setIdentity();
   cholesky.solveInPlace(inverse);
   inverse = Scalar(0.5) * (inverse + inverse.transpose().eval());
+  if (!inverse.allFinite()) return CovarianceStatus::NumericalFailure;
   for (int i = 0; system.fixed_count() > 0 && i < system.nodes(); ++i) {
     if (system.is_fixed(i)) inverse.diagonal().template segment<System::kDim>(System::kDim * i).setZero();
   }
@@ -295,6 +296,7 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
       }
     }
   }
+  if (!blocks.allFinite()) return CovarianceStatus::NumericalFailure;
   return CovarianceStatus::Computed;
 }
 

@@ -421,6 +421,7 @@ struct NewtonOptions : AlignedOptions {
 
   constexpr NewtonOptions() = default;
   constexpr NewtonOptions(const SolverOptions& options) : AlignedOptions(options) {}
+  constexpr NewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
 };
 
 /// Newton's method for small constellations: some 10 nodes or fewer where all are linked, beyond that its

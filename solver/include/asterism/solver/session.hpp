@@ -157,7 +157,7 @@ class Session {
                                                                : "stopped short of the tolerance");
     }
     summary.final_energy = static_cast<double>(energy_);
-    summary.gradient_norm = static_cast<double>(gradient_.norm());
+    summary.gradient_norm = gradient_.template cast<double>().norm();
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
   }
 

@@ -10,7 +10,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// The length that a system's distances are measured in: the root mean square of its rest lengths and of its
 /// anchors about their centroid, counting the springs of positive stiffness alone. Where all those are zero,
-/// the root mean square of x about that centroid [px].
+/// the root mean square of x about that centroid, or about its own where no anchor has stiffness [px].
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
   using Scalar = typename System::Scalar;
@@ -21,7 +21,10 @@ typename System::Scalar characteristic_length(const System& system, const typena
     ++count;
     centroid += system.anchors.col(i);
   }
-  if (count > 0) centroid /= static_cast<Scalar>(count);
+  if (count > 0)
+    centroid /= static_cast<Scalar>(count);
+  else if (system.nodes() > 0)
+    centroid = x.rowwise().mean();
   Scalar sum = 0;
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.anchor_stiffness[i] > 0) sum += (system.anchors.col(i) - centroid).squaredNorm();

@@ -8,7 +8,7 @@ namespace asterism::inline ASTERISM_ABI {
 /// Options of Flock.
 struct FlockOptions {
   PointFlowOptions flow = {.padding = 1.5};
-  /// Points a side of the grid on the object's box, >= 2.
+  /// Points a side of the grid on the object's box, in [2, 1000].
   int grid = 10;
   /// Each point is linked to as many nearest ones, >= 1.
   int neighbours = 8;
