@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <fstream>
+#include <iterator>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
@@ -73,8 +76,11 @@ struct SelectionOptions {
     result.sparse_sizes = sparse_sizes;
     result.solvers = solvers_named(solvers);
     result.systems = systems;
-    if (!recorded.empty())
+    if (!recorded.empty()) {
       result.recorded = std::make_shared<const std::vector<Problem>>(read_problems(recorded));
+      std::ifstream file(recorded, std::ios::binary);
+      result.recorded_digest = digest(std::string(std::istreambuf_iterator<char>(file), {}));
+    }
     return result;
   }
 };
@@ -226,7 +232,10 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
 int main(int argc, char** argv) {
   const Processes processes(argc, argv);
   try {
-    return run_command_line(processes, argc, argv);
+    const int code = run_command_line(processes, argc, argv);
+    if (std::fflush(stdout) != 0 || std::ferror(stdout) != 0)
+      throw std::runtime_error("standard output cannot be written");
+    return code;
   } catch (const std::exception& e) {
     std::fprintf(stderr, "asterism-bench: %s\n", e.what());
     processes.abort();

@@ -51,6 +51,7 @@ std::vector<Chunk> chunks(const Selection& selection) {
         [all = selection.recorded, indices = indices](int index) {
           return (*all)[static_cast<std::size_t>(indices[static_cast<std::size_t>(index)])];
         });
+    for (Chunk& chunk : by_group.back()) chunk.digest = selection.recorded_digest;
   }
 
   std::vector<Chunk> result;
@@ -71,7 +72,8 @@ std::vector<Cell> cells_of(const Selection& selection,
   for (const Chunk& chunk : chunks(selection)) {
     for (const SolverEntry& solver : selection.solvers) {
       if (chunk.nodes > (chunk.is_sparse ? solver.sparse_nodes : solver.dense_nodes)) continue;
-      cells.push_back({chunk.group + "/" + std::to_string(chunk.first) + "+" + std::to_string(chunk.count) +
+      const std::string problems = chunk.digest.empty() ? chunk.group : chunk.group + "/" + chunk.digest;
+      cells.push_back({problems + "/" + std::to_string(chunk.first) + "+" + std::to_string(chunk.count) +
                            "/" + solver.name,
                        [chunk, solver, measure] {
                          const auto runner = solver.make(chunk.nodes);

@@ -21,6 +21,7 @@ struct Selection {
   int systems = 0;  ///< of each kind and size
   /// A fifth kind, "real": of their own sizes.
   std::shared_ptr<const std::vector<Problem>> recorded = std::make_shared<std::vector<Problem>>();
+  std::string recorded_digest;  ///< of the file they are from
 };
 
 struct Experiment {
@@ -49,13 +50,14 @@ struct Chunk {
   int first = 0;
   int count = 0;
   std::function<Problem(int index)> problem;
+  std::string digest = {};  ///< of what the problems are from, where group and index do not say it
 };
 
 /// The chunks of a selection, a chunk of each group in turn, so that slow drifts of the machine meet all
 /// alike.
 std::vector<Chunk> chunks(const Selection& selection);
 
-/// For each chunk and each solver that reaches it a cell "group/first/solver" that stores
+/// For each chunk and each solver that reaches it a cell "group[/digest]/first+count/solver" that stores
 /// measure(runner, problem after problem).
 std::vector<Cell> cells_of(const Selection& selection,
                            const std::function<Json(Runner&, const Chunk&)>& measure);

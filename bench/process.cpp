@@ -1,9 +1,18 @@
 #include "process.hpp"
 
+#include <fcntl.h>
+#include <sys/file.h>
+#include <unistd.h>
+
 #include <array>
+#include <cerrno>
 #include <csignal>
+#include <cstdint>
+#include <cstdio>
+#include <cstring>
 #include <ctime>
 #include <fstream>
+#include <stdexcept>
 #include <thread>
 
 #ifdef ASTERISM_BENCH_MPI
@@ -46,6 +55,35 @@ void Processes::abort() const {}
 std::function<void()> Processes::barrier() const { return {}; }
 
 #endif
+
+FolderLock::FolderLock(const std::filesystem::path& folder, std::chrono::seconds patience) {
+  file_ = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+  if (file_ < 0) throw std::runtime_error(folder.string() + ": " + std::strerror(errno));
+  const auto deadline = std::chrono::steady_clock::now() + patience;
+  while (flock(file_, LOCK_EX | LOCK_NB) != 0) {
+    const int error = errno;
+    if (error == EINTR) continue;
+    if (error == EWOULDBLOCK && std::chrono::steady_clock::now() < deadline) {
+      std::this_thread::sleep_for(std::chrono::milliseconds(20));
+      continue;
+    }
+    close(file_);
+    throw std::runtime_error(
+        folder.string() + ": " +
+        (error == EWOULDBLOCK ? "another process is at work there" : std::strerror(error)));
+  }
+}
+
+// The system unlocks what nothing has open.
+FolderLock::~FolderLock() { close(file_); }
+
+std::string digest(std::string_view text) {
+  std::uint64_t hash = 14695981039346656037u;
+  for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
+  std::array<char, 17> result{};
+  std::snprintf(result.data(), result.size(), "%016llx", static_cast<unsigned long long>(hash));
+  return result.data();
+}
 
 void stop_on_signals() {
   struct sigaction action = {};

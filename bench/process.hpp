@@ -2,9 +2,12 @@
 
 // What long-running benchmarks need of their process: shares of the work, signals, and what machine it is.
 
+#include <chrono>
+#include <filesystem>
 #include <functional>
 #include <nlohmann/json.hpp>
 #include <string>
+#include <string_view>
 
 namespace asterism::bench {
 
@@ -34,6 +37,23 @@ class Processes {
  private:
   Shard shard_;
 };
+
+/// A folder that this process alone writes to, for as long as the object lives: another one that asks for it
+/// waits for up to `patience`, and then std::runtime_error says so. Leaves nothing behind. Processes of other
+/// machines that share the folder are not seen.
+class FolderLock {
+ public:
+  FolderLock(const std::filesystem::path& folder, std::chrono::seconds patience);
+  ~FolderLock();
+  FolderLock(const FolderLock&) = delete;
+  FolderLock& operator=(const FolderLock&) = delete;
+
+ private:
+  int file_;
+};
+
+/// FNV-1a of a text, 16 hexadecimal digits.
+std::string digest(std::string_view text);
 
 /// From here on SIGINT and SIGTERM set stop_signal, a second one ends the process at once.
 void stop_on_signals();

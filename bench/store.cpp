@@ -7,6 +7,7 @@
 #include <chrono>
 #include <cstdio>
 #include <fstream>
+#include <optional>
 #include <set>
 #include <stdexcept>
 #include <thread>
@@ -185,6 +186,9 @@ Json machine() {
 Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options) {
   stop_on_signals();
   const ResultFiles files(options.folder, name);
+  // The other processes of this run have their results merged by the first, which so locks for all.
+  std::optional<FolderLock> lock;
+  if (options.shard.index == 0) lock.emplace(options.folder, std::chrono::seconds(0));
   const bool is_sharded = options.shard.count > 1;
   const auto wait = [&] {
     if (options.barrier) options.barrier();

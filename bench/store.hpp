@@ -39,8 +39,8 @@ struct RunOptions {
 /// computation beside the cell over that at the start of the run: how steady the machine was.
 ///
 /// Returns all cells, empty in a shard that is not the first, or where interrupted. Throws std::runtime_error
-/// that names file and line where a file is damaged, but for a last line that is incomplete: that cell is
-/// measured again.
+/// where another run has the folder, and one that names file and line where a file is damaged, but for a last
+/// line that is incomplete: that cell is measured again.
 Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options);
 
 /// process_machine, and the versions of what takes part.

@@ -42,8 +42,13 @@ std::string command_for(const Campaign& campaign, const std::string& tracker, Pr
   const std::string& known = campaign.trackers.at(tracker);
   std::string command = "asterism-eval run " + quoted(campaign.dataset.string());
   if (campaign.layout != Layout::Auto) command += " --layout " + std::string(to_string(campaign.layout));
-  command += known.starts_with("trax:") ? " --external " + quoted(tracker + "=" + known.substr(5))
-                                        : " --trackers " + tracker;
+  if (known.starts_with("trax:")) {
+    command += " --external " + quoted(tracker + "=" + known.substr(5));
+  } else if (known == tracker) {
+    command += " --trackers " + tracker;
+  } else {
+    command += " --tracker " + quoted(tracker + "=" + known);
+  }
   command += " --protocol " + std::string(to_string(protocol));
   command += " --sequences ";
   for (std::size_t s = 0; s < campaign.sequences.size(); ++s)

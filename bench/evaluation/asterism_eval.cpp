@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
+#include <cmath>
 #include <csignal>
 #include <cstdio>
 #include <exception>
@@ -62,6 +63,7 @@ class RunCommand {
   bool parsed() const { return app_.parsed(); }
 
   int run(const Processes& processes, const std::string& command) {
+    if (std::isnan(options_.jitter)) throw std::invalid_argument("--jitter: not a number");  // CLI lets it by
     Campaign campaign;
     campaign.folder = folder_;
     campaign.dataset = std::filesystem::weakly_canonical(dataset_);
@@ -90,6 +92,8 @@ class RunCommand {
                                {"processes", processes.shard().count}});
     const std::vector<Protocol> protocols = campaign.protocols;
     if (processes.shard().index == 0) write_campaign(campaign);
+    // No process begins before the campaign has been checked.
+    if (const auto wait = processes.barrier()) wait();
 
     const CampaignTally tally = run_campaign(
         campaign, names, protocols, {workers_, processes.shard(), [] { return stop_signal() != 0; }});
@@ -206,7 +210,9 @@ int main(int argc, char** argv) {
   stop_on_signals();
   const Processes processes(argc, argv);
   try {
-    return run_command_line(processes, argc, argv);
+    const int code = run_command_line(processes, argc, argv);
+    asterism::tools::flush_output();
+    return code;
   } catch (const std::exception& error) {
     asterism::tools::fail(kName, error.what(), 1);
     processes.abort();

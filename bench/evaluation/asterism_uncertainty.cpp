@@ -213,7 +213,9 @@ using Run = std::vector<std::vector<Outcome>>;  // one a sequence
 
 void print_areas(const std::string& name, const Run& run, double threshold) {
   std::vector<std::string> signals;
-  for (const auto& [signal, value] : run.at(0).at(0).signals) signals.push_back(signal);
+  const auto any = std::ranges::find_if(run, [](const auto& outcomes) { return !outcomes.empty(); });
+  if (any == run.end()) return;
+  for (const auto& [signal, value] : any->front().signals) signals.push_back(signal);
   // The one that others are compared with comes first.
   std::stable_partition(signals.begin(), signals.end(),
                         [](const std::string& s) { return s == kConfidence; });
@@ -240,10 +242,19 @@ void print_areas(const std::string& name, const Run& run, double threshold) {
       return bench::area_under_roc(std::move(all));
     };
     const bench::Bootstrapped areas = bench::bootstrap(starts, pooled, {.resamples = 500});
+    if (std::isnan(areas.value)) {
+      std::printf("%-14s %-28s -  (no two frames to tell apart)\n", name.c_str(), signal.c_str());
+      continue;
+    }
     if (signal == signals.front()) baseline = areas;
     const bench::Estimate area = estimate(areas), gain = estimate(difference(areas, baseline));
-    std::printf("%-14s %-28s %.3f (%.3f to %.3f)  %.3f", name.c_str(), signal.c_str(), area.value, area.low,
-                area.high, within / counted);
+    std::printf("%-14s %-28s %.3f (%.3f to %.3f)  ", name.c_str(), signal.c_str(), area.value, area.low,
+                area.high);
+    if (counted > 0) {
+      std::printf("%.3f", within / counted);
+    } else {
+      std::printf("-    ");
+    }
     if (signal != signals.front()) std::printf("  %+.3f (%+.3f to %+.3f)", gain.value, gain.low, gain.high);
     std::printf("\n");
   }

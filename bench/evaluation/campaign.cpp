@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
-#include <cstdio>
+#include <chrono>
 #include <exception>
 #include <fstream>
 #include <memory>
@@ -19,16 +19,11 @@ namespace fs = std::filesystem;
 
 constexpr const char* kFile = "campaign.json";
 
-// FNV-1a of the ground truth's text: results are of these regions alone.
-std::string digest(const Sequence& sequence) {
-  std::uint64_t hash = 14695981039346656037u;
-  const auto add = [&](const std::string& text) {
-    for (const char c : text) hash = (hash ^ static_cast<unsigned char>(c)) * 1099511628211u;
-  };
-  for (const auto& truth : sequence.truth) add(truth ? to_string(*truth) + "\n" : "-\n");
-  char text[17];
-  std::snprintf(text, sizeof text, "%016llx", static_cast<unsigned long long>(hash));
-  return text;
+// Of the ground truth's text: results are of these regions alone.
+std::string truth_digest(const Sequence& sequence) {
+  std::string text;
+  for (const auto& truth : sequence.truth) text += truth ? to_string(*truth) + "\n" : "-\n";
+  return digest(text);
 }
 
 Json to_json(const ProtocolOptions& options) {
@@ -50,7 +45,7 @@ Json to_json(const Campaign& campaign) {
             {"record", campaign.record}};
   for (const Protocol protocol : campaign.protocols) json["protocols"].push_back(to_string(protocol));
   for (const Sequence& sequence : campaign.sequences)
-    json["sequences"][sequence.name] = {{"frames", sequence.length()}, {"truth", digest(sequence)}};
+    json["sequences"][sequence.name] = {{"frames", sequence.length()}, {"truth", truth_digest(sequence)}};
   return json;
 }
 
@@ -159,6 +154,8 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
 void write_campaign(Campaign& campaign) {
   const fs::path file = campaign.folder / kFile;
   fs::create_directories(campaign.folder);
+  // Between reading and writing no other run may add its trackers.
+  const FolderLock lock(campaign.folder, std::chrono::seconds(10));
   Json now = to_json(campaign);
   if (fs::exists(file)) {
     const Json old = read_json(file);
@@ -233,7 +230,12 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
         for (const std::string& error : result->errors) errors += error + "\n";
         const fs::path file = campaign.file(*job.tracker, sequence, job.run);
         fs::create_directories(file.parent_path());
-        if (!errors.empty()) write_atomically(campaign.errors_file(*job.tracker, sequence, job.run), errors);
+        const fs::path log = campaign.errors_file(*job.tracker, sequence, job.run);
+        if (errors.empty()) {
+          fs::remove(log);  // of an earlier run, whose trajectory has gone
+        } else {
+          write_atomically(log, errors);
+        }
         write_trajectory(file, result->trajectory);
         const std::lock_guard lock(mutex);
         done += job.run.frames - std::min(seen, job.run.frames);

@@ -12,7 +12,8 @@ ColorHistogram::ColorHistogram(const ColorHistogramOptions& options) : options_(
   require(options.sharpness > 0, "ColorHistogramOptions: sharpness must be positive");
   require(options.learning_rate >= 0 && options.learning_rate <= 1,
           "ColorHistogramOptions: learning_rate must be in [0, 1]");
-  require(options.padding > 0, "ColorHistogramOptions: padding must be positive");
+  require(options.padding > 0 && options.padding <= kMaxPadding,
+          "ColorHistogramOptions: padding must be in (0, 100]");
   require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
           "ColorHistogramOptions: template sides must satisfy 1 <= min <= max");
 }

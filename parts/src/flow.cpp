@@ -41,12 +41,13 @@ Point2 difference(const cv::Point2f& a, const cv::Point2f& b) {
 }  // namespace
 
 Flow::Flow(const FlowOptions& options) : options_(options) {
-  require(options.grid >= 2, "FlowOptions: grid must be at least 2");
+  require(options.grid >= 2 && options.grid <= 1000, "FlowOptions: grid must be in [2, 1000]");
   require(options.max_error > 0, "FlowOptions: max_error must be positive");
-  require(options.lk_window >= 3 && options.lk_window % 2 == 1,
-          "FlowOptions: lk_window must be odd and at least 3");
-  require(options.lk_levels >= 0, "FlowOptions: lk_levels must not be negative");
-  require(options.padding > 0, "FlowOptions: padding must be positive");
+  // OpenCV pads every level by the window on each side.
+  require(options.lk_window >= 3 && options.lk_window <= 255 && options.lk_window % 2 == 1,
+          "FlowOptions: lk_window must be odd and in [3, 255]");
+  require(options.lk_levels >= 0 && options.lk_levels <= 16, "FlowOptions: lk_levels must be in [0, 16]");
+  require(options.padding > 0 && options.padding <= kMaxPadding, "FlowOptions: padding must be in (0, 100]");
   require(options.min_template_side >= 8 && options.max_template_side >= options.min_template_side,
           "FlowOptions: template sides must satisfy 8 <= min <= max");
 }
@@ -59,6 +60,7 @@ void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {
 
 void Flow::prepare(const Size2& size) {
   size_ = size;
+  response_ = {};
   const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
                                                          options_.max_template_side, kMinWindowSide);
   spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;

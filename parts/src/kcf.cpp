@@ -48,15 +48,19 @@ Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size
   require(options.learning_rate >= 0 && options.learning_rate <= 1,
           "KcfOptions: learning_rate must be in [0, 1]");
   require(options.label_sigma > 0, "KcfOptions: label_sigma must be positive");
-  require(options.padding >= 0, "KcfOptions: padding must not be negative");
+  require(options.padding >= 0 && options.padding <= kMaxPadding, "KcfOptions: padding must be in [0, 100]");
   require(options.kernel.sigma > 0, "KcfOptions: the kernel's sigma must be positive");
   require(options.min_template_side >= options.cell_size &&
               options.max_template_side >= options.min_template_side,
           "KcfOptions: template sides must satisfy cell_size <= min <= max");
   if (options.kernel.type == Kernel::Type::Gaussian) kernel_base_ = 1;
   if (options.kernel.type == Kernel::Type::Polynomial) {
-    const double base = std::pow(options.kernel.offset, options.kernel.exponent);
-    kernel_base_ = std::isfinite(base) ? base : 0;
+    const auto [type, sigma, offset, exponent] = options.kernel;
+    // c may be negative: of a fractional power that is no number.
+    require(exponent >= 1 && exponent == std::floor(exponent),
+            "KcfOptions: the kernel's exponent must be a whole number, at least 1");
+    kernel_base_ = std::pow(offset, exponent);
+    require(std::abs(kernel_base_) <= 1e6, "KcfOptions: the kernel's offset^exponent must be at most 1e6");
   }
 }
 

@@ -18,13 +18,17 @@ constexpr int kDescriptorBits = 256;
 }  // namespace
 
 Keypoints::Keypoints(const KeypointsOptions& options) : options_(options) {
-  require(options.max_points > 0, "KeypointsOptions: max_points must be positive");
-  require(options.fast_threshold > 0, "KeypointsOptions: fast_threshold must be positive");
+  require(options.max_points > 0 && options.max_points <= 1'000'000,
+          "KeypointsOptions: max_points must be in [1, 1e6]");
+  require(options.fast_threshold > 0 && options.fast_threshold <= 255,
+          "KeypointsOptions: fast_threshold must be in [1, 255]");
   require(options.max_distance > 0 && options.max_distance <= 1,
           "KeypointsOptions: max_distance must be in (0, 1]");
   require(options.max_ratio > 0 && options.max_ratio <= 1, "KeypointsOptions: max_ratio must be in (0, 1]");
-  require(options.vote_radius > 0, "KeypointsOptions: vote_radius must be positive");
-  require(options.padding > 0, "KeypointsOptions: padding must be positive");
+  require(options.vote_radius > 0 && options.vote_radius <= kMaxWindowSide,
+          "KeypointsOptions: vote_radius must be in (0, 1024]");
+  require(options.padding > 0 && options.padding <= kMaxPadding,
+          "KeypointsOptions: padding must be in (0, 100]");
   require(options.min_template_side >= 16 && options.max_template_side >= options.min_template_side,
           "KeypointsOptions: template sides must satisfy 16 <= min <= max");
 }
@@ -47,6 +51,7 @@ void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size
 
 void Keypoints::prepare(const Size2& size) {
   size_ = size;
+  response_ = {};
   const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
                                                          options_.max_template_side, kDescriptorSide);
   spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;

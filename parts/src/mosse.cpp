@@ -65,11 +65,17 @@ struct Sidelobe {
 Mosse::Mosse(const MosseOptions& options) : options_(options) {
   require(options.learning_rate >= 0 && options.learning_rate <= 1,
           "MosseOptions: learning_rate must be in [0, 1]");
-  require(options.label_sigma > 0, "MosseOptions: label_sigma must be positive");
-  require(options.regularisation > 0, "MosseOptions: regularisation must be positive");
-  require(options.perturbations >= 0 && options.perturbation >= 0 && options.perturbation < 1,
-          "MosseOptions: perturbations must not be negative, perturbation in [0, 1)");
-  require(options.padding >= 0, "MosseOptions: padding must not be negative");
+  require(options.label_sigma >= 1e-3 && options.label_sigma <= 1e3,
+          "MosseOptions: label_sigma must be in [1e-3, 1e3]");
+  // A number in single precision.
+  require(options.regularisation >= 1e-30 && options.regularisation <= 1e30,
+          "MosseOptions: regularisation must be in [1e-30, 1e30]");
+  require(options.perturbations >= 0 && options.perturbations <= 10'000,
+          "MosseOptions: perturbations must be in [0, 1e4]");
+  require(options.perturbation >= 0 && options.perturbation < 1,
+          "MosseOptions: perturbation must be in [0, 1)");
+  require(options.padding >= 0 && options.padding <= kMaxPadding,
+          "MosseOptions: padding must be in [0, 100]");
   // Smaller windows have no sidelobes.
   require(options.min_template_side >= 16 && options.max_template_side >= options.min_template_side,
           "MosseOptions: template sides must satisfy 16 <= min <= max");
@@ -91,6 +97,7 @@ void Mosse::prepare(const Size2& size) {
   numerator_.setZero(half);
   denominator_.setZero(half);
   response_.values.setZero(rows_, cols_);
+  psr_ = 0;
   response_.spacing = Size2::Constant(spacing_);
   likelihood_ = response_;
 
@@ -136,11 +143,7 @@ void Mosse::visit_state(StateArchive& archive) {
   archive.begin("mosse", options_);
   if (!archive.loading() && size_.isZero()) throw std::logic_error("Mosse: to be saved before init");
   archive.size(size_);
-  if (archive.loading()) {
-    prepare(Size2(size_));
-    response_.values.setZero();
-    psr_ = 0;
-  }
+  if (archive.loading()) prepare(Size2(size_));
   archive(numerator_);
   archive(denominator_);
   archive.require((denominator_ >= 0).all());

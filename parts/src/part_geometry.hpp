@@ -13,6 +13,12 @@ namespace asterism::inline ASTERISM_ABI {
 /// However thin a target is, its window is no longer than this [template pixels].
 inline constexpr double kMaxWindowSide = 1024;
 
+/// A window of more than this many target sides around the target leaves nothing of it in the template.
+inline constexpr double kMaxPadding = 100;
+
+/// Nothing larger is a target in an image [px]; the squares of such numbers are well within float.
+inline constexpr double kMaxTargetSide = 1e9;
+
 inline void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
@@ -24,6 +30,7 @@ inline void require_size(const Size2& size) {
 inline void require_target(const Point2& centre, const Size2& size) {
   require(centre.allFinite(), "part: the centre must be finite");
   require_size(size);
+  require(size.maxCoeff() <= kMaxTargetSide, "part: the size must be at most 1e9 px");
 }
 
 /// Geometric mean of the sides, of any size that is finite.

@@ -17,12 +17,13 @@ int box_filter_width(double shrink, int pixels) {
   return 2 * static_cast<int>(std::lround((shrink - 1) / 2)) + 1;
 }
 
-// [first, last] of the pixels that bilinear sampling of [low, high] reads, with a margin, inside [0, n).
+// The pixels in [0, n) that bilinear sampling of [low, high] reads, with a margin. Outside the image it is
+// the border pixel that is read, filtered as any other: it has the margin too.
 cv::Range source_range(double low, double high, int margin, int n) {
   const double last = n - 1;
-  const int from = static_cast<int>(std::clamp(std::floor(low) - margin, 0.0, last));
-  const int to = static_cast<int>(std::clamp(std::ceil(high) + margin, 0.0, last));
-  return {from, to + 1};
+  const int from = static_cast<int>(std::floor(std::clamp(low, 0.0, last)));
+  const int to = static_cast<int>(std::ceil(std::clamp(high, 0.0, last)));
+  return {std::max(from - margin, 0), std::min(to + margin, n - 1) + 1};
 }
 
 // A window as the grid that it is sampled on.

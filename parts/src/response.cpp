@@ -69,10 +69,11 @@ Eigen::Matrix2d moments(const ResponseMap& response, double row, double col, boo
 }  // namespace
 
 double ResponseMap::at(const Point2& where) const {
-  const Point2 grid = (where - origin).cwiseQuotient(spacing);
-  const double last_col = static_cast<double>(values.cols() - 1),
-               last_row = static_cast<double>(values.rows() - 1);
-  if (!(grid.x() >= 0 && grid.y() >= 0 && grid.x() <= last_col && grid.y() <= last_row)) return 0;
+  Point2 grid = (where - origin).cwiseQuotient(spacing);
+  const Point2 last(static_cast<double>(values.cols() - 1), static_cast<double>(values.rows() - 1));
+  // Written so that NaN is outside.
+  if (!(grid.array() >= -0.5 && (grid - last).array() <= 0.5).all()) return 0;
+  grid = grid.cwiseMax(0).cwiseMin(last);
   const auto col = static_cast<Eigen::Index>(grid.x()), row = static_cast<Eigen::Index>(grid.y());
   const Eigen::Index next_col = std::min(col + 1, values.cols() - 1),
                      next_row = std::min(row + 1, values.rows() - 1);

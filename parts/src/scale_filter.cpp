@@ -9,8 +9,8 @@ namespace asterism::inline ASTERISM_ABI {
 
 ScaleFilter::ScaleFilter(const ScaleFilterOptions& options) : options_(options), fhog_(options.cell_size) {
   require(options.scales >= 3 && options.scales % 2 == 1, "ScaleFilterOptions: scales must be odd, >= 3");
-  require(options.step > 1 && std::isfinite(std::pow(options.step, options.scales)),
-          "ScaleFilterOptions: step must be above 1, step^scales finite");
+  require(options.step > 1 && std::pow(options.step, options.scales) <= 1e6,
+          "ScaleFilterOptions: step must be above 1, step^scales at most 1e6");
   require(options.label_sigma > 0, "ScaleFilterOptions: label_sigma must be positive");
   require(options.lambda > 0, "ScaleFilterOptions: lambda must be positive");
   require(options.learning_rate >= 0 && options.learning_rate <= 1,

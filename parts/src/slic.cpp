@@ -1,4 +1,5 @@
 #include <asterism/parts/slic.hpp>
+#include <cstdint>
 #include <limits>
 #include <utility>
 
@@ -13,6 +14,11 @@ using Centre = Eigen::Array<float, 5, 1>;
 
 // Number of seeds along a side of the image.
 int seeds(int pixels, int side) { return std::max(1, (pixels + side / 2) / side); }
+
+// floor(value * numerator / denominator); the product of two lengths of a long image is beyond int.
+int scaled(int value, int numerator, int denominator) {
+  return static_cast<int>(std::int64_t{value} * numerator / denominator);
+}
 
 // The pieces of equal label, numbered anew; small ones go to the piece on the left of their first pixel or
 // above it, which was there before.
@@ -59,6 +65,7 @@ SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& 
   require(options.iterations > 0, "SlicOptions: iterations must be positive");
   require(cols > 0 && colours.rows() > 0 && colours.rows() % cols == 0,
           "slic: the pixels must be whole rows");
+  require(colours.rows() <= std::numeric_limits<int>::max() / 2, "slic: more than 2^30 pixels");
   const int count = static_cast<int>(colours.rows()), rows = count / cols;
   const int across = seeds(cols, side), down = seeds(rows, side);
 
@@ -68,10 +75,11 @@ SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& 
   // Pixels that no centre reaches stay in the cell of the grid that they begin in.
   std::vector<Centre> centres(static_cast<std::size_t>(across * down));
   for (int y = 0; y < rows; ++y)
-    for (int x = 0; x < cols; ++x) label[y * cols + x] = y * down / rows * across + x * across / cols;
+    for (int x = 0; x < cols; ++x)
+      label[y * cols + x] = scaled(y, down, rows) * across + scaled(x, across, cols);
   for (int k = 0; k < across * down; ++k) {
-    const int x = (2 * (k % across) + 1) * cols / (2 * across),
-              y = (2 * (k / across) + 1) * rows / (2 * down);
+    const int x = scaled(2 * (k % across) + 1, cols, 2 * across),
+              y = scaled(2 * (k / across) + 1, rows, 2 * down);
     centres[static_cast<std::size_t>(k)] << colours.row(y * cols + x).transpose(), static_cast<float>(x),
         static_cast<float>(y);
   }

@@ -76,8 +76,10 @@ MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOpt
   require(options.lambda > 0, "MaskedRegressionOptions: lambda must be positive");
   require(options.iterations >= 0 && options.refining_iterations >= 0,
           "MaskedRegressionOptions: iterations must not be negative");
-  require(options.penalty > 0 && options.penalty_growth >= 1 && options.max_penalty >= options.penalty,
-          "MaskedRegressionOptions: penalty must be positive and at most max_penalty, its growth >= 1");
+  require(options.penalty > 0 && options.penalty_growth >= 1 && options.max_penalty >= options.penalty &&
+              options.max_penalty <= 1e6,
+          "MaskedRegressionOptions: penalty must be positive and at most max_penalty, that at most 1e6, the "
+          "growth >= 1");
   bins_ = Eigen::Index{rows} * fft_.spectrum_cols();
   for (Eigen::ArrayXf* spectrum : {&energy_, &filter_, &free_, &dual_}) spectrum->resize(2 * bins_);
   plane_.resize(Eigen::Index{rows} * cols);
@@ -145,7 +147,8 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
               options.weight_rate <= 1,
           "SpatialReliabilityOptions: rates must be in [0, 1]");
   require(options.label_sigma > 0, "SpatialReliabilityOptions: label_sigma must be positive");
-  require(options.padding >= 0, "SpatialReliabilityOptions: padding must not be negative");
+  require(options.padding >= 0 && options.padding <= kMaxPadding,
+          "SpatialReliabilityOptions: padding must be in [0, 100]");
   require(options.min_template_side >= options.cell_size &&
               options.max_template_side >= options.min_template_side,
           "SpatialReliabilityOptions: template sides must satisfy cell_size <= min <= max");

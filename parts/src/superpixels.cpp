@@ -24,7 +24,8 @@ Superpixels::Superpixels(const SuperpixelsOptions& options) : options_(options) 
           "SuperpixelsOptions: sharpness must be finite and positive");
   require(options.learning_rate >= 0 && options.learning_rate <= 1,
           "SuperpixelsOptions: learning_rate must be in [0, 1]");
-  require(options.padding > 0, "SuperpixelsOptions: padding must be positive");
+  require(options.padding > 0 && options.padding <= kMaxPadding,
+          "SuperpixelsOptions: padding must be in (0, 100]");
   require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
           "SuperpixelsOptions: template sides must satisfy 1 <= min <= max");
 }

@@ -127,6 +127,38 @@ class Laboratory(unittest.TestCase):
         for key, cell in kept.items():
             self.assertEqual(after[key], cell)
 
+    def test_a_folder_at_work_is_refused(self):
+        path = self.folder / "results" / "convergence.jsonl"
+        long_run = subprocess.Popen([EXECUTABLE, "convergence", "--sizes", "4", "--solvers", "ida", "--systems",
+                                     "10000000", "--results", str(self.folder / "results")],
+                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and (not path.exists() or path.read_text().count("\n") < 2):
+            time.sleep(0.05)
+        second = self.convergence("--systems", 200)
+        long_run.send_signal(signal.SIGINT)
+        long_run.communicate(timeout=60)
+        self.assertEqual(second.returncode, 1)
+        self.assertEqual(second.stderr.count("\n"), 1, second.stderr)
+        self.assertIn("another process is at work there", second.stderr)
+
+    def test_recorded_systems_are_those_of_the_file(self):
+        found = []
+        for stiffness in (5, 50):
+            recorded = self.folder / "recorded.jsonl"
+            recorded.write_text(json.dumps({**SQUARE, "link_stiffness": [stiffness] * 4}) + "\n")
+            result = run("convergence", "--kinds", "lit", "--sizes", 4, "--systems", 1, "--solvers", "ida",
+                         "--recorded", recorded, "--results", self.folder / "results")
+            self.assertEqual(result.returncode, 0, result.stderr)
+            found.append(set(self.cells("convergence")))
+        self.assertEqual(len(found[1] - found[0]), 1)
+
+    def test_what_cannot_be_printed_is_an_error(self):
+        with open("/dev/full", "w", encoding="utf-8") as full:
+            result = subprocess.run([EXECUTABLE, "solvers"], stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+        self.assertEqual((result.returncode, result.stderr),
+                         (1, "asterism-bench: standard output cannot be written\n"))
+
     @unittest.skipIf(MPIEXEC is None, "built without MPI")
     def test_processes_find_the_same(self):
         self.convergence("--systems", 500, folder="one")

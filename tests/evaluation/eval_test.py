@@ -176,6 +176,18 @@ class Evaluation(unittest.TestCase):
         self.assertEqual(self.results(), self.results(whole))
         self.assertFalse(list(self.out.rglob(".*")), "left half a file")
 
+    def test_two_processes_may_add_trackers(self):
+        commands = [[EXECUTABLE, "run", self.root / "data", "--trackers", name, "--out", self.out]
+                    for name in ("kcf", "coarse", "dpt", "dpt_loc")]
+        processes = [subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True)
+                     for command in commands]
+        for process in processes:
+            message = process.communicate(timeout=300)[1]
+            self.assertEqual(process.returncode, 0, message)
+        campaign = json.loads((self.out / "campaign.json").read_text())
+        self.assertEqual(list(campaign["trackers"]), ["coarse", "dpt", "dpt_loc", "kcf"])
+        self.assertEqual(len(campaign["record"]), 4)
+
     def test_a_full_disk_is_named_and_what_is_whole_stays(self):
         whole = self.out.with_name("whole")
         self.assertEqual(self.evaluate(out=whole).returncode, 0)
@@ -223,6 +235,7 @@ class Evaluation(unittest.TestCase):
             (("run", self.root / "data", "--external", "a/b=true", "--out", self.out), "a/b"),
             (("run", self.root / "data", "--external", "true", "--out", self.out), "NAME=COMMAND"),
             (("run", self.root / "data", "--trackers", "kcf", "--out", "/proc/none"), "/proc/none"),
+            (("run", self.root / "data", "--trackers", "kcf", "--jitter", "nan", "--out", self.out), "--jitter"),
             ((), "subcommand"),
         ]:
             result = run(*arguments)

@@ -115,6 +115,16 @@ TEST(Flow, SaysNothingWithoutTexture) {
   EXPECT_EQ(part.similarity_at({161, 120}), 0);
 }
 
+TEST(Flow, ForgetsItsResponseWhereItStartsAnew) {
+  const Frame frame(texture(240, 320));
+  Flow part;
+  part.init(frame, {160, 120}, {48, 40});
+  part.localize(frame, {160, 120});
+  EXPECT_GT(part.similarity_at({160, 120}), 0);
+  part.init(frame, {160, 120}, {48, 40});
+  EXPECT_EQ(part.similarity_at({160, 120}), 0);
+}
+
 TEST(Flow, RefusesBadOptions) {
   const auto refused = [](auto change) {
     FlowOptions options;
@@ -123,8 +133,11 @@ TEST(Flow, RefusesBadOptions) {
   };
   refused([](FlowOptions& o) { o.grid = 1; });
   refused([](FlowOptions& o) { o.max_error = 0; });
+  refused([](FlowOptions& o) { o.grid = 1001; });
   refused([](FlowOptions& o) { o.lk_window = 4; });
+  refused([](FlowOptions& o) { o.lk_window = 10001; });
   refused([](FlowOptions& o) { o.lk_levels = -1; });
+  refused([](FlowOptions& o) { o.lk_levels = 17; });
   refused([](FlowOptions& o) { o.padding = 0; });
   refused([](FlowOptions& o) { o.min_template_side = 4; });
   refused([](FlowOptions& o) { o.max_template_side = 10; });

@@ -296,6 +296,10 @@ TEST(Kcf, RefusesBadOptions) {
     EXPECT_THROW(Kcf{options}, std::invalid_argument);
   };
   refused([](KcfOptions& o) { o.features = {false, false, false}; });
+  refused([](KcfOptions& o) { o.padding = 1e308; });
+  refused([](KcfOptions& o) { o.kernel = {.type = Kernel::Type::Polynomial, .exponent = 2.5}; });
+  refused([](KcfOptions& o) { o.kernel = {.type = Kernel::Type::Polynomial, .offset = 1e50}; });
+  refused([](KcfOptions& o) { o.kernel = {.type = Kernel::Type::Polynomial, .offset = std::nan("")}; });
   refused([](KcfOptions& o) { o.lambda = 0; });
   refused([](KcfOptions& o) { o.learning_rate = 1.5; });
   refused([](KcfOptions& o) { o.label_sigma = 0; });

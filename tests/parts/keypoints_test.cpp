@@ -97,6 +97,16 @@ TEST(Keypoints, SaysNothingWithoutTexture) {
   }
 }
 
+TEST(Keypoints, ForgetsItsResponseWhereItStartsAnew) {
+  const Frame frame(texture(240, 320));
+  Keypoints part;
+  part.init(frame, {160, 120}, {48, 40});
+  part.localize(frame, {160, 120});
+  EXPECT_GT(part.similarity_at({160, 120}), 0);
+  part.init(frame, {160, 120}, {48, 40});
+  EXPECT_EQ(part.similarity_at({160, 120}), 0);
+}
+
 TEST(Keypoints, RefusesBadOptions) {
   const auto refused = [](auto change) {
     KeypointsOptions options;
@@ -104,10 +114,13 @@ TEST(Keypoints, RefusesBadOptions) {
     EXPECT_THROW(Keypoints{options}, std::invalid_argument);
   };
   refused([](KeypointsOptions& o) { o.max_points = 0; });
+  refused([](KeypointsOptions& o) { o.max_points = 1'000'001; });
   refused([](KeypointsOptions& o) { o.fast_threshold = 0; });
+  refused([](KeypointsOptions& o) { o.fast_threshold = 256; });
   refused([](KeypointsOptions& o) { o.max_distance = 0; });
   refused([](KeypointsOptions& o) { o.max_ratio = 1.1; });
   refused([](KeypointsOptions& o) { o.vote_radius = 0; });
+  refused([](KeypointsOptions& o) { o.vote_radius = INFINITY; });
   refused([](KeypointsOptions& o) { o.padding = 0; });
   refused([](KeypointsOptions& o) { o.min_template_side = 8; });
   refused([](KeypointsOptions& o) { o.max_template_side = 32; });

@@ -125,6 +125,17 @@ TEST(Mosse, IsBlindToExposure) {
   EXPECT_NEAR(part.localize(Frame(0.5 * image), {160, 120}).peak, before, 0.05);
 }
 
+TEST(Mosse, ForgetsItsResponseWhereItStartsAnew) {
+  const Frame frame(texture(240, 320));
+  Mosse part;
+  part.init(frame, {160, 120}, {48, 40});
+  part.localize(frame, {160, 120});
+  EXPECT_GT(part.similarity_at({160, 120}), 0);
+  part.init(frame, {160, 120}, {48, 40});
+  EXPECT_EQ(part.similarity_at({160, 120}), 0);
+  EXPECT_EQ(part.psr(), 0);
+}
+
 TEST(Mosse, RefusesBadOptions) {
   const auto refused = [](auto change) {
     MosseOptions options;
@@ -133,8 +144,11 @@ TEST(Mosse, RefusesBadOptions) {
   };
   refused([](MosseOptions& o) { o.learning_rate = -0.1; });
   refused([](MosseOptions& o) { o.label_sigma = 0; });
+  refused([](MosseOptions& o) { o.label_sigma = 1e-300; });
   refused([](MosseOptions& o) { o.regularisation = 0; });
+  refused([](MosseOptions& o) { o.regularisation = 1e-300; });
   refused([](MosseOptions& o) { o.perturbations = -1; });
+  refused([](MosseOptions& o) { o.perturbations = 2'000'000'000; });
   refused([](MosseOptions& o) { o.perturbation = 1; });
   refused([](MosseOptions& o) { o.padding = -1; });
   refused([](MosseOptions& o) { o.min_template_side = 10; });

@@ -97,8 +97,13 @@ TEST(ResponseMap, InterpolatesInsideAndIsZeroOutside) {
   EXPECT_DOUBLE_EQ(map.at(map.position(4.5, 8)), 0.875);
   EXPECT_DOUBLE_EQ(map.at(map.position(5, 7)), 0) << "negative responses are no similarity";
   EXPECT_DOUBLE_EQ(map.at(map.position(39, 49)), static_cast<double>(map.values(39, 49)));
-  EXPECT_EQ(map.at(map.position(-0.1, 5)), 0);
-  EXPECT_EQ(map.at(map.position(5, 49.1)), 0);
+  // A border cell reaches half a cell outwards.
+  map.values(0, 5) = 0.5f;
+  map.values(5, 49) = 0.25f;
+  EXPECT_DOUBLE_EQ(map.at(map.position(-0.4, 5)), 0.5);
+  EXPECT_DOUBLE_EQ(map.at(map.position(5, 49.4)), 0.25);
+  EXPECT_EQ(map.at(map.position(-0.6, 5)), 0);
+  EXPECT_EQ(map.at(map.position(5, 49.6)), 0);
   EXPECT_EQ(map.at({std::nan(""), 0}), 0);
 }
 
@@ -123,6 +128,22 @@ TEST(SamplePatch, ReplicatesBorders) {
                          40, 30);
     EXPECT_EQ(cv::norm(patch, padded(there & cv::Rect({}, padded.size())), cv::NORM_INF), 0)
         << centre.transpose();
+  }
+}
+
+// What a window that shrinks sees outside the image is what the box filter makes of its border.
+TEST(SamplePatch, FiltersAtTheBorderAsInside) {
+  cv::Mat gray;
+  cv::cvtColor(testing::texture(100, 120), gray, cv::COLOR_BGR2GRAY);
+  cv::Mat smooth, expected, patch;
+  cv::blur(gray, smooth, {5, 5}, {-1, -1}, cv::BORDER_REPLICATE);
+  for (const Point2& centre :
+       {Point2(60, 50), Point2(0, 50), Point2(-80, 40), Point2(125, 110), Point2(1e4, -1e4)}) {
+    sample_patch(gray, centre, {100, 75}, {20, 15}, patch);
+    const Point2 first = centre - 5 * Size2(19, 14) / 2;
+    cv::warpAffine(smooth, expected, cv::Matx23d(5, 0, first.x(), 0, 5, first.y()), {20, 15},
+                   cv::INTER_LINEAR | cv::WARP_INVERSE_MAP, cv::BORDER_REPLICATE);
+    EXPECT_EQ(cv::norm(patch, expected, cv::NORM_INF), 0) << centre.transpose();
   }
 }
 

@@ -156,6 +156,7 @@ TEST(ScaleFilter, RefusesBadOptions) {
   refused([](ScaleFilterOptions& o) { o.scales = 1; });
   refused([](ScaleFilterOptions& o) { o.scales = 32; });
   refused([](ScaleFilterOptions& o) { o.step = 1; });
+  refused([](ScaleFilterOptions& o) { o.step = 1e9; });
   refused([](ScaleFilterOptions& o) { o.step = 1e300; });
   refused([](ScaleFilterOptions& o) { o.label_sigma = 0; });
   refused([](ScaleFilterOptions& o) { o.lambda = 0; });

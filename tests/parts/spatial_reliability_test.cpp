@@ -345,6 +345,7 @@ TEST(SpatialReliability, RefusesBadOptions) {
   };
   refused([](SpatialReliabilityOptions& o) { o.regression.lambda = 0; });
   refused([](SpatialReliabilityOptions& o) { o.regression.iterations = -1; });
+  refused([](SpatialReliabilityOptions& o) { o.regression.max_penalty = HUGE_VAL; });
   refused([](SpatialReliabilityOptions& o) { o.regression.refining_iterations = -1; });
   refused([](SpatialReliabilityOptions& o) { o.regression.penalty = 0; });
   refused([](SpatialReliabilityOptions& o) { o.regression.penalty_growth = 0.5; });

@@ -88,6 +88,15 @@ TEST(Slic, TakesASinglePixelAndRefusesWhatIsNoImage) {
   EXPECT_THROW(slic(one, 0), std::invalid_argument);
 }
 
+// Products of its lengths are beyond 32 bits.
+TEST(Slic, TakesALongImage) {
+  const int cols = 70'000;
+  const SuperpixelMap map = slic(Eigen::ArrayX3f::Zero(2 * cols, 3), cols, {.side = 2, .iterations = 1});
+  EXPECT_EQ(map.areas.size(), cols / 2);
+  for (int i = 0; i < 2 * cols; ++i)
+    ASSERT_NEAR(map.labels[static_cast<std::size_t>(i)], i % cols / 2, 1) << i;
+}
+
 TEST(Superpixels, FulfilThePartAxioms) { testing::check_part_axioms(Superpixels()); }
 TEST(Superpixels, WithstandFaults) { testing::check_part_faults(Superpixels()); }
 

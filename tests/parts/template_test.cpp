@@ -152,6 +152,7 @@ TEST(Template, RefusesBadOptions) {
     EXPECT_THROW(Template{options}, std::invalid_argument);
   };
   refused([](TemplateOptions& o) { o.sigma = 0; });
+  refused([](TemplateOptions& o) { o.padding = 1e308; });
   refused([](TemplateOptions& o) { o.learning_rate = std::nan(""); });
   refused([](TemplateOptions& o) { o.padding = 0; });
   refused([](TemplateOptions& o) { o.min_template_side = 0; });

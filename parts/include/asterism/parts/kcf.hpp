@@ -24,8 +24,8 @@ struct Kernel {
   };
   Type type = Type::Gaussian;  ///< which function of c
   double sigma = 0.5;          ///< of Gaussian, > 0
-  double offset = 1;           ///< of Polynomial
-  double exponent = 9;         ///< of Polynomial
+  double offset = 1;           ///< of Polynomial; offset^exponent is at most 1e6
+  double exponent = 9;         ///< of Polynomial, a whole number, >= 1
 };
 
 /// What a Kcf sees of a cell, at least one of them; all feed one kernel, in this order.
@@ -48,9 +48,9 @@ struct KcfOptions {
   double label_sigma = 0.1;
   /// HOG cell [template pixels].
   int cell_size = 4;
-  /// The search window adds this much around the target, >= 0: `padding` x each side if `proportional_window`
-  /// (Henriques), else `padding` x the geometric mean of the sides on both axes, which gives elongated
-  /// targets room across. Equal for square targets.
+  /// The search window adds this much around the target, in [0, 100]: `padding` x each side if
+  /// `proportional_window` (Henriques), else `padding` x the geometric mean of the sides on both axes, which
+  /// gives elongated targets room across. Equal for square targets.
   double padding = 1.5;
   bool proportional_window = false;
   /// Small and large targets: the window is resampled so that the geometric mean of the target's sides in the

@@ -9,14 +9,15 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of Keypoints; the matching is that of CMT (Nebehay and Pflugfelder, CVPR 2015).
 struct KeypointsOptions {
-  /// Most key-points in the search window, the strongest ones, > 0, and FAST's threshold [gray levels, > 0].
+  /// Most key-points in the search window, the strongest ones, in [1, 1e6], and FAST's threshold [gray
+  /// levels, in [1, 255]].
   int max_points = 400;
   int fast_threshold = 10;
   /// A match differs in at most this share of the descriptor's bits, in (0, 1], ...
   double max_distance = 0.25;
   /// ... and in less than this times those of the second best, in (0, 1].
   double max_ratio = 0.8;
-  /// Votes within this distance agree [template pixels, > 0].
+  /// Votes within this distance agree [template pixels, in (0, 1024]].
   double vote_radius = 10;
   /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
   double padding = 1.5;

@@ -11,11 +11,11 @@ namespace asterism::inline ASTERISM_ABI {
 struct MosseOptions {
   /// Rate eta of the running average of numerator and denominator, in [0, 1].
   double learning_rate = 0.125;
-  /// Standard deviation of the Gaussian label [template pixels], > 0.
+  /// Standard deviation of the Gaussian label [template pixels], in [1e-3, 1e3].
   double label_sigma = 2;
-  /// Added to the energy spectrum of patches of norm 1, epsilon > 0.
+  /// Added to the energy spectrum of patches of norm 1, epsilon in [1e-30, 1e30].
   double regularisation = 1e-4;
-  /// The first filter is trained on the target and this many random affine images of it, >= 0, ...
+  /// The first filter is trained on the target and this many random affine images of it, in [0, 1e4], ...
   int perturbations = 8;
   /// ... whose matrices differ from the identity by up to this in each entry, in [0, 1).
   double perturbation = 0.05;

@@ -17,7 +17,8 @@ struct ASTERISM_API ResponseMap {
 
   /// Image position of a (sub-pixel) grid position.
   Point2 position(double row, double col) const { return origin + spacing.cwiseProduct(Point2(col, row)); }
-  /// Bilinear interpolation; 0 outside the grid. Negative responses count as 0: they are no similarity.
+  /// Bilinear interpolation, over the half cell around the grid its border (a sub-pixel peak at the border
+  /// may lie there); 0 beyond. Negative responses count as 0: they are no similarity.
   double at(const Point2& position) const;
 };
 

@@ -10,7 +10,8 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of ScaleFilter; the defaults are those of Danelljan et al. (BMVC 2014).
 struct ScaleFilterOptions {
-  /// Number of sizes that are compared, odd and >= 3, and the factor between neighbours, > 1.
+  /// Number of sizes that are compared, odd and >= 3, and the factor between neighbours, > 1; step^scales
+  /// is at most 1e6.
   int scales = 33;
   double step = 1.02;
   /// Standard deviation of the Gaussian label [steps], as a fraction of sqrt(scales), > 0.

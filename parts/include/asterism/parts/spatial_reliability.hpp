@@ -18,7 +18,7 @@ struct MaskedRegressionOptions {
   int iterations = 4;
   int refining_iterations = 2;
   /// The constraint's penalty mu in the first round, > 0, its growth beta from round to round, >= 1, and its
-  /// bound, >= penalty.
+  /// bound, >= penalty, at most 1e6.
   double penalty = 5;
   double penalty_growth = 3;
   double max_penalty = 20;
