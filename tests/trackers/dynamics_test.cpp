@@ -411,6 +411,29 @@ TEST(KalmanTracker, RefusesBadOptions) {
   refused([](KalmanOptions& o) { o.deviation = std::nan(""); });
   refused([](KalmanOptions& o) { o.size_deviation = INFINITY; });
   refused([](KalmanOptions& o) { o.lost_factor = 0.5; });
+  refused([](KalmanOptions& o) { o.acceleration = 1e300; });
+  refused([](KalmanOptions& o) { o.size_deviation = 1e-300; });
+  refused([](KalmanOptions& o) { o.lost_factor = 1e300; });
+}
+
+TEST(KalmanTracker, HasABoxWhateverItsOptions) {
+  std::vector<TrackResult> script;
+  for (int t = 1; t <= 300; ++t) {
+    script.push_back(answer(steady(t % 50)));
+    script.back().lost = t % 100 > 30;
+  }
+  for (const double acceleration : {1e-6, 1e6})
+    for (const double size_acceleration : {1e-6, 1e6})
+      for (const double deviation : {1e-6, 1e6})
+        for (const double size_deviation : {1e-6, 1e6})
+          for (const double lost_factor : {1.0, 1e12})
+            for (const TrackResult& result :
+                 filtered(steady(0), script,
+                          {acceleration, size_acceleration, deviation, size_deviation, lost_factor})) {
+              ASSERT_TRUE(std::isfinite(result.box.x) && std::isfinite(result.box.y));
+              ASSERT_TRUE(std::isfinite(result.box.width) && std::isfinite(result.box.height));
+              ASSERT_TRUE(result.covariance->allFinite());
+            }
 }
 
 #ifdef ASTERISM_TEST_JSON

@@ -300,6 +300,28 @@ TEST_F(TrackTool, DrawsTheLastConstellationBeforeAndAfterItsSolve) {
   ASSERT_FALSE(both.empty());
   EXPECT_GT(both.cols, 1.8 * both.rows);
   expect_error(images + " --constellation " + picture, {"--constellation", "kcf"});
+
+  // There is none in the first frame.
+  fs::remove(picture);
+  for (const std::string option : {"--constellation", "--timeline"}) {
+    expect_error(images + csv() + " --frames 1 --tracker dpt " + option + " " + picture,
+                 {option, "first frame"}, false);
+    EXPECT_FALSE(fs::exists(picture));
+    expect_boxes(path("boxes.csv"), 1, 1);
+  }
+}
+
+TEST_F(TrackTool, DrawsTheConstellationOfEveryDpt) {
+  const std::string images = make_images("images", 3).string() + kBox, picture = path("constellation.png");
+  std::vector<std::string> trackers{"dpt_str"};
+#ifdef ASTERISM_TEST_JSON
+  trackers.insert(trackers.end(), {"dpt+mosse", "'dpt{\"grid_rows\": 3}'", "'{\"tracker\": \"dpt_loc\"}'"});
+#endif
+  for (const std::string& tracker : trackers) {
+    fs::remove(picture);
+    EXPECT_EQ(run(images + " --constellation " + picture + " --tracker " + tracker, false), 0) << err_;
+    EXPECT_FALSE(cv::imread(picture).empty()) << tracker;
+  }
 }
 
 #ifdef ASTERISM_TEST_JSON
@@ -315,6 +337,13 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
   write("kcf");
   expect_error(images + config, {path("t.json"), "JSON object"}, false);
   expect_error(images + " --config " + path("none.json"), {path("none.json")}, false);
+  expect_error(images + " --config " + path("images"), {"cannot read " + path("images")}, false);
+  write("{\"tracker\": \"kcf\",\n\n    \"use_colour\": false\n}\n");
+  ASSERT_EQ(run(images + config, false), 0) << err_;
+  EXPECT_TRUE(err_.starts_with("{\"tracker\": \"kcf\", \"use_colour\": false }: 20 frames, ")) << err_;
+  EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
+  expect_error(images + config + " --out " + path("t.json"), {"--out", "--config"}, false);
+  EXPECT_TRUE(read(path("t.json")).starts_with("{"));
 }
 
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
@@ -358,6 +387,19 @@ TEST_F(TrackTool, NamesRecordedSystemsAfterTheInput) {
   ASSERT_EQ(run(make_video().string() + kBox + " --frames 2" + record, false), 0) << err_;
   ASSERT_EQ(read_systems<Dpt::Springs>(file).size(), 1u) << "a former file is replaced";
   EXPECT_EQ(read_systems<Dpt::Springs>(file)[0].name, "video.avi/frame 2");
+}
+
+TEST_F(TrackTool, RecordsTheSystemsOfADptWithOptions) {
+  const std::string file = path("systems.jsonl"), tracker = R"(dpt{"grid_rows": 3})";
+  ASSERT_EQ(
+      run(make_images("images", 3).string() + kBox + " --tracker '" + tracker + "' --record-systems " + file,
+          false),
+      0)
+      << err_;
+  const auto systems = read_systems<Dpt::Springs>(file);
+  ASSERT_EQ(systems.size(), 2u);
+  EXPECT_EQ(systems[0].origin.at("tracker"), tracker);
+  EXPECT_EQ(systems[0].system.nodes(), 6);
 }
 
 TEST_F(TrackTool, ReportsSystemsThatItCannotRecord) {
@@ -424,6 +466,53 @@ TEST_F(TrackTool, DoesNotOverwriteItsInput) {
   const auto size = fs::file_size(video);
   expect_error(video + kBox + " --save " + video, {"--save", "input"});
   EXPECT_EQ(fs::file_size(video), size);
+}
+
+TEST_F(TrackTool, DoesNotOverwriteTheFilesOfItsInput) {
+  const std::string sequence = make_sequence().string(), images = sequence + "/color",
+                    truth = sequence + "/groundtruth.txt", frame = images + "/img_3.png", bytes = read(frame),
+                    boxes = read(truth);
+  const auto refused = [&](const std::string& input, const std::string& output) {
+    expect_error(input + output, {"would change the input"});
+    EXPECT_EQ(read(frame), bytes);
+    EXPECT_EQ(read(truth), boxes);
+  };
+  refused(sequence, " --out " + truth);
+  refused(sequence, " --out " + images + "/../groundtruth.txt");
+  refused(sequence, " --sheet " + frame);
+  for (const std::string input : {"", "/img_%d.png", "/*.png", "/img_3.png"})
+    refused("'" + images + input + "'" + kBox, " --sheet " + frame);
+  fs::create_symlink(frame, path("link.png"));
+  refused(images + kBox, " --sheet " + path("link.png"));
+
+  // New ones that the next run would take for frames; others may lie beside them.
+  refused(images + kBox, " --sheet " + images + "/new.png");
+  refused("'" + images + "/img_%d.png'" + kBox, " --sheet " + images + "/img_21.png");
+  EXPECT_FALSE(fs::exists(images + "/new.png") || fs::exists(images + "/img_21.png"));
+  ASSERT_EQ(run("'" + images + "/img_%d.png'" + kBox + " --out " + images + "/boxes.csv --sheet " + images +
+                "/new.png"),
+            0)
+      << err_;
+}
+
+TEST_F(TrackTool, WritesNoFileTwice) {
+  const std::string images = make_images("images", 3).string() + kBox, file = path("x.png");
+  expect_error(images + " --sheet " + file + " --out " + file, {"--sheet", "is the file of --out"});
+  expect_error(images + " --sheet " + file + " --save " + path("images/../x.png"),
+               {"--sheet", "is the file of --save"});
+  EXPECT_FALSE(fs::exists(file));
+}
+
+// As from a service manager. What is printed lands in no file that takes the streams' numbers, and boxes that
+// nobody can read are an error.
+TEST_F(TrackTool, StartsWithClosedStreams) {
+  const std::string arguments = make_images("images", 3).string() + kBox + " --tracker kcf --out ";
+  for (const std::string closed : {"2>&-", ">&- 2>&-", "<&- >&- 2>&-"}) {
+    EXPECT_EQ(run(arguments + path("boxes.csv") + " " + closed + " #", false), 0);
+    expect_boxes(path("boxes.csv"), 1, 3);
+  }
+  EXPECT_EQ(run(arguments + "- >&- 2> " + path("err") + " #", false), 1);
+  EXPECT_EQ(err_, "asterism-track: cannot write the standard output: Bad file descriptor\n");
 }
 
 TEST_F(TrackTool, ReportsAFullDisk) {

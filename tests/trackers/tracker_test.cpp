@@ -846,6 +846,13 @@ TEST(Lgt, PartsLeaveAndJoin) {
   EXPECT_GE(lenient.update(scene.frame(2)).parts.size(), parts);
 }
 
+TEST(AnyTracker, ShowsTheTrackerInIt) {
+  const AnyTracker tracker = make_tracker("dpt_str");
+  ASSERT_NE(tracker.target<Dpt>(), nullptr);
+  EXPECT_EQ(tracker.target<Dpt>()->options().constellation, Constellation::Star);
+  EXPECT_EQ(tracker.target<CoarseTracker>(), nullptr);
+}
+
 TEST(ConstellationOptions, RefusesBadOnes) {
   EXPECT_EQ(refusal(R"(lgt{"max_parts": 0})"), "LgtOptions: max_parts must be positive");
   EXPECT_EQ(refusal(R"(flock{"grid": 65536})"), "FlockOptions: grid must be in [2, 1000]");

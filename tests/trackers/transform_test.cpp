@@ -94,6 +94,30 @@ TEST(FitRobustTransform, IgnoresWhatDoesNotAgree) {
   EXPECT_EQ(none.transform.scale, truth.scale);
 }
 
+// One point says nothing of angle and scale: they stay what they were.
+TEST(FitRobustTransform, KeepsWhatThePointsDoNotDetermine) {
+  const PlaneTransform start{1.4, 0.5, {3, 4}};
+  Eigen::Matrix2Xd from(2, 3), to(2, 3);
+  from << 0.1, 7, -5, 0.3, 2, 11;
+  to << 20.7, 1, 60, -30.1, 90, 8;
+  const auto expect_moved = [&](const Eigen::Matrix2Xd& a, const Eigen::Matrix2Xd& b,
+                                const Eigen::VectorXd& weights, TransformModel model) {
+    const RobustTransform found = fit_robust_transform(a, b, weights, model, 2, start);
+    EXPECT_EQ(found.transform.scale, start.scale);
+    EXPECT_EQ(found.transform.angle, start.angle);
+    EXPECT_NEAR(found.support, 1, 1e-12);
+    EXPECT_LT((found.transform(a.col(0)) - b.col(0)).norm(), 1e-12);
+  };
+  for (const TransformModel model :
+       {TransformModel::Translation, TransformModel::Euclidean, TransformModel::Similarity}) {
+    expect_moved(from.leftCols(1), to.leftCols(1), Eigen::VectorXd::Ones(1), model);
+    expect_moved(from, to, Eigen::Vector3d(0.7, 0, 0), model);
+    // Coincident ones, whose mean is rounded.
+    expect_moved(from.col(0).replicate(1, 7), to.col(0).replicate(1, 7), Eigen::VectorXd::Constant(7, 0.3),
+                 model);
+  }
+}
+
 TEST(Stiffness, FollowsTheEquations) {
   Evidence evidence;
   evidence.peak = 0.6;

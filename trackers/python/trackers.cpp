@@ -260,9 +260,11 @@ void bind_trackers(py::module_& m) {
       "it computes. One thread at a time: RuntimeError else.")
       .def(py::init<const std::string&, const py::object&>(), py::arg("name") = "dpt",
            py::arg("options") = py::none(),
-           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class. "
-           "ValueError\n"
-           "names what is wrong.")
+           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class, for "
+           "`dpt+MODEL`\n"
+           "of those of MODEL; options of both are written Tracker(\"dpt\", {\"part\": {\"model\": MODEL, "
+           "..}, ..}).\n"
+           "ValueError names what is wrong.")
       .def("init", &Tracker::init, py::arg("image"), py::arg("box"),
            "Start on an object; may be called again at any time. ValueError, and the former state, for a box "
            "that\n"

@@ -56,13 +56,14 @@ void ConstantVelocityFilter::update(const Vector& measured, const Matrix& covari
 
 KalmanTracker::KalmanTracker(AnyTracker tracker, const KalmanOptions& options)
     : tracker_(std::move(tracker)), options_(options) {
-  const auto positive = [](double value) { return value > 0 && std::isfinite(value); };
-  require(positive(options.acceleration) && positive(options.size_acceleration),
-          "KalmanOptions: accelerations must be positive");
-  require(positive(options.deviation) && positive(options.size_deviation),
-          "KalmanOptions: deviations must be positive");
-  require(options.lost_factor >= 1 && std::isfinite(options.lost_factor),
-          "KalmanOptions: lost_factor must be at least 1");
+  // So that squares, in pixels and over many frames, are numbers.
+  const auto in_range = [](double value) { return value >= 1e-6 && value <= 1e6; };
+  require(in_range(options.acceleration) && in_range(options.size_acceleration),
+          "KalmanOptions: accelerations must be in [1e-6, 1e6]");
+  require(in_range(options.deviation) && in_range(options.size_deviation),
+          "KalmanOptions: deviations must be in [1e-6, 1e6]");
+  require(options.lost_factor >= 1 && options.lost_factor <= 1e12,
+          "KalmanOptions: lost_factor must be in [1, 1e12]");
 }
 
 double KalmanTracker::mean_side() const { return std::exp(filter_.position().z()); }

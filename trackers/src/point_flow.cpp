@@ -29,9 +29,11 @@ double correlation(const cv::Mat& a, const cv::Point2f& at, const cv::Mat& b, co
 
 PointFlow::PointFlow(const PointFlowOptions& options) : options_(options) {
   require(options.max_error > 0, "PointFlowOptions: max_error must be positive");
-  require(options.lk_window >= 3 && options.lk_window % 2 == 1,
-          "PointFlowOptions: lk_window must be odd and at least 3");
-  require(options.lk_levels >= 0, "PointFlowOptions: lk_levels must not be negative");
+  // OpenCV pads every level by the window on each side.
+  require(options.lk_window >= 3 && options.lk_window <= 255 && options.lk_window % 2 == 1,
+          "PointFlowOptions: lk_window must be odd and in [3, 255]");
+  require(options.lk_levels >= 0 && options.lk_levels <= 16,
+          "PointFlowOptions: lk_levels must be in [0, 16]");
   require(options.padding > 0, "PointFlowOptions: padding must be positive");
   require(options.min_template_side >= 8 && options.max_template_side >= options.min_template_side,
           "PointFlowOptions: template sides must satisfy 8 <= min <= max");

@@ -16,9 +16,17 @@ Eigen::Matrix2d rotation(double angle) {
 // Two sets of points: their means, and sums over the centred points p and q.
 struct Moments {
   Eigen::Vector2d from_mean, to_mean;
-  double dot = 0;     // p . q
-  double cross = 0;   // p x q
-  double spread = 0;  // |p|^2
+  double dot = 0;                         // p . q
+  double cross = 0;                       // p x q
+  double spread = 0, to_spread = 0;       // |p|^2, |q|^2
+  double from_square = 0, to_square = 0;  // of the points themselves
+
+  double aligned() const { return std::hypot(dot, cross); }
+  // Whether the points have an angle and a scale: coincident ones are apart by the rounding of their mean.
+  bool determined() const {
+    constexpr double kRounding = 1e-24;  // of squares
+    return aligned() > 0 && spread > kRounding * from_square && to_spread > kRounding * to_square;
+  }
 };
 
 template <typename Weight>
@@ -31,6 +39,9 @@ Moments moments_about(const Eigen::Vector2d& from_mean, const Eigen::Vector2d& t
     sums.dot += weight(i) * p.dot(q);
     sums.cross += weight(i) * (p.x() * q.y() - p.y() * q.x());
     sums.spread += weight(i) * p.squaredNorm();
+    sums.to_spread += weight(i) * q.squaredNorm();
+    sums.from_square += weight(i) * from.col(i).squaredNorm();
+    sums.to_square += weight(i) * to.col(i).squaredNorm();
   }
   return sums;
 }
@@ -41,13 +52,13 @@ Moments moments_of(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                        [](Eigen::Index) { return 1.0; });
 }
 
-// The least-squares transform: its angle maximises sum q . R p = cos sum p . q + sin sum p x q.
-PlaneTransform transform_of(const Moments& sums, TransformModel model) {
-  PlaneTransform transform;
-  const double aligned = std::hypot(sums.dot, sums.cross);
-  if (model != TransformModel::Translation && aligned > 0 && sums.spread > 0) {
+// The least-squares transform: its angle maximises sum q . R p = cos sum p . q + sin sum p x q. What the
+// points do not determine, or the model does not change, is that of `otherwise`.
+PlaneTransform transform_of(const Moments& sums, TransformModel model, const PlaneTransform& otherwise = {}) {
+  PlaneTransform transform = otherwise;
+  if (model != TransformModel::Translation && sums.determined()) {
     transform.angle = std::atan2(sums.cross, sums.dot);
-    if (model == TransformModel::Similarity) transform.scale = aligned / sums.spread;
+    if (model == TransformModel::Similarity) transform.scale = sums.aligned() / sums.spread;
   }
   transform.translation = sums.to_mean - transform.scale * (rotation(transform.angle) * sums.from_mean);
   return transform;
@@ -55,11 +66,11 @@ PlaneTransform transform_of(const Moments& sums, TransformModel model) {
 
 PlaneTransform fit_weighted(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                             const Eigen::Ref<const Eigen::Matrix2Xd>& to, const Eigen::VectorXd& weights,
-                            TransformModel model) {
+                            TransformModel model, const PlaneTransform& otherwise) {
   const double total = weights.sum();
   return transform_of(moments_about(from * weights / total, to * weights / total, from, to,
                                     [&](Eigen::Index i) { return weights[i]; }),
-                      model);
+                      model, otherwise);
 }
 
 }  // namespace
@@ -85,8 +96,8 @@ void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
   if (n == 0) return;
   // scale (cos, sin) = (dot, cross) / spread, both linear in `to`.
   const Moments sums = moments_of(from, to);
-  const double aligned = std::hypot(sums.dot, sums.cross);
-  const bool turns = model != TransformModel::Translation && aligned > 0 && sums.spread > 0;
+  const double aligned = sums.aligned();
+  const bool turns = model != TransformModel::Translation && sums.determined();
   const double scale = turns && model == TransformModel::Similarity ? aligned / sums.spread : 1;
   const Eigen::Vector2d direction =
       turns ? Eigen::Vector2d(sums.dot, sums.cross) / aligned : Eigen::Vector2d(1, 0);
@@ -145,14 +156,15 @@ RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& f
     for (std::size_t i = 0; i < used.size() && i < kHypotheses / 2; ++i) {
       const std::size_t first = i * std::max<std::size_t>(1, used.size() / (kHypotheses / 2)) % used.size();
       const std::array<Eigen::Index, 2> pair{used[first], used[(first + stride) % used.size()]};
-      offer(fit_transform(from(Eigen::all, pair), to(Eigen::all, pair), model));
+      const Eigen::Matrix2d a = from(Eigen::all, pair), b = to(Eigen::all, pair);
+      offer(transform_of(moments_of(a, b), model, start));
     }
 
   for (int k = 0; k < kRefinements; ++k) {
     const Eigen::VectorXd left = weights.cwiseProduct(shares(best.transform).cwiseAbs2());
     if (!(left.sum() > 0)) break;
     const double before = best.support;
-    offer(fit_weighted(from, to, left, model));
+    offer(fit_weighted(from, to, left, model, start));
     if (best.support <= before) break;
   }
   return best;

@@ -29,11 +29,12 @@ bool is_image(const fs::path& path) {
 }
 
 // Files of a folder in natural order; hidden ones are left out (macOS puts "._x.jpg" beside x.jpg).
-std::vector<fs::path> files_of(const fs::path& folder) {
+template <class Predicate>
+std::vector<fs::path> files_of(const fs::path& folder, Predicate wanted) {
   std::vector<fs::path> files;
   std::error_code error;
   for (fs::directory_iterator it(folder, error), end; !error && it != end; it.increment(error)) {
-    if (it->path().filename().string().front() != '.' && it->is_regular_file(error))
+    if (it->path().filename().string().front() != '.' && it->is_regular_file(error) && wanted(it->path()))
       files.push_back(it->path());
   }
   if (error) throw std::runtime_error("cannot read folder " + folder.string() + ": " + error.message());
@@ -43,21 +44,14 @@ std::vector<fs::path> files_of(const fs::path& folder) {
   return files;
 }
 
-template <class Predicate>
-std::vector<fs::path> files_of(const fs::path& folder, Predicate wanted) {
-  std::vector<fs::path> files = files_of(folder);
-  std::erase_if(files, [&](const fs::path& file) { return !wanted(file); });
-  return files;
-}
-
 fs::path folder_of(const fs::path& pattern) {
   fs::path folder = pattern.has_parent_path() ? pattern.parent_path() : fs::path(".");
   if (!fs::is_directory(folder)) throw std::runtime_error("no folder " + folder.string());
   return folder;
 }
 
-// Images named by a printf pattern with one %d, e.g. img_%05d.jpg, ordered by their number.
-std::vector<fs::path> numbered_images(const fs::path& pattern) {
+// Whether a file is named by a printf pattern with one %d, e.g. img_%05d.jpg.
+std::function<bool(const fs::path&)> numbered(const fs::path& pattern) {
   const std::string name = pattern.filename().string();
   const size_t percent = name.find('%');
   const size_t letter = name.find_first_not_of("0123456789", percent == std::string::npos ? 0 : percent + 1);
@@ -72,7 +66,7 @@ std::vector<fs::path> numbered_images(const fs::path& pattern) {
   std::from_chars(format.data(), format.data() + format.size(), width);
 
   // printf writes more digits than the width where the number needs them, but pads with zeros up to it only.
-  return files_of(folder_of(pattern), [&](const fs::path& file) {
+  return [=](const fs::path& file) {
     const std::string candidate = file.filename().string();
     if (candidate.size() <= before.size() + after.size() || !candidate.starts_with(before) ||
         !candidate.ends_with(after)) {
@@ -83,7 +77,7 @@ std::vector<fs::path> numbered_images(const fs::path& pattern) {
     if (!all_digits(digits)) return false;
     const bool padded = digits.size() > 1 && digits.front() == '0';
     return zeros ? digits.size() == width || (digits.size() > width && !padded) : !padded;
-  });
+  };
 }
 
 // `*` and `?` as a shell has them.
@@ -126,11 +120,9 @@ ImageSource ImageSource::open(const std::string& input) {
   std::error_code error;
   if (fs::is_directory(path, error)) {
     if (fs::exists(path / "groundtruth.txt")) source.ground_truth_ = path / "groundtruth.txt";
-    std::vector<fs::path> images = files_of(path, is_image);
-    if (fs::is_directory(path / "color") && (source.ground_truth_ || images.empty())) {
-      images = files_of(path / "color", is_image);
-    }
-    source.use_images(std::move(images), input);
+    const bool colour =
+        fs::is_directory(path / "color") && (source.ground_truth_ || files_of(path, is_image).empty());
+    source.use_folder(colour ? path / "color" : path, is_image, input);
   } else if (fs::exists(path, error)) {
     // OpenCV would take the name of one image for a pattern and read all its neighbours.
     if (is_image(path)) {
@@ -141,12 +133,12 @@ ImageSource ImageSource::open(const std::string& input) {
   } else if (all_digits(input) || input.find("://") != std::string::npos) {
     source.use_video(input);
   } else if (input.find('%') != std::string::npos) {
-    source.use_images(numbered_images(path), input);
+    source.use_folder(folder_of(path), numbered(path), input);
   } else if (input.find_first_of("*?") != std::string::npos) {
-    const std::string pattern = path.filename().string();
-    source.use_images(
-        files_of(folder_of(path), [&](const fs::path& f) { return matches(f.filename().string(), pattern); }),
-        input);
+    const auto matching = [pattern = path.filename().string()](const fs::path& file) {
+      return matches(file.filename().string(), pattern);
+    };
+    source.use_folder(folder_of(path), matching, input);
   } else {
     throw std::runtime_error("no such file or folder: " + input);
   }
@@ -159,7 +151,14 @@ void ImageSource::use_images(std::vector<fs::path> images, const std::string& in
   frame_count_ = static_cast<int>(images_.size());
 }
 
+void ImageSource::use_folder(const fs::path& folder, IsFrame is_frame, const std::string& input) {
+  use_images(files_of(folder, is_frame), input);
+  folder_ = folder;
+  is_frame_ = std::move(is_frame);
+}
+
 void ImageSource::use_video(const std::string& input) {
+  video_file_ = input.starts_with("file:") ? input.substr(5) : input;
   try {
     int camera = 0;
     const auto [end, error] = std::from_chars(input.data(), input.data() + input.size(), camera);
@@ -178,6 +177,16 @@ void ImageSource::use_video(const std::string& input) {
   if (fps >= 1 && fps <= 1000) fps_ = fps;
   const double count = video_.get(cv::CAP_PROP_FRAME_COUNT);
   if (count >= 1 && count < 1e9) frame_count_ = static_cast<int>(count);
+}
+
+bool ImageSource::reads(const fs::path& path) const {
+  std::error_code error;
+  // Of files, so that links are seen through; false where one of them does not exist.
+  const auto is = [&](const fs::path& other) { return fs::equivalent(path, other, error); };
+  if (is(video_file_) || (ground_truth_ && is(*ground_truth_))) return true;
+  if (fs::exists(path, error) && std::any_of(images_.begin(), images_.end(), is)) return true;
+  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
+  return is_frame_ && is_frame_(path) && fs::equivalent(folder, folder_, error);
 }
 
 bool ImageSource::next(cv::Mat& image) {

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <filesystem>
+#include <functional>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 #include <optional>
@@ -33,16 +34,23 @@ class ImageSource {
   double fps() const { return fps_; }
   /// The images in their order; empty for a video or a camera.
   const std::vector<std::filesystem::path>& images() const { return images_; }
+  /// Whether a file is one that this source reads, or would be a frame of the same input if it were made.
+  bool reads(const std::filesystem::path& path) const;
   /// The annotation file of a sequence folder; see `read_ground_truth`.
   const std::optional<std::filesystem::path>& ground_truth() const { return ground_truth_; }
 
  private:
   ImageSource() = default;
+  using IsFrame = std::function<bool(const std::filesystem::path&)>;
   void use_images(std::vector<std::filesystem::path> images, const std::string& input);
+  void use_folder(const std::filesystem::path& folder, IsFrame is_frame, const std::string& input);
   void use_video(const std::string& input);
 
   std::vector<std::filesystem::path> images_;  // empty where `video_` is the source
+  std::filesystem::path folder_;               // whose images they are ...
+  IsFrame is_frame_;                           // ... that satisfy this; none for a single image
   cv::VideoCapture video_;
+  std::filesystem::path video_file_;  // of `video_`, where it is a file
   std::optional<std::filesystem::path> ground_truth_;
   int position_ = 0, frame_count_ = 0;
   double fps_ = 25;

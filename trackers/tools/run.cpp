@@ -9,6 +9,7 @@
 #include <optional>
 #include <span>
 #include <stdexcept>
+#include <utility>
 #include <vector>
 
 #include "figures.hpp"
@@ -18,6 +19,7 @@
 #include "overlay.hpp"
 #include "progress.hpp"
 #include "system_recorder.hpp"
+#include "tool_main.hpp"
 #include "window.hpp"
 
 namespace asterism::tools {
@@ -35,9 +37,35 @@ cv::Rect2d parse_box(const std::string& text) {
   return region->box();
 }
 
+// The files that are to be written, with their options.
+std::vector<std::pair<std::string, std::string>> files_of(const Options& options) {
+  std::vector<std::pair<std::string, std::string>> files{{"--save", options.save},
+                                                         {"--record-systems", options.systems},
+                                                         {"--sheet", options.sheet},
+                                                         {"--timeline", options.timeline},
+                                                         {"--constellation", options.constellation}};
+  if (options.out != "-") files.emplace(files.begin(), "--out", options.out);
+  std::erase_if(files, [](const auto& file) { return file.second.empty(); });
+  return files;
+}
+
+// Nothing that is read is written, and nothing twice.
+void check_kept(const Options& options, const ImageSource& source) {
+  const auto files = files_of(options);
+  for (std::size_t i = 0; i < files.size(); ++i) {
+    const std::string given = files[i].first + " " + files[i].second;
+    if (source.reads(files[i].second)) throw std::runtime_error(given + " would change the input");
+    if (!options.config.empty() && same_file(files[i].second, options.config))
+      throw std::runtime_error(given + " is the file of --config");
+    for (std::size_t j = 0; j < i; ++j)
+      if (same_file(files[i].second, files[j].second))
+        throw std::runtime_error(given + " is the file of " + files[j].first);
+  }
+}
+
 // What can be seen to be wrong before the first frame is read.
 void check(const Options& options) {
-  make_tracker(options.tracker);  // throws for a name that it does not know
+  const AnyTracker tracker = make_tracker(options.tracker);  // throws for a name that it does not know
   for (const std::string& box : options.boxes) parse_box(box);
   if (options.boxes.size() > 1) {
     for (const auto& [option, path] : {std::pair("--sheet", options.sheet),
@@ -46,22 +74,19 @@ void check(const Options& options) {
                                        {"--constellation", options.constellation}})
       if (!path.empty()) throw std::runtime_error(std::string(option) + " is for one object: give one --box");
   }
-  if (!options.out.empty() && options.out != "-") check_output("--out", options.out, options.input);
-  if (!options.save.empty()) check_output("--save", options.save, options.input);
+  for (const auto& [option, path] : files_of(options)) check_output(option, path);
   const auto needs_dpt = [&](const std::string& option) {
-    if (options.tracker == "dpt") return;
+    if (tracker.target<Dpt>() != nullptr) return;
     throw std::runtime_error(option + ": tracker \"" + options.tracker +
                              "\" solves no spring systems (dpt does)");
   };
   if (!options.systems.empty()) {
     SystemRecorder::check_built();
     needs_dpt("--record-systems");
-    check_output("--record-systems", options.systems, options.input);
   }
   if (!options.constellation.empty()) needs_dpt("--constellation");
   const auto check_picture = [&](const std::string& option, const std::string& path) {
     if (path.empty()) return;
-    check_output(option, path, options.input);
     if (!cv::haveImageWriter(path))
       throw std::runtime_error(option + " " + path + ": its ending is of no known image format");
   };
@@ -138,6 +163,11 @@ class Outputs {
     if (last_ && watch_.last())
       write_image(options_.constellation,
                   draw_solve(last_->image, *watch_.last(), last_->result, last_->frame));
+    if (frames_ > 1) return;
+    for (const auto& [option, path] :
+         {std::pair("--timeline", options_.timeline), {"--constellation", options_.constellation}})
+      if (!path.empty())
+        throw std::runtime_error(std::string(option) + ": there is nothing to draw in the first frame alone");
   }
 
  private:
@@ -150,6 +180,7 @@ class Outputs {
   static std::vector<std::string> names(const Options& options) {
     std::vector<std::string> all = options.compare;
     all.insert(all.begin(), options.tracker);
+    for (std::string& name : all) name = one_line(name);
     return all;
   }
   bool show(const cv::Mat& overlay) {
@@ -180,7 +211,7 @@ struct Score {
 };
 
 void print_summary(const Options& options, const Score& score) {
-  std::fprintf(stderr, "%s: ", options.tracker.c_str());
+  std::fprintf(stderr, "%s: ", one_line(options.tracker).c_str());
   if (options.boxes.size() > 1) std::fprintf(stderr, "%zu objects, ", options.boxes.size());
   std::fprintf(stderr, "%d frames", score.updates + 1);
   if (score.milliseconds > 0) std::fprintf(stderr, ", %.1f fps", 1000 * score.updates / score.milliseconds);
@@ -195,6 +226,7 @@ void print_summary(const Options& options, const Score& score) {
 void run(const Options& options) {
   check(options);
   ImageSource source = ImageSource::open(options.input);
+  check_kept(options, source);
   std::vector<std::optional<Region>> truth;
   if (source.ground_truth()) truth = read_ground_truth(*source.ground_truth());
   std::optional<Window> window;
@@ -209,7 +241,7 @@ void run(const Options& options) {
   const int total = options.frames > 0 ? std::min(available, options.frames) : available;
 
   std::optional<SystemRecorder> recorder;
-  if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input));
+  if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input), options.tracker);
   SolveWatch watch;
   const bool watched = recorder || !options.constellation.empty();
   // The objects, and the first of them again for each tracker beside; the box is an answer, too.
@@ -221,7 +253,7 @@ void run(const Options& options) {
     results[i].box = boxes[i < boxes.size() ? i : 0];
     results[i].confidence = 1;
   }
-  MultiTracker tracker(0);
+  MultiTracker tracker(0), beside(0);  // apart, so that only the tracker's own time is told
   Outputs outputs(options, window ? &*window : nullptr, watch, source.fps());
   Score score;
   std::string error;
@@ -245,10 +277,15 @@ void run(const Options& options) {
     };
     double milliseconds = timed([&](size_t& i) {
       const Frame frame(image);
-      for (i = 0; i < names.size(); ++i)
+      for (; i < boxes.size(); ++i)
         tracker.add(static_cast<int>(i),
-                    watched && i == 0 ? AnyTracker(watch.make_tracker()) : make_tracker(names[i]), frame,
+                    watched ? AnyTracker(*watch.make_tracker(names[i])) : make_tracker(names[i]), frame,
                     results[i].box);
+    });
+    timed([&](size_t& i) {
+      const Frame frame(image);
+      for (i = boxes.size(); i < names.size(); ++i)
+        beside.add(static_cast<int>(i), make_tracker(names[i]), frame, results[i].box);
     });
     Progress progress(total);
     bool go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
@@ -260,13 +297,17 @@ void run(const Options& options) {
         }
         break;
       }
-      milliseconds = timed([&](size_t& i) {
-        for (MultiTracker::Object& object : tracker.update(image)) {
-          i = static_cast<size_t>(object.id);
-          if (object.error) std::rethrow_exception(object.error);
-          results[i] = std::move(object.result);
-        }
-      });
+      const auto update = [&](MultiTracker& trackers) {
+        return timed([&](size_t& i) {
+          for (MultiTracker::Object& object : trackers.update(image)) {
+            i = static_cast<size_t>(object.id);
+            if (object.error) std::rethrow_exception(object.error);
+            results[i] = std::move(object.result);
+          }
+        });
+      };
+      milliseconds = update(tracker);
+      if (beside.size() > 0) update(beside);
       score.milliseconds += milliseconds;
       ++score.updates;
       if (const auto box = true_box(); box && boxes.size() == 1) {

@@ -9,6 +9,7 @@ namespace asterism::tools {
 /// The command line.
 struct Options {
   std::string input, tracker = "dpt", out, save, sheet, systems, timeline, constellation;
+  std::string config;                // the file that `tracker` was read from, if it was
   std::vector<std::string> boxes;    // of as many objects; none: that of the ground truth
   std::vector<std::string> compare;  // with the tracker, on the sheet
   bool show = false;

@@ -11,10 +11,12 @@ namespace asterism::tools {
 /// line; the code is 2 for the command line, 1 for what `run` throws.
 template <typename Run>
 int run_tool(CLI::App& app, int argc, char** argv, Run&& run) {
+  open_standard_streams();
   silence_libraries();
   try {
     app.parse(argc, argv);
     run();
+    flush_output();
     return 0;
   } catch (const CLI::ParseError& error) {
     return error.get_exit_code() == 0 ? app.exit(error) : fail(app.get_name(), error.what(), 2);

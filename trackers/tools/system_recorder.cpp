@@ -20,15 +20,18 @@ void SystemRecorder::check_built() {
 #endif
 }
 
-SystemRecorder::SystemRecorder(const std::string& path, std::string name)
-    : path_(path), name_(std::move(name)) {
+SystemRecorder::SystemRecorder(const std::string& path, std::string name, std::string tracker)
+    : path_(path), name_(std::move(name)), tracker_(std::move(tracker)) {
   errno = 0;
   file_.open(path);
   if (!file_) throw std::runtime_error("cannot write " + path_ + why());
 }
 
-Dpt SolveWatch::make_tracker() {
-  DptOptions options;
+std::optional<Dpt> SolveWatch::make_tracker(const std::string& description) {
+  const AnyTracker tracker = asterism::make_tracker(description);
+  const Dpt* const dpt = tracker.target<Dpt>();
+  if (dpt == nullptr) return {};
+  DptOptions options = dpt->options();
   options.on_solve = [this](const Dpt::Springs& system, const Dpt::Placement& start, const Summary& summary) {
     last_.emplace(Solve{system, start, summary});
   };
@@ -38,7 +41,7 @@ Dpt SolveWatch::make_tracker() {
 void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const SolveWatch::Solve& solve) {
 #ifdef ASTERISM_TRACK_HAS_JSON
   const auto& [system, start, summary] = solve;
-  const nlohmann::json origin = {{"tracker", "dpt"},
+  const nlohmann::json origin = {{"tracker", tracker_},
                                  {"frame", frame},
                                  {"solver", summary.solver},
                                  {"status", to_string(summary.status)},

@@ -19,8 +19,9 @@ class SolveWatch {
   SolveWatch(const SolveWatch&) = delete;
   SolveWatch& operator=(const SolveWatch&) = delete;
 
-  /// A tracker that is watched; not to be used beyond this object's life.
-  Dpt make_tracker();
+  /// The Dpt of a description, watched; not to be used beyond this object's life. Empty where the description
+  /// is another tracker's.
+  std::optional<Dpt> make_tracker(const std::string& description);
   /// Empty before the first solve.
   const std::optional<Solve>& last() const { return last_; }
 
@@ -35,15 +36,16 @@ class SystemRecorder {
   /// Throws std::runtime_error where the program was built without asterism::json, which the others need.
   static void check_built();
 
-  /// `name` is what the systems are called after. Throws std::runtime_error where the file cannot be written.
-  SystemRecorder(const std::string& path, std::string name);
+  /// `name` is what the systems are called after, `tracker` the description of what solves them. Throws
+  /// std::runtime_error where the file cannot be written.
+  SystemRecorder(const std::string& path, std::string name, std::string tracker);
 
   /// Writes the system of a frame. Apart from the solve, so that it does not count as the tracker's time.
   /// Throws std::runtime_error where it cannot.
   void write(int frame, const SolveWatch::Solve& solve);
 
  private:
-  std::string path_, name_;
+  std::string path_, name_, tracker_;
   std::ofstream file_;
 };
 

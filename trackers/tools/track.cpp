@@ -26,6 +26,7 @@ void stop_cleanly_on_signals() {
 
 int run_command_line(int argc, char** argv) {
   using namespace asterism::tools;
+  open_standard_streams();
   silence_libraries();
 
   Options options;
@@ -60,6 +61,7 @@ int run_command_line(int argc, char** argv) {
   app.set_version_flag("--version", ASTERISM_VERSION);
   try {
     app.parse(argc, argv);
+    options.config = app["--config"]->empty() ? "" : app["--config"]->as<std::string>();
     stop_cleanly_on_signals();
     run(options);
   } catch (const CLI::ParseError& e) {

@@ -13,7 +13,12 @@ namespace asterism::tools {
 /// that names the file where it cannot be read or describes no tracker.
 inline std::string read_tracker(const std::string& path) {
   std::ifstream file(path);
-  std::string text{std::istreambuf_iterator<char>(file), {}};
+  std::string text;
+  try {
+    text.assign(std::istreambuf_iterator<char>(file), {});
+  } catch (const std::ios_base::failure&) {  // of the buffer, for a folder
+    file.setstate(std::ios_base::badbit);
+  }
   if (!file) throw std::runtime_error("cannot read " + path);
   text.erase(0, text.find_first_not_of(" \t\r\n"));
   if (!text.starts_with('{')) throw std::runtime_error(path + ": a tracker is described by a JSON object");

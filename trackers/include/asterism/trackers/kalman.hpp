@@ -40,12 +40,12 @@ class ASTERISM_API ConstantVelocityFilter {
 /// docs/results/uncertainty.md.
 struct KalmanOptions {
   /// Deviation that white acceleration gives to the velocity in a frame, of the centre on each axis [mean
-  /// sides / frame] and of the size, > 0.
+  /// sides / frame] and of the size, in [1e-6, 1e6].
   double acceleration = 0.3, size_acceleration = 0.05;
   /// Deviation of a box from the object where its tracker tells no covariance: of the centre on each axis
-  /// [mean sides], and of the size, > 0.
+  /// [mean sides], and of the size, in [1e-6, 1e6].
   double deviation = 0.05, size_deviation = 0.05;
-  /// The covariance of a box that its tracker holds for lost is this many times as large, >= 1.
+  /// The covariance of a box that its tracker holds for lost is this many times as large, in [1, 1e12].
   double lost_factor = 100;
 };
 

@@ -11,8 +11,8 @@ namespace asterism::inline ASTERISM_ABI {
 struct PointFlowOptions {
   /// Largest forward-backward error of a point that counts [template pixels], > 0.
   double max_error = 1;
-  /// Side of the Lucas-Kanade window, also that of the patch that is compared [template pixels, odd, >= 3],
-  /// and number of halvings of the image, >= 0.
+  /// Side of the Lucas-Kanade window, also that of the patch that is compared [template pixels, odd, in
+  /// [3, 255]], and number of halvings of the image, in [0, 16].
   int lk_window = 11;
   int lk_levels = 4;
   /// The window adds this much around the object, x the geometric mean of its sides on both axes, > 0.

@@ -120,6 +120,13 @@ class AnyTracker {
   void restore(std::span<const std::byte> state) { restore_state(*this, state); }
   void visit_state(StateArchive& archive) { self_->visit_state(archive); }
 
+  /// The tracker in it where that is a T, else null.
+  template <class T>
+  const T* target() const {
+    const auto* const model = dynamic_cast<const Model<T>*>(self_.get());
+    return model != nullptr ? &model->tracker : nullptr;
+  }
+
  private:
   struct Concept {
     virtual ~Concept() = default;

@@ -46,7 +46,8 @@ struct RobustTransform {
 /// The transform that most points agree with, whatever the others do: the least of sum_i w_i rho(error_i),
 /// rho the loss of Geman and McClure that lets go beyond `radius` [px, > 0]. `start` and transforms through
 /// up to 128 pairs of points compete, the best is refined by reweighted least squares (Holland and Welsch
-/// 1977). Hypotheses of more than twice or less than half the scale of `start` are left out.
+/// 1977). Hypotheses of more than twice or less than half the scale of `start` are left out. Rotation and
+/// scale that the points do not determine, or the model does not change, stay those of `start`.
 ///
 /// from, to: 2 x N, finite; weights: N, >= 0. Without any positive weight the result is `start`, support 0.
 ASTERISM_API RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
