@@ -421,7 +421,7 @@ def plain_ticks(axes: Axes) -> None:
 
 def percentile(values: np.ndarray, p: float) -> float:
     """As the laboratory's: a value that occurs."""
-    return float(np.sort(values)[min(int(p * len(values)), len(values) - 1)])
+    return float(np.sort(values)[int(p * (len(values) - 1))])
 
 
 def exponent_of(value: float) -> int | None:

@@ -192,7 +192,7 @@ void ColourModel::adapt(const Frame& frame, const cv::Rect2d& box) {
   if (!enabled_ || !frame.has_colour()) return;
   const cv::Rect inner = pixels_of(box, frame.size());
   const cv::Rect outer = pixels_of(enlarged(box, options_.surrounding), frame.size());
-  // Eq. autoregressive_update.
+  // Eq. 21.
   const float rate = float(options_.histogram_rate);
   const auto update = [rate](Histogram& learned, const Histogram& seen) {
     for (std::size_t i = 0; i < learned.size(); ++i) {
@@ -260,7 +260,7 @@ Segmentation ColourModel::segment(const Frame& frame, const cv::Rect2d& region, 
   // The random field is that of the cells in the image: what is outside has neither a say nor a posterior.
   regularize_posterior(valid, {}, options_.mrf, mrf_, valid);
 
-  // Eq. uniform_component, with M_fg in pixels.
+  // Eq. 6, with M_fg in pixels.
   const float* const first = posterior.ptr<float>();
   const auto cells = std::count_if(first, first + posterior.total(), [](float p) { return p > 0.5f; });
   const double foreground = static_cast<double>(cells) * result.spacing.prod();
@@ -283,7 +283,7 @@ void ColourModel::visit_state(StateArchive& archive) {
 }
 
 double ColourModel::probability(const Segmentation& segmentation, const Point2& position) const {
-  // Eq. segmentation_uniform.
+  // Eq. 5.
   const double alpha = segmentation.informative ? options_.uniform_weight : 1;
   return segmentation.at(position) * (1 - alpha) + alpha;
 }

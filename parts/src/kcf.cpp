@@ -165,7 +165,7 @@ Evidence Kcf::localize(const Frame& frame, const Point2& around) {
   const part_kernels_v0_1::KernelSet& kernels = plan_->kernels;
   kernels.correlate(t, padded_channels_, sample_.data(), template_.data(), split_.data());
   map_kernel(norm + template_norm_);
-  // Eq. kcf_prob_response: the response at all shifts is F^-1[A . U_y], that of U_y's constant a constant.
+  // Eq. 3: the response at all shifts is F^-1[A . U_y], that of U_y's constant a constant.
   const Eigen::Index half = alpha_.size();
   Eigen::Map<Eigen::ArrayXf>(split_.data(), half) *= alpha_float_;
   Eigen::Map<Eigen::ArrayXf>(split_.data() + half, half) *= alpha_float_;
@@ -199,7 +199,7 @@ void Kcf::train(double sample_norm, double rate) {
   const auto of_kernel = [&](Eigen::Index i) {
     return std::max(static_cast<double>(split_.data()[i]) + (i == 0 ? base : 0), 1e-12);
   };
-  // Eq. kcf_solution, A = Phi / (U_z + lambda), as a fraction whose halves are averaged apart.
+  // Eq. 2, A = Phi / (U_z + lambda), as a fraction whose halves are averaged apart.
   for (Eigen::Index i = 0; i < alpha_.size(); ++i) {
     const double kernel = of_kernel(i);
     if (options_.separate_update) {

@@ -366,6 +366,18 @@ TEST(MultiStartSolver, NeverEndsHigherAndOftenLower) {
   EXPECT_LE(lower, 40);
 }
 
+TEST(MultiStartSolver, HoldsWhatGroundingHolds) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    auto [system, start] = random(seed);
+    system.anchor_stiffness.setZero();
+    MultiStart<System, Newton<System>> solver;
+    solver.options.ground_components = true;
+    Points x = start;
+    expect_solved(system, x, solver.solve(system, x));
+    EXPECT_EQ(x.col(0), start.col(0));
+  }
+}
+
 TEST(MultiStartSolver, RefusesOptionsThatAreNone) {
   const auto [system, start] = random(1);
   MultiStart<System, Newton<System>> solver;

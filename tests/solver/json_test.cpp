@@ -417,6 +417,14 @@ TEST(Json, WritesNothingThatCannotBeRead) {
   bad.origin = {{"energies", {1, std::nan("")}}};
   EXPECT_EQ(error(bad), prefix + "origin/energies/1 is not finite");
   bad = stored;
+  for (int depth = 1; depth < 98; ++depth) bad.origin = {{"in", std::move(bad.origin)}};
+  EXPECT_EQ(error(bad), "(none)");
+  std::stringstream text;
+  write_system(text, bad.system, bad.start, bad.name, bad.origin);
+  EXPECT_EQ(parse_systems<decltype(bad.system)>("[" + text.str() + "]").at(0).origin, bad.origin);
+  bad.origin = {{"in", std::move(bad.origin)}};
+  EXPECT_EQ(error(bad), prefix + "origin is nested more than 98 deep");
+  bad = stored;
   bad.system.anchor_stiffness.setZero();  // nothing holds it: that is for a solver to say
   EXPECT_EQ(error(bad), "(none)");
 }

@@ -103,7 +103,7 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
 }
 
 void CoarseLayer::multiply_colour(const Segmentation& segmentation) {
-  // Eq. position_posterior_root: template probability times colour probability.
+  // Eq. 4: template probability times colour probability.
   for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
     for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
       const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));

@@ -123,7 +123,7 @@ TrackResult Dpt::update(const Frame& frame) {
   result.parts.reserve(parts_.size());
   result.times.reserve(9);  // of update(image) too
 
-  // Algorithm 2, line 1: coarse position of the object, Eq. position_posterior_root; the parts move along.
+  // Algorithm 2, line 1: coarse position of the object, Eq. 4; the parts move along.
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
   Placement placement = placement_.colwise() + (coarse.evidence.position - coarse_.centre());
   result.times.push_back({"root", coarse.root_milliseconds});

@@ -11,14 +11,14 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of ColourModel, with the paper's values (Sec. 3.1) as defaults.
 struct ColourOptions {
-  /// Rate of the histograms' autoregressive update, alpha_hist in Eq. autoregressive_update, in [0, 1].
+  /// Rate of the histograms' autoregressive update, alpha_hist in Eq. 21, in [0, 1].
   double histogram_rate = 0.05;
   /// The background histogram's region is the box enlarged by this factor, without the box: alpha_sur, > 1.
   double surrounding = 1.6;
   /// Prior probability of the foreground in Bayes' rule, in (0, 1). The paper leaves it open.
   double foreground_prior = 0.5;
   /// Bounds of (foreground pixels) / (box area) for the segmentation to be informative: alpha_min, alpha_max
-  /// in Eq. uniform_component.
+  /// in Eq. 6.
   double min_area_ratio = 0.2;
   double max_area_ratio = 2.0;
   /// Weight of the uniform component when the segmentation is informative: alpha_col in Eq.
@@ -38,7 +38,7 @@ struct ASTERISM_API Segmentation {
   /// Image position of the centre of posterior(0, 0) and the spacing of the grid [px].
   Point2 origin = Point2::Zero();
   Size2 spacing = Size2::Ones();
-  /// Eq. uniform_component: the number of foreground pixels is plausible for the box.
+  /// Eq. 6: the number of foreground pixels is plausible for the box.
   bool informative = false;
 
   /// Bilinear interpolation of the posterior at an image position; in the outer half of the border's cells
@@ -73,7 +73,7 @@ class ASTERISM_API ColourModel {
   /// false, the histograms zero, every segmentation uninformative) where the frame has no colour, the box
   /// covers it without a background, or the box is outside.
   void init(const Frame& frame, const cv::Rect2d& box);
-  /// Autoregressive update of the histograms (Eq. autoregressive_update); nothing where the model is off or
+  /// Autoregressive update of the histograms (Eq. 21); nothing where the model is off or
   /// the frame has no colour. A histogram whose region has no pixel in the image stays. Bins that have
   /// decayed to less than 1e-12 are emptied.
   void adapt(const Frame& frame, const cv::Rect2d& box);
@@ -87,7 +87,7 @@ class ASTERISM_API ColourModel {
   /// holds it any more: calls for regions of one size take none from the heap.
   Segmentation segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size);
 
-  /// Eq. segmentation_uniform: p(f) (1 - alpha_col) + alpha_col, alpha_col being 1, and so the result, where
+  /// Eq. 5: p(f) (1 - alpha_col) + alpha_col, alpha_col being 1, and so the result, where
   /// uninformative.
   double probability(const Segmentation& segmentation, const Point2& position) const;
 

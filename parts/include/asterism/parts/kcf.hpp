@@ -40,7 +40,7 @@ struct KcfFeatures {
 struct KcfOptions {
   KcfFeatures features;
   Kernel kernel;
-  /// Regularisation lambda of the ridge regression (Eq. kcf_cost), > 0.
+  /// Regularisation lambda of the ridge regression (the paper's Eq. 1), > 0.
   double lambda = 1e-4;
   /// Rate of the autoregressive model update (Sec. 2.1), in [0, 1].
   double learning_rate = 0.02;
@@ -87,7 +87,7 @@ class ASTERISM_API Kcf {
   void adapt(const Frame& frame, const Point2& at);
 
   double similarity_at(const Point2& position) const { return response_.at(position); }
-  /// The response map of the last `localize` (Eq. kcf_prob_response).
+  /// The response map of the last `localize` (the paper's Eq. 3).
   const ResponseMap& response() const { return response_; }
 
   /// The target's size in the image [px], and that of its search window.

@@ -194,11 +194,20 @@ inline int checked_dimension(const Json& object) {
   return dim.get<int>();
 }
 
+/// How deep values may be nested: more could use up the stack where they are copied.
+constexpr int kMaxDepth = 100;
+
+inline int depth_of(const Json& value) {
+  if (!value.is_structured()) return 0;
+  int deepest = 0;
+  for (const Json& element : value) deepest = std::max(deepest, depth_of(element));
+  return deepest + 1;
+}
+
 /// Parses `text`, which begins in line `line` of the source; `place` is what other errors name. Keys given
-/// twice are errors; so is nesting that would use up the stack where such values are copied.
+/// twice are errors; so is nesting deeper than kMaxDepth.
 inline Json parse(std::string_view text, const std::string& source, std::ptrdiff_t line,
                   const std::string& place) {
-  constexpr int kMaxDepth = 100;
   std::array<std::set<std::string>, kMaxDepth + 2> keys;  // of the open objects, by depth
   const auto check = [&keys](int depth, Json::parse_event_t event, Json& value) {
     if (event == Json::parse_event_t::object_start || event == Json::parse_event_t::array_start) {
@@ -401,7 +410,8 @@ inline std::vector<AnyStoredSystem> read_systems(const std::filesystem::path& pa
 
 /// The JSON object of a system and a start (Dim x N); every double of it comes back bit for bit. Throws
 /// std::runtime_error where a solver would refuse the values (NaN, infinity, a negative stiffness, ...; see
-/// validate; components without an anchor are no hindrance), `origin` is no object or not finite.
+/// validate; components without an anchor are no hindrance), `origin` is no object, not finite, or nested
+/// more than 98 deep, which could not be read.
 template <StorableSystem System>
 nlohmann::ordered_json system_to_json(const System& system, const typename System::Points& start,
                                       std::string_view name = {},
@@ -412,6 +422,10 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
     no_json(std::string_view(Message(defect)));
   }
   if (!origin.is_object()) no_json("origin is not an object but ", origin.type_name());
+  // Around it are the system's object, and a list where there are several.
+  if (depth_of(origin) > kMaxDepth - 2) {
+    no_json("origin is nested more than ", std::to_string(kMaxDepth - 2), " deep");
+  }
   const Json leaves = origin.flatten();
   for (const auto& [path, value] : leaves.items()) {
     if (value.is_number_float() && !std::isfinite(value.template get<double>())) {

@@ -4,6 +4,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
+#include <asterism/solver/validate.hpp>
 #include <chrono>
 #include <cstdint>
 #include <new>
@@ -61,8 +62,9 @@ class MultiStart {
     }
     try {
       // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
-      if (given_.size() != x.size()) given_ = trial_ = Points();
+      if (given_.size() != x.size()) given_ = trial_ = Points(), scratch_ = {};
       trial_ = given_ = x;
+      scratch_.resize(x.cols() + 1);
     } catch (const std::bad_alloc&) {
       best.status = Status::OutOfMemory;
       best.message = "the workspace does not fit into memory";
@@ -78,7 +80,7 @@ class MultiStart {
     for (int start = 1; start < options.starts; ++start) {
       trial_ = start % 2 == 1 ? system.anchors : given_;
       if (start > 1) displace(trial_, reach, state);
-      hold_fixed(system);
+      hold(system);
       const Summary summary = solver_.solve(system, trial_);
       const bool lower = summary.usable() && (!best.usable() || summary.final_energy < best.final_energy);
       Summary total = lower ? summary : best;
@@ -122,14 +124,19 @@ class MultiStart {
     }
   }
 
-  void hold_fixed(const System& system) {
-    if (system.fixed_count() == 0) return;
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (system.is_fixed(i)) trial_.col(i) = given_.col(i);
+  // No start moves the nodes that are fixed, or that ground_components holds.
+  void hold(const System& system) {
+    if (system.fixed_count() > 0) {
+      for (int i = 0; i < system.nodes(); ++i) {
+        if (system.is_fixed(i)) trial_.col(i) = given_.col(i);
+      }
     }
+    if (options.ground_components)
+      detail::for_each_floating_component(system, scratch_, [this](int i) { trial_.col(i) = given_.col(i); });
   }
 
   Solver solver_;
+  detail::ComponentScratch<System> scratch_;
   Points given_;
   Points trial_;
 };

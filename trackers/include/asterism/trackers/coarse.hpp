@@ -55,7 +55,7 @@ class ASTERISM_API CoarseLayer {
 
   /// What the layer says of a frame.
   struct Estimate {
-    Evidence evidence;               ///< of the density of Eq. position_posterior_root
+    Evidence evidence;               ///< of the density of Eq. 4
     double similarity = 0;           ///< the root filter's own response at the position
     Segmentation segmentation;       ///< of the search window, empty where the colour model is off
     bool lost = false;               ///< `similarity` is below CoarseOptions::lost_below
@@ -63,7 +63,7 @@ class ASTERISM_API CoarseLayer {
     double colour_milliseconds = 0;  ///< of the colour model
     double motion_milliseconds = 0;  ///< of the model of motion
   };
-  /// The object's position near its last one: the maximum of Eq. position_posterior_root.
+  /// The object's position near its last one: the maximum of Eq. 4.
   Estimate localize(const Frame& frame);
   /// The estimate is not to be followed: the object is lost, and to be waited for (CoarseOptions::redetect).
   bool waits(const Estimate& estimate) const { return options_.redetect && estimate.lost; }
@@ -101,7 +101,7 @@ class ASTERISM_API CoarseLayer {
   Point2 centre_ = Point2::Zero();
   Size2 size_ = Size2::Zero();
   Evidence evidence_;
-  ResponseMap density_;  // Eq. position_posterior_root on the root's response grid
+  ResponseMap density_;  // Eq. 4 on the root's response grid
 };
 
 /// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos

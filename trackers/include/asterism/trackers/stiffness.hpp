@@ -21,7 +21,7 @@ inline Eigen::Matrix2d static_information(const Evidence& evidence) {
   return std::max(evidence.peak, 1e-12) / 2 * evidence.covariance.inverse();
 }
 
-/// Stiffness of the spring between two parts, ((mu - |d_A|) / mu)^2 (Eq. stiffness_dynamic): the squared
+/// Stiffness of the spring between two parts, ((mu - |d_A|) / mu)^2 (Eq. 12): the squared
 /// strain that their visually best positions, `distance` apart, put on the nominal length mu >= 0. 0 for mu =
 /// 0, where the strain is undefined.
 inline double dynamic_stiffness(double nominal_length, double distance) {
