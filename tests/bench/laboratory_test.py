@@ -50,6 +50,17 @@ class Laboratory(unittest.TestCase):
         return run("convergence", "--sizes", 4, "--solvers", solvers, "--results", self.folder / folder,
                    *arguments, launcher=launcher)
 
+    def long_run(self):
+        """An experiment of hours that has stored its first cells."""
+        path = self.folder / "results" / "convergence.jsonl"
+        process = subprocess.Popen([EXECUTABLE, "convergence", "--sizes", "4", "--solvers", "ida", "--systems",
+                                    "10000000", "--results", str(self.folder / "results")],
+                                   stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and (not path.exists() or path.read_text().count("\n") < 4):
+            time.sleep(0.05)
+        return process
+
     def test_every_solver_reaches_the_minimum(self):
         file = self.folder / "square.json"
         file.write_text(json.dumps(SQUARE))
@@ -109,13 +120,7 @@ class Laboratory(unittest.TestCase):
         self.assertIn("convergence.jsonl, line 2", result.stderr)
 
     def test_goes_on_after_an_interruption(self):
-        path = self.folder / "results" / "convergence.jsonl"
-        long_run = subprocess.Popen([EXECUTABLE, "convergence", "--sizes", "4", "--solvers", "ida", "--systems",
-                                     "10000000", "--results", str(self.folder / "results")],
-                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and (not path.exists() or path.read_text().count("\n") < 4):
-            time.sleep(0.05)
+        long_run = self.long_run()
         long_run.send_signal(signal.SIGINT)
         _, errors = long_run.communicate(timeout=60)
         self.assertEqual(long_run.returncode, 128 + signal.SIGINT)
@@ -128,13 +133,7 @@ class Laboratory(unittest.TestCase):
             self.assertEqual(after[key], cell)
 
     def test_a_folder_at_work_is_refused(self):
-        path = self.folder / "results" / "convergence.jsonl"
-        long_run = subprocess.Popen([EXECUTABLE, "convergence", "--sizes", "4", "--solvers", "ida", "--systems",
-                                     "10000000", "--results", str(self.folder / "results")],
-                                    stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and (not path.exists() or path.read_text().count("\n") < 2):
-            time.sleep(0.05)
+        long_run = self.long_run()
         second = self.convergence("--systems", 200)
         long_run.send_signal(signal.SIGINT)
         long_run.communicate(timeout=60)
