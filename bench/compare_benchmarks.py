@@ -15,6 +15,7 @@ What is significant belongs to the two runs, code or not: --least leaves out wha
 import argparse
 import json
 import math
+import os
 import random
 import statistics
 import sys
@@ -154,5 +155,9 @@ def main():
 if __name__ == "__main__":
     try:
         main()
+        sys.stdout.flush()
     except BadInput as problem:
         sys.exit(f"compare_benchmarks.py: {problem}")
+    except OSError as error:  # standard output, as files are BadInput
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left cannot be written at exit either
+        sys.exit(f"compare_benchmarks.py: {error.strerror}")

@@ -500,7 +500,9 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
+        sys.stdout.flush()
     except BadInput as problem:
         sys.exit(f"peers.py: {problem}")
-    except BrokenPipeError:
-        sys.exit(1)
+    except OSError as error:  # standard output, as files are BadInput
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left cannot be written at exit either
+        sys.exit(f"peers.py: {error.strerror}")

@@ -105,7 +105,10 @@ def main():
     for name, (tracker, options) in variants.items():
         command += ["--tracker", f"{identifiers[name]}={tracker}{json.dumps(options) if options else ''}"]
     for step in (command, [program, "report", out]):
-        result = subprocess.run(step, stdout=subprocess.DEVNULL, check=False)
+        try:
+            result = subprocess.run(step, stdout=subprocess.DEVNULL, check=False)
+        except OSError as error:
+            sys.exit(f"{program}: {error.strerror}")
         if result.returncode != 0:
             sys.exit(result.returncode)
 
@@ -124,11 +127,13 @@ def main():
                 (-value, -high, -low) if row["a"] == first else (value, low, high)
     print("| variant | EAO | A | F | AO | AO against the first |")
     print("|---|---|---|---|---|---|")
-    for name, identifier in identifiers.items():
+    for title, identifier in identifiers.items():
         row = summary[identifier]
-        figures = [f"{float(row['EAO']):.3f}", f"{float(row['A']):.3f}", f"{float(row['F']):.1f}", f"{float(row['AO']):.3f}"]
+        # Of other protocols (--protocol) there are not all of them.
+        figures = [f"{float(row[name]):.{digits}f}" if row.get(name) else "-"
+                   for name, digits in (("EAO", 3), ("A", 3), ("F", 1), ("AO", 3))]
         against = "{:+.3f} ({:+.3f} to {:+.3f})".format(*change[identifier]) if identifier in change else ""
-        print(f"| {name} | {' | '.join(figures)} | {against} |")
+        print(f"| {title} | {' | '.join(figures)} | {against} |")
 
 
 if __name__ == "__main__":
