@@ -24,8 +24,8 @@ struct Moments {
   double aligned() const { return std::hypot(dot, cross); }
   // Whether the points have an angle and a scale: coincident ones are apart by the rounding of their mean.
   bool determined() const {
-    constexpr double kRounding = 1e-24;  // of squares
-    return aligned() > 0 && spread > kRounding * from_square && to_spread > kRounding * to_square;
+    constexpr double kLeastSpread = 1e-24;  // of squares
+    return aligned() > 0 && spread > kLeastSpread * from_square && to_spread > kLeastSpread * to_square;
   }
 };
 
