@@ -1,9 +1,9 @@
-// Every allocation of a solver's first solve fails once: OutOfMemory with x as it was, and a solver that then
-// solves as a fresh one does. (One that has solved a system of another size is at Eigen's mercy:
-// docs/solver.md.)
+// Every allocation of a solver's solve fails once, of its first and of one after a system of another size:
+// OutOfMemory with x as it was, and a solver that then solves as a fresh one does.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
+#include <asterism/solver/batch.hpp>
 #include <optional>
 
 #ifdef ASTERISM_TEST_CHOLMOD
@@ -32,8 +32,9 @@ TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = bench::RandomSystem<System>;
 
+// After `other`, where there is one.
 template <typename Solver>
-void expect_out_of_memory(const Problem& problem) {
+void expect_out_of_memory(const Problem& problem, const Problem* other = nullptr) {
   Points expected = problem.start;
   ASSERT_TRUE(Solver().solve(problem.system, expected).usable());
 
@@ -45,6 +46,10 @@ void expect_out_of_memory(const Problem& problem) {
   int out_of_memory = 0;
   const auto renew = [&] {
     solver.emplace();
+    if (other != nullptr) {
+      x = other->start;
+      ASSERT_TRUE(solver->solve(other->system, x).usable());
+    }
     x = problem.start;
   };
   renew();
@@ -75,9 +80,68 @@ TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
   expect_out_of_memory<TypeParam>(bench::random_system<System>(rng, System::TopologyType::full(17)));
 }
 
+TYPED_TEST(OutOfMemory, AfterAnotherSize) {
+  bench::Rng rng(2);
+  const Problem problem = bench::random_system<System>(rng, System::TopologyType::full(17));
+  for (const int nodes : {13, 21}) {
+    SCOPED_TRACE(nodes);
+    const Problem other = bench::random_system<System>(rng, System::TopologyType::full(nodes));
+    expect_out_of_memory<TypeParam>(problem, &other);
+  }
+  // As many nodes, other links.
+  const Problem star = bench::random_system<System>(rng, System::TopologyType::star(17, 0));
+  expect_out_of_memory<TypeParam>(problem, &star);
+}
+
 // Allocations between those of the subdomains' solvers, too.
 TEST(OutOfMemorySparse, WithSubdomains) {
-  expect_out_of_memory<Schwarz<System>>(bench::sparse_system<System>(1, 700));
+  const Problem problem = bench::sparse_system<System>(1, 700);
+  expect_out_of_memory<Schwarz<System>>(problem);
+  const Problem other = bench::sparse_system<System>(1, 900);
+  expect_out_of_memory<Schwarz<System>>(problem, &other);
+}
+
+// A batch of the workspace's size, another, and what its kernels leave to Newton.
+TEST(OutOfMemoryBatch, IsAStatusAndLeavesNothingBehind) {
+  using Batch = SpringBatch<double, 2>;
+  bench::Rng rng(3);
+  const auto batch_of = [&rng](int nodes) {
+    Batch batch(System::TopologyType::full(nodes), 40);
+    for (int s = 0; s < batch.size(); ++s) {
+      const Problem problem = bench::random_system<System>(rng, batch.topology());
+      batch.set(s, problem.system, problem.start);
+    }
+    return batch;
+  };
+  for (const int nodes : {5, 17}) {  // lanes, one by one
+    SCOPED_TRACE(nodes);
+    const Batch first = batch_of(nodes - 1);
+    const Batch second = batch_of(nodes);
+    Batch expected = second;
+    ASSERT_EQ(BatchNewton<Batch>().solve(expected).status, Status::Converged);
+    std::optional<BatchNewton<Batch>> solver;
+    Batch batch = second;
+    BatchSummary summary;
+    int out_of_memory = 0;
+    const auto renew = [&] {
+      solver.emplace();
+      Batch other = first;
+      ASSERT_EQ(solver->solve(other).status, Status::Converged);
+      batch = second;
+    };
+    renew();
+    testing::fail_each_allocation([&] { summary = solver->solve(batch); },
+                                  [&](long k) {
+                                    SCOPED_TRACE(k);
+                                    if (summary.status == Status::OutOfMemory) ++out_of_memory;
+                                    batch = second;
+                                    EXPECT_EQ(solver->solve(batch).status, Status::Converged);
+                                    renew();
+                                  });
+    EXPECT_EQ(summary.status, Status::Converged);
+    EXPECT_GT(out_of_memory, 0);
+    for (int s = 0; s < batch.size(); ++s) EXPECT_EQ(batch.points(s), expected.points(s));
+  }
 }
 
 }  // namespace

@@ -107,6 +107,26 @@ TEST(Topology, RefusesWhatItsTypeCannotHold) {
   EXPECT_EQ(Topology<2>::from_links(2, repeated).defect().index, 1);  // room for one link
 }
 
+TEST(Topology, HasNoLinksLeftOnceMovedFrom) {
+  auto full = Topology<>::full(5);
+  const auto taken = std::move(full);
+  EXPECT_EQ(taken.link_count(), 10);
+  EXPECT_TRUE(taken.is_full());
+  EXPECT_EQ(full.link_count(), 0);  // NOLINT(bugprone-use-after-move)
+  EXPECT_TRUE(full.links().empty());
+  EXPECT_FALSE(full.is_full());
+
+  SpringSystem<double, 2> system(taken);
+  system.anchors.setRandom();
+  system.anchor_stiffness.setOnes();
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  Eigen::Matrix2Xd x = system.anchors;
+  const SpringSystem<double, 2> kept = std::move(system);
+  EXPECT_EQ(solve(system, x).status, Status::InvalidInput);  // NOLINT(bugprone-use-after-move)
+  EXPECT_TRUE(solve(kept, x).usable());
+}
+
 TEST(SpringSystem, StartsUnset) {
   const SpringSystem<float, 3, 4> system(Topology<4>::full());
   EXPECT_TRUE(system.anchors.hasNaN());

@@ -492,12 +492,9 @@ class BatchNewton {
         scalars_.pop_back();
       }
     }
-    if (!scalars) {
+    if (!scalars || scalars->system.nodes() != batch.nodes() ||
+        !std::ranges::equal(scalars->system.links(), batch.topology().links()))
       scalars = std::make_unique<Scalars>(batch);
-    } else if (scalars->system.nodes() != batch.nodes() ||
-               !std::ranges::equal(scalars->system.links(), batch.topology().links())) {
-      scalars->system = System(batch.topology());
-    }
     scalars->newton.options = options;
     return scalars;
   }

@@ -84,6 +84,12 @@ class Ceres {
   /// MaxIterations, InvalidInput, OutOfMemory, NumericalFailure where Ceres fails, and NoProgress where it
   /// gives up.
   Summary solve(const System& given, Points& x) {
+    if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+      if (!session_.fits(given)) {  // see asterism::detail::Compiled
+        session_ = {};
+        trial_ = gradient_ = Points();
+      }
+    }
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       constexpr int kDim = System::kDim;
       using Scalar = typename System::Scalar;

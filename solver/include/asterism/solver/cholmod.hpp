@@ -4,6 +4,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/ida.hpp>
 #include <asterism/solver/sparse_cholesky.hpp>
+#include <memory>
 #include <new>
 #include <string_view>
 
@@ -17,33 +18,38 @@ class Cholmod {
  public:
   using Matrix = Eigen::SparseMatrix<double>;
 
-  Cholmod() { cholesky_.cholmod().print = 0; }
-
-  cholmod_common& common() { return cholesky_.cholmod(); }
+  /// `llt` for L L^T, which notices negative pivots, instead of L D L^T where that is quicker.
+  explicit Cholmod(bool llt = false) : llt_(llt) {}
 
   void analyzePattern(const Matrix& lower) {
-    cholesky_.analyzePattern(lower);
+    cholesky_ = std::make_unique<Cholesky>();
+    cholesky_->cholmod().print = 0;
+    if (llt_) cholesky_->cholmod().final_ll = 1;
+    cholesky_->analyzePattern(lower);
     check_memory();
   }
   void factorize(const Matrix& lower) {
-    cholesky_.factorize(lower);
+    cholesky_->factorize(lower);
     check_memory();
   }
-  Eigen::ComputationInfo info() const { return cholesky_.info(); }
+  Eigen::ComputationInfo info() const { return cholesky_->info(); }
 
   template <typename RightHandSide>
   RightHandSide solve(const RightHandSide& b) {
-    RightHandSide x = cholesky_.solve(b);
+    RightHandSide x = cholesky_->solve(b);
     check_memory();
     return x;
   }
 
  private:
+  using Cholesky = Eigen::CholmodDecomposition<Matrix>;
+
   void check_memory() {
-    if (cholesky_.cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+    if (cholesky_->cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
   }
 
-  Eigen::CholmodDecomposition<Matrix> cholesky_;
+  bool llt_;
+  std::unique_ptr<Cholesky> cholesky_;  // Eigen's cannot be moved
 };
 
 }  // namespace detail
@@ -90,8 +96,6 @@ class CholmodLlt {
 
   static constexpr std::string_view kName = "CHOLMOD";
 
-  CholmodLlt() { cholesky_.common().final_ll = 1; }  // L D L^T would not notice negative pivots
-
   /// Orders a new pattern, of a lower triangle.
   void analyze(const Matrix& lower) { cholesky_.analyzePattern(lower); }
 
@@ -105,7 +109,7 @@ class CholmodLlt {
   void solve(const Vector& gradient, Vector& step) { step = cholesky_.solve(gradient); }
 
  private:
-  detail::Cholmod cholesky_;
+  detail::Cholmod cholesky_{true};  // L D L^T would not notice negative pivots
 };
 
 /// Ida with CHOLMOD.

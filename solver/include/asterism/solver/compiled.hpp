@@ -3,6 +3,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
+#include <utility>
 
 // Solvers take long to compile: seconds each for one type of system. asterism::solver_compiled has them ready
 // for the common types, and defines ASTERISM_SOLVER_COMPILED for its users, for whom the headers then only
@@ -15,8 +16,8 @@ using PlaneSystem = SpringSystem<double, 2>;
 using SpaceSystem = SpringSystem<double, 3>;
 using FourPartSystem = SpringSystem<double, 2, 4>;
 
-/// What the solvers' solve is: their run, by a function that can be declared for a type without its solver's
-/// class, which takes a compiler long to look into.
+/// What the solvers' solve is: their run, with a workspace of the system's size, by a function that can be
+/// declared for a type without its solver's class, which takes a compiler long to look into.
 struct Compiled {
   template <template <typename...> typename Solver, typename System, typename... Policies>
   static Summary solve(Solver<System, Policies...>& solver, const System& system, typename System::Points& x);
@@ -26,6 +27,15 @@ struct Compiled {
 template <template <typename...> typename Solver, typename System, typename... Policies>
 Summary Compiled::solve(Solver<System, Policies...>& solver, const System& system,
                         typename System::Points& x) {
+  if constexpr (System::kMaxNodes == Eigen::Dynamic && requires { solver.session_; }) {
+    // Anew for another size: Eigen 3.4 frees a matrix before it allocates it in another size, and once more
+    // at its end if that failed.
+    if (!solver.session_.fits(system)) {
+      auto options = std::move(solver.options);
+      solver = Solver<System, Policies...>();
+      solver.options = std::move(options);
+    }
+  }
   return solver.run(system, x);
 }
 

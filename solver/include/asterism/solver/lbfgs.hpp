@@ -209,13 +209,14 @@ class Lbfgs {
   Points descent_;           // -K_dyn^-1 g
   Points previous_descent_;  // at the iterate before
   Points direction_;
-  History steps_;                   // S
-  History changes_;                 // W = K_dyn^-1 Y
-  Small steps_changes_;             // S^T Y, upper triangle in order of age
-  Small changes_changes_;           // Y^T W
-  SmallVector inverse_curvatures_;  // of D
-  SmallVector steps_gradient_;
-  SmallVector changes_gradient_;  // W^T g
+  History steps_;    // S
+  History changes_;  // W = K_dyn^-1 Y
+  // Initialised for a new object to be moved into this one.
+  Small steps_changes_ = Small::Zero();                   // S^T Y, upper triangle in order of age
+  Small changes_changes_ = Small::Zero();                 // Y^T W
+  SmallVector inverse_curvatures_ = SmallVector::Zero();  // of D
+  SmallVector steps_gradient_ = SmallVector::Zero();
+  SmallVector changes_gradient_ = SmallVector::Zero();  // W^T g
   Scalar gamma_ = 1;
   int used_ = 0;  // pairs remembered
   int next_ = 0;  // slot of the next

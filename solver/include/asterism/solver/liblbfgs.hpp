@@ -37,6 +37,12 @@ class Liblbfgs {
   /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where liblbfgs
   /// gives up.
   Summary solve(const System& given, Points& x) {
+    if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+      if (!session_.fits(given)) {  // see asterism::detail::Compiled
+        session_ = {};
+        trial_ = gradient_ = Points();
+      }
+    }
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       if (session_.done(session_.gradient())) return Status::Converged;
       if (options.max_iterations == 0) return Status::MaxIterations;  // to liblbfgs it is no limit

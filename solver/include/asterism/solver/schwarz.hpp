@@ -257,12 +257,11 @@ class Schwarz {
     const double least = std::max(options.tolerance, 1e-7);
     Scalar before = energy(system, x);
     ++summary.energy_evaluations;
+    NewtonCg<System> solver;
     for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
          ++i) {
+      solver.options = local_;
       for (int s = 0; s < decomposition_.count(); ++s) {
-        // Anew each time: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
-        NewtonCg<System> solver;
-        solver.options = local_;
         if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) throw std::bad_alloc();
       }
       ++summary.iterations;

@@ -39,6 +39,9 @@ class Session {
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
     const auto begin = std::chrono::steady_clock::now();
+    has_run_ = true;
+    nodes_ = given.nodes();
+    links_ = given.link_count();
     Summary summary;
     summary.solver = name;
     bool started = false;
@@ -61,6 +64,11 @@ class Session {
     }
     summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return summary;
+  }
+
+  /// Whether the last solve, if any, was of as many nodes and links.
+  bool fits(const System& system) const {
+    return !has_run_ || (nodes_ == system.nodes() && links_ == system.link_count());
   }
 
   /// Whether the method is to end at an iterate with this gradient: it is stationary, or the caller has asked
@@ -161,6 +169,9 @@ class Session {
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
   }
 
+  bool has_run_ = false;
+  int nodes_ = 0;  // of the last system
+  int links_ = 0;
   StoppingRule<System> rule_;
   const std::atomic<bool>* stop_ = nullptr;
   std::optional<System> grounded_;

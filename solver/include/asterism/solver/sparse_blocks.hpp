@@ -5,6 +5,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/topology.hpp>
 #include <cstddef>
+#include <memory>
 #include <numeric>
 #include <span>
 #include <vector>
@@ -22,16 +23,16 @@ class SparseBlocks {
   /// throws, the next call does so again.
   template <typename Analyze>
   void prepare(int nodes, std::span<const Link> links, Analyze&& analyze) {
-    if (is_ready_ && matrix_.rows() == kBlock * nodes &&
+    if (is_ready_ && matrix_->rows() == kBlock * nodes &&
         std::equal(links.begin(), links.end(), links_.begin(), links_.end()))
       return;
     is_ready_ = false;
     make_pattern(nodes, links);
-    analyze(matrix_);
+    analyze(*matrix_);
     is_ready_ = true;
   }
 
-  void set_zero() { matrix_.coeffs().setZero(); }
+  void set_zero() { matrix_->coeffs().setZero(); }
 
   /// Adds to the block of node i.
   template <typename Block>
@@ -56,11 +57,11 @@ class SparseBlocks {
   /// The c-th entry of the diagonal.
   Scalar& diagonal(int c) { return *column(c); }
 
-  const Matrix& matrix() const { return matrix_; }
+  const Matrix& matrix() const { return *matrix_; }
 
  private:
   // The values of a column, from the diagonal down.
-  Scalar* column(int c) { return matrix_.valuePtr() + matrix_.outerIndexPtr()[c]; }
+  Scalar* column(int c) { return matrix_->valuePtr() + matrix_->outerIndexPtr()[c]; }
 
   void make_pattern(int n, std::span<const Link> links) {
     links_.assign(links.begin(), links.end());
@@ -87,24 +88,24 @@ class SparseBlocks {
     }
     while (low < n) first[static_cast<std::size_t>(++low)] = static_cast<int>(neighbours.size());
 
-    matrix_.resize(kBlock * n, kBlock * n);
-    matrix_.resizeNonZeros(n * kBlock * (kBlock + 1) / 2 +
-                           kBlock * kBlock * static_cast<Eigen::Index>(neighbours.size()));
+    matrix_ = std::make_unique<Matrix>(kBlock * n, kBlock * n);
+    matrix_->resizeNonZeros(n * kBlock * (kBlock + 1) / 2 +
+                            kBlock * kBlock * static_cast<Eigen::Index>(neighbours.size()));
     int at = 0;
     for (int i = 0; i < n; ++i) {
       for (int c = 0; c < kBlock; ++c) {
-        matrix_.outerIndexPtr()[kBlock * i + c] = at;
-        for (int r = c; r < kBlock; ++r) matrix_.innerIndexPtr()[at++] = kBlock * i + r;
+        matrix_->outerIndexPtr()[kBlock * i + c] = at;
+        for (int r = c; r < kBlock; ++r) matrix_->innerIndexPtr()[at++] = kBlock * i + r;
         for (int k = first[static_cast<std::size_t>(i)]; k < first[static_cast<std::size_t>(i) + 1]; ++k) {
           const int j = neighbours[static_cast<std::size_t>(k)];
-          for (int r = 0; r < kBlock; ++r) matrix_.innerIndexPtr()[at++] = kBlock * j + r;
+          for (int r = 0; r < kBlock; ++r) matrix_->innerIndexPtr()[at++] = kBlock * j + r;
         }
       }
     }
-    matrix_.outerIndexPtr()[kBlock * n] = at;
+    matrix_->outerIndexPtr()[kBlock * n] = at;
   }
 
-  Matrix matrix_;
+  std::unique_ptr<Matrix> matrix_;  // Eigen's allocates as it is moved
   std::vector<Link> links_;
   std::vector<int> rank_;  // a link's place among the neighbours above its lower node
   bool is_ready_ = false;

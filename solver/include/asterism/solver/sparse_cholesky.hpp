@@ -7,6 +7,7 @@
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <string_view>
 #include <vector>
 
@@ -26,15 +27,15 @@ class SparseStiffness {
   template <typename System, typename Analyze>
   void assemble(const System& system, Analyze&& analyze) {
     const auto links = system.links();
-    if (!is_ready_ || matrix_.rows() != system.nodes() ||
+    if (!is_ready_ || matrix_->rows() != system.nodes() ||
         !std::equal(links.begin(), links.end(), links_.begin(), links_.end())) {
       is_ready_ = false;
       make_pattern(system.nodes(), links);
-      analyze(matrix_);
+      analyze(*matrix_);
       is_ready_ = true;
     }
-    auto* values = matrix_.valuePtr();
-    matrix_.coeffs().setZero();
+    auto* values = matrix_->valuePtr();
+    matrix_->coeffs().setZero();
     for (int i = 0; i < system.nodes(); ++i)
       values[diagonal_[i]] = static_cast<Scalar>(system.anchor_stiffness[i]);
     int l = 0;
@@ -57,16 +58,16 @@ class SparseStiffness {
   bool factorize(Cholesky& cholesky) {
     using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
     constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
-    cholesky.factorize(matrix_);
+    cholesky.factorize(*matrix_);
     if (cholesky.info() != Eigen::Success) return false;
-    const Vector diagonal = diagonal_.unaryExpr([this](int at) { return matrix_.valuePtr()[at]; });
+    const Vector diagonal = diagonal_.unaryExpr([this](int at) { return matrix_->valuePtr()[at]; });
     // |K_dyn^-1| |K_dyn| 1 up to a factor of 2, no entry of the inverse being negative (Skeel 1979).
     const Vector condition = cholesky.solve(diagonal);
     if (!(condition.array() > 0 && kEpsilon * condition.array() < 1).all()) return false;
     if (std::sqrt(kEpsilon) * condition.maxCoeff() < 1) return true;
     const Scalar raise = 4 * kEpsilon * std::sqrt(static_cast<Scalar>(diagonal.size()));
-    for (const int at : diagonal_) matrix_.valuePtr()[at] *= 1 + raise;
-    cholesky.factorize(matrix_);
+    for (const int at : diagonal_) matrix_->valuePtr()[at] *= 1 + raise;
+    cholesky.factorize(*matrix_);
     return cholesky.info() == Eigen::Success;
   }
 
@@ -77,13 +78,13 @@ class SparseStiffness {
     for (int i = 0; i < n; ++i) entries.emplace_back(i, i, Scalar(0));
     for (const Link& link : links)
       entries.emplace_back(std::max(link.i, link.j), std::min(link.i, link.j), Scalar(0));
-    matrix_.resize(n, n);
-    matrix_.setFromTriplets(entries.begin(), entries.end());
+    matrix_ = std::make_unique<Matrix>(n, n);
+    matrix_->setFromTriplets(entries.begin(), entries.end());
 
     const auto position = [this](int row, int column) {
-      const int* rows = matrix_.innerIndexPtr();
-      const int* first = rows + matrix_.outerIndexPtr()[column];
-      const int* last = rows + matrix_.outerIndexPtr()[column + 1];
+      const int* rows = matrix_->innerIndexPtr();
+      const int* first = rows + matrix_->outerIndexPtr()[column];
+      const int* last = rows + matrix_->outerIndexPtr()[column + 1];
       return static_cast<int>(std::lower_bound(first, last, row) - rows);
     };
     diagonal_.resize(n);
@@ -96,10 +97,10 @@ class SparseStiffness {
     links_.assign(links.begin(), links.end());
   }
 
-  Matrix matrix_;
-  std::vector<Link> links_;       // of the pattern
-  Eigen::VectorXi diagonal_;      // place of entry (i, i) among the values
-  Eigen::VectorXi off_diagonal_;  // place of a link's entry
+  std::unique_ptr<Matrix> matrix_;  // Eigen's allocates as it is moved
+  std::vector<Link> links_;         // of the pattern
+  Eigen::VectorXi diagonal_;        // place of entry (i, i) among the values
+  Eigen::VectorXi off_diagonal_;    // place of a link's entry
   bool is_ready_ = false;
 };
 
@@ -117,22 +118,26 @@ class SparseCholesky {
 
   /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
   bool factorize(const System& system) {
-    stiffness_.assemble(system, [this](const auto& pattern) { cholesky_.analyzePattern(pattern); });
-    return stiffness_.factorize(cholesky_);
+    stiffness_.assemble(system, [this](const auto& pattern) {
+      cholesky_ = std::make_unique<Cholesky>();
+      cholesky_->analyzePattern(pattern);
+    });
+    return stiffness_.factorize(*cholesky_);
   }
 
   /// x <- x - K_dyn^-1 g, all dimensions at once.
   void descend(const Points& gradient, Points& x) {
     right_hand_side_ = gradient.transpose();
-    step_ = cholesky_.solve(right_hand_side_);
+    step_ = cholesky_->solve(right_hand_side_);
     x -= step_.transpose();
   }
 
  private:
   using RightHandSide = Eigen::Matrix<Scalar, Eigen::Dynamic, System::kDim>;
+  using Cholesky = Eigen::SimplicialLDLT<typename detail::SparseStiffness<Scalar>::Matrix>;
 
   detail::SparseStiffness<Scalar> stiffness_;
-  Eigen::SimplicialLDLT<typename detail::SparseStiffness<Scalar>::Matrix> cholesky_;
+  std::unique_ptr<Cholesky> cholesky_;  // Eigen's cannot be moved
   RightHandSide right_hand_side_;
   RightHandSide step_;
 };

@@ -15,6 +15,7 @@
 #include <asterism/solver/summary.hpp>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <string_view>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -93,14 +94,17 @@ class SparseLdlt {
   static constexpr std::string_view kName = "sparse LDL^T";
 
   /// Orders a new pattern, of a lower triangle.
-  void analyze(const Matrix& lower) { ldlt_.analyzePattern(lower); }
+  void analyze(const Matrix& lower) {
+    ldlt_ = std::make_unique<Ldlt>();
+    ldlt_->analyzePattern(lower);
+  }
 
   /// False where the matrix is not positive definite to the digits of the scalar.
   bool factorize(const Matrix& lower) {
-    ldlt_.factorize(lower);
-    if (ldlt_.info() != Eigen::Success) return false;
+    ldlt_->factorize(lower);
+    if (ldlt_->info() != Eigen::Success) return false;
     constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-    const Vector pivots = ldlt_.permutationPinv() * ldlt_.vectorD();
+    const Vector pivots = ldlt_->permutationPinv() * ldlt_->vectorD();
     for (Eigen::Index c = 0; c < pivots.size(); ++c) {
       if (!(pivots[c] > kRounding * lower.valuePtr()[lower.outerIndexPtr()[c]])) return false;
     }
@@ -108,24 +112,25 @@ class SparseLdlt {
   }
 
   /// step = matrix^-1 gradient, both of the matrix's size.
-  void solve(const Vector& gradient, Vector& step) { step = ldlt_.solve(gradient); }
+  void solve(const Vector& gradient, Vector& step) { step = ldlt_->solve(gradient); }
 
   /// A direction v with v^T matrix v < 0 from the last factorisation, of a matrix that is not positive
   /// definite: L^T v = e at the least pivot. Returns v^T matrix v, 0 where no pivot is negative.
   Scalar negative_curvature(Vector& v) const {
-    if (ldlt_.info() != Eigen::Success) return 0;
+    if (ldlt_->info() != Eigen::Success) return 0;
     Eigen::Index least = 0;
-    const Scalar pivot = ldlt_.vectorD().minCoeff(&least);
+    const Scalar pivot = ldlt_->vectorD().minCoeff(&least);
     if (!(pivot < 0)) return 0;
-    v.setZero(ldlt_.rows());
+    v.setZero(ldlt_->rows());
     v[least] = 1;
-    ldlt_.matrixU().solveInPlace(v);
-    v = (ldlt_.permutationPinv() * v).eval();
+    ldlt_->matrixU().solveInPlace(v);
+    v = (ldlt_->permutationPinv() * v).eval();
     return pivot;
   }
 
  private:
-  Eigen::SimplicialLDLT<Matrix> ldlt_;
+  using Ldlt = Eigen::SimplicialLDLT<Matrix>;
+  std::unique_ptr<Ldlt> ldlt_;  // Eigen's cannot be moved
 };
 
 /// What SparseNewton takes.

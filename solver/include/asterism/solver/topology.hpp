@@ -41,7 +41,8 @@ struct Defect {
 ///
 /// Duplicated links are allowed and act as springs in parallel (their energies add up). A list that cannot be
 /// a topology (index out of range, self link, too many nodes or links for the bounds) is kept up to its first
-/// bad link and described by `defect()`; every solver then returns Status::InvalidInput.
+/// bad link and described by `defect()`; every solver then returns Status::InvalidInput. One without a bound
+/// that was moved from has no links left.
 template <int N = Eigen::Dynamic, int MaxN = N>
 class Topology {
   static_assert(N > 0 || N == Eigen::Dynamic);
@@ -90,10 +91,16 @@ class Topology {
   }
 
   int nodes() const { return nodes_; }
-  int link_count() const { return link_count_; }
+  int link_count() const {
+    if constexpr (kMaxLinks == Eigen::Dynamic) {
+      return static_cast<int>(links_.size());
+    } else {
+      return link_count_;
+    }
+  }
   /// Made by full(), so that the links' order is known.
-  bool is_full() const { return is_full_; }
-  std::span<const Link> links() const { return {links_.data(), static_cast<std::size_t>(link_count_)}; }
+  bool is_full() const { return is_full_ && (link_count() > 0 || nodes_ < 2); }
+  std::span<const Link> links() const { return {links_.data(), static_cast<std::size_t>(link_count())}; }
 
   /// The first thing wrong with the list this topology was made of.
   const Defect& defect() const { return defect_; }
@@ -116,24 +123,23 @@ class Topology {
     if (defect_) return;
     const auto is_node = [this](int index) { return 0 <= index && index < nodes_; };
     if (!is_node(link.i) || !is_node(link.j))
-      return note({"link", link_count_, "has an end that is not a node"});
-    if (link.i == link.j) return note({"link", link_count_, "joins a node to itself"});
+      return note({"link", link_count(), "has an end that is not a node"});
+    if (link.i == link.j) return note({"link", link_count(), "joins a node to itself"});
     if constexpr (kMaxLinks == Eigen::Dynamic) {
       links_.push_back(link);
     } else {
       if (link_count_ == kMaxLinks) return note({"link", link_count_, "is beyond the topology's capacity"});
-      links_[static_cast<std::size_t>(link_count_)] = link;
+      links_[static_cast<std::size_t>(link_count_++)] = link;
     }
-    ++link_count_;
   }
 
   using Storage = std::conditional_t<kMaxLinks == Eigen::Dynamic, std::vector<Link>,
                                      std::array<Link, static_cast<std::size_t>(std::max(1, kMaxLinks))>>;
 
   int nodes_ = 0;
-  int link_count_ = 0;
   bool is_full_ = false;
   Storage links_{};
+  int link_count_ = 0;  // of an array
   Defect defect_;
 };
 
