@@ -1,14 +1,27 @@
 #!/usr/bin/env bash
 # What takes too long for every change (docs/testing.md): hours on two cores. Goes on after a failure, and says at the end
-# what failed.
+# what failed. Keeps what each step prints in build/nightly/COMMIT; started again, it leaves out the steps that have passed
+# on that commit.
 set -uo pipefail
-cd "$(dirname "$0")/.."
+trap 'exit 130' INT TERM
+cd "$(dirname "$0")/.." || exit
+changes=$(git stash create)  # a commit of the changed files, new each time; none where nothing has changed
+logs=build/nightly/${changes:-$(git rev-parse HEAD)}
+mkdir -p "$logs"
 failed=()
 step() {
   local name=$1
   shift
-  echo "== $name"
-  "$@" || failed+=("$name")
+  if [[ -e $logs/$name.passed ]]; then
+    echo "== $name: has passed"
+    return
+  fi
+  echo "== $name, $(date '+%F %T')"
+  if "$@" 2>&1 | tee "$logs/$name.log"; then
+    touch "$logs/$name.passed"
+  else
+    failed+=("$name")
+  fi
 }
 
 # Every memory access of the solvers, and of the tool on a few frames.
