@@ -272,6 +272,52 @@ TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
   }
 }
 
+// Two nodes on one point that want to be apart, each held there by a spring to a fixed node: the gradient of
+// the convention for coincident nodes vanishes, and its Hessian is positive definite, on a conic peak.
+TEST(ConicPeak, IsNoLocalMinimum) {
+  const std::vector<Link> links{{0, 1}, {0, 2}, {1, 3}};
+  System system(Topology<>::from_links(4, links));
+  system.anchors << 1, -1, -2, 2, 0, 0, 0, 0;
+  system.anchor_stiffness.setZero();
+  system.rest_length << 2, 0, 0;
+  system.link_stiffness.setOnes();
+  system.fix(2);
+  system.fix(3);
+  Points peak = system.anchors;
+  peak.leftCols(2).setZero();
+  ASSERT_EQ(gradient(system, peak).norm(), 0);
+  const Points at = peak;
+  for (const Summary& summary :
+       {Newton<System>().solve(system, peak), SparseNewton<System>().solve(system, peak),
+        Auto<System>().solve(system, peak)}) {
+    EXPECT_EQ(summary.status, Status::Converged);
+    EXPECT_EQ(summary.positive_definite, 0);
+  }
+  EXPECT_EQ(peak, at);
+  EXPECT_EQ(covariance(system, peak).status, CovarianceStatus::NotPositiveDefinite);
+  EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 1, -1, 0, 0).finished()), energy(system, at));
+}
+
+// Squares of such lengths are zero: "stationary" would be an answer without a question.
+TYPED_TEST(Edges, LengthsWhoseSquaresUnderflowAreOutOfRange) {
+  System system(Topology<>::full(2));
+  system.anchor_stiffness.setOnes();
+  system.link_stiffness.setOnes();
+  system.rest_length.setConstant(1e-200);
+  system.anchors.setZero();
+  const Points start = Points::Zero(2, 2);
+  Points x = start;
+  EXPECT_EQ(TestFixture::solve(system, x).status, Status::NumericalFailure);
+  EXPECT_EQ(x, start);
+  system.rest_length.setZero();
+  x.row(1).setConstant(1e-200);
+  EXPECT_EQ(TestFixture::solve(system, x).status, Status::NumericalFailure);
+  x.setZero();
+  const Summary point = TestFixture::solve(system, x);
+  EXPECT_EQ(point.status, Status::Converged);
+  EXPECT_EQ(point.final_energy, 0);
+}
+
 TEST(LargeSystem, OfAMillionNodesIsAccepted) {
   // A chain: the memory and the time of one iteration, no more.
   constexpr int kNodes = 1000000;

@@ -109,18 +109,10 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
       refuse(CovarianceStatus::InvalidInput, defect);
       return result;
     }
-    // Where linked nodes coincide that push each other apart, the energy has a peak, which the Hessian's
-    // convention there does not show.
-    int l = 0;
-    for (const Link& link : system.links()) {
-      if (system.link_stiffness[l] > 0 && x.col(link.i) == x.col(link.j) &&
-          !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
-          system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0) {
-        refuse(CovarianceStatus::NotPositiveDefinite,
-               Defect{"link", l, "has ends that coincide: x is no local minimum"});
-        return result;
-      }
-      ++l;
+    if (const int l = peaked_link(system, x); l >= 0) {
+      refuse(CovarianceStatus::NotPositiveDefinite,
+             Defect{"link", l, "has ends that coincide: x is no local minimum"});
+      return result;
     }
     result.status = compute(result);
     if (result.status == CovarianceStatus::Computed) return result;

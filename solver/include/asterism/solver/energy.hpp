@@ -124,6 +124,25 @@ typename System::Scalar energy_and_gradient(const System& system, const typename
   return detail::evaluate<true>(system, x, gradient);
 }
 
+namespace detail {
+
+/// The first link whose ends coincide though they push each other apart, -1 if there is none. The energy has
+/// a conic peak there, which neither gradient nor Hessian show: both keep to coincident_spring's direction.
+template <typename System>
+int peaked_link(const System& system, const typename System::Points& x) {
+  int l = 0;
+  for (const Link& link : system.links()) {
+    if (x.col(link.i) == x.col(link.j) && system.link_stiffness[l] > 0 &&
+        !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
+        system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0)
+      return l;
+    ++l;
+  }
+  return -1;
+}
+
+}  // namespace detail
+
 /// The gradient alone, as above.
 template <typename System>
 typename System::Points gradient(const System& system, const typename System::Points& x) {

@@ -164,6 +164,7 @@ class Session {
                              : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
                                                                : "stopped short of the tolerance");
     }
+    if (summary.positive_definite == 1 && peaked_link(system, x) >= 0) summary.positive_definite = 0;
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = gradient_.template cast<double>().norm();
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));

@@ -83,9 +83,9 @@ class StoppingRule {
     }
     detail::node_stiffness(system, stiffness_);
     weights_.setZero(system.nodes());
-    if (!(length > 0)) {  // all of x on the one point that anchors and springs want it at
+    if (!(length > 0)) {
       tolerance_ = static_cast<Scalar>(tolerance);
-      return std::isfinite(length);
+      return length == 0 && is_one_point(system, x);
     }
     bool in_range = true;
     for (int i = 0; i < system.nodes(); ++i) {
@@ -109,6 +109,16 @@ class StoppingRule {
   }
 
  private:
+  // Whether all of x is on the one point that anchors and springs want it at. Otherwise a characteristic
+  // length of zero is of squares that underflow.
+  static bool is_one_point(const System& system, const typename System::Points& x) {
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (x.col(i) != x.col(0)) return false;
+      if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
+    }
+    return !(system.link_stiffness.array() > 0 && system.rest_length.array() > 0).any();
+  }
+
   // NaN where the gradient has one.
   Scalar square(const typename System::Points& gradient) const {
     Scalar largest = 0;
