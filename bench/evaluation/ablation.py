@@ -35,8 +35,9 @@ MOTION = {"motion_share": 0.45}
 
 
 def grown(coarse=None, **changes):
-    """DPT with the root of dpt_plus, and more."""
-    return {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True}, **(coarse or {})}, **changes}
+    """DPT with the root of dpt_plus and the prior that goes with it, and more."""
+    return {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True},
+                       "colour": {"foreground_prior": 0.375}, **(coarse or {})}, **changes}
 
 
 # Of each tracker: the name of a row, a tracker's name, and its options.

@@ -71,6 +71,7 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     SpatialReliabilityOptions filter;
     filter.colour_channels = true;
     options.coarse.root = SpatialReliability(filter);
+    options.coarse.colour.foreground_prior = 0.375;
     options.coarse.motion_share = 0.45;
     options.coarse.redetect = true;
     options.scale_share = 0.25;

@@ -56,7 +56,7 @@ struct KcfOptions {
   /// Small and large targets: the window is resampled so that the geometric mean of the target's sides in the
   /// template is in this range [template pixels]. Between the two the image is used as it is.
   double min_template_side = 40;
-  double max_template_side = 80;
+  double max_template_side = 64;
   /// Update of the model. The paper (Sec. 2.1): numerator and denominator of A apart; otherwise A itself is
   /// interpolated (Henriques).
   bool separate_update = true;

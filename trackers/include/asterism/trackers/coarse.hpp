@@ -16,11 +16,12 @@ ASTERISM_API AnyPart paper_filter();
 struct CoarseOptions {
   /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
   AnyPart root = paper_filter();
-  /// The colour model of object and surroundings. Open in the paper: the foreground's prior, here about the
-  /// share of the box in the region that the histograms are taken from, 1 / surrounding^2; and when the
-  /// random field stops. After three iterations the posterior is smooth and still knows doubt; when it
-  /// converges, nearly all of it is 0 or 1, which a product with the response takes for certain.
-  ColourOptions colour = {.foreground_prior = 0.375, .mrf = {.max_iterations = 3}};
+  /// The colour model of object and surroundings. Open in the paper: the foreground's prior, here between
+  /// the box's share of the search window, about 1/6, and that of the region that the histograms are taken
+  /// from, 3/8; the group's later code has 0.18. And when the random field stops: after three iterations the
+  /// posterior is smooth and still knows doubt; when it converges, nearly all of it is 0 or 1, which a
+  /// product with the response takes for certain.
+  ColourOptions colour = {.foreground_prior = 0.2, .mrf = {.max_iterations = 3}};
   /// Multiply the root's response with the colour probability; otherwise, and for a root without a response
   /// map, the position is the root's alone.
   bool use_colour = true;
