@@ -56,6 +56,9 @@ VARIANTS = {
         "no colour": ("dpt", {"coarse": {"use_colour": False}}),
         "no MRF": ("dpt", {"coarse": {"colour": {"mrf": {"enabled": False}}}}),
         "MRF until it converges": ("dpt", {"coarse": {"colour": CONVERGED}}),
+        "foreground prior 0.15": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.15}}}),
+        "foreground prior 0.25": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.25}}}),
+        "foreground prior 3/8": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.375}}}),
         "foreground prior 1/2": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.5}}}),
         "foreground prior 1/2, MRF until it converges":
             ("dpt", {"coarse": {"colour": EVEN_CONVERGED}}),
@@ -72,10 +75,9 @@ VARIANTS = {
             "part": {"model": "kcf", "sub_pixel": False}}),
         "linear kernel": ("dpt", filters(kernel={"type": "linear"})),
         "smaller templates": ("dpt", {
-            "coarse": {"root": {"model": "kcf", "min_template_side": 32, "max_template_side": 64}},
+            "coarse": {"root": {"model": "kcf", "min_template_side": 32, "max_template_side": 48}},
             "part": {"model": "kcf", "min_template_side": 25, "max_template_side": 40}}),
-        "larger template of the root": ("dpt", {
-            "coarse": {"root": {"model": "kcf", "min_template_side": 50, "max_template_side": 100}}}),
+        "larger templates": ("dpt", filters(max_template_side=80)),
         "5 iterations of IDA": ("dpt", {"solver": {"max_iterations": 5}}),
         "anchors by covariance": ("dpt", {"anchor_law": "covariance"}),
         "Newton": ("dpt", {"spring_solver": "newton"}),
@@ -83,7 +85,7 @@ VARIANTS = {
     # First what is added to dpt, one after the other, then what dpt_plus loses without each, then what it could have.
     "dpt_plus": {
         "dpt_plus": plus(),
-        "dpt": ("dpt", {}),
+        "dpt, foreground prior 3/8": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.375}}}),
         "+ root SpatialReliability": ("dpt", grown()),
         "+ scale filter": ("dpt", grown(**SCALE)),
         "+ motion": ("dpt", grown(coarse=MOTION, **SCALE)),
