@@ -25,6 +25,11 @@ def plus(**changes):
     return ("dpt_plus", changes)
 
 
+def prior(foreground):
+    """DPT with this prior of the foreground."""
+    return {"coarse": {"colour": {"foreground_prior": foreground}}}
+
+
 # A random field that comes to its end, and an even prior with it.
 CONVERGED = {"mrf": {"max_iterations": 50}}
 EVEN_CONVERGED = {"foreground_prior": 0.5, **CONVERGED}
@@ -56,10 +61,10 @@ VARIANTS = {
         "no colour": ("dpt", {"coarse": {"use_colour": False}}),
         "no MRF": ("dpt", {"coarse": {"colour": {"mrf": {"enabled": False}}}}),
         "MRF until it converges": ("dpt", {"coarse": {"colour": CONVERGED}}),
-        "foreground prior 0.15": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.15}}}),
-        "foreground prior 0.25": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.25}}}),
-        "foreground prior 3/8": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.375}}}),
-        "foreground prior 1/2": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.5}}}),
+        "foreground prior 0.15": ("dpt", prior(0.15)),
+        "foreground prior 0.25": ("dpt", prior(0.25)),
+        "foreground prior 3/8": ("dpt", prior(0.375)),
+        "foreground prior 1/2": ("dpt", prior(0.5)),
         "foreground prior 1/2, MRF until it converges":
             ("dpt", {"coarse": {"colour": EVEN_CONVERGED}}),
         "no response gate": ("dpt", {"response_gate": 0}),
@@ -85,7 +90,7 @@ VARIANTS = {
     # First what is added to dpt, one after the other, then what dpt_plus loses without each, then what it could have.
     "dpt_plus": {
         "dpt_plus": plus(),
-        "dpt, foreground prior 3/8": ("dpt", {"coarse": {"colour": {"foreground_prior": 0.375}}}),
+        "dpt, foreground prior 3/8": ("dpt", prior(0.375)),
         "+ root SpatialReliability": ("dpt", grown()),
         "+ scale filter": ("dpt", grown(**SCALE)),
         "+ motion": ("dpt", grown(coarse=MOTION, **SCALE)),
