@@ -13,7 +13,11 @@ double parabola_vertex(double left, double centre, double right) {
   return curvature > 0 ? 0.5 * (right - left) / curvature : 0;
 }
 
-// The largest response and its grid position; the middle and 0 where none is positive.
+// Responses whose range is at most this share of the largest one are all the same: rounding of the
+// transforms.
+constexpr float kFlat = 1e-4f;
+
+// The largest response and its grid position; the middle and 0 where none is positive, or all are the same.
 struct Peak {
   double row, col, value;
 };
@@ -22,13 +26,13 @@ Peak peak_of(const ResponseMap& response, bool sub_pixel) {
   const auto& r = response.values;
   const Eigen::Index rows = r.rows(), cols = r.cols();
   Eigen::Index row = 0, col = 0;
-  const double value = r.maxCoeff(&row, &col);
-  if (!(value > 0)) {
+  const float value = r.maxCoeff(&row, &col);
+  if (!(value > 0) || value - r.minCoeff() <= kFlat * value) {
     row = rows / 2;
     col = cols / 2;
     return {static_cast<double>(row), static_cast<double>(col), 0};
   }
-  Peak peak{static_cast<double>(row), static_cast<double>(col), value};
+  Peak peak{static_cast<double>(row), static_cast<double>(col), static_cast<double>(value)};
   if (sub_pixel && (response.periodic || (row > 0 && row + 1 < rows)))
     peak.row += parabola_vertex(r((row + rows - 1) % rows, col), r(row, col), r((row + 1) % rows, col));
   if (sub_pixel && (response.periodic || (col > 0 && col + 1 < cols)))

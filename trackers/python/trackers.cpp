@@ -200,6 +200,8 @@ void bind_trackers(py::module_& m) {
                     "By how much the object has turned since init [rad, from the x axis towards the y axis].")
       .def_readonly("confidence", &TrackResult::confidence, "In [0, 1].")
       .def_readonly("lost", &TrackResult::lost, "The tracker does not believe in the box.")
+      .def_readonly("interrupted", &TrackResult::interrupted,
+                    "The frame shows nothing of the scene: the box is that of the frame before.")
       .def_property_readonly(
           "covariance",
           [](const TrackResult& r) -> py::object {

@@ -20,6 +20,11 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
     throw std::invalid_argument("the start box lies outside the image");
 }
 
+Point2 kept_in_image(const Frame& frame, const Point2& centre) {
+  const Point2 last(frame.size().width - 1, frame.size().height - 1);
+  return centre.cwiseMax(0).cwiseMin(last);
+}
+
 AnyPart paper_filter() { return Kcf(); }
 
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
@@ -95,7 +100,8 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   }
   if (combined) {
     estimate.evidence = evidence_of(density_, options_.sub_pixel);
-    estimate.similarity = root_.similarity_at(estimate.evidence.position);
+    // A root without a peak is as similar everywhere as nowhere.
+    if (estimate.similarity > 0) estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   evidence_ = estimate.evidence;
   estimate.lost = !(estimate.similarity >= options_.lost_below);
@@ -168,6 +174,7 @@ void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Fra
 void CoarseTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   layer_.init(frame, box);
+  gate_.init(frame, box);
   initialized_ = true;
 }
 
@@ -175,6 +182,16 @@ TrackResult CoarseTracker::update(const cv::Mat& image) { return update_from_ima
 
 TrackResult CoarseTracker::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("CoarseTracker: update before init");
+  return gate_.update(*this, frame, &CoarseTracker::follow, &CoarseTracker::standing);
+}
+
+TrackResult CoarseTracker::standing() const {
+  TrackResult result;
+  result.box = layer_.box();
+  return result;
+}
+
+TrackResult CoarseTracker::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
 
@@ -185,7 +202,7 @@ TrackResult CoarseTracker::update(const Frame& frame) {
   clock.lap();
 
   if (!layer_.waits(estimate)) {
-    layer_.move(box_around(estimate.evidence.position, layer_.size()));
+    layer_.move(box_around(kept_in_image(frame, estimate.evidence.position), layer_.size()));
     layer_.adapt(frame, estimate.segmentation.informative);
   }
   result.times.push_back({"update", clock.lap()});

@@ -111,6 +111,7 @@ void Dpt::init(const Frame& frame, const cv::Rect2d& box) {
   }
   velocity_.setZero(2, part_count());
   springs_.set_rest_lengths(placement_);
+  gate_.init(frame, box);
   initialized_ = true;
 }
 
@@ -118,6 +119,23 @@ TrackResult Dpt::update(const cv::Mat& image) { return update_from_image(*this, 
 
 TrackResult Dpt::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Dpt: update before init");
+  return gate_.update(*this, frame, &Dpt::follow, &Dpt::standing);
+}
+
+TrackResult Dpt::standing() const {
+  TrackResult result;
+  result.box = coarse_.box();
+  result.angle = angle_;
+  result.links.assign(springs_.links().begin(), springs_.links().end());
+  result.parts.reserve(parts_.size());
+  for (int i = 0; i < part_count(); ++i) {
+    const Point2 position = placement_.col(i);
+    result.parts.push_back({.position = position, .size = part_size_, .visual_best = position});
+  }
+  return result;
+}
+
+TrackResult Dpt::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
   result.parts.reserve(parts_.size());
@@ -130,19 +148,18 @@ TrackResult Dpt::update(const Frame& frame) {
   result.times.push_back({"colour", coarse.colour_milliseconds});
   if (options_.coarse.motion_share > 0) result.times.push_back({"motion", coarse.motion_milliseconds});
   clock.lap();
-  result.confidence = std::clamp(coarse.similarity, 0.0, 1.0);
-  result.lost = coarse.lost;
-  result.links.assign(springs_.links().begin(), springs_.links().end());
+  const double confidence = std::clamp(coarse.similarity, 0.0, 1.0);
   if (coarse_.waits(coarse)) {
     velocity_.setZero();
-    result.box = coarse_.box();
-    result.angle = angle_;
-    for (Eigen::Index i = 0; i < placement_.cols(); ++i) {
-      const Point2 position = placement_.col(i);
-      result.parts.push_back({.position = position, .size = part_size_, .visual_best = position});
-    }
-    return result;
+    TrackResult waiting = standing();
+    waiting.confidence = confidence;
+    waiting.lost = true;
+    waiting.times = std::move(result.times);
+    return waiting;
   }
+  result.confidence = confidence;
+  result.lost = coarse.lost;
+  result.links.assign(springs_.links().begin(), springs_.links().end());
 
   // Line 2: responses of the parts form the spring system.
   std::array<Evidence, kMaxParts> evidence;
@@ -165,7 +182,7 @@ TrackResult Dpt::update(const Frame& frame) {
   }
 
   // Line 4: root position and size.
-  follow(frame, placement);
+  move(frame, placement);
   if (options_.scale_share > 0) {
     if (result.covariance) {
       const Eigen::Vector3d kept(1, 1, 1 - options_.scale_share);
@@ -203,9 +220,9 @@ TrackResult Dpt::update(const Frame& frame) {
   return result;
 }
 
-void Dpt::follow(const Frame& frame, Placement& placement) {
+void Dpt::move(const Frame& frame, Placement& placement) {
   const PlaneTransform transform = fit_transform(placement_, placement, options_.transform);
-  const Point2 centre = transform(coarse_.centre());
+  Point2 centre = transform(coarse_.centre());
   double scale = transform.scale;
   if (options_.scale_share > 0) {
     const double seen = scale_.localize(frame, centre);
@@ -219,6 +236,10 @@ void Dpt::follow(const Frame& frame, Placement& placement) {
     part_size_ = part_size_.cwiseProduct(size.cwiseQuotient(coarse_.size()));
     for (AnyPart& part : parts_) part.resize(part_size_);
   }
+  // The parts go along where the box is kept in the image.
+  const Point2 outside = centre - kept_in_image(frame, centre);
+  centre -= outside;
+  placement.colwise() -= outside;
   coarse_.move(box_around(centre, size));
   velocity_ = placement - placement_;
   angle_ = std::remainder(angle_ + transform.angle, 2 * std::numbers::pi);

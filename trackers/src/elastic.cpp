@@ -1,6 +1,7 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <asterism/solver/auto.hpp>
+#include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/elastic.hpp>
 #include <map>
 #include <opencv2/imgproc.hpp>
@@ -12,6 +13,10 @@ namespace asterism::inline ASTERISM_ABI {
 void ObjectPose::move(const PlaneTransform& transform) {
   transform_ = transform;
   transform_.scale = std::clamp(transform.scale, kMinScale, kMaxScale);
+}
+
+void ObjectPose::keep_in(const Frame& frame) {
+  transform_.translation = kept_in_image(frame, transform_.translation);
 }
 
 struct ElasticConstellation::Solver::Workspace {
@@ -97,6 +102,19 @@ Topology<> delaunay(const ElasticConstellation::Points& points) {
   }
   if (std::ssize(links) + 1 < std::ssize(part_at)) return Topology<>::full(n);  // on a line, to rounding
   return Topology<>::from_links(n, links);
+}
+
+TrackResult standing_result(const ObjectPose& pose, const ElasticConstellation& parts,
+                            const ElasticConstellation::Points& x, const Size2& part_size) {
+  TrackResult result;
+  result.box = pose.box();
+  result.angle = pose.transform().angle;
+  result.links = parts.links();
+  for (Eigen::Index i = 0; i < x.cols(); ++i) {
+    const Point2 position = x.col(i);
+    result.parts.push_back({.position = position, .size = part_size, .visual_best = position});
+  }
+  return result;
 }
 
 RobustTransform fit_pose(const ElasticConstellation::Points& layout,

@@ -34,6 +34,7 @@ void Flock::init(const Frame& frame, const cv::Rect2d& box) {
   points_.assign(layout, Topology<>::k_nearest(layout, options_.neighbours));
   placement_ = points_.posed(pose_);
   flow_.learn(frame, pose_.centre(), pose_.size());
+  gate_.init(frame, box);
   initialized_ = true;
 }
 
@@ -41,6 +42,14 @@ TrackResult Flock::update(const cv::Mat& image) { return update_from_image(*this
 
 TrackResult Flock::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Flock: update before init");
+  return gate_.update(*this, frame, &Flock::follow, &Flock::standing);
+}
+
+TrackResult Flock::standing() const {
+  return standing_result(pose_, points_, placement_, pose_.size() / options_.grid);
+}
+
+TrackResult Flock::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
 
@@ -73,6 +82,7 @@ TrackResult Flock::update(const Frame& frame) {
 
   // The object moves as the MAP placement does; points that do not begin anew where it puts them.
   if (!lost) pose_.move(fit_pose(points_.layout(), placement, weights, pose_, reach).transform);
+  pose_.keep_in(frame);
   const double spacing = pose_.mean_side() / options_.grid;
   const ElasticConstellation::Points expected = points_.posed(pose_);
   for (int i = 0; i < points_.size(); ++i) {

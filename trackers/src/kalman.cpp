@@ -1,4 +1,5 @@
 #include <Eigen/Cholesky>
+#include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/kalman.hpp>
 #include <cmath>
 
@@ -89,13 +90,14 @@ TrackResult KalmanTracker::update(const cv::Mat& image) { return update_from_ima
 TrackResult KalmanTracker::update(const Frame& frame) {
   TrackResult result = tracker_.update(frame);
   StageClock clock;
-  const double centre = options_.acceleration * mean_side();
-  filter_.predict(Eigen::Vector3d(centre, centre, options_.size_acceleration).cwiseAbs2());
-  const Eigen::Vector3d seen = measured(result.box);
-  filter_.update(seen, covariance_of(result));
-
-  const double scale = std::exp(filter_.position().z() - seen.z());
-  result.box = box_around(filter_.position().head<2>(), scale * Size2(result.box.width, result.box.height));
+  if (!result.interrupted) {  // otherwise no motion is predicted: the box stays where it is
+    const double centre = options_.acceleration * mean_side();
+    filter_.predict(Eigen::Vector3d(centre, centre, options_.size_acceleration).cwiseAbs2());
+    filter_.update(measured(result.box), covariance_of(result));
+  }
+  const double scale = mean_side() / std::exp(log_mean_side(result.box));
+  result.box = box_around(kept_in_image(frame, filter_.position().head<2>()),
+                          scale * Size2(result.box.width, result.box.height));
   result.covariance = filter_.covariance().topLeftCorner<3, 3>();
   result.times.push_back({"filter", clock.lap()});
   return result;

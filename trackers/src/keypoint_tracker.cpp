@@ -52,6 +52,7 @@ void KeypointTracker::init(const Frame& frame, const cv::Rect2d& box) {
   const Detection seen = detect(frame);
   learn_background(seen);
   renew(seen);
+  gate_.init(frame, box);
   initialized_ = true;
 }
 
@@ -59,6 +60,14 @@ TrackResult KeypointTracker::update(const cv::Mat& image) { return update_from_i
 
 TrackResult KeypointTracker::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("KeypointTracker: update before init");
+  return gate_.update(*this, frame, &KeypointTracker::follow, &KeypointTracker::standing);
+}
+
+TrackResult KeypointTracker::standing() const {
+  return standing_result(pose_, parts_, placement_, Size2::Constant(31 * flow_.window().spacing()));
+}
+
+TrackResult KeypointTracker::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
 
@@ -108,6 +117,7 @@ TrackResult KeypointTracker::update(const Frame& frame) {
   if (!lost) {
     const Eigen::VectorXd either = weights.head(n).cwiseMax(weights.tail(n));
     pose_.move(fit_pose(parts_.layout(), placement_, either, pose_, reach).transform);
+    pose_.keep_in(frame);
   }
 
   const Points expected = parts_.posed(pose_);

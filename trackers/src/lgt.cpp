@@ -50,6 +50,7 @@ void Lgt::init(const Frame& frame, const cv::Rect2d& box) {
   placement_.resize(2, 0);
   models_.clear(), weights_.clear();
   renew(frame, colour_.segment(frame, box, pose_.size()), options_.max_parts);
+  gate_.init(frame, box);
   initialized_ = true;
 }
 
@@ -57,6 +58,14 @@ TrackResult Lgt::update(const cv::Mat& image) { return update_from_image(*this, 
 
 TrackResult Lgt::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("Lgt: update before init");
+  return gate_.update(*this, frame, &Lgt::follow, &Lgt::standing);
+}
+
+TrackResult Lgt::standing() const {
+  return standing_result(pose_, parts_, placement_, Size2::Constant(options_.part_side * pose_.mean_side()));
+}
+
+TrackResult Lgt::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
 
@@ -85,6 +94,7 @@ TrackResult Lgt::update(const Frame& frame) {
   for (std::size_t i = 0; i < n; ++i) weights[static_cast<Eigen::Index>(i)] = weights_[i] * evidence[i].peak;
   const double near = options_.springs.reach * pose_.mean_side();
   pose_.move(fit_pose(parts_.layout(), placement_, weights, pose_, options_.springs.reach).transform);
+  pose_.keep_in(frame);
   const Points expected = parts_.posed(pose_);
   double confidence = 0;
   for (std::size_t i = 0; i < n; ++i) {

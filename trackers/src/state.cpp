@@ -80,6 +80,7 @@ void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const
 void CoarseTracker::visit_state(StateArchive& archive) {
   if (!archive.loading() && !initialized_) throw std::logic_error("CoarseTracker: to be saved before init");
   layer_.visit_state(archive);
+  gate_.visit_state(archive);
   initialized_ = true;
 }
 
@@ -104,6 +105,7 @@ void Dpt::visit_state(StateArchive& archive) {
   archive(velocity_);
   archive(springs_.rest_length);
   archive.require((springs_.rest_length.array() >= 0).all());
+  gate_.visit_state(archive);
   initialized_ = true;
 }
 
@@ -174,6 +176,7 @@ void Lgt::visit_state(StateArchive& archive) {
   visit_all(archive, weights_, count, 2.0);  // up to 1, but for rounding
   models_.resize(count, options_.part);
   for (AnyPart& model : models_) model.visit_state(archive);
+  gate_.visit_state(archive);
   initialized_ = true;
 }
 
@@ -190,6 +193,7 @@ void SuperpixelTracker::visit_state(StateArchive& archive) {
   auto around = static_cast<int>(background_.rows());
   archive.count(around, 3 * sizeof(float));
   visit_colours(archive, background_, around);
+  gate_.visit_state(archive);
   initialized_ = true;
 }
 
@@ -201,6 +205,7 @@ void Flock::visit_state(StateArchive& archive) {
   points_.visit_state(archive, placement_);
   archive.require(points_.size() == options_.grid * options_.grid);
   flow_.visit_state(archive, pose_.centre(), pose_.size());
+  gate_.visit_state(archive);
   initialized_ = true;
 }
 #endif
@@ -220,6 +225,7 @@ void KeypointTracker::visit_state(StateArchive& archive) {
   archive(padding_);
   archive.require(padding_ >= options_.padding && padding_ <= options_.max_padding);
   flow_.visit_state(archive, pose_.centre(), pose_.size());
+  gate_.visit_state(archive);
   initialized_ = true;
 }
 #endif

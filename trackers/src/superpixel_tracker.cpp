@@ -49,6 +49,7 @@ void SuperpixelTracker::init(const Frame& frame, const cv::Rect2d& box) {
   unseen_.clear();
   spacing_ = pose_.mean_side() / options_.template_side;
   renew(cut(frame));
+  gate_.init(frame, box);
   initialized_ = true;
 }
 
@@ -56,6 +57,14 @@ TrackResult SuperpixelTracker::update(const cv::Mat& image) { return update_from
 
 TrackResult SuperpixelTracker::update(const Frame& frame) {
   if (!initialized_) throw std::logic_error("SuperpixelTracker: update before init");
+  return gate_.update(*this, frame, &SuperpixelTracker::follow, &SuperpixelTracker::standing);
+}
+
+TrackResult SuperpixelTracker::standing() const {
+  return standing_result(pose_, parts_, placement_, Size2::Constant(options_.slic.side * spacing_));
+}
+
+TrackResult SuperpixelTracker::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
 
@@ -106,6 +115,7 @@ TrackResult SuperpixelTracker::update(const Frame& frame) {
   for (int i = 0; i < n; ++i) weights[i] = evidence[static_cast<std::size_t>(i)].peak;
   const double reach = options_.springs.reach;
   pose_.move(fit_pose(parts_.layout(), placement_, weights, pose_, reach).transform);
+  pose_.keep_in(frame);
   const Points expected = parts_.posed(pose_);
   double confidence = 0;
   for (int i = 0; i < n; ++i) {

@@ -43,7 +43,8 @@ concept ResizableModel = PartModel<P> && requires(P part, const Size2& size) {
 /// or not refined across a border where the map is not periodic) if `sub_pixel`; peak: the response there on
 /// the grid; covariance: second moments about the position weighted by the response, negative responses
 /// counting as 0, so that its trace is the paper's weighted variance (Sec. 2.3.3). A map without any positive
-/// response gives its centre, peak 0 and the moments of a constant map.
+/// response, and one that is constant, have no peak: they give their centre, peak 0 and the moments of a
+/// constant map.
 ASTERISM_API Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
 
 /// As above, sub-pixel, but with the covariance of the position's likelihood, a map on the same grid, where

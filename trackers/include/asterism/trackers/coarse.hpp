@@ -3,6 +3,7 @@
 #include <asterism/parts/any_part.hpp>
 #include <asterism/parts/colour.hpp>
 #include <asterism/parts/kcf.hpp>
+#include <asterism/trackers/interruption.hpp>
 #include <asterism/trackers/motion.hpp>
 #include <asterism/trackers/tracker.hpp>
 
@@ -118,11 +119,18 @@ class ASTERISM_API CoarseTracker {
   void visit_state(StateArchive& archive);
 
  private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
+
   CoarseLayer layer_;
+  InterruptionGate gate_;
   bool initialized_ = false;
 };
 
 /// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
 ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
+
+/// The position nearest to `centre` that the centre of a tracker's box may have: in the image.
+ASTERISM_API Point2 kept_in_image(const Frame& frame, const Point2& centre);
 
 }  // namespace asterism::inline ASTERISM_ABI

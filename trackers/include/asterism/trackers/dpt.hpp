@@ -121,13 +121,16 @@ class ASTERISM_API Dpt {
   const DptOptions& options() const { return options_; }
 
  private:
+  /// Algorithm 2.
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
   /// f(i) for every part i, on `threads` threads; throws what the first part threw that did.
   template <typename F>
   void for_each_part(F&& f);
   int part_count() const { return options_.grid_rows * options_.grid_cols; }
   /// Line 4 of Algorithm 2: root position and size by the transform from the last constellation to
   /// `placement`, which is scaled to the size that the scale filter has a say in, if there is one.
-  void follow(const Frame& frame, Placement& placement);
+  void move(const Frame& frame, Placement& placement);
   /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
   void set_springs(std::span<const Evidence> evidence);
   /// The smoothness prior: the anchors become the products of evidence and prediction.
@@ -150,6 +153,7 @@ class ASTERISM_API Dpt {
   Placement velocity_;   // X_{t-1} - X_{t-2}
   Size2 initial_size_ = Size2::Zero();
   double angle_ = 0;  // since init [rad]
+  InterruptionGate gate_;
   bool initialized_ = false;
 };
 

@@ -28,6 +28,8 @@ class ASTERISM_API ObjectPose {
   const PlaneTransform& transform() const { return transform_; }
   /// The object moves by a transform of the image; its size keeps to the range above.
   void move(const PlaneTransform& transform);
+  /// The centre stays in the image (kept_in_image).
+  void keep_in(const Frame& frame);
   void visit_state(StateArchive& archive);
 
   /// The box now, and its size in the first frame [px].
@@ -116,6 +118,11 @@ class ASTERISM_API ElasticConstellation {
 /// The edges of the Delaunay triangulation of points (2 x N, finite) in the plane; of points on a line, or
 /// fewer than three, all pairs. Of points that coincide one is linked.
 ASTERISM_API Topology<> delaunay(const ElasticConstellation::Points& points);
+
+/// The result of a tracker whose object, and whose parts at x (2 x N), stay where they are. part_size: in the
+/// image [px].
+ASTERISM_API TrackResult standing_result(const ObjectPose& pose, const ElasticConstellation& parts,
+                                         const ElasticConstellation::Points& x, const Size2& part_size);
 
 /// How the object moved, by the parts' evidence alone: the transform of the layout that most of it agrees
 /// with, within the constellation's reach.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/interruption.hpp>
 #include <asterism/trackers/point_flow.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -41,11 +42,14 @@ class ASTERISM_API Flock {
   const FlockOptions& options() const { return options_; }
 
  private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
   FlockOptions options_;
   PointFlow flow_;
   ElasticConstellation points_;
   ObjectPose pose_;
   ElasticConstellation::Points placement_;
+  InterruptionGate gate_;
   bool initialized_ = false;
 };
 

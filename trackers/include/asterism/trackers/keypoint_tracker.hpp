@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/interruption.hpp>
 #include <asterism/trackers/point_flow.hpp>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -51,6 +52,8 @@ class ASTERISM_API KeypointTracker {
   const KeypointTrackerOptions& options() const { return options_; }
 
  private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
   using Points = ElasticConstellation::Points;
   // Key-points of a window: positions in the image, descriptors row by row.
   struct Detection {
@@ -74,6 +77,7 @@ class ASTERISM_API KeypointTracker {
   cv::Mat descriptors_, background_;  // of the parts, and of what was around them; copies share, never write
   std::vector<int> unseen_;           // frames since each part was seen
   double padding_ = 0;
+  InterruptionGate gate_;
   bool initialized_ = false;
 };
 

@@ -3,6 +3,7 @@
 #include <asterism/parts/any_part.hpp>
 #include <asterism/parts/colour.hpp>
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/interruption.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -49,6 +50,8 @@ class ASTERISM_API Lgt {
   const LgtOptions& options() const { return options_; }
 
  private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
   using Points = ElasticConstellation::Points;
 
   // What the part model says of a position, times the global layer's probability.
@@ -67,6 +70,7 @@ class ASTERISM_API Lgt {
   ColourModel colour_;
   ObjectPose pose_;
   Points placement_;
+  InterruptionGate gate_;
   bool initialized_ = false;
 };
 

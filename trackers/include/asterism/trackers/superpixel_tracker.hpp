@@ -2,6 +2,7 @@
 
 #include <asterism/parts/slic.hpp>
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/interruption.hpp>
 #include <vector>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -46,6 +47,8 @@ class ASTERISM_API SuperpixelTracker {
   const SuperpixelTrackerOptions& options() const { return options_; }
 
  private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
   using Points = ElasticConstellation::Points;
   // The superpixels of a window: positions in the image, colours, areas of which the mean is about 1, and
   // how much of the object's colour rather than its surroundings', in [0, 1].
@@ -69,6 +72,7 @@ class ASTERISM_API SuperpixelTracker {
   std::vector<int> unseen_;               // frames since each part was matched
   double spacing_ = 1;                    // image pixels a template pixel, in the last frame
   bool colour_ = false;                   // learned in colour
+  InterruptionGate gate_;
   bool initialized_ = false;
 };
 

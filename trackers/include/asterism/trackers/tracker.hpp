@@ -36,12 +36,17 @@ ASTERISM_API std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double ang
 
 /// A tracker's answer for one frame.
 struct TrackResult {
-  cv::Rect2d box;  ///< sub-pixel, axis-aligned; may reach over the frame's border
+  /// Sub-pixel, axis-aligned. It may reach over the frame's border, but its centre is in the image: at least
+  /// 0 and at most width - 1 and height - 1.
+  cv::Rect2d box;
   /// By how much the object has turned since `init` [rad, from the x axis towards the y axis], as far as its
   /// parts say: 0 for trackers without parts. `box` is the object's box turned back upright.
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
+  /// The frame shows nothing of the scene (InterruptionGate): the box is that of the frame before, and
+  /// nothing was learned. `lost` is set, too.
+  bool interrupted = false;
   /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
   /// both sides are scaled alike. Positive semi-definite. Empty where the tracker cannot tell.
   std::optional<Eigen::Matrix3d> covariance;
