@@ -22,10 +22,11 @@ bool in_image(const TrackResult& result, const cv::Mat& image) {
 
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) { return (centre_of(a) - centre_of(b)).norm(); }
 
-// Of DPT's variants those whose root, parts or solver differ.
+// Without the variants of DPT that differ from it in the number of parts and links alone.
 std::vector<std::string> trackers() {
   std::vector<std::string> names = tracker_names();
-  std::erase_if(names, [](const std::string& name) { return name == "dpt_crs" || name == "dpt_crs_nos"; });
+  std::erase_if(names,
+                [](const std::string& name) { return name.starts_with("dpt_") && name != "dpt_plus"; });
 #ifdef ASTERISM_TEST_JSON
   names.insert(names.end(), {"dpt+mosse", "dpt+template", "dpt+color_histogram"});
 #endif
@@ -78,7 +79,7 @@ TEST_P(Interrupted, FindsItsObjectAgain) {
     }
     TrackResult result;
     for (int i = 0; i < 6; ++i) result = tracker.update(draw_frame(++t));
-    EXPECT_LT(distance(result.box, true_box(t)), 6);
+    EXPECT_LT(distance(result.box, true_box(t)), 8);
     EXPECT_FALSE(result.interrupted);
   }
 }
@@ -161,7 +162,9 @@ TEST_P(InterruptedSequence, IsTrackedAsWellAsWithoutTheInterruption) {
   const double whole = average(nullptr, 0, 0);
   for (const testing::Interruption& kind : testing::interruptions()) {
     EXPECT_GT(average(&kind, 3, 0), whole - 0.06) << kind.name << ", without " << whole;
-    if (kind.blind) EXPECT_GT(average(&kind, 0, 30), whole - 0.02) << kind.name << ", without " << whole;
+    if (kind.blind) {
+      EXPECT_GT(average(&kind, 0, 30), whole - 0.02) << kind.name << ", without " << whole;
+    }
   }
 }
 

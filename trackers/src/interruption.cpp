@@ -6,7 +6,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 namespace {
 
-// Less correlation of two views than this is another scene: they share less than a quarter of their variance.
+// Views that correlate less are of two scenes: they share less than a quarter of their variance.
 constexpr double kSameScene = 0.5;
 // Variance of a view [gray levels^2] below which nothing is to be seen in it.
 constexpr double kLeastVariance = 1;
@@ -49,19 +49,39 @@ void visit_cells(const cv::Mat& gray, const cv::Rect2d& window, Visit&& visit) {
     }
 }
 
-struct Moments {
-  double variance_a = 0, variance_b = 0, covariance = 0;
-};
+// Variance of the gray levels in a view.
+double variance(const InterruptionGate::View& view) {
+  double sum = 0, squares = 0;
+  for (const std::uint8_t level : view) sum += level, squares += level * level;
+  const auto n = static_cast<double>(view.size());
+  return (squares - sum * sum / n) / n;
+}
 
-template <typename View>
-Moments moments_of(const View& a, const View& b) {
-  double sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    const double x = a[i], y = b[i];
-    sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
-  }
-  const auto n = static_cast<double>(a.size());
-  return {(aa - sum_a * sum_a / n) / n, (bb - sum_b * sum_b / n) / n, (ab - sum_a * sum_b / n) / n};
+// Correlation of two views, one of them moved by whole cells, over what they have in common; 0 where one is
+// of one level.
+double correlation(const InterruptionGate::View& a, const InterruptionGate::View& b, int right, int down) {
+  constexpr int kSide = InterruptionGate::kViewCells;
+  double n = 0, sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
+  for (int row = std::max(0, down); row < kSide + std::min(0, down); ++row)
+    for (int col = std::max(0, right); col < kSide + std::min(0, right); ++col) {
+      const double x = a[static_cast<std::size_t>(row * kSide + col)],
+                   y = b[static_cast<std::size_t>((row - down) * kSide + col - right)];
+      ++n, sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
+    }
+  const double scale = (aa - sum_a * sum_a / n) * (bb - sum_b * sum_b / n);
+  return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
+}
+
+// Whether two views are of one scene, wherever the camera turned: at most so far that half of it is in both.
+bool of_one_scene(const InterruptionGate::View& a, const InterruptionGate::View& b) {
+  if (correlation(a, b, 0, 0) >= kSameScene) return true;  // nearly always
+  constexpr int kSide = InterruptionGate::kViewCells;
+  for (int down = -kSide / 2; down <= kSide / 2; ++down)
+    for (int right = -kSide / 2; right <= kSide / 2; ++right) {
+      const int common = (kSide - std::abs(down)) * (kSide - std::abs(right));
+      if (2 * common >= kSide * kSide && correlation(a, b, right, down) >= kSameScene) return true;
+    }
+  return false;
 }
 
 }  // namespace
@@ -83,7 +103,8 @@ InterruptionGate::Blanks InterruptionGate::blanks_of(const Frame& frame) const {
   return blanks;
 }
 
-void InterruptionGate::init(const Frame& frame, const cv::Rect2d& box) {
+void InterruptionGate::learn(const Frame& frame, const cv::Rect2d& box, double confidence) {
+  confidence_ = confidence;
   centre_ = centre_of(box);
   size_ = {box.width, box.height};
   view_ = view_of(frame);
@@ -91,23 +112,25 @@ void InterruptionGate::init(const Frame& frame, const cv::Rect2d& box) {
 }
 
 InterruptionGate::Sight InterruptionGate::judge(const Frame& frame) const {
-  const auto [before, now, common] = moments_of(view_, view_of(frame));
+  const View view = view_of(frame);
   const Blanks blanks = blanks_of(frame);
   int shown = 0, hidden = 0;  // cells that were not blank, and those of them that are now
   for (std::size_t i = 0; i < blanks.size(); ++i) {
     shown += blanks_[i] == 0;
     hidden += blanks_[i] == 0 && blanks[i] != 0;
   }
-  const bool had_view = before >= kLeastVariance, has_view = now >= kLeastVariance;
+  const bool had_view = variance(view_) >= kLeastVariance, has_view = variance(view) >= kLeastVariance;
   const bool all_blank = std::find(blanks.begin(), blanks.end(), 0) == blanks.end();
   if (!has_view && all_blank && (had_view || shown > 0)) return Sight::Blank;
-  const bool other_scene = had_view && !(has_view && common >= kSameScene * std::sqrt(before * now));
+  const bool other_scene = had_view && !(has_view && of_one_scene(view_, view));
   return other_scene || kHidden * hidden > shown ? Sight::Doubtful : Sight::Scene;
 }
 
 void InterruptionGate::visit_state(StateArchive& archive) {
   archive.position(centre_);
   archive.size(size_);
+  archive(confidence_);
+  archive.require(confidence_ >= 0 && confidence_ <= 1);
   const auto visit = [&archive](auto& cells, int side) {
     cv::Mat image(side, side, CV_8UC1, cells.data());
     archive.pixels(image, image.size(), 1);
