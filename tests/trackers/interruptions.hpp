@@ -13,7 +13,7 @@ namespace asterism::testing {
 struct Interruption {
   std::string name;
   std::function<cv::Mat(const cv::Mat& clean, int i, int n)> show;
-  bool blind;  ///< nothing of the scene is in it
+  bool blind;  ///< nothing of the scene is in it, nor anything that an object may look like
 };
 
 inline cv::Mat of_one_colour(const cv::Mat& like, const cv::Scalar& colour) {
@@ -72,7 +72,7 @@ inline std::vector<Interruption> interruptions() {
       {"faint_noise", noise(2), true},
       {"noise", noise(20), true},
       {"strong_noise", noise(60), true},
-      {"test_card", [](const cv::Mat& clean, int, int) { return test_card(clean); }, true},
+      {"test_card", [](const cv::Mat& clean, int, int) { return test_card(clean); }, false},
       {"fade_to_black_and_back",
        [](const cv::Mat& clean, int i, int n) {
          return scaled(clean, std::abs(2.0 * i / std::max(1, n - 1) - 1));
