@@ -319,7 +319,7 @@ cv::Rect2d steady(int t) {
 std::vector<TrackResult> filtered(const cv::Rect2d& first, const std::vector<TrackResult>& script,
                                   const KalmanOptions& options = {}) {
   KalmanTracker tracker(ScriptedTracker(script), options);
-  const cv::Mat image(1, 1, CV_8UC1, cv::Scalar(0));  // any that Frame takes
+  const cv::Mat image(2000, 2000, CV_8UC1, cv::Scalar(0));  // all boxes are in it
   tracker.init(image, first);
   std::vector<TrackResult> results;
   for (std::size_t t = 0; t < script.size(); ++t) results.push_back(tracker.update(image));

@@ -31,6 +31,7 @@ class Scene {
     background_ += cv::Scalar(60, 0, 0);
   }
   static cv::Rect2d box(int t) { return {100.0 + 2 * t, 80.0 + t, 48, 64}; }
+  const cv::Mat& without_object() const { return background_; }
   cv::Mat frame(int t) const {
     cv::Mat image = background_.clone();
     object_.copyTo(image(cv::Rect(box(t))));
@@ -363,8 +364,8 @@ TEST(Coarse, FindsALostTargetAgain) {
     }
     cv::Rect2d before = Scene::box(10);
     for (int t = 0; t < 5; ++t) {
-      const cv::Mat blank(240, 320, CV_8UC3, cv::Scalar(20, 200, 20));
-      const TrackResult result = tracker.update(blank), of_coarse = coarse.update(blank);
+      const TrackResult result = tracker.update(scene.without_object()),
+                        of_coarse = coarse.update(scene.without_object());
       EXPECT_TRUE(result.lost);
       EXPECT_TRUE(of_coarse.lost);
       if (redetect) {
