@@ -31,7 +31,15 @@ class Scene {
     background_ += cv::Scalar(60, 0, 0);
   }
   static cv::Rect2d box(int t) { return {100.0 + 2 * t, 80.0 + t, 48, 64}; }
-  const cv::Mat& without_object() const { return background_; }
+  // The object and all around it behind a wall, shaded so that it is of many gray levels.
+  cv::Mat hidden(int t) const {
+    cv::Mat image = frame(t);
+    const cv::Rect wall = cv::Rect(box(t)) + cv::Point(-50, -50) + cv::Size(100, 100);
+    for (int x = wall.x; x < wall.br().x; ++x)
+      image(wall & cv::Rect({}, image.size()) & cv::Rect(x, 0, 1, image.rows))
+          .setTo(cv::Scalar::all(x % 256));
+    return image;
+  }
   cv::Mat frame(int t) const {
     cv::Mat image = background_.clone();
     object_.copyTo(image(cv::Rect(box(t))));
@@ -364,8 +372,8 @@ TEST(Coarse, FindsALostTargetAgain) {
     }
     cv::Rect2d before = Scene::box(10);
     for (int t = 0; t < 5; ++t) {
-      const TrackResult result = tracker.update(scene.without_object()),
-                        of_coarse = coarse.update(scene.without_object());
+      const TrackResult result = tracker.update(scene.hidden(10)),
+                        of_coarse = coarse.update(scene.hidden(10));
       EXPECT_TRUE(result.lost);
       EXPECT_TRUE(of_coarse.lost);
       if (redetect) {
@@ -377,13 +385,13 @@ TEST(Coarse, FindsALostTargetAgain) {
         for (const PartState& part : result.parts) EXPECT_FALSE(part.updated);
       }
     }
-    // 60 px farther: the window reaches 42 px.
+    // 85 px farther: the window reaches 66 px.
     TrackResult result, of_coarse;
-    for (int t = 40; t < 44; ++t) {
+    for (int t = 48; t < 52; ++t) {
       result = tracker.update(scene.frame(t));
       of_coarse = coarse.update(scene.frame(t));
     }
-    const Point2 truth = centre_of(Scene::box(43));
+    const Point2 truth = centre_of(Scene::box(51));
     EXPECT_EQ((centre_of(result.box) - truth).norm() < 3, redetect);
     EXPECT_EQ((centre_of(of_coarse.box) - truth).norm() < 3, redetect);
   }
