@@ -31,7 +31,7 @@ class JacobiPreconditioner {
     const int n = system.nodes();
     blocks_.resize(kDim, kDim * n);
     for (int i = 0; i < n; ++i) {
-      at(i) = detail::anchor_curvature(system, i, x.col(i) - system.anchors.col(i), true);
+      at(i) = detail::anchor_curvature(system, i, detail::anchor_offset(system, i, x), true);
     }
     int l = 0;
     for (const Link& link : system.links()) {

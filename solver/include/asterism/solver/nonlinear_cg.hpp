@@ -95,9 +95,9 @@ class DifferencedEnergy {
 
   static constexpr bool kNumeric = true;
 
-  void start(const System& system, const Points& x) {
+  void start(Scalar length) {
     constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
-    typical_ = characteristic_length(system, x);
+    typical_ = length;
     relative_step_ = kCentral ? std::cbrt(kEpsilon) : std::sqrt(kEpsilon);
   }
 
@@ -145,8 +145,8 @@ class AnalyticGradient {
   /// Whether the gradient is made of differences of energies.
   static constexpr bool kNumeric = false;
 
-  /// Called once before a solve.
-  void start(const System&, const Points&) {}
+  /// Called once before a solve, with the system's characteristic length.
+  void start(Scalar) {}
 
   /// Energy at x, with its gradient (Dim x N); counts its evaluations in the summary.
   Scalar operator()(const System& system, const Points& x, Points& gradient, Summary& summary) {
@@ -231,7 +231,7 @@ template <typename System, typename Gradient>
 Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     detail::RayPoint<Scalar> start;
-    evaluate_.start(system, x);
+    evaluate_.start(session_.length());
     start.energy = evaluate_(system, x, gradient_, summary);
     bool restart = true;
     Scalar step = 0;

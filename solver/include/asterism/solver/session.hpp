@@ -52,8 +52,10 @@ class Session {
         summary.linear_solves = summary.factorizations = 0;
         summary.message.clear();
         if constexpr (requires { options.align; }) {
-          if (options.align && options.max_iterations > 0 && !done(gradient_))
-            align(*system, x, options.allow_reflection);
+          if (options.align && options.max_iterations > 0 && !done(gradient_) &&
+              align(*system, x, options.allow_reflection) && rule_.is_of_x() &&
+              !rule_.set(*system, x, options.tolerance))
+            rule_.set(*system, start_, options.tolerance);
         }
         judge(iterate(*system, summary), *system, x, summary);
       }
@@ -76,8 +78,13 @@ class Session {
   bool done(const Points& gradient) const { return rule_.reached(gradient) || stopped(); }
   /// Whether the caller has asked to stop.
   bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
-  /// The tolerance asked for, or the rounding of the coordinates where that is more.
+  /// Whether what is left of this gradient at x may be rounding: a method whose steps do not find that out by
+  /// themselves is to end once they gain nothing.
+  bool is_rounding(const Points& x, const Points& gradient) const { return rule_.is_rounding(x, gradient); }
+  /// The tolerance asked for, or what the scalar resolves where that is more.
   Scalar tolerance() const { return rule_.tolerance(); }
+  /// The characteristic length of the system that is solved.
+  Scalar length() const { return rule_.length(); }
 
   /// A_ii of the system that is solved.
   const typename System::NodeVector& node_stiffness() const { return rule_.node_stiffness(); }
@@ -106,7 +113,9 @@ class Session {
     summary.status = Status::InvalidInput;
     summary.message.clear();
     const System* system = &given;
-    if (const Defect defect = validate_values(given, x)) {
+    if (shares_memory(given, x.data(), x.size())) {
+      summary.message = kSharesMemory;
+    } else if (const Defect defect = validate_values(given, x)) {
       summary.message = defect;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
@@ -158,6 +167,11 @@ class Session {
       reason = Status::NoProgress;
     }
     summary.status = reason;
+    if (summary.message.empty() && reason == Status::NoProgress && rule_.is_rounding(x, gradient_)) {
+      summary.message.assign(
+          "the rounding of the coordinates is above the tolerance: loosen it, or move the origin near the "
+          "nodes");
+    }
     if (summary.message.empty()) {
       summary.message.assign(reason == Status::Converged       ? "stationary to the tolerance"
                              : reason == Status::MaxIterations ? "not yet stationary"

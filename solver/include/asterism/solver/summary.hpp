@@ -109,9 +109,10 @@ class Message {
 struct SolverOptions {
   /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
   /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
-  /// would move by more than 3e-7 px if the others stood still. Below the rounding of the coordinates it is
-  /// raised to that. Methods that compare energies (Ceres) may stop at NoProgress below some 1e-7, the square
-  /// root of the scalar's epsilon.
+  /// would move by more than 3e-7 px if the others stood still. Judged at the x that is returned, wherever
+  /// the start was. A tolerance below 32 epsilons of the scalar (7e-15, in float 4e-6) counts as that. One
+  /// below the rounding of the coordinates, which are then far from the origin, may end at NoProgress, and
+  /// the message says so; so may, below some 1e-7, methods that compare energies (Ceres).
   double tolerance = 1e-8;
 
   /// Iterations at most; 0 evaluates the start.
