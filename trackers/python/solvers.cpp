@@ -39,6 +39,12 @@ class Solver {
     const Exclusive use(busy_, "this asterism.Solver");
     return system.visit([&]<int Dim>(System<Dim>& s) {
       py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
+      if (detail::shares_memory(s, array.data(), array.size())) {  // the solver sees a copy of it
+        Summary refused;
+        refused.status = Status::InvalidInput;
+        refused.message = detail::kSharesMemory;
+        return refused;
+      }
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
       const Summary summary = without_gil(s.link_count(), [&](const std::atomic<bool>& stop) {
