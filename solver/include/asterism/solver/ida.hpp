@@ -6,7 +6,6 @@
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/sparse_cholesky.hpp>
 #include <asterism/solver/summary.hpp>
-#include <limits>
 #include <string_view>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -77,9 +76,6 @@ class Ida {
 
   Summary run(const System& given, Points& x);
 
-  // Steps in rounding go on without an end: they are to halve the gradient in so many iterations.
-  static constexpr int kLook = 16;
-
   detail::Session<System> session_;
   Factorization factorization_;
   Points gradient_;
@@ -93,18 +89,13 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
       summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
       return Status::NumericalFailure;
     }
-    Scalar last = std::numeric_limits<Scalar>::infinity();
     while (true) {
       // Lines 4-5: the spring vectors at x, and with them minus the forces at the dynamic nodes, Eq. 15.
       detail::evaluate<false>(system, x, gradient_);
       ++summary.gradient_evaluations;
       if (session_.done(gradient_)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
-      if (summary.iterations % kLook == 0 && session_.is_rounding(x, gradient_)) {
-        const Scalar now = gradient_.squaredNorm();
-        if (!(now < last / 4)) return Status::NoProgress;
-        last = now;
-      }
+      if (session_.stalls(x, gradient_, summary.iterations)) return Status::NoProgress;
       if (options.relaxation != 1) gradient_ *= static_cast<Scalar>(options.relaxation);
       factorization_.descend(gradient_, x);  // lines 6-7: Eq. 19
       ++summary.linear_solves;

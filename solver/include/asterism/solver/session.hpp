@@ -9,6 +9,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <new>
 #include <optional>
 #include <string_view>
@@ -78,9 +79,16 @@ class Session {
   bool done(const Points& gradient) const { return rule_.reached(gradient) || stopped(); }
   /// Whether the caller has asked to stop.
   bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
-  /// Whether what is left of this gradient at x may be rounding: a method whose steps do not find that out by
-  /// themselves is to end once they gain nothing.
-  bool is_rounding(const Points& x, const Points& gradient) const { return rule_.is_rounding(x, gradient); }
+  /// Whether a method is to end short of the tolerance, as its steps are rounding alone: for methods that do
+  /// not find that out by themselves, to be asked at every iterate. Every so many iterations the gradient is
+  /// looked at: one that is rounding beside x is to be half of what it was.
+  bool stalls(const Points& x, const Points& gradient, int iteration) {
+    constexpr int kLook = 16;
+    if (iteration % kLook != 0 || !rule_.is_rounding(x, gradient)) return false;
+    const Scalar before = looked_at_;
+    looked_at_ = gradient.squaredNorm();
+    return !(looked_at_ < before / 4);
+  }
   /// The tolerance asked for, or what the scalar resolves where that is more.
   Scalar tolerance() const { return rule_.tolerance(); }
   /// The characteristic length of the system that is solved.
@@ -126,6 +134,7 @@ class Session {
     }
     if (!summary.message.empty()) return nullptr;
     is_evaluated_ = false;
+    looked_at_ = std::numeric_limits<Scalar>::infinity();
     stop_ = options.stop;
 
     start_ = x;
@@ -197,6 +206,7 @@ class Session {
   bool is_evaluated_ = false;
   Scalar energy_ = 0;
   Scalar start_energy_ = 0;
+  Scalar looked_at_ = 0;  // the gradient squared, by stalls()
 };
 
 }  // namespace asterism::inline ASTERISM_ABI::detail
