@@ -163,9 +163,11 @@ TYPED_TEST(Edges, OneNodeAndNoLinks) {
   System system(Topology<>::full(1));
   system.anchors << 3, 4;
   system.anchor_stiffness << 2;
-  Points x = Points::Zero(2, 1);
-  expect_solved(system, x, TestFixture::solve(system, x));
-  EXPECT_LT((x - system.anchors).norm(), 1e-9);
+  for (const double start : {0.0, 1e6, 1e18}) {
+    Points x = Points::Constant(2, 1, start);
+    expect_solved(system, x, TestFixture::solve(system, x));
+    EXPECT_LT((x - system.anchors).norm(), 1e-7) << start;
+  }
 }
 
 TYPED_TEST(Edges, DuplicateLinksAddUp) {

@@ -331,6 +331,8 @@ TEST(Stationarity, LengthFallsBackToTheSpreadOfX) {
   x(0, 1) -= 4;
   EXPECT_DOUBLE_EQ(characteristic_length(system, x), 4);
   EXPECT_GT(stationarity(system, x), 0.1);
+  x.array() += 1e18;  // a start far off does not loosen the tolerance
+  EXPECT_DOUBLE_EQ(characteristic_length(system, x), 5);
 }
 
 // Where nothing but fixed nodes holds links without length, the length is that of x, wherever x is.

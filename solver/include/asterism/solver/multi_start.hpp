@@ -78,10 +78,9 @@ class MultiStart {
       return best;
 
     std::uint64_t state = options.seed;
-    bool is_of_x = false;
     detail::node_stiffness(system, stiffness_);
-    const Scalar reach = static_cast<Scalar>(options.spread) *
-                         detail::characteristic_length(system, given_, stiffness_, is_of_x);
+    const Scalar reach =
+        static_cast<Scalar>(options.spread) * detail::characteristic_length(system, given_, stiffness_);
     for (int start = 1; start < options.starts; ++start) {
       trial_ = given_;
       for (int i = 0; start % 2 == 1 && i < system.nodes(); ++i) {

@@ -53,10 +53,8 @@ class Session {
         summary.linear_solves = summary.factorizations = 0;
         summary.message.clear();
         if constexpr (requires { options.align; }) {
-          if (options.align && options.max_iterations > 0 && !done(gradient_) &&
-              align(*system, x, options.allow_reflection) && rule_.is_of_x() &&
-              !rule_.set(*system, x, options.tolerance))
-            rule_.set(*system, start_, options.tolerance);
+          if (options.align && options.max_iterations > 0 && !done(gradient_))
+            align(*system, x, options.allow_reflection);
         }
         judge(iterate(*system, summary), *system, x, summary);
       }

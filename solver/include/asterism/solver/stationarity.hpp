@@ -107,24 +107,29 @@ typename System::Scalar plain_mean_square_length(const System& system,
          Scalar(system.nodes() + system.link_count());
 }
 
-/// characteristic_length, with the system's node_stiffness; `is_of_x` says whether it is that of x.
+/// characteristic_length, with the system's node_stiffness.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x,
-                                              const typename System::NodeVector& node_stiffness,
-                                              bool& is_of_x) {
+                                              const typename System::NodeVector& node_stiffness) {
   using Scalar = typename System::Scalar;
   typename System::Point centroid;
   Scalar square = plain_mean_square_length(system, node_stiffness);
   if (!(square > 0)) square = mean_square_length(system, node_stiffness, false, centroid);
   if (!(square > 0)) square = mean_square_length(system, node_stiffness, true, centroid);
-  is_of_x = !(square > 0);
-  if (!is_of_x) return std::sqrt(square);
+  if (square > 0) return std::sqrt(square);
+  Scalar extent = 0;  // of the one point where the anchors are
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.anchor_stiffness[i] > 0)
+      extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
+  }
   if (!(system.anchor_stiffness.array() > 0).any() && system.nodes() > 0) centroid = x.rowwise().mean();
-  return std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
+  const Scalar spread =
+      std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
+  return extent > 0 ? std::min(extent, spread) : spread;
 }
 
-/// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length, at the start
-/// where that is of x. Nothing else of the start is in it.
+/// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length. Nothing of
+/// the start is in it but that length where the system has none.
 template <typename System>
 class StoppingRule {
  public:
@@ -134,7 +139,7 @@ class StoppingRule {
   bool set(const System& system, const typename System::Points& x, double tolerance) {
     tolerance_ = std::max(static_cast<Scalar>(tolerance), kLeastTolerance);
     detail::node_stiffness(system, stiffness_);
-    length_ = characteristic_length(system, x, stiffness_, is_of_x_);
+    length_ = characteristic_length(system, x, stiffness_);
     weights_.setZero(system.nodes());
     if (!(length_ > 0)) return length_ == 0 && is_one_point(system, x);
     bool in_range = true;
@@ -149,8 +154,6 @@ class StoppingRule {
   /// The tolerance asked for, or what the scalar resolves where that is more.
   Scalar tolerance() const { return tolerance_; }
   Scalar length() const { return length_; }
-  /// Whether length() is that of x, for want of any in the system.
-  bool is_of_x() const { return is_of_x_; }
   /// A_ii, see asterism::node_stiffness.
   const typename System::NodeVector& node_stiffness() const { return stiffness_; }
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
@@ -198,7 +201,6 @@ class StoppingRule {
   typename System::NodeVector weights_;    // 1 / (A_ii L)
   Scalar length_ = 0;
   Scalar tolerance_ = 0;
-  bool is_of_x_ = false;
 };
 
 }  // namespace detail
@@ -219,11 +221,11 @@ typename System::NodeVector node_stiffness(const System& system) {
 ///   - the anchor of a node without links, or of a fixed one, holds nothing else, and counts only where the
 ///     rest would give no length.
 /// Where all those lengths are zero, the root mean square of x about that centroid, or about its own where no
-/// anchor has stiffness. Invariant to translation, rotation and the unit of stiffness.
+/// anchor has stiffness; or, for a start far off not to loosen the tolerance, the largest coordinate of the
+/// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
-  bool is_of_x = false;
-  return detail::characteristic_length(system, x, node_stiffness(system), is_of_x);
+  return detail::characteristic_length(system, x, node_stiffness(system));
 }
 
 /// How far x is from a stationary point, without units: max_i |dE/dx_i| / (A_ii L), with A_ii the
