@@ -297,7 +297,8 @@ TEST(ConicPeak, IsNoLocalMinimum) {
   }
   EXPECT_EQ(peak, at);
   EXPECT_EQ(covariance(system, peak).status, CovarianceStatus::NotPositiveDefinite);
-  EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 1, -1, 0, 0).finished()), energy(system, at));
+  EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 0.5, -0.5, 0, 0).finished()),
+            energy(system, at));
 }
 
 // Squares of such lengths are zero: "stationary" would be an answer without a question.
