@@ -73,7 +73,7 @@ class LaneNewton {
  private:
   LaneNewton(const Planes<T>& planes, const Settings& settings)
       : planes_(planes), stride_(planes.stride), nodes_(planes.nodes), links_(planes.link_count) {
-    const double floor = 32 * R::kEpsilon;  // as StoppingRule
+    const double floor = 64 * R::kEpsilon;  // as StoppingRule
     tolerance_ = static_cast<T>(settings.tolerance);
     if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
     max_iterations_ = static_cast<T>(settings.max_iterations);
@@ -472,9 +472,8 @@ class LaneNewton {
       });
     });
     each_link([&](auto l, auto, auto) ASTERISM_INLINED {
-      take(state.mu[l],
-           (planes_.link_stiffness[l * stride_ + s] > 0 ? planes_.rest_length : planes_.link_stiffness) +
-               l * stride_);
+      const bool pulls = planes_.link_stiffness[l * stride_ + s] > 0;
+      take(state.mu[l], (pulls ? planes_.rest_length : planes_.link_stiffness) + l * stride_);  // or 0
       take(state.kl[l], planes_.link_stiffness + l * stride_);
     });
     take(state.floor, floor_);

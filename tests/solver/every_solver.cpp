@@ -480,7 +480,7 @@ class EverySolver : public ::testing::Test {
 
   // What the rule counts as the tolerance, see SolverOptions.
   double counted_tolerance() const {
-    return std::max(tolerance(), 32.0 * double(std::numeric_limits<Scalar>::epsilon()));
+    return std::max(tolerance(), 64.0 * double(std::numeric_limits<Scalar>::epsilon()));
   }
   // Converged is what is stationary at the x returned; anything else says why.
   void expect_honest(const System& system, const Points& x, const Summary& summary, double what) const {

@@ -144,7 +144,8 @@ py::object definite(const Summary& summary) {
 constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a stationary point of the system's energy and writes it back into x, a\n"
     "float64, C-contiguous, writeable array: TypeError or ValueError else. What became of it is in the\n"
-    "Summary, also for values that a solver refuses; where `usable` is false, x is as it was. The GIL is\n"
+    "Summary, also for values that a solver refuses, and for an x in the system's memory, such as its\n"
+    "anchors: pass a copy. Where `usable` is false, x is as it was. The GIL is\n"
     "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.";
 
 }  // namespace

@@ -171,6 +171,7 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
     while (true) {
       if (session_.done(state_.gradient())) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
 
       hessian_.set(system, x);
       if constexpr (!kFactored) preconditioner_.update(system, x);

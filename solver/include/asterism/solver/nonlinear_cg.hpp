@@ -209,12 +209,13 @@ class NonlinearCg {
 
   static constexpr std::string_view kMethod = "nonlinear CG";
 
-  bool stationary(const System& system, const Points& x) {
+  // At x, where gradient_ is what the method sees.
+  const Points& analytic_gradient(const System& system, const Points& x) {
     if constexpr (Gradient::kNumeric) {
       detail::evaluate<false>(system, x, analytic_gradient_);
-      return session_.done(analytic_gradient_);
+      return analytic_gradient_;
     } else {
-      return session_.done(gradient_);
+      return gradient_;
     }
   }
 
@@ -237,8 +238,10 @@ Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
     Scalar step = 0;
     Scalar next_energy = 0;
     while (true) {
-      if (stationary(system, x)) return Status::Converged;
+      const Points& analytic = analytic_gradient(system, x);
+      if (session_.done(analytic)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (!restart && session_.stalls(x, analytic, summary.iterations)) return Status::NoProgress;
 
       const Scalar previous_slope = start.slope;
       start.slope = restart ? Scalar(0) : gradient_.cwiseProduct(direction_).sum();

@@ -260,6 +260,10 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
         summary.positive_definite = -1;
         return Status::MaxIterations;
       }
+      if (!stationary && session_.stalls(x, state_.gradient(), summary.iterations)) {
+        summary.positive_definite = -1;
+        return Status::NoProgress;
+      }
       bool definite = false;
       if (stationary || clamped_steps == 0) {
         hessian_.assemble(system, x, false);

@@ -174,8 +174,8 @@ class StoppingRule {
   }
 
  private:
-  // Of distances up to L, and of coordinates up to some tens of L.
-  static constexpr Scalar kLeastTolerance = 32 * std::numeric_limits<Scalar>::epsilon();
+  // What the rounding of coordinates up to some tens of L leaves.
+  static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
 
   // Whether all of x is on the one point that anchors and springs want it at. Otherwise a characteristic
   // length of zero is of squares that underflow.
