@@ -97,6 +97,7 @@ class AndersonIda {
       for (bool first = true;; first = false) {
         if (session_.done(ida_.gradient())) return Status::Converged;
         if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+        if (session_.stalls(x, ida_.gradient(), summary.iterations)) return Status::NoProgress;
         candidate_ = ida_.ida(x, summary);
         residual_ = candidate_ - x;
         if (!first) remember();
@@ -185,6 +186,7 @@ class ChebyshevIda {
       for (bool first = true;;) {
         if (session_.done(ida_.gradient())) return Status::Converged;
         if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+        if (session_.stalls(x, ida_.gradient(), summary.iterations)) return Status::NoProgress;
         if (!first) weight = weight == 1 ? 2 / (2 - kSquare) : 4 / (4 - kSquare * weight);
         candidate_ = weight * (ida_.ida(x, summary) - previous_) + previous_;
         previous_ = x;

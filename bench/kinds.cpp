@@ -23,7 +23,8 @@ std::vector<double> figures(const Problem& problem) {
   const Summary summary = Newton<System>().solve(system, x);
   double strain = 0;
   for (int l = 0; const Link& link : system.links()) {
-    const double length = system.rest_length[l++];
+    const double length = system.link_stiffness[l] > 0 ? system.rest_length[l] : 0;
+    ++l;
     if (length > 0) strain += std::pow((x.col(link.i) - x.col(link.j)).norm() / length - 1, 2);
   }
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(hessian(system, x), Eigen::EigenvaluesOnly);

@@ -123,13 +123,18 @@ class System:
 
     def length(self) -> float:
         """Characteristic length [px]: root mean square of rest lengths and of anchors about their"
-        " centroid."""
-        anchors = self.anchors[self.anchor_stiffness > 0]
-        centroid = anchors.mean(axis=0) if len(anchors) else np.zeros(self.anchors.shape[1])
-        rest = self.rest_length[self.link_stiffness > 0]
-        total = ((anchors - centroid) ** 2).sum() + (rest**2).sum()
-        if total > 0:
-            return math.sqrt(total / (len(anchors) + len(rest)))
+        " centroid, of what holds."""
+        linked = self.free & (self.node_stiffness() > self.anchor_stiffness)
+        centroid = np.zeros(self.anchors.shape[1])
+        for counted in (linked, np.ones(len(linked), dtype=bool)):  # else all of them
+            stiffness = np.concatenate([self.anchor_stiffness * counted, self.link_stiffness])
+            full = 1e-4 * stiffness.max(initial=0) or 1.0
+            weights, of_rest = np.split(np.minimum(stiffness / full, 1), [len(linked)])
+            if weights.any():
+                centroid = np.average(self.anchors, axis=0, weights=weights)
+            square = weights @ ((self.anchors - centroid) ** 2).sum(axis=1) + of_rest @ self.rest_length**2
+            if square > 0:
+                return math.sqrt(square / (weights.sum() + of_rest.sum()))
         return math.sqrt(((self.start - centroid) ** 2).sum() / len(self.start)) or 1.0
 
     def stationarity(self, x: Points) -> float:
@@ -166,9 +171,14 @@ def system_of(entry: Any, index: int) -> System:
     stiffness = array("anchor_stiffness", n), array("link_stiffness", count), array("rest_length", count)
     if any((values < 0).any() for values in stiffness):
         raise ValueError("a stiffness or rest length is negative")
+    anchors = array("anchors", n, dim)
+    start = array("start", n, dim) if "start" in entry else anchors.copy()
+    # Without stiffness they mean nothing, and their squares may overflow.
+    anchors[stiffness[0] == 0] = start[stiffness[0] == 0]
+    stiffness[2][stiffness[1] == 0] = 0
     return System(
         name=str(entry.get("name") or f"system {index}"),
-        anchors=array("anchors", n, dim),
+        anchors=anchors,
         anchor_stiffness=stiffness[0],
         anchor_shape=array("anchor_shape", n, dim, dim)
         if "anchor_shape" in entry
@@ -177,7 +187,7 @@ def system_of(entry: Any, index: int) -> System:
         rest_length=stiffness[2],
         link_stiffness=stiffness[1],
         free=~np.isin(np.arange(n), fixed),
-        start=array("start", n, dim) if "start" in entry else array("anchors", n, dim),
+        start=start,
     )
 
 

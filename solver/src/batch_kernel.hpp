@@ -73,7 +73,7 @@ class LaneNewton {
  private:
   LaneNewton(const Planes<T>& planes, const Settings& settings)
       : planes_(planes), stride_(planes.stride), nodes_(planes.nodes), links_(planes.link_count) {
-    const double floor = 8 * R::kEpsilon;
+    const double floor = 64 * R::kEpsilon;  // as StoppingRule
     tolerance_ = static_cast<T>(settings.tolerance);
     if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
     max_iterations_ = static_cast<T>(settings.max_iterations);
@@ -83,13 +83,12 @@ class LaneNewton {
     work += size() * stride_;
     rounding_ = work;
     work += nodes() * stride_;
-    tolerances_ = work;
-    reach_ = work + stride_;
-    floor_ = work + 2 * stride_;
-    mode_ = work + 3 * stride_;
-    energy_before_ = work + 4 * stride_;
-    extent_ = work + 5 * stride_;
-    short_step_ = work + 6 * stride_;
+    reach_ = work;
+    floor_ = work + stride_;
+    mode_ = work + 2 * stride_;
+    energy_before_ = work + 3 * stride_;
+    extent_ = work + 4 * stride_;
+    short_step_ = work + 5 * stride_;
   }
 
   // Sizes, known to the compiler where they are fixed.
@@ -139,10 +138,8 @@ class LaneNewton {
   /// Inputs looked through, x aligned, and what the stopping rule measures by (stationarity.hpp).
   [[gnu::noinline]] void prepare(std::ptrdiff_t s) const {
     V x[kSize], a[kSize], k[kNodes], stiffness[kNodes];
-    V finite = L::set(0), least = L::set(0), count = L::set(0), extent = L::set(0), total = L::set(0);
+    V finite = L::set(0), least = L::set(0), extent = L::set(0), total = L::set(0);
     M all_held = L::mask(kAll);
-    V centroid[kDim];
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = L::set(0); });
     each_node([&](auto i) ASTERISM_INLINED {
       k[i] = stiffness[i] = plane(planes_.anchor_stiffness, i, s);
       finite = L::fma(k[i], L::set(0), finite);
@@ -150,48 +147,29 @@ class LaneNewton {
       total = total + k[i];
       const M held = L::less(L::set(0), k[i]);
       all_held = L::both(all_held, held);
-      count = count + L::select(held, L::set(1), L::set(0));
       unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
         const int c = kDim * i + d;
         x[c] = plane(planes_.x, c, s);
-        a[c] = plane(planes_.anchors, c, s);
-        finite = L::fma(x[c], L::set(0), L::fma(a[c], L::set(0), finite));
-        const V held_a = L::select(held, a[c], L::set(0));
-        centroid[d] = centroid[d] + held_a;
-        extent = L::max(L::max(L::abs(x[c]), L::abs(held_a)), extent);
+        const V given = plane(planes_.anchors, c, s);
+        finite = L::fma(x[c], L::set(0), L::fma(given, L::set(0), finite));
+        a[c] = L::select(held, given, x[c]);  // elsewhere it means nothing
+        extent = L::max(L::max(L::abs(x[c]), L::abs(a[c])), extent);
       });
     });
-    const V inverse_count = L::inverse(count);
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = centroid[d] * inverse_count; });
-    V square = L::set(0);
-    each_node([&](auto i) ASTERISM_INLINED {
-      V distance = L::set(0);
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
-        const V e = a[kDim * i + d] - centroid[d];
-        distance = L::fma(e, e, distance);
-      });
-      square = square + L::select(L::less(L::set(0), k[i]), distance, L::set(0));
-    });
-    V link_total = L::set(0);
+    V link_total = L::set(0), strongest = L::set(0);
     each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
       const V kl = plane(planes_.link_stiffness, l, s);
       const V mu = plane(planes_.rest_length, l, s);
       finite = L::fma(kl, L::set(0), L::fma(mu, L::set(0), finite));
       least = L::min(kl, L::min(mu, least));
-      const M pulls = L::less(L::set(0), kl);
-      const V one = L::select(pulls, L::set(1), L::set(0));
-      count = count + one;
-      square = L::fma(mu * mu, one, square);
       stiffness[i] = stiffness[i] + kl;
       stiffness[j] = stiffness[j] + kl;
       link_total = link_total + kl;
+      strongest = L::max(kl, strongest);
     });
-    const V length = L::sqrt(square * L::inverse(count));
+    const V length = this->length(s, a, k, stiffness, link_total, strongest);
     constexpr T kRounding = 8 * R::kEpsilon;
-    const V inverse_length = L::inverse(length);
-    const V tolerance =
-        L::max(L::set(tolerance_), L::set(kRounding) * L::fma(extent, inverse_length, L::set(1)));
-    const V reach = tolerance * length;
+    const V reach = L::set(tolerance_) * length;
     V stiffness_total = L::set(0);
     V least_stiffness = stiffness[0];
     each_node([&](auto i) ASTERISM_INLINED {
@@ -199,25 +177,75 @@ class LaneNewton {
       least_stiffness = L::min(stiffness[i], least_stiffness);
       L::store(rounding_ + i * stride_ + s, L::set(kRounding) * stiffness[i]);
     });
-    const V rounding = L::set(kRounding) * extent;
-    const V floor = stiffness_total * rounding * rounding;
     M good = L::both(L::at_most(finite, L::set(0)), L::at_most(L::set(0), least));
     good = L::both(good, L::both(L::less(L::set(0), reach), L::less(reach, L::set(R::kMax))));
-    good = L::both(good, L::both(L::less(floor, L::set(R::kMax)), L::less(L::set(0), least_stiffness)));
-    good = L::both(good, L::less(tolerance, L::set(R::kMax)));
+    good = L::both(good, L::less(L::set(0), least_stiffness));
     if (L::bits(L::without(good, all_held)) != 0) [[unlikely]]
       good = L::both(good, connected(s, k));
-    if (align_) align(x, a, k, extent, good);
+    if (align_) {
+      align(x, a, k, extent, good);
+      // A start far off is no more.
+      extent = L::set(0);
+      each_coordinate([&](auto c)
+                          ASTERISM_INLINED { extent = L::max(L::max(L::abs(x[c]), L::abs(a[c])), extent); });
+    }
+    const V rounding = L::set(kRounding) * extent;
+    const V floor = stiffness_total * rounding * rounding;
+    good = L::both(good, L::less(floor, L::set(R::kMax)));
     each_coordinate([&](auto c) ASTERISM_INLINED { L::store(final_x_ + c * stride_ + s, x[c]); });
     const M loose = L::less(L::set(10) * total, link_total);
     const V mode = L::select(loose, L::set(align_ ? 2 : 1), L::set(1));
     L::store(mode_ + s, L::select(good, mode, L::set(0)));
-    L::store(tolerances_ + s, tolerance);
     L::store(reach_ + s, reach);
     L::store(floor_ + s, floor);
     L::store(extent_ + s, extent);
     // A step of this length leaves a gradient of the tolerance, as the second derivatives go as 1 / length.
     L::store(short_step_ + s, L::max(L::set(T(0.25)) * reach * length, rounding * rounding));
+  }
+
+  /// characteristic_length of stationarity.hpp; 0 where that is of x.
+  [[gnu::always_inline]] V length(std::ptrdiff_t s, const V* a, const V* k, const V* stiffness, V link_total,
+                                  V strongest) const {
+    const V zero = L::set(0), one = L::set(1);
+    const M no_links = L::at_most(link_total, zero);
+    V counted[kNodes];  // k, 0 for a node without links beside others
+    each_node([&](auto i) ASTERISM_INLINED {
+      counted[i] = L::select(L::either(no_links, L::less(k[i], stiffness[i])), k[i], zero);
+      strongest = L::max(counted[i], strongest);
+    });
+    // SpringWeight
+    const V full = L::set(T(1e-4)) * strongest;
+    const V inverse_full = L::inverse(full);
+    const auto weight_of = [&](V kl) ASTERISM_INLINED {
+      return L::select(L::less(zero, kl), L::select(L::at_most(full, kl), one, kl * inverse_full), zero);
+    };
+    V total = zero;
+    V centroid[kDim];
+    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = zero; });
+    each_node([&](auto i) ASTERISM_INLINED {
+      counted[i] = weight_of(counted[i]);
+      total = total + counted[i];
+      unroll<0, kDim>(
+          [&](auto d) ASTERISM_INLINED { centroid[d] = L::fma(counted[i], a[kDim * i + d], centroid[d]); });
+    });
+    const V inverse_total = L::inverse(total);
+    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = centroid[d] * inverse_total; });
+    V square = zero;
+    each_node([&](auto i) ASTERISM_INLINED {
+      V distance = zero;
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const V e = a[kDim * i + d] - centroid[d];
+        distance = L::fma(e, e, distance);
+      });
+      square = square + L::select(L::less(zero, counted[i]), counted[i] * distance, zero);
+    });
+    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
+      const V weight = weight_of(plane(planes_.link_stiffness, l, s));
+      const V mu = L::select(L::less(zero, weight), plane(planes_.rest_length, l, s), zero);
+      total = total + weight;
+      square = L::fma(weight, mu * mu, square);
+    });
+    return L::sqrt(square * L::inverse(total));
   }
 
   /// Where every node has a path of positive stiffness to an anchor.
@@ -385,7 +413,6 @@ class LaneNewton {
     V energy;  // at x; infinite before the first evaluation
     V decrement;
     V t;
-    V tolerance;
     V floor;
     V short_step;
     V extent;
@@ -413,7 +440,7 @@ class LaneNewton {
 
   static void clear(State& state) {
     V* values = state.x;
-    constexpr int kCount = 3 * kSize + 2 * kNodes + 2 * kLinks + 11;
+    constexpr int kCount = 3 * kSize + 2 * kNodes + 2 * kLinks + 10;
     for (int v = 0; v < kCount; ++v) values[v] = L::set(0);
     state.live = 0;
   }
@@ -432,20 +459,23 @@ class LaneNewton {
   [[gnu::always_inline]] void insert(State& state, M which, std::ptrdiff_t s) const {
     const auto take = [&](V& values, const T* plane)
                           ASTERISM_INLINED { values = L::select(which, L::set(plane[s]), values); };
-    each_coordinate([&](auto c) ASTERISM_INLINED {
-      take(state.x[c], final_x_ + c * stride_);
-      take(state.a[c], planes_.anchors + c * stride_);
-      state.p[c] = L::select(which, L::set(0), state.p[c]);
-    });
+    // Without stiffness, an anchor's position and a link's rest length mean nothing, and may overflow.
     each_node([&](auto i) ASTERISM_INLINED {
       take(state.k[i], planes_.anchor_stiffness + i * stride_);
       take(state.rounding[i], rounding_ + i * stride_);
+      const bool held = planes_.anchor_stiffness[i * stride_ + s] > 0;
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const int c = kDim * i + d;
+        take(state.x[c], final_x_ + c * stride_);
+        take(state.a[c], (held ? planes_.anchors : final_x_) + c * stride_);
+        state.p[c] = L::select(which, L::set(0), state.p[c]);
+      });
     });
     each_link([&](auto l, auto, auto) ASTERISM_INLINED {
-      take(state.mu[l], planes_.rest_length + l * stride_);
+      const bool pulls = planes_.link_stiffness[l * stride_ + s] > 0;
+      take(state.mu[l], (pulls ? planes_.rest_length : planes_.link_stiffness) + l * stride_);  // or 0
       take(state.kl[l], planes_.link_stiffness + l * stride_);
     });
-    take(state.tolerance, tolerances_);
     take(state.floor, floor_);
     take(state.short_step, short_step_);
     take(state.extent, extent_);
@@ -615,7 +645,7 @@ class LaneNewton {
     });
     const V count = s.iterations + L::select(L::both(falls, L::less(zero, s.t)), one, zero);
     const M in_time = L::less(count, L::set(max_iterations_));
-    M close = L::at_most(e.decrement, L::set(2) * L::max(s.tolerance * e.energy, s.floor));
+    M close = L::at_most(e.decrement, L::set(2) * L::max(L::set(tolerance_) * e.energy, s.floor));
     close = L::both(close, L::at_most(longest, s.short_step));
     const M finished = L::both(L::both(falls, in_time), L::both(close, e.definite));
 
@@ -674,11 +704,12 @@ class LaneNewton {
     V twice = L::set(0), twice_start = L::set(0);
     each_node([&](auto i) ASTERISM_INLINED {
       k[i] = plane(planes_.anchor_stiffness, i, s);
+      const M held = L::less(L::set(0), k[i]);
       unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
         const int c = kDim * i + d;
         start[c] = plane(planes_.x, c, s);
         x[c] = plane(final_x_, c, s);
-        a[c] = plane(planes_.anchors, c, s);
+        a[c] = L::select(held, plane(planes_.anchors, c, s), x[c]);
         const V e = x[c] - a[c];
         g[c] = k[i] * e;
         twice = L::fma(g[c], e, twice);
@@ -688,7 +719,8 @@ class LaneNewton {
     });
     V most = L::set(0);
     each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
-      const V kl = plane(planes_.link_stiffness, l, s), mu = plane(planes_.rest_length, l, s);
+      const V kl = plane(planes_.link_stiffness, l, s);
+      const V mu = L::select(L::less(L::set(0), kl), plane(planes_.rest_length, l, s), L::set(0));
       V d[kDim];
       V square = L::set(0), square_start = L::set(0);
       unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
@@ -722,7 +754,7 @@ class LaneNewton {
       });
       largest = L::max(largest, square);
     });
-    const V reach = L::load(reach_ + s), tolerance = L::load(tolerances_ + s);
+    const V reach = L::load(reach_ + s);
     const V ratio = L::sqrt(largest) * L::inverse(reach);  // of stationarity and tolerance
     const V half = L::set(T(0.5));
     const V energy = half * twice, initial = half * twice_start, before = L::load(energy_before_ + s);
@@ -744,7 +776,7 @@ class LaneNewton {
     });
     L::store(planes_.initial_energy + s, initial);
     L::store(planes_.final_energy + s, energy);
-    L::store(planes_.stationarity + s, ratio * tolerance);
+    L::store(planes_.stationarity + s, ratio * L::set(tolerance_));
   }
 
   const Planes<T>& planes_;
@@ -754,7 +786,7 @@ class LaneNewton {
   T tolerance_;
   T max_iterations_;
   bool align_;
-  T *final_x_, *rounding_, *tolerances_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;
+  T *final_x_, *rounding_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;
 };
 
 // The fixed ones take seconds each to compile. x86 machines without AVX2 are older than 2013: they get the

@@ -228,6 +228,43 @@ class SolveTest(unittest.TestCase):
         np.testing.assert_array_equal(x, start)
         self.assertEqual(asterism.solve(*random_system(), tolerance=-1.0).status, asterism.Status.INVALID_INPUT)
 
+    def test_x_in_the_systems_memory_is_refused(self):
+        for dim in (2, 3):
+            system, _ = random_system(nodes=8, dim=dim)
+            arrays = ("anchors", "anchor_stiffness", "rest_length", "link_stiffness")
+            before = [getattr(system, name).copy() for name in arrays]
+            links = system.link_stiffness
+            for x in (system.anchors, links[: system.nodes * dim].reshape(-1, dim)):
+                for method in asterism.methods():
+                    with self.subTest(method=method, dim=dim):
+                        summary = asterism.solve(system, x, method)
+                        self.assertEqual(summary.status, asterism.Status.INVALID_INPUT)
+                        self.assertIn("x shares memory with the system", summary.message)
+            for name, values in zip(arrays, before):
+                np.testing.assert_array_equal(getattr(system, name), values)
+            self.assertTrue(asterism.solve(system, system.anchors.copy()).usable)
+
+    def test_springs_without_stiffness_are_off(self):
+        system, start = random_system()
+        system.anchor_stiffness[2] = system.link_stiffness[3] = 0
+        expected = start.copy()
+        energy_there = asterism.solve(system, expected).final_energy
+        for idle in (1e160, np.finfo(float).max):
+            system.anchors[2] = (idle, -idle)
+            system.rest_length[3] = idle
+            x = start.copy()
+            self.assertEqual(asterism.solve(system, x).final_energy, energy_there)
+            np.testing.assert_array_equal(x, expected)
+            self.assertEqual(asterism.energy(system, x), energy_there)
+
+    def test_a_start_far_off_does_not_loosen_the_tolerance(self):
+        for off in (1e5, 1e15, 1e18):
+            system, x = random_system()
+            x += off
+            summary = asterism.solve(system, x)
+            self.assertEqual(summary.status, asterism.Status.CONVERGED)
+            self.assertLessEqual(asterism.stationarity(system, x), 1e-8)
+
     def test_refuses_other_arrays(self):
         system, x = random_system()
         read_only = x.copy()

@@ -362,12 +362,27 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
     case 25:
       system.anchor_stiffness *= Scalar(1e12);
       break;
+    case 26:  // springs that are off, with what overflows if it is looked at
+      system.anchor_stiffness[1] = system.link_stiffness[0] = 0;
+      system.anchors.col(1).setConstant(-2 * kHuge);
+      system.rest_length[0] = 2 * kHuge;
+      break;
+    case 27:  // an anchor that holds next to nothing
+      system.anchor_stiffness[0] *= Scalar(1e-12);
+      system.anchors.col(0).setConstant(Scalar(1e8));
+      break;
+    case 28:  // starts far off
+      x.array() += Scalar(1e5);
+      break;
+    case 29:
+      x.array() += std::is_same_v<Scalar, double> ? Scalar(1e17) : Scalar(1e9);
+      break;
     default:
       x += bench::random_points<System>(rng, system.nodes(), -1, 1);
       break;
   }
 }
-constexpr int kSorts = 27;
+constexpr int kSorts = 31;
 
 template <typename Batch>
 void expect_awkward_sound(const typename Batch::TopologyType& topology) {
@@ -422,6 +437,65 @@ TEST(Batch, AwkwardSystemsAndTheirNeighbours) {
   expect_awkward_sound<SpringBatch<float, 2, 4>>(Topology<4>::full());
   expect_awkward_sound<SpringBatch<double, 3>>(Topology<>::full(4));
   expect_awkward_sound<SpringBatch<double, 2>>(Topology<>::star(5, 2));
+}
+
+// The lanes' stopping rule is that of stationarity.hpp: the same number, whatever the springs weigh.
+TEST(Batch, MeasuresAsTheScalarRule) {
+  const auto check = []<typename Batch>(std::type_identity<Batch>, double digits) {
+    using System = typename Batch::System;
+    using Scalar = typename Batch::Scalar;
+    const auto topology = Topology<>::full(5);
+    auto systems = samples<System>(700, topology);
+    for (std::size_t s = 0; s < systems.size(); ++s) {
+      auto& [system, start] = systems[s];
+      if (s % 7 == 1) system.anchor_stiffness *= Scalar(1e-6);
+      if (s % 7 == 2) system.link_stiffness *= Scalar(1e-5);
+      if (s % 7 == 3) system.anchor_stiffness[2] = 0, system.anchors.col(2).setConstant(Scalar(1e18));
+      if (s % 7 == 4) system.link_stiffness[3] = 0, system.rest_length[3] = Scalar(1e18);
+      if (s % 7 == 5) system.link_stiffness.setZero();
+      if (s % 7 == 6) {  // a node by itself
+        for (const int l : {0, 1, 2, 3}) system.link_stiffness[l] = 0;
+        system.anchors.col(0).setConstant(Scalar(100));
+      }
+    }
+    for (const Simd simd : available()) {
+      auto batch = batch_of<Batch>(systems, topology);
+      BatchNewton<Batch> solver;
+      solver.simd = simd;
+      solver.options.max_iterations = 1;
+      const BatchSummary summary = solver.solve(batch);
+      EXPECT_LT(summary.by_scalar, 200) << to_string(simd);
+      for (int s = 0; s < batch.size(); ++s) {
+        System system(topology);
+        typename Batch::Points x;
+        batch.get(s, system, x);
+        const double expected = stationarity(system, x);
+        EXPECT_NEAR(double(batch.stationarity(s)), expected, digits * (1e-3 + expected))
+            << to_string(simd) << ", sort " << s % 7;
+      }
+    }
+  };
+  check(std::type_identity<SpringBatch<double, 2>>(), 1e-9);
+  check(std::type_identity<SpringBatch<float, 3>>(), 1e-3);
+}
+
+// A float's infinity is not what a spring that is off had in double, and what holds chooses the origin.
+TEST(Batch, FloatTakesSpringsThatAreOffAndWeakAnchorsFarOff) {
+  for (const double far : {1e6, 1e160, std::numeric_limits<double>::max()}) {
+    for (const double stiffness : {0.0, 1e-12}) {
+      auto [system, start] = samples<Fixed>(1, Topology<4>::full(), Kind::Track)[0];
+      system.anchor_stiffness[1] = stiffness;
+      if (stiffness == 0 || far == 1e6) system.anchors.col(1).setConstant(-far);
+      system.link_stiffness[0] = stiffness;
+      if (stiffness == 0) system.rest_length[0] = far;
+      auto x = start;
+      Newton<Fixed>().solve(system, x);
+      SpringBatch<float, 2, 4> batch(Topology<4>::full(), 1);
+      batch.set(0, system, start);
+      EXPECT_EQ(BatchNewton(batch).solve(batch).status, Status::Converged) << far;
+      EXPECT_LT((batch.points(0) - x).norm(), 1e-3) << far;
+    }
+  }
 }
 
 TEST(Batch, SaddlesAreLeft) {

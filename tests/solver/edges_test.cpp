@@ -163,9 +163,11 @@ TYPED_TEST(Edges, OneNodeAndNoLinks) {
   System system(Topology<>::full(1));
   system.anchors << 3, 4;
   system.anchor_stiffness << 2;
-  Points x = Points::Zero(2, 1);
-  expect_solved(system, x, TestFixture::solve(system, x));
-  EXPECT_LT((x - system.anchors).norm(), 1e-9);
+  for (const double start : {0.0, 1e6, 1e18}) {
+    Points x = Points::Constant(2, 1, start);
+    expect_solved(system, x, TestFixture::solve(system, x));
+    EXPECT_LT((x - system.anchors).norm(), 1e-7) << start;
+  }
 }
 
 TYPED_TEST(Edges, DuplicateLinksAddUp) {
@@ -277,8 +279,8 @@ TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
 TEST(ConicPeak, IsNoLocalMinimum) {
   const std::vector<Link> links{{0, 1}, {0, 2}, {1, 3}};
   System system(Topology<>::from_links(4, links));
-  system.anchors << 1, -1, -2, 2, 0, 0, 0, 0;
-  system.anchor_stiffness.setZero();
+  system.anchors << 1, -1, -3, 3, 0, 0, 0, 0;
+  system.anchor_stiffness << 1, 1, 0, 0;
   system.rest_length << 2, 0, 0;
   system.link_stiffness.setOnes();
   system.fix(2);
@@ -295,7 +297,8 @@ TEST(ConicPeak, IsNoLocalMinimum) {
   }
   EXPECT_EQ(peak, at);
   EXPECT_EQ(covariance(system, peak).status, CovarianceStatus::NotPositiveDefinite);
-  EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 1, -1, 0, 0).finished()), energy(system, at));
+  EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 0.5, -0.5, 0, 0).finished()),
+            energy(system, at));
 }
 
 // Squares of such lengths are zero: "stationary" would be an answer without a question.
@@ -316,6 +319,61 @@ TYPED_TEST(Edges, LengthsWhoseSquaresUnderflowAreOutOfRange) {
   const Summary point = TestFixture::solve(system, x);
   EXPECT_EQ(point.status, Status::Converged);
   EXPECT_EQ(point.final_energy, 0);
+}
+
+// Any part of x in any part of a system.
+TEST(SharedMemory, IsFoundWhereverItOverlaps) {
+  const auto expect_found = [](auto& system, const auto& apart) {
+    const auto shares = [&system](const double* first, std::ptrdiff_t count) {
+      return detail::shares_memory(system, first, count);
+    };
+    const auto expect_part = [&](auto& values) {
+      double* const first = values.data();
+      const std::ptrdiff_t count = values.size();
+      EXPECT_TRUE(shares(first, count));
+      EXPECT_TRUE(shares(first + count - 1, count));
+      EXPECT_TRUE(shares(first - 1, 2));
+    };
+    expect_part(system.anchors);
+    expect_part(system.anchor_stiffness);
+    expect_part(system.rest_length);
+    expect_part(system.link_stiffness);
+    if constexpr (std::decay_t<decltype(system)>::kAnisotropic) expect_part(system.anchor_shape);
+    EXPECT_FALSE(shares(apart.data(), apart.size()));
+  };
+  Points apart(2, 5);
+  System dynamic(Topology<>::full(5));
+  expect_found(dynamic, apart);
+  SpringSystem<double, 2, 4> fixed(Topology<4>::full());
+  expect_found(fixed, apart);
+  using Oriented = Model<Hooke, Quadratic, AnchorShape::Anisotropic>;
+  SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic, Oriented> oriented(Topology<>::full(3));
+  expect_found(oriented, apart);
+  SpringSystem<double, 3, Eigen::Dynamic, 8> bounded(Topology<Eigen::Dynamic, 8>::full(5));
+  expect_found(bounded, apart);
+}
+
+TEST(SharedMemory, IsRefusedByMultiStart) {
+  auto [system, start] = random(3);
+  const Points anchors = system.anchors;
+  MultiStart<System, Newton<System>> solver;
+  EXPECT_EQ(solver.solve(system, system.anchors).status, Status::InvalidInput);
+  EXPECT_EQ(system.anchors, anchors);
+}
+
+// Nor does it start from there.
+TEST(MultiStartSolver, DoesNotStartFromAnchorsThatAreOff) {
+  auto [system, start] = random(5);
+  system.anchor_stiffness[1] = 0;
+  MultiStart<System, Newton<System>> solver;
+  Points expected = start;
+  solver.solve(system, expected);
+  for (const double idle : {1e9, 1e160, std::numeric_limits<double>::max()}) {
+    system.anchors.col(1).setConstant(idle);
+    Points x = start;
+    EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
+    EXPECT_EQ(x, expected) << idle;
+  }
 }
 
 TEST(LargeSystem, OfAMillionNodesIsAccepted) {

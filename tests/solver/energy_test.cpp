@@ -1,9 +1,14 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
+#include <asterism/solver/align.hpp>
+#include <asterism/solver/covariance.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/hessian_operator.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <cmath>
+#include <limits>
+#include <tuple>
 #include <type_traits>
 
 #include "../../bench/random_system.hpp"
@@ -166,17 +171,17 @@ TEST(CoincidentNodes, PartAlongAFixedDirectionWhereAnchorsCoincideToo) {
 TEST(CoincidentNodes, HessianIsFiniteAndExactForZeroRestLength) {
   SpringSystem<double, 2> system(Topology<>::full(2));
   system.anchors << 0, 1, 0, 0;
-  system.anchor_stiffness.setZero();
+  system.anchor_stiffness.setOnes();
   system.link_stiffness.setConstant(3);
   const Eigen::Matrix2Xd x = Eigen::Matrix2Xd::Constant(2, 2, 0.5);
   system.rest_length.setConstant(0);
-  Eigen::Matrix4d expected;  // 3/2 |x_0 - x_1|^2
-  expected << 3, 0, -3, 0, 0, 3, 0, -3, -3, 0, 3, 0, 0, -3, 0, 3;
+  Eigen::Matrix4d expected;  // 3/2 |x_0 - x_1|^2, and the anchors' 1/2 |x_i - a_i|^2
+  expected << 4, 0, -3, 0, 0, 4, 0, -3, -3, 0, 4, 0, 0, -3, 0, 4;
   EXPECT_EQ(hessian(system, x), expected);
   system.rest_length.setConstant(2);
   const Eigen::Matrix4d along = hessian(system, x);
-  EXPECT_DOUBLE_EQ(along(0, 0), 3);
-  EXPECT_DOUBLE_EQ(along(1, 1), 0);
+  EXPECT_DOUBLE_EQ(along(0, 0), 4);
+  EXPECT_DOUBLE_EQ(along(1, 1), 1);
 }
 
 TEST(CoincidentNodes, LengthsBelowTheSquareRootOfTheSmallestNumberAreNotZero) {
@@ -225,6 +230,83 @@ TEST(EnergyExamples, DuplicatedLinksAddUp) {
   EXPECT_LT((gradient(parallel, parallel.anchors) - gradient(single, single.anchors)).norm(), 1e-14);
 }
 
+/// A potential that is not finite for some rest lengths.
+struct Logarithm {
+  template <typename Scalar>
+  Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
+    return {r / mu, 1 / mu, 0};
+  }
+};
+
+// A spring without stiffness adds nothing to anything, whatever position or rest length it has.
+template <typename System>
+class SpringsThatAreOff : public ::testing::Test {};
+using ModelSystems =
+    ::testing::Types<SpringSystem<double, 2, 4>, SpringSystem<float, 3>, SpringSystem<double, 2, -1, 12>,
+                     SpringSystem<double, 2, 4, 4, Model<Hooke, Huber, AnchorShape::Anisotropic>>,
+                     SpringSystem<float, 2, -1, -1, Model<Logarithm, GemanMcClure>>>;
+TYPED_TEST_SUITE(SpringsThatAreOff, ModelSystems);
+
+TYPED_TEST(SpringsThatAreOff, MeanNothing) {
+  using System = TypeParam;
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+  constexpr Scalar kMost = std::numeric_limits<Scalar>::max();
+  constexpr int n = System::kNodes == Eigen::Dynamic ? 12 : System::kNodes;  // 12: in rows
+  bench::Rng rng(3);
+  using Plain = SpringSystem<Scalar, System::kDim, n>;
+  const auto [plain, start] = bench::random_system<Plain>(rng, Topology<n>::full());
+  System system(System::TopologyType::full(n));
+  system.anchors = plain.anchors;
+  system.anchor_stiffness = plain.anchor_stiffness;
+  system.rest_length = plain.rest_length;
+  system.link_stiffness = plain.link_stiffness;
+  if constexpr (System::kAnisotropic) {
+    for (int i = 0; i < n; ++i)
+      system.set_anchor_information(i, Scalar(i + 1) * Eigen::Matrix<Scalar, 2, 2>::Identity());
+  }
+  system.anchor_stiffness[1] = system.anchor_stiffness[3] = 0;
+  system.link_stiffness[0] = system.link_stiffness[4] = 0;
+  struct Numbers {
+    Scalar energy, length;
+    Points gradient, aligned, product;
+    Eigen::Matrix<Scalar, -1, -1> hessian, sparse, covariance;
+    double stationarity;
+    auto tied() const {
+      return std::tie(energy, length, gradient, aligned, product, hessian, sparse, covariance, stationarity);
+    }
+  };
+  for (const bool coincide : {false, true}) {
+    Points x = start;
+    if (coincide) x.col(1) = x.col(2);  // linked, by a spring of stiffness
+    const auto numbers = [&] {
+      Numbers all;
+      all.energy = energy_and_gradient(system, x, all.gradient);
+      EXPECT_EQ(all.energy, energy(system, x));
+      all.length = characteristic_length(system, x);
+      all.aligned = rigid_alignment(system, x);
+      detail::HessianOperator<System> hessian_operator;
+      hessian_operator.set(system, x);
+      hessian_operator.apply(system, start, all.product);
+      all.hessian = hessian(system, x);
+      all.sparse = sparse_hessian(system, x);
+      const auto certainty = covariance(system, x);
+      if (certainty) all.covariance = certainty.matrix;
+      all.stationarity = stationarity(system, x);
+      EXPECT_TRUE(std::isfinite(all.energy) && all.gradient.allFinite() && all.hessian.allFinite());
+      EXPECT_TRUE(all.product.allFinite() && all.aligned.allFinite() && std::isfinite(all.length));
+      return all;
+    };
+    const Numbers expected = numbers();
+    for (const Scalar idle : {Scalar(0), 10 * std::sqrt(kMost), kMost}) {
+      system.anchors.col(1).setConstant(idle);
+      system.anchors.col(3).setConstant(-idle);
+      system.rest_length[0] = system.rest_length[4] = idle;
+      EXPECT_TRUE(numbers().tied() == expected.tied()) << idle;
+    }
+  }
+}
+
 TEST(Stationarity, IsTheLargestForceOverStiffnessAndLength) {
   SpringSystem<double, 2> system(Topology<>::from_links(2, {}));
   system.anchors << -3, 3, 0, 0;  // root mean square about the centroid: 3
@@ -249,6 +331,8 @@ TEST(Stationarity, LengthFallsBackToTheSpreadOfX) {
   x(0, 1) -= 4;
   EXPECT_DOUBLE_EQ(characteristic_length(system, x), 4);
   EXPECT_GT(stationarity(system, x), 0.1);
+  x.array() += 1e18;  // a start far off does not loosen the tolerance
+  EXPECT_DOUBLE_EQ(characteristic_length(system, x), 5);
 }
 
 // Where nothing but fixed nodes holds links without length, the length is that of x, wherever x is.
@@ -271,6 +355,30 @@ TEST(Stationarity, IgnoresAnchorsAndLinksWithoutStiffness) {
   system.rest_length << 1, 1, 1e9;
   system.link_stiffness << 1, 1, 0;
   EXPECT_NEAR(characteristic_length(system, system.anchors), 1, 1e-15);
+}
+
+// What a spring measures is bounded by what it holds; what holds alike counts alike.
+TEST(Stationarity, LengthIsOfWhatHolds) {
+  SpringSystem<double, 2> system(Topology<>::from_links(3, std::vector<Link>{{0, 1}}));
+  system.anchors << -1, 1, 0, 0, 0, 0;
+  system.anchor_stiffness << 1, 5, 1;
+  system.rest_length << 1;
+  system.link_stiffness << 1;
+  const auto length = [&] { return characteristic_length(system, system.anchors); };
+  EXPECT_NEAR(length(), 1, 1e-15);
+  system.anchors.col(2).setConstant(1e8);  // holds a node that is by itself
+  EXPECT_NEAR(length(), 1, 1e-15);
+  system.link_stiffness << 1e-9;  // a link that holds little
+  system.rest_length << 10;
+  EXPECT_NEAR(length(), 1, 1e-3);
+  system.link_stiffness << 1e-3;
+  EXPECT_NEAR(length(), std::sqrt((2 + 100) / 3.0), 1e-12);
+  system.fix(1);  // its anchor pulls in vain
+  EXPECT_NEAR(length(), std::sqrt(100 / 2.0), 1e-12);
+  system.release(1);
+  system.link_stiffness << 0;  // nothing but nodes by themselves
+  system.anchors.col(2) << 0, 3;
+  EXPECT_NEAR(length(), std::sqrt((2 + 6) / 3.0), 1e-15);
 }
 
 }  // namespace

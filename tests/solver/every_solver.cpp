@@ -45,7 +45,12 @@ class EverySolver : public ::testing::Test {
         {"ScalesWithTheUnitOfStiffness", &EverySolver::ScalesWithTheUnitOfStiffness},
         {"RelabelsNodes", &EverySolver::RelabelsNodes},
         {"RefusesBadInputAndLeavesXAlone", &EverySolver::RefusesBadInputAndLeavesXAlone},
+        {"RefusesXInTheSystemsMemory", &EverySolver::RefusesXInTheSystemsMemory},
         {"RefusesBadOptions", &EverySolver::RefusesBadOptions},
+        {"SpringsWithoutStiffnessAreOff", &EverySolver::SpringsWithoutStiffnessAreOff},
+        {"JudgesThePointThatItReturns", &EverySolver::JudgesThePointThatItReturns},
+        {"SaysThatTheRoundingIsAboveTheTolerance", &EverySolver::SaysThatTheRoundingIsAboveTheTolerance},
+        {"AnchorsThatHoldNothingDoNotLoosenTheRule", &EverySolver::AnchorsThatHoldNothingDoNotLoosenTheRule},
         {"OverflowIsAFailureThatLeavesXAlone", &EverySolver::OverflowIsAFailureThatLeavesXAlone},
         {"PrintsNothing", &EverySolver::PrintsNothing},
         {"IsDeterministic", &EverySolver::IsDeterministic},
@@ -431,6 +436,120 @@ class EverySolver : public ::testing::Test {
     auto [system, x] = random(9);
     solver->options().tolerance = tolerance();
     EXPECT_EQ(solver->solve(system, x).status, Status::Converged);
+  }
+
+  // The anchors would be overwritten with the solution, whose energy is then zero.
+  void RefusesXInTheSystemsMemory() {
+    auto [system, start] = random(9);
+    const Points anchors = system.anchors;
+    const auto solver = kind_.make();
+    const Summary summary = solver->solve(system, system.anchors);
+    EXPECT_EQ(summary.status, Status::InvalidInput) << summary;
+    EXPECT_EQ(summary.message, "x shares memory with the system, such as its anchors: pass a copy");
+    EXPECT_EQ(system.anchors, anchors);
+    solver->options().tolerance = tolerance();
+    EXPECT_EQ(solver->solve(system, start).status, Status::Converged);
+  }
+
+  // The same to the bit whatever position or rest length a spring without stiffness has, also where the
+  // direction between nodes that coincide is looked for.
+  void SpringsWithoutStiffnessAreOff() {
+    constexpr Scalar kMost = std::numeric_limits<Scalar>::max();
+    const Scalar square = 10 * std::sqrt(kMost);  // of which overflows
+    for (const bool coincide : {false, true}) {
+      auto [system, start] = random(15);
+      system.anchor_stiffness[1] = 0;
+      system.link_stiffness[2] = 0;
+      if (coincide) start.col(1) = start.col(0);
+      Points expected = start;
+      const Summary plain = solve(system, expected);
+      EXPECT_EQ(plain.status, Status::Converged) << plain;
+      for (const Scalar idle : {Scalar(0), Scalar(1000), square, kMost}) {
+        system.rest_length[2] = idle;
+        system.anchors.col(1).setConstant(-idle);
+        system.anchors(1, 1) = idle;
+        Points x = start;
+        const Summary summary = solve(system, x);
+        EXPECT_EQ(summary.status, Status::Converged) << idle << ": " << summary;
+        EXPECT_EQ(x, expected) << idle;
+        EXPECT_EQ(summary.final_energy, plain.final_energy) << idle;
+        EXPECT_EQ(summary.stationarity, plain.stationarity) << idle;
+      }
+    }
+  }
+
+  // What the rule counts as the tolerance, see SolverOptions.
+  double counted_tolerance() const {
+    return std::max(tolerance(), 64.0 * double(std::numeric_limits<Scalar>::epsilon()));
+  }
+  // Converged is what is stationary at the x returned; anything else says why.
+  void expect_honest(const System& system, const Points& x, const Summary& summary, double what) const {
+    EXPECT_TRUE(summary.usable()) << what << ": " << summary;
+    EXPECT_TRUE(x.allFinite()) << what;
+    EXPECT_EQ(summary.status == Status::Converged,
+              stationarity(system, x) <= counted_tolerance() * (1 + 1e-6))
+        << what << ": " << summary;
+    EXPECT_FALSE(summary.message.empty());
+  }
+
+  // The start loses its digits far off, and its shape: but the rule knows nothing of it.
+  void JudgesThePointThatItReturns() {
+    for (const double off : {1e2, 1e5, 1e10, 1e15, 1e18}) {
+      if (!kDouble && off > 1e10) continue;  // whose squares overflow, times the stiffness
+      const auto [system, start] = near_minimum(16);
+      Points x = start.array() + static_cast<Scalar>(off);
+      const Summary summary = solve(system, x);
+      expect_honest(system, x, summary, off);
+      if (!loose()) {
+        EXPECT_EQ(summary.status, Status::Converged) << off << ": " << summary;
+      }
+    }
+  }
+
+  // Of a system all of which is far from the origin.
+  void SaysThatTheRoundingIsAboveTheTolerance() {
+    for (const double off : {1e2, 1e4, 1e7, 1e10, 1e13}) {
+      if (!kDouble && off > 1e4) continue;
+      auto [system, x] = near_minimum(17);
+      system.anchors.array() += static_cast<Scalar>(off);
+      x.array() += static_cast<Scalar>(off);
+      const Summary summary = solve(system, x);
+      expect_honest(system, x, summary, off);
+      if (loose() || summary.status == Status::Converged) continue;
+      EXPECT_EQ(summary.status, Status::NoProgress) << off << ": " << summary;
+      EXPECT_EQ(summary.message,
+                "the rounding of the coordinates is above the tolerance: loosen it, or move the origin near "
+                "the nodes")
+          << off << ": " << summary;
+    }
+  }
+
+  void AnchorsThatHoldNothingDoNotLoosenTheRule() {
+    constexpr int kLast = kNodes - 1;
+    for (const double stiffness : {1e-12, 1e-3, 1.0}) {
+      for (const double at : {1e4, 1e8, 1e12}) {
+        if (!kDouble && (at > 1e4 || stiffness < 1e-3)) continue;
+        auto [system, start] = near_minimum(18);
+        for (int l = 0; const Link& link : system.links()) {  // the last node is by itself
+          if (link.j == kLast) system.link_stiffness[l] = 0;
+          ++l;
+        }
+        Points expected = start;
+        EXPECT_EQ(solve(system, expected).status, Status::Converged);
+        system.anchor_stiffness[kLast] = static_cast<Scalar>(stiffness);
+        system.anchors.col(kLast).setConstant(static_cast<Scalar>(at));
+        Points x = start;
+        x.col(kLast) = system.anchors.col(kLast);
+        const Summary summary = solve(system, x);
+        expect_honest(system, x, summary, at);
+        if (!loose()) {
+          EXPECT_EQ(summary.status, Status::Converged) << at << ": " << summary;
+        }
+        if (summary.status != Status::Converged) continue;
+        EXPECT_LT((x - expected).leftCols(kLast).norm(), 2 * point_tolerance()) << stiffness << " " << at;
+        EXPECT_LT((x - system.anchors).col(kLast).norm(), 1e-6 * at) << stiffness << " " << at;
+      }
+    }
   }
 
   void RefusesBadOptions() {

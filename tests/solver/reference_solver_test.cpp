@@ -61,7 +61,7 @@ void expect_differences(int energies_a_gradient, double accuracy) {
   Gradient differences;
   Summary summary;
   summary.energy_evaluations = summary.gradient_evaluations = 0;
-  differences.start(system, start);
+  differences.start(characteristic_length(system, start));
   Dynamic2::Points numeric;
   EXPECT_EQ(differences(system, start, numeric, summary), energy(system, start));
   EXPECT_EQ(summary.energy_evaluations, energies_a_gradient);

@@ -39,6 +39,12 @@ class Solver {
     const Exclusive use(busy_, "this asterism.Solver");
     return system.visit([&]<int Dim>(System<Dim>& s) {
       py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
+      if (detail::shares_memory(s, array.data(), array.size())) {  // the solver sees a copy of it
+        Summary refused;
+        refused.status = Status::InvalidInput;
+        refused.message = detail::kSharesMemory;
+        return refused;
+      }
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
       const Summary summary = without_gil(s.link_count(), [&](const std::atomic<bool>& stop) {
@@ -138,7 +144,8 @@ py::object definite(const Summary& summary) {
 constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a stationary point of the system's energy and writes it back into x, a\n"
     "float64, C-contiguous, writeable array: TypeError or ValueError else. What became of it is in the\n"
-    "Summary, also for values that a solver refuses; where `usable` is false, x is as it was. The GIL is\n"
+    "Summary, also for values that a solver refuses, and for an x in the system's memory, such as its\n"
+    "anchors: pass a copy. Where `usable` is false, x is as it was. The GIL is\n"
     "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.";
 
 }  // namespace

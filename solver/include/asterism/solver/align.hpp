@@ -134,7 +134,7 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   const auto weight = [&](int i) {
     const Scalar k = system.anchor_stiffness[i];
     if constexpr (System::kPlainAnchors) return k;
-    const Point d = x.col(i) - system.anchors.col(i);
+    const Point d = anchor_offset(system, i, x);
     return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
   };
   Scalar total = 0;
@@ -182,6 +182,7 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     Scalar before = 0;
     Scalar after = 0;
     for (int i = 0; i < n; ++i) {
+      if (!(system.anchor_stiffness[i] > 0)) continue;
       const Point moved = R * (x.col(i) - centre) + anchor_centre;
       before += anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
       after += anchor_force(system, i, moved - system.anchors.col(i)).energy;

@@ -182,8 +182,10 @@ class SpringBatch {
   const TopologyType& topology() const { return topology_; }
 
   /// Copies a system of the same topology and its start (Dim x N) to place `index`, from float or double. In
-  /// a batch of float they are taken relative to the centroid of the anchors, in double: a constellation far
-  /// from the origin loses nothing. Springs alone: fixed nodes make the place an invalid one.
+  /// a batch of float they are taken relative to the centroid of the anchors of stiffness (weak ones counting
+  /// less), in double: a constellation far from the origin loses nothing. Springs alone: fixed nodes make the
+  /// place an invalid one. Where a spring has no stiffness, a finite position or rest length is kept as far
+  /// as Scalar holds it.
   template <typename OtherSystem>
   void set(int index, const OtherSystem& system, const typename OtherSystem::Points& start) {
     static_assert(OtherSystem::kDim == Dim);
@@ -193,7 +195,16 @@ class SpringBatch {
     Eigen::Matrix<double, Dim, 1> centre = Eigen::Matrix<double, Dim, 1>::Zero();
     if constexpr (std::is_same_v<Scalar, float>) {
       const auto wide = system.anchors.template cast<double>();
-      for (int i = 0; i < nodes(); ++i) centre += (wide.col(i) - centre) / (i + 1);
+      double strongest = 0;
+      for (int i = 0; i < nodes(); ++i) strongest = std::max<double>(strongest, system.anchor_stiffness[i]);
+      const detail::SpringWeight<double> weight_of(strongest);
+      double total = 0;
+      for (int i = 0; i < nodes(); ++i) {
+        const double weight = weight_of(system.anchor_stiffness[i]);
+        if (!(weight > 0)) continue;
+        total += weight;
+        centre += weight * (wide.col(i) - centre) / total;
+      }
       if (!centre.allFinite()) centre.setZero();
     }
     for (int d = 0; d < Dim; ++d) origins_.data()[at(d) + index] = centre[d];
@@ -203,14 +214,21 @@ class SpringBatch {
       *value = static_cast<Scalar>(number);
       value += stride_;
     };
+    // What a spring without stiffness has is not to become infinite here.
+    const auto put_of = [&](auto stiffness, double number) {
+      constexpr double kMost = std::numeric_limits<Scalar>::max();
+      put(stiffness == 0 && std::isfinite(number) ? std::clamp(number, -kMost, kMost) : number);
+    };
     for (int i = 0; i < nodes(); ++i) {
-      for (int d = 0; d < Dim; ++d) put(static_cast<double>(system.anchors(d, i)) - centre[d]);
+      for (int d = 0; d < Dim; ++d) {
+        put_of(system.anchor_stiffness[i], static_cast<double>(system.anchors(d, i)) - centre[d]);
+      }
     }
     constexpr double kInvalid = std::numeric_limits<double>::quiet_NaN();
     for (int i = 0; i < nodes(); ++i) {
       put(system.is_fixed(i) ? kInvalid : static_cast<double>(system.anchor_stiffness[i]));
     }
-    for (int l = 0; l < link_count(); ++l) put(system.rest_length[l]);
+    for (int l = 0; l < link_count(); ++l) put_of(system.link_stiffness[l], system.rest_length[l]);
     for (int l = 0; l < link_count(); ++l) put(system.link_stiffness[l]);
     for (int i = 0; i < nodes(); ++i) {
       for (int d = 0; d < Dim; ++d) put(static_cast<double>(start(d, i)) - centre[d]);

@@ -50,7 +50,7 @@ struct Settings {
 
 constexpr int kPadding = 32;  ///< lanes of the widest kernel
 
-constexpr int work_planes(int dim, int nodes) { return dim * nodes + nodes + 7; }
+constexpr int work_planes(int dim, int nodes) { return dim * nodes + nodes + 6; }
 
 /// Solves the systems first, ..., last - 1.
 template <typename T>

@@ -97,8 +97,8 @@ class Ceres {
       SpringSystem<double, kDim> copy(Topology<>::from_links(system.nodes(), system.links()));
       // Ceres has thresholds of its own in the units that it is given, so it is given a system of unit size.
       // Powers of two, for the scaling to be exact.
-      const double unit = power_of_two(characteristic_length(system, x));
-      const double stiffness = power_of_two(node_stiffness(system).maxCoeff());
+      const double unit = power_of_two(session_.length());
+      const double stiffness = power_of_two(session_.node_stiffness().maxCoeff());
       copy.anchors = system.anchors.template cast<double>() / unit;
       copy.anchor_stiffness = system.anchor_stiffness.template cast<double>() / stiffness;
       copy.rest_length = system.rest_length.template cast<double>() / unit;

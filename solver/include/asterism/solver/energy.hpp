@@ -22,7 +22,7 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   gradient.resize(System::kDim, system.nodes());
   Scalar energy = 0;
   for (int i = 0; i < system.nodes(); ++i) {
-    const auto anchor = anchor_force(system, i, x.col(i) - system.anchors.col(i));
+    const auto anchor = anchor_force(system, i, anchor_offset(system, i, x));
     gradient.col(i) = anchor.gradient;
     if constexpr (kWithEnergy) energy += anchor.energy;
   }
@@ -32,7 +32,7 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
     int l = 0;
     for (const Link& link : system.links()) {
       const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
-      const auto phi = system.link_potential(length, system.rest_length[l]);
+      const auto phi = link_potential(system, l, length);
       const Scalar k = system.link_stiffness[l];
       const Point force = (k * phi.first) * direction;
       gradient.col(link.i) += force;
@@ -57,7 +57,7 @@ void for_each_hessian_block(const System& system, const typename System::Points&
       const Scalar k = system.anchor_stiffness[i];
       add(i, i, Block((k > 0 ? k : Scalar(1)) * Block::Identity()));
     } else {
-      add(i, i, anchor_curvature(system, i, x.col(i) - system.anchors.col(i), clamp));
+      add(i, i, anchor_curvature(system, i, anchor_offset(system, i, x), clamp));
     }
   }
   int l = 0;
@@ -91,7 +91,8 @@ constexpr int times(int factor) {
 }  // namespace detail
 
 // The functions below take x as Dim x N points of the same number of nodes as the system, and do not
-// validate: NaN in is NaN out.
+// validate: NaN in is NaN out. A spring without stiffness is none: its anchor's position or its rest length
+// means nothing, however large.
 
 /// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
 /// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)
@@ -101,14 +102,14 @@ template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
   typename System::Scalar energy = 0;
   for (int i = 0; i < system.nodes(); ++i) {
-    energy += detail::anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
+    energy += detail::anchor_force(system, i, detail::anchor_offset(system, i, x)).energy;
   }
   if (detail::SpringRows<System>::serve(system))
     return energy + detail::SpringRows<System>::energy(system, x);
   int l = 0;
   for (const Link& link : system.links()) {
     const auto length = detail::spring(system, link, x.col(link.i) - x.col(link.j)).length;
-    energy += system.link_stiffness[l] * system.link_potential(length, system.rest_length[l]).value;
+    energy += system.link_stiffness[l] * detail::link_potential(system, l, length).value;
     ++l;
   }
   return energy;

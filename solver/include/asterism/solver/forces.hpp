@@ -45,15 +45,16 @@ Point fixed_direction(Link link) {
 }
 
 /// The one convention for coincident nodes, of energy, gradient, Hessian and every solver: where x_i = x_j, u
-/// is the direction of a_i - a_j, or fixed_direction where that vanishes too. The energy has a conic peak
-/// there (a spring with mu_ij > 0 wants its nodes apart), and any unit u makes -gradient a direction of
-/// strict descent.
+/// is the direction of a_i - a_j, or fixed_direction where that vanishes too or one of these anchors has no
+/// stiffness. The energy has a conic peak there (a spring with mu_ij > 0 wants its nodes apart), and any unit
+/// u makes -gradient a direction of strict descent.
 template <typename System>
 Spring<System> coincident_spring(const System& system, Link link, const typename System::Point& d) {
   typename System::Point direction = d;
   const auto length = direction.stableNorm();
   if (!normalise(direction)) {
-    direction = system.anchors.col(link.i) - system.anchors.col(link.j);
+    if (system.anchor_stiffness[link.i] > 0 && system.anchor_stiffness[link.j] > 0)
+      direction = system.anchors.col(link.i) - system.anchors.col(link.j);
     if (!normalise(direction)) direction = fixed_direction<typename System::Point>(link);
   }
   return {length, direction};
@@ -72,6 +73,23 @@ Spring<System> spring(const System& system, Link link, const typename System::Po
   return {length, d * (Scalar(1) / length)};
 }
 
+/// x_i - a_i, and 0 where the anchor has no stiffness: its position means nothing then, and may be so far off
+/// that its square overflows.
+template <typename System>
+typename System::Point anchor_offset(const System& system, int i, const typename System::Points& x) {
+  if (!(system.anchor_stiffness[i] > 0)) [[unlikely]]
+    return System::Point::Zero();
+  return x.col(i) - system.anchors.col(i);
+}
+
+/// phi of link l at length r, and 0 where the link has no stiffness, whatever its rest length is then.
+template <typename System>
+Derivatives<typename System::Scalar> link_potential(const System& system, int l, typename System::Scalar r) {
+  if (!(system.link_stiffness[l] > 0)) [[unlikely]]
+    return {0, 0, 0};
+  return system.link_potential(r, system.rest_length[l]);
+}
+
 /// S d with the anchor's shape S.
 template <typename System>
 typename System::Point anchor_shaped(const System& system, int i, const typename System::Point& d) {
@@ -82,7 +100,7 @@ typename System::Point anchor_shaped(const System& system, int i, const typename
   }
 }
 
-/// Energy and gradient of node i's anchor with d = x_i - a_i.
+/// Energy and gradient of node i's anchor with d of anchor_offset.
 template <typename System>
 struct AnchorForce {
   typename System::Scalar energy;
@@ -134,7 +152,7 @@ struct LinkForce {
 template <typename System>
 LinkForce<typename System::Scalar> link_force(const System& system, int l, typename System::Scalar r) {
   const typename System::Scalar k = system.link_stiffness[l];
-  const auto phi = system.link_potential(r, system.rest_length[l]);
+  const auto phi = link_potential(system, l, r);
   const auto ratio = phi.first / r;
   const auto across =
       r > 0 && std::isfinite(ratio) ? ratio : (phi.first < 0 ? typename System::Scalar(0) : phi.second);

@@ -41,7 +41,7 @@ class HessianOperator {
       anchor_blocks_.resize(kDim, kDim * system.nodes());
       for (int i = 0; i < system.nodes(); ++i) {
         anchor_blocks_.template block<kDim, kDim>(0, kDim * i) =
-            anchor_curvature(system, i, x.col(i) - system.anchors.col(i), false);
+            anchor_curvature(system, i, anchor_offset(system, i, x), false);
       }
     }
   }

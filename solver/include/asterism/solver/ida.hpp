@@ -95,6 +95,7 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
       ++summary.gradient_evaluations;
       if (session_.done(gradient_)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (session_.stalls(x, gradient_, summary.iterations)) return Status::NoProgress;
       if (options.relaxation != 1) gradient_ *= static_cast<Scalar>(options.relaxation);
       factorization_.descend(gradient_, x);  // lines 6-7: Eq. 19
       ++summary.linear_solves;

@@ -239,6 +239,7 @@ Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
         session_.adopt(x, state_.energy(), state_.gradient());
         return converged ? Status::Converged : Status::MaxIterations;
       }
+      if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
 
       quasi_newton_direction();
       Scalar slope = state_.gradient().cwiseProduct(direction_).sum();

@@ -49,8 +49,8 @@ class Liblbfgs {
 
       // The first step is one unit long and others are bounded by thresholds in such units, so the system is
       // given unit size. Powers of two, for the scaling to be exact.
-      Run run{*this, system, summary, power_of_two(characteristic_length(system, x)),
-              power_of_two(node_stiffness(system).maxCoeff())};
+      Run run{*this, system, summary, power_of_two(session_.length()),
+              power_of_two(session_.node_stiffness().maxCoeff())};
       gradient_ = trial_ = x;  // allocates here, as nothing may throw through C
       const std::unique_ptr<double, void (*)(double*)> nodes(lbfgs_malloc(static_cast<int>(x.size())),
                                                              lbfgs_free);

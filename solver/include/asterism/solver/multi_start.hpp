@@ -16,7 +16,8 @@ namespace asterism::inline ASTERISM_ABI {
 /// What MultiStart takes beside its method's own options.
 template <typename Options>
 struct MultiStartOptions : Options {
-  /// Starts: x as given, the anchors, and then by turns each of them displaced.
+  /// Starts: x as given, the anchors (for nodes whose anchor has stiffness), and then by turns each of them
+  /// displaced.
   int starts = 8;
 
   /// Each coordinate is displaced by up to this many times the characteristic_length.
@@ -62,8 +63,9 @@ class MultiStart {
     }
     try {
       // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
-      if (given_.size() != x.size()) given_ = trial_ = Points(), scratch_ = {};
+      if (given_.size() != x.size()) given_ = trial_ = Points(), scratch_ = {}, stiffness_ = {};
       trial_ = given_ = x;
+      stiffness_.resize(x.cols());
       scratch_.resize(x.cols() + 1);
     } catch (const std::bad_alloc&) {
       best.status = Status::OutOfMemory;
@@ -76,9 +78,14 @@ class MultiStart {
       return best;
 
     std::uint64_t state = options.seed;
-    const Scalar reach = static_cast<Scalar>(options.spread) * characteristic_length(system, given_);
+    detail::node_stiffness(system, stiffness_);
+    const Scalar reach =
+        static_cast<Scalar>(options.spread) * detail::characteristic_length(system, given_, stiffness_);
     for (int start = 1; start < options.starts; ++start) {
-      trial_ = start % 2 == 1 ? system.anchors : given_;
+      trial_ = given_;
+      for (int i = 0; start % 2 == 1 && i < system.nodes(); ++i) {
+        if (system.anchor_stiffness[i] > 0) trial_.col(i) = system.anchors.col(i);
+      }
       if (start > 1) displace(trial_, reach, state);
       hold(system);
       const Summary summary = solver_.solve(system, trial_);
@@ -137,6 +144,7 @@ class MultiStart {
 
   Solver solver_;
   detail::ComponentScratch<System> scratch_;
+  typename System::NodeVector stiffness_;
   Points given_;
   Points trial_;
 };

@@ -187,7 +187,7 @@ class NewtonMatrix {
 
   static LinkForce<Scalar> link_force_at(const System& system, int l, Scalar length, Scalar inverse) {
     const Scalar k = system.link_stiffness[l];
-    const auto phi = system.link_potential(length, system.rest_length[l]);
+    const auto phi = detail::link_potential(system, l, length);
     return {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
   }
 
@@ -197,7 +197,7 @@ class NewtonMatrix {
     gradient.resize(kDim, system.nodes());
     Scalar energy = 0;
     for (int i = 0; i < system.nodes(); ++i) {
-      const Point d = x.col(i) - system.anchors.col(i);
+      const Point d = anchor_offset(system, i, x);
       const auto anchor = anchor_force(system, i, d);
       gradient.col(i) = anchor.gradient;
       energy += anchor.energy;
@@ -287,7 +287,7 @@ class NewtonMatrix {
       std::array<Block, kNodes> diagonal;
       Scalar sum = 0;
       unroll<0, kNodes>([&](auto i) {
-        const Point d = x.col(i) - system.anchors.col(i);
+        const Point d = anchor_offset(system, i, x);
         const auto anchor = anchor_force(system, i, d);
         pulls[i] = anchor.gradient;
         sum += anchor.energy;
@@ -586,7 +586,8 @@ class Newton {
   bool escape(const System& system, Points& x, Summary& summary) {
     if (!(matrix_.negative_curvature(step_) < 0)) return false;
     const Scalar curvature = bend_downwards(system, x);
-    const Scalar t = detail::step_off_saddle(system, x, energy_, curvature, step_, next_x_, summary);
+    const Scalar t =
+        detail::step_off_saddle(system, x, energy_, session_.length(), curvature, step_, next_x_, summary);
     if (t == 0) return false;
     next_x_ = x + t * step_;
     const Scalar next = assemble(system, next_x_, next_gradient_, summary);

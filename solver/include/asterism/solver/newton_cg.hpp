@@ -31,7 +31,7 @@ class JacobiPreconditioner {
     const int n = system.nodes();
     blocks_.resize(kDim, kDim * n);
     for (int i = 0; i < n; ++i) {
-      at(i) = detail::anchor_curvature(system, i, x.col(i) - system.anchors.col(i), true);
+      at(i) = detail::anchor_curvature(system, i, detail::anchor_offset(system, i, x), true);
     }
     int l = 0;
     for (const Link& link : system.links()) {
@@ -171,6 +171,7 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
     while (true) {
       if (session_.done(state_.gradient())) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
 
       hessian_.set(system, x);
       if constexpr (!kFactored) preconditioner_.update(system, x);

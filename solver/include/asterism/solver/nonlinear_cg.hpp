@@ -95,9 +95,9 @@ class DifferencedEnergy {
 
   static constexpr bool kNumeric = true;
 
-  void start(const System& system, const Points& x) {
+  void start(Scalar length) {
     constexpr Scalar kEpsilon = std::numeric_limits<Scalar>::epsilon();
-    typical_ = characteristic_length(system, x);
+    typical_ = length;
     relative_step_ = kCentral ? std::cbrt(kEpsilon) : std::sqrt(kEpsilon);
   }
 
@@ -145,8 +145,8 @@ class AnalyticGradient {
   /// Whether the gradient is made of differences of energies.
   static constexpr bool kNumeric = false;
 
-  /// Called once before a solve.
-  void start(const System&, const Points&) {}
+  /// Called once before a solve, with the system's characteristic length.
+  void start(Scalar) {}
 
   /// Energy at x, with its gradient (Dim x N); counts its evaluations in the summary.
   Scalar operator()(const System& system, const Points& x, Points& gradient, Summary& summary) {
@@ -209,12 +209,13 @@ class NonlinearCg {
 
   static constexpr std::string_view kMethod = "nonlinear CG";
 
-  bool stationary(const System& system, const Points& x) {
+  // At x, where gradient_ is what the method sees.
+  const Points& analytic_gradient(const System& system, const Points& x) {
     if constexpr (Gradient::kNumeric) {
       detail::evaluate<false>(system, x, analytic_gradient_);
-      return session_.done(analytic_gradient_);
+      return analytic_gradient_;
     } else {
-      return session_.done(gradient_);
+      return gradient_;
     }
   }
 
@@ -231,14 +232,16 @@ template <typename System, typename Gradient>
 Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     detail::RayPoint<Scalar> start;
-    evaluate_.start(system, x);
+    evaluate_.start(session_.length());
     start.energy = evaluate_(system, x, gradient_, summary);
     bool restart = true;
     Scalar step = 0;
     Scalar next_energy = 0;
     while (true) {
-      if (stationary(system, x)) return Status::Converged;
+      const Points& analytic = analytic_gradient(system, x);
+      if (session_.done(analytic)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (!restart && session_.stalls(x, analytic, summary.iterations)) return Status::NoProgress;
 
       const Scalar previous_slope = start.slope;
       start.slope = restart ? Scalar(0) : gradient_.cwiseProduct(direction_).sum();

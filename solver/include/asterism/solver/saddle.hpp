@@ -4,24 +4,22 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/session.hpp>
-#include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
 
 namespace asterism::inline ASTERISM_ABI::detail {
 
 /// The way down from a saddle x of the given energy along `direction`, whose curvature is negative: scales
-/// the direction to the characteristic length and returns the longest of ever shorter steps along it,
+/// the direction to the characteristic `length` and returns the longest of ever shorter steps along it,
 /// negative for the other side, that lowers the energy by a tenth of what the curvature promises; 0 if none
 /// does. `trial` is scratch.
 template <typename System>
 typename System::Scalar step_off_saddle(const System& system, const typename System::Points& x,
-                                        typename System::Scalar here, typename System::Scalar curvature,
-                                        typename System::Points& direction, typename System::Points& trial,
-                                        Summary& summary) {
+                                        typename System::Scalar here, typename System::Scalar length,
+                                        typename System::Scalar curvature, typename System::Points& direction,
+                                        typename System::Points& trial, Summary& summary) {
   using Scalar = typename System::Scalar;
-  const Scalar scale =
-      characteristic_length(system, x) / std::sqrt(direction.colwise().squaredNorm().maxCoeff());
+  const Scalar scale = length / std::sqrt(direction.colwise().squaredNorm().maxCoeff());
   direction *= scale;
   curvature *= scale * scale;
   const Scalar rounding = rounding_of_energy(system, here);

@@ -9,6 +9,7 @@
 #include <atomic>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <new>
 #include <optional>
 #include <string_view>
@@ -76,8 +77,20 @@ class Session {
   bool done(const Points& gradient) const { return rule_.reached(gradient) || stopped(); }
   /// Whether the caller has asked to stop.
   bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
-  /// The tolerance asked for, or the rounding of the coordinates where that is more.
+  /// Whether a method is to end short of the tolerance, as its steps are rounding alone: for methods that do
+  /// not find that out by themselves, to be asked at every iterate. Every so many iterations the gradient is
+  /// looked at: one that is rounding beside x is to be half of what it was.
+  bool stalls(const Points& x, const Points& gradient, int iteration) {
+    constexpr int kLook = 16;
+    if (iteration % kLook != 0 || !rule_.is_rounding(x, gradient)) return false;
+    const Scalar before = looked_at_;
+    looked_at_ = gradient.squaredNorm();
+    return !(looked_at_ < before / 4);
+  }
+  /// The tolerance asked for, or what the scalar resolves where that is more.
   Scalar tolerance() const { return rule_.tolerance(); }
+  /// The characteristic length of the system that is solved.
+  Scalar length() const { return rule_.length(); }
 
   /// A_ii of the system that is solved.
   const typename System::NodeVector& node_stiffness() const { return rule_.node_stiffness(); }
@@ -106,7 +119,9 @@ class Session {
     summary.status = Status::InvalidInput;
     summary.message.clear();
     const System* system = &given;
-    if (const Defect defect = validate_values(given, x)) {
+    if (shares_memory(given, x.data(), x.size())) {
+      summary.message = kSharesMemory;
+    } else if (const Defect defect = validate_values(given, x)) {
       summary.message = defect;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
@@ -117,6 +132,7 @@ class Session {
     }
     if (!summary.message.empty()) return nullptr;
     is_evaluated_ = false;
+    looked_at_ = std::numeric_limits<Scalar>::infinity();
     stop_ = options.stop;
 
     start_ = x;
@@ -158,6 +174,11 @@ class Session {
       reason = Status::NoProgress;
     }
     summary.status = reason;
+    if (summary.message.empty() && reason == Status::NoProgress && rule_.is_rounding(x, gradient_)) {
+      summary.message.assign(
+          "the rounding of the coordinates is above the tolerance: loosen it, or move the origin near the "
+          "nodes");
+    }
     if (summary.message.empty()) {
       summary.message.assign(reason == Status::Converged       ? "stationary to the tolerance"
                              : reason == Status::MaxIterations ? "not yet stationary"
@@ -183,6 +204,7 @@ class Session {
   bool is_evaluated_ = false;
   Scalar energy_ = 0;
   Scalar start_energy_ = 0;
+  Scalar looked_at_ = 0;  // the gradient squared, by stalls()
 };
 
 }  // namespace asterism::inline ASTERISM_ABI::detail

@@ -44,7 +44,7 @@ class SparseHessian {
       if (system.is_fixed(i)) [[unlikely]] {
         blocks_.add(i, Block(Block::Identity()));
       } else {
-        blocks_.add(i, anchor_curvature(system, i, x.col(i) - system.anchors.col(i), clamp));
+        blocks_.add(i, anchor_curvature(system, i, anchor_offset(system, i, x), clamp));
       }
     }
     int l = 0;
@@ -225,8 +225,8 @@ class SparseNewton {
       const auto curvature = static_cast<Scalar>(factorization_.negative_curvature(step_));
       if (!(curvature < 0)) return false;
       direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
-      const Scalar t =
-          detail::step_off_saddle(system, x, state_.energy(), curvature, direction_, next_x_, summary);
+      const Scalar t = detail::step_off_saddle(system, x, state_.energy(), session_.length(), curvature,
+                                               direction_, next_x_, summary);
       if (t == 0) return false;
       x += t * direction_;
       state_.start(system, x, summary);
@@ -259,6 +259,10 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
       if (last && !stationary) {
         summary.positive_definite = -1;
         return Status::MaxIterations;
+      }
+      if (!stationary && session_.stalls(x, state_.gradient(), summary.iterations)) {
+        summary.positive_definite = -1;
+        return Status::NoProgress;
       }
       bool definite = false;
       if (stationary || clamped_steps == 0) {

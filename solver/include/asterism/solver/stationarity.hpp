@@ -5,38 +5,9 @@
 #include <asterism/solver/energy.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
+#include <limits>
 
 namespace asterism::inline ASTERISM_ABI {
-
-/// The length that a system's distances are measured in: the root mean square of its rest lengths and of its
-/// anchors about their centroid, counting the springs of positive stiffness alone. Where all those are zero,
-/// the root mean square of x about that centroid, or about its own where no anchor has stiffness [px].
-template <typename System>
-typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
-  using Scalar = typename System::Scalar;
-  int count = 0;
-  typename System::Point centroid = System::Point::Zero();
-  for (int i = 0; i < system.nodes(); ++i) {
-    if (!(system.anchor_stiffness[i] > 0)) continue;
-    ++count;
-    centroid += system.anchors.col(i);
-  }
-  if (count > 0)
-    centroid /= static_cast<Scalar>(count);
-  else if (system.nodes() > 0)
-    centroid = x.rowwise().mean();
-  Scalar sum = 0;
-  for (int i = 0; i < system.nodes(); ++i) {
-    if (system.anchor_stiffness[i] > 0) sum += (system.anchors.col(i) - centroid).squaredNorm();
-  }
-  for (int l = 0; l < system.link_count(); ++l) {
-    if (!(system.link_stiffness[l] > 0)) continue;
-    ++count;
-    sum += system.rest_length[l] * system.rest_length[l];
-  }
-  if (sum > 0) return std::sqrt(sum / static_cast<Scalar>(count));
-  return std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
-}
 
 namespace detail {
 
@@ -67,7 +38,98 @@ bool has_weak_anchors(const System& system) {
   return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
 }
 
-/// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length at the start.
+/// What a spring counts for where lengths are averaged: 1, and less in proportion to its stiffness where that
+/// is below a ten-thousandth of the strongest's, so that a spring that holds next to nothing measures next to
+/// nothing; 0 without stiffness.
+template <typename Scalar>
+class SpringWeight {
+ public:
+  explicit SpringWeight(Scalar strongest) : full_(Scalar(1e-4) * strongest) {}
+  Scalar operator()(Scalar stiffness) const {
+    if (!(stiffness > 0)) return 0;
+    return stiffness >= full_ ? Scalar(1) : stiffness / full_;
+  }
+
+ private:
+  Scalar full_;
+};
+
+/// The mean square of the rest lengths and of the anchors about their centroid, by SpringWeight, and the
+/// centroid. Counted are the anchors of nodes that move and have links, or, with `all`, every anchor.
+template <typename System>
+typename System::Scalar mean_square_length(const System& system,
+                                           const typename System::NodeVector& node_stiffness, bool all,
+                                           typename System::Point& centroid) {
+  using Scalar = typename System::Scalar;
+  const auto anchor_stiffness = [&](int i) {
+    const Scalar k = system.anchor_stiffness[i];
+    return all || (node_stiffness[i] > k && !system.is_fixed(i)) ? k : Scalar(0);
+  };
+  Scalar strongest = system.link_count() > 0 ? system.link_stiffness.maxCoeff() : Scalar(0);
+  for (int i = 0; i < system.nodes(); ++i) strongest = std::max(strongest, anchor_stiffness(i));
+  const SpringWeight<Scalar> weight_of(strongest);
+  Scalar total = 0;
+  centroid.setZero();
+  for (int i = 0; i < system.nodes(); ++i) {
+    const Scalar weight = weight_of(anchor_stiffness(i));
+    if (!(weight > 0)) continue;
+    total += weight;
+    centroid += weight * system.anchors.col(i);
+  }
+  if (total > 0) centroid /= total;
+  Scalar sum = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    const Scalar weight = weight_of(anchor_stiffness(i));
+    if (weight > 0) sum += weight * (system.anchors.col(i) - centroid).squaredNorm();
+  }
+  for (int l = 0; l < system.link_count(); ++l) {
+    const Scalar weight = weight_of(system.link_stiffness[l]);
+    if (!(weight > 0)) continue;
+    total += weight;
+    sum += weight * (system.rest_length[l] * system.rest_length[l]);
+  }
+  return sum > 0 ? sum / total : Scalar(0);
+}
+
+/// The same without `all` where every spring counts alike, as most often; 0 elsewhere.
+template <typename System>
+typename System::Scalar plain_mean_square_length(const System& system,
+                                                 const typename System::NodeVector& node_stiffness) {
+  using Scalar = typename System::Scalar;
+  if (system.link_count() == 0 || system.fixed_count() > 0) return 0;
+  const auto& anchor_stiffness = system.anchor_stiffness;
+  const Scalar weakest = std::min(anchor_stiffness.minCoeff(), system.link_stiffness.minCoeff());
+  const Scalar strongest = std::max(anchor_stiffness.maxCoeff(), system.link_stiffness.maxCoeff());
+  if (!(weakest > 0 && SpringWeight<Scalar>(strongest)(weakest) == 1)) return 0;
+  if (!(node_stiffness.array() > anchor_stiffness.array()).all()) return 0;
+  const typename System::Point centroid = system.anchors.rowwise().sum() / Scalar(system.nodes());
+  return ((system.anchors.colwise() - centroid).squaredNorm() + system.rest_length.squaredNorm()) /
+         Scalar(system.nodes() + system.link_count());
+}
+
+/// characteristic_length, with the system's node_stiffness.
+template <typename System>
+typename System::Scalar characteristic_length(const System& system, const typename System::Points& x,
+                                              const typename System::NodeVector& node_stiffness) {
+  using Scalar = typename System::Scalar;
+  typename System::Point centroid;
+  Scalar square = plain_mean_square_length(system, node_stiffness);
+  if (!(square > 0)) square = mean_square_length(system, node_stiffness, false, centroid);
+  if (!(square > 0)) square = mean_square_length(system, node_stiffness, true, centroid);
+  if (square > 0) return std::sqrt(square);
+  Scalar extent = 0;  // of the one point where the anchors are
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.anchor_stiffness[i] > 0)
+      extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
+  }
+  if (!(system.anchor_stiffness.array() > 0).any() && system.nodes() > 0) centroid = x.rowwise().mean();
+  const Scalar spread =
+      std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
+  return extent > 0 ? std::min(extent, spread) : spread;
+}
+
+/// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length. Nothing of
+/// the start is in it but that length where the system has none.
 template <typename System>
 class StoppingRule {
  public:
@@ -75,31 +137,23 @@ class StoppingRule {
 
   /// False where stiffness or lengths leave the range of the scalar.
   bool set(const System& system, const typename System::Points& x, double tolerance) {
-    const Scalar length = characteristic_length(system, x);
-    Scalar extent = x.cwiseAbs().maxCoeff();
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (system.anchor_stiffness[i] > 0)
-        extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
-    }
+    tolerance_ = std::max(static_cast<Scalar>(tolerance), kLeastTolerance);
     detail::node_stiffness(system, stiffness_);
+    length_ = characteristic_length(system, x, stiffness_);
     weights_.setZero(system.nodes());
-    if (!(length > 0)) {
-      tolerance_ = static_cast<Scalar>(tolerance);
-      return length == 0 && is_one_point(system, x);
-    }
+    if (!(length_ > 0)) return length_ == 0 && is_one_point(system, x);
     bool in_range = true;
     for (int i = 0; i < system.nodes(); ++i) {
       if (!(stiffness_[i] > 0)) continue;
-      weights_[i] = 1 / (stiffness_[i] * length);
+      weights_[i] = 1 / (stiffness_[i] * length_);
       in_range &= weights_[i] > 0 && std::isfinite(weights_[i]);
     }
-    // A coordinate is known to eps |x|, so g_i / A_ii cannot be resolved below a few times that.
-    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-    tolerance_ = std::max(static_cast<Scalar>(tolerance), kRounding * (1 + extent / length));
     return in_range && std::isfinite(tolerance_);
   }
 
+  /// The tolerance asked for, or what the scalar resolves where that is more.
   Scalar tolerance() const { return tolerance_; }
+  Scalar length() const { return length_; }
   /// A_ii, see asterism::node_stiffness.
   const typename System::NodeVector& node_stiffness() const { return stiffness_; }
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
@@ -108,7 +162,21 @@ class StoppingRule {
     return !(square(gradient) > tolerance_ * tolerance_);
   }
 
+  /// Whether each force would move its node by a few times the rounding of its coordinates at most: another
+  /// iteration may gain nothing.
+  bool is_rounding(const typename System::Points& x, const typename System::Points& gradient) const {
+    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+    for (int i = 0; i < weights_.size(); ++i) {
+      const Scalar rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
+      if (!((gradient.col(i) * weights_[i]).norm() * length_ <= rounding)) return false;
+    }
+    return true;
+  }
+
  private:
+  // What the rounding of coordinates up to some tens of L leaves.
+  static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
+
   // Whether all of x is on the one point that anchors and springs want it at. Otherwise a characteristic
   // length of zero is of squares that underflow.
   static bool is_one_point(const System& system, const typename System::Points& x) {
@@ -131,6 +199,7 @@ class StoppingRule {
 
   typename System::NodeVector stiffness_;  // A_ii
   typename System::NodeVector weights_;    // 1 / (A_ii L)
+  Scalar length_ = 0;
   Scalar tolerance_ = 0;
 };
 
@@ -143,6 +212,20 @@ typename System::NodeVector node_stiffness(const System& system) {
   typename System::NodeVector result;
   detail::node_stiffness(system, result);
   return result;
+}
+
+/// The length L that a system's distances are measured in: the root mean square of its rest lengths and of
+/// its anchors about their centroid [px], of what holds:
+///   - springs without stiffness do not count, those weaker than a ten-thousandth of the strongest count in
+///     proportion to their stiffness, all others alike;
+///   - the anchor of a node without links, or of a fixed one, holds nothing else, and counts only where the
+///     rest would give no length.
+/// Where all those lengths are zero, the root mean square of x about that centroid, or about its own where no
+/// anchor has stiffness; or, for a start far off not to loosen the tolerance, the largest coordinate of the
+/// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
+template <typename System>
+typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
+  return detail::characteristic_length(system, x, node_stiffness(system));
 }
 
 /// How far x is from a stationary point, without units: max_i |dE/dx_i| / (A_ii L), with A_ii the

@@ -109,9 +109,10 @@ class Message {
 struct SolverOptions {
   /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
   /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
-  /// would move by more than 3e-7 px if the others stood still. Below the rounding of the coordinates it is
-  /// raised to that. Methods that compare energies (Ceres) may stop at NoProgress below some 1e-7, the square
-  /// root of the scalar's epsilon.
+  /// would move by more than 3e-7 px if the others stood still. Judged at the x that is returned, wherever
+  /// the start was. A tolerance below 64 epsilons of the scalar (1.4e-14, in float 8e-6) counts as that. One
+  /// below the rounding of the coordinates, which are then far from the origin, may end at NoProgress, and
+  /// the message says so; so may, below some 1e-7, methods that compare energies (Ceres).
   double tolerance = 1e-8;
 
   /// Iterations at most; 0 evaluates the start.
@@ -190,9 +191,9 @@ inline std::ostream& operator<<(std::ostream& out, const Summary& summary) {
   return out << " (" << summary.message << ")";
 }
 
-/// A minimiser of a spring system's energy. `solve` starts at x, leaves its result there, and never throws,
-/// prints or exits. The energy has many stationary points and the start chooses among them: it is part of the
-/// problem.
+/// A minimiser of a spring system's energy. `solve` starts at x, which is not to lie in the memory of the
+/// system (InvalidInput else), leaves its result there, and never throws, prints or exits. The energy has
+/// many stationary points and the start chooses among them: it is part of the problem.
 template <typename S, typename System>
 concept Solver = requires(S solver, const System& system, typename System::Points& x) {
   { solver.solve(system, x) } -> std::same_as<Summary>;

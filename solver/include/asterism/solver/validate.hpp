@@ -3,6 +3,8 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
+#include <cstddef>
+#include <cstdint>
 
 namespace asterism::inline ASTERISM_ABI {
 
@@ -118,6 +120,30 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   return {};
 }
 
+/// Whether any of the numbers first, ..., first + count - 1 lies in the memory of the system.
+template <typename System>
+bool shares_memory(const System& system, const typename System::Scalar* first, Eigen::Index count) {
+  const auto begin = reinterpret_cast<std::uintptr_t>(first);
+  const auto end = begin + sizeof(typename System::Scalar) * static_cast<std::size_t>(count);
+  const auto meets = [begin, end](const void* data, std::size_t size) {
+    const auto other = reinterpret_cast<std::uintptr_t>(data);
+    return begin < other + size && other < end;
+  };
+  if (meets(&system, sizeof system)) return true;
+  if constexpr (System::kMaxNodes == Eigen::Dynamic) {  // what is not in the object itself
+    const auto is_in = [&meets](const auto& matrix) {
+      return meets(matrix.data(), sizeof(typename System::Scalar) * static_cast<std::size_t>(matrix.size()));
+    };
+    if (is_in(system.anchors) || is_in(system.anchor_stiffness) || is_in(system.rest_length) ||
+        is_in(system.link_stiffness) || meets(system.links().data(), system.links().size_bytes()))
+      return true;
+    if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
+  }
+  return false;
+}
+
+constexpr Defect kSharesMemory{"x", -1, "shares memory with the system, such as its anchors: pass a copy"};
+
 template <typename System>
 Defect validate_components(const System& system, ComponentScratch<System>& scratch) {
   if (const int i = first_floating_node(system, scratch); i >= 0) {
@@ -130,7 +156,8 @@ Defect validate_components(const System& system, ComponentScratch<System>& scrat
 
 /// What a solver would refuse `system` and `x` for: NaN, infinity, a negative stiffness or rest length, a bad
 /// link, a wrong size, an information matrix that is none, a scale that is not positive, or a connected
-/// component (links of zero stiffness do not connect) without anchor stiffness or a fixed node.
+/// component (links of zero stiffness do not connect) without anchor stiffness or a fixed node. Solvers also
+/// refuse an x in the memory of the system, which they would overwrite.
 template <typename System>
 Defect validate(const System& system, const typename System::Points& x) {
   if (const Defect defect = detail::validate_values(system, x)) return defect;
