@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/batch_kernels.hpp>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/free_motion.hpp>
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
@@ -173,6 +174,8 @@ class SpringBatch {
     for (int p = 0; p < 3; ++p) std::fill_n(verdicts_.data() + at(p), count_, Scalar(-1));
     for (int p = 0; p < 3; ++p) std::fill_n(counts_.data() + at(p), count_, p == kStatus ? 0 : -1);
     for (const Link& link : topology_.links()) ends_.insert(ends_.end(), {link.i, link.j});
+    Eigen::VectorXi scratch;
+    is_connected_ = nodes() > 0 && detail::is_connected(nodes(), topology_.links(), scratch);
   }
 
   /// Number of systems.
@@ -316,6 +319,7 @@ class SpringBatch {
 
   TopologyType topology_;
   std::vector<std::int32_t> ends_;
+  bool is_connected_ = false;
   int count_;
   std::ptrdiff_t stride_;
   detail::AlignedArray<Scalar> values_;
@@ -388,12 +392,16 @@ class BatchNewton {
   }
 
  private:
+  static constexpr int kTogether = 16;  // systems; planes have so many more to be read
+  using Together = Eigen::Array<Scalar, kTogether, 1>;
+
   // What a task needs to solve systems one by one.
   struct Scalars {
     explicit Scalars(const Batch& batch) : system(batch.topology()) {}
     System system;
     Points x;
     Newton<System> newton;
+    detail::FreeMotions<System> free_motions;
   };
 
   template <typename E>
@@ -446,11 +454,15 @@ class BatchNewton {
     std::int32_t* definite = batch.counts_.data() + batch.at(Batch::kDefinite);
     std::unique_ptr<Scalars> scalars;
     int left = 0;
+    Together hold;
     for (int s = first; s < last; ++s) {
+      if ((s - first) % kTogether == 0) hold = hold_of(batch, planes, s);
       const std::int32_t outcome = planes.outcome[s];
-      definite[s] = outcome == kConverged ? 1 : -1;
       Status status = outcome == kConverged ? Status::Converged : Status::MaxIterations;
-      if (outcome == kLeft) [[unlikely]] {
+      definite[s] = -1;
+      if (outcome == kConverged) {
+        definite[s] = hold[(s - first) % kTogether] > 0 || is_held(batch, s, scalars) ? 1 : 0;
+      } else if (outcome == kLeft) [[unlikely]] {
         ++left;
         status = solve_one(batch, planes, s, scalars, definite[s]);
       }
@@ -458,6 +470,34 @@ class BatchNewton {
     }
     if (scalars) put_back(std::move(scalars));
     return left;
+  }
+
+  // How clearly the anchors of systems s, s + 1, ... hold them, as one body each.
+  static Together hold_of(const Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s) {
+    if constexpr (Batch::kDim == 2 || Batch::kDim == 3) {
+      const auto at = [s, &planes](const Scalar* values, int plane) {
+        return Eigen::Map<const Together>(values + plane * planes.stride + s);
+      };
+      if (!batch.is_connected_) return Together::Zero();
+      Together hold = detail::hold_of_body<Batch::kDim, Together>(
+          planes.nodes, [&](int i, int c) { return at(planes.anchors, Batch::kDim * i + c); },
+          [&](int i) { return at(planes.anchor_stiffness, i); },
+          [&](int i, int c) { return at(planes.x, Batch::kDim * i + c); });
+      for (int i = 0; i < planes.nodes; ++i) hold = hold.min(at(planes.anchor_stiffness, i));
+      for (int l = 0; l < planes.link_count; ++l) hold = hold.min(at(planes.link_stiffness, l));
+      return hold;
+    }
+    return Together::Zero();
+  }
+
+  bool is_held(const Batch& batch, int s, std::unique_ptr<Scalars>& scalars) {
+    try {
+      if (!scalars) scalars = take_scalars(batch);
+      batch.get(s, scalars->system, scalars->x);
+      return !scalars->free_motions.find(scalars->system, scalars->x);
+    } catch (const std::bad_alloc&) {  // not known to be
+      return false;
+    }
   }
 
   Status solve_one(Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s,

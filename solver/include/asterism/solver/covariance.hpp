@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/free_motion.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -21,7 +22,8 @@ namespace asterism::inline ASTERISM_ABI {
 /// What became of a covariance.
 enum class CovarianceStatus {
   Computed,             ///< the only one with a covariance
-  NotPositiveDefinite,  ///< the Hessian is not, to the digits of the scalar: x is no strict local minimum
+  NotPositiveDefinite,  ///< the Hessian is not, to the digits of the scalar, or a rigid motion changes no
+                        ///< energy, which the message names: x is no strict local minimum
   NumericalFailure,     ///< the Hessian leaves the range of the scalar
   InvalidInput,         ///< the message names the offending value
   OutOfMemory,
@@ -112,6 +114,10 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
     if (const int l = peaked_link(system, x); l >= 0) {
       refuse(CovarianceStatus::NotPositiveDefinite,
              Defect{"link", l, "has ends that coincide: x is no local minimum"});
+      return result;
+    }
+    if (const FreeMotion motion = FreeMotions<System>().find(system, x)) {
+      refuse(CovarianceStatus::NotPositiveDefinite, motion.message());
       return result;
     }
     result.status = compute(result);
@@ -309,9 +315,10 @@ bool is_large_and_sparse(const System& system) {
 /// The inverse of IDA's matrix K_dyn, which lies above H, is no substitute: it underestimates.
 ///
 /// Refused, with a message: bad input as for a solver, a Hessian that is not positive definite to the digits
-/// of the scalar (a saddle, a flat direction, linked nodes that coincide and want to be apart), numbers that
-/// overflow, too little memory. A fixed node has covariance zero, others are conditioned on it. O((Dim N)^3);
-/// a fixed or bounded number of nodes uses no heap.
+/// of the scalar (a saddle, a flat direction, linked nodes that coincide and want to be apart), a component
+/// or a part of one that anchors and fixed nodes leave free to turn or slide (one held node in the plane, one
+/// or a line of them in space), numbers that overflow, too little memory. A fixed node has covariance zero,
+/// others are conditioned on it. O((Dim N)^3); a fixed or bounded number of nodes uses no heap.
 template <typename System>
 Covariance<System> covariance(const System& system, const typename System::Points& x) {
   auto result = detail::covariance_of_valid<Covariance<System>>(

@@ -3,6 +3,7 @@
 #include <asterism/solver/align.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/free_motion.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -164,7 +165,8 @@ class Session {
                              : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
                                                                : "stopped short of the tolerance");
     }
-    if (summary.positive_definite == 1 && peaked_link(system, x) >= 0) summary.positive_definite = 0;
+    if (summary.positive_definite == 1 && (peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
+      summary.positive_definite = 0;
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = gradient_.template cast<double>().norm();
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
@@ -177,6 +179,7 @@ class Session {
   const std::atomic<bool>* stop_ = nullptr;
   std::optional<System> grounded_;
   ComponentScratch<System> scratch_;
+  FreeMotions<System> free_motions_;
   Points start_;
   Points gradient_;
   Points evaluated_;  // where energy_ and gradient_ are from, if is_evaluated_

@@ -170,7 +170,8 @@ struct Summary {
   double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
   double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
   int positive_definite = -1;  ///< 1: the Hessian at the x returned is, x is a strict local minimum if
-                               ///< stationary; 0: it is not; -1: the method did not look
+                               ///< stationary; 0: it is not, or nothing holds a component, or a part of
+                               ///< one, against turning or sliding; -1: the method did not look
   double seconds = -1;         ///< wall-clock time in solve
 
   /// x is finite and at least as good as the start.

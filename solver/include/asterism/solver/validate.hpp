@@ -14,6 +14,13 @@ using ComponentScratch =
     Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor,
                   System::kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : System::kMaxNodes + 1, 1>;
 
+/// The representative of a node's set, by the way up to it, which gets shorter.
+template <typename Up>
+int root(Up& up, int node) {
+  while (up[node] != node) node = up[node] = up[up[node]];
+  return node;
+}
+
 /// Calls visit(i) for the first node of each connected component without anchor stiffness or a fixed node;
 /// links of zero stiffness do not connect.
 template <typename System, typename Visit>
@@ -21,10 +28,7 @@ void for_each_floating_component(const System& system, ComponentScratch<System>&
   if ((system.anchor_stiffness.array() > 0).all()) return;
   const int n = system.nodes();
   parent.setLinSpaced(n + 1, 0, n);
-  const auto root = [&parent](int node) {
-    while (parent[node] != node) node = parent[node] = parent[parent[node]];
-    return node;
-  };
+  const auto root = [&parent](int node) { return detail::root(parent, node); };
   for (int i = 0; i < n; ++i) {
     if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(i)] = root(n);
   }
