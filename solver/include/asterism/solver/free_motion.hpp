@@ -382,7 +382,7 @@ class FreeMotions {
   template <typename Place>
   static FreeMotion described(const System& system, const int* begin, const int* end, double extent,
                               const ModeVector& motion, Place&& place) {
-    constexpr double kRest = 1e-5;
+    constexpr double kRest = 1e-2;
     const auto speed = [&](int i) { return (velocities(place(i), extent) * motion).norm(); };
     FreeMotion result;
     double fastest = -1;
@@ -398,13 +398,14 @@ class FreeMotions {
       if (!(stiffness_of(system, *m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
       if (result.about < 0) {
         result.about = *m;
-      } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > kRest * extent) {
+      } else if (kDim > 2 && result.axis < 0 &&
+                 (place(*m) - place(result.about)).norm() > kRounding * extent) {
         result.axis = *m;
       }
     }
     if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
     result.slides = result.about < 0 && motion.template tail<kModes - kDim>().norm() * extent <=
-                                            kRest * motion.template head<kDim>().norm() * extent;
+                                            1e-5 * motion.template head<kDim>().norm() * extent;
     return result;
   }
 
