@@ -103,8 +103,9 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
 [[noreturn]] void refuse_covariance(CovarianceStatus status, const Message& message) {
   const std::string text{std::string_view(message)};
   if (status == CovarianceStatus::InvalidInput) throw py::value_error(text);
-  if (status == CovarianceStatus::OutOfMemory) throw std::bad_alloc();
-  const py::object type = py::module_::import("numpy.linalg").attr("LinAlgError");
+  const bool out_of_memory = status == CovarianceStatus::OutOfMemory;
+  const py::object type = py::module_::import(out_of_memory ? "builtins" : "numpy.linalg")
+                              .attr(out_of_memory ? "MemoryError" : "LinAlgError");
   PyErr_SetString(type.ptr(), text.c_str());
   throw py::error_already_set();
 }

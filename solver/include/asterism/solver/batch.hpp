@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <asterism/solver/batch_kernels.hpp>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/free_motion.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
@@ -58,10 +60,10 @@ struct ThreadExecutor {
     };
     const int wanted = threads > 0 ? threads : static_cast<int>(std::thread::hardware_concurrency());
     std::vector<std::thread> others;
-    try {
+    const auto start = [&] {
       for (int t = 1; t < std::min(wanted, task_count); ++t) others.emplace_back(work);
-    } catch (const std::exception&) {  // fewer then
-    }
+    };
+    detail::attempt<std::exception>(start, [](const std::exception&) {});  // fewer then
     work();
     for (std::thread& other : others) other.join();
   }
@@ -114,7 +116,11 @@ namespace detail {
 template <typename T>
 class AlignedArray {
  public:
-  void resize(std::size_t count) { lines_.resize((count + kPerLine - 1) / kPerLine); }
+  void resize(std::size_t count) {
+    const std::size_t lines = (count + kPerLine - 1) / kPerLine;
+    if (lines > lines_.size()) require_memory(double(sizeof(Line)) * static_cast<double>(lines));
+    lines_.resize(lines);
+  }
   T* data() { return reinterpret_cast<T*>(lines_.data()); }
   const T* data() const { return reinterpret_cast<const T*>(lines_.data()); }
 
@@ -197,7 +203,7 @@ class SpringBatch {
     if constexpr (std::is_same_v<Scalar, float>) {
       const auto wide = system.anchors.template cast<double>();
       for (int i = 0; i < nodes(); ++i) centre += (wide.col(i) - centre) / (i + 1);
-      if (!centre.allFinite()) centre.setZero();
+      if (!detail::all_finite(centre)) centre.setZero();
     }
     for (int d = 0; d < Dim; ++d) origins_.data()[at(d) + index] = centre[d];
     if (nodes() == 0) return;
@@ -410,16 +416,17 @@ class BatchNewton {
     const Isa isa = summary.simd == Simd::Avx512 ? kAvx512 : summary.simd == Simd::Avx2 ? kAvx2 : kPortable;
     lanes_v0_1::Kernel<Scalar> kernel = nullptr;
     if (!options.allow_reflection) kernel = kernel_for(*kernels(isa), batch);
-    try {
+    const auto allocate = [&] {
       if (kernel != nullptr) {
         work_.resize(static_cast<std::size_t>(work_planes(Batch::kDim, batch.nodes())) *
                      static_cast<std::size_t>(batch.stride_));
       }
-    } catch (const std::bad_alloc&) {
+    };
+    detail::attempt<std::bad_alloc>(allocate, [&summary](const std::bad_alloc& error) {
       summary.status = Status::OutOfMemory;
-      summary.message = "the workspace does not fit into memory";
-      return;
-    }
+      summary.message = detail::memory_message(error);
+    });
+    if (summary.status == Status::OutOfMemory) return;
     const Planes<Scalar> planes = batch.planes(work_.data());
     const Settings settings{options.tolerance, options.max_iterations, options.align};
     // Tasks are cut by the size of the batch alone.
@@ -491,23 +498,25 @@ class BatchNewton {
   }
 
   bool is_held(const Batch& batch, int s, std::unique_ptr<Scalars>& scalars) {
-    try {
+    bool held = false;  // where memory does not suffice to know
+    const auto look = [&] {
       if (!scalars) scalars = take_scalars(batch);
       batch.get(s, scalars->system, scalars->x);
-      return !scalars->free_motions.find(scalars->system, scalars->x);
-    } catch (const std::bad_alloc&) {  // not known to be
-      return false;
-    }
+      held = !scalars->free_motions.find(scalars->system, scalars->x);
+    };
+    detail::attempt<std::bad_alloc>(look, [](const std::bad_alloc&) {});
+    return held;
   }
 
   Status solve_one(Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s,
                    std::unique_ptr<Scalars>& scalars, std::int32_t& definite) {
-    try {
+    bool is_there = true;
+    const auto take = [&] {
       if (!scalars) scalars = take_scalars(batch);
       batch.get(s, scalars->system, scalars->x);
-    } catch (const std::bad_alloc&) {
-      return Status::OutOfMemory;
-    }
+    };
+    detail::attempt<std::bad_alloc>(take, [&](const std::bad_alloc&) { is_there = false; });
+    if (!is_there) return Status::OutOfMemory;
     const Summary one = scalars->newton.solve(scalars->system, scalars->x);
     definite = one.positive_definite;
     planes.iterations[s] = one.iterations;
@@ -541,10 +550,8 @@ class BatchNewton {
 
   void put_back(std::unique_ptr<Scalars> scalars) {
     const std::scoped_lock lock(mutex_);
-    try {
-      scalars_.push_back(std::move(scalars));
-    } catch (const std::bad_alloc&) {  // made anew next time
-    }
+    const auto keep = [&] { scalars_.push_back(std::move(scalars)); };
+    detail::attempt<std::bad_alloc>(keep, [](const std::bad_alloc&) {});  // made again next time
   }
 
   static void conclude(const Batch& batch, BatchSummary& summary) {
@@ -596,25 +603,27 @@ void solve_each(const Systems& systems, Xs&& x, Summaries&& summaries, const Sol
   executor(static_cast<int>((all.size() + kChunk - 1) / kChunk), [&](int task) {
     const std::size_t first = static_cast<std::size_t>(task) * kChunk;
     const std::size_t last = std::min(all.size(), first + kChunk);
-    try {
-      const auto solve = [&](Solver_& solver) {
-        for (std::size_t s = first; s < last; ++s) results[s] = solver.solve(all[s], points[s]);
-      };
+    const auto solve_by = [&](Solver_& solver) {
+      for (std::size_t s = first; s < last; ++s) results[s] = solver.solve(all[s], points[s]);
+    };
+    const auto solve = [&] {
       if constexpr (std::copy_constructible<Solver_>) {
         Solver_ solver = prototype;
-        solve(solver);
+        solve_by(solver);
       } else {
         Solver_ solver;
         solver.options = prototype.options;
-        solve(solver);
+        solve_by(solver);
       }
-    } catch (const std::bad_alloc&) {  // by the copy; a solver catches its own
+    };
+    // By the copy: a solver catches its own.
+    detail::attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
       for (std::size_t s = first; s < last; ++s) {
         results[s] = Summary();
         results[s].status = Status::OutOfMemory;
-        results[s].message = "the workspace does not fit into memory";
+        results[s].message = detail::memory_message(error);
       }
-    }
+    });
   });
 }
 

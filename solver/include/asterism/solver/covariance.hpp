@@ -1,12 +1,14 @@
 #pragma once
 
 #include <Eigen/Cholesky>
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/free_motion.hpp>
+#include <asterism/solver/memory.hpp>
+#include <asterism/solver/sparse_factor.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -106,28 +108,24 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
     result.status = status;
     result.message = message;
   };
-  try {
-    if (const Defect defect = validate(system, x)) {
-      refuse(CovarianceStatus::InvalidInput, defect);
-      return result;
-    }
+  const auto compute_or_refuse = [&] {
+    if (const Defect defect = validate(system, x)) return refuse(CovarianceStatus::InvalidInput, defect);
     if (const int l = peaked_link(system, x); l >= 0) {
-      refuse(CovarianceStatus::NotPositiveDefinite,
-             Defect{"link", l, "has ends that coincide: x is no local minimum"});
-      return result;
+      return refuse(CovarianceStatus::NotPositiveDefinite,
+                    Defect{"link", l, "has ends that coincide: x is no local minimum"});
     }
     if (const FreeMotion motion = FreeMotions<System>().find(system, x)) {
-      refuse(CovarianceStatus::NotPositiveDefinite, motion.message());
-      return result;
+      return refuse(CovarianceStatus::NotPositiveDefinite, motion.message());
     }
     result.status = compute(result);
-    if (result.status == CovarianceStatus::Computed) return result;
+    if (result.status == CovarianceStatus::Computed) return;
     refuse(result.status, result.status == CovarianceStatus::NotPositiveDefinite
                               ? kIndefinite
                               : "the Hessian leaves the range of the scalar");
-  } catch (const std::bad_alloc&) {
-    refuse(CovarianceStatus::OutOfMemory, "the workspace does not fit into memory");
-  }
+  };
+  attempt<std::bad_alloc>(compute_or_refuse, [&](const std::bad_alloc& error) {
+    refuse(CovarianceStatus::OutOfMemory, memory_message(error));
+  });
   return result;
 }
 
@@ -137,8 +135,12 @@ CovarianceStatus invert_hessian(const System& system, const typename System::Poi
                                 DenseHessian<System>& inverse) {
   using Scalar = typename System::Scalar;
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+    const double size = double{System::kDim} * system.nodes();
+    require_memory(3 * sizeof(Scalar) * size * size);  // the inverse, the factor, and the transpose
+  }
   inverse = hessian(system, x);
-  if (!inverse.allFinite()) return CovarianceStatus::NumericalFailure;
+  if (!all_finite(inverse)) return CovarianceStatus::NumericalFailure;
   const Eigen::LLT<DenseHessian<System>> cholesky(inverse);
   if (cholesky.info() != Eigen::Success) return CovarianceStatus::NotPositiveDefinite;
   const auto pivots = cholesky.matrixLLT().diagonal().array().square();
@@ -146,7 +148,7 @@ CovarianceStatus invert_hessian(const System& system, const typename System::Poi
   inverse.setIdentity();
   cholesky.solveInPlace(inverse);
   inverse = Scalar(0.5) * (inverse + inverse.transpose().eval());
-  if (!inverse.allFinite()) return CovarianceStatus::NumericalFailure;
+  if (!all_finite(inverse)) return CovarianceStatus::NumericalFailure;
   for (int i = 0; system.fixed_count() > 0 && i < system.nodes(); ++i) {
     if (system.is_fixed(i)) inverse.diagonal().template segment<System::kDim>(System::kDim * i).setZero();
   }
@@ -205,7 +207,7 @@ class SelectedInverse {
   }
 
  private:
-  using Matrix = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic>;
+  using Matrix = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
 
   int count(int column) const { return first_[column + 1] - first_[column]; }
 
@@ -273,11 +275,12 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
   using Sparse = Eigen::SparseMatrix<Scalar>;
   constexpr int kDim = System::kDim;
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-  Eigen::SimplicialLDLT<Sparse> cholesky;
+  SparseFactor<Scalar> cholesky;
   {
     const Sparse matrix = sparse_hessian(system, x);
-    if (!matrix.coeffs().allFinite()) return CovarianceStatus::NumericalFailure;
-    cholesky.compute(matrix);
+    if (!all_finite(matrix.coeffs())) return CovarianceStatus::NumericalFailure;
+    cholesky.analyze(matrix, 2);  // the factor and as many entries of the inverse
+    cholesky.factorize(matrix);
     if (cholesky.info() != Eigen::Success) return CovarianceStatus::NotPositiveDefinite;
     const Eigen::Matrix<Scalar, Eigen::Dynamic, 1> pivots = cholesky.permutationPinv() * cholesky.vectorD();
     if (!(pivots.array() > kRounding * matrix.diagonal().array()).all())
@@ -294,7 +297,7 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
       }
     }
   }
-  if (!blocks.allFinite()) return CovarianceStatus::NumericalFailure;
+  if (!all_finite(blocks)) return CovarianceStatus::NumericalFailure;
   return CovarianceStatus::Computed;
 }
 

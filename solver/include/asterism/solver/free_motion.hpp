@@ -160,8 +160,8 @@ class FreeMotions {
   using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
   using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
   using Vector = Eigen::Matrix<double, kDim, 1>;
-  using Matrix = Eigen::Matrix<double, kDim, kDim>;
-  using ModeMatrix = Eigen::Matrix<double, kModes, kModes>;
+  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
+  using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
   using ModeVector = Eigen::Matrix<double, kModes, 1>;
   using Velocities = Eigen::Matrix<double, kDim, kModes, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor>;
   static constexpr bool kSprings = std::is_same_v<typename System::Model::LinkPotential, Hooke>;

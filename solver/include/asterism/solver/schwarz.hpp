@@ -5,6 +5,7 @@
 #include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/newton_cg.hpp>
 #include <asterism/solver/partition.hpp>
 #include <asterism/solver/session.hpp>
@@ -246,7 +247,7 @@ class Schwarz {
       global_.options.max_iterations = std::min(turn, left);
       const Summary part = global_.solve(system, x);
       add(part, summary);
-      if (part.status == Status::OutOfMemory) throw std::bad_alloc();
+      if (part.status == Status::OutOfMemory) detail::raise(detail::LackOfMemory(part.message));
       if (part.status != Status::MaxIterations) return part.status;
     }
   }
@@ -264,7 +265,7 @@ class Schwarz {
          ++i) {
       solver.options = local_;
       for (int s = 0; s < decomposition_.count(); ++s) {
-        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) throw std::bad_alloc();
+        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) detail::raise(std::bad_alloc());
       }
       ++summary.iterations;
       if (options.align) detail::align(system, x, false);

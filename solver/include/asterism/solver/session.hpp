@@ -3,7 +3,9 @@
 #include <asterism/solver/align.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/free_motion.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -46,7 +48,7 @@ class Session {
     Summary summary;
     summary.solver = name;
     bool started = false;
-    try {
+    const auto solve = [&] {
       if (const System* system = start(options, given, x, summary)) {
         started = true;
         summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
@@ -58,11 +60,12 @@ class Session {
         }
         judge(iterate(*system, summary), *system, x, summary);
       }
-    } catch (const std::bad_alloc&) {
+    };
+    attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
       if (started) x = start_;
       summary.status = Status::OutOfMemory;
-      summary.message = "the workspace does not fit into memory";
-    }
+      summary.message = memory_message(error);
+    });
     summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return summary;
   }
@@ -122,7 +125,7 @@ class Session {
 
     start_ = x;
     energy_ = energy_and_gradient(*system, x, gradient_);
-    if (!std::isfinite(energy_) || !gradient_.allFinite() || !rule_.set(*system, x, options.tolerance)) {
+    if (!is_finite(energy_) || !all_finite(gradient_) || !rule_.set(*system, x, options.tolerance)) {
       summary.status = Status::NumericalFailure;
       summary.message = "energy or gradient at the start leave the range of the scalar";
       return nullptr;
@@ -144,7 +147,7 @@ class Session {
   // `reason` is what the method says; energy and gradient at x have the last word.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
-    if (!std::isfinite(energy_) || !gradient_.allFinite()) reason = Status::NumericalFailure;
+    if (!is_finite(energy_) || !all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
         energy_ > start_energy_ + rounding_of_energy(system, start_energy_)) {
       x = start_;

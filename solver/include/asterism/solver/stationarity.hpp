@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 
@@ -91,12 +92,12 @@ class StoppingRule {
     for (int i = 0; i < system.nodes(); ++i) {
       if (!(stiffness_[i] > 0)) continue;
       weights_[i] = 1 / (stiffness_[i] * length);
-      in_range &= weights_[i] > 0 && std::isfinite(weights_[i]);
+      in_range &= weights_[i] > 0 && is_finite(weights_[i]);
     }
     // A coordinate is known to eps |x|, so g_i / A_ii cannot be resolved below a few times that.
     constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
     tolerance_ = std::max(static_cast<Scalar>(tolerance), kRounding * (1 + extent / length));
-    return in_range && std::isfinite(tolerance_);
+    return in_range && is_finite(tolerance_);
   }
 
   Scalar tolerance() const { return tolerance_; }

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/topology.hpp>
 #include <atomic>
 #include <charconv>
@@ -132,7 +133,7 @@ struct SolverOptions {
 
   /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
   constexpr const char* problem() const {
-    if (!(tolerance >= 0 && tolerance <= std::numeric_limits<double>::max()))
+    if (!(tolerance >= 0) || !detail::is_finite(tolerance))
       return "option tolerance is negative or not finite";
     if (max_iterations < 0) return "option max_iterations is negative";
     return nullptr;

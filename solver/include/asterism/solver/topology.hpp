@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
+#include <asterism/solver/memory.hpp>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -56,7 +58,8 @@ class Topology {
   /// Greatest number of links, or Eigen::Dynamic.
   static constexpr int kMaxLinks = MaxN == Eigen::Dynamic ? Eigen::Dynamic : std::max(1, MaxN*(MaxN - 1) / 2);
 
-  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ...
+  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ... Throws a std::bad_alloc where they
+  /// do not fit into memory.
   static Topology full(int n = N) {
     Topology topology(n);
     const auto pairs = std::int64_t{topology.nodes()} * (topology.nodes() - 1) / 2;
@@ -65,6 +68,7 @@ class Topology {
         topology.note({"node count", n, "is of more pairs than links can be counted"});
         return topology;
       }
+      detail::require_memory(static_cast<double>(sizeof(Link)) * static_cast<double>(pairs));
       topology.links_.reserve(static_cast<std::size_t>(pairs));
     }
     for (int i = 0; i < topology.nodes(); ++i) {
@@ -273,13 +277,14 @@ template <typename Derived>
 Topology<N, MaxN> Topology<N, MaxN>::k_nearest(const Eigen::MatrixBase<Derived>& points, int k) {
   Topology topology(static_cast<int>(points.cols()));
   if (k < 0) topology.note({"neighbour count", k, "is negative"});
-  if (!points.allFinite()) topology.note({"points", -1, "are not finite"});
+  const typename Derived::PlainObject plain = points;
+  if (!detail::all_finite(plain)) topology.note({"points", -1, "are not finite"});
   if (topology.defect_) return topology;
 
-  const typename Derived::PlainObject plain = points;
   if (topology.nodes() == 0) return topology;
   detail::NearestNeighbours nearest(plain, k);
   std::vector<Link> links;
+  detail::require_memory(3.0 * sizeof(Link) * topology.nodes() * std::min(k, topology.nodes() - 1));
   for (int i = 0; i < topology.nodes(); ++i) {
     for (const auto& [distance, j] : nearest.of(i)) links.push_back({std::min(i, j), std::max(i, j)});
   }
