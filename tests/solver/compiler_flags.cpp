@@ -4,8 +4,8 @@
 #ifdef ASTERISM_TEST_X11_BEFORE
 #define Status int  // as X11/Xlib.h does
 #endif
-#include <asterism/solver/covariance.hpp>
-#include <asterism/solver/newton.hpp>
+#include <asterism/solver.hpp>
+#include <asterism/solver/batch.hpp>
 #ifdef ASTERISM_TEST_X11_AFTER
 #include "x11_macros.hpp"
 #endif

@@ -78,8 +78,10 @@ Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
     anchor_centre[c] *= inverse;
     centre[c] *= inverse;
   }
+  const Number zero = k(0) * Real(0);
   Number M[kDim][kDim];
-  Number size = k(0) * Real(0);  // no entry of M is above it
+  for (auto& row : M) std::fill_n(row, kDim, zero);
+  Number size = zero;  // no entry of M is above it
   for (int i = 0; i < nodes; ++i) {
     Number q[kDim];
     Number p[kDim];
@@ -91,12 +93,7 @@ Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
     for (int r = 0; r < kDim; ++r) {
       const Number weighted = k(i) * q[r];
       for (int c = 0; c < kDim; ++c) {
-        if (kDim == 2 && r != c) continue;
-        if (i == 0) {
-          M[r][c] = weighted * p[c];
-        } else {
-          M[r][c] += weighted * p[c];
-        }
+        if (kDim == 3 || r == c) M[r][c] += weighted * p[c];
       }
     }
   }
@@ -263,6 +260,16 @@ class FreeMotions {
     }
     if (!(largest > 0)) largest = 1;
     if (!(extent > 0)) extent = 1;
+    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3)) {
+      const auto anchor = [&](int m, int c) {
+        return static_cast<double>(system.is_fixed(begin[m]) ? x(c, begin[m]) : system.anchors(c, begin[m]));
+      };
+      if (hold_of_body<kDim, double>(
+              static_cast<int>(end - begin), anchor,
+              [&](int m) { return stiffness_of(system, begin[m], largest); },
+              [&](int m, int c) { return static_cast<double>(x(c, begin[m])); }) > 0)
+        return {};
+    }
     double total = 0;
     Vector centre = Vector::Zero();
     for (const int* m = begin; m != end; ++m) {
