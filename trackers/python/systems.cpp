@@ -278,8 +278,8 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"),
       "The covariance of the solution x by Laplace's approximation, (dim N, dim N) [px^2 for stiffness in\n"
-      "1/px^2]. numpy.linalg.LinAlgError where x is no strict local minimum, ValueError for what a solver\n"
-      "would refuse.");
+      "1/px^2]. numpy.linalg.LinAlgError where x is no strict local minimum, which names a free rotation or\n"
+      "translation, ValueError for what a solver would refuse, MemoryError where it does not fit.");
   m.def(
       "node_covariances",
       [](AnySystem& system, const py::object& x) {

@@ -115,7 +115,8 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
                     Defect{"link", l, "has ends that coincide: x is no local minimum"});
     }
     if (const FreeMotion motion = FreeMotions<System>().find(system, x)) {
-      return refuse(CovarianceStatus::NotPositiveDefinite, motion.message());
+      Message reason = "the Hessian is not positive definite: ";
+      return refuse(CovarianceStatus::NotPositiveDefinite, reason.append(motion.message()));
     }
     result.status = compute(result);
     if (result.status == CovarianceStatus::Computed) return;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <charconv>
+#include <cstddef>
 #include <cstdlib>
 #include <cstring>
 #include <fstream>
