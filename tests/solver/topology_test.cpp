@@ -132,7 +132,7 @@ TEST(Topology, NearestNeighboursAsByBruteForce) {
 // Wherever the points are, within some times what points anywhere take; comparing all pairs takes hundreds of
 // times as long.
 TEST(Topology, NearestNeighboursTakeNoLongerOfOddPoints) {
-  constexpr int kNodes = 20000;
+  constexpr int kNodes = 8000;
   const auto seconds = [](const Eigen::MatrixXd& points) {
     const auto begin = std::clock();
     EXPECT_GE(Topology<>::k_nearest(points, 6).link_count(), kNodes * 6 / 2);
