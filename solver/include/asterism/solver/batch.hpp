@@ -486,7 +486,7 @@ class BatchNewton {
         return Eigen::Map<const Together>(values + plane * planes.stride + s);
       };
       if (!batch.is_connected_) return Together::Zero();
-      Together hold = detail::hold_of_body<Batch::kDim, Together>(
+      Together hold = detail::hold_of_body<Batch::kDim, Together, Scalar>(
           planes.nodes, [&](int i, int c) { return at(planes.anchors, Batch::kDim * i + c); },
           [&](int i) { return at(planes.anchor_stiffness, i); },
           [&](int i, int c) { return at(planes.x, Batch::kDim * i + c); });

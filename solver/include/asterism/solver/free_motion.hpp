@@ -46,11 +46,11 @@ struct FreeMotion {
 /// How clearly plain anchors of stiffness k(i) hold one rigid body: positive if they do, without a doubt. The
 /// anchors' energy of a rotation exp(W) about the centroid that leaves the best translation has the second
 /// derivative -tr(W^2 M), M = sum_i k_i (a_i - a) (x_i - c)^T, so tr(M) I - sym(M) is to be positive definite
-/// in space, tr(M) to be positive in the plane. `Number` is a number, or one of several systems at a time.
-template <int kDim, typename Number, typename Anchor, typename Stiffness, typename Point>
+/// in space, tr(M) to be positive in the plane. `Number` is a `Real`, or an array of them, one of each
+/// of several systems.
+template <int kDim, typename Number, typename Real, typename Anchor, typename Stiffness, typename Point>
 Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
   static_assert(kDim == 2 || kDim == 3);
-  using Real = typename Eigen::NumTraits<Number>::Real;
   constexpr Real kMargin = Real(1e-4);  // beyond any rounding; what is below is looked at closely
   const auto least = [](const Number& u, const Number& v) {
     if constexpr (std::is_arithmetic_v<Number>) {
@@ -175,7 +175,7 @@ class FreeMotions {
         if (!(system.link_stiffness[l] > 0)) return false;
       }
       if (!system.topology().is_full() && !is_connected(system.nodes(), system.links(), up_)) return false;
-      return hold_of_body<kDim, Scalar>(
+      return hold_of_body<kDim, Scalar, Scalar>(
                  system.nodes(), [&](int i, int c) { return system.anchors(c, i); },
                  [&](int i) { return system.anchor_stiffness[i]; },
                  [&](int i, int c) { return x(c, i); }) > 0;
@@ -264,7 +264,7 @@ class FreeMotions {
       const auto anchor = [&](int m, int c) {
         return static_cast<double>(system.is_fixed(begin[m]) ? x(c, begin[m]) : system.anchors(c, begin[m]));
       };
-      if (hold_of_body<kDim, double>(
+      if (hold_of_body<kDim, double, double>(
               static_cast<int>(end - begin), anchor,
               [&](int m) { return stiffness_of(system, begin[m], largest); },
               [&](int m, int c) { return static_cast<double>(x(c, begin[m])); }) > 0)
