@@ -158,6 +158,19 @@ class FunctionsTest(unittest.TestCase):
         with self.assertRaisesRegex(np.linalg.LinAlgError, "not positive definite"):
             asterism.covariance(system, np.array([[0.0, 0], [0.1, 0]]))
 
+    def test_there_is_no_covariance_of_a_free_rotation(self):
+        for dim, held, motion in ((2, [1], "about node 1"), (3, [0, 2], "about the line through nodes 0 and 2")):
+            system, x = random_system(dim=dim)
+            stiffness = np.zeros(len(x))
+            stiffness[held] = 0.5
+            system.anchor_stiffness = stiffness
+            summary = asterism.solve(system, x)
+            self.assertTrue(summary.usable)
+            self.assertIs(summary.positive_definite, False)
+            for function in (asterism.covariance, asterism.node_covariances):
+                with self.assertRaisesRegex(np.linalg.LinAlgError, motion):
+                    function(system, x)
+
     def test_unset_values_are_errors(self):
         system = asterism.SpringSystem(asterism.Topology.full(3))
         for function in (asterism.energy, asterism.gradient, asterism.hessian, asterism.covariance):

@@ -4,8 +4,13 @@
 
 #include <asterism/solver.hpp>
 #include <asterism/solver/batch.hpp>
+#include <new>
 #include <optional>
+#include <string_view>
 
+#ifdef ASTERISM_TEST_CERES
+#include <asterism/solver/ceres.hpp>
+#endif
 #ifdef ASTERISM_TEST_CHOLMOD
 #include <asterism/solver/cholmod.hpp>
 #endif
@@ -91,6 +96,53 @@ TYPED_TEST(OutOfMemory, AfterAnotherSize) {
   // As many nodes, other links.
   const Problem star = bench::random_system<System>(rng, System::TopologyType::star(17, 0));
   expect_out_of_memory<TypeParam>(problem, &star);
+}
+
+template <typename Solver>
+class TooLarge : public ::testing::Test {};
+using DenseSolvers = ::testing::Types<
+#ifdef ASTERISM_TEST_CERES
+    reference::Ceres<System, reference::CeresMethod::LevenbergMarquardtDense>,
+#endif
+    Ida<System>, Newton<System>, Lbfgs<System>, MultiStart<System, Newton<System>>>;
+TYPED_TEST_SUITE(TooLarge, DenseSolvers);
+
+// Dense matrices of 10^13 bytes and more, which an operating system would promise, bit by bit, until it ends
+// the process: refused before anything is allocated, with what would be needed.
+TYPED_TEST(TooLarge, IsRefusedBeforeItIsAllocated) {
+  constexpr int kNodes = 2'000'000;
+  System system(Topology<>::from_links(kNodes, {}));
+  system.anchors.setZero(2, kNodes);
+  system.anchor_stiffness.setOnes();
+  const Points start = Points::Ones(2, kNodes);
+  Points x = start;
+  const Summary summary = TypeParam().solve(system, x);
+  EXPECT_EQ(summary.status, Status::OutOfMemory) << summary;
+  EXPECT_NE(std::string_view(summary.message).find("000.0 GB of memory, and"), std::string_view::npos)
+      << summary;
+  EXPECT_EQ(x, start);
+}
+
+TEST(TooLarge, CovarianceAndHessian) {
+  constexpr int kNodes = 200'000;
+  System system(Topology<>::from_links(kNodes, {}));
+  system.anchors.setZero(2, kNodes);
+  system.anchor_stiffness.setOnes();
+  const auto all = covariance(system, system.anchors);
+  EXPECT_EQ(all.status, CovarianceStatus::OutOfMemory);
+  EXPECT_NE(std::string_view(all.message).find("needs 3840.0 GB"), std::string_view::npos) << all.message;
+  EXPECT_THROW(hessian(system, system.anchors), std::bad_alloc);
+  EXPECT_TRUE(node_covariances(system, system.anchors));
+}
+
+TEST(TooLarge, Matrices) {
+  EXPECT_GT(detail::available_memory(), 1e7);
+  EXPECT_NO_THROW(detail::require_memory(1e6));
+  EXPECT_NO_THROW(detail::require_memory(0));
+  EXPECT_THROW(detail::require_memory(1e16), std::bad_alloc);
+  EXPECT_NO_THROW(detail::require_entries(1e6, 8));
+  EXPECT_THROW(detail::require_entries(2147483648.0, 8), std::bad_alloc);
+  EXPECT_THROW((SpringBatch<double, 2>(Topology<>::full(1000), 1'000'000)), std::bad_alloc);
 }
 
 // Allocations between those of the subdomains' solvers, too.

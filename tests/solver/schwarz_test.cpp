@@ -9,6 +9,7 @@
 #include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <ctime>
 #include <limits>
 #include <thread>
 #include <vector>
@@ -256,6 +257,32 @@ TEST(Schwarz, TakesManyNodes) {
   const Summary summary = solver.solve(system, x);
   EXPECT_EQ(summary.status, Status::MaxIterations) << summary;
   EXPECT_LT(summary.final_energy, 0.1 * summary.initial_energy);
+}
+
+// A node that is linked to all others is next to every subdomain, and its neighbours are no part of them:
+// four times the nodes take four times as long, not sixteen.
+TEST(Schwarz, HubsCostNoMoreThanTheirLinks) {
+  const auto seconds = [](int n) {
+    std::vector<Link> links;
+    for (int i = 1; i < n; ++i) {
+      links.push_back({0, i});
+      if (i + 1 < n) links.push_back({i, i + 1});
+      if (i + 2 < n) links.push_back({i, i + 2});
+    }
+    Plane system(Topology<>::from_links(n, links));
+    for (int i = 0; i < n; ++i) system.anchors.col(i) << i % 317, i / 317;
+    system.anchor_stiffness.setConstant(0.1);
+    system.link_stiffness.setOnes();
+    system.set_rest_lengths(system.anchors);
+    system.rest_length *= 0.97;
+    Plane::Points x = system.anchors;
+    Schwarz<Plane> solver;
+    solver.options.tolerance = 1e-6;
+    const auto begin = std::clock();
+    EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
+    return double(std::clock() - begin) / CLOCKS_PER_SEC;
+  };
+  EXPECT_LT(seconds(60000), 9 * seconds(15000) + 0.1);
 }
 
 }  // namespace

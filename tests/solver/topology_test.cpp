@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/topology.hpp>
+#include <cmath>
+#include <ctime>
 #include <set>
 #include <string_view>
 #include <utility>
@@ -39,14 +41,67 @@ TEST(Topology, StarLinksTheCentreToTheOthers) {
   EXPECT_TRUE(Topology<>::star(5, -1).defect());
 }
 
-template <int Dim>
-void expect_nearest_neighbours_as_by_brute_force() {
-  using System = SpringSystem<double, Dim>;
+/// Where points may be; each is tried by brute force, and for its time. One line a distribution.
+struct Distribution {
+  const char* name;
+  void (*place)(bench::Rng& rng, int i, Eigen::Ref<Eigen::VectorXd> point);
+};
+
+constexpr Distribution kDistributions[] = {
+    {"anywhere",
+     [](bench::Rng& rng, int, auto point) {
+       for (double& c : point) c = rng.uniform(0, 1);
+     }},
+    {"coincident", [](bench::Rng&, int, auto point) { point.setConstant(0.3); }},
+    {"a few coincident",
+     [](bench::Rng& rng, int i, auto point) {
+       for (double& c : point) c = i % 9 == 0 ? 0.5 : rng.uniform(0, 1);
+     }},
+    {"on two points", [](bench::Rng&, int i, auto point) { point.setConstant(i % 2); }},
+    {"on a line",
+     [](bench::Rng& rng, int, auto point) {
+       point.setZero();
+       point[0] = rng.uniform(0, 1);
+     }},
+    {"evenly on a line", [](bench::Rng&, int i, auto point) { point.setConstant(i); }},
+    {"on a grid",
+     [](bench::Rng&, int i, auto point) {
+       for (double& c : point) {
+         c = i % 32;
+         i /= 32;
+       }
+     }},
+    {"one far outlier",
+     [](bench::Rng& rng, int i, auto point) {
+       for (double& c : point) c = i == 0 ? 1e300 : rng.uniform(0, 1);
+     }},
+    {"clustered at many scales",
+     [](bench::Rng& rng, int i, auto point) {
+       for (double& c : point) c = std::ldexp(rng.uniform(0.5, 1), -(i % 200));
+     }},
+    {"squares that underflow",
+     [](bench::Rng& rng, int, auto point) {
+       for (double& c : point) c = 1e-200 * rng.uniform(0, 1);
+     }},
+    {"squares that overflow",
+     [](bench::Rng& rng, int, auto point) {
+       for (double& c : point) c = 1e200 * rng.uniform(-1, 1);
+     }},
+};
+
+Eigen::MatrixXd placed(const Distribution& distribution, int dim, int n) {
   bench::Rng rng(7);
+  Eigen::MatrixXd points(dim, n);
+  for (int i = 0; i < n; ++i) distribution.place(rng, i, points.col(i));
+  return points;
+}
+
+template <int Dim>
+void expect_nearest_neighbours_as_by_brute_force(const Distribution& distribution, int neighbours) {
+  SCOPED_TRACE(distribution.name);
   constexpr int kNodes = 150;
-  constexpr int kNeighbours = 5;
-  auto points = bench::random_points<System>(rng, kNodes, 0, 1);
-  points.col(17) = points.col(3);  // coincident points are neighbours like others
+  const Eigen::Matrix<double, Dim, Eigen::Dynamic, Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor> points =
+      placed(distribution, Dim, kNodes);
   std::set<std::pair<int, int>> expected;
   for (int i = 0; i < kNodes; ++i) {
     std::vector<std::pair<double, int>> others;
@@ -54,20 +109,44 @@ void expect_nearest_neighbours_as_by_brute_force() {
       if (j != i) others.emplace_back((points.col(i) - points.col(j)).squaredNorm(), j);
     }
     std::sort(others.begin(), others.end());
-    for (int m = 0; m < kNeighbours; ++m)
+    for (int m = 0; m < neighbours; ++m)
       expected.insert(std::minmax(i, others[static_cast<std::size_t>(m)].second));
   }
-  const auto topology = Topology<>::k_nearest(points, kNeighbours);
+  const auto topology = Topology<>::k_nearest(points, neighbours);
   EXPECT_FALSE(topology.defect());
   EXPECT_EQ(static_cast<std::size_t>(topology.link_count()), expected.size());
   EXPECT_EQ(pairs_of(topology.links()), expected);
 }
 
 TEST(Topology, NearestNeighboursAsByBruteForce) {
-  expect_nearest_neighbours_as_by_brute_force<1>();
-  expect_nearest_neighbours_as_by_brute_force<2>();
-  expect_nearest_neighbours_as_by_brute_force<3>();
+  for (const Distribution& distribution : kDistributions) {
+    for (const int k : {1, 5, 149}) {
+      expect_nearest_neighbours_as_by_brute_force<1>(distribution, k);
+      expect_nearest_neighbours_as_by_brute_force<2>(distribution, k);
+      expect_nearest_neighbours_as_by_brute_force<3>(distribution, k);
+      expect_nearest_neighbours_as_by_brute_force<6>(distribution, k);
+    }
+  }
 }
+
+// Wherever the points are, within some times what points anywhere take; comparing all pairs takes hundreds of
+// times as long.
+TEST(Topology, NearestNeighboursTakeNoLongerOfOddPoints) {
+  constexpr int kNodes = 8000;
+  const auto seconds = [](const Eigen::MatrixXd& points) {
+    const auto begin = std::clock();
+    EXPECT_GE(Topology<>::k_nearest(points, 6).link_count(), kNodes * 6 / 2);
+    return double(std::clock() - begin) / CLOCKS_PER_SEC;
+  };
+  for (const int dim : {2, 3}) {
+    const double usual = seconds(placed(kDistributions[0], dim, kNodes));
+    for (const Distribution& distribution : kDistributions) {
+      EXPECT_LT(seconds(placed(distribution, dim, kNodes)), 10 * usual + 0.1) << distribution.name;
+    }
+  }
+}
+
+TEST(Topology, FullRefusesMoreLinksThanCanBeCounted) { EXPECT_TRUE(Topology<>::full(70000).defect()); }
 
 TEST(Topology, NearestNeighboursOfAGridBreakTiesByIndex) {
   Eigen::Matrix2Xd grid(2, 4);

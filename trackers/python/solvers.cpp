@@ -177,8 +177,10 @@ void bind_solvers(py::module_& m) {
       .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
       .def_readonly("gradient_norm", &Summary::gradient_norm, "|dE/dx| at the x returned.")
       .def_readonly("stationarity", &Summary::stationarity, "At the x returned; see stationarity().")
-      .def_property_readonly("positive_definite", &definite,
-                             "Whether the Hessian at the x returned is; None where the method did not look.")
+      .def_property_readonly(
+          "positive_definite", &definite,
+          "Whether the Hessian at the x returned is; False, too, where nothing holds a component\n"
+          "against turning or sliding; None where the method did not look.")
       .def_readonly("seconds", &Summary::seconds, "Wall-clock time of the solve.")
       .def_property_readonly("usable", &Summary::usable, "x is finite and at least as good as the start.")
       .def(

@@ -103,8 +103,9 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
 [[noreturn]] void refuse_covariance(CovarianceStatus status, const Message& message) {
   const std::string text{std::string_view(message)};
   if (status == CovarianceStatus::InvalidInput) throw py::value_error(text);
-  if (status == CovarianceStatus::OutOfMemory) throw std::bad_alloc();
-  const py::object type = py::module_::import("numpy.linalg").attr("LinAlgError");
+  const bool out_of_memory = status == CovarianceStatus::OutOfMemory;
+  const py::object type = py::module_::import(out_of_memory ? "builtins" : "numpy.linalg")
+                              .attr(out_of_memory ? "MemoryError" : "LinAlgError");
   PyErr_SetString(type.ptr(), text.c_str());
   throw py::error_already_set();
 }
@@ -277,8 +278,8 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"),
       "The covariance of the solution x by Laplace's approximation, (dim N, dim N) [px^2 for stiffness in\n"
-      "1/px^2]. numpy.linalg.LinAlgError where x is no strict local minimum, ValueError for what a solver\n"
-      "would refuse.");
+      "1/px^2]. numpy.linalg.LinAlgError where x is no strict local minimum, which names a free rotation or\n"
+      "translation, ValueError for what a solver would refuse, MemoryError where it does not fit.");
   m.def(
       "node_covariances",
       [](AnySystem& system, const py::object& x) {

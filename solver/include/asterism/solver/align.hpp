@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <limits>
@@ -16,7 +17,8 @@ namespace detail {
 /// columns of V, by Jacobi's rotations (Golub & Van Loan, section 8.5). Some microseconds; Eigen's solver
 /// takes seconds to compile for each size and scalar.
 template <typename Scalar, int n>
-void diagonalise(Eigen::Matrix<Scalar, n, n>& A, Eigen::Matrix<Scalar, n, n>& V) {
+void diagonalise(Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& A,
+                 Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& V) {
   constexpr int kMaxSweeps = 30;  // five or six do: convergence is quadratic
   V.setIdentity();
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
@@ -55,12 +57,13 @@ void diagonalise(Eigen::Matrix<Scalar, n, n>& A, Eigen::Matrix<Scalar, n, n>& V)
 /// (M10 - M01) / (M00 + M11). Three: Horn's quaternion (Closed-form solution of absolute orientation, 1987).
 /// More: singular vectors (Kabsch 1976).
 template <typename Scalar, int Dim>
-Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim> M, bool allow_reflection) {
-  using Matrix = Eigen::Matrix<Scalar, Dim, Dim>;
+Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
+    Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> M, bool allow_reflection) {
+  using Matrix = Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>;
   Scalar size = M.squaredNorm();
-  if (!(size > std::numeric_limits<Scalar>::min() && std::isfinite(size * size))) [[unlikely]] {
+  if (!(size > std::numeric_limits<Scalar>::min() && is_finite(size * size))) [[unlikely]] {
     const Scalar largest = M.cwiseAbs().maxCoeff();
-    if (!(largest > 0 && std::isfinite(largest))) return Matrix::Identity();
+    if (!(largest > 0 && is_finite(largest))) return Matrix::Identity();
     M /= largest;
     size = M.squaredNorm();
   }
@@ -85,7 +88,7 @@ Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim>
     sine *= inverse;
     R << cosine, mirror ? sine : -sine, sine, mirror ? -cosine : cosine;
   } else if constexpr (Dim == 3) {
-    Eigen::Matrix<Scalar, 4, 4> N;  // lower triangle
+    Eigen::Matrix<Scalar, 4, 4, Eigen::ColMajor> N;  // lower triangle
     N(0, 0) = M(0, 0) + M(1, 1) + M(2, 2);
     N(1, 0) = M(2, 1) - M(1, 2);
     N(2, 0) = M(0, 2) - M(2, 0);
@@ -96,7 +99,7 @@ Eigen::Matrix<Scalar, Dim, Dim> nearest_rotation(Eigen::Matrix<Scalar, Dim, Dim>
     N(2, 2) = -M(0, 0) + M(1, 1) - M(2, 2);
     N(3, 2) = M(2, 1) + M(1, 2);
     N(3, 3) = -M(0, 0) - M(1, 1) + M(2, 2);
-    Eigen::Matrix<Scalar, 4, 4> vectors;
+    Eigen::Matrix<Scalar, 4, 4, Eigen::ColMajor> vectors;
     diagonalise(N, vectors);
     int least = 0;
     int largest = 0;
@@ -147,12 +150,12 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     centre += k * x.col(i);
     anchor_centre += k * system.anchors.col(i);
   }
-  if (!(total > 0 && std::isfinite(total))) return false;
+  if (!(total > 0 && is_finite(total))) return false;
   const Scalar inverse = 1 / total;
   centre *= inverse;
   anchor_centre *= inverse;
 
-  Eigen::Matrix<Scalar, System::kDim, System::kDim> M;
+  Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor> M;
   M.setZero();
   Scalar spread = 0;
   Scalar anchor_spread = 0;
@@ -176,7 +179,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
     const Scalar gain =
         total * (centre - anchor_centre).squaredNorm() +
-        2 * (R - Eigen::Matrix<Scalar, System::kDim, System::kDim>::Identity()).cwiseProduct(M).sum();
+        2 * (R - Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>::Identity())
+                .cwiseProduct(M)
+                .sum();
     if (!(gain > kRounding * (spread + anchor_spread) + rounding)) return false;
   } else {
     Scalar before = 0;

@@ -3,6 +3,9 @@
 #include <algorithm>
 #include <asterism/solver/batch_kernels.hpp>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
+#include <asterism/solver/free_motion.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/newton.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
@@ -57,10 +60,10 @@ struct ThreadExecutor {
     };
     const int wanted = threads > 0 ? threads : static_cast<int>(std::thread::hardware_concurrency());
     std::vector<std::thread> others;
-    try {
+    const auto start = [&] {
       for (int t = 1; t < std::min(wanted, task_count); ++t) others.emplace_back(work);
-    } catch (const std::exception&) {  // fewer then
-    }
+    };
+    detail::attempt<std::exception>(start, [](const std::exception&) {});  // fewer then
     work();
     for (std::thread& other : others) other.join();
   }
@@ -113,7 +116,11 @@ namespace detail {
 template <typename T>
 class AlignedArray {
  public:
-  void resize(std::size_t count) { lines_.resize((count + kPerLine - 1) / kPerLine); }
+  void resize(std::size_t count) {
+    const std::size_t lines = (count + kPerLine - 1) / kPerLine;
+    if (lines > lines_.size()) require_memory(double(sizeof(Line)) * static_cast<double>(lines));
+    lines_.resize(lines);
+  }
   T* data() { return reinterpret_cast<T*>(lines_.data()); }
   const T* data() const { return reinterpret_cast<const T*>(lines_.data()); }
 
@@ -173,6 +180,8 @@ class SpringBatch {
     for (int p = 0; p < 3; ++p) std::fill_n(verdicts_.data() + at(p), count_, Scalar(-1));
     for (int p = 0; p < 3; ++p) std::fill_n(counts_.data() + at(p), count_, p == kStatus ? 0 : -1);
     for (const Link& link : topology_.links()) ends_.insert(ends_.end(), {link.i, link.j});
+    Eigen::VectorXi scratch;
+    is_connected_ = nodes() > 0 && detail::is_connected(nodes(), topology_.links(), scratch);
   }
 
   /// Number of systems.
@@ -205,7 +214,7 @@ class SpringBatch {
         total += weight;
         centre += weight * (wide.col(i) - centre) / total;
       }
-      if (!centre.allFinite()) centre.setZero();
+      if (!detail::all_finite(centre)) centre.setZero();
     }
     for (int d = 0; d < Dim; ++d) origins_.data()[at(d) + index] = centre[d];
     if (nodes() == 0) return;
@@ -334,6 +343,7 @@ class SpringBatch {
 
   TopologyType topology_;
   std::vector<std::int32_t> ends_;
+  bool is_connected_ = false;
   int count_;
   std::ptrdiff_t stride_;
   detail::AlignedArray<Scalar> values_;
@@ -406,12 +416,16 @@ class BatchNewton {
   }
 
  private:
+  static constexpr int kTogether = 16;  // systems; planes have so many more to be read
+  using Together = Eigen::Array<Scalar, kTogether, 1>;
+
   // What a task needs to solve systems one by one.
   struct Scalars {
     explicit Scalars(const Batch& batch) : system(batch.topology()) {}
     System system;
     Points x;
     Newton<System> newton;
+    detail::FreeMotions<System> free_motions;
   };
 
   template <typename E>
@@ -420,16 +434,17 @@ class BatchNewton {
     const Isa isa = summary.simd == Simd::Avx512 ? kAvx512 : summary.simd == Simd::Avx2 ? kAvx2 : kPortable;
     lanes_v0_1::Kernel<Scalar> kernel = nullptr;
     if (!options.allow_reflection) kernel = kernel_for(*kernels(isa), batch);
-    try {
+    const auto allocate = [&] {
       if (kernel != nullptr) {
         work_.resize(static_cast<std::size_t>(work_planes(Batch::kDim, batch.nodes())) *
                      static_cast<std::size_t>(batch.stride_));
       }
-    } catch (const std::bad_alloc&) {
+    };
+    detail::attempt<std::bad_alloc>(allocate, [&summary](const std::bad_alloc& error) {
       summary.status = Status::OutOfMemory;
-      summary.message = "the workspace does not fit into memory";
-      return;
-    }
+      summary.message = detail::memory_message(error);
+    });
+    if (summary.status == Status::OutOfMemory) return;
     const Planes<Scalar> planes = batch.planes(work_.data());
     const Settings settings{options.tolerance, options.max_iterations, options.align};
     // Tasks are cut by the size of the batch alone.
@@ -464,11 +479,15 @@ class BatchNewton {
     std::int32_t* definite = batch.counts_.data() + batch.at(Batch::kDefinite);
     std::unique_ptr<Scalars> scalars;
     int left = 0;
+    Together hold;
     for (int s = first; s < last; ++s) {
+      if ((s - first) % kTogether == 0) hold = hold_of(batch, planes, s);
       const std::int32_t outcome = planes.outcome[s];
-      definite[s] = outcome == kConverged ? 1 : -1;
       Status status = outcome == kConverged ? Status::Converged : Status::MaxIterations;
-      if (outcome == kLeft) [[unlikely]] {
+      definite[s] = -1;
+      if (outcome == kConverged) {
+        definite[s] = hold[(s - first) % kTogether] > 0 || is_held(batch, s, scalars) ? 1 : 0;
+      } else if (outcome == kLeft) [[unlikely]] {
         ++left;
         status = solve_one(batch, planes, s, scalars, definite[s]);
       }
@@ -478,14 +497,44 @@ class BatchNewton {
     return left;
   }
 
-  Status solve_one(Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s,
-                   std::unique_ptr<Scalars>& scalars, std::int32_t& definite) {
-    try {
+  // How clearly the anchors of systems s, s + 1, ... hold them, as one body each.
+  static Together hold_of(const Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s) {
+    if constexpr (Batch::kDim == 2 || Batch::kDim == 3) {
+      const auto at = [s, &planes](const Scalar* values, int plane) {
+        return Eigen::Map<const Together>(values + plane * planes.stride + s);
+      };
+      if (!batch.is_connected_) return Together::Zero();
+      Together hold = detail::hold_of_body<Batch::kDim, Together, Scalar>(
+          planes.nodes, [&](int i, int c) { return at(planes.anchors, Batch::kDim * i + c); },
+          [&](int i) { return at(planes.anchor_stiffness, i); },
+          [&](int i, int c) { return at(planes.x, Batch::kDim * i + c); });
+      for (int i = 0; i < planes.nodes; ++i) hold = hold.min(at(planes.anchor_stiffness, i));
+      for (int l = 0; l < planes.link_count; ++l) hold = hold.min(at(planes.link_stiffness, l));
+      return hold;
+    }
+    return Together::Zero();
+  }
+
+  bool is_held(const Batch& batch, int s, std::unique_ptr<Scalars>& scalars) {
+    bool held = false;  // where memory does not suffice to know
+    const auto look = [&] {
       if (!scalars) scalars = take_scalars(batch);
       batch.get(s, scalars->system, scalars->x);
-    } catch (const std::bad_alloc&) {
-      return Status::OutOfMemory;
-    }
+      held = !scalars->free_motions.find(scalars->system, scalars->x);
+    };
+    detail::attempt<std::bad_alloc>(look, [](const std::bad_alloc&) {});
+    return held;
+  }
+
+  Status solve_one(Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s,
+                   std::unique_ptr<Scalars>& scalars, std::int32_t& definite) {
+    bool is_there = true;
+    const auto take = [&] {
+      if (!scalars) scalars = take_scalars(batch);
+      batch.get(s, scalars->system, scalars->x);
+    };
+    detail::attempt<std::bad_alloc>(take, [&](const std::bad_alloc&) { is_there = false; });
+    if (!is_there) return Status::OutOfMemory;
     const Summary one = scalars->newton.solve(scalars->system, scalars->x);
     definite = one.positive_definite;
     planes.iterations[s] = one.iterations;
@@ -519,10 +568,8 @@ class BatchNewton {
 
   void put_back(std::unique_ptr<Scalars> scalars) {
     const std::scoped_lock lock(mutex_);
-    try {
-      scalars_.push_back(std::move(scalars));
-    } catch (const std::bad_alloc&) {  // made anew next time
-    }
+    const auto keep = [&] { scalars_.push_back(std::move(scalars)); };
+    detail::attempt<std::bad_alloc>(keep, [](const std::bad_alloc&) {});  // made again next time
   }
 
   static void conclude(const Batch& batch, BatchSummary& summary) {
@@ -574,25 +621,27 @@ void solve_each(const Systems& systems, Xs&& x, Summaries&& summaries, const Sol
   executor(static_cast<int>((all.size() + kChunk - 1) / kChunk), [&](int task) {
     const std::size_t first = static_cast<std::size_t>(task) * kChunk;
     const std::size_t last = std::min(all.size(), first + kChunk);
-    try {
-      const auto solve = [&](Solver_& solver) {
-        for (std::size_t s = first; s < last; ++s) results[s] = solver.solve(all[s], points[s]);
-      };
+    const auto solve_by = [&](Solver_& solver) {
+      for (std::size_t s = first; s < last; ++s) results[s] = solver.solve(all[s], points[s]);
+    };
+    const auto solve = [&] {
       if constexpr (std::copy_constructible<Solver_>) {
         Solver_ solver = prototype;
-        solve(solver);
+        solve_by(solver);
       } else {
         Solver_ solver;
         solver.options = prototype.options;
-        solve(solver);
+        solve_by(solver);
       }
-    } catch (const std::bad_alloc&) {  // by the copy; a solver catches its own
+    };
+    // By the copy: a solver catches its own.
+    detail::attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
       for (std::size_t s = first; s < last; ++s) {
         results[s] = Summary();
         results[s].status = Status::OutOfMemory;
-        results[s].message = "the workspace does not fit into memory";
+        results[s].message = detail::memory_message(error);
       }
-    }
+    });
   });
 }
 

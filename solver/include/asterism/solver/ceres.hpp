@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
@@ -93,6 +94,11 @@ class Ceres {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       constexpr int kDim = System::kDim;
       using Scalar = typename System::Scalar;
+      if constexpr (kMethod ==
+                    CeresMethod::LevenbergMarquardtDense) {  // its dense Jacobian and normal matrix
+        const double size = double{kDim} * system.nodes();
+        asterism::detail::require_memory(sizeof(double) * size * (2 * size + system.link_count() + size));
+      }
 
       SpringSystem<double, kDim> copy(Topology<>::from_links(system.nodes(), system.links()));
       // Ceres has thresholds of its own in the units that it is given, so it is given a system of unit size.

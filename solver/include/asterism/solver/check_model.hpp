@@ -3,6 +3,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/model.hpp>
 #include <cmath>
 
@@ -57,7 +58,7 @@ ModelViolation check_link_potential(const P& potential, double scale = 1) {
     for (int i = -1; i < kSteps; ++i) {
       const double r = i < 0 ? 0 : length(i);
       const auto here = phi(r);
-      if (!(std::isfinite(here.value) && std::isfinite(here.first) && std::isfinite(here.second)))
+      if (!(detail::is_finite(here.value) && detail::is_finite(here.first) && detail::is_finite(here.second)))
         return {"is not finite", r, mu};
       if (!(here.value >= 0)) return {"is negative", r, mu};
       constexpr double kRounding = 1e-9;
@@ -94,7 +95,7 @@ ModelViolation check_anchor_loss(const L& loss, double scale = 1) {
     const double s = i < 0 ? 0 : scale * scale * std::pow(10.0, -4 + 8.0 * i / (kSteps - 1));
     const auto here = rho(s);
     constexpr double kRounding = 1e-9;
-    if (!(std::isfinite(here.value) && std::isfinite(here.first) && std::isfinite(here.second)))
+    if (!(detail::is_finite(here.value) && detail::is_finite(here.first) && detail::is_finite(here.second)))
       return {"is not finite", s, 0};
     if (!(here.first >= 0 && here.first <= 1 + kRounding))
       return {"has a slope that is not from 0 to 1", s, 0};

@@ -3,6 +3,7 @@
 #include <Eigen/CholmodSupport>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/ida.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/sparse_cholesky.hpp>
 #include <memory>
 #include <new>
@@ -27,6 +28,7 @@ class Cholmod {
     if (llt_) cholesky_->cholmod().final_ll = 1;
     cholesky_->analyzePattern(lower);
     check_memory();
+    require_entries(cholesky_->cholmod().lnz, sizeof(double));
   }
   void factorize(const Matrix& lower) {
     cholesky_->factorize(lower);
@@ -45,7 +47,7 @@ class Cholmod {
   using Cholesky = Eigen::CholmodDecomposition<Matrix>;
 
   void check_memory() {
-    if (cholesky_->cholmod().status == CHOLMOD_OUT_OF_MEMORY) throw std::bad_alloc();
+    if (cholesky_->cholmod().status == CHOLMOD_OUT_OF_MEMORY) raise(std::bad_alloc());
   }
 
   bool llt_;
@@ -78,7 +80,7 @@ class CholmodCholesky {
   }
 
  private:
-  using RightHandSide = Eigen::Matrix<double, Eigen::Dynamic, System::kDim>;
+  using RightHandSide = Eigen::Matrix<double, Eigen::Dynamic, System::kDim, Eigen::ColMajor>;
 
   detail::SparseStiffness<double> stiffness_;
   detail::Cholmod cholesky_;

@@ -1,11 +1,14 @@
 #pragma once
 
 #include <Eigen/Cholesky>
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
+#include <asterism/solver/free_motion.hpp>
+#include <asterism/solver/memory.hpp>
+#include <asterism/solver/sparse_factor.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -21,7 +24,8 @@ namespace asterism::inline ASTERISM_ABI {
 /// What became of a covariance.
 enum class CovarianceStatus {
   Computed,             ///< the only one with a covariance
-  NotPositiveDefinite,  ///< the Hessian is not, to the digits of the scalar: x is no strict local minimum
+  NotPositiveDefinite,  ///< the Hessian is not, to the digits of the scalar, or a rigid motion changes no
+                        ///< energy, which the message names: x is no strict local minimum
   NumericalFailure,     ///< the Hessian leaves the range of the scalar
   InvalidInput,         ///< the message names the offending value
   OutOfMemory,
@@ -104,24 +108,25 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
     result.status = status;
     result.message = message;
   };
-  try {
-    if (const Defect defect = validate(system, x)) {
-      refuse(CovarianceStatus::InvalidInput, defect);
-      return result;
-    }
+  const auto compute_or_refuse = [&] {
+    if (const Defect defect = validate(system, x)) return refuse(CovarianceStatus::InvalidInput, defect);
     if (const int l = peaked_link(system, x); l >= 0) {
-      refuse(CovarianceStatus::NotPositiveDefinite,
-             Defect{"link", l, "has ends that coincide: x is no local minimum"});
-      return result;
+      return refuse(CovarianceStatus::NotPositiveDefinite,
+                    Defect{"link", l, "has ends that coincide: x is no local minimum"});
+    }
+    if (const FreeMotion motion = FreeMotions<System>().find(system, x)) {
+      Message reason = "the Hessian is not positive definite: ";
+      return refuse(CovarianceStatus::NotPositiveDefinite, reason.append(motion.message()));
     }
     result.status = compute(result);
-    if (result.status == CovarianceStatus::Computed) return result;
+    if (result.status == CovarianceStatus::Computed) return;
     refuse(result.status, result.status == CovarianceStatus::NotPositiveDefinite
                               ? kIndefinite
                               : "the Hessian leaves the range of the scalar");
-  } catch (const std::bad_alloc&) {
-    refuse(CovarianceStatus::OutOfMemory, "the workspace does not fit into memory");
-  }
+  };
+  attempt<std::bad_alloc>(compute_or_refuse, [&](const std::bad_alloc& error) {
+    refuse(CovarianceStatus::OutOfMemory, memory_message(error));
+  });
   return result;
 }
 
@@ -131,8 +136,12 @@ CovarianceStatus invert_hessian(const System& system, const typename System::Poi
                                 DenseHessian<System>& inverse) {
   using Scalar = typename System::Scalar;
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+    const double size = double{System::kDim} * system.nodes();
+    require_memory(3 * sizeof(Scalar) * size * size);  // the inverse, the factor, and the transpose
+  }
   inverse = hessian(system, x);
-  if (!inverse.allFinite()) return CovarianceStatus::NumericalFailure;
+  if (!all_finite(inverse)) return CovarianceStatus::NumericalFailure;
   const Eigen::LLT<DenseHessian<System>> cholesky(inverse);
   if (cholesky.info() != Eigen::Success) return CovarianceStatus::NotPositiveDefinite;
   const auto pivots = cholesky.matrixLLT().diagonal().array().square();
@@ -140,7 +149,7 @@ CovarianceStatus invert_hessian(const System& system, const typename System::Poi
   inverse.setIdentity();
   cholesky.solveInPlace(inverse);
   inverse = Scalar(0.5) * (inverse + inverse.transpose().eval());
-  if (!inverse.allFinite()) return CovarianceStatus::NumericalFailure;
+  if (!all_finite(inverse)) return CovarianceStatus::NumericalFailure;
   for (int i = 0; system.fixed_count() > 0 && i < system.nodes(); ++i) {
     if (system.is_fixed(i)) inverse.diagonal().template segment<System::kDim>(System::kDim * i).setZero();
   }
@@ -199,7 +208,7 @@ class SelectedInverse {
   }
 
  private:
-  using Matrix = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic>;
+  using Matrix = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
 
   int count(int column) const { return first_[column + 1] - first_[column]; }
 
@@ -267,11 +276,12 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
   using Sparse = Eigen::SparseMatrix<Scalar>;
   constexpr int kDim = System::kDim;
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-  Eigen::SimplicialLDLT<Sparse> cholesky;
+  SparseFactor<Scalar> cholesky;
   {
     const Sparse matrix = sparse_hessian(system, x);
-    if (!matrix.coeffs().allFinite()) return CovarianceStatus::NumericalFailure;
-    cholesky.compute(matrix);
+    if (!all_finite(matrix.coeffs())) return CovarianceStatus::NumericalFailure;
+    cholesky.analyze(matrix, 2);  // the factor and as many entries of the inverse
+    cholesky.factorize(matrix);
     if (cholesky.info() != Eigen::Success) return CovarianceStatus::NotPositiveDefinite;
     const Eigen::Matrix<Scalar, Eigen::Dynamic, 1> pivots = cholesky.permutationPinv() * cholesky.vectorD();
     if (!(pivots.array() > kRounding * matrix.diagonal().array()).all())
@@ -288,7 +298,7 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
       }
     }
   }
-  if (!blocks.allFinite()) return CovarianceStatus::NumericalFailure;
+  if (!all_finite(blocks)) return CovarianceStatus::NumericalFailure;
   return CovarianceStatus::Computed;
 }
 
@@ -309,9 +319,10 @@ bool is_large_and_sparse(const System& system) {
 /// The inverse of IDA's matrix K_dyn, which lies above H, is no substitute: it underestimates.
 ///
 /// Refused, with a message: bad input as for a solver, a Hessian that is not positive definite to the digits
-/// of the scalar (a saddle, a flat direction, linked nodes that coincide and want to be apart), numbers that
-/// overflow, too little memory. A fixed node has covariance zero, others are conditioned on it. O((Dim N)^3);
-/// a fixed or bounded number of nodes uses no heap.
+/// of the scalar (a saddle, a flat direction, linked nodes that coincide and want to be apart), a component
+/// or a part of one that anchors and fixed nodes leave free to turn or slide (one held node in the plane, one
+/// or a line of them in space), numbers that overflow, too little memory. A fixed node has covariance zero,
+/// others are conditioned on it. O((Dim N)^3); a fixed or bounded number of nodes uses no heap.
 template <typename System>
 Covariance<System> covariance(const System& system, const typename System::Points& x) {
   auto result = detail::covariance_of_valid<Covariance<System>>(

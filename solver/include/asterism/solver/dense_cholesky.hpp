@@ -3,6 +3,7 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <cmath>
@@ -28,8 +29,14 @@ class SpdSolver {
       Eigen::Matrix<Scalar, kDim, kNodes, (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim, kMaxNodes>;
   using Matrix = Eigen::Matrix<Scalar, kNodes, kNodes, Eigen::ColMajor, kMaxNodes, kMaxNodes>;
 
-  /// The matrix, of which the lower triangle is to be filled in before `factorize`.
-  Matrix& matrix() { return matrix_; }
+  /// The matrix for so many nodes, of which the lower triangle is to be filled in before `factorize`.
+  /// Throws a LackOfMemory where it and its factor do not fit.
+  Matrix& matrix([[maybe_unused]] int nodes) {
+    if constexpr (kMaxNodes == Eigen::Dynamic) {
+      if (matrix_.rows() != nodes) require_memory(2.0 * sizeof(Scalar) * nodes * nodes);
+    }
+    return matrix_;
+  }
 
   /// False where the matrix is not positive definite, or a pivot is not above `rounding` times its diagonal.
   /// `majorise`: with M above K / 2, else as fast as may be.
@@ -211,7 +218,7 @@ class DenseCholesky {
   /// Assembles and factors K_dyn; false where it is not positive definite to the digits of the scalar.
   bool factorize(const System& system) {
     detail::node_stiffness(system, node_stiffness_);
-    detail::assemble_k_dyn(system, node_stiffness_, Scalar(1), solver_.matrix());
+    detail::assemble_k_dyn(system, node_stiffness_, Scalar(1), solver_.matrix(system.nodes()));
     // A pivot of so small a share of its diagonal is rounding alone: the anchors are too weak for the
     // springs.
     return solver_.factorize(8 * std::numeric_limits<Scalar>::epsilon(), true);
@@ -240,7 +247,7 @@ class SingleCholesky {
     detail::node_stiffness(system, node_stiffness_);
     // Stiffness and gradients in units that keep them in the range of single precision.
     unit_ = node_stiffness_.maxCoeff();
-    detail::assemble_k_dyn(system, node_stiffness_, unit_, single_.matrix());
+    detail::assemble_k_dyn(system, node_stiffness_, unit_, single_.matrix(system.nodes()));
     is_single_ = single_.factorize(
         8 * std::numeric_limits<float>::epsilon() * static_cast<float>(system.nodes()), false);
     return is_single_ || exact_.factorize(system);

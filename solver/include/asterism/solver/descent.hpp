@@ -4,6 +4,7 @@
 #include <array>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
@@ -27,7 +28,7 @@ class JacobiMetric {
   bool factorize(const System& system) {
     detail::node_stiffness(system, inverse_);
     for (auto& k : inverse_) k = 1 / (k > 0 ? k : Scalar(1));  // a fixed node may have none
-    return inverse_.allFinite();
+    return detail::all_finite(inverse_);
   }
 
   /// x <- x - diag(K_dyn)^-1 g.
@@ -142,7 +143,7 @@ class DescentState {
       }
       // Minimum of the parabola through the energies and the slope at the start.
       Scalar shorter = -slope * step * step / (2 * (energy - energy_ - slope * step));
-      shorter = std::isfinite(shorter) ? std::clamp(shorter, step / 10, step / 2) : step / 10;
+      shorter = is_finite(shorter) ? std::clamp(shorter, step / 10, step / 2) : step / 10;
       step = std::max(shorter, sure);
     }
   }

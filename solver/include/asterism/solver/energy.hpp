@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/forces.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/spring_rows.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cstddef>
@@ -51,7 +52,7 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
 template <typename System, typename Add>
 void for_each_hessian_block(const System& system, const typename System::Points& x, bool clamp, Add&& add) {
   using Scalar = typename System::Scalar;
-  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim>;
+  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) [[unlikely]] {
       const Scalar k = system.anchor_stiffness[i];
@@ -162,10 +163,15 @@ using DenseHessian = Eigen::Matrix<typename System::Scalar, detail::times<System
 /// d2E/dx2, (Dim N) x (Dim N), symmetric; coordinate d of node i is row Dim i + d. A spring contributes
 /// k_ij (u u^T + (1 - mu_ij / r_ij) (I - u u^T)), indefinite where r_ij < mu_ij. Where two linked nodes
 /// coincide and mu_ij > 0, the curvature across the spring is minus infinity and k_ij u u^T alone is used. A
-/// fixed node is coupled to none; its diagonal has the stiffness of its springs.
+/// fixed node is coupled to none; its diagonal has the stiffness of its springs. Throws a std::bad_alloc
+/// where it does not fit into memory.
 template <typename System>
 DenseHessian<System> hessian(const System& system, const typename System::Points& x) {
   constexpr int kDim = System::kDim;
+  if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+    const double size = double{kDim} * system.nodes();
+    detail::require_memory(sizeof(typename System::Scalar) * size * size);
+  }
   DenseHessian<System> result;
   result.setZero(kDim * system.nodes(), kDim * system.nodes());
   detail::for_each_hessian_block(system, x, false, [&](int i, int j, const auto& block) {
@@ -179,6 +185,8 @@ template <typename System>
 Eigen::SparseMatrix<typename System::Scalar> sparse_hessian(const System& system,
                                                             const typename System::Points& x) {
   constexpr int kDim = System::kDim;
+  detail::require_entries(double{kDim} * kDim * (system.nodes() + 4.0 * system.link_count()),
+                          sizeof(typename System::Scalar), 3);  // and its triplets
   std::vector<Eigen::Triplet<typename System::Scalar>> entries;
   entries.reserve(static_cast<std::size_t>(kDim) * kDim *
                   (static_cast<std::size_t>(system.nodes()) + 4 * system.links().size()));

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <cstdint>
@@ -123,7 +124,7 @@ AnchorForce<System> anchor_force(const System& system, int i, const typename Sys
 /// without the second term, which is negative.
 template <typename System>
 auto anchor_curvature(const System& system, int i, const typename System::Point& d, bool clamp) {
-  using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim>;
+  using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
   const typename System::Scalar k = system.anchor_stiffness[i];
   if constexpr (System::kPlainAnchors) {
     return Block(k * Block::Identity());
@@ -155,7 +156,7 @@ LinkForce<typename System::Scalar> link_force(const System& system, int l, typen
   const auto phi = link_potential(system, l, r);
   const auto ratio = phi.first / r;
   const auto across =
-      r > 0 && std::isfinite(ratio) ? ratio : (phi.first < 0 ? typename System::Scalar(0) : phi.second);
+      r > 0 && is_finite(ratio) ? ratio : (phi.first < 0 ? typename System::Scalar(0) : phi.second);
   return {k * phi.value, k * phi.first, k * phi.second, k * across};
 }
 

@@ -4,6 +4,7 @@
 #include <array>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/edit_distance.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -126,7 +127,7 @@ inline const Json& array(const Json& value, const Place& place, std::ptrdiff_t c
 inline double number(const Json& value, const Place& place) {
   if (!value.is_number()) refuse_type(place, "a number", value);
   const double result = value.get<double>();
-  if (!std::isfinite(result)) refuse(place.text(), " is not finite");
+  if (!detail::is_finite(result)) refuse(place.text(), " is not finite");
   return result;
 }
 
@@ -428,7 +429,7 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
   }
   const Json leaves = origin.flatten();
   for (const auto& [path, value] : leaves.items()) {
-    if (value.is_number_float() && !std::isfinite(value.template get<double>())) {
+    if (value.is_number_float() && !detail::is_finite(value.template get<double>())) {
       no_json("origin", path, " is not finite");
     }
   }

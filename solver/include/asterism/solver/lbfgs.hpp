@@ -6,6 +6,7 @@
 #include <asterism/solver/dense_cholesky.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
@@ -63,7 +64,7 @@ class Lbfgs {
   using Pack = Eigen::Array<Scalar, kWidth, 1>;
   using Row = Eigen::Map<Pack>;
   using ConstRow = Eigen::Map<const Pack>;
-  using Small = Eigen::Matrix<Scalar, kMemory, kMemory>;
+  using Small = Eigen::Matrix<Scalar, kMemory, kMemory, Eigen::ColMajor>;
   using SmallVector = Eigen::Matrix<Scalar, kMemory, 1>;
 
   static auto as_vector(Points& points) { return Eigen::Map<Vector>(points.data(), points.size()); }
@@ -200,7 +201,7 @@ class Lbfgs {
     const Scalar square = changes_gradient_[newest] - newest_changes_gradient;  // y . K^-1 y
     changes_changes_(newest, newest) = square;
     gamma_ = curvature / square;
-    if (!(gamma_ > 0 && std::isfinite(gamma_))) used_ = next_ = 0;
+    if (!(gamma_ > 0 && detail::is_finite(gamma_))) used_ = next_ = 0;
   }
 
   detail::Session<System> session_;

@@ -3,6 +3,7 @@
 #include <lbfgs.h>
 
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
@@ -54,7 +55,7 @@ class Liblbfgs {
       gradient_ = trial_ = x;  // allocates here, as nothing may throw through C
       const std::unique_ptr<double, void (*)(double*)> nodes(lbfgs_malloc(static_cast<int>(x.size())),
                                                              lbfgs_free);
-      if (nodes == nullptr) throw std::bad_alloc();
+      if (nodes == nullptr) asterism::detail::raise(std::bad_alloc());
       Eigen::Map<Points>(nodes.get(), x.rows(), x.cols()) = x / run.length;
 
       lbfgs_parameter_t parameters;
@@ -63,7 +64,7 @@ class Liblbfgs {
       parameters.max_iterations = options.max_iterations;
       const int code =
           lbfgs(static_cast<int>(x.size()), nodes.get(), nullptr, evaluate, progress, &run, &parameters);
-      if (code == LBFGSERR_OUTOFMEMORY) throw std::bad_alloc();
+      if (code == LBFGSERR_OUTOFMEMORY) asterism::detail::raise(std::bad_alloc());
 
       x = run.length * Eigen::Map<const Points>(nodes.get(), x.rows(), x.cols());
       summary.message = words(code);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <cmath>
 #include <concepts>
 #include <limits>
@@ -62,8 +63,7 @@ struct Quadratic {
 namespace detail {
 
 constexpr const char* scale_problem(double scale) {
-  return scale > 0 && scale <= std::numeric_limits<double>::max() ? nullptr
-                                                                  : "is not a positive, finite scale";
+  return scale > 0 && is_finite(scale) ? nullptr : "is not a positive, finite scale";
 }
 
 }  // namespace detail

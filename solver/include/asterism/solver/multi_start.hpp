@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -61,17 +62,18 @@ class MultiStart {
       best.message = problem;
       return best;
     }
-    try {
+    const auto allocate = [&] {
       // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
       if (given_.size() != x.size()) given_ = trial_ = Points(), scratch_ = {}, stiffness_ = {};
       trial_ = given_ = x;
       stiffness_.resize(x.cols());
       scratch_.resize(x.cols() + 1);
-    } catch (const std::bad_alloc&) {
+    };
+    detail::attempt<std::bad_alloc>(allocate, [&best](const std::bad_alloc& error) {
       best.status = Status::OutOfMemory;
-      best.message = "the workspace does not fit into memory";
-      return best;
-    }
+      best.message = detail::memory_message(error);
+    });
+    if (best.status == Status::OutOfMemory) return best;
     best = solver_.solve(system, x);
     if (best.status == Status::InvalidInput || best.status == Status::OutOfMemory ||
         best.status == Status::Interrupted)

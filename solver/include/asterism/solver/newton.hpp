@@ -7,7 +7,9 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/hessian_operator.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/saddle.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
@@ -47,6 +49,7 @@ class NewtonMatrix {
     size_ = kDim * static_cast<int>(stiffness.size());
     if constexpr (kMaxSize == Eigen::Dynamic) {
       const auto size = static_cast<std::size_t>(size_);
+      if (inverse_pivots_.size() != size) require_memory(double(sizeof(Scalar)) * size_ * (size_ + 1.0));
       values_.resize(size * (size + 1));
       inverse_pivots_.resize(size);
     }
@@ -149,7 +152,7 @@ class NewtonMatrix {
       kMaxSize == Eigen::Dynamic, std::vector<Scalar>,
       std::array<Scalar, static_cast<std::size_t>(kMaxSize == Eigen::Dynamic ? 1 : kLength)>>;
 
-  using Block = Eigen::Matrix<Scalar, kDim, kDim>;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
   using Pair = Eigen::Array<Scalar, 2, 1>;
   // A constant for loads by pairs, where Eigen's own stores one number at a time first.
   static constexpr auto kIdentity = [] {
@@ -500,7 +503,7 @@ class Newton {
   bool search(const System& system, Points& x, Scalar decrement, Summary& summary) {
     constexpr int kMaxTrials = 12;
     constexpr Scalar kDecrease = Scalar(1e-4);
-    if (!(decrement > 0 && std::isfinite(decrement))) return false;
+    if (!(decrement > 0 && detail::is_finite(decrement))) return false;
     const Scalar rounding = detail::rounding_of_energy(system, energy_);
     Scalar t = 1;
     for (int trial = 0; trial < kMaxTrials; ++trial) {

@@ -62,7 +62,7 @@ class JacobiPreconditioner {
   }
 
  private:
-  using Block = Eigen::Matrix<Scalar, kDim, kDim>;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
   static constexpr Scalar kFloor = Scalar(1e-3);
 
   auto at(int i) { return blocks_.template block<kDim, kDim>(0, kDim * i); }

@@ -5,6 +5,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
@@ -46,7 +47,7 @@ bool strong_wolfe(const RayPoint<Scalar>& start, Scalar first_step, Scalar round
   Point high;
   int trial = 0;
   for (Point current{first_step, 0, 0};; ++trial) {
-    if (trial == kMaxTrials || !std::isfinite(current.step)) return false;
+    if (trial == kMaxTrials || !detail::is_finite(current.step)) return false;
     current = evaluate(current.step);
     if (too_high(current) || (trial > 0 && current.energy > low.energy + rounding)) {
       high = current;
@@ -72,7 +73,7 @@ bool strong_wolfe(const RayPoint<Scalar>& start, Scalar first_step, Scalar round
     Scalar fraction = -low.slope * width / (2 * bend);
     if (high.energy <= low.energy + rounding)
       fraction = low.slope / (low.slope - high.slope);  // secant of the slopes
-    fraction = std::isfinite(fraction) ? std::clamp(fraction, Scalar(0.1), Scalar(0.9)) : Scalar(0.5);
+    fraction = detail::is_finite(fraction) ? std::clamp(fraction, Scalar(0.1), Scalar(0.9)) : Scalar(0.5);
     const Point current = evaluate(low.step + fraction * width);
     if (too_high(current) || current.energy > low.energy + rounding) {
       high = current;

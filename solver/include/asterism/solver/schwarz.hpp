@@ -5,11 +5,13 @@
 #include <asterism/solver/compiled.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/newton_cg.hpp>
 #include <asterism/solver/partition.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/topology.hpp>
+#include <limits>
 #include <new>
 #include <optional>
 #include <span>
@@ -74,7 +76,8 @@ class Decomposition {
   }
 
   /// Solves subdomain s of system(), extended by one layer of neighbours where that does not double it, with
-  /// all other nodes held where they are.
+  /// all other nodes held where they are. A neighbour that is linked to more nodes than the subdomain has
+  /// stays outside: its neighbours, too, would have to be gathered for each subdomain that it is next to.
   template <typename Solver>
   Summary solve(int s, Solver& solver, Points& x) {
     const int begin = partition_.first[s];
@@ -82,13 +85,13 @@ class Decomposition {
     nodes_.clear();
     for (int i = begin; i < end; ++i) enter(i);
     const auto core = nodes_.size();
-    add_layer(core);
+    add_layer(core, core);
     if (nodes_.size() > 2 * core) {
       for (auto k = core; k < nodes_.size(); ++k) local_[nodes_[k]] = kOutside;
       nodes_.resize(core);
     }
     const auto moving = nodes_.size();
-    add_layer(moving);
+    add_layer(moving, std::numeric_limits<std::size_t>::max());
 
     sub_links_.clear();
     sub_link_numbers_.clear();
@@ -161,11 +164,11 @@ class Decomposition {
     nodes_.push_back(i);
   }
 
-  // The neighbours of the first `count` nodes.
-  void add_layer(std::size_t count) {
+  // The neighbours of the first `count` nodes that have no more than `most` links themselves.
+  void add_layer(std::size_t count, std::size_t most) {
     for (std::size_t k = 0; k < count; ++k) {
       for (const auto [node, link] : neighbours_.of(nodes_[k])) {
-        if (local_[node] == kOutside) enter(node);
+        if (local_[node] == kOutside && neighbours_.of(node).size() <= most) enter(node);
       }
     }
   }
@@ -244,7 +247,7 @@ class Schwarz {
       global_.options.max_iterations = std::min(turn, left);
       const Summary part = global_.solve(system, x);
       add(part, summary);
-      if (part.status == Status::OutOfMemory) throw std::bad_alloc();
+      if (part.status == Status::OutOfMemory) detail::raise(detail::LackOfMemory(part.message));
       if (part.status != Status::MaxIterations) return part.status;
     }
   }
@@ -262,7 +265,7 @@ class Schwarz {
          ++i) {
       solver.options = local_;
       for (int s = 0; s < decomposition_.count(); ++s) {
-        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) throw std::bad_alloc();
+        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) detail::raise(std::bad_alloc());
       }
       ++summary.iterations;
       if (options.align) detail::align(system, x, false);

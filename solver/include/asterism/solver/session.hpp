@@ -3,6 +3,9 @@
 #include <asterism/solver/align.hpp>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
+#include <asterism/solver/free_motion.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <asterism/solver/validate.hpp>
@@ -46,7 +49,7 @@ class Session {
     Summary summary;
     summary.solver = name;
     bool started = false;
-    try {
+    const auto solve = [&] {
       if (const System* system = start(options, given, x, summary)) {
         started = true;
         summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
@@ -58,11 +61,12 @@ class Session {
         }
         judge(iterate(*system, summary), *system, x, summary);
       }
-    } catch (const std::bad_alloc&) {
+    };
+    attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
       if (started) x = start_;
       summary.status = Status::OutOfMemory;
-      summary.message = "the workspace does not fit into memory";
-    }
+      summary.message = memory_message(error);
+    });
     summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return summary;
   }
@@ -137,7 +141,7 @@ class Session {
 
     start_ = x;
     energy_ = energy_and_gradient(*system, x, gradient_);
-    if (!std::isfinite(energy_) || !gradient_.allFinite() || !rule_.set(*system, x, options.tolerance)) {
+    if (!is_finite(energy_) || !all_finite(gradient_) || !rule_.set(*system, x, options.tolerance)) {
       summary.status = Status::NumericalFailure;
       summary.message = "energy or gradient at the start leave the range of the scalar";
       return nullptr;
@@ -159,7 +163,7 @@ class Session {
   // `reason` is what the method says; energy and gradient at x have the last word.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
-    if (!std::isfinite(energy_) || !gradient_.allFinite()) reason = Status::NumericalFailure;
+    if (!is_finite(energy_) || !all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
         energy_ > start_energy_ + rounding_of_energy(system, start_energy_)) {
       x = start_;
@@ -185,7 +189,8 @@ class Session {
                              : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
                                                                : "stopped short of the tolerance");
     }
-    if (summary.positive_definite == 1 && peaked_link(system, x) >= 0) summary.positive_definite = 0;
+    if (summary.positive_definite == 1 && (peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
+      summary.positive_definite = 0;
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = gradient_.template cast<double>().norm();
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
@@ -198,6 +203,7 @@ class Session {
   const std::atomic<bool>* stop_ = nullptr;
   std::optional<System> grounded_;
   ComponentScratch<System> scratch_;
+  FreeMotions<System> free_motions_;
   Points start_;
   Points gradient_;
   Points evaluated_;  // where energy_ and gradient_ are from, if is_evaluated_

@@ -3,6 +3,7 @@
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/memory.hpp>
 #include <asterism/solver/topology.hpp>
 #include <cstddef>
 #include <memory>
@@ -64,6 +65,7 @@ class SparseBlocks {
   Scalar* column(int c) { return matrix_->valuePtr() + matrix_->outerIndexPtr()[c]; }
 
   void make_pattern(int n, std::span<const Link> links) {
+    require_entries(double{kBlock} * kBlock * (n + static_cast<double>(links.size())), sizeof(Scalar));
     links_.assign(links.begin(), links.end());
     const auto ends = [this](int l) {
       const Link& link = links_[static_cast<std::size_t>(l)];

@@ -1,9 +1,10 @@
 #pragma once
 
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/memory.hpp>
+#include <asterism/solver/sparse_factor.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <limits>
@@ -73,6 +74,7 @@ class SparseStiffness {
 
  private:
   void make_pattern(int n, std::span<const Link> links) {
+    require_entries(n + static_cast<double>(links.size()), sizeof(Scalar), 3);  // and their triplets
     std::vector<Eigen::Triplet<Scalar>> entries;
     entries.reserve(static_cast<std::size_t>(n) + links.size());
     for (int i = 0; i < n; ++i) entries.emplace_back(i, i, Scalar(0));
@@ -120,7 +122,7 @@ class SparseCholesky {
   bool factorize(const System& system) {
     stiffness_.assemble(system, [this](const auto& pattern) {
       cholesky_ = std::make_unique<Cholesky>();
-      cholesky_->analyzePattern(pattern);
+      cholesky_->analyze(pattern);
     });
     return stiffness_.factorize(*cholesky_);
   }
@@ -133,8 +135,8 @@ class SparseCholesky {
   }
 
  private:
-  using RightHandSide = Eigen::Matrix<Scalar, Eigen::Dynamic, System::kDim>;
-  using Cholesky = Eigen::SimplicialLDLT<typename detail::SparseStiffness<Scalar>::Matrix>;
+  using RightHandSide = Eigen::Matrix<Scalar, Eigen::Dynamic, System::kDim, Eigen::ColMajor>;
+  using Cholesky = detail::SparseFactor<Scalar>;
 
   detail::SparseStiffness<Scalar> stiffness_;
   std::unique_ptr<Cholesky> cholesky_;  // Eigen's cannot be moved

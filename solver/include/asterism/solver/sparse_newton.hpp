@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/align.hpp>
@@ -11,6 +10,7 @@
 #include <asterism/solver/saddle.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/sparse_blocks.hpp>
+#include <asterism/solver/sparse_factor.hpp>
 #include <asterism/solver/stationarity.hpp>
 #include <asterism/solver/summary.hpp>
 #include <cmath>
@@ -76,7 +76,7 @@ class SparseHessian {
 
  private:
   using Scalar = typename System::Scalar;
-  using Block = Eigen::Matrix<Scalar, kDim, kDim>;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
 
   SparseBlocks<MatrixScalar, kDim> blocks_;
 };
@@ -96,7 +96,7 @@ class SparseLdlt {
   /// Orders a new pattern, of a lower triangle.
   void analyze(const Matrix& lower) {
     ldlt_ = std::make_unique<Ldlt>();
-    ldlt_->analyzePattern(lower);
+    ldlt_->analyze(lower);
   }
 
   /// False where the matrix is not positive definite to the digits of the scalar.
@@ -129,7 +129,7 @@ class SparseLdlt {
   }
 
  private:
-  using Ldlt = Eigen::SimplicialLDLT<Matrix>;
+  using Ldlt = detail::SparseFactor<Scalar>;
   std::unique_ptr<Ldlt> ldlt_;  // Eigen's cannot be moved
 };
 

@@ -2,6 +2,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/model.hpp>
 #include <asterism/solver/topology.hpp>
 #include <limits>
@@ -87,10 +88,10 @@ class SpringSystem {
   void set_anchor_information(int node,
                               const Eigen::MatrixBase<Derived>& information) requires(kAnisotropic) {
     eigen_assert(0 <= node && node < nodes() && information.rows() == Dim && information.cols() == Dim);
-    const Eigen::Matrix<Scalar, Dim, Dim> matrix = information;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim>> modes(matrix,
-                                                                               Eigen::EigenvaluesOnly);
-    const Scalar largest = matrix.allFinite() ? modes.eigenvalues().maxCoeff() : matrix.sum();
+    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
+        matrix, Eigen::EigenvaluesOnly);
+    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
     anchor_stiffness[node] = largest;
     auto shape = anchor_shape.template block<Dim, Dim>(0, Dim * node);
     if (largest > 0) {

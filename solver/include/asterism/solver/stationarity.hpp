@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <limits>
@@ -146,9 +147,9 @@ class StoppingRule {
     for (int i = 0; i < system.nodes(); ++i) {
       if (!(stiffness_[i] > 0)) continue;
       weights_[i] = 1 / (stiffness_[i] * length_);
-      in_range &= weights_[i] > 0 && std::isfinite(weights_[i]);
+      in_range &= weights_[i] > 0 && is_finite(weights_[i]);
     }
-    return in_range && std::isfinite(tolerance_);
+    return in_range && is_finite(tolerance_);
   }
 
   /// The tolerance asked for, or what the scalar resolves where that is more.

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/topology.hpp>
 #include <atomic>
 #include <charconv>
@@ -133,7 +134,7 @@ struct SolverOptions {
 
   /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
   constexpr const char* problem() const {
-    if (!(tolerance >= 0 && tolerance <= std::numeric_limits<double>::max()))
+    if (!(tolerance >= 0) || !detail::is_finite(tolerance))
       return "option tolerance is negative or not finite";
     if (max_iterations < 0) return "option max_iterations is negative";
     return nullptr;
@@ -171,7 +172,8 @@ struct Summary {
   double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
   double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
   int positive_definite = -1;  ///< 1: the Hessian at the x returned is, x is a strict local minimum if
-                               ///< stationary; 0: it is not; -1: the method did not look
+                               ///< stationary; 0: it is not, or nothing holds a component, or a part of
+                               ///< one, against turning or sliding; -1: the method did not look
   double seconds = -1;         ///< wall-clock time in solve
 
   /// x is finite and at least as good as the start.

@@ -3,7 +3,10 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
+#include <asterism/solver/memory.hpp>
 #include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -55,9 +58,19 @@ class Topology {
   /// Greatest number of links, or Eigen::Dynamic.
   static constexpr int kMaxLinks = MaxN == Eigen::Dynamic ? Eigen::Dynamic : std::max(1, MaxN*(MaxN - 1) / 2);
 
-  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ...
+  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ... Throws a std::bad_alloc where they
+  /// do not fit into memory.
   static Topology full(int n = N) {
     Topology topology(n);
+    const auto pairs = std::int64_t{topology.nodes()} * (topology.nodes() - 1) / 2;
+    if constexpr (kMaxLinks == Eigen::Dynamic) {
+      if (pairs > std::numeric_limits<int>::max()) {
+        topology.note({"node count", n, "is of more pairs than links can be counted"});
+        return topology;
+      }
+      detail::require_memory(static_cast<double>(sizeof(Link)) * static_cast<double>(pairs));
+      topology.links_.reserve(static_cast<std::size_t>(pairs));
+    }
     for (int i = 0; i < topology.nodes(); ++i) {
       for (int j = i + 1; j < topology.nodes(); ++j) topology.add({i, j});
     }
@@ -79,7 +92,7 @@ class Topology {
   }
 
   /// Each node linked to its `k` nearest others, and the other way round. `points` is Dim x n, finite; ties
-  /// go to the smaller index. O(n log n) for points in general position.
+  /// go to the smaller index. O(n k log n) in a few dimensions, wherever the points are.
   template <typename Derived>
   static Topology k_nearest(const Eigen::MatrixBase<Derived>& points, int k);
 
@@ -145,66 +158,115 @@ class Topology {
 
 namespace detail {
 
-/// A balanced k-d tree over the columns of `points`, for k-nearest queries of its own points.
+/// A balanced tree of boxes over the columns of `points`, for k-nearest queries of its own points. Ties go to
+/// the smaller index, so a subtree is left out by its box and its smallest index together: of points that
+/// coincide, the first few are found as fast as others. Boxes are cut across their longest side, for points
+/// on a line, clusters at many scales and outliers to be as good as any.
 template <typename Points>
 class NearestNeighbours {
  public:
-  NearestNeighbours(const Points& points, int k) : points_(points), k_(static_cast<std::size_t>(k)) {
+  NearestNeighbours(const Points& points, int k)
+      : points_(points), k_(static_cast<std::size_t>(std::min<Eigen::Index>(k, points.cols() - 1))) {
     order_.resize(static_cast<std::size_t>(points.cols()));
     std::iota(order_.begin(), order_.end(), 0);
-    build(0, order_.size(), 0);
+    if (k_ > 0) build(0, order_.size());
   }
 
   /// The k nearest other points of point `query`, nearest first.
   const auto& of(int query) {
     query_ = query;
     found_.clear();
-    if (k_ > 0) search(0, order_.size(), 0);
+    if (k_ > 0) search(0, bound(0));
+    std::sort_heap(found_.begin(), found_.end());
     return found_;
   }
 
  private:
   using Scalar = typename Points::Scalar;
   using Candidate = std::pair<Scalar, int>;  // squared distance, index: pairs order ties by index
+  using Corner = Eigen::Matrix<Scalar, Points::RowsAtCompileTime, 1>;
 
-  Scalar at(int point, Eigen::Index axis) const { return points_(axis, point); }
+  struct Box {
+    std::size_t first, last;  // of order_
+    Corner low, high;
+    int smallest = 0;        // index
+    std::size_t second = 0;  // child; the first is the next box, 0 where this has points alone
+  };
 
-  void build(std::size_t first, std::size_t last, Eigen::Index axis) {
-    if (last - first < 2) return;
+  static constexpr std::size_t kLeaf = 8;
+
+  std::size_t build(std::size_t first, std::size_t last) {
+    const std::size_t here = boxes_.size();
+    Box box{first, last, points_.col(order_[first]), points_.col(order_[first])};
+    box.smallest = order_[first];
+    for (std::size_t m = first + 1; m < last; ++m) {
+      box.low = box.low.cwiseMin(points_.col(order_[m]));
+      box.high = box.high.cwiseMax(points_.col(order_[m]));
+      box.smallest = std::min(box.smallest, order_[m]);
+    }
+    boxes_.push_back(box);
+    if (last - first <= kLeaf) return here;
+    Eigen::Index axis = 0;
+    (box.high / 2 - box.low / 2).maxCoeff(&axis);  // halves, for their difference not to overflow
     const std::size_t middle = first + (last - first) / 2;
     const auto begin = order_.begin();
     std::nth_element(begin + static_cast<std::ptrdiff_t>(first), begin + static_cast<std::ptrdiff_t>(middle),
-                     begin + static_cast<std::ptrdiff_t>(last),
-                     [&](int a, int b) { return std::pair(at(a, axis), a) < std::pair(at(b, axis), b); });
-    const Eigen::Index next = (axis + 1) % points_.rows();
-    build(first, middle, next);
-    build(middle + 1, last, next);
+                     begin + static_cast<std::ptrdiff_t>(last), [&](int a, int b) {
+                       return std::pair(points_(axis, a), a) < std::pair(points_(axis, b), b);
+                     });
+    build(first, middle);
+    boxes_[here].second = build(middle, last);
+    return here;
   }
 
-  void search(std::size_t first, std::size_t last, Eigen::Index axis) {
-    if (first >= last) return;
-    const std::size_t middle = first + (last - first) / 2;
-    const int point = order_[middle];
-    if (point != query_) offer({(points_.col(point) - points_.col(query_)).squaredNorm(), point});
-    const Eigen::Index next = (axis + 1) % points_.rows();
-    const Scalar offset = at(query_, axis) - at(point, axis);
-    const bool left_first = offset < 0;
-    left_first ? search(first, middle, next) : search(middle + 1, last, next);
-    if (found_.size() < k_ || offset * offset <= found_.back().first) {
-      left_first ? search(middle + 1, last, next) : search(first, middle, next);
+  // What no point of a box comes before, by the arithmetic of its points' own distances, to the last digit.
+  Candidate bound(std::size_t box) {
+    const Box& of = boxes_[box];
+    const auto query = points_.col(query_);
+    offset_ = (of.low - query).cwiseMax(query - of.high).cwiseMax(Scalar(0));
+    return {offset_.squaredNorm(), of.smallest};
+  }
+
+  void search(std::size_t here, const Candidate& least) {
+    if (found_.size() == k_ && !(least < found_.front())) return;
+    const Box& box = boxes_[here];
+    if (box.second == 0) {
+      for (std::size_t m = box.first; m < box.last; ++m) {
+        if (order_[m] == query_) continue;
+        offset_ = points_.col(order_[m]) - points_.col(query_);
+        offer({offset_.squaredNorm(), order_[m]});
+      }
+      return;
+    }
+    const Candidate first = bound(here + 1);
+    const Candidate second = bound(box.second);
+    if (first < second) {
+      search(here + 1, first);
+      search(box.second, second);
+    } else {
+      search(box.second, second);
+      search(here + 1, first);
     }
   }
 
   void offer(Candidate candidate) {
-    found_.insert(std::upper_bound(found_.begin(), found_.end(), candidate), candidate);
-    if (found_.size() > k_) found_.pop_back();
+    if (found_.size() == k_) {
+      if (!(candidate < found_.front())) return;
+      std::pop_heap(found_.begin(), found_.end());
+      found_.back() = candidate;
+    } else {
+      found_.push_back(candidate);
+    }
+    std::push_heap(found_.begin(), found_.end());
   }
 
   const Points& points_;
   std::size_t k_;
   int query_ = 0;
   std::vector<int> order_;
-  std::vector<Candidate> found_;
+  std::vector<Box> boxes_;
+  std::vector<Candidate> found_;  // a heap, the last of them in front
+  Corner offset_;
 };
 
 }  // namespace detail
@@ -215,12 +277,14 @@ template <typename Derived>
 Topology<N, MaxN> Topology<N, MaxN>::k_nearest(const Eigen::MatrixBase<Derived>& points, int k) {
   Topology topology(static_cast<int>(points.cols()));
   if (k < 0) topology.note({"neighbour count", k, "is negative"});
-  if (!points.allFinite()) topology.note({"points", -1, "are not finite"});
+  const typename Derived::PlainObject plain = points;
+  if (!detail::all_finite(plain)) topology.note({"points", -1, "are not finite"});
   if (topology.defect_) return topology;
 
-  const typename Derived::PlainObject plain = points;
+  if (topology.nodes() == 0) return topology;
   detail::NearestNeighbours nearest(plain, k);
   std::vector<Link> links;
+  detail::require_memory(3.0 * sizeof(Link) * topology.nodes() * std::min(k, topology.nodes() - 1));
   for (int i = 0; i < topology.nodes(); ++i) {
     for (const auto& [distance, j] : nearest.of(i)) links.push_back({std::min(i, j), std::max(i, j)});
   }

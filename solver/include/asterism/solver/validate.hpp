@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/config.hpp>
+#include <asterism/solver/finite.hpp>
 #include <asterism/solver/spring_system.hpp>
 #include <cmath>
 #include <cstddef>
@@ -16,6 +17,13 @@ using ComponentScratch =
     Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor,
                   System::kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : System::kMaxNodes + 1, 1>;
 
+/// The representative of a node's set, by the way up to it, which gets shorter.
+template <typename Up>
+int root(Up& up, int node) {
+  while (up[node] != node) node = up[node] = up[up[node]];
+  return node;
+}
+
 /// Calls visit(i) for the first node of each connected component without anchor stiffness or a fixed node;
 /// links of zero stiffness do not connect.
 template <typename System, typename Visit>
@@ -23,10 +31,7 @@ void for_each_floating_component(const System& system, ComponentScratch<System>&
   if ((system.anchor_stiffness.array() > 0).all()) return;
   const int n = system.nodes();
   parent.setLinSpaced(n + 1, 0, n);
-  const auto root = [&parent](int node) {
-    while (parent[node] != node) node = parent[node] = parent[parent[node]];
-    return node;
-  };
+  const auto root = [&parent](int node) { return detail::root(parent, node); };
   for (int i = 0; i < n; ++i) {
     if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(i)] = root(n);
   }
@@ -53,11 +58,11 @@ int first_floating_node(const System& system, ComponentScratch<System>& scratch)
 template <typename System>
 int first_bad_shape(const System& system) {
   using Scalar = typename System::Scalar;
-  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim>;
+  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
   constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
   for (int i = 0; i < system.nodes(); ++i) {
     const Block shape = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
-    if (!shape.allFinite() || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
+    if (!all_finite(shape) || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
     const Eigen::SelfAdjointEigenSolver<Block> modes(shape, Eigen::EigenvaluesOnly);
     if (!(modes.eigenvalues().minCoeff() >= -kRounding && modes.eigenvalues().maxCoeff() <= 1 + kRounding))
       return i;
@@ -74,9 +79,9 @@ const char* parameter_problem(const Function& function) {
 
 template <typename Matrix>
 int first_column_not_finite(const Matrix& points) {
-  if (points.allFinite()) return -1;
+  if (all_finite(points)) return -1;
   int i = 0;
-  while (points.col(i).allFinite()) ++i;
+  while (all_finite(points.col(i))) ++i;
   return i;
 }
 
@@ -84,7 +89,7 @@ int first_column_not_finite(const Matrix& points) {
 template <typename Vector>
 int first_bad_entry(const Vector& values) {
   for (int i = 0; i < values.size(); ++i) {
-    if (!(values[i] >= 0 && std::isfinite(values[i]))) return i;
+    if (!(values[i] >= 0 && is_finite(values[i]))) return i;
   }
   return -1;
 }

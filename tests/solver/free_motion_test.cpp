@@ -1,0 +1,348 @@
+// Rigid motions that nothing holds, of a component or of a part of one: every solver that says what the
+// Hessian is has to say 0, and every covariance is refused by a message that names the motion. One line a
+// kind of holding.
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+#include <asterism/solver/batch.hpp>
+#include <cmath>
+#include <functional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "../../bench/random_system.hpp"
+
+namespace asterism {
+namespace {
+
+template <typename System>
+struct Held {
+  const char* name;
+  std::string motion;  ///< the message of the covariance's refusal; empty where all is held
+  std::function<void(System& system, typename System::Points& x)> hold;
+  std::vector<Link> links = {};  ///< all pairs by default
+};
+
+template <typename System>
+void hold_by_anchors(System& system, const std::vector<int>& nodes, double stiffness = 0.5) {
+  using Scalar = typename System::Scalar;
+  for (const int i : nodes) system.anchor_stiffness[i] = static_cast<Scalar>(stiffness);
+}
+
+constexpr int kNodes = 6;
+
+// Nodes in general position, anchored nowhere, with a start near by; links want some other lengths.
+template <typename System>
+bench::RandomSystem<System> unheld(std::uint64_t seed, const std::vector<Link>& links) {
+  using Scalar = typename System::Scalar;
+  bench::Rng rng(seed);
+  const auto topology =
+      links.empty() ? System::TopologyType::full(kNodes) : System::TopologyType::from_links(kNodes, links);
+  bench::RandomSystem<System> result{System(topology), bench::random_points<System>(rng, kNodes, 0, 1)};
+  System& system = result.system;
+  system.anchors = result.start;
+  system.anchor_stiffness.setZero();
+  system.link_stiffness.setOnes();
+  system.set_rest_lengths(result.start);
+  for (auto& length : system.rest_length) length *= static_cast<Scalar>(1 + 0.05 * rng.uniform(-1, 1));
+  if constexpr (System::kAnisotropic) {
+    for (int i = 0; i < kNodes; ++i) {
+      system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i).setIdentity();
+    }
+  }
+  result.start += bench::random_points<System>(rng, kNodes, -0.05, 0.05);
+  return result;
+}
+
+template <typename System>
+void expect_covariance(const Held<System>& held, const System& system, const typename System::Points& x) {
+  const auto all = covariance(system, x);
+  const auto blocks = node_covariances(system, x);
+  EXPECT_EQ(std::string_view(all.message), std::string_view(blocks.message));
+  if (held.motion.empty()) {
+    EXPECT_TRUE(all) << all.message;
+    EXPECT_TRUE(blocks) << blocks.message;
+    return;
+  }
+  EXPECT_EQ(all.status, CovarianceStatus::NotPositiveDefinite);
+  EXPECT_EQ(blocks.status, CovarianceStatus::NotPositiveDefinite);
+  EXPECT_NE(std::string_view(all.message).find(held.motion), std::string_view::npos) << all.message;
+}
+
+template <typename Solver, typename System>
+void expect_verdict(const std::vector<Held<System>>& table, double tolerance) {
+  for (const Held<System>& held : table) {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      SCOPED_TRACE(std::string(held.name) + ", " + std::string(Solver::name()) + ", seed " +
+                   std::to_string(seed));
+      auto [system, x] = unheld<System>(seed, held.links);
+      held.hold(system, x);
+      Solver solver;
+      solver.options.tolerance = tolerance;
+      const Summary summary = solver.solve(system, x);
+      ASSERT_TRUE(summary.usable()) << summary;
+      if (summary.positive_definite >= 0) {
+        EXPECT_EQ(summary.positive_definite, held.motion.empty()) << summary;
+      }
+      if (held.motion.empty() && summary.positive_definite != 1) continue;
+      expect_covariance(held, system, x);
+    }
+  }
+}
+
+template <typename System>
+std::vector<Held<System>> in_the_plane() {
+  using Points = typename System::Points;
+  const auto anchors = [](std::vector<int> nodes) {
+    return [nodes](System& system, Points&) { hold_by_anchors(system, nodes); };
+  };
+  const std::vector<Link> two_triangles = {{0, 1}, {1, 2}, {0, 2}, {3, 4}, {4, 5}, {3, 5}};
+  const std::vector<Link> bow_tie = {{0, 1}, {1, 2}, {0, 2}, {2, 3}, {3, 4}, {2, 4}, {4, 5}, {3, 5}};
+  const std::vector<Link> leaf = {{0, 1}, {0, 2}, {1, 2}, {0, 3}, {1, 3}, {0, 4}, {1, 4}, {2, 5}};
+  return {
+      {"one fixed node", "can rotate about node 2", [](System& s, Points&) { s.fix(2); }},
+      {"one anchored node", "can rotate about node 1", anchors({1})},
+      {"one anchored node of great stiffness", "can rotate about node 1",
+       [](System& s, Points&) { hold_by_anchors(s, {1}, 1e6); }},
+      {"one fixed and anchored node", "can rotate about node 1",
+       [](System& s, Points&) {
+         hold_by_anchors(s, {1});
+         s.fix(1);
+       }},
+      {"all anchors on one point", "can rotate: its anchors do not hold it",
+       [](System& s, Points&) {
+         s.anchors.setConstant(typename System::Scalar(0.5));
+         s.anchor_stiffness.setConstant(typename System::Scalar(1e-3));
+       }},
+      {"one of two components", "can rotate about node 3",
+       [](System& s, Points&) {
+         hold_by_anchors(s, {0, 1, 2, 3});
+       },
+       two_triangles},
+      {"two components about one fixed node", "can rotate about node 2",
+       [](System& s, Points&) {
+         hold_by_anchors(s, {0, 1});
+         s.fix(2);
+       },
+       bow_tie},
+      {"a part about an anchored node", "can rotate about node 2, which alone connects it",
+       anchors({0, 1, 2}), bow_tie},
+      {"a part about a node of no anchor", "can rotate about node 2, which alone connects it",
+       anchors({0, 1}), bow_tie},
+      {"a leaf", "node 5 can rotate about node 2", anchors({0, 1, 2, 3, 4}), leaf},
+      {"two anchored nodes", "", anchors({0, 3})},
+      {"two anchored nodes, weakly", "",
+       [](System& s, Points&) {
+         hold_by_anchors(s, {0, 3}, sizeof(typename System::Scalar) == 8 ? 1e-9 : 1e-3);
+       }},
+      {"two fixed nodes", "",
+       [](System& s, Points&) {
+         s.fix(0);
+         s.fix(3);
+       }},
+      {"a fixed and an anchored node", "",
+       [](System& s, Points&) {
+         s.fix(0);
+         hold_by_anchors(s, {3});
+       }},
+      {"all anchored nodes", "", anchors({0, 1, 2, 3, 4, 5})},
+      {"far from the origin", "",
+       [](System& s, Points& x) {
+         const auto far =
+             static_cast<typename System::Scalar>(sizeof(typename System::Scalar) == 8 ? 1e5 : 30);
+         x.array() += far;
+         s.anchors.array() += far;
+         hold_by_anchors(s, {0, 3});
+       }},
+  };
+}
+
+template <typename System>
+std::vector<Held<System>> in_space() {
+  using Points = typename System::Points;
+  const auto anchors = [](std::vector<int> nodes) {
+    return [nodes](System& system, Points&) { hold_by_anchors(system, nodes); };
+  };
+  const auto on_a_line = [](System& s, Points& x, const std::vector<int>& nodes) {
+    for (std::size_t k = 0; k < nodes.size(); ++k) {
+      x.col(nodes[k]) << 0.1 + 0.3 * double(k), 0.2 + 0.1 * double(k), 0.3 - 0.7 * double(k);
+      s.anchors.col(nodes[k]) = x.col(nodes[k]);
+    }
+    s.set_rest_lengths(x);
+  };
+  return {
+      {"one fixed node", "can rotate about node 2", [](System& s, Points&) { s.fix(2); }},
+      {"one anchored node", "can rotate about node 1", anchors({1})},
+      {"two anchored nodes", "can rotate about the line through nodes 0 and 3", anchors({0, 3})},
+      {"two fixed nodes", "can rotate about the line through nodes 1 and 4",
+       [](System& s, Points&) {
+         s.fix(1);
+         s.fix(4);
+       }},
+      {"a fixed and an anchored node", "can rotate about the line through nodes 1 and 4",
+       [](System& s, Points&) {
+         s.fix(1);
+         hold_by_anchors(s, {4});
+       }},
+      {"three anchored nodes on a line", "can rotate",
+       [=](System& s, Points& x) {
+         on_a_line(s, x, {0, 1, 2});
+         hold_by_anchors(s, {0, 1, 2});
+       }},
+      {"three fixed nodes on a line", "can rotate about the line through nodes 0 and 1",
+       [=](System& s, Points& x) {
+         on_a_line(s, x, {0, 1, 2});
+         for (const int i : {0, 1, 2}) s.fix(i);
+       }},
+      {"three anchored nodes", "", anchors({0, 3, 4})},
+      {"three fixed nodes", "",
+       [](System& s, Points&) {
+         for (const int i : {0, 1, 2}) s.fix(i);
+       }},
+      {"all anchored nodes", "", anchors({0, 1, 2, 3, 4, 5})},
+  };
+}
+
+using Dynamic2 = SpringSystem<double, 2>;
+using Dynamic3 = SpringSystem<double, 3>;
+using Fixed2 = SpringSystem<double, 2, kNodes>;
+using Fixed2f = SpringSystem<float, 2, kNodes>;
+
+TEST(FreeMotion, IsNoStrictMinimumInThePlane) {
+  const auto table = in_the_plane<Dynamic2>();
+  for (const double tolerance : {1e-4, 1e-8, 1e-12}) {
+    expect_verdict<Newton<Dynamic2>>(table, tolerance);
+    expect_verdict<SparseNewton<Dynamic2>>(table, tolerance);
+    expect_verdict<Ida<Dynamic2>>(table, tolerance);
+    expect_verdict<Auto<Dynamic2>>(table, tolerance);
+  }
+  expect_verdict<Schwarz<Dynamic2, SparseNewton<Dynamic2>>>(table, 1e-8);
+}
+
+TEST(FreeMotion, IsNoStrictMinimumInSpace) {
+  const auto table = in_space<Dynamic3>();
+  for (const double tolerance : {1e-4, 1e-8, 1e-12}) {
+    expect_verdict<Newton<Dynamic3>>(table, tolerance);
+    expect_verdict<SparseNewton<Dynamic3>>(table, tolerance);
+  }
+}
+
+TEST(FreeMotion, IsNoStrictMinimumOfFixedSize) {
+  expect_verdict<Newton<Fixed2>>(in_the_plane<Fixed2>(), 1e-8);
+  expect_verdict<Newton<Fixed2f>>(in_the_plane<Fixed2f>(), 1e-5);
+}
+
+TEST(FreeMotion, IsNoStrictMinimumInABatch) {
+  for (const auto& held : in_the_plane<Fixed2>()) {
+    if (!held.links.empty()) continue;
+    constexpr int kSystems = 40;
+    SpringBatch<double, 2, kNodes> batch(Topology<kNodes>::full(), kSystems);
+    bool has_fixed = false;
+    for (int s = 0; s < kSystems; ++s) {
+      auto [system, x] = unheld<Fixed2>(static_cast<std::uint64_t>(s) + 1, {});
+      held.hold(system, x);
+      has_fixed |= system.fixed_count() > 0;
+      batch.set(s, system, x);
+    }
+    if (has_fixed) continue;  // springs alone
+    BatchNewton(batch).solve(batch);
+    for (int s = 0; s < kSystems; ++s) {
+      if (batch.status(s) != Status::Converged) continue;
+      EXPECT_EQ(batch.positive_definite(s), held.motion.empty()) << held.name << ", system " << s;
+    }
+  }
+}
+
+// The same whatever the scale, the place and the unit of stiffness.
+TEST(FreeMotion, IsFoundAtAnyScale) {
+  for (const double length : {1e-6, 1.0, 1e6}) {
+    for (const double stiffness : {1e-6, 1.0, 1e6}) {
+      for (const bool is_free : {true, false}) {
+        auto [system, x] = unheld<Dynamic3>(3, {});
+        hold_by_anchors(system, is_free ? std::vector<int>{0, 3} : std::vector<int>{0, 3, 4});
+        system.anchors *= length;
+        system.rest_length *= length;
+        x *= length;
+        system.anchor_stiffness *= stiffness;
+        system.link_stiffness *= stiffness;
+        EXPECT_EQ(Newton<Dynamic3>().solve(system, x).positive_definite, !is_free);
+        EXPECT_EQ(covariance(system, x).status,
+                  is_free ? CovarianceStatus::NotPositiveDefinite : CovarianceStatus::Computed);
+      }
+    }
+  }
+}
+
+TEST(FreeMotion, OfComponentsThatWereGrounded) {
+  auto [system, x] = unheld<Dynamic2>(1, {});
+  Newton<Dynamic2> solver;
+  solver.options.ground_components = true;
+  EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
+  auto grounded = system;
+  grounded.fix(0);
+  const auto result = covariance(grounded, x);
+  EXPECT_EQ(result.status, CovarianceStatus::NotPositiveDefinite);
+  EXPECT_NE(std::string_view(result.message).find("can rotate about node 0"), std::string_view::npos);
+  EXPECT_EQ(solver.solve(system, x).positive_definite, 0);
+}
+
+// Anchors that hold one direction alone, robust ones, and links that are slack.
+TEST(FreeMotion, OfOtherModels) {
+  using Along = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
+                             Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
+  const Eigen::Matrix2d along_x{{1.0, 0.0}, {0.0, 0.0}};
+  const Eigen::Matrix2d along_y{{0.0, 0.0}, {0.0, 1.0}};
+  const std::vector<Held<Along>> table = {
+      {"all along x", "can slide",
+       [&](Along& s, auto&) {
+         for (int i = 0; i < kNodes; ++i) s.set_anchor_information(i, along_x);
+       }},
+      {"x and y of one node", "can rotate about node 0",
+       [&](Along& s, auto&) { s.set_anchor_information(0, Eigen::Matrix2d::Identity()); }},
+      {"x of one node and y of another", "can rotate",
+       [&](Along& s, auto&) {
+         s.set_anchor_information(0, along_x);
+         s.set_anchor_information(3, along_y);
+       }},
+      {"a point and a direction", "",
+       [&](Along& s, auto& x) {
+         x.col(0) << 0, 0;
+         x.col(3) << 1, 0.1;
+         s.anchors = x;
+         s.set_rest_lengths(x);
+         s.set_anchor_information(0, Eigen::Matrix2d::Identity());
+         s.set_anchor_information(3, along_y);
+       }},
+  };
+  expect_verdict<Newton<Along>>(table, 1e-10);
+
+  using Robust = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic, Model<Hooke, Huber>>;
+  const std::vector<Held<Robust>> robust = {
+      {"one robust anchor", "can rotate about node 4", [](Robust& s, auto&) { hold_by_anchors(s, {4}); }},
+      {"two robust anchors", "",
+       [](Robust& s, auto&) {
+         hold_by_anchors(s, {4, 1});
+       }},
+  };
+  expect_verdict<Newton<Robust>>(robust, 1e-10);
+}
+
+// One node, or all nodes on one point, cannot turn.
+TEST(FreeMotion, OfPointsThatDoNotTurn) {
+  SpringSystem<double, 3> system(Topology<>::full(3));
+  system.anchors.setConstant(3, 3, 7.0);
+  system.anchor_stiffness << 1, 0, 0;
+  system.rest_length.setZero();
+  system.link_stiffness.setOnes();
+  EXPECT_TRUE(covariance(system, system.anchors));
+  SpringSystem<double, 2> line(Topology<>::full(2));
+  line.anchors << 0, 1, 0, 0;
+  line.anchor_stiffness << 1, 1;
+  line.set_rest_lengths(line.anchors);
+  line.link_stiffness << 1;
+  EXPECT_TRUE(covariance(line, line.anchors));  // rotation about their own line moves nothing
+}
+
+}  // namespace
+}  // namespace asterism
