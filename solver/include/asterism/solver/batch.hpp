@@ -226,7 +226,7 @@ class SpringBatch {
     // What a spring without stiffness has is not to become infinite here.
     const auto put_of = [&](auto stiffness, double number) {
       constexpr double kMost = std::numeric_limits<Scalar>::max();
-      put(stiffness == 0 && std::isfinite(number) ? std::clamp(number, -kMost, kMost) : number);
+      put(stiffness == 0 && detail::is_finite(number) ? std::clamp(number, -kMost, kMost) : number);
     };
     for (int i = 0; i < nodes(); ++i) {
       for (int d = 0; d < Dim; ++d) {
