@@ -324,7 +324,7 @@ Problem stiff_pair(Rng& rng) {
 }
 // A sheet of springs without bending, shorter than its anchors want it or longer.
 Problem cloth(Rng& rng) {
-  const int side = integer(rng, 3, 6);
+  const int side = integer(rng, 3, 5);
   Problem problem;
   problem.type = Type::Space;
   Eigen::MatrixXd grid = Eigen::MatrixXd::Zero(3, side * side);

@@ -60,6 +60,7 @@ class Judge {
       node_stiffness_[link.j] += problem_.link_stiffness[l];
     });
     find_components();
+    if (problem.ground_components) ground();
     set_lengths();
   }
 
@@ -142,8 +143,23 @@ class Judge {
     const Real eps = epsilon(problem_.type), step = eps * extent(x);
     const Real stiffness = node_stiffness_.sum();
     const auto terms = static_cast<Real>(problem_.nodes() + problem_.links.size());
+    if (problem_.type == Type::RobustPlane) {  // information matrices are so up to rounding
+      for (int i = 0; i < problem_.nodes(); ++i)
+        energy += problem_.anchor_stiffness[i] * (x.col(i) - anchors_.col(i)).squaredNorm();
+    }
     return terms * 16 * (eps * energy + step * std::sqrt(2 * stiffness * energy) + stiffness * step * step) +
            std::numeric_limits<double>::min() * (1 + stiffness);
+  }
+
+  /// What the energy may be above the minimum where forces are as the tolerance allows and anchors are not
+  /// weak.
+  Real allowed(const Matrix& x, Real energy) const {
+    Real sum = rounding(x, energy);
+    for (int i = 0; i < problem_.nodes(); ++i) {
+      const Real by = 10 * kTolerance * length(i);
+      sum += node_stiffness_[i] * by * by;
+    }
+    return sum;
   }
 
   /// By how much more than the tolerance allows the worst node's force exceeds what rounding leaves: at most
@@ -155,8 +171,8 @@ class Judge {
     Real worst = 0;
     for (int i = 0; i < problem_.nodes(); ++i) {
       if (is_fixed(i) || !(node_stiffness_[i] > 0)) continue;
-      worst = std::max(worst, gradient.col(i).norm() /
-                                  (node_stiffness_[i] * (Real(1.001) * kTolerance * length(i) + rounded)));
+      worst = std::max(
+          worst, gradient.col(i).norm() / (node_stiffness_[i] * (10 * kTolerance * length(i) + rounded)));
     }
     return worst;
   }
@@ -259,6 +275,20 @@ class Judge {
     });
   }
 
+  // Holds the first node of each component that nothing holds.
+  void ground() {
+    std::vector<bool> is_held(component_.size(), false);  // by the component's number
+    const auto held = [&](int i) -> std::vector<bool>::reference {
+      return is_held[static_cast<std::size_t>(component_[static_cast<std::size_t>(i)])];
+    };
+    for (int i = 0; i < problem_.nodes(); ++i)
+      if (is_fixed(i) || problem_.anchor_stiffness[i] > 0) held(i) = true;
+    for (int i = 0; i < problem_.nodes(); ++i) {
+      if (held(i)) continue;
+      fixed_[static_cast<std::size_t>(i)] = held(i) = true;
+    }
+  }
+
   // Lengths to measure a node's forces by: the root mean square of rest lengths and of anchors about their
   // centroid, of the node's own component, or of all of them weighted by stiffness, whichever is more.
   void set_lengths() {
@@ -289,6 +319,10 @@ class Judge {
           std::max(all, of([&](int j) { return Real(is_in(j) && problem_.anchor_stiffness[j] > 0 ? 1 : 0); },
                            [&](int, Link link) { return Real(is_in(link.i) ? 1 : 0); })));
     }
+    // One node, or all anchors on one point: the way that the start has to go.
+    const Real way = (problem_.start.cast<Real>() - anchors_).norm();
+    const Real rounded = 1e-12L * extent(problem_.start.cast<Real>());
+    for (Real& length : lengths_) length = length > rounded ? length : way;
   }
   Real length(int i) const { return lengths_[static_cast<std::size_t>(i)]; }
 
@@ -311,7 +345,8 @@ Reference reference_of(const Judge& judge, const Problem& problem, std::uint64_t
   std::vector<Real> ends;
   const Matrix start = problem.start.cast<Real>();
   const auto from = [&](Matrix x) {
-    for (const int i : problem.fixed) x.col(i) = start.col(i);
+    for (int i = 0; i < problem.nodes(); ++i)
+      if (judge.is_fixed(i)) x.col(i) = start.col(i);
     ends.push_back(judge.descend(x));
   };
   Matrix at_anchors = problem.anchors.cast<Real>();
@@ -348,18 +383,22 @@ class Hostile : public ::testing::TestWithParam<std::size_t> {
     const Kind& kind = kinds()[GetParam()];
     const auto seed = static_cast<std::uint64_t>(index) * 64 + GetParam() + 1;
     const Problem problem = kind.make(seed);
-    const Judge judge(problem);
     const std::vector<Attempt> attempts = solve_by_all(problem);
+    std::optional<Judge> judge;  // of what is a system
+    if (!problem.refused) judge.emplace(problem);
     std::optional<Reference> reference;
-    if (!problem.refused && !problem.may_overflow) reference = reference_of(judge, problem, seed);
+    constexpr int kSoon = 36;  // coordinates
+    if (judge && !problem.may_overflow && problem.anchors.size() <= kSoon)
+      reference = reference_of(*judge, problem, seed);
     for (const Attempt& attempt : attempts) {
       SCOPED_TRACE(attempt.solver + " (" + std::string(to_string(attempt.summary.status)) + ": " +
                    std::string(std::string_view(attempt.summary.message)) + ")");
-      check(problem, judge, attempt, reference ? &*reference : nullptr);
+      check(problem, attempt, judge ? &*judge : nullptr, reference ? &*reference : nullptr);
     }
   }
 
-  void check(const Problem& problem, const Judge& judge, const Attempt& attempt, const Reference* reference) {
+  void check(const Problem& problem, const Attempt& attempt, const Judge* judge_of_system,
+             const Reference* reference) {
     const Summary& summary = attempt.summary;
     Count& count = counts_[attempt.solver];
     ++count.solves;
@@ -372,13 +411,18 @@ class Hostile : public ::testing::TestWithParam<std::size_t> {
       return;
     }
     ASSERT_FALSE(problem.refused);
+    const Judge& judge = *judge_of_system;
     ASSERT_TRUE(attempt.x.allFinite());
     const Matrix x = attempt.x.cast<Real>(), start = problem.start.cast<Real>();
     const Real before = judge.energy(start), after = judge.energy(x);
     EXPECT_LE(after, before + judge.rounding(start, before) + judge.rounding(x, before)) << "the energy rose";
     EXPECT_LE(std::abs(after - static_cast<Real>(summary.final_energy)), judge.rounding(x, after))
         << "energy " << after << ", and not " << summary.final_energy;
-    for (const int i : problem.fixed) EXPECT_EQ(attempt.x.col(i), problem.start.col(i)) << "node " << i;
+    for (int i = 0; i < problem.nodes(); ++i) {
+      if (judge.is_fixed(i)) {
+        EXPECT_EQ(attempt.x.col(i), problem.start.col(i)) << "node " << i;
+      }
+    }
     if (problem.moves_freely) {
       EXPECT_NE(summary.positive_definite, 1) << "the system moves freely";
     }
@@ -390,9 +434,9 @@ class Hostile : public ::testing::TestWithParam<std::size_t> {
       count.lowest += after <= reference->lowest * (1 + 1e-6L) + judge.rounding(x, after);
     if (summary.status != Status::Converged) return;
     ++count.converged;
-    EXPECT_LE(judge.excess(x), 1) << "converged, but not stationary";
+    EXPECT_LE(judge.excess(x), 1) << "converged, but not stationary: " << summary;
     if (reference != nullptr && reference->is_unique && problem.agrees) {
-      EXPECT_LE(after, reference->lowest * (1 + 1e-6L) + judge.rounding(x, after)) << "not the minimum";
+      EXPECT_LE(after, reference->lowest * (1 + 1e-6L) + judge.allowed(x, after)) << "not the minimum";
     }
   }
 
