@@ -7,6 +7,7 @@
 #include <asterism/solver/config.hpp>
 #include <asterism/solver/descent.hpp>
 #include <asterism/solver/energy.hpp>
+#include <asterism/solver/lbfgs.hpp>
 #include <asterism/solver/saddle.hpp>
 #include <asterism/solver/session.hpp>
 #include <asterism/solver/sparse_blocks.hpp>
@@ -16,6 +17,7 @@
 #include <cmath>
 #include <limits>
 #include <memory>
+#include <new>
 #include <string_view>
 
 namespace asterism::inline ASTERISM_ABI {
@@ -154,6 +156,10 @@ struct SparseNewtonOptions : AlignedOptions {
 /// raised. The line search accepts lower energies alone; where it fails, the gradient scaled by the diagonal
 /// of K_dyn is tried, which fails for rounding alone.
 ///
+/// Such steps, and those that the line search cuts, are short: springs that fold or buckle bend the way down,
+/// and a factorisation is dear for so little. They take turns with L-BFGS (from the diagonal of K_dyn), whose
+/// steps cost a hundredth; a turn is as long as it has paid so far.
+///
 /// Summary::positive_definite says what the Hessian is at the x returned. `Factorization` is SparseLdlt or
 /// CholmodLlt. The ordering is computed once a topology; an object holds its workspace, one thread at a time.
 template <typename System, typename Factorization = SparseLdlt<System>>
@@ -180,7 +186,8 @@ class SparseNewton {
   Summary run(const System& given, Points& x);
 
   static constexpr std::string_view kMethod = "Newton";
-  static constexpr int kClampedSteps = 3;  // before the Hessian itself is tried again
+  static constexpr int kTurn = 100;  // iterations of L-BFGS at least, about a factorisation's cost
+  static constexpr int kLongestTurn = 1 << 20;
   using Matrix = typename Factorization::Matrix;
   using MatrixScalar = typename Matrix::Scalar;
   using Vector = Eigen::Matrix<MatrixScalar, Eigen::Dynamic, 1>;
@@ -212,11 +219,30 @@ class SparseNewton {
     return gradient.cwiseProduct(direction_).sum();
   }
 
+  // Moves x by the direction, or less; taken_ says how much of it.
   bool search(const System& system, Points& x, Scalar slope, Summary& summary) {
-    Scalar step = 1;
-    if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) return false;
+    taken_ = 1;
+    if (!(slope < 0) || !state_.search(system, x, direction_, slope, taken_, summary)) return false;
     ++summary.iterations;
     return true;
+  }
+
+  // A turn of L-BFGS, one iteration. The next one is longer if this one has lowered the energy by more than
+  // the last step of Newton's method did.
+  void take_turn(const System& system, Points& x, Scalar gain_of_step, Summary& summary) {
+    lbfgs_.options = options;
+    lbfgs_.options.align = lbfgs_.options.ground_components = false;
+    lbfgs_.options.max_iterations = turn_;
+    const Scalar before = state_.energy();
+    const Summary turn = lbfgs_.solve(system, x);
+    if (turn.status == Status::OutOfMemory) throw std::bad_alloc();
+    ++summary.iterations;
+    if (!turn.usable()) return;
+    summary.energy_evaluations += turn.energy_evaluations;
+    summary.gradient_evaluations += turn.gradient_evaluations;
+    state_.start(system, x, summary);
+    turn_ = before - state_.energy() > gain_of_step ? std::min(2 * turn_, kLongestTurn)
+                                                    : std::max(turn_ / 2, kTurn);
   }
 
   // From a saddle down along negative curvature.
@@ -240,6 +266,9 @@ class SparseNewton {
   detail::DescentState<System> state_;
   detail::SparseHessian<System, MatrixScalar> hessian_;
   Factorization factorization_;
+  Lbfgs<System, JacobiMetric<System>> lbfgs_;
+  int turn_ = kTurn;
+  Scalar taken_ = 1;
   Vector right_hand_side_;
   Vector step_;
   Points direction_;
@@ -252,7 +281,9 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
     const bool realign = options.align && detail::has_weak_anchors(system);
     hessian_.prepare(system, [this](const auto& pattern) { factorization_.analyze(pattern); });
     state_.start(system, x, summary);
-    int clamped_steps = 0;
+    turn_ = kTurn;
+    bool turned = false;  // the last iteration was L-BFGS's
+    Scalar gain = 0;      // of the last step of Newton's method
     while (true) {
       const bool stationary = session_.done(state_.gradient());
       const bool last = summary.iterations == options.max_iterations || session_.stopped();
@@ -265,19 +296,23 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
         return Status::NoProgress;
       }
       bool definite = false;
-      if (stationary || clamped_steps == 0) {
+      if (stationary || !turned) {
         hessian_.assemble(system, x, false);
         definite = factorize(summary);
-        clamped_steps = definite ? 0 : kClampedSteps;
         summary.positive_definite = definite;
-      } else {
-        --clamped_steps;
       }
       if (last) return Status::Converged;
       if (stationary && !definite) {
         if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
         continue;
       }
+      if (!definite && !turned) {
+        take_turn(system, x, gain, summary);
+        turned = true;
+        continue;
+      }
+      turned = false;
+      const Scalar before = state_.energy();
       // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
       const Scalar slope = definite || repair(system, x, summary) ? newton_direction(summary) : Scalar(0);
       if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
@@ -290,6 +325,10 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
       // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
       // follow.
       if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
+      gain = before - state_.energy();
+      if (definite && taken_ < 1 && summary.iterations < options.max_iterations) {
+        take_turn(system, x, gain, summary);
+      }
     }
   });
 }

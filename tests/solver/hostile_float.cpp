@@ -1,0 +1,13 @@
+#include "hostile_solvers.hpp"
+
+namespace asterism::hostile {
+
+void solve_float(const Problem& problem, std::vector<Attempt>& attempts) {
+  using System = SpringSystem<float, 2>;
+  static CommonSolvers<System> common;
+  static SparseSolvers<System> sparse;
+  solve_with<System>(common, problem, attempts);
+  solve_with<System>(sparse, problem, attempts);
+}
+
+}  // namespace asterism::hostile
