@@ -23,13 +23,13 @@ class OptionReader : public OptionVisitor {
   OptionReader(std::string of, const Json& options, PartRegistry& models)
       : of_(std::move(of)), models_(models), levels_{{"", &options, {}}} {}
 
-  void operator()(std::string_view name, double& value) override {
+  void operator()(std::string_view name, double& value, const OptionRange&) override {
     if (const Json* json = find(name)) {
       if (!json->is_number()) refuse(name, "must be a number", *json);
       value = json->get<double>();
     }
   }
-  void operator()(std::string_view name, int& value) override {
+  void operator()(std::string_view name, int& value, const OptionRange&) override {
     if (const Json* json = find(name)) {
       constexpr auto kMost = std::numeric_limits<int>::max();
       if (!json->is_number_integer() || json->get<double>() > kMost || json->get<double>() < -kMost)
@@ -116,8 +116,8 @@ class OptionLister : public OptionVisitor {
  public:
   explicit OptionLister(Json& json) : levels_{&json} {}
 
-  void operator()(std::string_view name, double& value) override { set(name, value); }
-  void operator()(std::string_view name, int& value) override { set(name, value); }
+  void operator()(std::string_view name, double& value, const OptionRange&) override { set(name, value); }
+  void operator()(std::string_view name, int& value, const OptionRange&) override { set(name, value); }
   void operator()(std::string_view name, bool& value) override { set(name, value); }
   void operator()(std::string_view name, AnyPart&, std::string_view model) override {
     set(name, std::string(model));

@@ -2,6 +2,7 @@
 #include <asterism/parts/patch.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -23,19 +24,7 @@ constexpr double kMatch = 0.3;
 }  // namespace
 
 SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
-    : options_(options), parts_(options.springs) {
-  slic(Eigen::ArrayX3f::Zero(1, 3), 1, options.slic);  // throws where its options are out of range
-  require(options.template_side >= 8 && options.template_side <= kMaxSuperpixelWindow,
-          "SuperpixelTrackerOptions: template_side must be in [8, 512]");
-  require(options.padding > 0, "SuperpixelTrackerOptions: padding must be positive");
-  require(options.colour_sigma > 0, "SuperpixelTrackerOptions: colour_sigma must be positive");
-  require(options.neighbours >= 1, "SuperpixelTrackerOptions: neighbours must be at least 1");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "SuperpixelTrackerOptions: learning_rate must be in [0, 1]");
-  require(options.forget_after > 0, "SuperpixelTrackerOptions: forget_after must be positive");
-  require(options.lost_below >= 0 && options.lost_below <= 1,
-          "SuperpixelTrackerOptions: lost_below must be in [0, 1]");
-}
+    : options_(check_options("SuperpixelTrackerOptions", options)), parts_(options.springs) {}
 
 void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
 

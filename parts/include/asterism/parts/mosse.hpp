@@ -80,7 +80,7 @@ class ASTERISM_API Mosse {
   Size2 size_ = Size2::Zero();  // of the target
   double spacing_ = 1;          // image pixels a template pixel
   int rows_ = 0, cols_ = 0;
-  RealFft2<float> fft_;
+  RealFft2 fft_;
   Eigen::ArrayXf hann_;  // the cosine window
   Spectrum label_;       // G
   Spectrum numerator_;   // A

@@ -35,7 +35,8 @@ struct MaskedRegressionOptions {
 class ASTERISM_API MaskedRegression {
  public:
   MaskedRegression() = default;
-  /// rows, cols > 0. Throws std::invalid_argument for these and for options out of range.
+  /// rows, cols > 0 and multiples of four. Throws std::invalid_argument for these and for options out of
+  /// range.
   MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options = {});
 
   /// cross: sum_t w_t F_t conj(Y); energy: sum_t w_t |F_t|^2; mask: rows x cols values, 0 or 1 -> filter: the
@@ -55,7 +56,7 @@ class ASTERISM_API MaskedRegression {
   void constrain(const float* mask);
 
   MaskedRegressionOptions options_;
-  RealFft2<float> fft_;
+  RealFft2 fft_;
   Eigen::Index bins_ = 0;
   Eigen::ArrayXf energy_, filter_, free_, dual_;  // spectra, real and imaginary parts in turn
   Eigen::ArrayXf plane_;
@@ -174,8 +175,8 @@ class ASTERISM_API SpatialReliability {
   bool segmented_ = false;
 
   Fhog fhog_;
-  RealFft2<float> channels_fft_;  // all channels at once
-  RealFft2<float> plane_fft_;     // one map
+  RealFft2 channels_fft_;  // all channels at once
+  RealFft2 plane_fft_;     // one map
   MaskedRegression regression_;
   ColourModel colour_;
 
