@@ -1,7 +1,8 @@
 #pragma once
 
-/// The names of the options of the library's models, those of their members, for PartRegistry and for options
-/// that contain them.
+/// The names of the options of the library's models, those of their members, and their ranges, for
+/// PartRegistry and for options that contain them. Where the comment of an option says > 0, it is in [1e-9,
+/// 1e9].
 
 #include <asterism/parts/color_histogram.hpp>
 #include <asterism/parts/kcf.hpp>

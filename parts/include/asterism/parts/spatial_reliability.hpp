@@ -14,7 +14,8 @@ namespace asterism::inline ASTERISM_ABI {
 struct MaskedRegressionOptions {
   /// Weight lambda of the filter's energy, > 0.
   double lambda = 0.05;
-  /// Rounds of `solve`, >= 0; without any the ridge regression is cut to the mask. Those of `refine`, >= 0.
+  /// Rounds of `solve`, in [0, 100]; without any the ridge regression is cut to the mask. Those of `refine`,
+  /// in [0, 100].
   int iterations = 4;
   int refining_iterations = 2;
   /// The constraint's penalty mu in the first round, > 0, its growth beta from round to round, >= 1, and its
@@ -77,8 +78,8 @@ struct SpatialReliabilityOptions {
   /// Eleven more channels: how much of a cell has each of the basic colours, black to yellow. The paper has
   /// learned colour names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
   bool colour_channels = false;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, >=
-  /// 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// [0, 100].
   double padding = 3;
   /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
   /// cell_size]; with `padding` 3 and 32 px the window is 128 px, where the FFT is fastest. The paper allows
