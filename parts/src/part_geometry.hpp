@@ -15,8 +15,10 @@ namespace asterism::inline ASTERISM_ABI {
 /// However thin a target is, its window is no longer than this [template pixels].
 inline constexpr double kMaxWindowSide = option_ranges::kLongestSide;
 
-/// The same of a model that keeps tens of channels of each cell: no more than 256 cells.
+/// Shorter ones: of 256 cells where a model keeps tens of channels of each, of 64 superpixels where all are
+/// compared with all.
 inline double max_window_side(int cell_size) { return std::min(kMaxWindowSide, 256.0 * cell_size); }
+inline double max_superpixel_window_side(int side) { return std::min(kMaxWindowSide, 64.0 * side); }
 
 /// Nothing larger is a target in an image [px]; the squares of such numbers are well within float.
 inline constexpr double kMaxTargetSide = 1e9;
@@ -59,8 +61,9 @@ struct MatchGeometry {
   int reach;             ///< of the search to each side [template pixels]
   ResponseMap response;  ///< of all shifts
 };
-inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side) {
-  const double to_template = template_scale(size, padding, min_side, max_side);
+inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side,
+                                    double longest = kMaxWindowSide) {
+  const double to_template = template_scale(size, padding, min_side, max_side, longest);
   MatchGeometry result{.spacing = 1 / to_template,
                        .cols = std::max(1, static_cast<int>(std::lround(size.x() * to_template))),
                        .rows = std::max(1, static_cast<int>(std::lround(size.y() * to_template))),

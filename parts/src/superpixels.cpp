@@ -30,7 +30,8 @@ void Superpixels::init(const Frame& frame, const Point2& centre, const Size2& si
 void Superpixels::prepare(const Size2& size) {
   size_ = size;
   const auto [spacing, cols, rows, reach, response] =
-      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
+      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side,
+                     max_superpixel_window_side(options_.slic.side));
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
   learned_.setZero(Eigen::Index{rows_ + 2 * reach_} * (cols_ + 2 * reach_), 3);

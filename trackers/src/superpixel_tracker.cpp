@@ -16,8 +16,9 @@ namespace asterism::inline ASTERISM_ABI {
 namespace {
 
 // However thin an object is, its window is no longer than this, and no shorter [template pixels].
-constexpr double kMaxSuperpixelWindow = 512;
-constexpr int kMinSuperpixelWindow = 12;
+constexpr double kMaxSuperpixelWindow = 512, kMinSuperpixelWindow = 12;
+// Nor than this many superpixels, of which all are compared with all.
+constexpr double kMaxSuperpixels = 64;
 // A part that matches worse is not seen.
 constexpr double kMatch = 0.3;
 
@@ -129,8 +130,8 @@ TrackResult SuperpixelTracker::update(const Frame& frame) {
 SuperpixelTracker::Candidates SuperpixelTracker::cut(const Frame& frame) const {
   const Size2 whole = pose_.size() + Size2::Constant(options_.padding * pose_.mean_side());
   const auto pixels = [&](double side) {
-    return std::clamp(static_cast<int>(std::lround(side / spacing_)), kMinSuperpixelWindow,
-                      static_cast<int>(kMaxSuperpixelWindow));
+    return static_cast<int>(std::clamp(std::round(side / spacing_), kMinSuperpixelWindow,
+                                       std::min(kMaxSuperpixelWindow, kMaxSuperpixels * options_.slic.side)));
   };
   const cv::Size grid(pixels(whole.x()), pixels(whole.y()));
   const Size2 pixel = whole.cwiseQuotient(Size2(grid.width, grid.height));

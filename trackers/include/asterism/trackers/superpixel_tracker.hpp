@@ -11,8 +11,7 @@ struct SuperpixelTrackerOptions {
   /// In template pixels and CIELAB.
   SlicOptions slic = {.side = 6, .compactness = 10, .iterations = 5};
   /// The object is resampled so that the geometric mean of its sides is this [template pixels, in [8, 512]],
-  /// with
-  /// `padding` x as much around it on both axes, in (0, 100].
+  /// with `padding` x as much around it on both axes, in (0, 100].
   double template_side = 40;
   double padding = 1.5;
   /// Deviation of a superpixel's mean colour from frame to frame, > 0 [CIELAB units].
