@@ -1,6 +1,6 @@
 #include <array>
 #include <asterism/parts/option_visitor.hpp>
-#include <cstdio>
+#include <charconv>
 #include <stdexcept>
 #include <string>
 
@@ -9,8 +9,8 @@ namespace asterism::inline ASTERISM_ABI {
 void detail::RangeCheck::refuse(std::string_view name, double value, const OptionRange& range) const {
   const auto text = [](double number) {
     std::array<char, 32> buffer{};
-    std::snprintf(buffer.data(), buffer.size(), "%.10g", number);
-    return std::string(buffer.data());
+    return std::string(buffer.data(),
+                       std::to_chars(buffer.data(), buffer.data() + buffer.size(), number).ptr);
   };
   std::string message(of_);
   message += ": ";

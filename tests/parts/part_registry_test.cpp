@@ -135,7 +135,7 @@ TEST(PartPlugin, IsAPartLikeAnother) {
   EXPECT_THAT(refused(library + R"(:gray_patch{"nose": 1})"),
               HasSubstr("unknown option 'nose', did you mean 'noise'?"));
   EXPECT_THAT(refused(library + R"(:gray_patch{"noise": 0})"),
-              HasSubstr("gray_patch: noise must be positive"));
+              HasSubstr("gray_patch: GrayPatch: noise must be in [0.001, 1000], is 0"));
 }
 
 // Every way that we know of in which a file is no library of part models for this program; the constructors
