@@ -95,8 +95,8 @@ inline void visit_options(OptionVisitor& visit, ColourOptions& options) {
 
 inline void visit_options(OptionVisitor& visit, MaskedRegressionOptions& options) {
   visit("lambda", options.lambda, option_ranges::kPositive);
-  visit("iterations", options.iterations, {0, 100});
-  visit("refining_iterations", options.refining_iterations, {0, 100});
+  visit("iterations", options.iterations, {0, 1000});
+  visit("refining_iterations", options.refining_iterations, {0, 1000});
   visit("penalty", options.penalty, {1e-9, 1e6});
   visit("penalty_growth", options.penalty_growth, {1, 1e6});
   visit("max_penalty", options.max_penalty, {1e-9, 1e6});

@@ -14,8 +14,8 @@ namespace asterism::inline ASTERISM_ABI {
 struct MaskedRegressionOptions {
   /// Weight lambda of the filter's energy, > 0.
   double lambda = 0.05;
-  /// Rounds of `solve`, in [0, 100]; without any the ridge regression is cut to the mask. Those of `refine`,
-  /// in [0, 100].
+  /// Rounds of `solve`, in [0, 1000]; without any the ridge regression is cut to the mask. Those of `refine`,
+  /// in [0, 1000].
   int iterations = 4;
   int refining_iterations = 2;
   /// The constraint's penalty mu in the first round, > 0, its growth beta from round to round, >= 1, and its
