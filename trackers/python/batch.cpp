@@ -119,8 +119,8 @@ void bind_batch(py::module_& m) {
       "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
       "own\n"
       "memory, a view of planes of M numbers: change them in place, nothing is copied. They start as NaN.");
-  type.def(py::init(&make_batch), py::arg("topology"), py::arg("count").noconvert(), py::arg("dim").noconvert() = 2,
-           "count: number of systems M. dim: 2 or 3.");
+  type.def(py::init(&make_batch), py::arg("topology"), py::arg("count").noconvert(),
+           py::arg("dim").noconvert() = 2, "count: number of systems M. dim: 2 or 3.");
   const auto points = [](auto plane_of) {
     return [plane_of](const py::object& self) {
       return self.cast<AnyBatch&>().visit([&]<int Dim>(Batch<Dim>& b) {
@@ -160,7 +160,8 @@ void bind_batch(py::module_& m) {
             options.escape_saddles = escape_saddles;
             return solve(self, threads, simd, options);
           },
-          py::arg("threads").noconvert() = 1, py::arg("simd") = "auto", py::arg("tolerance") = NewtonOptions().tolerance,
+          py::arg("threads").noconvert() = 1, py::arg("simd") = "auto",
+          py::arg("tolerance") = NewtonOptions().tolerance,
           py::arg("max_iterations").noconvert() = NewtonOptions().max_iterations, py::arg("align") = true,
           py::arg("allow_reflection") = false, py::arg("escape_saddles") = true,
           "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the "

@@ -111,8 +111,8 @@ void require_valid(const Defect& defect);
 /// What an option is given as: a NumPy scalar, or an array of no dimensions, as the Python object that it
 /// stands for (numpy.bool_ is no bool, numpy.float32 no float), all else as it is.
 inline py::object plain(const py::handle& value) {
-  const bool is_numpys = py::isinstance<py::array>(value) ||
-                         py::isinstance(value, py::module_::import("numpy").attr("generic"));
+  const bool is_numpys =
+      py::isinstance<py::array>(value) || py::isinstance(value, py::module_::import("numpy").attr("generic"));
   if (is_numpys && value.attr("ndim").cast<int>() == 0) return value.attr("item")();
   return py::reinterpret_borrow<py::object>(value);
 }

@@ -120,7 +120,8 @@ void bind_systems(py::module_& m) {
           "Every pair, in the order (0, 1), (0, 2), ..., (1, 2), ...")
       .def_static(
           "star", [](int nodes, int centre) { return valid(Topology<>::star(nodes, centre)); },
-          py::arg("nodes").noconvert(), py::arg("centre").noconvert(), "Node `centre` linked to each of the others.")
+          py::arg("nodes").noconvert(), py::arg("centre").noconvert(),
+          "Node `centre` linked to each of the others.")
       .def_static(
           "k_nearest",
           [](const py::object& points, int k) {
@@ -134,7 +135,8 @@ void bind_systems(py::module_& m) {
           [](int nodes, const py::object& links) {
             return valid(Topology<>::from_links(nodes, links_of(links)));
           },
-          py::arg("nodes").noconvert(), py::arg("links"), "The links as given: pairs of nodes, or an array (L, 2).")
+          py::arg("nodes").noconvert(), py::arg("links"),
+          "The links as given: pairs of nodes, or an array (L, 2).")
       .def_property_readonly("nodes", &Topology<>::nodes, "Number of nodes N.")
       .def_property_readonly("link_count", &Topology<>::link_count, "Number of links L.")
       .def_property_readonly(

@@ -58,8 +58,8 @@ AnyTracker made(const std::string& name, const py::object& options) {
                            py::repr(options).cast<std::string>());
     }
     const py::cpp_function number([](const py::object& value) {
-      const py::object number = plain(value);
-      if (!number.is(value)) return number;
+      const py::object result = plain(value);
+      if (!result.is(value)) return result;
       throw py::type_error("options: expected numbers, bools, names and dicts, found " +
                            py::repr(value).cast<std::string>());
     });
@@ -294,13 +294,15 @@ void bind_trackers(py::module_& m) {
       m, "MultiTracker",
       "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
       "of single trackers, bit for bit. Images and boxes as for Tracker.")
-      .def(py::init<int>(), py::arg("threads").noconvert() = 1, "threads: 0 for as many as the machine runs at once.")
-      .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"), py::arg("name") = "dpt",
-           py::arg("options") = py::none(),
+      .def(py::init<int>(), py::arg("threads").noconvert() = 1,
+           "threads: 0 for as many as the machine runs at once.")
+      .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"),
+           py::arg("name") = "dpt", py::arg("options") = py::none(),
            "Follow an object from this image on, by a tracker of this name and options. ValueError where "
            "there is\n"
            "one of that id, and what Tracker and its init raise.")
-      .def("remove", &Objects::remove, py::arg("id").noconvert(), "False where there is no object of that id.")
+      .def("remove", &Objects::remove, py::arg("id").noconvert(),
+           "False where there is no object of that id.")
       .def("update", &Objects::update, py::arg("image"),
            "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
            "ended\n"
