@@ -1,10 +1,14 @@
 // The inputs in the folders of the command line, each through the fuzzer's entry point once: what a fuzzer
 // has found stays fixed, without one. With `--mutations N` also N inputs that are made of these by chance,
-// which needs neither clang nor its sanitizers; the last one is in the file mutation.bin of the working
-// folder.
+// which needs neither clang nor its sanitizers; one that ends the process, or takes 20 s, is kept in
+// mutation.bin.
+
+#include <fcntl.h>
+#include <unistd.h>
 
 #include <algorithm>
 #include <array>
+#include <csignal>
 #include <cstddef>
 #include <cstdint>
 #include <cstdio>
@@ -20,6 +24,16 @@
 extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
 
 namespace {
+
+std::string input;  // the present one
+
+void keep_input(int signal) {
+  const int file = open("mutation.bin", O_WRONLY | O_CREAT | O_TRUNC, 0666);
+  if (file < 0 || write(file, input.data(), input.size()) < 0)
+    std::fputs("mutation.bin: not written\n", stderr);
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);
+}
 
 void run(const std::string& bytes) {
   LLVMFuzzerTestOneInput(reinterpret_cast<const uint8_t*>(bytes.data()), bytes.size());
@@ -98,10 +112,12 @@ int main(int argc, char** argv) {
   if (seeds.empty()) return 1;
   std::sort(seeds.begin(), seeds.end());  // a folder has no order
   Mutator mutator(seeds);
+  for (const int signal : {SIGABRT, SIGSEGV, SIGFPE, SIGBUS, SIGALRM}) std::signal(signal, keep_input);
+  constexpr unsigned kMostSeconds = 20;
   for (long i = 0; i < mutations; ++i) {
-    const std::string bytes = mutator.next();
-    std::ofstream("mutation.bin", std::ios::binary) << bytes;
-    run(bytes);
+    input = mutator.next();
+    alarm(kMostSeconds);
+    run(input);
   }
   if (mutations > 0) std::printf("%ld mutations\n", mutations);
   return 0;

@@ -91,8 +91,8 @@ class Solver {
   static void assign(T& target, const std::string& name, py::handle given) {
     constexpr bool kBool = std::is_same_v<T, bool>;
     const py::object value = plain(given);
-    // True is no number here, and 2.5 no integer.
-    const bool is_one = kBool == py::isinstance<py::bool_>(value) &&
+    // True is no number here, 2.5 no integer, and an array of one number is an array.
+    const bool is_one = kBool == py::isinstance<py::bool_>(value) && !py::isinstance<py::array>(value) &&
                         (kBool || std::is_same_v<T, double> || PyIndex_Check(value.ptr()) != 0);
     try {
       if (is_one) {
