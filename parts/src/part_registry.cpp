@@ -145,12 +145,13 @@ class OptionLister : public OptionVisitor {
   std::vector<Json*> levels_;
 };
 
-// What `f` throws in a plugin's code, with the name of the model.
+// What `f` throws in a plugin's code, with the name of the model, which may be there already.
 template <typename F>
 auto guarded(const std::string& name, F&& f) {
   try {
     return f();
   } catch (const std::invalid_argument& error) {
+    if (std::string_view(error.what()).starts_with(name + ": ")) throw;
     throw std::invalid_argument(name + ": " + error.what());
   } catch (const std::exception& error) {
     throw std::runtime_error(name + ": " + error.what());
@@ -163,6 +164,12 @@ auto guarded(const std::string& name, F&& f) {
 class PluginPart {
  public:
   PluginPart(std::string name, AnyPart part) : name_(std::move(name)), part_(std::move(part)) {}
+  PluginPart(const PluginPart& other)
+      : name_(other.name_), part_(guarded(other.name_, [&] { return other.part_; })) {}
+  PluginPart(PluginPart&&) = default;
+  PluginPart& operator=(const PluginPart& other) { return *this = PluginPart(other); }
+  PluginPart& operator=(PluginPart&&) = default;
+  ~PluginPart() = default;
 
   void init(const Frame& frame, const Point2& centre, const Size2& size) {
     guarded(name_, [&] { part_.init(frame, centre, size); });
@@ -311,12 +318,12 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
   for (auto& [model, factory] : models.factories_) {
     names.push_back(library);
     names.back().append(1, ':').append(model);
-    factories_.try_emplace(names.back(),
-                           [name = names.back(), factory = std::move(factory)](OptionVisitor& visit) {
-                             return [name, make = factory(visit)]() -> AnyPart {
-                               return PluginPart(name, guarded(name, [&] { return make(); }));
-                             };
-                           });
+    factories_.try_emplace(
+        names.back(), [name = names.back(), factory = std::move(factory)](OptionVisitor& visit) {
+          return [name, make = guarded(name, [&] { return factory(visit); })]() -> AnyPart {
+            return PluginPart(name, guarded(name, [&] { return make(); }));
+          };
+        });
   }
   return names;
 }

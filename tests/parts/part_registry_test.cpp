@@ -240,6 +240,21 @@ TEST(PartPlugin, ThrowsWithItsName) {
             library + ":hostile: a size");
 }
 
+TEST(PartPlugin, ThrowsWithItsNameBeforeItIsAPart) {
+  const std::string library = ASTERISM_HOSTILE_PLUGIN, reason = ": an exception that is no std::exception";
+  PartRegistry registry;
+  for (const std::string model : {":options", ":constructor"})
+    EXPECT_EQ(message<std::runtime_error>([&] { registry.make(library + model); }), library + model + reason);
+  EXPECT_EQ(message<std::runtime_error>([&] { registry.defaults(library + ":options"); }),
+            library + ":options" + reason);
+  EXPECT_THAT(message<std::invalid_argument>([&] { registry.make(library + R"(:copy{"a": 1})"); }),
+              StartsWith(library + ":copy: unknown option 'a'"));
+  const cv::Mat image = testing::texture(60, 80);
+  AnyPart part = registry.make(library + ":copy");
+  part.init(Frame(image), {40, 30}, {20, 20});
+  EXPECT_EQ(message<std::runtime_error>([&] { const AnyPart copy = part; }), library + ":copy" + reason);
+}
+
 TEST(PartPlugin, IsSavedIfItCanBe) {
   const std::string library = ASTERISM_HOSTILE_PLUGIN;
   PartRegistry registry;
