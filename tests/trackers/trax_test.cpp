@@ -821,7 +821,8 @@ TEST_F(Trax, ClientRefusesWhatItHasNotAskedFor) {
        unasked},
       {"a quit between frames", say(hi) + once + say("@@TRAX:quit trax.reason=tired\\n"), "quits: tired"},
       {"a quit in place of a reply", say(hi) + once + read + say("@@TRAX:quit\\n"), "quits"},
-      {"an end in the middle of a line", say(hi) + once + read + say("@@TRAX:state 1,2") + "exit 0\n", "exit code 0"},
+      {"an end in the middle of a line", say(hi) + once + read + say("@@TRAX:state 1,2") + "exit 0\n",
+       "exit code 0"},
   };
   for (const Case& one : cases) {
     SCOPED_TRACE(one.name);
