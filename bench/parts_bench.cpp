@@ -1,6 +1,5 @@
 #include "parts_bench.hpp"
 
-#include <asterism/parts/fft.hpp>
 #include <asterism/parts/fhog.hpp>
 #include <asterism/parts/kcf.hpp>
 #include <asterism/parts/mrf.hpp>
@@ -135,15 +134,9 @@ class Stages {
     gray_ = cv::Mat(cells_ * 4, cells_ * 4, CV_8UC1);
     patch_.copyTo(gray_);
     channel_ = cv::Mat(cells_, cells_, CV_32FC1, cv::Scalar(0.5));
-    peers_ = {{"OpenCV's dft, 32 channels",
-               [this] {
+    peers_ = {{"OpenCV's dft, 32 channels", [this] {
                  for (int k = 0; k < kChannels; ++k) cv::dft(channel_, spectrum_);
-               }},
-              {"RealFft2, 32 channels", [this] {
-                 fft_.forward(features_.data(), reinterpret_cast<std::complex<float>*>(bins_.data()));
                }}};
-    fft_ = RealFft2<float>(cells_, cells_, kChannels);
-    bins_.reset(std::ptrdiff_t{2} * kChannels * cells_ * fft_.spectrum_cols());
 #ifdef ASTERISM_BENCH_DLIB
     peers_.push_back({"dlib's fHOG", [this] {
                         dlib::extract_fhog_features(dlib::cv_image<unsigned char>(gray_), dlib_features_, 4);
@@ -201,9 +194,8 @@ class Stages {
   std::shared_ptr<const FilterPlan> plan_;
   PatchSampler sampler_;
   Fhog hog_;
-  RealFft2<float> fft_;
   cv::Mat patch_, gray_, channel_, spectrum_;
-  AlignedFloats features_, window_, sample_, template_, split_, plane_, work_, bins_;
+  AlignedFloats features_, window_, sample_, template_, split_, plane_, work_;
 #ifdef ASTERISM_BENCH_DLIB
   dlib::array<dlib::array2d<float>> dlib_features_;
 #endif

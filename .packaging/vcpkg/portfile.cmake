@@ -6,7 +6,6 @@ vcpkg_check_features(
   FEATURES
     ceres ASTERISM_WITH_CERES
     cholmod ASTERISM_WITH_CHOLMOD
-    fftw ASTERISM_WITH_FFTW
     json ASTERISM_WITH_JSON
     lbfgs ASTERISM_WITH_LIBLBFGS
     parts ASTERISM_WITH_PARTS

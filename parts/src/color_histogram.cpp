@@ -7,15 +7,9 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-ColorHistogram::ColorHistogram(const ColorHistogramOptions& options) : options_(options) {
-  require(options.bins >= 2 && options.bins <= 64, "ColorHistogramOptions: bins must be in [2, 64]");
-  require(options.sharpness > 0, "ColorHistogramOptions: sharpness must be positive");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "ColorHistogramOptions: learning_rate must be in [0, 1]");
-  require(options.padding > 0 && options.padding <= kMaxPadding,
-          "ColorHistogramOptions: padding must be in (0, 100]");
-  require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
-          "ColorHistogramOptions: template sides must satisfy 1 <= min <= max");
+ColorHistogram::ColorHistogram(const ColorHistogramOptions& options)
+    : options_(check_options("ColorHistogramOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "ColorHistogramOptions");
 }
 
 void ColorHistogram::init(const Frame& frame, const Point2& centre, const Size2& size) {

@@ -161,15 +161,9 @@ double Segmentation::foreground_fraction(const cv::Rect2d& box) const {
   return foreground / ((x.end - x.first) * (y.end - y.first));
 }
 
-ColourModel::ColourModel(const ColourOptions& options) : options_(options) {
-  // Every condition is written so that NaN fails.
-  const bool valid = options.histogram_rate >= 0 && options.histogram_rate <= 1 && options.surrounding > 1 &&
-                     std::isfinite(options.surrounding) && options.foreground_prior > 0 &&
-                     options.foreground_prior < 1 && options.min_area_ratio >= 0 &&
-                     options.max_area_ratio > options.min_area_ratio && options.uniform_weight >= 0 &&
-                     options.uniform_weight <= 1;
-  if (!valid) throw std::invalid_argument("ColourModel: an option is out of range");
-  regularize_posterior(cv::Mat(1, 1, CV_32FC1, cv::Scalar(0.5)), {}, options.mrf);  // checks its options
+ColourModel::ColourModel(const ColourOptions& options) : options_(check_options("ColourOptions", options)) {
+  if (options.max_area_ratio <= options.min_area_ratio)
+    throw std::invalid_argument("ColourOptions: area ratios must satisfy min < max");
 }
 
 void ColourModel::init(const Frame& frame, const cv::Rect2d& box) {

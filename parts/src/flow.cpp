@@ -40,16 +40,9 @@ Point2 difference(const cv::Point2f& a, const cv::Point2f& b) {
 
 }  // namespace
 
-Flow::Flow(const FlowOptions& options) : options_(options) {
-  require(options.grid >= 2 && options.grid <= 1000, "FlowOptions: grid must be in [2, 1000]");
-  require(options.max_error > 0, "FlowOptions: max_error must be positive");
-  // OpenCV pads every level by the window on each side.
-  require(options.lk_window >= 3 && options.lk_window <= 255 && options.lk_window % 2 == 1,
-          "FlowOptions: lk_window must be odd and in [3, 255]");
-  require(options.lk_levels >= 0 && options.lk_levels <= 16, "FlowOptions: lk_levels must be in [0, 16]");
-  require(options.padding > 0 && options.padding <= kMaxPadding, "FlowOptions: padding must be in (0, 100]");
-  require(options.min_template_side >= 8 && options.max_template_side >= options.min_template_side,
-          "FlowOptions: template sides must satisfy 8 <= min <= max");
+Flow::Flow(const FlowOptions& options) : options_(check_options("FlowOptions", options)) {
+  require(options.lk_window % 2 == 1, "FlowOptions: lk_window must be odd");
+  require_ordered(options.min_template_side, options.max_template_side, "FlowOptions");
 }
 
 void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {

@@ -38,18 +38,13 @@ Eigen::ArrayXd gaussian_spectrum(int n, double sigma, int bins) {
 
 }  // namespace
 
-Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size) {
+Kcf::Kcf(const KcfOptions& options)
+    : options_(check_options("KcfOptions", options)), fhog_(options.cell_size) {
   const KcfFeatures& features = options.features;
   require(features.hog || features.gray || features.colour, "KcfOptions: at least one feature is needed");
   channels_ = (features.hog ? Fhog::kChannels : 0) + (features.gray ? 1 : 0) + (features.colour ? 2 : 0);
   constexpr int kLanes = part_kernels_v0_1::kMaxLanes;
   padded_channels_ = (channels_ + kLanes - 1) / kLanes * kLanes;
-  require(options.lambda > 0, "KcfOptions: lambda must be positive");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "KcfOptions: learning_rate must be in [0, 1]");
-  require(options.label_sigma > 0, "KcfOptions: label_sigma must be positive");
-  require(options.padding >= 0 && options.padding <= kMaxPadding, "KcfOptions: padding must be in [0, 100]");
-  require(options.kernel.sigma > 0, "KcfOptions: the kernel's sigma must be positive");
   require(options.min_template_side >= options.cell_size &&
               options.max_template_side >= options.min_template_side,
           "KcfOptions: template sides must satisfy cell_size <= min <= max");
@@ -57,8 +52,7 @@ Kcf::Kcf(const KcfOptions& options) : options_(options), fhog_(options.cell_size
   if (options.kernel.type == Kernel::Type::Polynomial) {
     const auto [type, sigma, offset, exponent] = options.kernel;
     // c may be negative: of a fractional power that is no number.
-    require(exponent >= 1 && exponent == std::floor(exponent),
-            "KcfOptions: the kernel's exponent must be a whole number, at least 1");
+    require(exponent == std::floor(exponent), "KcfOptions: the kernel's exponent must be a whole number");
     kernel_base_ = std::pow(offset, exponent);
     require(std::abs(kernel_base_) <= 1e6, "KcfOptions: the kernel's offset^exponent must be at most 1e6");
   }
@@ -76,7 +70,7 @@ void Kcf::prepare(const Size2& size) {
                                                     : Size2::Constant(options_.padding * side);
   const double to_template =
       std::min(std::clamp(side, options_.min_template_side, options_.max_template_side) / side,
-               kMaxWindowSide / (size + margin).maxCoeff());
+               max_window_side(options_.cell_size) / (size + margin).maxCoeff());
   const Size2 cells = (size + margin) * to_template / options_.cell_size;
   cols_ = fast_cells(cells.x());
   rows_ = fast_cells(cells.y());

@@ -17,20 +17,8 @@ constexpr int kDescriptorBits = 256;
 
 }  // namespace
 
-Keypoints::Keypoints(const KeypointsOptions& options) : options_(options) {
-  require(options.max_points > 0 && options.max_points <= 1'000'000,
-          "KeypointsOptions: max_points must be in [1, 1e6]");
-  require(options.fast_threshold > 0 && options.fast_threshold <= 255,
-          "KeypointsOptions: fast_threshold must be in [1, 255]");
-  require(options.max_distance > 0 && options.max_distance <= 1,
-          "KeypointsOptions: max_distance must be in (0, 1]");
-  require(options.max_ratio > 0 && options.max_ratio <= 1, "KeypointsOptions: max_ratio must be in (0, 1]");
-  require(options.vote_radius > 0 && options.vote_radius <= kMaxWindowSide,
-          "KeypointsOptions: vote_radius must be in (0, 1024]");
-  require(options.padding > 0 && options.padding <= kMaxPadding,
-          "KeypointsOptions: padding must be in (0, 100]");
-  require(options.min_template_side >= 16 && options.max_template_side >= options.min_template_side,
-          "KeypointsOptions: template sides must satisfy 16 <= min <= max");
+Keypoints::Keypoints(const KeypointsOptions& options) : options_(check_options("KeypointsOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "KeypointsOptions");
 }
 
 void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size) {

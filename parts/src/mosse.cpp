@@ -62,23 +62,8 @@ struct Sidelobe {
 
 }  // namespace
 
-Mosse::Mosse(const MosseOptions& options) : options_(options) {
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "MosseOptions: learning_rate must be in [0, 1]");
-  require(options.label_sigma >= 1e-3 && options.label_sigma <= 1e3,
-          "MosseOptions: label_sigma must be in [1e-3, 1e3]");
-  // A number in single precision.
-  require(options.regularisation >= 1e-30 && options.regularisation <= 1e30,
-          "MosseOptions: regularisation must be in [1e-30, 1e30]");
-  require(options.perturbations >= 0 && options.perturbations <= 10'000,
-          "MosseOptions: perturbations must be in [0, 1e4]");
-  require(options.perturbation >= 0 && options.perturbation < 1,
-          "MosseOptions: perturbation must be in [0, 1)");
-  require(options.padding >= 0 && options.padding <= kMaxPadding,
-          "MosseOptions: padding must be in [0, 100]");
-  // Smaller windows have no sidelobes.
-  require(options.min_template_side >= 16 && options.max_template_side >= options.min_template_side,
-          "MosseOptions: template sides must satisfy 16 <= min <= max");
+Mosse::Mosse(const MosseOptions& options) : options_(check_options("MosseOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "MosseOptions");
 }
 
 void Mosse::prepare(const Size2& size) {
@@ -90,7 +75,7 @@ void Mosse::prepare(const Size2& size) {
   cols_ = fast_side((size.x() + margin) * to_template);
   rows_ = fast_side((size.y() + margin) * to_template);
 
-  fft_ = RealFft2<float>(rows_, cols_);
+  fft_ = RealFft2(rows_, cols_);
   const Eigen::Index pixels = Eigen::Index{rows_} * cols_, half = Eigen::Index{rows_} * fft_.spectrum_cols();
   plane_.resize(pixels);
   spectrum_.resize(half);

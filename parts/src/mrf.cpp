@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/parts/mrf.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <cmath>
 #include <limits>
 #include <span>
@@ -131,10 +132,7 @@ void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& f
       throw std::invalid_argument("regularize_posterior: prior and likelihood differ in size");
     }
   }
-  if (options.max_iterations < 1 || !(options.tolerance >= 0) ||
-      !(options.neighbourhood > 0 && options.neighbourhood <= 1)) {
-    throw std::invalid_argument("regularize_posterior: an option is out of range");
-  }
+  check_options("MrfOptions", options);
   if (!options.enabled) return foreground_likelihood.copyTo(posterior);
 
   // All maps are contiguous planes. Only the foreground's is stored of pi and s, whose classes sum to one:

@@ -2,25 +2,35 @@
 
 #include <algorithm>
 #include <asterism/parts/frame.hpp>
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/response.hpp>
 #include <cmath>
 #include <numbers>
 #include <stdexcept>
+#include <string>
 
 // What the part models share of checks and sizes.
 namespace asterism::inline ASTERISM_ABI {
 
 /// However thin a target is, its window is no longer than this [template pixels].
-inline constexpr double kMaxWindowSide = 1024;
+inline constexpr double kMaxWindowSide = option_ranges::kLongestSide;
 
-/// A window of more than this many target sides around the target leaves nothing of it in the template.
-inline constexpr double kMaxPadding = 100;
+/// Shorter ones: of 256 cells where a model keeps tens of channels of each, of 64 superpixels where all are
+/// compared with all.
+inline double max_window_side(int cell_size) { return std::min(kMaxWindowSide, 256.0 * cell_size); }
+inline double max_superpixel_window_side(int side) { return std::min(kMaxWindowSide, 64.0 * side); }
 
 /// Nothing larger is a target in an image [px]; the squares of such numbers are well within float.
 inline constexpr double kMaxTargetSide = 1e9;
 
 inline void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
+}
+
+/// Of the range that a target's side in the template is brought to.
+inline void require_ordered(double min_template_side, double max_template_side, const char* of) {
+  require(min_template_side <= max_template_side,
+          (std::string(of) + ": template sides must satisfy min <= max").c_str());
 }
 
 /// The contract of PartModel::resize, and of PartModel::init.
@@ -37,11 +47,11 @@ inline void require_target(const Point2& centre, const Size2& size) {
 inline double mean_side(const Size2& size) { return std::sqrt(size.x()) * std::sqrt(size.y()); }
 
 /// Template pixels an image pixel: the mean side of the target is min_side .. max_side in the template, and
-/// unscaled between; no side of a window that adds `padding` x the mean side to both exceeds kMaxWindowSide.
-inline double template_scale(const Size2& size, double padding, double min_side, double max_side) {
+/// unscaled between; no side of a window that adds `padding` x the mean side to both exceeds `longest`.
+inline double template_scale(const Size2& size, double padding, double min_side, double max_side,
+                             double longest = kMaxWindowSide) {
   const double side = mean_side(size);
-  return std::min(std::clamp(side, min_side, max_side) / side,
-                  kMaxWindowSide / (size.maxCoeff() + padding * side));
+  return std::min(std::clamp(side, min_side, max_side) / side, longest / (size.maxCoeff() + padding * side));
 }
 
 /// Template and search window of a model that is matched at every whole shift within `reach`.
@@ -51,8 +61,9 @@ struct MatchGeometry {
   int reach;             ///< of the search to each side [template pixels]
   ResponseMap response;  ///< of all shifts
 };
-inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side) {
-  const double to_template = template_scale(size, padding, min_side, max_side);
+inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side,
+                                    double longest = kMaxWindowSide) {
+  const double to_template = template_scale(size, padding, min_side, max_side, longest);
   MatchGeometry result{.spacing = 1 / to_template,
                        .cols = std::max(1, static_cast<int>(std::lround(size.x() * to_template))),
                        .rows = std::max(1, static_cast<int>(std::lround(size.y() * to_template))),

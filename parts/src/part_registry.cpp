@@ -1,4 +1,6 @@
 #include <dlfcn.h>
+#include <elf.h>
+#include <link.h>
 
 #include <algorithm>
 #include <asterism/parts/part_options.hpp>
@@ -6,8 +8,12 @@
 #include <asterism/parts/part_registry.hpp>
 #include <asterism/solver/edit_distance.hpp>
 #include <cmath>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
 #include <limits>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <set>
 #include <stdexcept>
 
@@ -23,13 +29,13 @@ class OptionReader : public OptionVisitor {
   OptionReader(std::string of, const Json& options, PartRegistry& models)
       : of_(std::move(of)), models_(models), levels_{{"", &options, {}}} {}
 
-  void operator()(std::string_view name, double& value) override {
+  void operator()(std::string_view name, double& value, const OptionRange&) override {
     if (const Json* json = find(name)) {
       if (!json->is_number()) refuse(name, "must be a number", *json);
       value = json->get<double>();
     }
   }
-  void operator()(std::string_view name, int& value) override {
+  void operator()(std::string_view name, int& value, const OptionRange&) override {
     if (const Json* json = find(name)) {
       constexpr auto kMost = std::numeric_limits<int>::max();
       if (!json->is_number_integer() || json->get<double>() > kMost || json->get<double>() < -kMost)
@@ -116,8 +122,8 @@ class OptionLister : public OptionVisitor {
  public:
   explicit OptionLister(Json& json) : levels_{&json} {}
 
-  void operator()(std::string_view name, double& value) override { set(name, value); }
-  void operator()(std::string_view name, int& value) override { set(name, value); }
+  void operator()(std::string_view name, double& value, const OptionRange&) override { set(name, value); }
+  void operator()(std::string_view name, int& value, const OptionRange&) override { set(name, value); }
   void operator()(std::string_view name, bool& value) override { set(name, value); }
   void operator()(std::string_view name, AnyPart&, std::string_view model) override {
     set(name, std::string(model));
@@ -139,12 +145,13 @@ class OptionLister : public OptionVisitor {
   std::vector<Json*> levels_;
 };
 
-// What `f` throws in a plugin's code, with the name of the model.
+// What `f` throws in a plugin's code, with the name of the model, which may be there already.
 template <typename F>
 auto guarded(const std::string& name, F&& f) {
   try {
     return f();
   } catch (const std::invalid_argument& error) {
+    if (std::string_view(error.what()).starts_with(name + ": ")) throw;
     throw std::invalid_argument(name + ": " + error.what());
   } catch (const std::exception& error) {
     throw std::runtime_error(name + ": " + error.what());
@@ -157,6 +164,12 @@ auto guarded(const std::string& name, F&& f) {
 class PluginPart {
  public:
   PluginPart(std::string name, AnyPart part) : name_(std::move(name)), part_(std::move(part)) {}
+  PluginPart(const PluginPart& other)
+      : name_(other.name_), part_(guarded(other.name_, [&] { return other.part_; })) {}
+  PluginPart(PluginPart&&) = default;
+  PluginPart& operator=(const PluginPart& other) { return *this = PluginPart(other); }
+  PluginPart& operator=(PluginPart&&) = default;
+  ~PluginPart() = default;
 
   void init(const Frame& frame, const Point2& centre, const Size2& size) {
     guarded(name_, [&] { part_.init(frame, centre, size); });
@@ -191,10 +204,55 @@ class PluginPart {
   AnyPart part_;
 };
 
-// The symbol of a library, or null.
-template <typename Function>
-Function* symbol(void* library, const char* name) {
-  return reinterpret_cast<Function*>(dlsym(library, name));
+// A section of a file in this machine's ELF format; nothing where there is none, or the file is none.
+std::optional<std::string> elf_section(const std::string& path, std::string_view wanted) {
+  constexpr std::uint64_t kMost = std::uint64_t{1} << 24;  // bytes of a table: 2^18 sections, and their names
+  std::ifstream file(path, std::ios::binary);
+  const auto read = [&file](std::uint64_t at, std::uint64_t size) -> std::optional<std::string> {
+    if (size > kMost || !file.seekg(static_cast<std::streamoff>(at))) return {};
+    std::string bytes(size, '\0');
+    if (!file.read(bytes.data(), static_cast<std::streamsize>(size))) return {};
+    return bytes;
+  };
+  const auto bytes = read(0, sizeof(ElfW(Ehdr)));
+  if (!bytes || !bytes->starts_with(ELFMAG)) return {};
+  ElfW(Ehdr) header;
+  std::memcpy(&header, bytes->data(), sizeof header);
+  constexpr bool kWide = sizeof(header.e_shoff) == sizeof(std::uint64_t);
+  if (header.e_ident[EI_CLASS] != (kWide ? ELFCLASS64 : ELFCLASS32)) return {};
+  const auto table = read(header.e_shoff, std::uint64_t{header.e_shnum} * sizeof(ElfW(Shdr)));
+  if (!table || header.e_shstrndx >= header.e_shnum) return {};
+  std::vector<ElfW(Shdr)> sections(header.e_shnum);
+  std::memcpy(sections.data(), table->data(), table->size());
+  const auto names = read(sections[header.e_shstrndx].sh_offset, sections[header.e_shstrndx].sh_size);
+  if (!names) return {};
+  for (const ElfW(Shdr) & section : sections) {
+    const std::string_view name =
+        section.sh_name < names->size() ? std::string_view(*names).substr(section.sh_name) : "";
+    if (name.substr(0, name.find('\0')) == wanted) return read(section.sh_offset, section.sh_size);
+  }
+  return {};
+}
+
+// Refuses what is no library of part models for this program, without loading it.
+void check_plugin(const std::string& library, const std::string& path) {
+  const std::string is_none = library + " is no library of part models: ";
+  std::error_code error;
+  if (!std::filesystem::exists(path, error))
+    throw std::runtime_error("cannot load a library of part models: there is no file " + library);
+  if (!std::filesystem::is_regular_file(path, error)) throw std::runtime_error(is_none + "it is no file");
+  const std::optional<std::string> section = elf_section(path, ".asterism_part_plugin");
+  if (!section)
+    throw std::runtime_error(is_none +
+                             "it has no section .asterism_part_plugin, which ASTERISM_PART_PLUGIN makes");
+  std::string built = section->substr(0, section->find('\0'));
+  if (built == ASTERISM_PART_PLUGIN_ABI) return;
+  constexpr std::size_t kShown = 200;
+  built.resize(std::min(built.size(), kShown));
+  for (char& c : built)
+    if (c < ' ' || c > '~') c = '?';
+  throw std::runtime_error(library + " was built for " + built + ", this program for " +
+                           ASTERISM_PART_PLUGIN_ABI);
 }
 
 }  // namespace
@@ -241,18 +299,15 @@ void PartRegistry::add(const std::string& name, Factory&& factory) {
 std::vector<std::string> PartRegistry::load(const std::string& library) {
   // Without a slash, dlopen looks for it in the system's folders.
   const std::string path = library.find('/') == std::string::npos ? "./" + library : library;
+  check_plugin(library, path);
   // Never closed: parts and their exceptions may outlive any registry.
   void* const handle = dlopen(path.c_str(), RTLD_NOW | RTLD_LOCAL);
   if (handle == nullptr)
     throw std::runtime_error("cannot load a library of part models: " + std::string(dlerror()));
-  auto* const abi = symbol<const char*()>(handle, "asterism_part_plugin_abi");
-  auto* const add_models = symbol<void(PartRegistry&)>(handle, "asterism_part_plugin_add");
-  if (abi == nullptr || add_models == nullptr)
-    throw std::runtime_error(library + " is no library of part models: it has no symbol " +
-                             (abi == nullptr ? "asterism_part_plugin_abi" : "asterism_part_plugin_add"));
-  if (const std::string_view built = abi(); built != ASTERISM_PART_PLUGIN_ABI)
-    throw std::runtime_error(library + " was built for " + std::string(built) + ", this program for " +
-                             ASTERISM_PART_PLUGIN_ABI);
+  auto* const add_models =
+      reinterpret_cast<void (*)(PartRegistry&)>(dlsym(handle, "asterism_part_plugin_add"));
+  if (add_models == nullptr)
+    throw std::runtime_error(library + " is no library of part models: it has no asterism_part_plugin_add");
   PartRegistry models{Factories()};
   try {
     guarded(library, [&] { add_models(models); });
@@ -263,12 +318,12 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
   for (auto& [model, factory] : models.factories_) {
     names.push_back(library);
     names.back().append(1, ':').append(model);
-    factories_.try_emplace(names.back(),
-                           [name = names.back(), factory = std::move(factory)](OptionVisitor& visit) {
-                             return [name, make = factory(visit)]() -> AnyPart {
-                               return PluginPart(name, guarded(name, [&] { return make(); }));
-                             };
-                           });
+    factories_.try_emplace(
+        names.back(), [name = names.back(), factory = std::move(factory)](OptionVisitor& visit) {
+          return [name, make = guarded(name, [&] { return factory(visit); })]() -> AnyPart {
+            return PluginPart(name, guarded(name, [&] { return make(); }));
+          };
+        });
   }
   return names;
 }

@@ -7,17 +7,23 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-ScaleFilter::ScaleFilter(const ScaleFilterOptions& options) : options_(options), fhog_(options.cell_size) {
-  require(options.scales >= 3 && options.scales % 2 == 1, "ScaleFilterOptions: scales must be odd, >= 3");
-  require(options.step > 1 && std::pow(options.step, options.scales) <= 1e6,
-          "ScaleFilterOptions: step must be above 1, step^scales at most 1e6");
-  require(options.label_sigma > 0, "ScaleFilterOptions: label_sigma must be positive");
-  require(options.lambda > 0, "ScaleFilterOptions: lambda must be positive");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "ScaleFilterOptions: learning_rate must be in [0, 1]");
-  require(options.max_template_area >= options.cell_size * options.cell_size &&
-              options.max_template_area <= kMaxWindowSide * kMaxWindowSide,
-          "ScaleFilterOptions: max_template_area must be cell_size^2 .. 2^20");
+namespace {
+
+// Of a template. Each is 31 channels in every size.
+constexpr double kMaxScaleCells = 4096;
+// Side of the patch that all sizes are sampled from.
+constexpr double kMaxSourceSide = 4096;
+
+}  // namespace
+
+ScaleFilter::ScaleFilter(const ScaleFilterOptions& options)
+    : options_(check_options("ScaleFilterOptions", options)), fhog_(options.cell_size) {
+  require(options.scales % 2 == 1, "ScaleFilterOptions: scales must be odd");
+  require(std::pow(options.step, options.scales) <= 1e6,
+          "ScaleFilterOptions: step^scales must be at most 1e6");
+  const double cell_area = options.cell_size * options.cell_size;
+  require(options.max_template_area >= cell_area && options.max_template_area <= kMaxScaleCells * cell_area,
+          "ScaleFilterOptions: max_template_area must be in [1, 4096] cell_size^2");
 
   const int n = options.scales, bins = n / 2 + 1;
   // No size has weight 0: the window would be at one step beyond both ends.
@@ -154,7 +160,8 @@ void ScaleFilter::compute_features(const Frame& frame, const Point2& centre, con
   const int n = options_.scales;
   // All patches are sampled from one of the largest size, as fine as the smallest needs it, or the image is.
   const double reach = std::pow(options_.step, n / 2);
-  const Size2 pixels = reach * (reach * Size2(grid_.width, grid_.height)).cwiseMin(size);
+  const Size2 pixels =
+      (reach * (reach * Size2(grid_.width, grid_.height)).cwiseMin(size)).cwiseMin(kMaxSourceSide);
   const cv::Size source_grid(static_cast<int>(pixels.x()) + 2, static_cast<int>(pixels.y()) + 2);
   sampler_.sample(frame.gray(), centre, reach * size, source_grid, source_.mat);
 

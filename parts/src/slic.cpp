@@ -1,3 +1,4 @@
+#include <asterism/parts/part_options.hpp>
 #include <asterism/parts/slic.hpp>
 #include <cstdint>
 #include <limits>
@@ -60,9 +61,7 @@ int join_small_pieces(std::vector<int>& labels, int cols, std::size_t least) {
 
 SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& options) {
   const int side = options.side;
-  require(side >= 2 && side <= 1024, "SlicOptions: side must be in [2, 1024]");
-  require(options.compactness > 0, "SlicOptions: compactness must be positive");
-  require(options.iterations > 0, "SlicOptions: iterations must be positive");
+  check_options("SlicOptions", options);
   require(cols > 0 && colours.rows() > 0 && colours.rows() % cols == 0,
           "slic: the pixels must be whole rows");
   require(colours.rows() <= std::numeric_limits<int>::max() / 2, "slic: more than 2^30 pixels");

@@ -72,14 +72,9 @@ float detection_reliability(const float* map, int rows, int cols) {
 }  // namespace
 
 MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options)
-    : options_(options), fft_(rows, cols) {
-  require(options.lambda > 0, "MaskedRegressionOptions: lambda must be positive");
-  require(options.iterations >= 0 && options.refining_iterations >= 0,
-          "MaskedRegressionOptions: iterations must not be negative");
-  require(options.penalty > 0 && options.penalty_growth >= 1 && options.max_penalty >= options.penalty &&
-              options.max_penalty <= 1e6,
-          "MaskedRegressionOptions: penalty must be positive and at most max_penalty, that at most 1e6, the "
-          "growth >= 1");
+    : options_(check_options("MaskedRegressionOptions", options)), fft_(rows, cols) {
+  require(options.max_penalty >= options.penalty,
+          "MaskedRegressionOptions: penalty must be at most max_penalty");
   bins_ = Eigen::Index{rows} * fft_.spectrum_cols();
   for (Eigen::ArrayXf* spectrum : {&energy_, &filter_, &free_, &dual_}) spectrum->resize(2 * bins_);
   plane_.resize(Eigen::Index{rows} * cols);
@@ -134,7 +129,7 @@ void MaskedRegression::iterate(const std::complex<float>* cross, const float* ma
 }
 
 SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
-    : options_(options),
+    : options_(check_options("SpatialReliabilityOptions", options)),
       channels_(kHogChannels + 1 + (options.colour_channels ? kColourTerms : 0)),
       fhog_(options.cell_size),
       colour_([&options] {
@@ -142,18 +137,12 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
         colour.mrf.enabled = false;  // the field comes after the spatial prior
         return colour;
       }()) {
-  const MaskedRegression checks_its_options(1, 1, options.regression);
-  require(options.learning_rate >= 0 && options.learning_rate <= 1 && options.weight_rate >= 0 &&
-              options.weight_rate <= 1,
-          "SpatialReliabilityOptions: rates must be in [0, 1]");
-  require(options.label_sigma > 0, "SpatialReliabilityOptions: label_sigma must be positive");
-  require(options.padding >= 0 && options.padding <= kMaxPadding,
-          "SpatialReliabilityOptions: padding must be in [0, 100]");
+  const MaskedRegression checks_its_penalties(4, 4, options.regression);
   require(options.min_template_side >= options.cell_size &&
               options.max_template_side >= options.min_template_side,
           "SpatialReliabilityOptions: template sides must satisfy cell_size <= min <= max");
-  require(options.min_mask_area >= 0 && options.max_mask_area > options.min_mask_area,
-          "SpatialReliabilityOptions: mask areas must satisfy 0 <= min < max");
+  require(options.max_mask_area > options.min_mask_area,
+          "SpatialReliabilityOptions: mask areas must satisfy min < max");
 }
 
 void SpatialReliability::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -166,16 +155,16 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
 }
 
 void SpatialReliability::prepare(const Size2& size) {
-  const double to_template =
-      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  const double to_template = template_scale(size, options_.padding, options_.min_template_side,
+                                            options_.max_template_side, max_window_side(options_.cell_size));
   const double margin = options_.padding * mean_side(size);
   cols_ = multiple_of_eight((size.x() + margin) * to_template / options_.cell_size);
   rows_ = multiple_of_eight((size.y() + margin) * to_template / options_.cell_size);
   size_ = initial_size_ = size;
   scale_ = initial_scale_ = Size2::Constant(1 / to_template);
 
-  channels_fft_ = RealFft2<float>(rows_, cols_, channels_);
-  plane_fft_ = RealFft2<float>(rows_, cols_);
+  channels_fft_ = RealFft2(rows_, cols_, channels_);
+  plane_fft_ = RealFft2(rows_, cols_);
   regression_ = MaskedRegression(rows_, cols_, options_.regression);
   const Eigen::Index plane = Eigen::Index{rows_} * cols_,
                      half = Eigen::Index{rows_} * plane_fft_.spectrum_cols();

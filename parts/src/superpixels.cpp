@@ -15,19 +15,9 @@ constexpr float kFarthestColour = 200;
 
 }  // namespace
 
-Superpixels::Superpixels(const SuperpixelsOptions& options) : options_(options) {
-  slic(Eigen::ArrayX3f::Zero(1, 3), 1, options.slic);  // refuses its options
-  require(options.colour_sigma > 0, "SuperpixelsOptions: colour_sigma must be positive");
-  require(options.confidence_weight >= 0 && std::isfinite(options.confidence_weight),
-          "SuperpixelsOptions: confidence_weight must be finite and not negative");
-  require(options.sharpness > 0 && std::isfinite(options.sharpness),
-          "SuperpixelsOptions: sharpness must be finite and positive");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "SuperpixelsOptions: learning_rate must be in [0, 1]");
-  require(options.padding > 0 && options.padding <= kMaxPadding,
-          "SuperpixelsOptions: padding must be in (0, 100]");
-  require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
-          "SuperpixelsOptions: template sides must satisfy 1 <= min <= max");
+Superpixels::Superpixels(const SuperpixelsOptions& options)
+    : options_(check_options("SuperpixelsOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "SuperpixelsOptions");
 }
 
 void Superpixels::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -40,7 +30,8 @@ void Superpixels::init(const Frame& frame, const Point2& centre, const Size2& si
 void Superpixels::prepare(const Size2& size) {
   size_ = size;
   const auto [spacing, cols, rows, reach, response] =
-      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
+      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side,
+                     max_superpixel_window_side(options_.slic.side));
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
   learned_.setZero(Eigen::Index{rows_ + 2 * reach_} * (cols_ + 2 * reach_), 3);

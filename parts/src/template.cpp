@@ -16,14 +16,8 @@ constexpr float kSame = 1e-3f;
 
 }  // namespace
 
-Template::Template(const TemplateOptions& options) : options_(options) {
-  require(options.sigma > 0, "TemplateOptions: sigma must be positive");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "TemplateOptions: learning_rate must be in [0, 1]");
-  require(options.padding > 0 && options.padding <= kMaxPadding,
-          "TemplateOptions: padding must be in (0, 100]");
-  require(options.min_template_side >= 1 && options.max_template_side >= options.min_template_side,
-          "TemplateOptions: template sides must satisfy 1 <= min <= max");
+Template::Template(const TemplateOptions& options) : options_(check_options("TemplateOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "TemplateOptions");
 }
 
 void Template::init(const Frame& frame, const Point2& centre, const Size2& size) {

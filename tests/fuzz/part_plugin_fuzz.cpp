@@ -1,6 +1,7 @@
 // Names of part models, and files in place of the libraries that they name: a part, a std::invalid_argument
 // or, for what cannot be loaded, a std::runtime_error. An input is a name, a line feed, and the file.
 
+#include <asterism/parts/part_plugin.hpp>
 #include <asterism/parts/part_registry.hpp>
 #include <stdexcept>
 #include <string>
@@ -14,10 +15,10 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view input = fuzz::text(data, size);
   const std::size_t end = input.find('\n');
   std::string name(input.substr(0, end));
-  // Other people's files; and a damaged library is the dynamic linker's to survive, which it need not.
-  constexpr std::string_view kElf("\177ELF");
-  const bool is_elf = end != std::string_view::npos && input.substr(end + 1).starts_with(kElf);
-  if (name.find('/') != std::string::npos || is_elf) return 0;
+  // Other people's files; and a damaged library that says what we are built for is the dynamic linker's to
+  // survive, which it need not.
+  const bool is_ours = input.find(ASTERISM_PART_PLUGIN_ABI) != std::string_view::npos;
+  if (name.find('/') != std::string::npos || is_ours) return 0;
   if (name.find(':') < name.find('{')) name = folder.path().string() + '/' + name;
   if (end != std::string_view::npos) folder.write("plugin.so", input.substr(end + 1));
   PartRegistry registry;

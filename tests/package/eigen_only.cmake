@@ -65,16 +65,3 @@ must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/all-off -DEigen3_DIR=${EIG
 if(out MATCHES "Asterism:")
   fail("says what is missing though it was not asked for")
 endif()
-
-# OpenCV is there, FFTW is not: one line, and the target stays. (An empty path is found, and false.)
-if("parts" IN_LIST BUILT)
-  fresh(${WORK}/no-fftw)
-  must(${configure} -S ${SOURCE_DIR} -B ${WORK}/no-fftw -DASTERISM_FFTW_INCLUDE_DIR= -DASTERISM_WITH_CHOLMOD=OFF
-       -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_BUILD_TOOLS=OFF
-       -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
-  count("${out}" "Asterism: " lines)
-  if(NOT lines EQUAL 1 OR NOT out MATCHES "-- Asterism: FFTW not found [(]Debian package libfftw3-dev[)]")
-    fail("not one line for FFTW")
-  endif()
-  must_match("${out}" "Build files have been written" "did not configure without FFTW")
-endif()

@@ -1,4 +1,4 @@
-// What the models that transform with FFTW take from the heap: OpenCV's dft would take some in every call.
+// What further part models take from the heap; Kcf has a program of its own.
 
 #include <gtest/gtest.h>
 

@@ -1,9 +1,17 @@
+#include <elf.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <link.h>
 
 #include <asterism/parts/kcf.hpp>
 #include <asterism/parts/part_registry.hpp>
+#include <cstddef>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <iterator>
 #include <string>
+#include <vector>
 
 #include "part_axioms.hpp"
 
@@ -11,6 +19,7 @@ namespace asterism {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::AnyOf;
 using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
@@ -126,17 +135,74 @@ TEST(PartPlugin, IsAPartLikeAnother) {
   EXPECT_THAT(refused(library + R"(:gray_patch{"nose": 1})"),
               HasSubstr("unknown option 'nose', did you mean 'noise'?"));
   EXPECT_THAT(refused(library + R"(:gray_patch{"noise": 0})"),
-              HasSubstr("gray_patch: noise must be positive"));
+              HasSubstr("gray_patch: GrayPatch: noise must be in [0.001, 1000], is 0"));
 }
 
-TEST(PartPlugin, IsRefusedForAnotherVersion) {
-  EXPECT_THAT(not_loaded(ASTERISM_FOREIGN_PLUGIN), AllOf(HasSubstr("was built for Asterism v0_0_align16, "),
-                                                         HasSubstr(", this program for Asterism v")));
+// Every way that we know of in which a file is no library of part models for this program; the constructors
+// of those that are for another one end the process.
+TEST(PartPlugin, IsRefusedInOneLineThatSaysWhy) {
+  struct Case {
+    const char *library, *part;
+  };
+  const Case cases[] = {
+      {ASTERISM_FOREIGN_PLUGIN, " was built for Asterism v0_0_align16, "},
+      {ASTERISM_FOREIGN_PLUGIN, ", this program for Asterism v"},
+      {ASTERISM_EMPTY_PLUGIN, " is no library of part models: it has no section .asterism_part_plugin, "},
+      {ASTERISM_OLD_PLUGIN, " is no library of part models: it has no section .asterism_part_plugin, "},
+      {ASTERISM_GARBLED_PLUGIN, " was built for A???[2J, this program for "},
+      {ASTERISM_WITHOUT_ADD_PLUGIN, " is no library of part models: it has no asterism_part_plugin_add"},
+      {ASTERISM_THROWS_PLUGIN, ": no GPU"},
+      {ASTERISM_THROWS_INT_PLUGIN, ": an exception that is no std::exception"},
+      {ASTERISM_NAME_PLUGIN, "a part model's name has letters"},
+      {ASTERISM_TWICE_PLUGIN, "there is a part model 'nothing' already"},
+      {"/proc/self/exe", "it has no section"},
+      {"/dev/zero", " is no library of part models: it is no file"},
+      {"/", " is no library of part models: it is no file"},
+  };
+  for (const auto& [library, part] : cases) {
+    PartRegistry registry;
+    const std::vector<std::string> before = registry.names();
+    const std::string text = message<std::runtime_error>([&, library = library] { registry.load(library); });
+    EXPECT_THAT(text, HasSubstr(part));
+    EXPECT_EQ(text.find('\n'), std::string::npos) << text;
+    EXPECT_EQ(registry.names(), before) << library;
+  }
 }
 
-TEST(PartPlugin, IsRefusedWithoutItsSymbols) {
-  EXPECT_THAT(not_loaded(ASTERISM_EMPTY_PLUGIN),
-              HasSubstr("is no library of part models: it has no symbol asterism_part_plugin_abi"));
+// A file that is cut or whose table of sections is damaged, made of one that would end the process.
+TEST(PartPlugin, IsRefusedWhereItsFileIsDamaged) {
+  std::ifstream file(ASTERISM_FOREIGN_PLUGIN, std::ios::binary);
+  const std::string whole{std::istreambuf_iterator<char>(file), {}};
+  ElfW(Ehdr) header;
+  ASSERT_GT(whole.size(), sizeof header);
+  std::memcpy(&header, whole.data(), sizeof header);
+  const std::string path = ::testing::TempDir() + "damaged_plugin.so";
+  const auto expect_refused = [&](const std::string& bytes) {
+    std::ofstream(path, std::ios::binary) << bytes;
+    EXPECT_THAT(not_loaded(path), AnyOf(HasSubstr("it has no section"), HasSubstr("was built for")));
+  };
+  for (std::size_t size = 0; size < whole.size(); size += 1 + size / 16)
+    expect_refused(whole.substr(0, size));
+  const auto with = [&](std::size_t at, std::uint64_t value, std::size_t bytes) {
+    std::string damaged = whole;
+    std::memcpy(damaged.data() + at, &value, bytes);
+    return damaged;
+  };
+  const std::size_t sections = header.e_shoff;
+  for (const std::uint64_t value :
+       {std::uint64_t{0}, std::uint64_t{1}, ~std::uint64_t{0}, ~std::uint64_t{0} / 2}) {
+    expect_refused(with(offsetof(ElfW(Ehdr), e_shoff), value, sizeof header.e_shoff));
+    expect_refused(with(offsetof(ElfW(Ehdr), e_shnum), value, sizeof header.e_shnum));
+    expect_refused(with(offsetof(ElfW(Ehdr), e_shstrndx), value, sizeof header.e_shstrndx));
+    expect_refused(with(EI_CLASS, value, 1));
+    for (int i = 0; i < header.e_shnum; ++i) {
+      const std::size_t at = sections + static_cast<std::size_t>(i) * sizeof(ElfW(Shdr));
+      expect_refused(with(at + offsetof(ElfW(Shdr), sh_name), value, 4));
+      expect_refused(with(at + offsetof(ElfW(Shdr), sh_offset), value, sizeof(ElfW(Shdr)::sh_offset)));
+      expect_refused(with(at + offsetof(ElfW(Shdr), sh_size), value, sizeof(ElfW(Shdr)::sh_size)));
+    }
+  }
+  std::filesystem::remove(path);
 }
 
 TEST(PartPlugin, IsRefusedWhereThereIsNoLibrary) {
@@ -172,6 +238,21 @@ TEST(PartPlugin, ThrowsWithItsName) {
               part.init(frame, {40, 30}, {0, 0});
             }),
             library + ":hostile: a size");
+}
+
+TEST(PartPlugin, ThrowsWithItsNameBeforeItIsAPart) {
+  const std::string library = ASTERISM_HOSTILE_PLUGIN, reason = ": an exception that is no std::exception";
+  PartRegistry registry;
+  for (const std::string model : {":options", ":constructor"})
+    EXPECT_EQ(message<std::runtime_error>([&] { registry.make(library + model); }), library + model + reason);
+  EXPECT_EQ(message<std::runtime_error>([&] { registry.defaults(library + ":options"); }),
+            library + ":options" + reason);
+  EXPECT_THAT(message<std::invalid_argument>([&] { registry.make(library + R"(:copy{"a": 1})"); }),
+              StartsWith(library + ":copy: unknown option 'a'"));
+  const cv::Mat image = testing::texture(60, 80);
+  AnyPart part = registry.make(library + ":copy");
+  part.init(Frame(image), {40, 30}, {20, 20});
+  EXPECT_EQ(message<std::runtime_error>([&] { const AnyPart copy = part; }), library + ":copy" + reason);
 }
 
 TEST(PartPlugin, IsSavedIfItCanBe) {

@@ -64,7 +64,7 @@ TEST(SpatialReliability, ColourChannelsSeeWhatGrayDoesNot) {
 // A small regression problem: a random image, a Gaussian label, the mask of a disc.
 struct Problem {
   static constexpr int kRows = 12, kCols = 8, kPixels = kRows * kCols;
-  RealFft2<float> fft{kRows, kCols};
+  RealFft2 fft{kRows, kCols};
   Eigen::ArrayXf image{kPixels}, label{kPixels}, mask{kPixels};
   Eigen::ArrayXcf cross, filter, dual;
   Eigen::ArrayXf energy;

@@ -1,8 +1,14 @@
 #!/usr/bin/env python3
 """Spring systems and solvers from Python, against NumPy and SciPy."""
 
+import copy
+import json
 import pathlib
+import pickle
+import shutil
 import signal
+import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -219,9 +225,61 @@ class SolveTest(unittest.TestCase):
         self.assertEqual((summary.status, summary.iterations), (asterism.Status.MAX_ITERATIONS, 2))
         with self.assertRaisesRegex(TypeError, "'newton' has no option 'relaxation' .it has: tolerance, "):
             asterism.Solver("newton", relaxation=1.5)
-        for option in ({"max_iterations": 1.5}, {"max_iterations": 2**40}, {"tolerance": "1e-3"}, {"align": 1}):
-            with self.assertRaisesRegex(TypeError, "option .*: expected "):
-                asterism.Solver("newton", **option)
+
+    def test_options_of_every_kind_of_number(self):
+        solver = asterism.Solver("multi-start")
+        numbers = {bool: [], int: [], float: []}
+        for name, value in solver.options.items():
+            numbers[type(value)].append(name)
+        self.assertTrue(all(numbers.values()), numbers)
+        taken = {
+            bool: [False, np.bool_(False), np.array(False)],
+            int: [3, np.int64(3), np.int8(3), np.uint64(3), np.array(3), np.array(3, ">i4")],
+            float: [3, 0.5, np.float32(0.5), np.float64(0.5), np.float16(0.5), np.int64(3), np.longdouble(0.5), np.array(0.5, ">f4")],
+        }
+        refused = {
+            bool: [0, 1, np.int64(1), "True", None, np.array([True]), np.float64(1)],
+            int: [1.5, 2.0, np.float32(2), True, np.bool_(True), "3", None, 2**70, np.array([3]), np.array(2.0), 3j],
+            float: [True, np.bool_(True), "0.5", None, np.array([0.5]), 1j, np.complex128(1)],
+        }
+        for kind, names in numbers.items():
+            for name in names:
+                for value in taken[kind]:
+                    with self.subTest(name, value=repr(value)):
+                        found = asterism.Solver("multi-start", **{name: value}).options[name]
+                        self.assertEqual(found, value)
+                        self.assertIs(type(found), kind)
+                for value in refused[kind]:
+                    with self.subTest(name, value=repr(value)), self.assertRaisesRegex(TypeError, f"option {name}: expected "):
+                        asterism.Solver("multi-start", **{name: value})
+
+    def test_counts_are_whole_numbers(self):
+        system, _ = random_system()
+        topology = asterism.Topology.full(3)
+        points = np.zeros((4, 2))
+        batch = asterism.SpringBatch(topology, 0)
+        calls = [
+            lambda n: asterism.Topology.full(n),
+            lambda n: asterism.Topology.star(n, 0),
+            lambda n: asterism.Topology.star(3, n),
+            lambda n: asterism.Topology.k_nearest(points, n),
+            lambda n: asterism.Topology.from_links(n, [(0, 1)]),
+            lambda n: asterism.SpringSystem(topology, n),
+            lambda n: system.fix(n),
+            lambda n: system.is_fixed(n),
+            lambda n: system.release(n),
+            lambda n: asterism.SpringBatch(topology, n),
+            lambda n: asterism.SpringBatch(topology, 1, n),
+            lambda n: batch.solve(threads=n),
+            lambda n: batch.solve(max_iterations=n),
+        ]
+        for i, call in enumerate(calls):
+            for n in (2, np.int64(2), np.uint8(2), np.array(2)):
+                with self.subTest(i, n=repr(n)):
+                    call(n)
+            for n in (2.0, 2.7, np.float32(2.7), "2", None, 2**40, np.array([2, 2])):
+                with self.subTest(i, n=repr(n)), self.assertRaises(TypeError):
+                    call(n)
 
     def test_summary(self):
         system, x = random_system()
@@ -229,6 +287,36 @@ class SolveTest(unittest.TestCase):
         self.assertEqual(summary.as_dict()["final_energy"], summary.final_energy)
         self.assertIs(summary.positive_definite, True)
         self.assertRegex(repr(summary), "^<asterism.Summary: Newton.*: converged after .* iterations, energy ")
+
+    def test_a_summary_is_true_where_it_is_usable(self):
+        system, start = random_system()
+        self.assertTrue(asterism.solve(system, start.copy()))
+        self.assertTrue(asterism.solve(system, start.copy(), "ida", max_iterations=2))  # no worse than the start
+        self.assertFalse(asterism.solve(system, np.full_like(start, np.nan)))
+        self.assertFalse(asterism.solve(system, start.copy(), tolerance=-1.0))
+
+    def test_status_is_a_number_to_numpy_and_a_name_to_readers(self):
+        Status = asterism.Status
+        system, x = random_system()
+        status = asterism.solve(system, x).status
+        self.assertIs(status, Status.CONVERGED)
+        self.assertEqual(status, int(Status.CONVERGED))
+        self.assertEqual((str(status), f"{status}", f"{status:>17}"), ("Status.CONVERGED", "Status.CONVERGED", " Status.CONVERGED"))
+        self.assertEqual(repr(status), f"<Status.CONVERGED: {int(status)}>")
+        self.assertIs(pickle.loads(pickle.dumps(status)), status)
+        self.assertIs(copy.deepcopy(status), status)
+        self.assertEqual(json.dumps(status), str(int(status)))
+        self.assertEqual({status: 1}[int(status)], 1)
+        for member in Status:
+            self.assertIn(f"{member.name}: ", Status.__doc__)
+            array = np.array([int(member), -1, int(member)], np.int32)
+            np.testing.assert_array_equal(array == member, [True, False, True])
+            np.testing.assert_array_equal(member == array, [True, False, True])
+            np.testing.assert_array_equal(array != member, [False, True, False])
+            np.testing.assert_array_equal(np.isin(array, [member]), [True, False, True])
+            self.assertEqual(np.count_nonzero(array == member), 2)
+            self.assertIs(Status(array[0]), member)
+            self.assertIs(Status[member.name], member)
 
     def test_what_a_solver_refuses_is_in_the_summary(self):
         system, start = random_system()
@@ -289,6 +377,12 @@ class SolveTest(unittest.TestCase):
             (x.astype(">f8"), TypeError, "x: expected float64, found >f8"),
             (x[:-1], ValueError, r"x: expected shape \(6, 2\), found \(5, 2\)"),
             (x.ravel(), ValueError, r"x: expected shape \(6, 2\), found \(12,\)"),
+            (np.array(1.0), ValueError, r"x: expected shape \(6, 2\), found \(\)"),
+            (x.astype(complex), TypeError, "x: expected float64, found complex128"),
+            (x.astype(object), TypeError, "x: expected float64, found object"),
+            (x.astype(np.longdouble), TypeError, "x: expected float64, found "),
+            (np.float64(1), TypeError, "x: expected a NumPy array of float64, found float64"),
+            (None, TypeError, "x: expected a NumPy array of float64, found NoneType"),
             (np.asfortranarray(x), ValueError, "x: expected a C-contiguous array"),
             (np.repeat(x, 2, axis=0)[::2], ValueError, "x: expected a C-contiguous array"),
             (np.frombuffer(b"0" + x.tobytes(), np.uint8)[1:].view(float).reshape(6, 2), ValueError, "x: expected a"),
@@ -304,6 +398,30 @@ def long_solve():
     nodes = 100
     system, x = random_system(nodes)
     return lambda: asterism.solve(system, x.copy(), "ncg-central", max_iterations=100, tolerance=0.0)
+
+
+class PackageTest(unittest.TestCase):
+    def test_says_why_the_compiled_module_cannot_be_loaded(self):
+        source = pathlib.Path(asterism.__file__).parent
+        for there, message in [
+            ([], "ImportError: asterism: its compiled module is not in .*; build the target asterism_python for Python 3"),
+            (
+                ["_asterism.cpython-39-x86_64-linux-gnu.so"],
+                "ImportError: asterism: its compiled module was built for another Python than this: "
+                "_asterism.cpython-39-x86_64-linux-gnu.so is there, and this is Python 3",
+            ),
+            ([pathlib.Path(asterism._asterism.__file__).name], "ImportError: .*file too short"),
+        ]:
+            with self.subTest(there), tempfile.TemporaryDirectory() as folder:
+                package = pathlib.Path(folder, "asterism")
+                shutil.copytree(source, package, ignore=shutil.ignore_patterns("*.so", "__pycache__"))
+                for name in there:
+                    (package / name).touch()
+                command = [sys.executable, "-c", "import sys; sys.path.insert(0, sys.argv[1]); import asterism", folder]
+                run = subprocess.run(command, capture_output=True, text=True)
+                self.assertEqual(run.returncode, 1)
+                self.assertRegex(run.stderr.splitlines()[-1], message)
+                self.assertNotIn("circular", run.stderr.splitlines()[-1])
 
 
 class ThreadsTest(unittest.TestCase):
@@ -391,7 +509,9 @@ class BatchTest(unittest.TestCase):
                 asterism.solve(system, x, "newton")
                 np.testing.assert_allclose(solved, x, atol=1e-6)
                 self.assertAlmostEqual(final, energy(system, solved), places=9)
-            self.assertTrue(np.all(batch.status == int(asterism.Status.CONVERGED)))
+            self.assertTrue(summary)
+            self.assertTrue(np.all(batch.status == asterism.Status.CONVERGED))
+            self.assertEqual([asterism.Status(s) for s in np.unique(batch.status)], [asterism.Status.CONVERGED])
             self.assertTrue(np.all(batch.positive_definite == 1))
             self.assertTrue(np.all(batch.stationarity <= 1e-8))
 
@@ -409,6 +529,8 @@ class BatchTest(unittest.TestCase):
         batch.anchor_stiffness[3, 0] = np.nan
         summary = batch.solve()
         self.assertEqual((summary.status, summary.first_failure, summary.converged), (asterism.Status.INVALID_INPUT, 3, 4))
+        self.assertFalse(summary)
+        np.testing.assert_array_equal(np.flatnonzero(batch.status == asterism.Status.INVALID_INPUT), [3])
 
     def test_sizes(self):
         empty = asterism.SpringBatch(asterism.Topology.full(3), 0)

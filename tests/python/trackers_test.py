@@ -86,6 +86,8 @@ class TrackersTest(unittest.TestCase):
             "rows of a larger image": lambda f: np.pad(f, ((3, 3), (5, 5), (0, 0)))[3:-3, 5:-5],
             "in another order": lambda f: np.ascontiguousarray(f[..., ::-1])[..., ::-1],
             "columns first": np.asfortranarray,
+            "read-only": lambda f: np.frombuffer(f.tobytes(), np.uint8).reshape(f.shape),
+            "upside down": lambda f: np.ascontiguousarray(f[::-1])[::-1],
         }.items():
             with self.subTest(name):
                 tracker = asterism.Tracker("kcf")
@@ -113,6 +115,13 @@ class TrackersTest(unittest.TestCase):
         for bad, error, message in [
             (image.tolist(), TypeError, "image: expected a NumPy array, found list"),
             (image.astype(float), TypeError, "image: expected uint8, uint16 or float32, found float64"),
+            (image.astype(">u2"), TypeError, "image: expected uint8, uint16 or float32, found >u2"),
+            (image.astype(">f4"), TypeError, "image: expected uint8, uint16 or float32, found >f4"),
+            (image > 9, TypeError, "image: expected uint8, uint16 or float32, found bool"),
+            (image.astype(object), TypeError, "image: expected uint8, uint16 or float32, found object"),
+            (np.array(7, np.uint8), ValueError, r"found \(\)"),
+            (np.uint8(7), TypeError, "image: expected a NumPy array, found uint8"),
+            (None, TypeError, "image: expected a NumPy array, found NoneType"),
             (image[..., :2], ValueError, r"image: expected shape .*, found \(240, 320, 2\)"),
             (image[None], ValueError, r"found \(1, 240, 320, 3\)"),
             (image[:0], ValueError, r"found \(0, 320, 3\)"),
@@ -140,6 +149,32 @@ class TrackersTest(unittest.TestCase):
         self.assertEqual(len(tracker.update(self.frames[1]).parts), 6)
         with self.assertRaisesRegex(ValueError, "unknown option 'grid_row'.*'grid_rows'"):
             asterism.Tracker("dpt", {"grid_row": 3})
+
+    @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
+    def test_options_of_every_kind_of_number(self):
+        part = {"model": "kcf", "separate_update": np.bool_(False), "lambda": np.float32(0.5)}
+        options = {"grid_rows": np.int64(3), "grid_cols": np.array(2), "overlap": np.float32(0.5), "part": part}
+        plain_part = {"model": "kcf", "separate_update": False, "lambda": 0.5}
+        plain = {"grid_rows": 3, "grid_cols": 2, "overlap": 0.5, "part": plain_part}
+        found, expected = (follow(self.started("dpt", o), self.frames[1:4]) for o in (options, plain))
+        self.assertEqual(boxes(found), boxes(expected))
+        for bad, error, message in [
+            ({"grid_rows": np.float32(2.5)}, ValueError, "grid_rows"),
+            ({"grid_rows": np.bool_(True)}, ValueError, "grid_rows"),
+            ({"overlap": math.nan}, ValueError, ""),
+            ({"overlap": np.float32(math.nan)}, ValueError, ""),
+            ({"overlap": np.array([0.5])}, TypeError, "options: expected numbers, bools, names and dicts, found array"),
+            ({"overlap": 1j}, TypeError, "options: expected numbers"),
+            ({"overlap": 2}, ValueError, r"overlap must be in \[0, 0.99\], is 2"),
+        ]:
+            with self.subTest(repr(bad)), self.assertRaisesRegex(error, message):
+                asterism.Tracker("dpt", bad)
+
+    def test_a_result_is_true_where_the_object_is_not_lost(self):
+        tracker = self.started("kcf")
+        found, lost = tracker.update(self.frames[1]), tracker.update(np.zeros_like(self.frames[0]))
+        self.assertEqual((bool(found), found.lost), (True, False))
+        self.assertEqual((bool(lost), lost.lost), (False, True))
 
     def test_goes_on_from_a_saved_state(self):
         tracker = self.started()

@@ -338,6 +338,8 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
   expect_error(images + config, {path("t.json"), "JSON object"}, false);
   expect_error(images + " --config " + path("none.json"), {path("none.json")}, false);
   expect_error(images + " --config " + path("images"), {"cannot read " + path("images")}, false);
+  expect_error(images + " --config /dev/zero", {"/dev/zero: more than 1 MiB"}, false);
+  expect_error(images + " --config /dev/null", {"/dev/null: a tracker is described by a JSON object"}, false);
   write("{\"tracker\": \"kcf\",\n\n    \"use_colour\": false\n}\n");
   ASSERT_EQ(run(images + config, false), 0) << err_;
   EXPECT_TRUE(err_.starts_with("{\"tracker\": \"kcf\", \"use_colour\": false }: 20 frames, ")) << err_;

@@ -315,8 +315,8 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
             "dpt: option 'part' must be a part model's name or an object with it as \"model\", not "
             R"({"lambda":1})");
   EXPECT_EQ(refusal(R"(dpt{"part": {"model": "kcf", "lambda": -1}})"),
-            "kcf: KcfOptions: lambda must be positive");
-  EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1]");
+            "kcf: KcfOptions: lambda must be in [1e-09, 1e+09], is -1");
+  EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1], is 2");
   EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp'"), std::string::npos);
   EXPECT_NE(refusal("dpt{").find("dpt: its options are no JSON object"), std::string::npos);
@@ -863,13 +863,14 @@ TEST(AnyTracker, ShowsTheTrackerInIt) {
 }
 
 TEST(ConstellationOptions, RefusesBadOnes) {
-  EXPECT_EQ(refusal(R"(lgt{"max_parts": 0})"), "LgtOptions: max_parts must be positive");
-  EXPECT_EQ(refusal(R"(flock{"grid": 65536})"), "FlockOptions: grid must be in [2, 1000]");
-  EXPECT_EQ(refusal(R"(flock{"centre_weight": -1})"), "FlockOptions: centre_weight must not be negative");
+  EXPECT_EQ(refusal(R"(lgt{"max_parts": 0})"), "LgtOptions: max_parts must be in [1, 100], is 0");
+  EXPECT_EQ(refusal(R"(flock{"grid": 65536})"), "FlockOptions: grid must be in [2, 50], is 65536");
+  EXPECT_EQ(refusal(R"(flock{"centre_weight": -1})"),
+            "FlockOptions: centre_weight must be in [0, 1e+09], is -1");
   EXPECT_EQ(refusal(R"(lgt{"springs": {"reach": 0}})"),
-            "ElasticOptions: deformation and reach must be positive");
+            "LgtOptions: springs.reach must be in [1e-09, 1e+09], is 0");
   EXPECT_EQ(refusal(R"(superpixels{"template_side": 4})"),
-            "SuperpixelTrackerOptions: template_side must be in [8, 512]");
+            "SuperpixelTrackerOptions: template_side must be in [8, 512], is 4");
   EXPECT_EQ(refusal(R"(superpixels{"slic": {"side": 6, "compactnes": 3}})"),
             "superpixels: unknown option 'slic.compactnes', did you mean 'slic.compactness'?");
   for (const std::string& name : constellation_names()) {

@@ -798,6 +798,49 @@ TEST_F(Trax, ClientSaysWhatIsWrongWithTheTracker) {
   expect_reply("while true; do echo '@@TRAX:hello'; done", "answers with hello");
 }
 
+// Each of these would be taken for the answer to a later image.
+TEST_F(Trax, ClientRefusesWhatItHasNotAskedFor) {
+  constexpr char kState[] = "@@TRAX:state 1,2,3,4\\n",
+                 kHi[] = "@@TRAX:hello trax.version=3 trax.image=path\\n";
+  const std::string hi(kHi), state(kState), unasked = "sends a state that nothing asked for";
+  const auto say = [](const std::string& text) { return "printf '" + text + "'\n"; };
+  const std::string read = "read line\n", once = read + say(state);
+  struct Case {
+    const char* name;
+    std::string script, part;
+  };
+  const Case cases[] = {
+      {"a state before any object", say(hi + state) + once, unasked},
+      {"a second hello", say(hi + hi) + once, "sends a hello that nothing asked for"},
+      {"two states for the start", say(hi) + read + say(state + state) + once, unasked},
+      {"two states for a frame", say(hi) + once + read + say(state + state) + once, unasked},
+      {"two, with print between", say(hi) + once + read + say(state + "iou 0.5\\n" + state) + once, unasked},
+      {"a second one later", say(hi) + once + read + say(state) + "sleep 0.1\n" + say(state) + once, unasked},
+      {"a second one in pieces",
+       say(hi) + once + read + say(state + "@@TRAX:st") + "sleep 0.1\n" + say("ate 1,2,3,4\\n") + once,
+       unasked},
+      {"a quit between frames", say(hi) + once + say("@@TRAX:quit trax.reason=tired\\n"), "quits: tired"},
+      {"a quit in place of a reply", say(hi) + once + read + say("@@TRAX:quit\\n"), "quits"},
+      {"an end in the middle of a line", say(hi) + once + read + say("@@TRAX:state 1,2") + "exit 0\n",
+       "exit code 0"},
+  };
+  for (const Case& one : cases) {
+    SCOPED_TRACE(one.name);
+    TraxClientOptions options = logged();
+    options.timeout = 20;
+    TraxClient client(script(one.script + read), options);
+    expect_reason(reason_of([&] {
+                    client.initialize(files_[0], {rectangle()});
+                    for (int i = 0; i < 4; ++i) {
+                      std::this_thread::sleep_for(std::chrono::milliseconds(200));
+                      client.frame(files_[1]);
+                    }
+                  }),
+                  {one.part});
+    EXPECT_THROW(client.frame(files_[1]), std::logic_error) << "it has ended";
+  }
+}
+
 TEST_F(Trax, ClientDoesNotWaitForEver) {
   TraxClientOptions options = logged();
   options.timeout = 2;  // long enough for the hello
@@ -811,6 +854,7 @@ TEST_F(Trax, ClientDoesNotWaitForEver) {
   expect("read line; sleep 60", small, "does not reply in 2 s");
   expect("read line; kill -STOP $$", small, "does not reply in 2 s");
   expect("read line; " + chatter, small, "does not reply in 2 s");
+  expect("read line; while true; do printf x; sleep 0.05; done", small, "does not reply in 2 s");
   expect("sleep 60", large, "takes no message in 2 s");
   expect(chatter, large, "takes no message in 2 s");
   for (const double timeout : {0.0, -1.0, std::nan("")}) {

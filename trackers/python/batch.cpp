@@ -106,6 +106,9 @@ void bind_batch(py::module_& m) {
       .def_property_readonly(
           "simd", [](const BatchSummary& s) { return std::string(to_string(s.simd)); }, "Instructions used.")
       .def_readonly("seconds", &BatchSummary::seconds, "Wall-clock time of the solve.")
+      .def(
+          "__bool__", [](const BatchSummary& s) { return s.status == Status::Converged; },
+          "Whether every system has converged.")
       .def("__repr__", [](const BatchSummary& s) {
         return "<asterism.BatchSummary: " + std::to_string(s.converged) + " converged (" +
                std::string(std::string_view(s.message)) + ")>";
@@ -116,8 +119,8 @@ void bind_batch(py::module_& m) {
       "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
       "own\n"
       "memory, a view of planes of M numbers: change them in place, nothing is copied. They start as NaN.");
-  type.def(py::init(&make_batch), py::arg("topology"), py::arg("count"), py::arg("dim") = 2,
-           "count: number of systems M. dim: 2 or 3.");
+  type.def(py::init(&make_batch), py::arg("topology"), py::arg("count").noconvert(),
+           py::arg("dim").noconvert() = 2, "count: number of systems M. dim: 2 or 3.");
   const auto points = [](auto plane_of) {
     return [plane_of](const py::object& self) {
       return self.cast<AnyBatch&>().visit([&]<int Dim>(Batch<Dim>& b) {
@@ -157,8 +160,9 @@ void bind_batch(py::module_& m) {
             options.escape_saddles = escape_saddles;
             return solve(self, threads, simd, options);
           },
-          py::arg("threads") = 1, py::arg("simd") = "auto", py::arg("tolerance") = NewtonOptions().tolerance,
-          py::arg("max_iterations") = NewtonOptions().max_iterations, py::arg("align") = true,
+          py::arg("threads").noconvert() = 1, py::arg("simd") = "auto",
+          py::arg("tolerance") = NewtonOptions().tolerance,
+          py::arg("max_iterations").noconvert() = NewtonOptions().max_iterations, py::arg("align") = true,
           py::arg("allow_reflection") = false, py::arg("escape_saddles") = true,
           "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the "
           "machine\n"
@@ -177,7 +181,7 @@ void bind_batch(py::module_& m) {
       });
   def_verdict<int>(
       type, "status", [](auto& b, int i) { return static_cast<int>(b.status(i)); },
-      "(M,), values of Status: `status == int(Status.CONVERGED)`.");
+      "(M,), values of Status: `status == Status.CONVERGED`.");
   def_verdict<int>(
       type, "iterations", [](auto& b, int i) { return b.iterations(i); }, "(M,), -1 until known.");
   def_verdict<int>(

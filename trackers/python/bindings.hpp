@@ -108,4 +108,28 @@ py::array owned(Matrix matrix, const Shape& shape) {
 /// What a solver would refuse, as ValueError: for functions that do not validate.
 void require_valid(const Defect& defect);
 
+/// What an option is given as: a NumPy scalar, or an array of no dimensions, as the Python object that it
+/// stands for (numpy.bool_ is no bool, numpy.float32 no float), all else as it is.
+inline py::object plain(const py::handle& value) {
+  const bool is_numpys =
+      py::isinstance<py::array>(value) || py::isinstance(value, py::module_::import("numpy").attr("generic"));
+  if (is_numpys && value.attr("ndim").cast<int>() == 0) return value.attr("item")();
+  return py::reinterpret_borrow<py::object>(value);
+}
+
 }  // namespace asterism::python
+
+/// asterism.Status is an enum.IntEnum, which NumPy compares with arrays of its values.
+template <>
+struct pybind11::detail::type_caster<asterism::Status> {
+  PYBIND11_TYPE_CASTER(asterism::Status, const_name("Status"));
+  static object type() { return module_::import("asterism._asterism").attr("Status"); }
+  bool load(handle source, bool /*convert*/) {
+    if (!isinstance(source, type())) return false;
+    value = static_cast<asterism::Status>(source.cast<int>());
+    return true;
+  }
+  static handle cast(asterism::Status status, return_value_policy /*policy*/, handle /*parent*/) {
+    return type()(static_cast<int>(status)).release();
+  }
+};

@@ -94,10 +94,14 @@ class Solver {
   }
 
   template <typename T>
-  static void assign(T& target, const std::string& name, py::handle value) {
+  static void assign(T& target, const std::string& name, py::handle given) {
     constexpr bool kBool = std::is_same_v<T, bool>;
+    const py::object value = plain(given);
+    // True is no number here, 2.5 no integer, and an array of one number is an array.
+    const bool is_one = kBool == py::isinstance<py::bool_>(value) && !py::isinstance<py::array>(value) &&
+                        (kBool || std::is_same_v<T, double> || PyIndex_Check(value.ptr()) != 0);
     try {
-      if (kBool == py::isinstance<py::bool_>(value)) {  // True is no number here
+      if (is_one) {
         target = value.cast<T>();
         return;
       }
@@ -105,7 +109,7 @@ class Solver {
     }
     const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
     throw py::type_error("option " + name + ": expected " + expected + ", found " +
-                         py::repr(value).cast<std::string>());
+                         py::repr(given).cast<std::string>());
   }
 
   template <int Dim>
@@ -148,18 +152,33 @@ constexpr const char* kSolve =
     "anchors: pass a copy. Where `usable` is false, x is as it was. The GIL is\n"
     "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.";
 
+void bind_status(py::module_& m) {
+  py::dict members;
+  std::string doc = "Why a solver stopped, and what became of x; an int to NumPy.\n";
+  const auto add = [&](const char* name, Status status, const char* text) {
+    members[name] = static_cast<int>(status);
+    doc.append("\n").append(name).append(": ").append(text);
+  };
+  add("NOT_RUN", Status::NotRun, "solve was not called");
+  add("CONVERGED", Status::Converged, "x is a stationary point to the tolerance asked for");
+  add("MAX_ITERATIONS", Status::MaxIterations, "the iterations ran out; x is the last iterate");
+  add("NO_PROGRESS", Status::NoProgress, "the solver could not go on; x is its best iterate");
+  add("NUMERICAL_FAILURE", Status::NumericalFailure, "x is as it was");
+  add("INVALID_INPUT", Status::InvalidInput, "the message names the offending value; x is as it was");
+  add("OUT_OF_MEMORY", Status::OutOfMemory, "x is as it was");
+  add("INTERRUPTED", Status::Interrupted, "a batch was; x is as it was or the last iterate");
+  const py::module_ enums = py::module_::import("enum");
+  const py::object type = enums.attr("IntEnum")("Status", members, py::arg("module") = m.attr("__name__"));
+  type.attr("__doc__") = doc;
+  // An IntEnum is printed as its number, which tells less.
+  for (const char* name : {"__str__", "__format__"}) py::setattr(type, name, enums.attr("Enum").attr(name));
+  m.attr("Status") = type;
+}
+
 }  // namespace
 
 void bind_solvers(py::module_& m) {
-  py::enum_<Status>(m, "Status", "Why a solver stopped, and what became of x.", py::arithmetic())
-      .value("NOT_RUN", Status::NotRun)
-      .value("CONVERGED", Status::Converged, "x is a stationary point to the tolerance asked for")
-      .value("MAX_ITERATIONS", Status::MaxIterations, "the iterations ran out; x is the last iterate")
-      .value("NO_PROGRESS", Status::NoProgress, "the solver could not go on; x is its best iterate")
-      .value("NUMERICAL_FAILURE", Status::NumericalFailure, "x is as it was")
-      .value("INVALID_INPUT", Status::InvalidInput, "the message names the offending value; x is as it was")
-      .value("OUT_OF_MEMORY", Status::OutOfMemory, "x is as it was")
-      .value("INTERRUPTED", Status::Interrupted, "a batch was; x is as it was or the last iterate");
+  bind_status(m);
 
   py::class_<Summary>(m, "Summary", "What a solver returns. Numbers are -1 until they are known.")
       .def_readonly("status", &Summary::status, "Why it stopped.")
@@ -183,6 +202,7 @@ void bind_solvers(py::module_& m) {
           "against turning or sliding; None where the method did not look.")
       .def_readonly("seconds", &Summary::seconds, "Wall-clock time of the solve.")
       .def_property_readonly("usable", &Summary::usable, "x is finite and at least as good as the start.")
+      .def("__bool__", &Summary::usable, "`usable`, so that `if not solve(...)` sees a failure.")
       .def(
           "as_dict",
           [](const py::object& self) {

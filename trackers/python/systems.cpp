@@ -117,25 +117,27 @@ void bind_systems(py::module_& m) {
                          "Who is linked to whom: an immutable list of links over nodes 0 .. nodes - 1.\n\n"
                          "Duplicated links act as springs in parallel. ValueError names a link that is none.")
       .def_static(
-          "full", [](int nodes) { return valid(Topology<>::full(nodes)); }, py::arg("nodes"),
+          "full", [](int nodes) { return valid(Topology<>::full(nodes)); }, py::arg("nodes").noconvert(),
           "Every pair, in the order (0, 1), (0, 2), ..., (1, 2), ...")
       .def_static(
           "star", [](int nodes, int centre) { return valid(Topology<>::star(nodes, centre)); },
-          py::arg("nodes"), py::arg("centre"), "Node `centre` linked to each of the others.")
+          py::arg("nodes").noconvert(), py::arg("centre").noconvert(),
+          "Node `centre` linked to each of the others.")
       .def_static(
           "k_nearest",
           [](const py::object& points, int k) {
             return with_points(points, "points",
                                [k](const auto& map) { return valid(Topology<>::k_nearest(map, k)); });
           },
-          py::arg("points"), py::arg("k"),
+          py::arg("points"), py::arg("k").noconvert(),
           "Each node linked to its k nearest others, and the other way round. points: (N, 2) or (N, 3).")
       .def_static(
           "from_links",
           [](int nodes, const py::object& links) {
             return valid(Topology<>::from_links(nodes, links_of(links)));
           },
-          py::arg("nodes"), py::arg("links"), "The links as given: pairs of nodes, or an array (L, 2).")
+          py::arg("nodes").noconvert(), py::arg("links"),
+          "The links as given: pairs of nodes, or an array (L, 2).")
       .def_property_readonly("nodes", &Topology<>::nodes, "Number of nodes N.")
       .def_property_readonly("link_count", &Topology<>::link_count, "Number of links L.")
       .def_property_readonly(
@@ -160,7 +162,7 @@ void bind_systems(py::module_& m) {
       "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2.\n\n"
       "The arrays are the system's own memory: change them in place, nothing is copied. They start as NaN,\n"
       "so that a forgotten value is an error. Do not change them while another thread solves the system.");
-  type.def(py::init(&make_system), py::arg("topology"), py::arg("dim") = 2,
+  type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
            "dim: coordinates of a point, 2 or 3.");
   def_values(
       type, "anchors", [](auto& s) -> auto& { return s.anchors; }, "a_i, (N, dim) [px].");
@@ -186,19 +188,19 @@ void bind_systems(py::module_& m) {
           [](AnySystem& self, int node) {
             self.visit([n = checked_node(self, node)](auto& system) { system.fix(n); });
           },
-          py::arg("node"), "Holds a node where the start of a solve has it. IndexError for none.")
+          py::arg("node").noconvert(), "Holds a node where the start of a solve has it. IndexError for none.")
       .def(
           "release",
           [](AnySystem& self, int node) {
             self.visit([n = checked_node(self, node)](auto& system) { system.release(n); });
           },
-          py::arg("node"), "Lets a node move again.")
+          py::arg("node").noconvert(), "Lets a node move again.")
       .def(
           "is_fixed",
           [](AnySystem& self, int node) {
             return self.visit([n = checked_node(self, node)](auto& system) { return system.is_fixed(n); });
           },
-          py::arg("node"), "Whether a node is held.")
+          py::arg("node").noconvert(), "Whether a node is held.")
       .def_property_readonly(
           "topology", [](AnySystem& self) { return self.visit([](auto& s) { return s.topology(); }); },
           "A copy of the topology.")

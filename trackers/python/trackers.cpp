@@ -57,8 +57,15 @@ AnyTracker made(const std::string& name, const py::object& options) {
       throw py::type_error("options: expected a dict or None, found " +
                            py::repr(options).cast<std::string>());
     }
-    description +=
-        py::module_::import("json").attr("dumps")(options, py::arg("allow_nan") = false).cast<std::string>();
+    const py::cpp_function number([](const py::object& value) {
+      const py::object result = plain(value);
+      if (!result.is(value)) return result;
+      throw py::type_error("options: expected numbers, bools, names and dicts, found " +
+                           py::repr(value).cast<std::string>());
+    });
+    description += py::module_::import("json")
+                       .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
+                       .cast<std::string>();
   }
   return make_tracker(description);
 }
@@ -244,6 +251,8 @@ void bind_trackers(py::module_& m) {
           "The box, or that of a part, as it is turned: (4, 2), those at the top left, top right, bottom "
           "right\n"
           "and bottom left while upright [px].")
+      .def(
+          "__bool__", [](const TrackResult& r) { return !r.lost; }, "Whether the object is not lost.")
       .def("__repr__", [](const TrackResult& r) {
         return "<asterism.TrackResult: box " + py::repr(tuple_of(r.box)).cast<std::string>() +
                ", confidence " + py::repr(py::float_(r.confidence)).cast<std::string>() +
@@ -287,13 +296,15 @@ void bind_trackers(py::module_& m) {
       m, "MultiTracker",
       "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
       "of single trackers, bit for bit. Images and boxes as for Tracker.")
-      .def(py::init<int>(), py::arg("threads") = 1, "threads: 0 for as many as the machine runs at once.")
-      .def("add", &Objects::add, py::arg("id"), py::arg("image"), py::arg("box"), py::arg("name") = "dpt",
-           py::arg("options") = py::none(),
+      .def(py::init<int>(), py::arg("threads").noconvert() = 1,
+           "threads: 0 for as many as the machine runs at once.")
+      .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"),
+           py::arg("name") = "dpt", py::arg("options") = py::none(),
            "Follow an object from this image on, by a tracker of this name and options. ValueError where "
            "there is\n"
            "one of that id, and what Tracker and its init raise.")
-      .def("remove", &Objects::remove, py::arg("id"), "False where there is no object of that id.")
+      .def("remove", &Objects::remove, py::arg("id").noconvert(),
+           "False where there is no object of that id.")
       .def("update", &Objects::update, py::arg("image"),
            "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
            "ended\n"

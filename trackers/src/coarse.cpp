@@ -1,4 +1,5 @@
 #include <asterism/trackers/coarse.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -28,11 +29,10 @@ Point2 kept_in_image(const Frame& frame, const Point2& centre) {
 AnyPart paper_filter() { return Kcf(); }
 
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
-    : options_(options), root_(options.root), colour_(options.colour), motion_(options.motion) {
-  require(options.colour_share >= 0 && options.colour_share <= 1,
-          "CoarseOptions: colour_share must be in [0, 1]");
-  require(options.motion_share >= 0 && options.motion_share <= 1,
-          "CoarseOptions: motion_share must be in [0, 1]");
+    : options_(check_options("CoarseOptions", options)),
+      root_(options.root),
+      colour_(options.colour),
+      motion_(options.motion) {
   require(options.motion_share == 0 || MotionModel::available(),
           "CoarseOptions: motion_share needs OpenCV's video, without which this library was built");
 }

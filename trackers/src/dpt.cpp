@@ -3,6 +3,7 @@
 #include <asterism/solver/covariance.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/stiffness.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <exception>
 #include <numbers>
@@ -18,7 +19,7 @@ namespace {
 
 std::size_t parts_of_grid(const DptOptions& options) {
   const int rows = options.grid_rows, cols = options.grid_cols;
-  if (rows < 1 || cols < 1 || rows > Dpt::kMaxParts || cols > Dpt::kMaxParts || rows * cols > Dpt::kMaxParts)
+  if (rows * cols > Dpt::kMaxParts)
     throw std::invalid_argument("DptOptions: the grid must have 1 to 16 parts");
   return static_cast<std::size_t>(rows * cols);
 }
@@ -48,7 +49,7 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
 }  // namespace
 
 Dpt::Dpt(const DptOptions& options)
-    : options_(options),
+    : options_(check_options("DptOptions", options)),
       coarse_(options.coarse),
       scale_(options.scale),
       parts_(parts_of_grid(options), options.part),
@@ -56,17 +57,6 @@ Dpt::Dpt(const DptOptions& options)
       solver_(std::in_place_type<Ida<Springs>>, springs_, options.solver) {
   if (options.spring_solver == SpringSolver::Newton)
     solver_.emplace<Newton<Springs>>(springs_, options.solver);
-  if (!(options.spring_rate >= 0 && options.spring_rate <= 1))
-    throw std::invalid_argument("DptOptions: spring_rate must be in [0, 1]");
-  if (!(options.overlap >= 0 && options.overlap < 1))
-    throw std::invalid_argument("DptOptions: overlap must be in [0, 1)");
-  if (!(options.scale_share >= 0 && options.scale_share <= 1))
-    throw std::invalid_argument("DptOptions: scale_share must be in [0, 1]");
-  if (!(options.smoothness >= 0 && std::isfinite(options.smoothness)))
-    throw std::invalid_argument("DptOptions: smoothness must not be negative");
-  if (const char* problem = options.solver.problem())
-    throw std::invalid_argument(std::string("DptOptions: ") + problem);
-  if (options.threads < 0) throw std::invalid_argument("DptOptions: threads must not be negative");
 }
 
 template <typename F>

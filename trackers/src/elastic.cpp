@@ -3,6 +3,7 @@
 #include <asterism/solver/auto.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/elastic.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <map>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -34,12 +35,7 @@ Summary ElasticConstellation::Solver::solve(const Springs& springs, Points& x, c
 }
 
 ElasticConstellation::ElasticConstellation(const ElasticOptions& options)
-    : options_(options), springs_(Topology<>::full(0)) {
-  if (!(options.deformation > 0 && options.reach > 0))
-    throw std::invalid_argument("ElasticOptions: deformation and reach must be positive");
-  if (const char* const problem = options.solver.problem())
-    throw std::invalid_argument(std::string("ElasticOptions: ") + problem);
-}
+    : options_(check_options("ElasticOptions", options)), springs_(Topology<>::full(0)) {}
 
 void ElasticConstellation::assign(const Points& layout, Topology<> topology) {
   layout_ = layout;

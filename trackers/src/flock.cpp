@@ -1,5 +1,6 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/flock.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <stdexcept>
 
@@ -9,16 +10,8 @@
 
 namespace asterism::inline ASTERISM_ABI {
 
-Flock::Flock(const FlockOptions& options) : options_(options), flow_(options.flow), points_(options.springs) {
-  require(options.grid >= 2 && options.grid <= 1000, "FlockOptions: grid must be in [2, 1000]");
-  require(options.centre_weight >= 0 && std::isfinite(options.centre_weight),
-          "FlockOptions: centre_weight must not be negative");
-  require(options.neighbours >= 1, "FlockOptions: neighbours must be at least 1");
-  require(options.max_residual > 0, "FlockOptions: max_residual must be positive");
-  require(options.layout_rate >= 0 && options.layout_rate <= 1,
-          "FlockOptions: layout_rate must be in [0, 1]");
-  require(options.lost_below >= 0 && options.lost_below <= 1, "FlockOptions: lost_below must be in [0, 1]");
-}
+Flock::Flock(const FlockOptions& options)
+    : options_(check_options("FlockOptions", options)), flow_(options.flow), points_(options.springs) {}
 
 void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
 

@@ -1,6 +1,7 @@
 #include <Eigen/Cholesky>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/kalman.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 
 #include "require.hpp"
@@ -56,16 +57,7 @@ void ConstantVelocityFilter::update(const Vector& measured, const Matrix& covari
 }
 
 KalmanTracker::KalmanTracker(AnyTracker tracker, const KalmanOptions& options)
-    : tracker_(std::move(tracker)), options_(options) {
-  // So that squares, in pixels and over many frames, are numbers.
-  const auto in_range = [](double value) { return value >= 1e-6 && value <= 1e6; };
-  require(in_range(options.acceleration) && in_range(options.size_acceleration),
-          "KalmanOptions: accelerations must be in [1e-6, 1e6]");
-  require(in_range(options.deviation) && in_range(options.size_deviation),
-          "KalmanOptions: deviations must be in [1e-6, 1e6]");
-  require(options.lost_factor >= 1 && options.lost_factor <= 1e12,
-          "KalmanOptions: lost_factor must be in [1, 1e12]");
-}
+    : tracker_(std::move(tracker)), options_(check_options("KalmanOptions", options)) {}
 
 double KalmanTracker::mean_side() const { return std::exp(filter_.position().z()); }
 

@@ -1,5 +1,6 @@
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/keypoint_tracker.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <opencv2/features2d.hpp>
 #include <stdexcept>
@@ -20,22 +21,11 @@ constexpr double kDetection = 1, kLeastDistance = 3;
 }  // namespace
 
 KeypointTracker::KeypointTracker(const KeypointTrackerOptions& options)
-    : options_(options), flow_(options.flow), parts_(options.springs) {
-  require(options.max_parts > 0 && options.max_points > 0,
-          "KeypointTrackerOptions: max_parts and max_points must be positive");
-  require(options.fast_threshold > 0, "KeypointTrackerOptions: fast_threshold must be positive");
-  require(options.max_distance > 0 && options.max_distance <= 1,
-          "KeypointTrackerOptions: max_distance must be in (0, 1]");
-  require(options.max_ratio > 0 && options.max_ratio <= 1,
-          "KeypointTrackerOptions: max_ratio must be in (0, 1]");
-  require(options.padding > 0 && options.max_padding >= options.padding && std::isfinite(options.max_padding),
-          "KeypointTrackerOptions: paddings must satisfy 0 < padding <= max_padding");
-  require(options.neighbours >= 1, "KeypointTrackerOptions: neighbours must be at least 1");
-  require(options.centre_weight >= 0, "KeypointTrackerOptions: centre_weight must not be negative");
-  require(options.forget_after > 0, "KeypointTrackerOptions: forget_after must be positive");
-  require(options.min_agreeing > 0, "KeypointTrackerOptions: min_agreeing must be positive");
-  require(options.lost_below >= 0 && options.lost_below <= 1,
-          "KeypointTrackerOptions: lost_below must be in [0, 1]");
+    : options_(check_options("KeypointTrackerOptions", options)),
+      flow_(options.flow),
+      parts_(options.springs) {
+  require(options.padding <= options.max_padding,
+          "KeypointTrackerOptions: padding must be at most max_padding");
 }
 
 void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }

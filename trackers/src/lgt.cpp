@@ -2,6 +2,7 @@
 #include <asterism/parts/color_histogram.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <stdexcept>
 
@@ -30,15 +31,8 @@ AnyPart histogram_part() {
                          .max_template_side = 10});
 }
 
-Lgt::Lgt(const LgtOptions& options) : options_(options), parts_(options.springs), colour_(options.colour) {
-  require(options.max_parts > 0, "LgtOptions: max_parts must be positive");
-  require(options.part_side > 0, "LgtOptions: part_side must be positive");
-  require(options.sharpness > 0, "LgtOptions: sharpness must be positive");
-  require(options.weight_rate > 0 && options.weight_rate <= 1, "LgtOptions: weight_rate must be in (0, 1]");
-  for (const double share : {options.remove_below, options.layout_rate, options.lost_below})
-    require(share >= 0 && share <= 1,
-            "LgtOptions: remove_below, layout_rate and lost_below must be in [0, 1]");
-}
+Lgt::Lgt(const LgtOptions& options)
+    : options_(check_options("LgtOptions", options)), parts_(options.springs), colour_(options.colour) {}
 
 void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
 

@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/trackers/motion.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <cmath>
 #include <stdexcept>
@@ -56,18 +57,9 @@ cv::Rect2d pixels_of(const Point2& centre, const Size2& size) {
 
 }  // namespace
 
-MotionModel::MotionModel(const MotionOptions& options) : options_(options) {
-  require(options.histogram_rate >= 0 && options.histogram_rate <= 1,
-          "MotionOptions: histogram_rate must be in [0, 1]");
-  require(options.novelty > 0 && options.novelty < 1 && options.background_novelty > 0 &&
-              options.background_novelty < 1,
-          "MotionOptions: novelty must be in (0, 1)");
-  require(options.foreground_prior > 0 && options.foreground_prior < 1,
-          "MotionOptions: foreground_prior must be in (0, 1)");
-  require(options.padding >= 1 && std::isfinite(options.padding),
-          "MotionOptions: padding must be at least 1");
-  require(options.min_template_side >= 8 && options.max_template_side >= options.min_template_side,
-          "MotionOptions: template sides must satisfy 8 <= min <= max");
+MotionModel::MotionModel(const MotionOptions& options) : options_(check_options("MotionOptions", options)) {
+  require(options.min_template_side <= options.max_template_side,
+          "MotionOptions: template sides must satisfy min <= max");
 }
 
 bool MotionModel::available() {

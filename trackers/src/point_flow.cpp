@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/trackers/point_flow.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
@@ -27,16 +28,10 @@ double correlation(const cv::Mat& a, const cv::Point2f& at, const cv::Mat& b, co
 
 }  // namespace
 
-PointFlow::PointFlow(const PointFlowOptions& options) : options_(options) {
-  require(options.max_error > 0, "PointFlowOptions: max_error must be positive");
-  // OpenCV pads every level by the window on each side.
-  require(options.lk_window >= 3 && options.lk_window <= 255 && options.lk_window % 2 == 1,
-          "PointFlowOptions: lk_window must be odd and in [3, 255]");
-  require(options.lk_levels >= 0 && options.lk_levels <= 16,
-          "PointFlowOptions: lk_levels must be in [0, 16]");
-  require(options.padding > 0, "PointFlowOptions: padding must be positive");
-  require(options.min_template_side >= 8 && options.max_template_side >= options.min_template_side,
-          "PointFlowOptions: template sides must satisfy 8 <= min <= max");
+PointFlow::PointFlow(const PointFlowOptions& options) : options_(check_options("PointFlowOptions", options)) {
+  require(options.lk_window % 2 == 1, "PointFlowOptions: lk_window must be odd");
+  require(options.min_template_side <= options.max_template_side,
+          "PointFlowOptions: template sides must satisfy min <= max");
 }
 
 void PointFlow::learn(const Frame& frame, const Point2& centre, const Size2& size) {

@@ -2,6 +2,7 @@
 #include <asterism/parts/patch.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
+#include <asterism/trackers/tracker_options.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -15,27 +16,16 @@ namespace asterism::inline ASTERISM_ABI {
 namespace {
 
 // However thin an object is, its window is no longer than this, and no shorter [template pixels].
-constexpr double kMaxSuperpixelWindow = 512;
-constexpr int kMinSuperpixelWindow = 12;
+constexpr double kMaxSuperpixelWindow = 512, kMinSuperpixelWindow = 12;
+// Nor than this many superpixels, of which all are compared with all.
+constexpr double kMaxSuperpixels = 64;
 // A part that matches worse is not seen.
 constexpr double kMatch = 0.3;
 
 }  // namespace
 
 SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
-    : options_(options), parts_(options.springs) {
-  slic(Eigen::ArrayX3f::Zero(1, 3), 1, options.slic);  // throws where its options are out of range
-  require(options.template_side >= 8 && options.template_side <= kMaxSuperpixelWindow,
-          "SuperpixelTrackerOptions: template_side must be in [8, 512]");
-  require(options.padding > 0, "SuperpixelTrackerOptions: padding must be positive");
-  require(options.colour_sigma > 0, "SuperpixelTrackerOptions: colour_sigma must be positive");
-  require(options.neighbours >= 1, "SuperpixelTrackerOptions: neighbours must be at least 1");
-  require(options.learning_rate >= 0 && options.learning_rate <= 1,
-          "SuperpixelTrackerOptions: learning_rate must be in [0, 1]");
-  require(options.forget_after > 0, "SuperpixelTrackerOptions: forget_after must be positive");
-  require(options.lost_below >= 0 && options.lost_below <= 1,
-          "SuperpixelTrackerOptions: lost_below must be in [0, 1]");
-}
+    : options_(check_options("SuperpixelTrackerOptions", options)), parts_(options.springs) {}
 
 void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
 
@@ -150,8 +140,8 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
 SuperpixelTracker::Candidates SuperpixelTracker::cut(const Frame& frame) const {
   const Size2 whole = pose_.size() + Size2::Constant(options_.padding * pose_.mean_side());
   const auto pixels = [&](double side) {
-    return std::clamp(static_cast<int>(std::lround(side / spacing_)), kMinSuperpixelWindow,
-                      static_cast<int>(kMaxSuperpixelWindow));
+    return static_cast<int>(std::clamp(std::round(side / spacing_), kMinSuperpixelWindow,
+                                       std::min(kMaxSuperpixelWindow, kMaxSuperpixels * options_.slic.side)));
   };
   const cv::Size grid(pixels(whole.x()), pixels(whole.y()));
   const Size2 pixel = whole.cwiseQuotient(Size2(grid.width, grid.height));

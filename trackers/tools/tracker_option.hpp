@@ -2,24 +2,27 @@
 
 #include <CLI/CLI.hpp>
 #include <asterism/trackers/tracker.hpp>
+#include <cstddef>
+#include <filesystem>
 #include <fstream>
-#include <iterator>
 #include <stdexcept>
 #include <string>
 
 namespace asterism::tools {
 
-/// A tracker's description from a file, a JSON object as `make_tracker` takes it. Throws std::runtime_error
-/// that names the file where it cannot be read or describes no tracker.
+/// A tracker's description from a file, or from a pipe that a shell names, a JSON object as `make_tracker`
+/// takes it. Throws std::runtime_error that names the file where it cannot be read, has more than 1 MiB, or
+/// describes no tracker.
 inline std::string read_tracker(const std::string& path) {
+  constexpr std::size_t kMost = std::size_t{1} << 20;
   std::ifstream file(path);
-  std::string text;
-  try {
-    text.assign(std::istreambuf_iterator<char>(file), {});
-  } catch (const std::ios_base::failure&) {  // of the buffer, for a folder
-    file.setstate(std::ios_base::badbit);
-  }
-  if (!file) throw std::runtime_error("cannot read " + path);
+  if (!file || std::filesystem::is_directory(path)) throw std::runtime_error("cannot read " + path);
+  std::string text(kMost + 1, '\0');
+  file.read(text.data(), static_cast<std::streamsize>(text.size()));
+  if (file.bad()) throw std::runtime_error("cannot read " + path);
+  text.resize(static_cast<std::size_t>(file.gcount()));
+  if (text.size() > kMost)
+    throw std::runtime_error(path + ": more than 1 MiB, which is no description of a tracker");
   text.erase(0, text.find_first_not_of(" \t\r\n"));
   if (!text.starts_with('{')) throw std::runtime_error(path + ": a tracker is described by a JSON object");
   try {

@@ -245,10 +245,26 @@ class TraxClient::Process {
     reader_.emplace(connection_.get());
   }
 
-  void send(const TraxMessage& message) { send(message, after(timeout_)); }
+  // What the tracker has said by now is no answer to this message.
+  void send(const TraxMessage& message) {
+    constexpr int kMost = 16;  // times 64 KiB, more than waits in a socket: it may print without end
+    for (int i = 0; i < kMost && wait_for(connection_.get(), POLLIN, Clock::now()) != 0; ++i)
+      if (!reader_->fill()) break;  // it has gone, which the sending notices
+    expect_nothing();
+    send(message, after(timeout_));
+    expect_nothing();  // what came before the message was out
+  }
 
   // The next message; a quit of the tracker is an error.
   TraxMessage receive() { return receive(after(timeout_)); }
+
+  // Refuses messages that have been taken in: the next one to be sent would seem to be answered by them.
+  void expect_nothing() {
+    while (const std::optional<TraxMessage> message = take()) {
+      throw TraxError("sends a " + std::string(to_string(message->type)) +
+                      " that nothing asked for; an image is answered by one state for each object");
+    }
+  }
 
   // Tells the tracker to quit, where it still listens, and waits for its end.
   void quit() noexcept {
@@ -293,20 +309,26 @@ class TraxClient::Process {
     }
   }
 
+  // The next message of what has been taken in, which is printed up to there; a quit of the tracker is an
+  // error.
+  std::optional<TraxMessage> take() {
+    while (const std::optional<std::string> line = reader_->take()) {
+      if (!is_trax_message(*line)) {
+        print(*line + '\n');
+        continue;
+      }
+      TraxMessage message = parse_trax_message(*line);
+      if (message.type != Type::Quit) return message;
+      const auto reason = message.properties.find("trax.reason");
+      throw TraxError(reason == message.properties.end() ? "quits" : "quits: " + reason->second);
+    }
+    return {};
+  }
+
   TraxMessage receive(Clock::time_point deadline) {
     while (true) {
-      while (std::optional<std::string> line = reader_->take()) {
-        if (!is_trax_message(*line)) {
-          print(*line + '\n');
-          if (Clock::now() >= deadline) throw TraxError("does not reply in " + seconds());
-          continue;
-        }
-        TraxMessage message = parse_trax_message(*line);
-        if (message.type != Type::Quit) return message;
-        const auto reason = message.properties.find("trax.reason");
-        throw TraxError(reason == message.properties.end() ? "quits" : "quits: " + reason->second);
-      }
-      if (wait_for(connection_.get(), POLLIN, deadline) == 0)
+      if (std::optional<TraxMessage> message = take()) return *std::move(message);
+      if (Clock::now() >= deadline || wait_for(connection_.get(), POLLIN, deadline) == 0)
         throw TraxError("does not reply in " + seconds());
       if (!reader_->fill()) {
         const bool ended = child_->wait_until(Clock::now() + kPatience);
@@ -445,6 +467,7 @@ std::vector<TraxClient::Reply> TraxClient::replies() {
     replies.push_back({to_reply_region(message.arguments[0]), to_number(message.properties, "confidence"),
                        std::move(message.properties)});
   }
+  process_->expect_nothing();
   return replies;
 }
 

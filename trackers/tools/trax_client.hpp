@@ -27,7 +27,8 @@ struct TraxClientOptions {
 /// An external tracker that speaks TraX, versions 1 to 4, as a child process.
 ///
 /// Each call throws TraxError with the reason where the tracker cannot be started, dies, does not reply in
-/// time or answers what is not of the protocol; it is ended then, and the next `initialize` starts it again.
+/// time, answers what is not of the protocol or says what nothing asked for; it is ended then, and the next
+/// `initialize` starts it again.
 class TraxClient {
  public:
   /// What the tracker says of one object in one image.

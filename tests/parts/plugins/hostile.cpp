@@ -41,9 +41,35 @@ struct Counter {
   }
 };
 
+// Those that throw what is no std::exception before they are parts, or as they are copied.
+struct ThrowingOptions {};
+void visit_options(OptionVisitor&, ThrowingOptions&) { throw 42; }
+
+struct OfThrowingOptions : Counter {
+  explicit OfThrowingOptions(const ThrowingOptions&) : Counter(HostileOptions()) {}
+};
+struct ThrowingConstructor : Counter {
+  explicit ThrowingConstructor(const HostileOptions& options) : Counter(options) { throw 42; }
+};
+struct ThrowingCopy : Counter {
+  bool armed = false;
+  explicit ThrowingCopy(const HostileOptions& options) : Counter(options) {}
+  ThrowingCopy(const ThrowingCopy& other) : Counter(other), armed(other.armed) {
+    if (armed) throw 42;
+  }
+  ThrowingCopy(ThrowingCopy&&) = default;
+  ThrowingCopy& operator=(const ThrowingCopy&) = default;
+  ThrowingCopy& operator=(ThrowingCopy&&) = default;
+  ~ThrowingCopy() = default;
+  void init(const Frame&, const Point2&, const Size2&) { armed = true; }
+};
+
 }  // namespace
 
 ASTERISM_PART_PLUGIN(models) {
+  models.add<OfThrowingOptions, ThrowingOptions>("options");
+  models.add<ThrowingConstructor, HostileOptions>("constructor");
+  models.add<ThrowingCopy, HostileOptions>("copy");
   models.add<Hostile, HostileOptions>("hostile");
   models.add<Counter, HostileOptions>("counter");
 }

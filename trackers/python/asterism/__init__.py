@@ -14,7 +14,33 @@ Trackers (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are
 nlohmann-json. `asterism.evaluation` reads the reports of asterism-eval.
 """
 
-from . import _asterism, evaluation
+
+def _why_missing():
+    """What to do where no file of the compiled module is for this interpreter; None where one is, and is broken."""
+    import sys
+    from importlib.machinery import EXTENSION_SUFFIXES
+    from pathlib import Path
+
+    folder = Path(__file__).resolve().parent
+    names = sorted(path.name for path in folder.glob("_asterism.*so"))
+    if any(name == "_asterism" + suffix for name in names for suffix in EXTENSION_SUFFIXES):
+        return None
+    here = f"Python {sys.version.split()[0]} ({sys.executable}), which loads _asterism{EXTENSION_SUFFIXES[0]}"
+    if not names:
+        return f"asterism: its compiled module is not in {folder}; build the target asterism_python for {here}"
+    return (
+        f"asterism: its compiled module was built for another Python than this: {', '.join(names)} is there, and this is "
+        f"{here}; run the Python that it was built for, or build it for this one (-DPython3_EXECUTABLE={sys.executable})"
+    )
+
+
+try:
+    from . import _asterism
+except ImportError as error:
+    if (reason := _why_missing()) is None:
+        raise
+    raise ImportError(reason) from error
+from . import evaluation
 from ._asterism import *
 from ._asterism import __version__
 

@@ -23,10 +23,11 @@ struct ColorHistogramOptions {
   double sharpness = 20;
   /// Rate of the histogram's autoregressive update, in [0, 1]; the paper's alpha_hist.
   double learning_rate = 0.05;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// (0, 100].
   double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// 1].
+  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [1, 1024]].
   double min_template_side = 12;
   double max_template_side = 24;
 };

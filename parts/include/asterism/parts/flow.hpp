@@ -9,18 +9,19 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of Flow.
 struct FlowOptions {
-  /// Points a side of the grid on the target, in [2, 1000]: 10 x 10 in Kalal et al.
+  /// Points a side of the grid on the target, in [2, 100]: 10 x 10 in Kalal et al.
   int grid = 10;
   /// Largest forward-backward error of a point that counts [template pixels], > 0.
   double max_error = 1;
-  /// Side of the Lucas-Kanade window [template pixels, odd, in [3, 255]] and number of halvings of the image,
+  /// Side of the Lucas-Kanade window [template pixels, odd, in [3, 101]] and number of halvings of the image,
   /// in [0, 16].
   int lk_window = 11;
   int lk_levels = 3;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// (0, 100].
   double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// 8].
+  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [8, 1024]].
   double min_template_side = 32;
   double max_template_side = 64;
 };

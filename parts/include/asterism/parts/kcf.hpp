@@ -25,7 +25,7 @@ struct Kernel {
   Type type = Type::Gaussian;  ///< which function of c
   double sigma = 0.5;          ///< of Gaussian, > 0
   double offset = 1;           ///< of Polynomial; offset^exponent is at most 1e6
-  double exponent = 9;         ///< of Polynomial, a whole number, >= 1
+  double exponent = 9;         ///< of Polynomial, a whole number, in [1, 100]
 };
 
 /// What a Kcf sees of a cell, at least one of them; all feed one kernel, in this order.
@@ -46,7 +46,7 @@ struct KcfOptions {
   double learning_rate = 0.02;
   /// Standard deviation of the Gaussian label phi, as a fraction of the target's geometric mean side, > 0.
   double label_sigma = 0.1;
-  /// HOG cell [template pixels].
+  /// HOG cell [template pixels]. A window has no more than 256 cells on each axis.
   int cell_size = 4;
   /// The search window adds this much around the target, in [0, 100]: `padding` x each side if
   /// `proportional_window` (Henriques), else `padding` x the geometric mean of the sides on both axes, which
@@ -54,7 +54,8 @@ struct KcfOptions {
   double padding = 1.5;
   bool proportional_window = false;
   /// Small and large targets: the window is resampled so that the geometric mean of the target's sides in the
-  /// template is in this range [template pixels]. Between the two the image is used as it is.
+  /// template is in this range [template pixels, in [cell_size, 1024]]. Between the two the image is used as
+  /// it is.
   double min_template_side = 40;
   double max_template_side = 64;
   /// Update of the model. The paper (Sec. 2.1): numerator and denominator of A apart; otherwise A itself is

@@ -9,7 +9,7 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of Keypoints; the matching is that of CMT (Nebehay and Pflugfelder, CVPR 2015).
 struct KeypointsOptions {
-  /// Most key-points in the search window, the strongest ones, in [1, 1e6], and FAST's threshold [gray
+  /// Most key-points in the search window, the strongest ones, in [1, 5000], and FAST's threshold [gray
   /// levels, in [1, 255]].
   int max_points = 400;
   int fast_threshold = 10;
@@ -19,10 +19,11 @@ struct KeypointsOptions {
   double max_ratio = 0.8;
   /// Votes within this distance agree [template pixels, in (0, 1024]].
   double vote_radius = 10;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// (0, 100].
   double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// 16]. The descriptors see 31 of them.
+  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [16, 1024]]. The descriptors see 31 of them.
   double min_template_side = 64;
   double max_template_side = 96;
 };

@@ -15,15 +15,15 @@ struct MosseOptions {
   double label_sigma = 2;
   /// Added to the energy spectrum of patches of norm 1, epsilon in [1e-30, 1e30].
   double regularisation = 1e-4;
-  /// The first filter is trained on the target and this many random affine images of it, in [0, 1e4], ...
+  /// The first filter is trained on the target and this many random affine images of it, in [0, 100], ...
   int perturbations = 8;
-  /// ... whose matrices differ from the identity by up to this in each entry, in [0, 1).
+  /// ... whose matrices differ from the identity by up to this in each entry, in [0, 0.99].
   double perturbation = 0.05;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, >=
-  /// 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// [0, 100].
   double padding = 1;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// 16].
+  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [16, 1024]].
   double min_template_side = 24;
   double max_template_side = 32;
 };
@@ -80,7 +80,7 @@ class ASTERISM_API Mosse {
   Size2 size_ = Size2::Zero();  // of the target
   double spacing_ = 1;          // image pixels a template pixel
   int rows_ = 0, cols_ = 0;
-  RealFft2<float> fft_;
+  RealFft2 fft_;
   Eigen::ArrayXf hann_;  // the cosine window
   Spectrum label_;       // G
   Spectrum numerator_;   // A

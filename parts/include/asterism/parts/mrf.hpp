@@ -10,7 +10,7 @@ namespace asterism::inline ASTERISM_ABI {
 struct MrfOptions {
   /// False: the posterior stays as it is.
   bool enabled = true;
-  /// >= 1; about eight are usual.
+  /// In [1, 1000]; about eight are usual.
   int max_iterations = 50;
   /// Stop when the mean log posterior changes by less than this, >= 0.
   double tolerance = 0.1;

@@ -10,8 +10,8 @@ namespace asterism::inline ASTERISM_ABI {
 
 /// Options of ScaleFilter; the defaults are those of Danelljan et al. (BMVC 2014).
 struct ScaleFilterOptions {
-  /// Number of sizes that are compared, odd and >= 3, and the factor between neighbours, > 1; step^scales
-  /// is at most 1e6.
+  /// Number of sizes that are compared, odd and in [3, 101], and the factor between neighbours, > 1;
+  /// step^scales is at most 1e6.
   int scales = 33;
   double step = 1.02;
   /// Standard deviation of the Gaussian label [steps], as a fraction of sqrt(scales), > 0.
@@ -22,7 +22,7 @@ struct ScaleFilterOptions {
   double learning_rate = 0.025;
   /// HOG cell [template pixels], >= 1.
   int cell_size = 4;
-  /// Larger targets are resampled to about this area [template px^2], >= cell_size^2.
+  /// Larger targets are resampled to about this area [template px^2], in [1, 4096] cell_size^2.
   double max_template_area = 512;
 };
 

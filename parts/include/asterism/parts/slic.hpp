@@ -12,7 +12,7 @@ struct SlicOptions {
   int side = 6;
   /// The paper's m, > 0 [units of the colours]: the larger, the more alike the superpixels are to squares.
   double compactness = 10;
-  /// Rounds of assignment and update, > 0.
+  /// Rounds of assignment and update, in [1, 100].
   int iterations = 5;
 };
 

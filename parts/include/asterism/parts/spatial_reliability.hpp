@@ -14,7 +14,8 @@ namespace asterism::inline ASTERISM_ABI {
 struct MaskedRegressionOptions {
   /// Weight lambda of the filter's energy, > 0.
   double lambda = 0.05;
-  /// Rounds of `solve`, >= 0; without any the ridge regression is cut to the mask. Those of `refine`, >= 0.
+  /// Rounds of `solve`, in [0, 1000]; without any the ridge regression is cut to the mask. Those of `refine`,
+  /// in [0, 1000].
   int iterations = 4;
   int refining_iterations = 2;
   /// The constraint's penalty mu in the first round, > 0, its growth beta from round to round, >= 1, and its
@@ -35,7 +36,8 @@ struct MaskedRegressionOptions {
 class ASTERISM_API MaskedRegression {
  public:
   MaskedRegression() = default;
-  /// rows, cols > 0. Throws std::invalid_argument for these and for options out of range.
+  /// rows, cols > 0 and multiples of four. Throws std::invalid_argument for these and for options out of
+  /// range.
   MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options = {});
 
   /// cross: sum_t w_t F_t conj(Y); energy: sum_t w_t |F_t|^2; mask: rows x cols values, 0 or 1 -> filter: the
@@ -55,7 +57,7 @@ class ASTERISM_API MaskedRegression {
   void constrain(const float* mask);
 
   MaskedRegressionOptions options_;
-  RealFft2<float> fft_;
+  RealFft2 fft_;
   Eigen::Index bins_ = 0;
   Eigen::ArrayXf energy_, filter_, free_, dual_;  // spectra, real and imaginary parts in turn
   Eigen::ArrayXf plane_;
@@ -76,8 +78,8 @@ struct SpatialReliabilityOptions {
   /// Eleven more channels: how much of a cell has each of the basic colours, black to yellow. The paper has
   /// learned colour names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
   bool colour_channels = false;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, >=
-  /// 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// [0, 100].
   double padding = 3;
   /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
   /// cell_size]; with `padding` 3 and 32 px the window is 128 px, where the FFT is fastest. The paper allows
@@ -174,8 +176,8 @@ class ASTERISM_API SpatialReliability {
   bool segmented_ = false;
 
   Fhog fhog_;
-  RealFft2<float> channels_fft_;  // all channels at once
-  RealFft2<float> plane_fft_;     // one map
+  RealFft2 channels_fft_;  // all channels at once
+  RealFft2 plane_fft_;     // one map
   MaskedRegression regression_;
   ColourModel colour_;
 

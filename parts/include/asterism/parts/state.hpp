@@ -104,8 +104,8 @@ class ASTERISM_API StateArchive {
    public:
     explicit OptionCheck(StateArchive& archive) : archive_(archive) {}
     using OptionVisitor::operator();
-    void operator()(std::string_view name, double& value) override { check(name, value); }
-    void operator()(std::string_view name, int& value) override { check(name, value); }
+    void operator()(std::string_view name, double& value, const OptionRange&) override { check(name, value); }
+    void operator()(std::string_view name, int& value, const OptionRange&) override { check(name, value); }
     void operator()(std::string_view name, bool& value) override { check(name, value); }
     void operator()(std::string_view, AnyPart&, std::string_view) override {}
 

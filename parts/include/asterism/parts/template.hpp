@@ -22,10 +22,11 @@ struct TemplateOptions {
   double sigma = 0.25;
   /// Rate of the template's autoregressive update, in [0, 1]; that of Kcf.
   double learning_rate = 0.02;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, > 0.
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// (0, 100].
   double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// 1].
+  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [1, 1024]].
   double min_template_side = 16;
   double max_template_side = 48;
 };

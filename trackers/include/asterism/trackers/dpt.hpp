@@ -43,7 +43,7 @@ struct DptOptions {
   /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most
   /// kMaxParts.
   int grid_rows = 2, grid_cols = 2;
-  /// The fraction of its side that a part shares with each neighbour, in [0, 1): parts grow so that they
+  /// The fraction of its side that a part shares with each neighbour, in [0, 0.99]: parts grow so that they
   /// still cover the box. 3 x 3 parts with one half have the size of 2 x 2 (DPT_3x3_ov of Table 1).
   double overlap = 0;
   /// Which parts are linked.
@@ -80,7 +80,7 @@ struct DptOptions {
   SolverOptions solver;
 
   /// Threads that the parts are searched and trained on, the calling one among them; 0: as many as the
-  /// machine runs at once. Results are the same, bit for bit, for any number.
+  /// machine runs at once, at most 256. Results are the same, bit for bit, for any number.
   int threads = 1;
 
   /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)

@@ -9,9 +9,9 @@ namespace asterism::inline ASTERISM_ABI {
 /// Options of Flock.
 struct FlockOptions {
   PointFlowOptions flow = {.padding = 1.5};
-  /// Points a side of the grid on the object's box, in [2, 1000].
+  /// Points a side of the grid on the object's box, in [2, 50].
   int grid = 10;
-  /// Each point is linked to as many nearest ones, >= 1.
+  /// Each point is linked to as many nearest ones, in [1, 100].
   int neighbours = 8;
   ElasticOptions springs = {.reach = 0.04};
   /// A point further than this from where the object's motion puts it has failed [spacing of the grid, > 0].

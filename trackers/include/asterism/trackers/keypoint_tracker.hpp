@@ -9,19 +9,19 @@ namespace asterism::inline ASTERISM_ABI {
 /// Options of KeypointTracker; the matching is that of CMT.
 struct KeypointTrackerOptions {
   PointFlowOptions flow;
-  /// Parts at most, and key-points of a frame's search window at most, > 0.
+  /// Parts at most, in [1, 1000], and key-points of a frame's search window at most, in [1, 5000].
   int max_parts = 100;
   int max_points = 500;
-  /// FAST's threshold [gray levels, > 0].
+  /// FAST's threshold [gray levels, in [1, 255]].
   int fast_threshold = 7;
   /// A match differs in at most this share of the descriptor's bits, in (0, 1], ...
   double max_distance = 0.25;
   /// ... and in less than this times those of the next best part or piece of background, in (0, 1].
   double max_ratio = 0.8;
-  /// The search window adds this much around the object, x its mean side on both axes, > 0. It grows by a
-  /// tenth with each frame in which the object is lost, to max_padding.
+  /// The search window adds this much around the object, x its mean side on both axes, in (0, 100]. It grows
+  /// by a tenth with each frame in which the object is lost, to max_padding.
   double padding = 1.5, max_padding = 6;
-  /// Each part is linked to as many nearest ones, >= 1.
+  /// Each part is linked to as many nearest ones, in [1, 100].
   int neighbours = 6;
   ElasticOptions springs = {.reach = 0.05};
   /// A part at u, in [-1, 1] on both axes of the box, counts exp(-centre_weight |u|^2) for the motion, >= 0.

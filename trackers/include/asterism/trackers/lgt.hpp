@@ -16,7 +16,7 @@ struct LgtOptions {
   /// The parts' model, not yet initialised.
   AnyPart part = histogram_part();
   ColourOptions colour;
-  /// Parts at most, > 0, and their side [object's mean side, > 0].
+  /// Parts at most, in [1, 100], and their side [object's mean side, in [0.01, 10]].
   int max_parts = 20;
   double part_side = 0.25;
   ElasticOptions springs = {.deformation = 0.1, .reach = 0.1};

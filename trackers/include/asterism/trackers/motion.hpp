@@ -18,7 +18,8 @@ struct MotionOptions {
   double background_novelty = 0.02;
   /// Prior probability of the foreground in Bayes' rule, in (0, 1).
   double foreground_prior = 0.5;
-  /// The window adds this much around the object, x the geometric mean of its sides on both axes, >= 1.
+  /// The window adds this much around the object, x the geometric mean of its sides on both axes, in
+  /// [1, 100].
   double padding = 3;
   /// The object is resampled so that the geometric mean of its sides is in this range [window pixels, >= 8].
   double min_template_side = 16;

@@ -12,13 +12,14 @@ struct PointFlowOptions {
   /// Largest forward-backward error of a point that counts [template pixels], > 0.
   double max_error = 1;
   /// Side of the Lucas-Kanade window, also that of the patch that is compared [template pixels, odd, in
-  /// [3, 255]], and number of halvings of the image, in [0, 16].
+  /// [3, 101]], and number of halvings of the image, in [0, 16].
   int lk_window = 11;
   int lk_levels = 4;
-  /// The window adds this much around the object, x the geometric mean of its sides on both axes, > 0.
+  /// The window adds this much around the object, x the geometric mean of its sides on both axes, in
+  /// (0, 100].
   double padding = 2;
-  /// The object is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// 8].
+  /// The object is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [8, 1024]].
   double min_template_side = 48;
   double max_template_side = 128;
 };

@@ -11,13 +11,13 @@ namespace asterism::inline ASTERISM_ABI {
 struct SuperpixelTrackerOptions {
   /// In template pixels and CIELAB.
   SlicOptions slic = {.side = 6, .compactness = 10, .iterations = 5};
-  /// The object is resampled so that the geometric mean of its sides is this [template pixels, >= 8], with
-  /// `padding` x as much around it on both axes, > 0.
+  /// The object is resampled so that the geometric mean of its sides is this [template pixels, in [8, 512]],
+  /// with `padding` x as much around it on both axes, in (0, 100].
   double template_side = 40;
   double padding = 1.5;
   /// Deviation of a superpixel's mean colour from frame to frame, > 0 [CIELAB units].
   double colour_sigma = 8;
-  /// Each part is linked to as many nearest ones, >= 1.
+  /// Each part is linked to as many nearest ones, in [1, 100].
   int neighbours = 6;
   ElasticOptions springs = {.deformation = 0.1, .reach = 0.1};
   /// Rate at which a part's colour follows what it matches, in [0, 1].

@@ -18,131 +18,131 @@
 namespace asterism::inline ASTERISM_ABI {
 
 inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
-  visit("tolerance", options.tolerance);
-  visit("max_iterations", options.max_iterations);
+  visit("tolerance", options.tolerance, {0, 1e9});
+  visit("max_iterations", options.max_iterations, {0, 100000});
 }
 
 inline void visit_options(OptionVisitor& visit, MotionOptions& options) {
-  visit("histogram_rate", options.histogram_rate);
-  visit("novelty", options.novelty);
-  visit("background_novelty", options.background_novelty);
-  visit("foreground_prior", options.foreground_prior);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
+  visit("histogram_rate", options.histogram_rate, option_ranges::kShare);
+  visit("novelty", options.novelty, option_ranges::kProbability);
+  visit("background_novelty", options.background_novelty, option_ranges::kProbability);
+  visit("foreground_prior", options.foreground_prior, option_ranges::kProbability);
+  visit("padding", options.padding, {1, option_ranges::kMostPadding});
+  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
+  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
 }
 
 inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("root", options.root, "kcf");
   visit("colour", options.colour);
   visit("use_colour", options.use_colour);
-  visit("colour_share", options.colour_share);
+  visit("colour_share", options.colour_share, option_ranges::kShare);
   visit("sub_pixel", options.sub_pixel);
-  visit("lost_below", options.lost_below);
+  visit("lost_below", options.lost_below, {-1e9, 1e9});
   visit("redetect", options.redetect);
   visit("motion", options.motion);
-  visit("motion_share", options.motion_share);
+  visit("motion_share", options.motion_share, option_ranges::kShare);
 }
 
 inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("coarse", options.coarse);
   visit("part", options.part, "kcf");
-  visit("grid_rows", options.grid_rows);
-  visit("grid_cols", options.grid_cols);
-  visit("overlap", options.overlap);
+  visit("grid_rows", options.grid_rows, {1, DptOptions::kMaxParts});
+  visit("grid_cols", options.grid_cols, {1, DptOptions::kMaxParts});
+  visit("overlap", options.overlap, {0, 0.99});
   visit("constellation", options.constellation, {"full", "local", "star"});
-  visit("spring_rate", options.spring_rate);
-  visit("response_gate", options.response_gate);
-  visit("mask_gate", options.mask_gate);
-  visit("smoothness", options.smoothness);
+  visit("spring_rate", options.spring_rate, option_ranges::kShare);
+  visit("response_gate", options.response_gate, {-1e9, 1e9});
+  visit("mask_gate", options.mask_gate, {-1e9, 1e9});
+  visit("smoothness", options.smoothness, {0, 1e9});
   visit("transform", options.transform, {"translation", "euclidean", "similarity"});
-  visit("scale_share", options.scale_share);
+  visit("scale_share", options.scale_share, option_ranges::kShare);
   visit("scale", options.scale);
   visit("resize_parts", options.resize_parts);
   visit("anchor_law", options.anchor_law, {"variance", "covariance"});
   visit("spring_solver", options.spring_solver, {"ida", "newton"});
   visit("solver", options.solver);
-  visit("threads", options.threads);
+  visit("threads", options.threads, {0, 256});
 }
 
 inline void visit_options(OptionVisitor& visit, KalmanOptions& options) {
-  visit("acceleration", options.acceleration);
-  visit("size_acceleration", options.size_acceleration);
-  visit("deviation", options.deviation);
-  visit("size_deviation", options.size_deviation);
-  visit("lost_factor", options.lost_factor);
+  visit("acceleration", options.acceleration, {1e-6, 1e6});
+  visit("size_acceleration", options.size_acceleration, {1e-6, 1e6});
+  visit("deviation", options.deviation, {1e-6, 1e6});
+  visit("size_deviation", options.size_deviation, {1e-6, 1e6});
+  visit("lost_factor", options.lost_factor, {1, 1e12});
 }
 
 inline void visit_options(OptionVisitor& visit, ElasticOptions& options) {
-  visit("deformation", options.deformation);
-  visit("reach", options.reach);
+  visit("deformation", options.deformation, option_ranges::kPositive);
+  visit("reach", options.reach, option_ranges::kPositive);
   visit("solver", options.solver);
 }
 
 #if __has_include(<asterism/trackers/flock.hpp>)
 inline void visit_options(OptionVisitor& visit, PointFlowOptions& options) {
-  visit("max_error", options.max_error);
-  visit("lk_window", options.lk_window);
-  visit("lk_levels", options.lk_levels);
-  visit("padding", options.padding);
-  visit("min_template_side", options.min_template_side);
-  visit("max_template_side", options.max_template_side);
+  visit("max_error", options.max_error, option_ranges::kPositive);
+  visit("lk_window", options.lk_window, {3, 101});
+  visit("lk_levels", options.lk_levels, {0, 16});
+  visit("padding", options.padding, option_ranges::kSearchPadding);
+  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
+  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
 }
 
 inline void visit_options(OptionVisitor& visit, FlockOptions& options) {
   visit("flow", options.flow);
-  visit("grid", options.grid);
-  visit("neighbours", options.neighbours);
+  visit("grid", options.grid, {2, 50});
+  visit("neighbours", options.neighbours, {1, 100});
   visit("springs", options.springs);
-  visit("max_residual", options.max_residual);
-  visit("centre_weight", options.centre_weight);
-  visit("layout_rate", options.layout_rate);
-  visit("lost_below", options.lost_below);
+  visit("max_residual", options.max_residual, option_ranges::kPositive);
+  visit("centre_weight", options.centre_weight, {0, 1e9});
+  visit("layout_rate", options.layout_rate, option_ranges::kShare);
+  visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 #endif
 
 #if __has_include(<asterism/trackers/keypoint_tracker.hpp>)
 inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options) {
   visit("flow", options.flow);
-  visit("max_parts", options.max_parts);
-  visit("max_points", options.max_points);
-  visit("fast_threshold", options.fast_threshold);
-  visit("max_distance", options.max_distance);
-  visit("max_ratio", options.max_ratio);
-  visit("padding", options.padding);
-  visit("max_padding", options.max_padding);
-  visit("neighbours", options.neighbours);
+  visit("max_parts", options.max_parts, {1, 1000});
+  visit("max_points", options.max_points, {1, 5000});
+  visit("fast_threshold", options.fast_threshold, {1, 255});
+  visit("max_distance", options.max_distance, {1e-9, 1});
+  visit("max_ratio", options.max_ratio, {1e-9, 1});
+  visit("padding", options.padding, option_ranges::kSearchPadding);
+  visit("max_padding", options.max_padding, option_ranges::kSearchPadding);
+  visit("neighbours", options.neighbours, {1, 100});
   visit("springs", options.springs);
-  visit("centre_weight", options.centre_weight);
-  visit("forget_after", options.forget_after);
-  visit("min_agreeing", options.min_agreeing);
-  visit("lost_below", options.lost_below);
+  visit("centre_weight", options.centre_weight, {0, 1e9});
+  visit("forget_after", options.forget_after, {1, 1e9});
+  visit("min_agreeing", options.min_agreeing, option_ranges::kPositive);
+  visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 #endif
 
 inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
   visit("part", options.part, "color_histogram");
   visit("colour", options.colour);
-  visit("max_parts", options.max_parts);
-  visit("part_side", options.part_side);
+  visit("max_parts", options.max_parts, {1, 100});
+  visit("part_side", options.part_side, {0.01, 10});
   visit("springs", options.springs);
-  visit("sharpness", options.sharpness);
-  visit("weight_rate", options.weight_rate);
-  visit("remove_below", options.remove_below);
-  visit("layout_rate", options.layout_rate);
-  visit("lost_below", options.lost_below);
+  visit("sharpness", options.sharpness, option_ranges::kPositive);
+  visit("weight_rate", options.weight_rate, {1e-9, 1});
+  visit("remove_below", options.remove_below, option_ranges::kShare);
+  visit("layout_rate", options.layout_rate, option_ranges::kShare);
+  visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 
 inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& options) {
   visit("slic", options.slic);
-  visit("template_side", options.template_side);
-  visit("padding", options.padding);
-  visit("colour_sigma", options.colour_sigma);
-  visit("neighbours", options.neighbours);
+  visit("template_side", options.template_side, {8, 512});
+  visit("padding", options.padding, option_ranges::kSearchPadding);
+  visit("colour_sigma", options.colour_sigma, option_ranges::kPositive);
+  visit("neighbours", options.neighbours, {1, 100});
   visit("springs", options.springs);
-  visit("learning_rate", options.learning_rate);
-  visit("forget_after", options.forget_after);
-  visit("lost_below", options.lost_below);
+  visit("learning_rate", options.learning_rate, option_ranges::kShare);
+  visit("forget_after", options.forget_after, {1, 1e9});
+  visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 
 }  // namespace asterism::inline ASTERISM_ABI
