@@ -20,7 +20,7 @@ Flock::Flock(const FlockOptions& options) : options_(options), flow_(options.flo
   require(options.lost_below >= 0 && options.lost_below <= 1, "FlockOptions: lost_below must be in [0, 1]");
 }
 
-void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void Flock::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

@@ -38,7 +38,7 @@ KeypointTracker::KeypointTracker(const KeypointTrackerOptions& options)
           "KeypointTrackerOptions: lost_below must be in [0, 1]");
 }
 
-void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void KeypointTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

@@ -40,7 +40,7 @@ Lgt::Lgt(const LgtOptions& options) : options_(options), parts_(options.springs)
             "LgtOptions: remove_below, layout_rate and lost_below must be in [0, 1]");
 }
 
-void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void Lgt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

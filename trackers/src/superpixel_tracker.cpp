@@ -37,7 +37,7 @@ SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
           "SuperpixelTrackerOptions: lost_below must be in [0, 1]");
 }
 
-void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void SuperpixelTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
