@@ -23,7 +23,7 @@ struct Sequence {
   std::filesystem::path video;
   std::vector<std::optional<Region>> truth;  ///< one a frame [px, as published]; empty: no object, or unknown
   std::map<std::string, std::vector<bool>> tags;  ///< attributes by name, one value a frame
-  std::optional<PixelRange> range;                ///< of the images' pixels; without one what Frame assumes
+  std::optional<PixelRange> range = {};           ///< of the images' pixels; without one what Frame assumes
   std::vector<double> practical;  ///< VOT's practical difference of overlaps, one a frame; empty without it
 
   std::size_t length() const { return truth.size(); }

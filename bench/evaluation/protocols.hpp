@@ -45,7 +45,7 @@ struct ProtocolOptions {
   int starts = 1;          ///< runs of Vot and Otb, all but the first with a moved start box
   double jitter = 1;       ///< the most that it is moved on each axis [px]
   std::uint32_t seed = 1;  ///< of the moves
-  std::optional<PixelRange> range;  ///< of the images' pixels; without one what Frame assumes
+  std::optional<PixelRange> range = {};  ///< of the images' pixels; without one what Frame assumes
 
   bool operator==(const ProtocolOptions&) const = default;
 };

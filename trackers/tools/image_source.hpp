@@ -16,9 +16,10 @@ namespace asterism::tools {
 
 /// How frames are read.
 struct FrameOptions {
-  std::optional<PixelRange> range;  ///< of the pixels; without one what Frame assumes
-  std::optional<int> rotate;  ///< clockwise [degrees], a multiple of 90; without one as a video says itself
-  double fps = 0;             ///< frames a second; 0: as a video says, or its timestamps
+  std::optional<PixelRange> range = {};  ///< of the pixels; without one what Frame assumes
+  std::optional<int> rotate =
+      {};          ///< clockwise [degrees], a multiple of 90; without one as a video says itself
+  double fps = 0;  ///< frames a second; 0: as a video says, or its timestamps
 };
 
 /// The frames of a video, a camera or a list of images, one after another.

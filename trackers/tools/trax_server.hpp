@@ -13,7 +13,7 @@ struct TraxServerOptions {
   /// Of the protocol, 1 to 4. The default is the highest that clients of all ages speak: 4 has another way to
   /// begin a track, for several objects.
   int version = 3;
-  std::optional<PixelRange> range;  ///< of the images' pixels; without one what Frame assumes
+  std::optional<PixelRange> range = {};  ///< of the images' pixels; without one what Frame assumes
 };
 
 /// Runs a tracker for the client at the two descriptors until it quits. Throws std::exception with the reason
