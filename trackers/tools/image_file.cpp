@@ -286,18 +286,21 @@ FrameImage read_frame(const fs::path& file, const std::optional<PixelRange>& ran
 }
 
 std::vector<unsigned char> read_bytes(const fs::path& file) {
+  const auto fail = [&](const std::string& reason) {
+    throw std::runtime_error(file.string() + ": " + reason);
+  };
+  std::error_code error;
+  if (fs::exists(file, error) && !fs::is_regular_file(file, error)) fail("not a file");
   errno = 0;
   std::ifstream stream(file, std::ios::binary | std::ios::ate);
-  const auto size = stream ? static_cast<std::int64_t>(stream.tellg()) : -1;
-  if (size < 0 || fs::is_directory(file))
-    throw std::runtime_error(file.string() + ": cannot be read" +
-                             (errno == 0 ? "" : std::string(": ") + std::strerror(errno)));
-  if (size > std::numeric_limits<int>::max())
-    throw std::runtime_error(file.string() + ": an image file of more than 2 GiB");
-  std::vector<unsigned char> bytes(static_cast<std::size_t>(size));
+  if (!stream)
+    fail(std::string("cannot be read") + (errno == 0 ? "" : std::string(": ") + std::strerror(errno)));
+  const auto size = static_cast<std::int64_t>(stream.tellg());
+  if (size > std::numeric_limits<int>::max()) fail("an image file of more than 2 GiB");
+  std::vector<unsigned char> bytes(static_cast<std::size_t>(std::max<std::int64_t>(size, 0)));
   stream.seekg(0);
   stream.read(reinterpret_cast<char*>(bytes.data()), size);
-  if (!stream) throw std::runtime_error(file.string() + ": cannot be read");
+  if (!stream) fail("cannot be read");
   return bytes;
 }
 

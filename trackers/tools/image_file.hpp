@@ -51,7 +51,8 @@ FrameImage decode_frame(std::span<const unsigned char> bytes, const std::string&
 /// Makes a TIFF's page, one of ImageHeader::pages, the first of the file.
 void make_first_page(std::span<unsigned char> tiff, std::uint64_t page);
 
-/// The bytes of a file. Throws std::runtime_error, with its name, where it cannot be read or is above 2 GiB.
+/// The bytes of a file. Throws std::runtime_error, with its name, where it cannot be read, is no file or is
+/// above 2 GiB.
 std::vector<unsigned char> read_bytes(const std::filesystem::path& file);
 
 /// An image of any depth in 8 bits and BGR: by the range, or as Frame has it without one.

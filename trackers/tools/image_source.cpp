@@ -227,6 +227,11 @@ void ImageSource::use_video(const std::string& input) {
     video_.release();  // a back end that is not there: the same to the user as one that refuses
   }
   if (!video_.isOpened()) throw std::runtime_error("cannot open " + input + " as a video, camera or image");
+  const double width = video_.get(cv::CAP_PROP_FRAME_WIDTH), height = video_.get(cv::CAP_PROP_FRAME_HEIGHT);
+  if (width * height > static_cast<double>(kMostPixels))
+    throw std::runtime_error(input + ": a video of " + std::to_string(std::lround(width)) + " x " +
+                             std::to_string(std::lround(height)) + " pixels, and at most " +
+                             std::to_string(kMostPixels) + " are read");
   if (video_.set(cv::CAP_PROP_ORIENTATION_AUTO, 0)) rotation_ = rotation_of(video_);
   const double count = video_.get(cv::CAP_PROP_FRAME_COUNT);
   if (count >= 1 && count < 1e9 && plausible(video_.get(cv::CAP_PROP_FPS)))
@@ -263,7 +268,8 @@ void ImageSource::measure_video() {
   }
   // Packets are frames, and are counted without being decoded.
   frame_count_ = 0;
-  for (video.open(file_.string(), cv::CAP_FFMPEG, {cv::CAP_PROP_FORMAT, -1}); video.grab();) ++frame_count_;
+  if (cv::videoio_registry::hasBackend(cv::CAP_FFMPEG))
+    for (video.open(file_.string(), cv::CAP_FFMPEG, {cv::CAP_PROP_FORMAT, -1}); video.grab();) ++frame_count_;
   const double mean = frame_count_ / seconds;
   take(mean > rate / 4 && mean < rate * 4 ? mean : rate);
 }

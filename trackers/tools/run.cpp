@@ -4,6 +4,7 @@
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/multi_tracker.hpp>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
@@ -68,6 +69,7 @@ void check_kept(const Options& options, const ImageSource& source) {
 void check(const Options& options) {
   const AnyTracker tracker = make_tracker(options.tracker);  // throws for a name that it does not know
   for (const std::string& box : options.boxes) parse_box(box);
+  if (std::isnan(options.source.fps)) throw std::runtime_error("--fps: not a number");  // CLI lets it by
   if (options.boxes.size() > 1) {
     for (const auto& [option, path] : {std::pair("--sheet", options.sheet),
                                        {"--record-systems", options.systems},
