@@ -99,7 +99,7 @@ class TrackersTest(unittest.TestCase):
         expected = boxes(follow(self.started("kcf"), self.frames[1:]))
         for name, convert, suggested, refused in [  # one line a kind
             ("uint8 in uint16", lambda f: f.astype(np.uint16), (0, 255), "at most 255"),
-            ("10 bits in uint16", lambda f: (f.astype(np.uint16) * 1023 + 127) // 255, (0, 1023), None),
+            ("10 bits in uint16", lambda f: ((f.astype(np.uint32) * 1023 + 127) // 255).astype(np.uint16), (0, 1023), None),
             ("12 bits in uint16", lambda f: (f.astype(np.uint16) << 4) + (f >> 4), (0, 4095), None),
             ("uint8 in float32", lambda f: f.astype(np.float32), (0, 255), r"in \[0, 1\] and are in"),
             ("-1 to 1 in float32", lambda f: f / np.float32(127.5) - np.float32(1), None, r"in \[0, 1\] and are in"),
