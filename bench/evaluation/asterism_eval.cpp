@@ -13,6 +13,7 @@
 
 #include "analysis.hpp"
 #include "campaign.hpp"
+#include "range_option.hpp"
 #include "report.hpp"
 #include "tool_main.hpp"
 
@@ -55,6 +56,7 @@ class RunCommand {
     app_.add_flag("--bounded", options_.bounded, "only what lies within the image overlaps");
     app_.add_flag("--boxes", options_.boxes,
                   "ground truth polygons are replaced by their axis-aligned bounding boxes");
+    asterism::tools::add_range_options(app_, options_.range);
     app_.add_option("--workers", workers_, "runs at the same time; 1 for figures of speed")
         ->check(CLI::Range(1, 1024))
         ->capture_default_str();
@@ -84,6 +86,7 @@ class RunCommand {
     for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
     if (names.empty()) throw std::invalid_argument("no tracker: --trackers, --tracker or --external");
     campaign.sequences = open_dataset(campaign.dataset, campaign.layout, only_);
+    for (Sequence& sequence : campaign.sequences) sequence.range = options_.range;
     campaign.record.push_back({{"command", command},
                                {"started", utc_now()},
                                {"version", ASTERISM_VERSION},
@@ -101,6 +104,9 @@ class RunCommand {
     if (tally.failed > 0)
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
     std::fprintf(stderr, "\n");
+    if (!tally.damaged.empty())
+      std::fprintf(stderr, "images that are damaged and were taken as blank frames: %zu, the first is %s\n",
+                   tally.damaged.size(), tally.damaged.begin()->c_str());
     if (tally.interrupted) {
       std::fprintf(stderr, "interrupted; the same command goes on\n");
       return 128 + stop_signal();

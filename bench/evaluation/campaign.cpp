@@ -32,7 +32,8 @@ Json to_json(const ProtocolOptions& options) {
           {"boxes", options.boxes},
           {"starts", options.starts},
           {"jitter", options.jitter},
-          {"seed", options.seed}};
+          {"seed", options.seed},
+          {"range", options.range ? Json{options.range->black, options.range->white} : Json()}};
 }
 
 Json to_json(const Campaign& campaign) {
@@ -74,6 +75,8 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
                       .starts = options.at("starts"),
                       .jitter = options.at("jitter"),
                       .seed = options.at("seed")};
+  if (const Json range = options.value("range", Json()); !range.is_null())
+    campaign.options.range = PixelRange{range.at(0), range.at(1)};
   for (const auto& protocol : json.at("protocols"))
     campaign.protocols.push_back(parse_protocol(protocol.get<std::string>()));
   campaign.trackers = json.at("trackers").get<std::map<std::string, std::string>>();
@@ -93,7 +96,8 @@ void check_same(const fs::path& file, const Json& old, const Json& now) {
                              before.dump() + ", now " + after.dump() + "): choose another folder");
   };
   for (const auto& [name, value] : now["options"].items())
-    if (name != "starts" && old["options"][name] != value) differs(name, old["options"][name], value);
+    if (const Json before = old["options"].value(name, Json()); name != "starts" && before != value)
+      differs(name, before, value);
   for (const auto& [name, value] : now["sequences"].items())
     if (old["sequences"].contains(name) && old["sequences"][name] != value)
       differs("sequence " + name, old["sequences"][name], value);
@@ -147,6 +151,7 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
   std::vector<std::string> names;
   for (const auto& [name, record] : json["sequences"].items()) names.push_back(name);
   campaign.sequences = open_dataset(campaign.dataset, campaign.layout, names);
+  for (Sequence& sequence : campaign.sequences) sequence.range = campaign.options.range;
   check_same(folder / kFile, json, to_json(campaign));
   return campaign;
 }
@@ -240,6 +245,7 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
         const std::lock_guard lock(mutex);
         done += job.run.frames - std::min(seen, job.run.frames);
         ++tally.runs;
+        tally.damaged.merge(images->damaged());
         tally.failed += errors.empty() ? 0 : 1;
       }
     } catch (...) {

@@ -4,6 +4,7 @@
 #include <filesystem>
 #include <functional>
 #include <map>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -50,9 +51,10 @@ struct CampaignRun {
   std::function<bool()> stop;  ///< asked after each frame
 };
 struct CampaignTally {
-  std::size_t runs = 0;      ///< made now
-  std::size_t kept = 0;      ///< that were there
-  std::size_t failed = 0;    ///< of those made now, runs in which the tracker threw
+  std::size_t runs = 0;                          ///< made now
+  std::size_t kept = 0;                          ///< that were there
+  std::size_t failed = 0;                        ///< of those made now, runs in which the tracker threw
+  std::set<std::filesystem::path> damaged = {};  ///< images that were taken as blank
   bool interrupted = false;  ///< runs at work were dropped, and are made again by the next call
 };
 /// Makes the runs of the given trackers and protocols on the campaign's sequences whose results are not there

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
-#include <opencv2/imgcodecs.hpp>
 #include <set>
 #include <sstream>
 #include <stdexcept>
@@ -407,16 +406,19 @@ cv::Mat FrameReader::operator()(std::size_t t) {
   cv::Mat image;
   if (!sequence_.images.empty()) {
     const fs::path& file = sequence_.images[t];
+    const tools::FrameImage frame = tools::read_frame(file, sequence_.range, size_);
+    if (frame.damaged)
+      damaged_.insert(file);
+    else
+      size_ = frame.pixels.size();
     try {
-      image = cv::imread(file.string(), cv::IMREAD_COLOR);
-    } catch (const cv::Exception& error) {
-      fail(file, "cannot be decoded: " + error.err);
+      return tools::to_bgr8(frame.pixels);
+    } catch (const std::invalid_argument& error) {
+      fail(file, error.what());
     }
-    if (image.empty()) fail(file, "cannot be decoded");
-    return image;
   }
   if (!video_ || static_cast<std::size_t>(video_->position()) > t)
-    video_ = tools::ImageSource::open(sequence_.video.string());
+    video_ = tools::ImageSource::open(sequence_.video.string(), {.range = sequence_.range});
   if (!video_->skip(static_cast<int>(t) - video_->position()) || !video_->next(image))
     fail(sequence_.video, "frame " + std::to_string(t + 1) + " cannot be decoded");
   return image.clone();  // the decoder uses its image again

@@ -4,6 +4,7 @@
 #include <map>
 #include <opencv2/core.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -22,6 +23,7 @@ struct Sequence {
   std::filesystem::path video;
   std::vector<std::optional<Region>> truth;  ///< one a frame [px, as published]; empty: no object, or unknown
   std::map<std::string, std::vector<bool>> tags;  ///< attributes by name, one value a frame
+  std::optional<PixelRange> range = {};           ///< of the images' pixels; without one what Frame assumes
   std::vector<double> practical;  ///< VOT's practical difference of overlaps, one a frame; empty without it
 
   std::size_t length() const { return truth.size(); }
@@ -63,12 +65,17 @@ class FrameReader {
   /// `sequence` must outlive the reader.
   explicit FrameReader(const Sequence& sequence) : sequence_(sequence) {}
 
-  /// Frame t, from 0; 8-bit BGR. Throws std::runtime_error that names the file where it cannot be decoded.
+  /// Frame t, from 0; 8-bit BGR. A damaged image is a blank frame of the size of another. Throws
+  /// std::runtime_error that names the file where it can be no frame at all (see tools::read_frame).
   cv::Mat operator()(std::size_t t);
+  /// The images read until now that were damaged.
+  const std::set<std::filesystem::path>& damaged() const { return damaged_; }
 
  private:
   const Sequence& sequence_;
   std::optional<tools::ImageSource> video_;
+  std::set<std::filesystem::path> damaged_;
+  cv::Size size_;  // of an image that is not damaged
 };
 
 }  // namespace asterism::bench

@@ -7,6 +7,7 @@
 #include <mutex>
 #include <opencv2/core.hpp>
 #include <optional>
+#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -44,6 +45,7 @@ struct ProtocolOptions {
   int starts = 1;          ///< runs of Vot and Otb, all but the first with a moved start box
   double jitter = 1;       ///< the most that it is moved on each axis [px]
   std::uint32_t seed = 1;  ///< of the moves
+  std::optional<PixelRange> range = {};  ///< of the images' pixels; without one what Frame assumes
 
   bool operator==(const ProtocolOptions&) const = default;
 };
@@ -64,10 +66,15 @@ class SequenceImages {
   /// Frame t, from 0, not to be written to. Throws as FrameReader.
   Image operator()(std::size_t t);
   const Sequence& sequence() const { return sequence_; }
+  /// The images read until now that were damaged.
+  std::set<std::filesystem::path> damaged() const {
+    const std::lock_guard lock(mutex_);
+    return reader_.damaged();
+  }
 
  private:
   const Sequence& sequence_;
-  std::mutex mutex_;
+  mutable std::mutex mutex_;
   FrameReader reader_;
   std::map<std::size_t, cv::Mat> kept_;
   std::size_t free_bytes_;

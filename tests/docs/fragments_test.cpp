@@ -110,6 +110,16 @@ struct Saved {
   Eigen::Array33f learned_ = Eigen::Array33f::Zero();
 };
 
+TEST(InPractice, Range) {
+  AnyTracker tracker = make_tracker("kcf");
+  cv::Mat image, next;
+  draw(0).convertTo(image, CV_16U, 4095.0 / 255);
+  draw(1).convertTo(next, CV_16U, 4095.0 / 255);
+#include "docs_in-practice_4.inc"
+  EXPECT_FALSE(result.lost);
+  EXPECT_EQ(suggested_range(image), range);
+}
+
 TEST(InPractice, StateOfAModel) {
   Saved saved, later;
   saved.size_ << 3, 4;

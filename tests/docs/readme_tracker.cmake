@@ -14,6 +14,12 @@ if(NOT result EQUAL 0)
   message(FATAL_ERROR "the example ended with ${result}\n${out}\n${err}")
 endif()
 
+# Without a video it says what it wants.
+execute_process(COMMAND ${PROGRAM} OUTPUT_VARIABLE nothing ERROR_VARIABLE err RESULT_VARIABLE result)
+if(NOT result EQUAL 1 OR NOT nothing STREQUAL "" OR NOT err MATCHES "^usage: [^\n]+\n$")
+  message(FATAL_ERROR "without an argument the example ended with ${result}\n${nothing}\n${err}")
+endif()
+
 # A line a frame, as OpenCV prints a box: [width x height from (x, y)] confidence
 string(REGEX REPLACE "[][]" "|" text "${out}")
 string(REGEX MATCHALL "[^\n]+\n" lines "${text}")

@@ -219,6 +219,10 @@ TEST_F(DatasetTest, ReadsPlainFoldersAndVideos) {
   EXPECT_THROW(video(5), std::out_of_range);
   write("plain/walk/shot5.png", "no image");
   EXPECT_THROW(folder(2), std::runtime_error);
+  write("plain/walk/shot6.png", "");
+  EXPECT_EQ(cv::norm(folder(3), cv::Mat(folder(4).size(), CV_8UC3, cv::Scalar::all(128)), cv::NORM_INF), 0)
+      << "blank, since it is damaged";
+  EXPECT_EQ(folder.damaged(), (std::set<fs::path>{walk.images[3]}));
   write("plain/run.txt", lines("1,2,3,4", 4));
   expect_error("plain", {"run.txt:4: 4 boxes, but 5 frames"});
   EXPECT_EQ(open("plain", Layout::Auto, {"walk"}).size(), 1u);

@@ -205,7 +205,8 @@ class Evaluation(unittest.TestCase):
     def test_results_that_would_not_fit_together_are_refused(self):
         self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
         before = (self.out / "campaign.json").read_text()
-        for arguments, words in [(("--boxes",), "boxes"), (("--seed", 2), "seed"), (("--overlap", "exact"), "overlap")]:
+        for arguments, words in [(("--boxes",), "boxes"), (("--seed", 2), "seed"), (("--overlap", "exact"), "overlap"),
+                                 (("--bits", 8), "range")]:
             refused = self.evaluate(*arguments)
             self.assertEqual(refused.returncode, 1)
             self.assertIn(words, refused.stderr)
@@ -214,6 +215,19 @@ class Evaluation(unittest.TestCase):
         self.assertEqual(refused.returncode, 1)
         self.assertIn("sequence first", refused.stderr)
         self.assertEqual((self.out / "campaign.json").read_text(), before)
+
+    def test_damaged_images_are_blank_and_counted(self):
+        make_sequence(self.root / "damaged" / "first", 9, frames=10)
+        image = self.root / "damaged" / "first" / "color" / "00000004.png"
+        image.write_bytes(image.read_bytes()[:5000])
+        done = self.evaluate("--range", "0,200", data="damaged")
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(f"images that are damaged and were taken as blank frames: 1, the first is {image}\n", done.stderr)
+        self.assertEqual(json.loads((self.out / "campaign.json").read_text())["options"]["range"], [0, 200])
+        image.write_bytes(b"no image")
+        done = self.evaluate("--range", "0,200", data="damaged", trackers=("--trackers", "coarse"))
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(f"{image}: not an image of a known format", done.stderr)
 
     def test_a_tracker_that_dies_costs_its_run_alone(self):
         command = "dies=exit 3"

@@ -97,6 +97,39 @@ class TrackersTest(unittest.TestCase):
         gray.init(self.frames[0][..., 1], BOX)
         np.testing.assert_allclose(gray.update(np.ascontiguousarray(self.frames[1][..., 1])).box, true_box(1), atol=3)
 
+    def test_values_beyond_the_type_s_range(self):
+        expected = boxes(follow(self.started("kcf"), self.frames[1:]))
+        for name, convert, suggested, refused in [  # one line a kind
+            ("uint8 in uint16", lambda f: f.astype(np.uint16), (0, 255), "at most 255"),
+            ("10 bits in uint16", lambda f: ((f.astype(np.uint32) * 1023 + 127) // 255).astype(np.uint16), (0, 1023), None),
+            ("12 bits in uint16", lambda f: (f.astype(np.uint16) << 4) + (f >> 4), (0, 4095), None),
+            ("uint8 in float32", lambda f: f.astype(np.float32), (0, 255), r"in \[0, 1\] and are in"),
+            ("-1 to 1 in float32", lambda f: f / np.float32(127.5) - np.float32(1), None, r"in \[0, 1\] and are in"),
+        ]:
+            with self.subTest(name):
+                images = [convert(frame) for frame in self.frames]
+                pixel_range = asterism.suggested_range(images[0])
+                if suggested:
+                    self.assertEqual(pixel_range, suggested)
+                tracker = asterism.Tracker("kcf")
+                objects = asterism.MultiTracker()
+                if refused:
+                    with self.assertRaisesRegex(ValueError, refused):
+                        tracker.init(images[0], BOX)
+                    with self.assertRaisesRegex(ValueError, refused):
+                        objects.add(1, images[0], BOX, "kcf")
+                pixel_range = suggested or (-1, 1)
+                tracker = asterism.Tracker("kcf", pixel_range=pixel_range)
+                tracker.init(images[0], BOX)
+                self.assertEqual(boxes(follow(tracker, images[1:])), expected)
+                objects = asterism.MultiTracker(pixel_range=pixel_range)
+                objects.add(1, images[0], BOX, "kcf")
+                self.assertEqual([objects.update(image)[1].box for image in images[1:]], expected)
+        self.assertIsNone(asterism.suggested_range(self.frames[0]))
+        for bad in [(1, 0), (0, math.nan), (0, math.inf)]:
+            with self.assertRaisesRegex(ValueError, "black must be below white"):
+                asterism.Tracker("kcf", pixel_range=bad)
+
     def test_images_are_used_as_they_are(self):
         tracker = asterism.Tracker("kcf")
         large = np.zeros((1200, 1600, 3), np.uint8)

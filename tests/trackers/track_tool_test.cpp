@@ -487,6 +487,15 @@ TEST_F(TrackTool, DoesNotOverwriteTheFilesOfItsInput) {
   fs::create_symlink(frame, path("link.png"));
   refused(images + kBox, " --sheet " + path("link.png"));
 
+  // Also through a link to a file that does not exist yet.
+  fs::create_symlink(images + "/img_99.png", path("dangling.png"));
+  refused(images + kBox, " --sheet " + path("dangling.png"));
+  fs::create_symlink("boxes.csv", path("later.csv"));
+  expect_error(images + kBox + " --out " + path("boxes.csv") + " --record-systems " + path("later.csv") +
+                   " --tracker dpt",
+               {"is the file of"}, false);
+  EXPECT_FALSE(fs::exists(images + "/img_99.png") || fs::exists(path("boxes.csv")));
+
   // New ones that the next run would take for frames; others may lie beside them.
   refused(images + kBox, " --sheet " + images + "/new.png");
   refused("'" + images + "/img_%d.png'" + kBox, " --sheet " + images + "/img_21.png");
@@ -552,6 +561,100 @@ TEST_F(TrackTool, KeepsWhatThereIsBeforeAFrameThatCannotBeDecoded) {
   int frames = 0;
   for (cv::Mat image; video.read(image);) ++frames;
   EXPECT_EQ(frames, 10);
+}
+
+TEST_F(TrackTool, TakesDamagedFramesAsBlank) {
+  const std::string images = make_images("images").string();
+  for (const int frame : {8, 12}) {
+    const std::string file = images + "/img_" + std::to_string(frame) + ".png", whole = read(file);
+    std::ofstream(file, std::ios::binary | std::ios::trunc)
+        << whole.substr(0, frame == 8 ? whole.size() / 2 : 0);
+  }
+  ASSERT_EQ(run(images + kBox + csv() + " --sheet " + path("sheet.png")), 0) << err_;
+  EXPECT_EQ(lines_of(path("boxes.csv")).size(), kFrames + 1u);
+  const std::string note =
+      "asterism-track: note: frames that are damaged and were taken as blank: 2, the first is frame 8, " +
+      images + "/img_8.png\n";
+  EXPECT_TRUE(err_.starts_with(note)) << err_;
+  EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 2)
+      << "and the summary, nothing of the codecs: " << err_;
+  expect_error(images + " --start 8" + kBox, {"frame 8, ", "img_8.png is damaged", "--start"});
+  expect_error(images + " --start 12" + kBox, {"frame 12, ", "a damaged image of unknown size"});
+}
+
+TEST_F(TrackTool, RefusesImagesOfGigabytes) {
+  const std::string images = make_images("images", 3).string(), file = images + "/img_2.png";
+  std::string bytes = read(file);
+  bytes.replace(16, 8, std::string("\x00\x00\xff\xff\x00\x00\xff\xff", 8));
+  std::ofstream(file, std::ios::binary | std::ios::trunc) << bytes;
+  expect_error(images + kBox,
+               {"frame 2, ", "img_2.png: an image of 65535 x 65535 pixels, and at most 134217728"});
+}
+
+TEST_F(TrackTool, TakesARangeForDeepImages) {
+  const auto make = [&](double scale) {
+    fs::create_directories(path("deep"));
+    for (int i = 1; i <= 5; ++i) {
+      cv::Mat image;
+      draw_frame(i - 1).convertTo(image, CV_16U, scale);
+      cv::imwrite(path("deep/" + std::to_string(i) + ".png"), image);
+    }
+    return path("deep") + kBox + csv();
+  };
+  ASSERT_EQ(run(make(257)), 0) << err_;
+  EXPECT_EQ(err_.find("note"), std::string::npos) << err_;
+  expect_boxes(path("boxes.csv"), 1, 5);
+  const auto boxes = [&] {
+    std::string text;
+    for (const std::string& line : lines_of(path("boxes.csv")))
+      text += line.substr(0, line.rfind(',')) + "\n";
+    return text;
+  };
+  const std::string expected = boxes();
+  expect_error(make(1), {"frame 1: ", "--bits 8"});
+  for (const std::string range : {" --bits 8", " --range 0,255"}) {
+    ASSERT_EQ(run(make(1) + range), 0) << err_;
+    EXPECT_EQ(boxes(), expected);
+  }
+  ASSERT_EQ(run(make(4095.0 / 255)), 0) << err_;
+  EXPECT_NE(err_.find("note: the first frame uses 12 of 16 bits: --bits 12"), std::string::npos) << err_;
+  ASSERT_EQ(run(make(4095.0 / 255) + " --bits 12"), 0) << err_;
+  EXPECT_EQ(err_.find("note"), std::string::npos) << err_;
+  EXPECT_EQ(boxes(), expected);
+  for (const std::string bad : {"--bits 0", "--bits 17", "--bits x", "--range 1", "--range 2,1",
+                                "--range 0,nan", "--range 1,2,3", "--bits 8 --range 0,255"})
+    expect_error(make(1) + " " + bad, {bad.substr(0, bad.find(' '))});
+}
+
+TEST_F(TrackTool, TurnsFramesAndTakesARate) {
+  fs::create_directories(path("turned"));
+  for (int i = 1; i <= 5; ++i) {
+    cv::Mat image;
+    cv::rotate(draw_frame(i - 1), image, cv::ROTATE_90_COUNTERCLOCKWISE);
+    cv::imwrite(path("turned/" + std::to_string(i) + ".png"), image);
+  }
+  ASSERT_EQ(run(path("turned") + kBox + csv() + " --rotate 90 --fps 7.5 --save " + path("overlay.mp4")), 0)
+      << err_;
+  expect_boxes(path("boxes.csv"), 1, 5);
+  EXPECT_EQ(cv::VideoCapture(path("overlay.mp4")).get(cv::CAP_PROP_FPS), 7.5);
+  for (const std::string bad : {"--rotate 45", "--rotate -90", "--fps 0", "--fps nan", "--fps x"})
+    expect_error(path("turned") + kBox + " " + bad, {bad.substr(0, bad.find(' '))});
+}
+
+TEST_F(TrackTool, ReadsThePagesOfAStack) {
+  std::vector<cv::Mat> pages;
+  for (int i = 0; i < kFrames; ++i) pages.push_back(draw_frame(i));
+  ASSERT_TRUE(cv::imwritemulti(path("stack.tif"), pages));
+  ASSERT_EQ(run(path("stack.tif") + kBox + csv()), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  expect_error(path("stack.tif") + kBox + " --sheet " + path("stack.tif"), {"would change the input"});
+}
+
+TEST_F(TrackTool, RefusesTwoImagesOfAFrame) {
+  const std::string images = make_images("images", 3).string();
+  cv::imwrite(images + "/img_2.jpg", draw_frame(1));
+  expect_error(images + kBox, {"two images for one frame", "img_2.jpg", "img_2.png"});
+  EXPECT_EQ(run("'" + images + "/*.png'" + kBox), 0) << err_;
 }
 
 TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {

@@ -235,10 +235,10 @@ TEST(TraxImages, ComeBack) {
   gray.convertTo(deep, CV_16U, 257);
   for (const cv::Mat& image :
        {colour, gray, deep, colour(cv::Rect(2, 1, 5, 4)), gray(cv::Rect(2, 1, 5, 4))}) {
-    EXPECT_TRUE(same(decode_trax_image(encode_trax_image(image, {"memory"})), image));
+    EXPECT_TRUE(same(decode_trax_image(encode_trax_image(image, {"memory"})).pixels, image));
   }
   for (const std::string format : {"data", "buffer"}) {
-    EXPECT_TRUE(same(decode_trax_image(encode_trax_image(colour, {"path", format})), colour));
+    EXPECT_TRUE(same(decode_trax_image(encode_trax_image(colour, {"path", format})).pixels, colour));
   }
   EXPECT_EQ(encode_trax_image(cv::Mat(1, 2, CV_8UC3, cv::Scalar(3, 2, 1)), {"memory"}),
             "image:2;1;rgb;AQIDAQID");
@@ -250,7 +250,7 @@ TEST(TraxImages, AsDataAreReadAsDocumentedAndAsInUse) {
   const std::string text = encode_trax_image(image, {"data"}), header = "data:image/png;";
   ASSERT_TRUE(text.starts_with(header));
   for (const std::string word : {"base64;", "base64,"}) {
-    EXPECT_TRUE(same(decode_trax_image(header + word + text.substr(header.size())), image));
+    EXPECT_TRUE(same(decode_trax_image(header + word + text.substr(header.size())).pixels, image));
   }
 }
 
@@ -508,6 +508,55 @@ TEST_F(Trax, TakesImagesInAllEncodings) {
   for (size_t i = 1; i <= kFrames; ++i) {
     EXPECT_EQ(answer.lines[i], answer.lines[kFrames + i]);
     EXPECT_EQ(answer.lines[i], answer.lines[2 * kFrames + i]);
+  }
+}
+
+// An object is kept over images that are damaged, and they are counted; a start in one is refused.
+TEST_F(Trax, TakesDamagedImagesAsBlank) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(".jpg", images_[3], bytes);
+  const std::string half(bytes.begin(), bytes.begin() + static_cast<std::ptrdiff_t>(bytes.size() / 2));
+  std::ofstream(folder_ / "half.jpg", std::ios::binary) << half;
+  std::ofstream(folder_ / "empty.jpg");
+  const auto message = [](Type type, const std::vector<std::string>& arguments) {
+    return format_trax_message({type, arguments, {}}) + '\n';
+  };
+  std::string input = message(Type::Initialize, {"file://" + files_[0].string(), "60,50,48,40"});
+  for (const std::string& image :
+       {files_[1].string(), (folder_ / "half.jpg").string(), (folder_ / "empty.jpg").string(),
+        "data:image/jpeg;" + to_base64(half), files_[5].string(), files_[6].string()})
+    input += message(Type::Frame, {image});
+  const Answer answer = answer_to(input + "@@TRAX:quit\n");
+  EXPECT_EQ(answer.code, 0) << answer.errors;
+  EXPECT_EQ(answer.errors,
+            "asterism-trax: note: images that are damaged and were taken as blank: 3, the first is 3\n");
+  ASSERT_EQ(answer.lines.size(), 8u);
+
+  expect_error(message(Type::Initialize, {(folder_ / "half.jpg").string(), "60,50,48,40"}),
+               "the image to start in is damaged");
+  expect_error(message(Type::Initialize, {(folder_ / "empty.jpg").string(), "60,50,48,40"}),
+               "a damaged image of unknown size");
+}
+
+TEST_F(Trax, TakesARangeForDeepImages) {
+  cv::Mat gray, deep, narrow;
+  cv::cvtColor(images_[0], gray, cv::COLOR_BGR2GRAY);
+  gray.convertTo(deep, CV_16U, 257);
+  gray.convertTo(narrow, CV_16U);
+  std::vector<std::string> files;
+  for (const auto& [name, image] : {std::pair("narrow.png", narrow), {"deep.png", deep}})
+    ASSERT_TRUE(cv::imwrite((folder_ / name).string(), image));
+  const auto session = [](const std::string& image) {
+    return format_trax_message({Type::Initialize, {image, "60,50,48,40"}, {}}) + '\n' +
+           format_trax_message({Type::Frame, {image}, {}}) + "\n@@TRAX:quit\n";
+  };
+  for (const std::string& image :
+       {encode_trax_image(narrow, {"memory"}), encode_trax_image(folder_ / "narrow.png", {"path"})}) {
+    expect_error(session(image), "at most 255");
+    const Answer ranged = answer_to(session(image), "--tracker kcf --bits 8");
+    EXPECT_EQ(ranged.code, 0) << ranged.errors;
+    const Answer reference = answer_to(session(encode_trax_image(folder_ / "deep.png", {"path"})));
+    EXPECT_EQ(ranged.lines, reference.lines);
   }
 }
 

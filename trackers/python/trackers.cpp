@@ -6,6 +6,8 @@
 #include <asterism/trackers/tracker.hpp>
 #include <map>
 #include <opencv2/core.hpp>
+#include <optional>
+#include <utility>
 
 #include "bindings.hpp"
 
@@ -25,8 +27,9 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
                     : py::isinstance<py::array_t<float>>(array)         ? CV_32F
                                                                         : -1;
   if (depth < 0) {
-    throw py::type_error("image: expected uint8, uint16 or float32, found " +
-                         py::str(array.dtype()).cast<std::string>());
+    throw py::type_error(
+        "image: expected uint8, uint16 or float32, found " + py::str(array.dtype()).cast<std::string>() +
+        (py::isinstance<py::array_t<double>>(array) ? "; convert it, in [0, 1], to float32" : ""));
   }
   const Shape shape = shape_of(array);
   const bool is_image =
@@ -45,6 +48,15 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
   if (!rows_are_whole) array = copy = py::array::ensure(array, py::array::c_style);
   return cv::Mat(static_cast<int>(shape[0]), static_cast<int>(shape[1]), CV_MAKETYPE(depth, channels),
                  const_cast<void*>(array.data()), static_cast<std::size_t>(array.strides(0)));
+}
+
+using Range = std::optional<std::pair<double, double>>;
+/// ValueError for one that Frame would refuse.
+std::optional<PixelRange> range_of(const Range& range) {
+  if (!range) return {};
+  const PixelRange found{range->first, range->second};
+  const Frame check(cv::Mat::zeros(1, 1, CV_8UC1), found);
+  return found;
 }
 
 using Box = std::array<double, 4>;
@@ -73,21 +85,27 @@ AnyTracker made(const std::string& name, const py::object& options) {
 /// asterism.Tracker.
 class Tracker {
  public:
-  Tracker(const std::string& name, const py::object& options) : name_(name), tracker_(made(name, options)) {}
+  Tracker(const std::string& name, const py::object& options, const Range& range)
+      : name_(name), tracker_(made(name, options)), range_(range_of(range)) {}
 
   const std::string& name() const { return name_; }
 
   void init(const py::object& image, const Box& box) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
-    run([&] { tracker_.init(mat, rect_of(box)); });
+    run([&] {
+      if (range_)
+        tracker_.init(Frame(mat, range_), rect_of(box));
+      else
+        tracker_.init(mat, rect_of(box));
+    });
   }
 
   TrackResult update(const py::object& image) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
     TrackResult result;
-    run([&] { result = tracker_.update(mat); });
+    run([&] { result = range_ ? tracker_.update(Frame(mat, range_)) : tracker_.update(mat); });
     return result;
   }
 
@@ -112,13 +130,14 @@ class Tracker {
 
   std::string name_;
   AnyTracker tracker_;
+  std::optional<PixelRange> range_;
   bool busy_ = false;
 };
 
 /// asterism.MultiTracker.
 class Objects {
  public:
-  explicit Objects(int threads) : objects_(threads) {}
+  Objects(int threads, const Range& range) : objects_(threads), range_(range_of(range)) {}
 
   void add(int id, const py::object& image, const Box& box, const std::string& name,
            const py::object& options) {
@@ -127,7 +146,10 @@ class Objects {
     AnyTracker tracker = made(name, options);
     const Exclusive use(busy_, "this asterism.MultiTracker");
     const py::gil_scoped_release release;
-    objects_.add(id, std::move(tracker), mat, rect_of(box));
+    if (range_)
+      objects_.add(id, std::move(tracker), Frame(mat, range_), rect_of(box));
+    else
+      objects_.add(id, std::move(tracker), mat, rect_of(box));
   }
 
   bool remove(int id) {
@@ -144,7 +166,7 @@ class Objects {
     std::vector<MultiTracker::Object> objects;
     {
       const py::gil_scoped_release release;
-      objects = objects_.update(mat);
+      objects = objects_.update(Frame(mat, range_));
     }
     py::dict results;
     for (MultiTracker::Object& object : objects) {
@@ -167,6 +189,7 @@ class Objects {
   }
 
   MultiTracker objects_;
+  std::optional<PixelRange> range_;
   bool busy_ = false;
 };
 
@@ -260,22 +283,43 @@ void bind_trackers(py::module_& m) {
       });
 
   m.def("tracker_names", &tracker_names, "The trackers of this build.");
+  m.def(
+      "suggested_range",
+      [](const py::object& image) -> Range {
+        py::array copy;
+        const auto range = suggested_range(mat_of(image, copy));
+        if (!range) return {};
+        return std::pair(range->black, range->white);
+      },
+      py::arg("image"),
+      "The (black, white) that a video's first image seems to need as pixel_range: of uint16 the fewest of "
+      "8, "
+      "10,\n"
+      "12 and 14 bits that hold its values, of float32 beyond 1 the fewest of 8 to 16 bits, else its least "
+      "and\n"
+      "greatest value. None where it needs none.");
 
   py::class_<Tracker>(
       m, "Tracker",
       "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
       "red,\n"
-      "or (height, width, 4), of uint8, uint16 or of float32 in [0, 1]; they are used as they are where the\n"
-      "pixels of a row are next to each other. Boxes are (x, y, width, height) [px]. The GIL is released "
+      "or (height, width, 4), of uint8, uint16 or of float32 in [0, 1] (to 1.5 it is clipped, an image with "
+      "values\n"
+      "beyond is refused); they are used as they are where the pixels of a row are next to each other. Boxes "
+      "are (x, y, width, height) [px]. The GIL is released "
       "while\n"
       "it computes. One thread at a time: RuntimeError else.")
-      .def(py::init<const std::string&, const py::object&>(), py::arg("name") = "dpt",
-           py::arg("options") = py::none(),
-           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class, for "
-           "`dpt+MODEL`\n"
-           "of those of MODEL; options of both are written Tracker(\"dpt\", {\"part\": {\"model\": MODEL, "
-           "..}, ..}).\n"
-           "ValueError names what is wrong.")
+      .def(
+          py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt",
+          py::arg("options") = py::none(), py::arg("pixel_range") = py::none(),
+          "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class, for "
+          "`dpt+MODEL`\n"
+          "of those of MODEL; options of both are written Tracker(\"dpt\", {\"part\": {\"model\": MODEL, "
+          "..}, ..}).\n"
+          "pixel_range: the (black, white) values of all images, e.g. (0, 4095) for 12 bits in uint16, whose "
+          "default\n"
+          "are all 16: a first image of uint16 up to 255 alone is refused.\n"
+          "ValueError names what is wrong.")
       .def("init", &Tracker::init, py::arg("image"), py::arg("box"),
            "Start on an object; may be called again at any time. ValueError, and the former state, for a box "
            "that\n"
@@ -296,8 +340,9 @@ void bind_trackers(py::module_& m) {
       m, "MultiTracker",
       "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
       "of single trackers, bit for bit. Images and boxes as for Tracker.")
-      .def(py::init<int>(), py::arg("threads").noconvert() = 1,
-           "threads: 0 for as many as the machine runs at once.")
+      .def(py::init<int, const Range&>(), py::arg("threads").noconvert() = 1,
+           py::arg("pixel_range") = py::none(),
+           "threads: 0 for as many as the machine runs at once. pixel_range: as for Tracker.")
       .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"),
            py::arg("name") = "dpt", py::arg("options") = py::none(),
            "Follow an object from this image on, by a tracker of this name and options. ValueError where "

@@ -169,7 +169,7 @@ void CoarseLayer::adapt(const Frame& frame, bool informative) {
 
 CoarseTracker::CoarseTracker(const CoarseOptions& options) : layer_(options) {}
 
-void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void CoarseTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

@@ -78,7 +78,7 @@ void Dpt::for_each_part(F&& f) {
     if (exception) std::rethrow_exception(exception);
 }
 
-void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void Dpt::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void Dpt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

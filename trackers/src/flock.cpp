@@ -13,7 +13,7 @@ namespace asterism::inline ASTERISM_ABI {
 Flock::Flock(const FlockOptions& options)
     : options_(check_options("FlockOptions", options)), flow_(options.flow), points_(options.springs) {}
 
-void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void Flock::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

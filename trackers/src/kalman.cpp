@@ -68,7 +68,7 @@ Eigen::Matrix3d KalmanTracker::covariance_of(const TrackResult& result) const {
          Eigen::Vector3d(centre, centre, options_.size_deviation).cwiseAbs2().asDiagonal().toDenseMatrix();
 }
 
-void KalmanTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void KalmanTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void KalmanTracker::init(const Frame& frame, const cv::Rect2d& box) {
   tracker_.init(frame, box);

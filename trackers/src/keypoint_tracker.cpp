@@ -28,7 +28,7 @@ KeypointTracker::KeypointTracker(const KeypointTrackerOptions& options)
           "KeypointTrackerOptions: padding must be at most max_padding");
 }
 
-void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void KeypointTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

@@ -34,7 +34,7 @@ AnyPart histogram_part() {
 Lgt::Lgt(const LgtOptions& options)
     : options_(check_options("LgtOptions", options)), parts_(options.springs), colour_(options.colour) {}
 
-void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void Lgt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

@@ -10,7 +10,7 @@ MultiTracker::MultiTracker(int threads) : threads_(threads) {
 }
 
 void MultiTracker::add(int id, AnyTracker tracker, const cv::Mat& image, const cv::Rect2d& box) {
-  add(id, std::move(tracker), Frame(image), box);
+  add(id, std::move(tracker), first_frame(image), box);
 }
 
 void MultiTracker::add(int id, AnyTracker tracker, const Frame& frame, const cv::Rect2d& box) {

@@ -27,7 +27,7 @@ constexpr double kMatch = 0.3;
 SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
     : options_(check_options("SuperpixelTrackerOptions", options)), parts_(options.springs) {}
 
-void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(Frame(image), box); }
+void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void SuperpixelTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);

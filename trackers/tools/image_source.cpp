@@ -4,10 +4,14 @@
 #include <array>
 #include <cctype>
 #include <charconv>
-#include <opencv2/imgcodecs.hpp>
+#include <cmath>
+#include <map>
+#include <opencv2/core/utility.hpp>
 #include <opencv2/videoio/registry.hpp>
 #include <stdexcept>
 #include <utility>
+
+#include "output_path.hpp"
 
 namespace asterism::tools {
 namespace {
@@ -42,6 +46,18 @@ std::vector<fs::path> files_of(const fs::path& folder, Predicate wanted) {
     return natural_less(a.filename().string(), b.filename().string());
   });
   return files;
+}
+
+// A file's name without its ending, and without leading zeros of numbers: of two of one frame the same.
+std::string frame_name(const fs::path& file) {
+  std::string name;
+  for (const char c : file.stem().string()) {
+    const bool after_zero = !name.empty() && name.back() == '0' && is_digit(c) &&
+                            (name.size() == 1 || !is_digit(name[name.size() - 2]));
+    if (after_zero) name.pop_back();
+    name += c;
+  }
+  return name;
 }
 
 fs::path folder_of(const fs::path& pattern) {
@@ -114,8 +130,9 @@ bool natural_less(const std::string& a, const std::string& b) {
   return a < b;  // 01 and 1: any order, as long as it is one
 }
 
-ImageSource ImageSource::open(const std::string& input) {
+ImageSource ImageSource::open(const std::string& input, const FrameOptions& options) {
   ImageSource source;
+  source.options_ = options;
   const fs::path path(input);
   std::error_code error;
   if (fs::is_directory(path, error)) {
@@ -126,7 +143,7 @@ ImageSource ImageSource::open(const std::string& input) {
   } else if (fs::exists(path, error)) {
     // OpenCV would take the name of one image for a pattern and read all its neighbours.
     if (is_image(path)) {
-      source.use_images({path}, input);
+      source.use_image(path, input);
     } else {
       source.use_video(input);
     }
@@ -155,10 +172,47 @@ void ImageSource::use_folder(const fs::path& folder, IsFrame is_frame, const std
   use_images(files_of(folder, is_frame), input);
   folder_ = folder;
   is_frame_ = std::move(is_frame);
+  std::map<std::string, std::string> names;
+  for (const fs::path& image : images_) {
+    const auto [other, added] = names.emplace(frame_name(image), image.filename().string());
+    if (!added)
+      throw std::runtime_error("two images for one frame in " + folder.string() + ": " + other->second +
+                               " and " + image.filename().string() + "; choose by a pattern such as '*" +
+                               image.extension().string() + "'");
+  }
 }
 
+// One image, or a file of several: a TIFF's pages, an animation.
+void ImageSource::use_image(const fs::path& image, const std::string& input) {
+  std::vector<unsigned char> bytes = read_bytes(image);
+  const std::optional<ImageHeader> header = read_image_header(bytes);
+  if (header && header->animated && bytes[0] == 0x89) return use_video(input);  // PNG, which FFmpeg plays
+  if (!header || header->pages.size() < 2) return use_images({image}, input);
+  stack_ = std::move(bytes);
+  pages_ = header->pages;
+  file_ = image;
+  frame_count_ = static_cast<int>(pages_.size());
+}
+
+namespace {
+
+// Of what a video announces without timestamps to bear it out; 1000 is what a writer of milliseconds leaves.
+constexpr double kFastest = 240;
+bool plausible(double fps) { return fps >= 1 && fps <= kFastest; }
+
+// Clockwise degrees by which a video's frames are turned to stand upright.
+int rotation_of(const cv::VideoCapture& video) {
+  const int angle = static_cast<int>(video.get(cv::CAP_PROP_ORIENTATION_META));
+  // OpenCV 4.6.0 has it counterclockwise, and turns frames by it the wrong way (its issue 22088).
+  const bool counterclockwise =
+      cv::getVersionMajor() == 4 && cv::getVersionMinor() == 6 && cv::getVersionRevision() == 0;
+  return ((counterclockwise ? -angle : angle) % 360 + 360) % 360;
+}
+
+}  // namespace
+
 void ImageSource::use_video(const std::string& input) {
-  video_file_ = input.starts_with("file:") ? input.substr(5) : input;
+  file_ = input.starts_with("file:") ? input.substr(5) : input;
   try {
     int camera = 0;
     const auto [end, error] = std::from_chars(input.data(), input.data() + input.size(), camera);
@@ -173,48 +227,143 @@ void ImageSource::use_video(const std::string& input) {
     video_.release();  // a back end that is not there: the same to the user as one that refuses
   }
   if (!video_.isOpened()) throw std::runtime_error("cannot open " + input + " as a video, camera or image");
-  const double fps = video_.get(cv::CAP_PROP_FPS);
-  if (fps >= 1 && fps <= 1000) fps_ = fps;
+  const double width = video_.get(cv::CAP_PROP_FRAME_WIDTH), height = video_.get(cv::CAP_PROP_FRAME_HEIGHT);
+  if (width * height > static_cast<double>(kMostPixels))
+    throw std::runtime_error(input + ": a video of " + std::to_string(std::lround(width)) + " x " +
+                             std::to_string(std::lround(height)) + " pixels, and at most " +
+                             std::to_string(kMostPixels) + " are read");
+  if (video_.set(cv::CAP_PROP_ORIENTATION_AUTO, 0)) rotation_ = rotation_of(video_);
   const double count = video_.get(cv::CAP_PROP_FRAME_COUNT);
-  if (count >= 1 && count < 1e9) frame_count_ = static_cast<int>(count);
+  if (count >= 1 && count < 1e9 && plausible(video_.get(cv::CAP_PROP_FPS)))
+    frame_count_ = static_cast<int>(count);
+}
+
+// The rate and number of a video's frames where its header and the timestamps of its first frames disagree.
+void ImageSource::measure_video() {
+  if (std::exchange(measured_, true) || !video_.isOpened()) return;
+  const double announced = video_.get(cv::CAP_PROP_FPS),
+               seconds = video_.get(cv::CAP_PROP_FRAME_COUNT) / announced;
+  const auto take = [&](double fps) {
+    fps_ = fps >= 1 && fps <= 1000 ? fps : 25;
+    if (fps_ != fps) notes_.emplace_back("the frame rate is unknown, 25 a second are taken: say it by --fps");
+  };
+  const auto unconfirmed = [&] { take(plausible(announced) ? announced : 0); };
+  std::error_code error;
+  if (!fs::is_regular_file(file_, error)) return unconfirmed();
+
+  constexpr int kFirst = 100;
+  int first = 0;
+  double begin = 0, end = 0;
+  cv::VideoCapture video(file_.string());
+  for (; first < kFirst && video.grab(); ++first) {
+    end = video.get(cv::CAP_PROP_POS_MSEC) / 1000;
+    if (first == 0) begin = end;
+  }
+  if (first < 2 || !(end > begin)) return unconfirmed();
+  const double rate = (first - 1) / (end - begin);
+  if (std::abs(rate - announced) <= 0.05 * rate) return take(announced);
+  if (first < kFirst) {
+    frame_count_ = first;
+    return take(rate);
+  }
+  // Packets are frames, and are counted without being decoded.
+  frame_count_ = 0;
+  if (cv::videoio_registry::hasBackend(cv::CAP_FFMPEG))
+    for (video.open(file_.string(), cv::CAP_FFMPEG, {cv::CAP_PROP_FORMAT, -1}); video.grab();) ++frame_count_;
+  const double mean = frame_count_ / seconds;
+  take(mean > rate / 4 && mean < rate * 4 ? mean : rate);
+}
+
+double ImageSource::fps() {
+  if (options_.fps > 0) return options_.fps;
+  measure_video();
+  return fps_;
+}
+
+bool ImageSource::ended_early() {
+  if (position_ < frame_count_) measure_video();
+  return position_ < frame_count_;
 }
 
 bool ImageSource::reads(const fs::path& path) const {
   std::error_code error;
-  // Of files, so that links are seen through; false where one of them does not exist.
-  const auto is = [&](const fs::path& other) { return fs::equivalent(path, other, error); };
-  if (is(video_file_) || (ground_truth_ && is(*ground_truth_))) return true;
-  if (fs::exists(path, error) && std::any_of(images_.begin(), images_.end(), is)) return true;
-  const fs::path folder = path.has_parent_path() ? path.parent_path() : fs::path(".");
-  return is_frame_ && is_frame_(path) && fs::equivalent(folder, folder_, error);
+  const auto is = [&](const fs::path& other) { return same_file(path, other); };
+  if (is(file_) || (ground_truth_ && is(*ground_truth_))) return true;
+  const fs::path written = written_file(path);
+  const auto is_one = [&](const fs::path& other) { return fs::equivalent(written, other, error); };
+  if (fs::exists(written, error) && std::any_of(images_.begin(), images_.end(), is_one)) return true;
+  return is_frame_ && is_frame_(written) && fs::equivalent(written.parent_path(), folder_, error);
+}
+
+cv::Mat ImageSource::upright(const cv::Mat& image) const {
+  cv::Mat turned;
+  switch (options_.rotate.value_or(rotation_)) {
+    case 90:
+      cv::rotate(image, turned, cv::ROTATE_90_CLOCKWISE);
+      return turned;
+    case 180:
+      cv::rotate(image, turned, cv::ROTATE_180);
+      return turned;
+    case 270:
+      cv::rotate(image, turned, cv::ROTATE_90_COUNTERCLOCKWISE);
+      return turned;
+    default:
+      return image;
+  }
+}
+
+// The image or page after `position_`, with the depth of the file where there is no range.
+cv::Mat ImageSource::read_image() try {
+  const auto index = static_cast<size_t>(position_);
+  const fs::path& file = stack_.empty() ? images_[index] : file_;
+  if (!stack_.empty()) make_first_page(stack_, pages_[index]);
+  const FrameImage frame = stack_.empty() ? read_frame(file, options_.range, size_)
+                                          : decode_frame(stack_, file.string(), options_.range, size_, true);
+  if (frame.damaged)
+    damaged_.push_back("frame " + std::to_string(position_ + 1) + ", " + file.string());
+  else
+    size_ = frame.pixels.size();
+  return frame.pixels;
+} catch (const std::runtime_error& e) {
+  throw std::runtime_error("cannot decode frame " + std::to_string(position_ + 1) + ", " + e.what());
+}
+
+// A deep image by the range that Frame assumes. The first one says whether that is right.
+cv::Mat ImageSource::in_8_bits(const cv::Mat& image) try {
+  if (decoded_) return to_bgr8(image);
+  const std::optional<PixelRange> suggested = suggested_range(image);
+  if (image.depth() == CV_16U && suggested) {
+    const std::string bits = std::to_string(std::lround(std::log2(suggested->white + 1)));
+    if (bits == "8")
+      throw std::invalid_argument("16 bits a pixel that use 8 and would be black: give --bits 8");
+    notes_.push_back("the first frame uses " + bits + " of 16 bits: --bits " + bits +
+                     " or --range LOW,HIGH would spread them");
+  }
+  return to_bgr8(image);
+} catch (const std::invalid_argument& e) {
+  throw std::runtime_error("frame " + std::to_string(position_ + 1) + ": " + e.what() +
+                           (image.depth() == CV_32F ? " by --range LOW,HIGH" : ""));
 }
 
 bool ImageSource::next(cv::Mat& image) {
-  if (images_.empty()) {
-    if (!video_.read(image) || image.empty()) return false;
-    ++position_;
-    return true;
+  cv::Mat read;
+  if (video_.isOpened()) {
+    if (!video_.read(read) || read.empty()) return false;
+    if (options_.range) read = to_bgr8(read, options_.range);
+  } else {
+    if (position_ == frame_count_) return false;
+    read = read_image();
+    if (read.type() != CV_8UC3) read = in_8_bits(read);
   }
-  if (position_ == frame_count_) return false;
-  const std::string file = images_[static_cast<size_t>(position_)].string();
-  cv::Mat decoded;
-  std::string reason;
-  try {
-    decoded = cv::imread(file, cv::IMREAD_COLOR);
-  } catch (const cv::Exception& e) {
-    reason = ": " + e.err;
-  }
-  if (decoded.empty()) {
-    throw std::runtime_error("cannot decode frame " + std::to_string(position_ + 1) + ", " + file + reason);
-  }
+  decoded_ = true;
   ++position_;
-  image = decoded;
+  image = upright(read);
   return true;
 }
 
 bool ImageSource::skip(int count) {
   for (; count > 0; --count, ++position_) {
-    if (images_.empty() ? !video_.grab() : position_ == frame_count_) return false;
+    if (video_.isOpened() ? !video_.grab() : position_ == frame_count_) return false;
   }
   return true;
 }

@@ -1,26 +1,39 @@
 #pragma once
 
+#include <cstdint>
 #include <filesystem>
 #include <functional>
 #include <opencv2/core.hpp>
 #include <opencv2/videoio.hpp>
 #include <optional>
 #include <string>
+#include <utility>
 #include <vector>
 
+#include "image_file.hpp"
+
 namespace asterism::tools {
+
+/// How frames are read.
+struct FrameOptions {
+  std::optional<PixelRange> range = {};  ///< of the pixels; without one what Frame assumes
+  std::optional<int> rotate =
+      {};          ///< clockwise [degrees], a multiple of 90; without one as a video says itself
+  double fps = 0;  ///< frames a second; 0: as a video says, or its timestamps
+};
 
 /// The frames of a video, a camera or a list of images, one after another.
 class ImageSource {
  public:
-  /// `input` is a video file or stream address, a camera's index (digits), an image, a folder of images, a
-  /// pattern of images ("img_%05d.jpg" in the order of the numbers, "*.jpg" in natural order), or a sequence
-  /// in the VOT toolkit's layout: a folder with groundtruth.txt, its images in color/ or beside it. Throws
-  /// std::runtime_error where it cannot be read or has no frames.
-  static ImageSource open(const std::string& input);
+  /// `input` is a video file or stream address, a camera's index (digits), an image, a TIFF of several pages,
+  /// a folder of images, a pattern of images ("img_%05d.jpg" in the order of the numbers, "*.jpg" in natural
+  /// order), or a sequence in the VOT toolkit's layout: a folder with groundtruth.txt, its images in color/
+  /// or beside it. Throws std::runtime_error where it cannot be read, has no frames, or has two images of one
+  /// number (0001.jpg and 0001.png).
+  static ImageSource open(const std::string& input, const FrameOptions& options = {});
 
-  /// The next frame, 8-bit BGR; false after the last one. Throws std::runtime_error that names the image
-  /// where one cannot be decoded.
+  /// The next frame, 8-bit BGR; false after the last one. An image that is damaged is a blank frame, see
+  /// `read_frame`. Throws std::runtime_error that names the image where it can be no frame at all.
   bool next(cv::Mat& image);
 
   /// Passes over `count` frames without decoding images; false where there are not as many.
@@ -30,11 +43,21 @@ class ImageSource {
   int position() const { return position_; }
   /// Frames of the whole input, an estimate for some video files; 0 where unknown.
   int frame_count() const { return frame_count_; }
-  /// Frames a second; 25 for images and where unknown.
-  double fps() const { return fps_; }
-  /// The images in their order; empty for a video or a camera.
+  /// After the last frame: whether more were announced. A video file whose header cannot be right is read
+  /// once more for that.
+  bool ended_early();
+  /// Frames a second, what the options say if anything. Of a video file whose timestamps do not bear out what
+  /// it announces (a variable rate) their mean, for which the file is read through once. 25 for images, and
+  /// where unknown, which adds a note.
+  double fps();
+  /// The images in their order; empty for a video, a camera and a TIFF of several pages.
   const std::vector<std::filesystem::path>& images() const { return images_; }
-  /// Whether a file is one that this source reads, or would be a frame of the same input if it were made.
+  /// The frames that were damaged, as "frame 11, images/img_11.png".
+  const std::vector<std::string>& damaged() const { return damaged_; }
+  /// What the user should know, a line each, since the last call.
+  std::vector<std::string> take_notes() { return std::exchange(notes_, {}); }
+  /// Whether a file is one that this source reads, or would be a frame of the same input if it were made;
+  /// links to such a file are.
   bool reads(const std::filesystem::path& path) const;
   /// The annotation file of a sequence folder; see `read_ground_truth`.
   const std::optional<std::filesystem::path>& ground_truth() const { return ground_truth_; }
@@ -44,16 +67,27 @@ class ImageSource {
   using IsFrame = std::function<bool(const std::filesystem::path&)>;
   void use_images(std::vector<std::filesystem::path> images, const std::string& input);
   void use_folder(const std::filesystem::path& folder, IsFrame is_frame, const std::string& input);
+  void use_image(const std::filesystem::path& image, const std::string& input);
   void use_video(const std::string& input);
+  void measure_video();
+  cv::Mat read_image();
+  cv::Mat in_8_bits(const cv::Mat& image);
+  cv::Mat upright(const cv::Mat& image) const;
 
-  std::vector<std::filesystem::path> images_;  // empty where `video_` is the source
+  FrameOptions options_;
+  std::vector<std::filesystem::path> images_;  // empty where `video_` or `stack_` is the source
   std::filesystem::path folder_;               // whose images they are ...
   IsFrame is_frame_;                           // ... that satisfy this; none for a single image
   cv::VideoCapture video_;
-  std::filesystem::path video_file_;  // of `video_`, where it is a file
+  std::filesystem::path file_;        // of `video_`, where it is a file, or of `stack_`
+  std::vector<unsigned char> stack_;  // a TIFF of several pages ...
+  std::vector<std::uint64_t> pages_;  // ... and where they begin
   std::optional<std::filesystem::path> ground_truth_;
-  int position_ = 0, frame_count_ = 0;
+  std::vector<std::string> damaged_, notes_;
+  cv::Size size_;  // of the last frame that was not damaged
+  int position_ = 0, frame_count_ = 0, rotation_ = 0;
   double fps_ = 25;
+  bool decoded_ = false, measured_ = false;
 };
 
 /// "frame9" before "frame10": runs of digits compare as numbers.

@@ -112,16 +112,6 @@ void check_output(const std::string& option, const fs::path& path) {
   if (fs::is_directory(path, error)) throw std::runtime_error(option + " " + path.string() + " is a folder");
 }
 
-bool same_file(const fs::path& a, const fs::path& b) {
-  std::error_code error;
-  if (fs::is_other(a, error)) return false;  // a device such as /dev/null takes all
-  if (fs::equivalent(a, b, error)) return true;
-  // Before they are made: by name, links in the folders' seen through.
-  const fs::path x = fs::weakly_canonical(fs::absolute(a, error), error),
-                 y = fs::weakly_canonical(fs::absolute(b, error), error);
-  return !x.empty() && x == y;
-}
-
 void write_image(const fs::path& path, const cv::Mat& image) {
   // Encoded in memory: the codecs' own writing does not say why it failed.
   std::vector<unsigned char> bytes;

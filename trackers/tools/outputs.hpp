@@ -52,10 +52,6 @@ std::string why();
 /// such folder.
 void check_output(const std::string& option, const std::filesystem::path& path);
 
-/// Whether what is written to one of the paths would overwrite what is written to the other; they need not
-/// exist.
-bool same_file(const std::filesystem::path& a, const std::filesystem::path& b);
-
 /// Writes an image; throws std::runtime_error where that fails.
 void write_image(const std::filesystem::path& path, const cv::Mat& image);
 

@@ -4,6 +4,7 @@
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/multi_tracker.hpp>
 #include <chrono>
+#include <cmath>
 #include <cstdio>
 #include <opencv2/imgcodecs.hpp>
 #include <optional>
@@ -15,6 +16,7 @@
 #include "figures.hpp"
 #include "ground_truth.hpp"
 #include "image_source.hpp"
+#include "output_path.hpp"
 #include "outputs.hpp"
 #include "overlay.hpp"
 #include "progress.hpp"
@@ -67,6 +69,7 @@ void check_kept(const Options& options, const ImageSource& source) {
 void check(const Options& options) {
   const AnyTracker tracker = make_tracker(options.tracker);  // throws for a name that it does not know
   for (const std::string& box : options.boxes) parse_box(box);
+  if (std::isnan(options.source.fps)) throw std::runtime_error("--fps: not a number");  // CLI lets it by
   if (options.boxes.size() > 1) {
     for (const auto& [option, path] : {std::pair("--sheet", options.sheet),
                                        {"--record-systems", options.systems},
@@ -210,6 +213,18 @@ struct Score {
   double milliseconds = 0, overlaps = 0;
 };
 
+void print_notes(ImageSource& source) {
+  for (const std::string& note : source.take_notes())
+    std::fprintf(stderr, "asterism-track: note: %s\n", one_line(note).c_str());
+}
+
+void print_damaged(const ImageSource& source) {
+  if (source.damaged().empty()) return;
+  std::fprintf(
+      stderr, "asterism-track: note: frames that are damaged and were taken as blank: %zu, the first is %s\n",
+      source.damaged().size(), source.damaged().front().c_str());
+}
+
 void print_summary(const Options& options, const Score& score) {
   std::fprintf(stderr, "%s: ", one_line(options.tracker).c_str());
   if (options.boxes.size() > 1) std::fprintf(stderr, "%zu objects, ", options.boxes.size());
@@ -225,7 +240,7 @@ void print_summary(const Options& options, const Score& score) {
 
 void run(const Options& options) {
   check(options);
-  ImageSource source = ImageSource::open(options.input);
+  ImageSource source = ImageSource::open(options.input, options.source);
   check_kept(options, source);
   std::vector<std::optional<Region>> truth;
   if (source.ground_truth()) truth = read_ground_truth(*source.ground_truth());
@@ -237,6 +252,9 @@ void run(const Options& options) {
     throw std::runtime_error(options.input + " has no frame " + std::to_string(options.start) +
                              ": it ends after " + std::to_string(source.position()));
   }
+  if (!source.damaged().empty())
+    throw std::runtime_error(source.damaged().front() +
+                             " is damaged: no track can start in it, choose another by --start");
   const int available = source.frame_count() > 0 ? source.frame_count() - options.start + 1 : options.frames;
   const int total = options.frames > 0 ? std::min(available, options.frames) : available;
 
@@ -254,7 +272,8 @@ void run(const Options& options) {
     results[i].confidence = 1;
   }
   MultiTracker tracker(0), beside(0);  // apart, so that only the tracker's own time is told
-  Outputs outputs(options, window ? &*window : nullptr, watch, source.fps());
+  Outputs outputs(options, window ? &*window : nullptr, watch, options.save.empty() ? 0 : source.fps());
+  print_notes(source);
   Score score;
   std::string error;
   try {
@@ -291,7 +310,7 @@ void run(const Options& options) {
     bool go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
     while (go_on && g_stop_signal == 0 && (options.frames == 0 || score.updates + 1 < options.frames)) {
       if (!source.next(image)) {
-        if (source.position() < source.frame_count()) {
+        if (source.ended_early()) {
           std::fprintf(stderr, "asterism-track: note: %s ends after frame %d, %d were announced\n",
                        options.input.c_str(), source.position(), source.frame_count());
         }
@@ -327,6 +346,7 @@ void run(const Options& options) {
   } catch (const std::exception& e) {
     if (error.empty()) error = e.what();
   }
+  print_damaged(source);
   if (!error.empty()) throw std::runtime_error(error);
   print_summary(options, score);
 }

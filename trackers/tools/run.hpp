@@ -4,6 +4,8 @@
 #include <string>
 #include <vector>
 
+#include "image_source.hpp"
+
 namespace asterism::tools {
 
 /// The command line.
@@ -14,6 +16,7 @@ struct Options {
   std::vector<std::string> compare;  // with the tracker, on the sheet
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all
+  FrameOptions source;
 };
 
 /// Set by a signal handler to the signal's number: `run` then stops after the frame at hand.

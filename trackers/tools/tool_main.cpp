@@ -9,6 +9,7 @@
 #include <cerrno>
 #include <cstdio>
 #include <cstdlib>
+#include <iostream>
 #include <opencv2/core.hpp>
 #include <opencv2/core/utils/logger.hpp>
 #include <stdexcept>
@@ -28,6 +29,8 @@ void silence_libraries() {
   cv::utils::logging::setLogLevel(cv::utils::logging::LOG_LEVEL_SILENT);
   cv::redirectError([](int, const char*, const char*, const char*, int, void*) { return 0; });
   setenv("OPENCV_FFMPEG_LOGLEVEL", "-8", 0);
+  std::cerr.rdbuf(
+      nullptr);  // where OpenCV's image codecs say why they failed; errors of the tools go to stderr
 }
 
 std::string one_line(const std::string& text) {

@@ -9,7 +9,8 @@ namespace asterism::tools {
 /// opens takes their place and gets what is printed. To be called first.
 void open_standard_streams();
 
-/// Keeps OpenCV and FFmpeg from printing: what they say only repeats the errors that a tool reports.
+/// Keeps OpenCV and FFmpeg from printing: what they say only repeats the errors that a tool reports. Nothing
+/// can be printed by std::cerr any more.
 void silence_libraries();
 
 /// A text with a blank for each break of a line and what it is indented by.

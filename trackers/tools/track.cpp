@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "range_option.hpp"
 #include "run.hpp"
 #include "tool_main.hpp"
 #include "tracker_option.hpp"
@@ -58,6 +59,13 @@ int run_command_line(int argc, char** argv) {
                "show the overlay; q stops, space pauses; also to select the first box");
   app.add_option("--start", options.start, "number of the first frame, from 1")->check(count);
   app.add_option("--frames", options.frames, "stop after this many frames")->check(count);
+  add_range_options(app, options.source.range);
+  app.add_option("--rotate", options.source.rotate,
+                 "degrees by which frames are turned clockwise; default: as the video says")
+      ->check(CLI::IsMember({0, 90, 180, 270}));
+  app.add_option("--fps", options.source.fps,
+                 "frames a second of the overlay; default: as the video says, 25 for images")
+      ->check(CLI::Range(1.0, 1000.0));
   app.set_version_flag("--version", ASTERISM_VERSION);
   try {
     app.parse(argc, argv);

@@ -18,6 +18,7 @@
 #include <system_error>
 #include <thread>
 
+#include "range_option.hpp"
 #include "run_tool.hpp"
 #include "tracker_option.hpp"
 #include "trax_server.hpp"
@@ -98,6 +99,7 @@ int main(int argc, char** argv) {
   app.add_option("--trax-version", options.version, "version of the protocol; 4 for several objects")
       ->check(CLI::Range(1, 4))
       ->capture_default_str();
+  add_range_options(app, options.range);
   app.set_version_flag("--version", ASTERISM_VERSION);
   return run_tool(app, argc, argv, [&] { serve(options); });
 }

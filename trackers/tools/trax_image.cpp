@@ -7,6 +7,7 @@
 #include <cstring>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
+#include <span>
 
 #include "trax_message.hpp"
 
@@ -23,19 +24,14 @@ struct PixelFormat {
 constexpr std::array kPixelFormats = {PixelFormat{"rgb", CV_8UC3}, PixelFormat{"gray8", CV_8UC1},
                                       PixelFormat{"gray16", CV_16UC1}};
 
-cv::Mat read_file(const std::string& path) {
-  cv::Mat image;
+FrameImage read_file(const std::string& path, const std::optional<PixelRange>& range, cv::Size otherwise) {
+  std::error_code error;
+  if (!std::filesystem::exists(path, error)) throw TraxError("no such image: " + path);
   try {
-    image = cv::imread(path, cv::IMREAD_COLOR);
-  } catch (const cv::Exception& e) {
-    throw TraxError("cannot decode " + path + ": " + e.err);
+    return read_frame(path, range, otherwise);
+  } catch (const std::exception& e) {
+    throw TraxError(std::string("cannot decode ") + e.what());
   }
-  if (image.empty()) {
-    std::error_code error;
-    const bool exists = std::filesystem::exists(path, error);
-    throw TraxError((exists ? "cannot decode " : "no such image: ") + path);
-  }
-  return image;
 }
 
 // Takes what stands before the next semicolon.
@@ -62,7 +58,7 @@ std::string to_bytes(std::string_view base64) {
   return std::move(*bytes);
 }
 
-cv::Mat decode_memory(std::string_view rest) {
+cv::Mat decode_memory(std::string_view rest, const std::optional<PixelRange>& range) {
   const int width = to_size(take_field(rest)), height = to_size(take_field(rest));
   const std::string_view name = take_field(rest);
   const auto format = std::find_if(kPixelFormats.begin(), kPixelFormats.end(),
@@ -77,28 +73,24 @@ cv::Mat decode_memory(std::string_view rest) {
   cv::Mat image(height, width, format->type);
   std::memcpy(image.data, bytes.data(), bytes.size());
   if (image.channels() == 3) cv::cvtColor(image, image, cv::COLOR_RGB2BGR);
-  return image;
+  if (!range) return image;
+  const Frame frame(image, range);
+  return (frame.bgr().empty() ? frame.gray() : frame.bgr()).clone();
 }
 
-cv::Mat decode_data(std::string_view rest) {
+FrameImage decode_data(std::string_view rest, const std::optional<PixelRange>& range, cv::Size otherwise) {
   take_field(rest);  // the file itself says what it is
   // Documented is "data:image/jpeg;base64;", a data URI has "base64,", and what is in use leaves it out.
   for (const std::string_view word : {"base64;", "base64,"}) {
     if (rest.starts_with(word)) rest.remove_prefix(word.size());
   }
-  std::string bytes = to_bytes(rest);
-  cv::Mat image;
+  const std::string file = to_bytes(rest);
   try {
-    // imdecode does not accept an empty buffer.
-    if (!bytes.empty()) {
-      image =
-          cv::imdecode(cv::Mat(1, static_cast<int>(bytes.size()), CV_8UC1, bytes.data()), cv::IMREAD_COLOR);
-    }
-  } catch (const cv::Exception& e) {
-    throw TraxError("cannot decode an image: " + e.err);
+    const std::span bytes(reinterpret_cast<const unsigned char*>(file.data()), file.size());
+    return decode_frame(bytes, "an image of " + std::to_string(file.size()) + " bytes", range, otherwise);
+  } catch (const std::exception& e) {
+    throw TraxError(std::string("cannot decode ") + e.what());
   }
-  if (image.empty()) throw TraxError("cannot decode an image of " + std::to_string(bytes.size()) + " bytes");
-  return image;
 }
 
 std::string_view bytes_of(const void* data, size_t size) { return {static_cast<const char*>(data), size}; }
@@ -128,16 +120,17 @@ std::string encode_data(const cv::Mat& image) {
 
 }  // namespace
 
-cv::Mat decode_trax_image(const std::string& argument) {
+FrameImage decode_trax_image(const std::string& argument, const std::optional<PixelRange>& range,
+                             cv::Size otherwise) {
   const std::string_view text = argument;
-  if (text.starts_with(kMemory)) return decode_memory(text.substr(kMemory.size()));
-  if (text.starts_with(kData)) return decode_data(text.substr(kData.size()));
+  if (text.starts_with(kMemory)) return {decode_memory(text.substr(kMemory.size()), range)};
+  if (text.starts_with(kData)) return decode_data(text.substr(kData.size()), range, otherwise);
   if (!text.starts_with(kFile)) {
     if (text.find("://") != std::string_view::npos) throw TraxError("images by URL are not supported");
-    return read_file(argument);
+    return read_file(argument, range, otherwise);
   }
   const std::string_view path = text.substr(kFile.size());
-  return read_file(std::string(path.starts_with("//") ? path.substr(2) : path));
+  return read_file(std::string(path.starts_with("//") ? path.substr(2) : path), range, otherwise);
 }
 
 std::string encode_trax_image(const TraxImage& image, const std::vector<std::string>& formats) {
@@ -149,7 +142,8 @@ std::string encode_trax_image(const TraxImage& image, const std::vector<std::str
   const bool memory = takes("memory"), data = takes("data") || takes("buffer");
   if (!memory && !data)
     throw TraxError("the tracker takes images neither by path, nor from memory, nor as data");
-  const cv::Mat pixels = path != nullptr ? read_file(path->string()) : std::get<cv::Mat>(image);
+  const cv::Mat pixels =
+      path != nullptr ? to_bgr8(read_file(path->string(), {}, {}).pixels) : std::get<cv::Mat>(image);
   if (pixels.empty()) throw TraxError("an empty image");
   return memory ? encode_memory(pixels) : encode_data(pixels);
 }

@@ -6,6 +6,7 @@
 #include <asterism/trackers/tracker.hpp>
 #include <cerrno>
 #include <charconv>
+#include <cstdio>
 #include <optional>
 #include <stdexcept>
 #include <string_view>
@@ -93,7 +94,7 @@ class Session {
     try {
       while (true) {
         const TraxMessage message = receive();
-        if (message.type == Type::Quit) return;
+        if (message.type == Type::Quit) break;
         if (message.type == Type::Initialize) {
           initialize(message);
         } else if (message.type == Type::Frame) {
@@ -104,8 +105,10 @@ class Session {
       }
     } catch (const std::exception& e) {
       tell(e.what());
+      print_damaged();
       throw;
     }
+    print_damaged();
   }
 
  private:
@@ -143,13 +146,13 @@ class Session {
     check_count(message, 2, "an image and a region");
     objects_.clear();
     starts_ = {start_region(arguments[1])};
-    reply(decode_trax_image(arguments[0]));
+    reply(arguments[0]);
   }
 
   void frame(const TraxMessage& message) {
     check_count(message, 1, "an image");
     if (objects_.empty() && starts_.empty()) throw TraxError("a frame before an object to track");
-    reply(decode_trax_image(message.arguments[0]));
+    reply(message.arguments[0]);
   }
 
   static void check_count(const TraxMessage& message, size_t count, std::string_view what) {
@@ -165,9 +168,24 @@ class Session {
     return *region;
   }
 
+  void print_damaged() const {
+    if (damaged_ > 0)
+      std::fprintf(
+          stderr,
+          "asterism-trax: note: images that are damaged and were taken as blank: %d, the first is %d\n",
+          damaged_, first_damaged_);
+  }
+
   // One state an object, in the order in which they came.
-  void reply(const cv::Mat& image) {
+  void reply(const std::string& argument) {
+    const auto [image, damaged] = decode_trax_image(argument, options_.range, size_);
     ++frames_;
+    if (damaged) {
+      if (!starts_.empty()) throw TraxError("the image to start in is damaged");
+      if (damaged_++ == 0) first_damaged_ = frames_;
+    } else {
+      size_ = image.size();
+    }
     try {
       for (Object& object : objects_) {
         const TrackResult result = object.tracker.update(image);
@@ -193,7 +211,8 @@ class Session {
   int out_;
   std::vector<Object> objects_;
   std::vector<Region> starts_;  // of objects that wait for their first image
-  int frames_ = 0;
+  int frames_ = 0, damaged_ = 0, first_damaged_ = 0;
+  cv::Size size_;  // of the last image that was not damaged
 };
 
 }  // namespace

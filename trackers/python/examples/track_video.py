@@ -28,11 +28,13 @@ def frames(path: pathlib.Path) -> Iterator[np.ndarray]:
     import cv2
 
     video = cv2.VideoCapture(str(path))
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # turned here: OpenCV 4.6.0 turns frames the wrong way
+    degrees = int(video.get(cv2.CAP_PROP_ORIENTATION_META)) * (-1 if cv2.__version__ == "4.6.0" else 1)
     while True:
         read, image = video.read()
         if not read:
             return
-        yield image
+        yield np.rot90(image, -degrees // 90)
 
 
 def draw(axes: plt.Axes, image: np.ndarray, result: asterism.TrackResult, frame: int) -> None:

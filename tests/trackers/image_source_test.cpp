@@ -1,0 +1,692 @@
+// What programs read: image files of all kinds, folders, and videos as phones and recorders write them. A new
+// kind is one more line in a table.
+#include "image_source.hpp"
+
+#include <gtest/gtest.h>
+#include <unistd.h>
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <fstream>
+#include <functional>
+#include <iterator>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+#include <stdexcept>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "image_file.hpp"
+#include "moving_square.hpp"
+#include "output_path.hpp"
+#include "tool_main.hpp"
+#include "trax_image.hpp"
+#include "trax_message.hpp"
+
+namespace asterism::tools {
+namespace {
+
+namespace fs = std::filesystem;
+
+// What libraries print of damaged files does not belong into the report.
+const bool kSilent = (silence_libraries(), true);
+
+using Bytes = std::string;
+using namespace std::string_literals;
+
+class Folder : public testing::Test {
+ protected:
+  void SetUp() override {
+    std::string name = (fs::temp_directory_path() / "asterism-images-XXXXXX").string();
+    ASSERT_NE(mkdtemp(name.data()), nullptr);
+    folder_ = name;
+  }
+  void TearDown() override { fs::remove_all(folder_); }
+  fs::path write(const std::string& name, const Bytes& bytes) const {
+    fs::create_directories((folder_ / name).parent_path());
+    std::ofstream(folder_ / name, std::ios::binary) << bytes;
+    return folder_ / name;
+  }
+  fs::path folder_;
+};
+
+std::string reason_of(const std::function<void()>& f) {
+  try {
+    f();
+  } catch (const std::exception& error) {
+    return error.what();
+  }
+  return {};
+}
+
+// ---- Image files ----
+
+Bytes encoded(const std::string& ending, const std::vector<int>& flags = {}, int frame = 0) {
+  std::vector<unsigned char> bytes;
+  cv::imencode(ending, draw_frame(frame), bytes, flags);
+  return {bytes.begin(), bytes.end()};
+}
+
+Bytes number(std::uint64_t value, int bytes, bool big_endian = true) {
+  Bytes text;
+  for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * (big_endian ? bytes - 1 - i : i));
+  return text;
+}
+Bytes little(std::uint64_t value, int bytes) { return number(value, bytes, false); }
+
+Bytes patched(Bytes file, std::size_t at, const Bytes& by) { return file.replace(at, by.size(), by); }
+
+Bytes png_chunk(const Bytes& body) {  // with its name
+  std::uint32_t crc = ~0u;
+  for (const char c : body) {
+    crc ^= static_cast<unsigned char>(c);
+    for (int bit = 0; bit < 8; ++bit) crc = crc >> 1 ^ ((crc & 1) != 0 ? 0xedb88320u : 0);
+  }
+  return number(body.size() - 4, 4) + body + number(~crc, 4);
+}
+
+// Two frames, the second as it is in a PNG of its own.
+Bytes animated_png() {
+  const Bytes first = encoded(".png"), second = encoded(".png", {}, 1);
+  const auto data = [](const Bytes& png) {
+    Bytes all;
+    for (std::size_t at = 8; at < png.size();) {
+      std::size_t length = 0;
+      for (std::size_t i = 0; i < 4; ++i) length = length << 8 | static_cast<unsigned char>(png[at + i]);
+      if (png.compare(at + 4, 4, "IDAT") == 0) all += png.substr(at + 8, length);
+      at += length + 12;
+    }
+    return all;
+  };
+  const auto control = [](std::uint32_t sequence) {
+    return png_chunk("fcTL" + number(sequence, 4) + number(320, 4) + number(240, 4) + number(0, 8) +
+                     number(1, 2) + number(20, 2) + number(0, 2));
+  };
+  return first.substr(0, 33) + png_chunk("acTL" + number(2, 4) + number(0, 4)) + control(0) +
+         png_chunk("IDAT" + data(first)) + control(1) + png_chunk("fdAT" + number(2, 4) + data(second)) +
+         png_chunk("IEND");
+}
+
+Bytes read(const fs::path& path) {
+  std::ifstream file(path, std::ios::binary);
+  return {std::istreambuf_iterator<char>(file), {}};
+}
+
+Bytes stack(int pages) {
+  const fs::path path =
+      fs::path(testing::TempDir()) / ("asterism_stack_" + std::to_string(getpid()) + ".tif");
+  std::vector<cv::Mat> images;
+  for (int i = 0; i < pages; ++i) images.push_back(draw_frame(i));
+  cv::imwritemulti(path.string(), images);
+  const Bytes bytes = read(path);
+  fs::remove(path);
+  return bytes;
+}
+
+// Two pages of 4 x 2 pixels of gray 10 and 20 in the 64-bit form, in either byte order.
+Bytes big_stack(bool big_endian) {
+  const auto n = [&](std::uint64_t value, int bytes) { return number(value, bytes, big_endian); };
+  Bytes file = (big_endian ? "MM" : "II") + n(43, 2) + n(8, 2) + n(0, 2) + n(16, 8);
+  for (int page = 0; page < 2; ++page) {
+    const std::uint64_t entries = 8, pixels = file.size() + 8 + 20 * entries + 8;
+    const auto entry = [&](std::uint64_t tag, std::uint64_t value) {
+      return n(tag, 2) + n(3, 2) + n(1, 8) + n(value, 2) + Bytes(6, '\0');
+    };
+    file += n(entries, 8) + entry(256, 4) + entry(257, 2) + entry(258, 8) + entry(259, 1) + entry(262, 1) +
+            n(273, 2) + n(16, 2) + n(1, 8) + n(pixels, 8) + entry(278, 2) + n(279, 2) + n(16, 2) + n(1, 8) +
+            n(8, 8) + n(page == 0 ? pixels + 8 : 0, 8) + Bytes(8, page == 0 ? '\x0a' : '\x14');
+  }
+  return file;
+}
+
+// With another value of a tag in a TIFF as OpenCV writes it, little endian; in its first directory, or that
+// at `directory`.
+Bytes with_tag(Bytes tiff, std::uint16_t tag, std::uint32_t value, std::size_t directory = 0) {
+  const auto at = [&](std::size_t where, int count) {
+    std::size_t found = 0;
+    for (int i = count - 1; i >= 0; --i)
+      found = found << 8 | static_cast<unsigned char>(tiff[where + static_cast<std::size_t>(i)]);
+    return found;
+  };
+  if (directory == 0) directory = at(4, 4);
+  for (std::size_t i = 0; i < at(directory, 2); ++i)
+    if (const std::size_t entry = directory + 2 + 12 * i; at(entry, 2) == tag)
+      return patched(patched(tiff, entry + 2, little(4, 2)), entry + 8, little(value, 4));
+  return {};
+}
+
+Bytes cut(const Bytes& file, double share) {
+  return file.substr(0, static_cast<std::size_t>(share * static_cast<double>(file.size())));
+}
+
+struct File {
+  std::string name;
+  Bytes bytes;
+  enum { Frame, Damaged, Refused } outcome;
+  std::string reason = {};
+};
+
+std::vector<File> files() {
+  std::vector<File> all;
+  for (const std::string ending : {"jpg", "png", "bmp", "tif", "webp", "ppm", "jp2"}) {
+    const Bytes whole = encoded("." + ending);
+    all.push_back({ending, whole, File::Frame});
+    for (const double share : {0.99, 0.5, 0.2})
+      all.push_back(
+          {ending + "CutTo" + std::to_string(std::lround(100 * share)), cut(whole, share), File::Damaged});
+  }
+  const Bytes jpeg = encoded(".jpg"), png = encoded(".png"), bmp = encoded(".bmp"), tiff = encoded(".tif");
+  const Bytes jp2 = encoded(".jp2"), with_preview = jpeg.substr(0, 2) + "\xff\xe1" +
+                                                    number(jpeg.size() + 2, 2) + jpeg + jpeg.substr(2);
+  const std::string side = std::to_string(60000), many = "pixels, and at most 134217728 are read";
+  const std::size_t sof = jpeg.find("\xff\xc0\x00\x11"s), siz = jp2.find("\xff\x51\x00\x2f"s);
+  const std::vector<File> special = {
+      {"JpegProgressive", encoded(".jpg", {cv::IMWRITE_JPEG_PROGRESSIVE, 1}), File::Frame},
+      {"JpegProgressiveCut", cut(encoded(".jpg", {cv::IMWRITE_JPEG_PROGRESSIVE, 1}), 0.7), File::Damaged},
+      {"JpegWithRestarts", encoded(".jpg", {cv::IMWRITE_JPEG_RST_INTERVAL, 2}), File::Frame},
+      {"JpegWithRestartsCut", cut(encoded(".jpg", {cv::IMWRITE_JPEG_RST_INTERVAL, 2}), 0.7), File::Damaged},
+      {"JpegWithoutItsEnd", jpeg.substr(0, jpeg.size() - 2), File::Damaged},
+      {"JpegWithPadding", jpeg + Bytes(512, '\0'), File::Frame},
+      {"JpegWithAClipBehind", jpeg + "ftypmp42" + Bytes(64, '\xff'), File::Frame},
+      {"JpegWithAPreview", with_preview, File::Frame},
+      {"JpegWithAPreviewCut", cut(with_preview, 0.9), File::Damaged},
+      {"JpegCutInItsHeader", jpeg.substr(0, 20), File::Damaged},
+      {"JpegOfZerosInTheMiddle", cut(jpeg, 0.5) + Bytes(jpeg.size() / 2, '\0'), File::Damaged},
+      {"PngWithAWrongByte", patched(png, png.size() / 2, "?!?!"), File::Damaged},
+      {"PngWithoutItsEnd", png.substr(0, png.size() - 12), File::Damaged},
+      {"PngWithSomethingBehind", png + "more", File::Frame},
+      {"PngOfZerosInTheMiddle", cut(png, 0.5) + Bytes(png.size() / 2, '\0'), File::Damaged},
+      {"Empty", "", File::Damaged},
+      {"Text", "broken", File::Refused, "not an image of a known format"},
+      {"Zeros", Bytes(4096, '\0'), File::Refused, "not an image of a known format"},
+      {"LargeJpeg", patched(jpeg, sof + 5, number(60000, 2) + number(60000, 2)), File::Refused, many},
+      {"LargePng", patched(png, 16, number(60000, 4) + number(60000, 4)), File::Refused, many},
+      {"LargePngOfAFewBytes", patched(png, 16, number(2147483647, 4) + number(2147483647, 4)).substr(0, 60),
+       File::Refused, many},
+      {"LargeBmp", patched(bmp, 18, little(60000, 4) + little(60000, 4)), File::Refused, many},
+      {"LargeBmpFromTheTop", patched(bmp, 18, little(60000, 4) + little(std::uint64_t(-60000), 4)),
+       File::Refused, many},
+      {"LargeTiff", with_tag(with_tag(tiff, 256, 60000), 257, 60000), File::Refused, many},
+      {"LargeWebp",
+       "RIFF" + little(30, 4) + "WEBPVP8X" + little(10, 4) + little(0, 4) + little(16383, 3) +
+           little(16383, 3),
+       File::Refused, many},
+      {"LargePpm", "P6 60000\n# a comment\n60000 255\n", File::Refused, many},
+      {"LargePam", "P7\nWIDTH 60000\nHEIGHT 60000\nDEPTH 3\nMAXVAL 255\nENDHDR\n", File::Refused, many},
+      {"LargeJp2", patched(jp2, siz + 6, number(60000, 4) + number(60000, 4)), File::Refused, many},
+      {"AnimatedPng", animated_png(), File::Refused, "an animated image"},
+      {"AnimatedWebp",
+       "RIFF" + little(30, 4) + "WEBPVP8X" + little(10, 4) + little(2, 4) + little(319, 3) + little(239, 3),
+       File::Refused, "an animated image"},
+      {"TiffOfPages", stack(3), File::Refused, "several images in one file"},
+      {"PpmOfSeveral", encoded(".ppm") + encoded(".ppm"), File::Refused, "several images in one file"},
+  };
+  all.insert(all.end(), special.begin(), special.end());
+  return all;
+}
+
+class ImageFiles : public Folder, public testing::WithParamInterface<File> {};
+
+// Between two whole frames, by every way in.
+TEST_P(ImageFiles, AreFramesBlankFramesOrRefused) {
+  const File& file = GetParam();
+  const fs::path path = write("frames/2.img", file.bytes);
+  const auto check = [&](const std::function<FrameImage()>& read, const std::string& how) {
+    SCOPED_TRACE(how);
+    FrameImage frame;
+    const std::string reason = reason_of([&] { frame = read(); });
+    if (file.outcome == File::Refused) {
+      EXPECT_NE(reason.find(file.reason), std::string::npos) << reason;
+      return;
+    }
+    ASSERT_EQ(reason, "");
+    EXPECT_EQ(frame.damaged, file.outcome == File::Damaged);
+    EXPECT_EQ(frame.pixels.size(), cv::Size(320, 240));
+    EXPECT_EQ(frame.pixels.type(), CV_8UC3);
+    const cv::Mat expected =
+        frame.damaged ? cv::Mat(frame.pixels.size(), CV_8UC3, cv::Scalar::all(128)) : draw_frame(0);
+    EXPECT_LE(cv::norm(frame.pixels, expected, cv::NORM_L1) / static_cast<double>(expected.total()),
+              frame.damaged ? 0 : 25)
+        << "of all channels, for the losses of JPEG";
+  };
+  const cv::Size size(320, 240);
+  check([&] { return read_frame(path, {}, size); }, "a file");
+  check([&] { return read_frame(path, PixelRange{0, 255}, size); }, "a file with a range");
+  check([&] { return decode_trax_image("file://" + path.string(), {}, size); }, "TraX, a path");
+  check([&] { return decode_trax_image("data:image/x;" + to_base64(file.bytes), {}, size); }, "TraX, data");
+  fs::rename(path, folder_ / "frames/2.png");
+  for (const int t : {1, 3}) write("frames/" + std::to_string(t) + ".jpg", encoded(".jpg"));
+  ImageSource source = ImageSource::open((folder_ / "frames").string());
+  cv::Mat image;
+  ASSERT_TRUE(source.next(image));
+  check(
+      [&] {
+        EXPECT_TRUE(source.next(image));
+        return FrameImage{image, !source.damaged().empty()};
+      },
+      "a folder");
+  if (file.outcome == File::Refused) return;
+  EXPECT_TRUE(source.next(image));
+  EXPECT_FALSE(source.next(image));
+  EXPECT_EQ(source.damaged().size(), file.outcome == File::Damaged ? 1u : 0u);
+  if (file.outcome == File::Damaged) {
+    EXPECT_EQ(source.damaged()[0], "frame 2, " + (folder_ / "frames/2.png").string());
+    // As a first frame, whose size is in its header or unknown.
+    const std::string reason =
+        reason_of([&] { EXPECT_EQ(read_frame(folder_ / "frames/2.png").pixels.size(), size); });
+    EXPECT_TRUE(reason.empty() || reason.find("a damaged image of unknown size") != std::string::npos)
+        << reason;
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, ImageFiles, testing::ValuesIn(files()),
+                         [](const auto& instance) { return instance.param.name; });
+
+void PrintTo(const File& file, std::ostream* out) { *out << file.name; }
+
+// Whatever the bytes, a header is read without a fault and in a time that their number bounds.
+TEST(ImageHeader, IsReadFromAnyBytes) {
+  std::vector<File> all = files();
+  all.push_back({"BigTiff", big_stack(false), File::Frame});
+  cv::RNG random(5);
+  for (const File& file : all) {
+    const Bytes whole = file.bytes.substr(0, 6000);
+    for (int i = 0; i < 400; ++i) {
+      Bytes bytes =
+          whole.substr(0, static_cast<std::size_t>(random.uniform(0, static_cast<int>(whole.size()) + 1)));
+      for (int k = random.uniform(0, 4); k > 0 && !bytes.empty(); --k)
+        bytes[static_cast<std::size_t>(random.uniform(0, std::min(static_cast<int>(bytes.size()), 200)))] =
+            static_cast<char>(random.uniform(0, 256));
+      const auto header =
+          read_image_header({reinterpret_cast<const unsigned char*>(bytes.data()), bytes.size()});
+      EXPECT_TRUE(!header || header->size.width >= 0);
+    }
+  }
+  // A ring of pages.
+  Bytes ring = "II*\0"s + little(8, 4) + little(0, 2) + little(8, 4);
+  EXPECT_EQ(
+      read_image_header({reinterpret_cast<const unsigned char*>(ring.data()), ring.size()})->pages.size(),
+      1u);
+}
+
+// ---- Files of several images ----
+
+TEST_F(Folder, AStackIsReadPageByPage) {
+  const fs::path path = write("stack.tif", stack(5));
+  ImageSource source = ImageSource::open(path.string());
+  EXPECT_EQ(source.frame_count(), 5);
+  ASSERT_TRUE(source.skip(1));
+  cv::Mat image;
+  for (int page = 1; page < 5; ++page) {
+    ASSERT_TRUE(source.next(image));
+    EXPECT_EQ(cv::norm(image, draw_frame(page), cv::NORM_INF), 0) << page;
+  }
+  EXPECT_FALSE(source.next(image));
+  EXPECT_TRUE(source.reads(path));
+  EXPECT_EQ(ImageSource::open(write("one.tif", stack(1)).string()).frame_count(), 1);
+}
+
+TEST_F(Folder, AStackMayHaveTheLargeForm) {
+  for (const bool big_endian : {false, true}) {
+    ImageSource source = ImageSource::open(write("big.tif", big_stack(big_endian)).string());
+    EXPECT_EQ(source.frame_count(), 2);
+    cv::Mat image;
+    for (const int gray : {10, 20}) {
+      ASSERT_TRUE(source.next(image));
+      EXPECT_EQ(image.size(), cv::Size(4, 2));
+      EXPECT_EQ(image.at<cv::Vec3b>(1, 3), cv::Vec3b::all(static_cast<uchar>(gray)));
+    }
+  }
+}
+
+TEST_F(Folder, ADamagedPageIsABlankFrame) {
+  const Bytes whole = stack(3);
+  const auto pages =
+      read_image_header({reinterpret_cast<const unsigned char*>(whole.data()), whole.size()})->pages;
+  ASSERT_EQ(pages.size(), 3u);
+  const Bytes bytes = with_tag(whole, 273, 0x7fff0000, pages[1]);  // pixels beyond its end
+  ImageSource source = ImageSource::open(write("stack.tif", bytes).string());
+  cv::Mat image;
+  for (int page = 0; page < 3; ++page) {
+    ASSERT_TRUE(source.next(image));
+    EXPECT_EQ(
+        cv::norm(image, page == 1 ? cv::Mat(image.size(), CV_8UC3, cv::Scalar::all(128)) : draw_frame(page),
+                 cv::NORM_INF),
+        0)
+        << page;
+  }
+  EXPECT_EQ(source.damaged().size(), 1u);
+}
+
+TEST_F(Folder, AnAnimatedPngIsAVideo) {
+  ImageSource source = ImageSource::open(write("clip.png", animated_png()).string());
+  cv::Mat image;
+  for (int frame = 0; frame < 2; ++frame) {
+    ASSERT_TRUE(source.next(image)) << frame;
+    EXPECT_LE(cv::norm(image, draw_frame(frame), cv::NORM_INF), 1) << frame;
+  }
+}
+
+// ---- Folders ----
+
+struct Content {
+  std::string name;
+  std::vector<std::string> files;
+  std::vector<std::string> frames;  // in their order, or ..
+  std::vector<std::string> reason;  // .. what the error says
+  std::string pattern = {};
+};
+
+void PrintTo(const Content& content, std::ostream* out) { *out << content.name; }
+
+class Folders : public Folder, public testing::WithParamInterface<Content> {};
+
+TEST_P(Folders, AreReadInOrderOrRefused) {
+  for (const std::string& file : GetParam().files) write("in/" + file, "");
+  fs::create_directory(folder_ / "in/7.png");  // no frame, it is a folder
+  std::vector<std::string> frames;
+  const std::string reason = reason_of([&] {
+    const ImageSource source = ImageSource::open((folder_ / "in" / GetParam().pattern).string());
+    for (const fs::path& image : source.images()) frames.push_back(image.filename().string());
+  });
+  EXPECT_EQ(frames, GetParam().frames) << reason;
+  EXPECT_EQ(reason.empty(), GetParam().reason.empty()) << reason;
+  for (const std::string& part : GetParam().reason) EXPECT_NE(reason.find(part), std::string::npos) << reason;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, Folders,
+    testing::Values(
+        Content{"MixedEndings",
+                {"3.bmp", "1.PNG", "10.Tiff", "2.JPEG"},
+                {"1.PNG", "2.JPEG", "3.bmp", "10.Tiff"},
+                {}},
+        Content{
+            "OtherFiles",
+            {"1.png", "Thumbs.db", "desktop.ini", ".DS_Store", ".2.png", "._1.png", "boxes.txt", "3.png~"},
+            {"1.png"},
+            {}},
+        Content{"TwoFormats",
+                {"0001.jpg", "0001.png", "0002.jpg"},
+                {},
+                {"two images for one frame", "0001.jpg", "0001.png", "'*.png'"}},
+        Content{"TwoFormatsByAPattern",
+                {"0001.jpg", "0001.png", "0002.jpg"},
+                {"0001.jpg", "0002.jpg"},
+                {},
+                "*.jpg"},
+        Content{"TwoFormatsByAWidePattern", {"0001.jpg", "0001.png"}, {}, {"two images for one frame"}, "0*"},
+        Content{"TwoCases", {"1.png", "1.PNG"}, {}, {"two images for one frame"}},
+        Content{"TwoWidths", {"img_01.png", "img_1.png"}, {}, {"two images for one frame"}},
+        Content{"Zeros",
+                {"0.png", "00010.png", "100.png", "a0b.png", "a0b0.png"},
+                {"0.png", "00010.png", "100.png", "a0b.png", "a0b0.png"},
+                {}},
+        Content{"None", {"boxes.txt", ".1.png"}, {}, {"no images in"}}),
+    [](const auto& instance) { return instance.param.name; });
+
+// ---- Deep images ----
+
+TEST_F(Folder, DeepImagesTakeARange) {
+  const auto source = [&](int depth, double scale, const FrameOptions& options = {}) {
+    cv::Mat image;
+    draw_frame(0).convertTo(image, depth, scale);
+    fs::create_directories(folder_ / "deep");
+    for (const int t : {1, 2}) cv::imwrite((folder_ / "deep" / (std::to_string(t) + ".tif")).string(), image);
+    return ImageSource::open((folder_ / "deep").string(), options);
+  };
+  cv::Mat image;
+  const auto read = [&](ImageSource from) {
+    EXPECT_TRUE(from.next(image) && from.next(image));
+    EXPECT_EQ(image.type(), CV_8UC3);
+    return from.take_notes();
+  };
+  EXPECT_TRUE(read(source(CV_16U, 257)).empty());
+  EXPECT_LE(cv::norm(image, draw_frame(0), cv::NORM_INF), 0);
+  const auto notes = read(source(CV_16U, 4095.0 / 255));
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_NE(notes[0].find("uses 12 of 16 bits: --bits 12"), std::string::npos) << notes[0];
+  EXPECT_TRUE(read(source(CV_16U, 4095.0 / 255, {.range = PixelRange::of_bits(12)})).empty());
+  EXPECT_LE(cv::norm(image, draw_frame(0), cv::NORM_INF), 1);
+  EXPECT_NE(reason_of([&] { read(source(CV_16U, 1)); }).find("give --bits 8"), std::string::npos);
+  EXPECT_TRUE(read(source(CV_16U, 1, {.range = PixelRange::of_bits(8)})).empty());
+  EXPECT_LE(cv::norm(image, draw_frame(0), cv::NORM_INF), 0);
+  EXPECT_TRUE(read(source(CV_32F, 1.0 / 255)).empty());
+  EXPECT_LE(cv::norm(image, draw_frame(0), cv::NORM_INF), 5) << "OpenCV writes them with a loss";
+  EXPECT_NE(reason_of([&] { read(source(CV_32F, 1)); }).find("by --range LOW,HIGH"), std::string::npos);
+  EXPECT_TRUE(read(source(CV_32F, 1, {.range = PixelRange{0, 255}})).empty());
+}
+
+// ---- Videos ----
+
+const cv::Size kVideo(64, 48);
+
+// White at the top left, red at the top right, black below.
+cv::Mat quarters() {
+  cv::Mat image(kVideo, CV_8UC3, cv::Scalar::all(0));
+  image(cv::Rect(0, 0, 32, 24)) = cv::Scalar::all(255);
+  image(cv::Rect(32, 0, 32, 24)) = cv::Scalar(0, 0, 255);
+  return image;
+}
+
+class Videos : public Folder {
+ protected:
+  // The matrix in its header is that of a phone held so that frames are to be turned by as many degrees.
+  fs::path mp4(int turned) {
+    const fs::path path = folder_ / "video.mp4";
+    cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 20,
+                           kVideo);
+    if (!writer.isOpened()) return {};
+    for (int i = 0; i < 5; ++i) writer.write(quarters());
+    writer.release();
+    const int cosine = turned % 180 == 0 ? 1 - turned / 90 : 0,
+              sine = turned % 180 == 90 ? 2 - turned / 90 : 0;
+    Bytes matrix;
+    for (const int value : {cosine, sine, 0, -sine, cosine, 0,
+                            turned == 90    ? kVideo.height
+                            : turned == 180 ? kVideo.width
+                                            : 0,
+                            turned == 180   ? kVideo.height
+                            : turned == 270 ? kVideo.width
+                                            : 0})
+      matrix += number(static_cast<std::uint64_t>(value * 65536), 4);
+    const Bytes file = read(path);
+    return write("video.mp4", patched(file, file.find("tkhd") + 44, matrix));
+  }
+};
+
+std::string corners(const cv::Mat& image) {
+  std::string text;
+  for (const auto& [y, x] :
+       {std::pair(5, 5), {5, image.cols - 6}, {image.rows - 6, 5}, {image.rows - 6, image.cols - 6}}) {
+    const auto pixel = image.at<cv::Vec3b>(y, x);
+    text += pixel[0] > 128 ? 'W' : pixel[2] > 128 ? 'R' : '.';
+  }
+  return text;
+}
+
+TEST_F(Videos, OfPhonesStandUpright) {
+  if (mp4(0).empty()) GTEST_SKIP() << "OpenCV writes no mp4 here";
+  const std::vector<std::pair<int, std::string>> turned = {
+      {0, "WR.."}, {90, ".W.R"}, {180, "..RW"}, {270, "R.W."}};
+  for (const auto& [degrees, expected] : turned) {
+    SCOPED_TRACE(degrees);
+    const std::string video = mp4(degrees).string();
+    cv::Mat image;
+    ImageSource source = ImageSource::open(video);
+    ASSERT_TRUE(source.skip(1) && source.next(image));
+    EXPECT_EQ(image.size(), degrees % 180 == 0 ? kVideo : cv::Size(kVideo.height, kVideo.width));
+    EXPECT_EQ(corners(image), expected);
+    // What the user says counts instead, for images too.
+    for (const auto& [asked, answer] : turned) {
+      ASSERT_TRUE(ImageSource::open(video, {.rotate = asked}).next(image));
+      EXPECT_EQ(corners(image), answer) << asked;
+      cv::imwrite((folder_ / "image.png").string(), quarters());
+      ASSERT_TRUE(ImageSource::open((folder_ / "image.png").string(), {.rotate = asked}).next(image));
+      EXPECT_EQ(corners(image), answer) << asked;
+    }
+  }
+}
+
+Bytes jpeg_frame() {
+  std::vector<unsigned char> bytes;
+  cv::imencode(".jpg", quarters(), bytes);
+  return {bytes.begin(), bytes.end()};
+}
+
+Bytes element(std::uint32_t id, const Bytes& body) {
+  int length = 1;
+  while (length < 4 && id >> 8 * length != 0) ++length;
+  return number(id, length) + '\x01' + number(body.size(), 7) + body;
+}
+
+// Frames at times of their own [ms], announced as 1000 a second.
+Bytes matroska(const std::vector<int>& times, int end) {
+  double duration = end;
+  std::uint64_t bits = 0;
+  std::memcpy(&bits, &duration, sizeof bits);
+  Bytes clusters;
+  for (const int time : times)
+    clusters += element(0x1f43b675, element(0xe7, number(static_cast<std::uint64_t>(time), 4)) +
+                                        element(0xa3, "\x81"s + number(0, 2) + "\x80"s + jpeg_frame()));
+  const Bytes size = element(0xb0, number(64, 2)) + element(0xba, number(48, 2));
+  const Bytes track = element(0xd7, number(1, 1)) + element(0x73c5, number(1, 1)) +
+                      element(0x83, number(1, 1)) + element(0x86, "V_MJPEG") +
+                      element(0x23e383, number(1000000, 4)) + element(0xe0, size);
+  return element(0x1a45dfa3, element(0x4282, "matroska") + element(0x4287, number(2, 1)) +
+                                 element(0x4285, number(2, 1))) +
+         element(0x18538067, element(0x1549a966, element(0x2ad7b1, number(1000000, 4)) +
+                                                     element(0x4489, number(bits, 8))) +
+                                 element(0x1654ae6b, element(0xae, track)) + clusters);
+}
+
+// The same in a container without times: a place for every millisecond, most of them empty.
+Bytes avi(const std::vector<int>& times, int end, int rate) {
+  const auto chunk = [](const Bytes& name, const Bytes& body) {
+    return name + little(body.size(), 4) + body + Bytes(body.size() % 2, '\0');
+  };
+  Bytes frames, index;
+  const auto count = static_cast<std::uint64_t>(end);
+  for (int t = 0; t < end; ++t) {
+    const bool there = std::find(times.begin(), times.end(), t) != times.end();
+    const Bytes body = there ? jpeg_frame() : "";
+    index += "00dc" + little(0x10, 4) + little(frames.size() + 4, 4) + little(body.size(), 4);
+    frames += chunk("00dc", body);
+  }
+  const Bytes main = little(1000, 4) + little(0, 8) + little(0x10, 4) + little(count, 4) + little(0, 4) +
+                     little(1, 4) + little(0, 4) + little(64, 4) + little(48, 4) + little(0, 16);
+  const Bytes stream = "vidsMJPG" + little(0, 12) + little(1, 4) +
+                       little(static_cast<std::uint64_t>(rate), 4) + little(0, 4) + little(count, 4) +
+                       little(0, 4) + little(~0u, 4) + little(0, 12);
+  const Bytes format = little(40, 4) + little(64, 4) + little(48, 4) + little(1, 2) + little(24, 2) + "MJPG" +
+                       little(64 * 48 * 3, 4) + little(0, 16);
+  const Bytes header =
+      "hdrl" + chunk("avih", main) + chunk("LIST", "strl" + chunk("strh", stream) + chunk("strf", format));
+  return chunk("RIFF",
+               "AVI " + chunk("LIST", header) + chunk("LIST", "movi" + frames) + chunk("idx1", index));
+}
+
+struct Rate {
+  std::string name;
+  std::string file;
+  Bytes bytes;
+  int frames;
+  double fps;
+};
+
+void PrintTo(const Rate& rate, std::ostream* out) { *out << rate.name; }
+
+std::vector<Rate> rates() {
+  std::vector<int> few, many, even;
+  for (int i = 0, t = 0; i < 60; ++i, t += i % 2 == 0 ? 60 : 20) few.push_back(t);  // 2400 ms
+  for (int i = 0, t = 0; i < 150; ++i, t += i <= 100 ? 20 : 80) many.push_back(t);  // 6000 ms
+  for (int i = 0; i < 30; ++i) even.push_back(40 * i);
+  return {{"MatroskaThatVaries", "v.mkv", matroska(few, 2400), 60, 25},
+          {"LongMatroskaThatVaries", "v.mkv", matroska(many, 6000), 150, 25},
+          {"MatroskaOfOneRate", "v.mkv", matroska(even, 1200), 30, 25},
+          {"AviThatVaries", "v.avi", avi(few, 2400, 1000), 60, 25},
+          {"LongAviThatVaries", "v.avi", avi(many, 6000, 1000), 150, 25},
+          {"AviOfOneRate", "v.avi", avi({0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}, 12, 12), 12, 12}};
+}
+
+class Rates : public Folder, public testing::WithParamInterface<Rate> {};
+
+TEST_P(Rates, AreTheMeanOfTheTimestamps) {
+  const std::string path = write(GetParam().file, GetParam().bytes).string();
+  ImageSource source = ImageSource::open(path);
+  cv::Mat image;
+  int frames = 0;
+  while (source.next(image)) ++frames;
+  EXPECT_EQ(frames, GetParam().frames);
+  EXPECT_NEAR(source.fps(), GetParam().fps, 0.02 * GetParam().fps);
+  EXPECT_FALSE(source.ended_early());
+  EXPECT_TRUE(source.take_notes().empty());
+  EXPECT_EQ(ImageSource::open(path, {.fps = 7}).fps(), 7);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, Rates, testing::ValuesIn(rates()),
+                         [](const auto& instance) { return instance.param.name; });
+
+TEST_F(Videos, ThatAreCutHaveEndedEarly) {
+  const Bytes whole = avi({0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}, 12, 12);
+  ImageSource source = ImageSource::open(write("v.avi", cut(whole, 0.6)).string());
+  cv::Mat image;
+  while (source.next(image)) {
+  }
+  EXPECT_LT(source.position(), 12);
+  EXPECT_TRUE(source.ended_early());
+  EXPECT_EQ(source.fps(), 12);
+}
+
+// ---- Outputs ----
+
+// One line a way to name a file of the input.
+TEST_F(Folder, FilesOfTheInputAreSeenThroughLinks) {
+  for (const int t : {1, 2, 3}) write("in/" + std::to_string(t) + ".png", encoded(".png"));
+  write("elsewhere/4.png", "");
+  fs::create_symlink("in/2.png", folder_ / "link");
+  fs::create_symlink("link", folder_ / "link-to-link");
+  fs::create_symlink("in/9.png", folder_ / "dangling");
+  fs::create_symlink(fs::absolute(folder_ / "in/9.png"), folder_ / "dangling-absolute");
+  fs::create_symlink("dangling", folder_ / "dangling-link-to-link");
+  fs::create_directory_symlink("in", folder_ / "folder-link");
+  fs::create_hard_link(folder_ / "in/3.png", folder_ / "hard");
+  fs::create_symlink("ring", folder_ / "ring");
+  fs::create_symlink("elsewhere/4.png", folder_ / "other");
+  fs::create_symlink("elsewhere/5.png", folder_ / "other-dangling");
+  fs::create_symlink("in/boxes.csv", folder_ / "no-frame");
+  const ImageSource source = ImageSource::open((folder_ / "in").string());
+  for (const auto& [name, reads] : {std::pair("in/1.png", true),
+                                    {"in/new.png", true},
+                                    {"link", true},
+                                    {"link-to-link", true},
+                                    {"dangling", true},
+                                    {"dangling-absolute", true},
+                                    {"dangling-link-to-link", true},
+                                    {"folder-link/2.png", true},
+                                    {"folder-link/new.png", true},
+                                    {"hard", true},
+                                    {"in/../in/1.png", true},
+                                    {"ring", false},
+                                    {"other", false},
+                                    {"other-dangling", false},
+                                    {"no-frame", false},
+                                    {"boxes.csv", false},
+                                    {"elsewhere/4.png", false}})
+    EXPECT_EQ(source.reads(folder_ / name), reads) << name;
+  EXPECT_TRUE(same_file(folder_ / "dangling", folder_ / "in/9.png"));
+  EXPECT_TRUE(same_file(folder_ / "dangling", folder_ / "dangling-link-to-link"));
+  EXPECT_TRUE(same_file(folder_ / "hard", folder_ / "in/3.png"));
+  EXPECT_FALSE(same_file(folder_ / "dangling", folder_ / "in/8.png"));
+  EXPECT_FALSE(same_file("", folder_ / "in/8.png"));
+  EXPECT_FALSE(same_file("/dev/null", "/dev/null"));
+}
+
+}  // namespace
+}  // namespace asterism::tools

@@ -1,0 +1,31 @@
+#pragma once
+
+#include <CLI/CLI.hpp>
+#include <optional>
+#include <stdexcept>
+#include <string>
+
+#include "image_file.hpp"
+
+namespace asterism::tools {
+
+/// The options --bits and --range, which set the range of the pixels of images.
+inline void add_range_options(CLI::App& app, std::optional<PixelRange>& range) {
+  CLI::Option* const bits = app.add_option_function<int>(
+                                   "--bits", [&range](int count) { range = PixelRange::of_bits(count); },
+                                   "bits that the pixels use, for 10, 12 or 14 in images of 16")
+                                ->check(CLI::Range(1, 16));
+  app.add_option_function<std::string>(
+         "--range",
+         [&range](const std::string& text) {
+           try {
+             range = parse_range(text);
+           } catch (const std::invalid_argument& error) {
+             throw CLI::ValidationError("--range", error.what());
+           }
+         },
+         "LOW,HIGH, the values of pixels that are black and white")
+      ->excludes(bits);
+}
+
+}  // namespace asterism::tools
