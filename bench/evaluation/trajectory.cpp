@@ -39,7 +39,8 @@ std::string content_of(const fs::path& path) {
 }
 
 std::vector<TrajectoryFrame> read_text(const fs::path& path) {
-  const std::vector<std::string> lines = tools::read_lines(path);
+  std::vector<std::string> lines = tools::read_lines(path);
+  while (!lines.empty() && lines.back().find_first_not_of(" \t") == std::string::npos) lines.pop_back();
   std::vector<std::vector<double>> numbers;
   for (const std::string& line : lines) numbers.push_back(tools::parse_numbers(line));
   if (tools::are_mot_lines(numbers)) fail(path, 1, tools::kMotAdvice);
@@ -59,7 +60,7 @@ std::vector<TrajectoryFrame> read_text(const fs::path& path) {
       frame.code = static_cast<int>(-v[3]);  // the oldest toolkits: NaN,NaN,NaN,-code
     } else if (finite > 0) {
       frame.region = tools::to_region(v);
-      if (!frame.region) fail(path, number, "neither a rectangle nor a polygon");
+      if (!frame.region) fail(path, number, "neither a rectangle nor a polygon of up to 10,000 corners");
     }
     frames.push_back(std::move(frame));
   }
