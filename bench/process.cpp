@@ -56,6 +56,17 @@ std::function<void()> Processes::barrier() const { return {}; }
 
 #endif
 
+Json parse_json(std::string_view text) try {
+  constexpr int kDeepest = 64;
+  const auto check = [](int depth, Json::parse_event_t, Json&) {
+    if (depth > kDeepest) throw std::runtime_error("values are nested deeper than 64 levels");
+    return true;
+  };
+  return Json::parse(text, check);
+} catch (const Json::exception& error) {
+  throw std::runtime_error(error.what());
+}
+
 FolderLock::FolderLock(const std::filesystem::path& folder, std::chrono::seconds patience) {
   file_ = open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
   if (file_ < 0) throw std::runtime_error(folder.string() + ": " + std::strerror(errno));

@@ -13,6 +13,10 @@ namespace asterism::bench {
 
 using Json = nlohmann::ordered_json;
 
+/// The JSON of a text. Throws std::runtime_error for what is none, and for values that are nested deeper than
+/// any of ours: to copy or write them could end the process.
+Json parse_json(std::string_view text);
+
 /// A share of the work: of its parts, those whose number leaves `index` when divided by `count`.
 struct Shard {
   int index = 0;

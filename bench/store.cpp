@@ -5,6 +5,7 @@
 #include <Eigen/Core>
 #include <algorithm>
 #include <chrono>
+#include <cstdint>
 #include <cstdio>
 #include <fstream>
 #include <optional>
@@ -50,12 +51,19 @@ struct Contents {
     for (std::string line; std::getline(file, line);) {
       ++number;
       const bool is_complete = !file.eof();  // ends in a newline
-      Json json = Json::parse(line, nullptr, false);
-      if (json.is_discarded() && !is_complete) return;
-      const auto fail = [&](const char* what) {
+      const auto fail = [&](const std::string& what) {
         throw std::runtime_error(path.string() + ", line " + std::to_string(number) + ": " + what);
       };
-      if (!json.is_object() || !json.contains("run") || !json["run"].is_number_integer())
+      Json json;
+      try {
+        json = parse_json(line);
+      } catch (const std::runtime_error& error) {
+        if (!is_complete) return;
+        fail(std::string("not a line of results: ") + error.what());
+      }
+      constexpr std::int64_t kMostRuns = 1'000'000;
+      if (!json.is_object() || !json.contains("run") || !json["run"].is_number_integer() ||
+          json["run"].get<std::int64_t>() < 0 || json["run"].get<std::int64_t>() > kMostRuns)
         fail("not a line of results");
       json["run"] = first_run + json["run"].get<int>();
       if (json.contains("machine")) {

@@ -11,6 +11,7 @@
 #include <tuple>
 
 #include "scoring.hpp"
+#include "text.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -106,6 +107,24 @@ Loss worst(const Trajectory& trajectory, const OnePassRun& run, std::size_t skip
   return loss;
 }
 
+/// Whether anything can be measured: a region after the first, which is the start.
+bool is_measured(const Sequence& sequence) {
+  return std::ranges::count_if(sequence.truth, [](const auto& truth) { return truth.has_value(); }) > 1;
+}
+
+/// What is said of the sequences on which nothing can be; empty where there are none.
+std::string unmeasured_text(const Campaign& campaign) {
+  constexpr std::size_t kNamed = 5;
+  std::vector<std::string> names;
+  for (const Sequence& sequence : campaign.sequences)
+    if (!is_measured(sequence)) names.push_back(sequence.name);
+  if (names.empty()) return {};
+  std::string text;
+  for (std::size_t i = 0; i < std::min(names.size(), kNamed); ++i) text += (i > 0 ? ", " : "") + names[i];
+  if (names.size() > kNamed) text += " and " + std::to_string(names.size() - kNamed) + " others";
+  return text + ": no ground truth after the first box, so that nothing is measured";
+}
+
 /// Reads the results of one tracker, each once.
 class Reader {
  public:
@@ -132,15 +151,17 @@ class Reader {
  private:
   bool has_any(const TrackerScores& tracker, Protocol protocol) const {
     return std::ranges::any_of(campaign_.sequences, [&](const Sequence& sequence) {
-      return std::ranges::any_of(expected_runs(campaign_, tracker, sequence, protocol), [&](const Run& run) {
-        return trajectory_exists(campaign_.file(tracker.name, sequence, run));
-      });
+      return is_measured(sequence) &&
+             std::ranges::any_of(expected_runs(campaign_, tracker, sequence, protocol), [&](const Run& run) {
+               return trajectory_exists(campaign_.file(tracker.name, sequence, run));
+             });
     });
   }
 
   void read(TrackerRuns& tracker, Protocol protocol) {
     for (std::size_t s = 0; s < campaign_.sequences.size(); ++s) {
       const Sequence& sequence = campaign_.sequences[s];
+      if (!is_measured(sequence)) continue;
       const std::vector<Run> runs = expected_runs(campaign_, tracker.scores, sequence, protocol);
       if (runs.empty()) continue;
       if (protocol == Protocol::Vot)
@@ -191,8 +212,9 @@ class Reader {
         for (const double overlap : read.runs.front().overlaps)
           scores.overlaps.push_back(overlap < 0 ? kNone : overlap);
       });
-    if (protocol == Protocol::Otb)
-      scores.average_overlap = one_pass_score(std::span(&read, 1)).average_overlap;
+    const double average_overlap = one_pass_score(std::span(&read, 1)).average_overlap;
+    if (std::isnan(average_overlap)) return;  // no valid box of OTB's
+    if (protocol == Protocol::Otb) scores.average_overlap = average_overlap;
     tracker.one_pass[protocol].push_back(std::move(read));
   }
 
@@ -236,19 +258,26 @@ class Reader {
 };
 
 /// The trackers of the campaign and the other folders of its results, in alphabetical order.
-std::set<std::string> tracker_names(const Campaign& campaign) {
+std::set<std::string> tracker_names(const Campaign& campaign, std::vector<std::string>& left_out) {
   std::set<std::string> names;
   for (const auto& [name, tracker] : campaign.trackers) names.insert(name);
   const fs::path results = campaign.folder / "results";
   if (!fs::exists(results)) return names;
-  for (const auto& entry : fs::directory_iterator(results))
-    if (entry.is_directory()) names.insert(entry.path().filename().string());
+  for (const auto& entry : fs::directory_iterator(results)) {
+    const std::string name = entry.path().filename().string();
+    if (!entry.is_directory()) continue;
+    if (is_utf8(name))
+      names.insert(name);
+    else
+      left_out.push_back(printable(entry.path().string()) + ": the name is not UTF-8: rename it");
+  }
   return names;
 }
 
 StatedInterval typical_interval(const Campaign& campaign) {
   std::vector<std::size_t> lengths;
-  for (const Sequence& sequence : campaign.sequences) lengths.push_back(sequence.length());
+  for (const Sequence& sequence : campaign.sequences)
+    if (is_measured(sequence)) lengths.push_back(sequence.length());
   const auto [shortest, longest] = std::ranges::minmax(lengths);
   if (shortest == longest) return {{longest, longest}, "the length of all sequences"};
   return {typical_lengths(lengths).interval, "by the density of the lengths of these sequences"};
@@ -256,7 +285,9 @@ StatedInterval typical_interval(const Campaign& campaign) {
 
 /// VOT2020's where a sequence is that long. In lengths: the toolkit's numbers are one less below.
 StatedInterval multi_start_interval(const Campaign& campaign, const StatedInterval& typical) {
-  const auto longest = std::ranges::max(campaign.sequences, {}, &Sequence::length).length();
+  std::size_t longest = 0;
+  for (const Sequence& sequence : campaign.sequences)
+    if (is_measured(sequence)) longest = std::max(longest, sequence.length());
   if (longest < kVot2020Lengths.high) return typical;
   return {{kVot2020Lengths.low + 1, kVot2020Lengths.high}, "VOT2020's, 115:755 as its toolkit counts"};
 }
@@ -452,14 +483,20 @@ std::string_view to_string(Measure measure) {
 }
 
 Analysis analyse(const Campaign& campaign, const AnalysisOptions& options) {
+  Analysis analysis;
+  analysis.measured = static_cast<std::size_t>(std::ranges::count_if(campaign.sequences, is_measured));
+  if (const std::string text = unmeasured_text(campaign); !text.empty()) analysis.left_out.push_back(text);
+  if (analysis.measured == 0)
+    throw std::runtime_error(campaign.dataset.string() + ": " +
+                             (analysis.left_out.empty() ? "no sequences" : analysis.left_out.front()) +
+                             "; the server of GOT-10k measures what asterism-eval export-got10k writes");
   std::vector<std::optional<cv::Size>> images(campaign.sequences.size());
   if (campaign.options.bounded)
     for (std::size_t s = 0; s < images.size(); ++s) images[s] = FrameReader(campaign.sequences[s])(0).size();
 
-  Analysis analysis;
   std::vector<TrackerRuns> trackers;
   Reader reader(campaign, images);
-  for (const std::string& name : tracker_names(campaign)) {
+  for (const std::string& name : tracker_names(campaign, analysis.left_out)) {
     std::vector<std::string> left_out;
     TrackerRuns tracker = reader.read(name, left_out);
     const bool any = !tracker.supervised.empty() || !tracker.one_pass.empty() || !tracker.multi_start.empty();

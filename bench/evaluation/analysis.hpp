@@ -104,7 +104,8 @@ struct Analysis {
   std::vector<std::string> tags;           ///< attributes that a frame has
   bool practical = false;                  ///< whether ranks know practical differences
   StatedInterval supervised, multi_start;  ///< intervals
-  std::vector<std::string> left_out;       ///< what trackers have no results of, a line each
+  std::size_t measured = 0;                ///< sequences that anything can be measured on
+  std::vector<std::string> left_out;       ///< what the figures are without, a line each
 };
 
 /// With fewer sequences no difference is called significant: not even one of the same sign in all of them
@@ -117,9 +118,11 @@ struct AnalysisOptions {
 };
 
 /// Scores all results of the campaign, and those of other trackers in its folder results/, which have as many
-/// runs on a sequence as there are files. A protocol without any result of a tracker is left out for it;
+/// runs on a sequence as there are files. A sequence without ground truth after its first box is left out of
+/// all figures and lengths, and a protocol without any result of a tracker for that tracker;
 /// std::runtime_error, which names the file, for one that is not whole, with the command that makes it, and
-/// for results that are damaged or of other sequences; also where there are none at all.
+/// for results that are damaged or of other sequences; also where there are none at all, and where nothing
+/// can be measured.
 Analysis analyse(const Campaign& campaign, const AnalysisOptions& options = {});
 
 }  // namespace asterism::bench

@@ -131,6 +131,8 @@ int main(int argc, char** argv) {
     PartRegistry registry;
     for (const std::string& model : models)
       registry.make(model);  // unknown ones fail before the first search
-    report(models, bench::open_dataset(dataset, bench::Layout::Auto, only));
+    const bench::Dataset data = bench::open_dataset(dataset, bench::Layout::Auto, only);
+    print_notes(data);
+    report(models, data.sequences);
   });
 }

@@ -1,7 +1,6 @@
 // asterism-eval: trackers on annotated sequences, by the protocols of VOT and OTB.
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <cctype>
 #include <charconv>
 #include <cmath>
 #include <csignal>
@@ -9,12 +8,15 @@
 #include <exception>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "analysis.hpp"
 #include "campaign.hpp"
+#include "got10k_export.hpp"
 #include "range_option.hpp"
 #include "report.hpp"
+#include "text.hpp"
 #include "tool_main.hpp"
 
 namespace {
@@ -39,15 +41,14 @@ class RunCommand {
         ->delimiter(',')
         ->capture_default_str();
     app_.add_option("--out", folder_, "folder of the results; what it has is not run again")->required();
-    app_.add_option("--layout", layout_, "of the data set: auto, vot, otb, got10k, lasot, plain")
-        ->capture_default_str();
+    app_.add_option("--layout", layout_, "of the data set: " + layout_names())->capture_default_str();
     app_.add_option("--sequences", only_, "only these")->delimiter(',');
     app_.add_option("--starts", options_.starts,
                     "vot, otb: runs on each sequence, all but the first from a moved start box")
-        ->check(CLI::Range(1, 999))
+        ->check(CLI::Range(1, kMostStarts))
         ->capture_default_str();
     app_.add_option("--jitter", options_.jitter, "the most that a start box is moved on each axis [px]")
-        ->check(CLI::Range(0.0, 1000.0))
+        ->check(CLI::Range(0.0, kMostJitter))
         ->capture_default_str();
     app_.add_option("--seed", options_.seed, "of the moves")->capture_default_str();
     app_.add_option("--overlap", overlap_,
@@ -60,12 +61,24 @@ class RunCommand {
     app_.add_option("--workers", workers_, "runs at the same time; 1 for figures of speed")
         ->check(CLI::Range(1, 1024))
         ->capture_default_str();
+    app_.add_option("--timeout", timeout_, "of each answer of an external tracker [s]")
+        ->check(CLI::Range(0.001, 1e6))
+        ->capture_default_str();
+    app_.add_option("--retries", retries_,
+                    "how often a run is made again in which an external tracker died or was silent")
+        ->check(CLI::Range(0, 1000))
+        ->capture_default_str();
+    app_.add_option("--rerun", rerun_, "of these trackers all results there are dropped first")
+        ->delimiter(',');
   }
 
   bool parsed() const { return app_.parsed(); }
 
   int run(const Processes& processes, const std::string& command) {
-    if (std::isnan(options_.jitter)) throw std::invalid_argument("--jitter: not a number");  // CLI lets it by
+    stop_on_signals();
+    // The command line's check lets them by.
+    if (std::isnan(options_.jitter)) throw std::invalid_argument("--jitter: not a number");
+    if (std::isnan(timeout_)) throw std::invalid_argument("--timeout: not a number");
     Campaign campaign;
     campaign.folder = folder_;
     campaign.dataset = std::filesystem::weakly_canonical(dataset_);
@@ -85,21 +98,34 @@ class RunCommand {
     std::vector<std::string> names;
     for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
     if (names.empty()) throw std::invalid_argument("no tracker: --trackers, --tracker or --external");
-    campaign.sequences = open_dataset(campaign.dataset, campaign.layout, only_);
+    for (const std::string& name : rerun_)
+      if (!campaign.trackers.contains(name))
+        throw std::invalid_argument("--rerun " + name + ": no tracker of this run");
+    if (!is_utf8(campaign.dataset.string()))
+      throw std::invalid_argument(printable(campaign.dataset.string()) +
+                                  ": the path is not UTF-8, as campaign.json needs it: rename it");
+    Dataset dataset = open_dataset(campaign.dataset, campaign.layout, only_);
+    if (processes.shard().index == 0) print_notes(dataset);
+    campaign.sequences = std::move(dataset.sequences);
     for (Sequence& sequence : campaign.sequences) sequence.range = options_.range;
-    campaign.record.push_back({{"command", command},
+    campaign.record.push_back({{"command", printable(command)},
                                {"started", utc_now()},
                                {"version", ASTERISM_VERSION},
                                {"machine", process_machine()},
                                {"workers", workers_},
                                {"processes", processes.shard().count}});
+    if (!dataset.notes.empty()) campaign.record.back()["notes"] = dataset.notes;
     const std::vector<Protocol> protocols = campaign.protocols;
-    if (processes.shard().index == 0) write_campaign(campaign);
+    if (processes.shard().index == 0) {
+      for (const std::string& name : rerun_) drop_results(campaign, name);
+      write_campaign(campaign);
+    }
     // No process begins before the campaign has been checked.
     if (const auto wait = processes.barrier()) wait();
 
-    const CampaignTally tally = run_campaign(
-        campaign, names, protocols, {workers_, processes.shard(), [] { return stop_signal() != 0; }});
+    const CampaignTally tally =
+        run_campaign(campaign, names, protocols,
+                     {workers_, processes.shard(), [] { return stop_signal() != 0; }, timeout_, retries_});
     std::fprintf(stderr, "%zu runs made, %zu were there", tally.runs, tally.kept);
     if (tally.failed > 0)
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
@@ -108,7 +134,8 @@ class RunCommand {
       std::fprintf(stderr, "images that are damaged and were taken as blank frames: %zu, the first is %s\n",
                    tally.damaged.size(), tally.damaged.begin()->c_str());
     if (tally.interrupted) {
-      std::fprintf(stderr, "interrupted; the same command goes on\n");
+      std::fprintf(stderr, "interrupted; the same command goes on%s\n",
+                   rerun_.empty() ? "" : ", without --rerun");
       return 128 + stop_signal();
     }
     return 0;
@@ -116,20 +143,20 @@ class RunCommand {
 
  private:
   static void add_tracker(Campaign& campaign, const std::string& name, const std::string& tracker) {
-    const auto usable = [](unsigned char c) {
-      return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.' || c == '+';
-    };
-    if (name.empty() || name.starts_with('.') || !std::all_of(name.begin(), name.end(), usable))
-      throw std::invalid_argument("\"" + name + "\" cannot name a tracker: letters, digits, - _ . + alone");
+    if (const std::string reason = reason_against_name(name); !reason.empty())
+      throw std::invalid_argument(reason);
+    if (!is_utf8(tracker))
+      throw std::invalid_argument(printable(tracker) + ": a tracker's description is UTF-8");
     evaluated_tracker(tracker);  // unknown names fail before the first run
     campaign.trackers[name] = tracker;
   }
 
   CLI::App& app_;
   std::string dataset_, folder_, layout_ = "auto", overlap_ = "vot-python";
-  std::vector<std::string> trackers_, external_, described_, protocols_ = {"vot", "otb"}, only_;
+  std::vector<std::string> trackers_, external_, described_, protocols_ = {"vot", "otb"}, only_, rerun_;
   ProtocolOptions options_;
-  int workers_ = std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  int workers_ = std::max(1, static_cast<int>(std::thread::hardware_concurrency())), retries_ = 0;
+  double timeout_ = 30;
 };
 
 /// `asterism-eval report`.
@@ -158,6 +185,7 @@ class ReportCommand {
     write_report(campaign, analysis, out_.empty() ? std::filesystem::path(folder_) / "report" : out_,
                  options_);
     std::printf("%s", summary_text(analysis).c_str());
+    for (const std::string& line : analysis.left_out) std::fprintf(stderr, "%s\n", line.c_str());
     return 0;
   }
 
@@ -180,6 +208,42 @@ class ReportCommand {
   ReportOptions options_;
 };
 
+/// `asterism-eval export-got10k`.
+class ExportCommand {
+ public:
+  explicit ExportCommand(CLI::App& parent)
+      : app_(*parent.add_subcommand("export-got10k",
+                                    "writes the passes of protocol otb as GOT-10k's server takes them")) {
+    app_.add_option("DIR", folder_, "folder of the results")->required();
+    app_.add_option("--out", out_, "folder of the files, a folder a tracker")->required();
+    app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
+    app_.add_option("--trackers", trackers_, "only these")->delimiter(',');
+  }
+
+  bool parsed() const { return app_.parsed(); }
+
+  int run() const {
+    const Campaign campaign = read_campaign(folder_, dataset_);
+    std::vector<std::string> names = trackers_;
+    if (names.empty())
+      for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
+    for (const std::string& name : names) {
+      const std::size_t repeated = export_got10k(campaign, name, out_ / name);
+      std::printf("%s: to be sent are the contents of it, zipped\n", (out_ / name).c_str());
+      if (repeated > 0)
+        std::fprintf(stderr, "%s has no box in %zu frames, which have the one before\n", name.c_str(),
+                     repeated);
+    }
+    return 0;
+  }
+
+ private:
+  CLI::App& app_;
+  std::string folder_;
+  std::filesystem::path out_, dataset_;
+  std::vector<std::string> trackers_;
+};
+
 int list_trackers() {
   for (const std::string& name : evaluated_tracker_names()) std::printf("%s\n", name.c_str());
   return 0;
@@ -195,6 +259,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   app.set_version_flag("--version", ASTERISM_VERSION);
   RunCommand run(app);
   ReportCommand report(app);
+  ExportCommand got10k(app);
   const CLI::App* trackers = app.add_subcommand("trackers", "lists the trackers that can be run");
   try {
     app.parse(argc, argv);
@@ -204,6 +269,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   }
   if (run.parsed()) return run.run(processes, command);
   if (report.parsed()) return processes.shard().index == 0 ? report.run() : 0;
+  if (got10k.parsed()) return processes.shard().index == 0 ? got10k.run() : 0;
   if (trackers->parsed()) return list_trackers();
   return 0;
 }
@@ -213,7 +279,6 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
 int main(int argc, char** argv) {
   asterism::tools::silence_libraries();
   std::signal(SIGPIPE, SIG_IGN);  // an external tracker that goes is an error of its run
-  stop_on_signals();
   const Processes processes(argc, argv);
   try {
     const int code = run_command_line(processes, argc, argv);

@@ -86,7 +86,9 @@ int main(int argc, char** argv) {
     cv::setNumThreads(1);
     for (const std::string& name : names)
       asterism::make_tracker(name);  // unknown ones fail before the first run
-    const std::vector<Sequence> sequences = open_dataset(dataset, Layout::Auto, only);
+    const Dataset data = open_dataset(dataset, Layout::Auto, only);
+    print_notes(data);
+    const std::vector<Sequence>& sequences = data.sequences;
     for (const std::string& name : names) report(name, sequences);
   });
 }

@@ -342,7 +342,9 @@ int main(int argc, char** argv) {
     std::vector<std::pair<std::string, Begin>> trackers;
     for (const std::string& name : names) trackers.emplace_back(name, begin_of(name));
     if (signals) trackers.emplace_back("dpt's signals", candidates);
-    const std::vector<Sequence> sequences = bench::open_dataset(dataset, bench::Layout::Auto, only);
+    const bench::Dataset data = bench::open_dataset(dataset, bench::Layout::Auto, only);
+    print_notes(data);
+    const std::vector<Sequence>& sequences = data.sequences;
 
     std::vector<Run> runs;
     for (const auto& [name, begin] : trackers) {

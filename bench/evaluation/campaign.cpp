@@ -2,13 +2,19 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cctype>
 #include <chrono>
+#include <cstdint>
 #include <exception>
 #include <fstream>
+#include <iterator>
 #include <memory>
 #include <mutex>
+#include <optional>
 #include <stdexcept>
 #include <thread>
+#include <type_traits>
+#include <utility>
 
 #include "progress.hpp"
 
@@ -51,14 +57,45 @@ Json to_json(const Campaign& campaign) {
 }
 
 Json read_json(const fs::path& file) {
-  std::ifstream stream(file);
-  if (!stream)
+  std::ifstream stream;
+  if (fs::is_regular_file(file)) stream.open(file);
+  if (!stream.is_open())
     throw std::runtime_error("no campaign in " + file.parent_path().string() + ": cannot read " +
                              file.filename().string());
   try {
-    return Json::parse(stream);
-  } catch (const Json::exception& error) {
+    return parse_json(std::string(std::istreambuf_iterator<char>(stream), {}));
+  } catch (const std::runtime_error& error) {
     throw std::runtime_error(file.string() + ": " + error.what());
+  }
+}
+
+// A member that is a number in that range; a whole one for integers.
+template <class T>
+T number(const Json& json, const char* key, T low, T high) {
+  const Json& value = json.at(key);
+  const bool fits = std::is_integral_v<T> ? value.is_number_integer() : value.is_number();
+  if (!fits || !(value.get<double>() >= static_cast<double>(low)) ||
+      !(value.get<double>() <= static_cast<double>(high)))
+    throw std::invalid_argument(std::string(key) + ": a number from " + Json(low).dump() + " to " +
+                                Json(high).dump() + " expected, not " + value.dump());
+  return value.get<T>();
+}
+
+// What reports use of the entries of a record is of these types, or not there.
+void check_record(const Json& record) {
+  if (!record.is_array()) throw std::invalid_argument("the record is no list");
+  for (const Json& entry : record) {
+    if (!entry.is_object()) throw std::invalid_argument("an entry of the record is no object");
+    for (const char* key : {"command", "started", "version"})
+      if (entry.contains(key) && !entry[key].is_string())
+        throw std::invalid_argument(std::string(key) + " in the record: no text");
+    for (const char* key : {"workers", "processes"})
+      if (entry.contains(key)) number(entry, key, 0, 10'000);
+    if (entry.contains("machine") && !entry["machine"].is_object())
+      throw std::invalid_argument("machine in the record: no object");
+    const Json notes = entry.value("notes", Json::array());
+    if (!notes.is_array() || !std::ranges::all_of(notes, [](const Json& note) { return note.is_string(); }))
+      throw std::invalid_argument("notes in the record: no list of texts");
   }
 }
 
@@ -72,15 +109,26 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
   campaign.options = {.overlap = parse_overlap_rule(options.at("overlap")),
                       .bounded = options.at("bounded"),
                       .boxes = options.at("boxes"),
-                      .starts = options.at("starts"),
-                      .jitter = options.at("jitter"),
-                      .seed = options.at("seed")};
-  if (const Json range = options.value("range", Json()); !range.is_null())
-    campaign.options.range = PixelRange{range.at(0), range.at(1)};
-  for (const auto& protocol : json.at("protocols"))
+                      .starts = number(options, "starts", 1, kMostStarts),
+                      .jitter = number(options, "jitter", 0.0, kMostJitter),
+                      .seed = number(options, "seed", std::uint32_t{0}, ~std::uint32_t{0})};
+  if (const Json range = options.value("range", Json()); !range.is_null()) {
+    if (!range.is_array() || range.size() != 2 || !range[0].is_number() || !range[1].is_number())
+      throw std::invalid_argument("range: two numbers expected, not " + range.dump());
+    campaign.options.range = PixelRange{range[0], range[1]};
+  }
+  if (!json.at("protocols").is_array()) throw std::invalid_argument("protocols are no list");
+  for (const auto& protocol : json["protocols"])
     campaign.protocols.push_back(parse_protocol(protocol.get<std::string>()));
   campaign.trackers = json.at("trackers").get<std::map<std::string, std::string>>();
+  std::ranges::sort(campaign.protocols);
+  const auto repeated = std::ranges::unique(campaign.protocols);
+  campaign.protocols.erase(repeated.begin(), repeated.end());
+  for (const auto& [name, tracker] : campaign.trackers)
+    if (const std::string reason = reason_against_name(name); !reason.empty())
+      throw std::invalid_argument(reason);
   campaign.record = json.at("record");
+  check_record(campaign.record);
   if (!json.at("sequences").is_object()) throw std::invalid_argument("sequences are no object");
   return campaign;
 } catch (const Json::exception& error) {
@@ -89,11 +137,19 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
   throw std::runtime_error((folder / kFile).string() + ": " + error.what());
 }
 
+bool has_results(const fs::path& folder, const std::string& tracker) {
+  const fs::path results = folder / "results" / tracker;
+  if (!fs::exists(results)) return false;
+  return std::any_of(fs::recursive_directory_iterator(results), fs::recursive_directory_iterator(),
+                     [](const auto& entry) { return entry.is_regular_file(); });
+}
+
 // Throws unless both files can be one.
 void check_same(const fs::path& file, const Json& old, const Json& now) {
-  const auto differs = [&](const std::string& what, const Json& before, const Json& after) {
+  const auto differs = [&](const std::string& what, const Json& before, const Json& after,
+                           const std::string& or_else = {}) {
     throw std::runtime_error(file.string() + ": the results there are of another " + what + " (" +
-                             before.dump() + ", now " + after.dump() + "): choose another folder");
+                             before.dump() + ", now " + after.dump() + "): choose another folder" + or_else);
   };
   for (const auto& [name, value] : now["options"].items())
     if (const Json before = old["options"].value(name, Json()); name != "starts" && before != value)
@@ -102,8 +158,9 @@ void check_same(const fs::path& file, const Json& old, const Json& now) {
     if (old["sequences"].contains(name) && old["sequences"][name] != value)
       differs("sequence " + name, old["sequences"][name], value);
   for (const auto& [name, value] : now["trackers"].items())
-    if (old["trackers"].contains(name) && old["trackers"][name] != value)
-      differs("tracker " + name, old["trackers"][name], value);
+    if (old["trackers"].contains(name) && old["trackers"][name] != value &&
+        has_results(file.parent_path(), name))
+      differs("tracker " + name, old["trackers"][name], value, " or --rerun " + name);
 }
 
 struct Job {
@@ -142,6 +199,14 @@ fs::path Campaign::errors_file(const std::string& tracker, const Sequence& seque
   return result.parent_path() / (result.stem().string() + "_errors.log");
 }
 
+std::string reason_against_name(const std::string& tracker) {
+  const auto usable = [](unsigned char c) {
+    return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.' || c == '+';
+  };
+  if (!tracker.empty() && !tracker.starts_with('.') && std::ranges::all_of(tracker, usable)) return {};
+  return "\"" + tracker + "\" cannot name a tracker: letters, digits, - _ . + alone";
+}
+
 bool has_campaign(const fs::path& folder) { return fs::exists(folder / kFile); }
 
 Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
@@ -150,7 +215,7 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
   if (!dataset.empty()) campaign.dataset = fs::absolute(dataset);
   std::vector<std::string> names;
   for (const auto& [name, record] : json["sequences"].items()) names.push_back(name);
-  campaign.sequences = open_dataset(campaign.dataset, campaign.layout, names);
+  campaign.sequences = open_dataset(campaign.dataset, campaign.layout, names).sequences;
   for (Sequence& sequence : campaign.sequences) sequence.range = campaign.options.range;
   check_same(folder / kFile, json, to_json(campaign));
   return campaign;
@@ -182,10 +247,15 @@ void write_campaign(Campaign& campaign) {
   write_atomically(file, now.dump(1) + "\n");
 }
 
+void drop_results(const Campaign& campaign, const std::string& tracker) {
+  fs::remove_all(campaign.folder / "results" / tracker);
+}
+
 CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
                            const std::vector<Protocol>& protocols, const CampaignRun& how) {
   std::map<std::string, Start> starts;
-  for (const std::string& name : trackers) starts[name] = evaluated_tracker(campaign.trackers.at(name)).start;
+  for (const std::string& name : trackers)
+    starts[name] = evaluated_tracker(campaign.trackers.at(name), how.timeout).start;
 
   // All runs on one sequence after each other, for its images; every process has every so manieth of them.
   CampaignTally tally;
@@ -229,8 +299,18 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
           progress.report(static_cast<int>(++done));
           return !how.stop() && !failure;
         };
-        const auto result = execute(starts.at(*job.tracker), *images, job.run, campaign.options, each_frame);
-        if (!result) return;
+        std::optional<RunResult> result;
+        for (int left = is_external(campaign.trackers.at(*job.tracker)) ? how.retries : 0;; --left) {
+          try {
+            result = execute(starts.at(*job.tracker), *images, job.run, campaign.options, each_frame);
+            if (!result) return;
+            if (result->errors.empty() || left == 0) break;
+          } catch (const UnusableTracker&) {
+            if (left == 0) throw;
+          }
+          const std::lock_guard lock(mutex);
+          done -= std::exchange(seen, 0);
+        }
         std::string errors;
         for (const std::string& error : result->errors) errors += error + "\n";
         const fs::path file = campaign.file(*job.tracker, sequence, job.run);

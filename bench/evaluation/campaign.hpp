@@ -36,19 +36,28 @@ struct Campaign {
 /// Whether the folder holds a campaign.
 bool has_campaign(const std::filesystem::path& folder);
 
+/// What speaks against a tracker's name, which becomes that of a folder; empty where nothing does.
+std::string reason_against_name(const std::string& tracker);
+
 /// Reads FOLDER/campaign.json and the data set that it names, or the one at `dataset` if that is not empty.
-/// Throws std::runtime_error for a damaged file and for a data set other than the results are from.
+/// Throws std::runtime_error for a damaged file, for values that `run` would not take, and for a data set
+/// other than the results are from.
 Campaign read_campaign(const std::filesystem::path& folder, const std::filesystem::path& dataset = {});
 
 /// Writes FOLDER/campaign.json. Where there is one: that of the same data set and options is extended by
 /// trackers, protocols, sequences, starts and the record; std::runtime_error, which names the setting, where
-/// results would not fit together.
+/// results would not fit together. A tracker without results may become another.
 void write_campaign(Campaign& campaign);
+
+/// Removes all results of a tracker.
+void drop_results(const Campaign& campaign, const std::string& tracker);
 
 struct CampaignRun {
   int workers = 1;  ///< runs at the same time
   Shard shard;
   std::function<bool()> stop;  ///< asked after each frame
+  double timeout = 30;         ///< of each answer of an external tracker [s]
+  int retries = 0;             ///< of a run in which an external tracker threw; the last one is stored
 };
 struct CampaignTally {
   std::size_t runs = 0;                          ///< made now
@@ -59,7 +68,7 @@ struct CampaignTally {
 };
 /// Makes the runs of the given trackers and protocols on the campaign's sequences whose results are not there
 /// yet, each stored when it is whole, with progress on standard error. The results do not depend on the
-/// workers and shards, but for times. Throws for what cannot be read or written.
+/// workers and shards, but for times. Throws for what cannot be read or written, and UnusableTracker.
 CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
                            const std::vector<Protocol>& protocols, const CampaignRun& how);
 

@@ -29,35 +29,54 @@ struct Sequence {
   std::size_t length() const { return truth.size(); }
 };
 
-/// How a data set lies on the disk.
+/// How a data set lies on the disk. Boxes are as published: those of OTB, Temple-Color-128, LaSOT and UAV123
+/// count pixels from 1, the others from 0. A single box is the first; the other frames are unknown.
 enum class Layout {
   Auto,  ///< whichever of the others it looks like
   Vot,   ///< SEQ/groundtruth.txt, color/00000001.jpg (or as SEQ/sequence says, or beside it), *.tag, *.label,
-         ///< practical.value
+         ///< practical.value. Frames beyond the last region are unknown.
   Otb,   ///< SEQ/groundtruth_rect.txt or, with several objects, groundtruth_rect.1.txt, .2.txt: SEQ-1, SEQ-2;
-         ///< img/, of which sequences that begin late or end early use the published part. Boxes are as
-         ///< published: their first pixel is 1, not 0. The attributes of the published sequences are tags of
-         ///< all their frames.
-  Got10k,  ///< SEQ/groundtruth.txt, 00000001.jpg, absence.label, cover.label, cut_by_image.label,
-           ///< meta_info.ini. No object where it is absent or not visible at all; the tag "occlusion" where
-           ///< it is not fully visible. A single line, as in the test set: the other frames are unknown.
-  Lasot,  ///< SEQ/groundtruth.txt, img/, full_occlusion.txt, out_of_view.txt. No object where either says so.
-  Plain,  ///< a folder of images or a video and, beside it, NAME.txt with a box a frame or the first box
-          ///< alone
+         ///< img/, of which sequences that begin late or end early use the published part. The attributes of
+         ///< the published sequences are tags of all their frames.
+  Got10k,       ///< SEQ/groundtruth.txt, 00000001.jpg, absence.label, cover.label, cut_by_image.label,
+                ///< meta_info.ini. No object where it is absent or not visible at all; the tag "occlusion"
+                ///< where it is not fully visible.
+  Lasot,        ///< SEQ/groundtruth.txt, img/, full_occlusion.txt, out_of_view.txt, absent.txt. No object
+                ///< where one of them says so.
+  Tc128,        ///< Temple-Color-128: SEQ/SEQ_gt.txt, img/, of which SEQ_frames.txt names the first and last
+  TrackingNet,  ///< frames/SEQ/0.jpg, anno/SEQ.txt
+  Uav123,       ///< data_seq/UAV123/VIDEO/000001.jpg, anno/UAV123/SEQ.txt: whole videos and the published
+                ///< parts of them; the same for UAV123_10fps
+  Nfs,          ///< SEQ/30/SEQ/00001.jpg, SEQ/30/SEQ.txt in VATIC's format, a line a frame or eight
+  Nfs240,       ///< SEQ/240/SEQ/00001.jpg, SEQ/240/SEQ.txt; not by Auto where there is Nfs, too
+  Plain  ///< a folder of images or a video and, beside it, NAME.txt with a box a frame or the first box
+         ///< alone
 };
 
-/// "auto", "vot", "otb", "got10k", "lasot", "plain".
+/// "auto", "vot", "otb", "got10k", "lasot", "tc128", "trackingnet", "uav123", "nfs", "nfs240", "plain".
 std::string_view to_string(Layout layout);
 /// The layout of that name; std::invalid_argument, which lists the names, for any other.
 Layout parse_layout(const std::string& name);
+/// All names, separated by commas.
+std::string layout_names();
+
+struct Dataset {
+  std::vector<Sequence> sequences;
+  /// What was mended, left out or not taken, a line each: for the user to read.
+  std::vector<std::string> notes;
+};
 
 /// The sequences of `path`: one sequence, or a folder of them (in the order of list.txt where there is one,
 /// else of their names; also in folders of folders, as LaSOT's classes). Only those named in `only` unless
-/// that is empty. Throws std::runtime_error that names file and line for gaps in the numbers of images,
-/// counts of images, boxes and tags that differ, malformed lines, two sequences of one name, and where there
-/// is none.
-std::vector<Sequence> open_dataset(const std::filesystem::path& path, Layout layout = Layout::Auto,
-                                   const std::vector<std::string>& only = {});
+/// that is empty. A sequence that cannot be read is left out with a note that names file and line: gaps in
+/// the numbers of images, counts of images and boxes that differ, malformed lines, a second sequence of one
+/// name, a name that is not UTF-8. Throws std::runtime_error where no sequence is left, and where one of
+/// `only` is not there or cannot be read.
+Dataset open_dataset(const std::filesystem::path& path, Layout layout = Layout::Auto,
+                     const std::vector<std::string>& only = {});
+
+/// Prints the notes on standard error.
+void print_notes(const Dataset& dataset);
 
 /// The frames of a sequence, one after another or at random (a video begins anew for an earlier frame).
 class FrameReader {

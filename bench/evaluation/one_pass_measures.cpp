@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
+#include <optional>
 #include <stdexcept>
 
 namespace asterism::bench {
@@ -29,7 +31,10 @@ void count(std::array<double, kCount>& curve, std::span<const double> values, co
         static_cast<double>(std::ranges::count_if(values, [&](double value) { return meets(value, i); }));
 }
 
-OnePassScore score_of(const OnePassSequence& sequence) {
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
+
+/// The score of a sequence; empty where no frame after a first one has ground truth.
+std::optional<OnePassScore> score_of(const OnePassSequence& sequence) {
   OnePassScore score;
   double frames = 0, overlap_sum = 0, overlap_count = 0;
   for (const OnePassRun& run : sequence.runs) {
@@ -52,7 +57,8 @@ OnePassScore score_of(const OnePassSequence& sequence) {
   for (double& value : score.success) value /= frames;
   for (double& value : score.precision) value /= frames;
   for (double& value : score.normalised_precision) value /= frames;
-  score.average_overlap = overlap_count > 0 ? overlap_sum / overlap_count : 0;
+  if (overlap_count == 0) return {};
+  score.average_overlap = overlap_sum / overlap_count;
   return score;
 }
 
@@ -123,14 +129,24 @@ double OnePassScore::auc() const {
 
 OnePassScore one_pass_score(std::span<const OnePassSequence> sequences) {
   if (sequences.empty()) throw std::invalid_argument("no sequences");
+  std::vector<OnePassScore> scores;
+  for (const OnePassSequence& sequence : sequences) {
+    if (sequence.runs.empty()) throw std::invalid_argument("a sequence without runs");
+    if (const auto score = score_of(sequence)) scores.push_back(*score);
+  }
   OnePassScore mean;
-  const auto number = static_cast<double>(sequences.size());
+  if (scores.empty()) {
+    mean.success.fill(kNone);
+    mean.precision.fill(kNone);
+    mean.normalised_precision.fill(kNone);
+    mean.average_overlap = kNone;
+    return mean;
+  }
+  const auto number = static_cast<double>(scores.size());
   const auto add = [&](auto& curve, const auto& other) {
     for (std::size_t i = 0; i < curve.size(); ++i) curve[i] += other[i] / number;
   };
-  for (const OnePassSequence& sequence : sequences) {
-    if (sequence.runs.empty()) throw std::invalid_argument("a sequence without runs");
-    const OnePassScore score = score_of(sequence);
+  for (const OnePassScore& score : scores) {
     add(mean.success, score.success);
     add(mean.precision, score.precision);
     add(mean.normalised_precision, score.normalised_precision);

@@ -46,8 +46,9 @@ struct OnePassScore {
   double normalised_precision_at_20() const { return normalised_precision[20]; }  ///< hundredths
 };
 /// Mean over the sequences of what their runs score, all frames of a sequence pooled (genPerfMat.m). Frames
-/// without ground truth miss every overlap and, as in that code, meet every precision. Throws
-/// std::invalid_argument for no sequences and those without runs or frames.
+/// without ground truth miss every overlap and, as in that code, meet every precision. Sequences whose runs
+/// have no valid ground truth after their first frames say nothing and are left out; where no other is left,
+/// everything is NaN. Throws std::invalid_argument for no sequences and those without runs or frames.
 OnePassScore one_pass_score(std::span<const OnePassSequence> sequences);
 
 /// Temporal robustness: the frames, from 0, that OTB starts on, `segments` of them from the first usable one

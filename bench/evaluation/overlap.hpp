@@ -28,7 +28,8 @@ OverlapRule parse_overlap_rule(const std::string& name);
 /// Intersection over union in [0, 1]; only what lies within `image` [px] counts where that is given. Polygons
 /// are simple ones in either orientation. A region that is not finite overlaps nothing. Two regions of no
 /// size have overlap 1 by VotPython, 0 by the others. The pixel rules see coordinates as the toolkits store
-/// them, in single precision, and none beyond a million pixels.
+/// them, in single precision, and none beyond a million pixels. The cost does not grow with the regions:
+/// those that cross more rows than any image has are counted in part of the rows that lie far outside.
 double overlap(const Region& a, const Region& b, OverlapRule rule, std::optional<cv::Size> image = {});
 
 }  // namespace asterism::bench

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/edit_distance.hpp>
 #include <asterism/trackers/tracker.hpp>
+#include <atomic>
 #include <map>
 #include <memory>
 #include <opencv2/core/utility.hpp>
@@ -28,13 +29,23 @@ Start our_tracker(const std::string& name) {
   };
 }
 
-Start trax_tracker(const std::string& command) {
-  return [command](const Image& image, const Region& object) -> Step {
+Start trax_tracker(const std::string& command, double timeout) {
+  const auto has_answered = std::make_shared<std::atomic<bool>>(false);
+  return [command, timeout, has_answered](const Image& image, const Region& object) -> Step {
     const auto argument = [](const Image& i) {
       return i.file.empty() ? tools::TraxImage(i.pixels) : tools::TraxImage(i.file);
     };
-    auto client = std::make_shared<tools::TraxClient>(command);
-    client->initialize(argument(image), {object});
+    tools::TraxClientOptions options;
+    options.timeout = timeout;
+    std::shared_ptr<tools::TraxClient> client;
+    try {
+      client = std::make_shared<tools::TraxClient>(command, options);
+      client->initialize(argument(image), {object});
+    } catch (const std::exception& error) {
+      if (*has_answered) throw;
+      throw UnusableTracker(error.what() + std::string(" before its first answer"));
+    }
+    *has_answered = true;
     return [client, argument](const Image& next) {
       const auto reply = client->frame(argument(next)).at(0);
       return Report{reply.region, reply.confidence.value_or(std::numeric_limits<double>::quiet_NaN())};
@@ -62,10 +73,11 @@ std::vector<std::string> evaluated_tracker_names() {
   return names;
 }
 
-EvaluatedTracker evaluated_tracker(const std::string& name) {
+bool is_external(const std::string& name) { return name.starts_with(kTrax) && name.size() > kTrax.size(); }
+
+EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
-  if (name.starts_with(kTrax) && name.size() > kTrax.size())
-    return {name, trax_tracker(name.substr(kTrax.size()))};
+  if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
   if (name.find_first_of("+{") != std::string::npos) {
     make_tracker(name);  // throws where there is none
     return {name, our_tracker(name)};

@@ -5,6 +5,7 @@
 #include <limits>
 #include <opencv2/core.hpp>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -35,6 +36,13 @@ using Step = std::function<Report(const Image&)>;
 /// Starts a new tracker on an object; those that track boxes take a polygon's bounding box.
 using Start = std::function<Step(const Image&, const Region&)>;
 
+/// A tracker of another program that cannot be used at all: it could not be started, or ended or was silent
+/// before its first answer. Its failures are none of the object's.
+class UnusableTracker : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 struct EvaluatedTracker {
   std::string name;
   Start start;
@@ -50,7 +58,10 @@ std::vector<std::string> evaluated_tracker_names();
 /// that speaks TraX as that command of the shell, a process for every start. All that use OpenCV run on one
 /// thread: the number of OpenCV's threads is set to one here. OpenCV's random numbers begin anew with every
 /// start, but opencv-mil, -boosting and -tld have others of their own, so that no two of their runs are the
-/// same. Throws std::invalid_argument, which lists the known names and the most similar first, for any other.
-EvaluatedTracker evaluated_tracker(const std::string& name);
+/// same. `timeout`: of each answer of another program [s]. Throws std::invalid_argument, which lists the
+/// known names and the most similar first, for any other.
+EvaluatedTracker evaluated_tracker(const std::string& name, double timeout = 30);
+/// Whether a name is trax:COMMAND.
+bool is_external(const std::string& name);
 
 }  // namespace asterism::bench

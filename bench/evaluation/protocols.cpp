@@ -91,6 +91,8 @@ class Execution {
     try {
       call(image);
       done = true;
+    } catch (const UnusableTracker&) {
+      throw;
     } catch (const std::exception& error) {
       result.errors.push_back("frame " + std::to_string(t + 1) + ": " + error.what());
     }
@@ -235,6 +237,10 @@ std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const Prot
   return runs;
 }
 
+Region start_region(const Sequence& sequence, const Run& run, const ProtocolOptions& options) {
+  return moved(*truth_of(sequence, run.first, options), run.offset);
+}
+
 std::optional<RunResult> execute(const Start& start, SequenceImages& images, const Run& run,
                                  const ProtocolOptions& options, const std::function<bool()>& each_frame) {
   const Sequence& sequence = images.sequence();
@@ -243,7 +249,7 @@ std::optional<RunResult> execute(const Start& start, SequenceImages& images, con
   if (run.protocol == Protocol::Vot) {
     supervised(execution, sequence, run, images, options);
   } else {
-    Region region = moved(*truth_of(sequence, run.first, options), run.offset);
+    Region region = start_region(sequence, run, options);
     if (run.protocol == Protocol::Sre)
       region =
           spatial_start(region, static_cast<std::size_t>(run.number - 1), images(run.first).pixels.size());

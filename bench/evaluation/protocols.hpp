@@ -37,6 +37,9 @@ Protocol parse_protocol(const std::string& name);
 /// The name of its folder in a VOT workspace: "baseline", "unsupervised", "tre", "sre", "multistart".
 std::string experiment_name(Protocol protocol);
 
+inline constexpr int kMostStarts = 999;      ///< of a sequence: files have numbers of three digits
+inline constexpr double kMostJitter = 1000;  ///< [px]
+
 /// What the results of an evaluation depend on beside tracker, sequence and protocol.
 struct ProtocolOptions {
   OverlapRule overlap = OverlapRule::VotPython;  ///< that failures are seen by
@@ -96,6 +99,9 @@ struct Run {
 /// The runs of a protocol on a sequence; none where no frame has ground truth to start on.
 std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const ProtocolOptions& options);
 
+/// What the tracker is given at the start of a run of Otb, Tre or MultiStart, and of Vot at its first start.
+Region start_region(const Sequence& sequence, const Run& run, const ProtocolOptions& options);
+
 /// The result of a run: frames of the sequence, for MultiStart from the anchor on in the order of the run;
 /// the time of each call of the tracker [s] as "time".
 struct RunResult {
@@ -104,7 +110,7 @@ struct RunResult {
 };
 /// What a tracker throws is a failure in that frame; supervised, it is started anew five frames later, else
 /// the frames that follow are without region. `each_frame` is called after each frame and ends the run where
-/// it returns false: then the result is empty. Throws for images that cannot be read.
+/// it returns false: then the result is empty. Throws for images that cannot be read, and UnusableTracker.
 std::optional<RunResult> execute(const Start& start, SequenceImages& images, const Run& run,
                                  const ProtocolOptions& options, const std::function<bool()>& each_frame);
 

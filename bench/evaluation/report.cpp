@@ -176,6 +176,10 @@ std::string what_was_run(const Campaign& campaign, const Analysis& analysis) {
                       ": *_errors.log beside its results");
   }
   for (const std::string& line : analysis.left_out) content += note(line);
+  std::set<std::string> notes;  // of the data set, when it was read
+  for (const Json& record : campaign.record)
+    for (const Json& line : record.value("notes", Json::array())) notes.insert(line.get<std::string>());
+  for (const std::string& line : notes) content += note(line);
   return content;
 }
 
@@ -404,9 +408,9 @@ std::string differences(const Analysis& analysis, const std::string& baseline) {
 }
 
 /// Which pairs do not differ significantly.
-std::string insignificant(const Campaign& campaign, const Analysis& analysis, const std::string& baseline) {
+std::string insignificant(const Analysis& analysis, const std::string& baseline) {
   std::string content;
-  if (campaign.sequences.size() < kFewestSequences && !analysis.differences.empty())
+  if (analysis.measured < kFewestSequences && !analysis.differences.empty())
     content = paragraph("With fewer than " + std::to_string(kFewestSequences) +
                         " sequences no difference is called significant.");
   for (const Measure measure : kMeasures) {
@@ -614,8 +618,8 @@ void write_report(const Campaign& campaign, const Analysis& analysis, const std:
       element("h1", "Evaluation of trackers");
   page += element("section", what_was_run(campaign, analysis));
   page += section("Summary", summary(analysis));
-  page += section("Differences", insignificant(campaign, analysis, options.baseline) +
-                                     differences(analysis, options.baseline));
+  page += section("Differences",
+                  insignificant(analysis, options.baseline) + differences(analysis, options.baseline));
   page += section("Supervised: accuracy, robustness, EAO", supervised(analysis));
   page += section("One pass: success and precision", one_pass(analysis));
   page += section("Multi-start", multi_start(analysis));

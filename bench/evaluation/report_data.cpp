@@ -14,17 +14,23 @@ constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 /// Digits that make it come back exactly, as in JSON; nothing for NaN.
 std::string exact(double value) { return std::isnan(value) ? std::string() : Json(value).dump(); }
 
-std::string csv_cell(const std::string& text) {
-  if (text.find_first_of(",\"\n\r") == std::string::npos) return text;
+/// A cell of text. What a spreadsheet would take for a formula has an apostrophe before it, which says that
+/// it is text.
+std::string text_cell(std::string text) {
+  constexpr std::string_view kFormula = "=+-@\t\r'";
+  if (!text.empty() && kFormula.find(text.front()) != std::string_view::npos)
+    text.insert(0, "'");
+  else if (text.find_first_of(",\"\n\r") == std::string::npos)
+    return text;
   std::string result = "\"";
   for (const char c : text) result += c == '"' ? std::string("\"\"") : std::string(1, c);
   return result + "\"";
 }
 
+/// Of cells as they are to stand there.
 std::string csv_line(const std::vector<std::string>& cells) {
   std::string line;
-  for (std::size_t i = 0; i < cells.size(); ++i)
-    line += csv_cell(cells[i]) + (i + 1 < cells.size() ? "," : "\n");
+  for (std::size_t i = 0; i < cells.size(); ++i) line += cells[i] + (i + 1 < cells.size() ? "," : "\n");
   return line;
 }
 
@@ -59,13 +65,13 @@ Json json_of(const SupervisedScores& scores, std::size_t sequences) {
   return json;
 }
 
-Json json_of(const TrackerScores& tracker, const Campaign& campaign) {
+Json json_of(const TrackerScores& tracker, const Campaign& campaign, std::size_t measured) {
   Json json{{"name", tracker.name},
             {"foreign", tracker.foreign},
             {"starts", tracker.most_starts},
             {"runs_with_errors", tracker.errors},
             {"fps", tracker.frames_per_second}};
-  if (tracker.supervised) json["vot"] = json_of(*tracker.supervised, campaign.sequences.size());
+  if (tracker.supervised) json["vot"] = json_of(*tracker.supervised, measured);
   for (const auto& [protocol, score] : tracker.one_pass)
     json[std::string(to_string(protocol))] = json_of(score);
   if (const auto& scores = tracker.multi_start)
@@ -194,7 +200,7 @@ Json report_json(const Campaign& campaign, const Analysis& analysis, const Repor
   json["record"] = campaign.record;
   json["trackers"] = Json::array();
   for (const TrackerScores& tracker : analysis.trackers)
-    json["trackers"].push_back(json_of(tracker, campaign));
+    json["trackers"].push_back(json_of(tracker, campaign, analysis.measured));
   json["differences"] = Json::array();
   for (const Difference& difference : analysis.differences)
     json["differences"].push_back({{"measure", to_string(difference.measure)},
@@ -223,7 +229,7 @@ std::map<std::string, std::string> report_csv(const Campaign& campaign, const An
   }
   std::string& summary = files["summary.csv"] = csv_line(cells);
   for (const TrackerScores& tracker : analysis.trackers) {
-    cells = {tracker.name};
+    cells = {text_cell(tracker.name)};
     for (const SummaryColumn& column : columns) {
       const auto value = column.values.find(tracker.name);
       const Estimate estimate = value == column.values.end() ? plain(kNone) : value->second;
@@ -239,18 +245,18 @@ std::map<std::string, std::string> report_csv(const Campaign& campaign, const An
   for (const TrackerScores& tracker : analysis.trackers) {
     for (std::size_t s = 0; s < campaign.sequences.size(); ++s) {
       const SequenceScores& scores = tracker.sequences[s];
-      sequences +=
-          csv_line({tracker.name, campaign.sequences[s].name, std::to_string(campaign.sequences[s].length()),
-                    exact(scores.accuracy), exact(scores.failures), exact(scores.average_overlap)});
+      sequences += csv_line({text_cell(tracker.name), text_cell(campaign.sequences[s].name),
+                             std::to_string(campaign.sequences[s].length()), exact(scores.accuracy),
+                             exact(scores.failures), exact(scores.average_overlap)});
     }
     const auto curve = [&](const std::string& name, const auto& values, double first, double step) {
       for (std::size_t i = 0; i < values.size(); ++i)
-        curves +=
-            csv_line({tracker.name, name, exact(first + step * static_cast<double>(i)), exact(values[i])});
+        curves += csv_line({text_cell(tracker.name), text_cell(name),
+                            exact(first + step * static_cast<double>(i)), exact(values[i])});
     };
     if (tracker.supervised) {
       for (const auto& [tag, attribute] : tracker.supervised->attributes)
-        attributes += csv_line({tracker.name, tag, exact(attribute.score.accuracy),
+        attributes += csv_line({text_cell(tracker.name), text_cell(tag), exact(attribute.score.accuracy),
                                 exact(attribute.score.failures), exact(attribute.eao)});
       curve("EAO", tracker.supervised->legacy_curve, 1, 1);
       curve("EAO python", tracker.supervised->python_curve, 1, 1);
@@ -264,10 +270,11 @@ std::map<std::string, std::string> report_csv(const Campaign& campaign, const An
 
   std::string& differences = files["differences.csv"] = "measure,a,b,value,low,high,significant\n";
   for (const Difference& difference : analysis.differences)
-    differences += csv_line({std::string(to_string(difference.measure)), analysis.trackers[difference.a].name,
-                             analysis.trackers[difference.b].name, exact(difference.estimate.value),
-                             exact(difference.estimate.low), exact(difference.estimate.high),
-                             difference.significant ? "yes" : "no"});
+    differences +=
+        csv_line({std::string(to_string(difference.measure)), text_cell(analysis.trackers[difference.a].name),
+                  text_cell(analysis.trackers[difference.b].name), exact(difference.estimate.value),
+                  exact(difference.estimate.low), exact(difference.estimate.high),
+                  difference.significant ? "yes" : "no"});
   return files;
 }
 

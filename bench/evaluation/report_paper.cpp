@@ -82,7 +82,7 @@ NumberTable::Row printed(std::string name, std::vector<Estimate> values) {
   return {std::move(name) + " (printed)", std::move(values), "printed"};
 }
 
-std::string first_table(const Campaign& campaign, const Analysis& analysis) {
+std::string first_table(const Analysis& analysis) {
   NumberTable table{.corner = "Table 1",
                     .columns = {{"EAO", 2},
                                 {"A", 2},
@@ -98,7 +98,7 @@ std::string first_table(const Campaign& campaign, const Analysis& analysis) {
   for (const TrackerScores& tracker : analysis.trackers) {
     std::vector<Estimate> values(5, plain(kNone));
     if (const auto& scores = tracker.supervised) {
-      const auto number = static_cast<double>(campaign.sequences.size());
+      const auto number = static_cast<double>(analysis.measured);
       values[0] = plain(scores->legacy_eao);
       values[1] = plain(scores->legacy.accuracy);
       values[2] = plain(scores->legacy.failures / number);
@@ -147,7 +147,7 @@ std::string paper_section(const Campaign& campaign, const Analysis& analysis) {
          "of OTB. They were not measured here. The other rows were, on " +
          std::to_string(campaign.sequences.size()) +
          " sequences of the data set named above: they compare only where the sequences are the same.</p>\n" +
-         first_table(campaign, analysis) +
+         first_table(analysis) +
          second_table(
              analysis, "EAO", 2, [](const Peer& peer) { return peer.eao; },
              [](const AttributeScores& scores) { return scores.eao; },

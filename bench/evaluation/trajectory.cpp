@@ -14,6 +14,8 @@
 #include <random>
 #include <stdexcept>
 
+#include "ground_truth.hpp"
+
 namespace asterism::bench {
 namespace {
 
@@ -36,24 +38,16 @@ std::string content_of(const fs::path& path) {
   return content;
 }
 
-// Lines without their ends.
-std::vector<std::string> lines_of(const fs::path& path) {
-  std::vector<std::string> lines;
-  const std::string content = content_of(path);
-  for (std::size_t begin = 0; begin < content.size();) {
-    const std::size_t end = std::min(content.find('\n', begin), content.size());
-    lines.push_back(content.substr(begin, end - begin));
-    if (lines.back().ends_with('\r')) lines.back().pop_back();
-    begin = end + 1;
-  }
-  return lines;
-}
-
 std::vector<TrajectoryFrame> read_text(const fs::path& path) {
+  std::vector<std::string> lines = tools::read_lines(path);
+  while (!lines.empty() && lines.back().find_first_not_of(" \t") == std::string::npos) lines.pop_back();
+  std::vector<std::vector<double>> numbers;
+  for (const std::string& line : lines) numbers.push_back(tools::parse_numbers(line));
+  if (tools::are_mot_lines(numbers)) fail(path, 1, tools::kMotAdvice);
   std::vector<TrajectoryFrame> frames;
-  for (const std::string& line : lines_of(path)) {
+  for (const std::string& line : lines) {
+    const std::vector<double>& v = numbers[frames.size()];
     const std::size_t number = frames.size() + 1;
-    const std::vector<double> v = tools::parse_numbers(line);
     if (line.starts_with('m')) fail(path, number, "masks are not supported");
     if (v.empty()) fail(path, number, "not a region: \"" + line.substr(0, 60) + "\"");
     const auto finite = static_cast<std::size_t>(
@@ -66,7 +60,7 @@ std::vector<TrajectoryFrame> read_text(const fs::path& path) {
       frame.code = static_cast<int>(-v[3]);  // the oldest toolkits: NaN,NaN,NaN,-code
     } else if (finite > 0) {
       frame.region = tools::to_region(v);
-      if (!frame.region) fail(path, number, "neither a rectangle nor a polygon");
+      if (!frame.region) fail(path, number, "neither a rectangle nor a polygon of up to 10,000 corners");
     }
     frames.push_back(std::move(frame));
   }
@@ -141,7 +135,7 @@ class BinaryReader {
 // Numbers, one a line, or none in it; empty where a line is something else.
 std::optional<std::vector<double>> read_values(const fs::path& path, std::size_t frames) {
   std::vector<double> values;
-  for (const std::string& line : lines_of(path)) {
+  for (const std::string& line : tools::read_lines(path)) {
     const std::vector<double> numbers = tools::parse_numbers(line);
     const bool blank = line.find_first_not_of(" \t") == std::string::npos;
     if (numbers.size() > 1 || (numbers.empty() && !blank)) return {};
@@ -156,7 +150,7 @@ std::optional<std::vector<double>> read_values(const fs::path& path, std::size_t
 // The MATLAB toolkit's times [s]: a line a frame, a column a run.
 std::vector<double> read_time_column(const fs::path& path, std::size_t run, std::size_t frames) {
   std::vector<double> times;
-  const std::vector<std::string> lines = lines_of(path);
+  const std::vector<std::string> lines = tools::read_lines(path);
   for (std::size_t i = 0; i < lines.size(); ++i) {
     const std::vector<double> columns = tools::parse_numbers(lines[i]);
     if (run > columns.size()) fail(path, i + 1, "no time of run " + std::to_string(run));

@@ -7,9 +7,11 @@
 #include <cmath>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
+#include <sstream>
 #include <stdexcept>
 
 #include "report.hpp"
+#include "text.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -299,6 +301,100 @@ TEST_F(AnalysisTest, ATrackerThatCannotStartScoresNothing) {
   EXPECT_EQ(bad.legacy.accuracy, 0);
   EXPECT_EQ(bad.legacy_eao, 0);
   EXPECT_TRUE(bad.python_curve.empty()) << "of the longest run before a failure";
+}
+
+TEST_F(AnalysisTest, SequencesWithoutGroundTruthAfterTheFirstBoxChangeNothing) {
+  store_all();
+  const Analysis before = analyse(campaign_, {.interval = LengthInterval{5, 15}});
+  campaign_.sequences.push_back(sequence("blind", 50));
+  for (std::size_t t = 1; t < 50; ++t) campaign_.sequences.back().truth[t].reset();
+  for (const Protocol protocol : campaign_.protocols)
+    for (const char* tracker : {"good", "bad"}) store(tracker, protocol, 2, run(50, 0.1));
+  const Analysis after = analyse(campaign_, {.interval = LengthInterval{5, 15}});
+  EXPECT_EQ(after.left_out, std::vector<std::string>{
+                                "blind: no ground truth after the first box, so that nothing is measured"});
+  EXPECT_EQ(after.measured, 2u);
+  const TrackerScores &was = before.trackers[0], &is = after.trackers[0];
+  EXPECT_EQ(is.one_pass.at(Protocol::Otb).average_overlap, was.one_pass.at(Protocol::Otb).average_overlap);
+  EXPECT_EQ(is.one_pass.at(Protocol::Otb).precision, was.one_pass.at(Protocol::Otb).precision);
+  EXPECT_EQ(is.supervised->legacy.accuracy, was.supervised->legacy.accuracy);
+  EXPECT_EQ(is.supervised->python.failures, was.supervised->python.failures);
+  EXPECT_EQ(is.supervised->legacy_eao, was.supervised->legacy_eao);
+  EXPECT_EQ(is.estimates.at(Measure::Overlap).low, was.estimates.at(Measure::Overlap).low);
+  EXPECT_TRUE(std::isnan(is.sequences[2].average_overlap) && std::isnan(is.sequences[2].accuracy) &&
+              std::isnan(is.sequences[2].failures));
+  EXPECT_EQ(analyse(campaign_).supervised.lengths.high, [&] {
+    campaign_.sequences.pop_back();
+    return analyse(campaign_).supervised.lengths.high;
+  }());
+  write_report(campaign_, before, root_ / "report", {.paper = true, .baseline = ""});
+
+  campaign_.sequences = {sequence("blind", 50)};
+  for (std::size_t t = 1; t < 50; ++t) campaign_.sequences.back().truth[t].reset();
+  EXPECT_NE(error_of().find("blind: no ground truth after the first box"), std::string::npos) << error_of();
+  EXPECT_NE(error_of().find("export-got10k"), std::string::npos);
+}
+
+// Cells of text that a spreadsheet would compute; numbers stay numbers.
+TEST_F(AnalysisTest, CellsAreNoFormulas) {
+  campaign_.sequences[0].name = "=1+2";
+  campaign_.sequences[1].name = "@sum, \"x\"";
+  campaign_.sequences[0].tags["-tag"] = std::vector<bool>(kLong, true);
+  campaign_.trackers = {{"+good", "good"}, {"-bad", "bad"}};
+  for (const char* tracker : {"+good", "-bad"}) {
+    store(tracker, Protocol::Vot, 0, run(kLong, tracker[0] == '+' ? 0.8 : 0.5, tracker[0] == '+' ? 0 : 12));
+    store(tracker, Protocol::Vot, 1, run(kShort, 0.5));
+  }
+  campaign_.protocols = {Protocol::Vot};
+  write_report(campaign_, analyse(campaign_), root_ / "report", {.paper = false, .baseline = ""});
+  std::string all;
+  for (const char* name : {"summary", "sequences", "attributes", "differences", "curves"}) {
+    std::ifstream file(root_ / "report" / (std::string(name) + ".csv"));
+    for (std::string line; std::getline(file, line);) {
+      all += line + "\n";
+      std::string cell;
+      for (std::istringstream cells(line); std::getline(cells, cell, ',');) {
+        const std::string_view text(cell);
+        const bool number = text.find_first_not_of("+-.0123456789e") == std::string_view::npos;
+        EXPECT_TRUE(text.empty() || number || std::string_view("=+-@").find(text.front()) == text.npos)
+            << line;
+      }
+    }
+  }
+  for (const char* cell :
+       {"\"'+good\",\"'=1+2\",30,", "\"'@sum, \"\"x\"\"\",20,", "\"'-tag\",", "F,\"'+good\",\"'-bad\",-1"})
+    EXPECT_NE(all.find(cell), std::string::npos) << cell << " in " << all.substr(0, 2000);
+}
+
+TEST_F(AnalysisTest, AFolderWhoseNameIsNotUtf8IsLeftOut) {
+  store_all();
+  fs::create_directories(campaign_.folder / "results/\xFFother/baseline/long");
+  const Analysis analysis = analyse(campaign_);
+  ASSERT_EQ(analysis.left_out.size(), 1u);
+  EXPECT_NE(analysis.left_out[0].find("results/\\xFFother: the name is not UTF-8"), std::string::npos);
+  write_report(campaign_, analysis, root_ / "report", {.paper = false, .baseline = ""});
+}
+
+TEST(Text, IsUtf8OrPrintable) {
+  for (const char* text : {"", "car", "\xC3\xA9", "\xE2\x82\xAC", "\xF0\x9F\x98\x80"}) {
+    EXPECT_TRUE(is_utf8(text)) << text;
+    EXPECT_EQ(printable(text), text);
+  }
+  for (const auto& [text, shown] :
+       {std::pair("\xFF", "\\xFF"), std::pair("a\xC3", "a\\xC3"), std::pair("\xC0\xAF", "\\xC0\\xAF"),
+        std::pair("\xE0\x80\x80z", "\\xE0\\x80\\x80z"), std::pair("\xED\xA0\x80", "\\xED\\xA0\\x80"),
+        std::pair("\xF4\x90\x80\x80", "\\xF4\\x90\\x80\\x80"), std::pair("\xE2\x82", "\\xE2\\x82")}) {
+    EXPECT_FALSE(is_utf8(text)) << shown;
+    EXPECT_EQ(printable(text), shown);
+  }
+}
+
+TEST(BoundedJson, IsAsDeepAsAllowed) {
+  const auto nested = [](int depth) { return std::string(depth, '[') + std::string(depth, ']'); };
+  EXPECT_EQ(parse_json(nested(60)).size(), 1u);
+  for (const std::string& text : {nested(66), nested(100'000), std::string(100'000, '['), std::string("{"),
+                                  std::string("x"), std::string()})
+    EXPECT_THROW(parse_json(text), std::runtime_error) << text.substr(0, 10);
 }
 
 TEST_F(AnalysisTest, ReportsAreTheSameEachTime) {

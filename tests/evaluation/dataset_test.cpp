@@ -5,11 +5,14 @@
 #include <stdlib.h>
 
 #include <algorithm>
+#include <chrono>
 #include <cstdio>
 #include <fstream>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <stdexcept>
+
+#include "ground_truth.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -54,7 +57,26 @@ class DatasetTest : public testing::Test {
 
   std::vector<Sequence> open(const std::string& folder, Layout layout = Layout::Auto,
                              const std::vector<std::string>& only = {}) {
-    return open_dataset(root_ / folder, layout, only);
+    Dataset dataset = open_dataset(root_ / folder, layout, only);
+    notes_ = std::move(dataset.notes);
+    return std::move(dataset.sequences);
+  }
+
+  // That of the data set last opened a note has all these parts.
+  void expect_note(const std::vector<std::string>& parts) const {
+    EXPECT_TRUE(std::any_of(notes_.begin(), notes_.end(),
+                            [&](const std::string& note) {
+                              return std::all_of(parts.begin(), parts.end(), [&](const std::string& part) {
+                                return note.find(part) != std::string::npos;
+                              });
+                            }))
+        << parts[0] << " is not in: " << testing::PrintToString(notes_);
+  }
+
+  // That a sequence is left out with such a note, and others are read.
+  void expect_left_out(const std::string& folder, const std::vector<std::string>& parts) {
+    EXPECT_FALSE(open(folder).empty());
+    expect_note(parts);
   }
 
   // That the data set is refused with a message that has all these parts.
@@ -71,10 +93,12 @@ class DatasetTest : public testing::Test {
   }
 
   fs::path root_;
+  std::vector<std::string> notes_;
 };
 
 TEST_F(DatasetTest, LayoutsHaveNames) {
-  for (const char* name : {"auto", "vot", "otb", "got10k", "lasot", "plain"})
+  for (const char* name :
+       {"auto", "vot", "otb", "got10k", "lasot", "tc128", "trackingnet", "uav123", "nfs", "nfs240", "plain"})
     EXPECT_EQ(to_string(parse_layout(name)), name);
   EXPECT_THROW(parse_layout("vto"), std::invalid_argument);
 }
@@ -146,7 +170,7 @@ TEST_F(DatasetTest, ReadsOtbWithItsSeparatorsObjectsAndParts) {
   EXPECT_EQ(sequences[5].tags.at("OCC"), std::vector<bool>(3, true));
   EXPECT_EQ(open("otb", Layout::Auto, {"Jogging-2"}).size(), 1u);
   write("otb/Tiger1/groundtruth_rect.txt", lines("1,2,3,4", 4));
-  expect_error("otb", {"Tiger1/groundtruth_rect.txt:4: 4 boxes, but 3 images", "0006.png"});
+  expect_left_out("otb", {"Tiger1/groundtruth_rect.txt:4: 4 boxes, but 3 images", "0006.png"});
 }
 
 TEST_F(DatasetTest, ReadsGot10k) {
@@ -188,9 +212,12 @@ TEST_F(DatasetTest, ReadsLasot) {
   EXPECT_TRUE(sequences[0].truth[0] && !sequences[0].truth[1] && !sequences[0].truth[2]);
   EXPECT_EQ(sequences[0].tags.at("full_occlusion"), (std::vector<bool>{false, true, false}));
   write("lasot/bear/bear-2/out_of_view.txt", "0,0,2");
-  expect_error("lasot", {"bear-2/out_of_view.txt:1: "});
+  expect_left_out("lasot", {"bear-2/out_of_view.txt:1: "});
   write("lasot/bear/bear-2/out_of_view.txt", "0,0");
-  expect_error("lasot", {"out_of_view.txt:1: 2 values, but 3 frames"});
+  EXPECT_EQ(open("lasot").at(0).tags.at("out_of_view"), std::vector<bool>(3));
+  expect_note({"out_of_view.txt: 2 values, but 3 frames: the rest is taken for 0"});
+  write("lasot/bear/bear-2/absent.txt", "0\n1\n0\n");
+  EXPECT_FALSE(open("lasot").at(0).truth[1]);
 }
 
 TEST_F(DatasetTest, ReadsPlainFoldersAndVideos) {
@@ -224,7 +251,7 @@ TEST_F(DatasetTest, ReadsPlainFoldersAndVideos) {
       << "blank, since it is damaged";
   EXPECT_EQ(folder.damaged(), (std::set<fs::path>{walk.images[3]}));
   write("plain/run.txt", lines("1,2,3,4", 4));
-  expect_error("plain", {"run.txt:4: 4 boxes, but 5 frames"});
+  expect_left_out("plain", {"run.txt:4: 4 boxes, but 5 frames"});
   EXPECT_EQ(open("plain", Layout::Auto, {"walk"}).size(), 1u);
 }
 
@@ -235,7 +262,7 @@ TEST_F(DatasetTest, NamesFileAndLineOfWhatIsWrong) {
   vot();
   expect_error("vot", {"no sequence \"cart\""}, {"cart"});
   write("vot/list.txt", "car\ntruck\n");
-  expect_error("vot", {"list.txt:2: ", "truck"});
+  expect_left_out("vot", {"list.txt:2: ", "truck"});
   fs::remove(root_ / "vot/list.txt");
 
   write("vot/car/groundtruth.txt", "1,2,3,4\n1,2,3\n1,2,3,4\n");
@@ -243,8 +270,6 @@ TEST_F(DatasetTest, NamesFileAndLineOfWhatIsWrong) {
   write("vot/car/groundtruth.txt", lines("1,2,3,4", 4));
   expect_error("vot", {"groundtruth.txt:4: 4 boxes, but 3 images", "00000001.png", "00000003.png"});
   write("vot/car/groundtruth.txt", lines("1,2,3,4", 3));
-  write("vot/car/blur.tag", "0\n1\n");
-  expect_error("vot", {"blur.tag:2: 2 values, but 3 frames"});
   write("vot/car/blur.tag", "0\n1\nyes\n");
   expect_error("vot", {"blur.tag:3: ", "yes"});
   write("vot/car/blur.tag", "0\n1\n2\n");
@@ -262,21 +287,286 @@ TEST_F(DatasetTest, NamesFileAndLineOfWhatIsWrong) {
 
   vot("twice/a/car");
   vot("twice/b/car");
-  expect_error("twice", {"another sequence of that name", "twice/a/car"});
+  expect_left_out("twice", {"another sequence of that name", "twice/a/car"});
+  EXPECT_EQ(open("twice").size(), 1u);
 }
+
+TEST_F(DatasetTest, ADamagedSequenceIsLeftOutAndTheOthersAreRead) {
+  vot("vot/car");
+  vot("vot/ball");
+  write("vot/car/groundtruth.txt", "1,2,3\n");
+  EXPECT_EQ(open("vot").size(), 1u);
+  expect_note({"car/groundtruth.txt:1: ", "left out"});
+  expect_error("vot", {"car/groundtruth.txt:1: "}, {"ball", "car"});  // asked for by name
+  write("vot/ball/groundtruth.txt", "1,2,3\n");
+  expect_error("vot", {"ball/groundtruth.txt:1: "});
+}
+
+TEST_F(DatasetTest, WhatIsNotTakenIsListed) {
+  vot("data/car");
+  images("data/walk", 1, 2);
+  write("data/GOPR0001.MP4", "");
+  write("data/readme.md", "");
+  EXPECT_EQ(open("data").size(), 1u);
+  expect_note({"GOPR0001.MP4: a video without GOPR0001.txt beside it"});
+  expect_note({"data: no sequence in a known layout", "readme.md", "walk"});
+  for (int i = 0; i < 20; ++i) write("data/file" + std::to_string(i), "");
+  open("data");
+  expect_note({"file0", " and 16 others"});
+  expect_error("data/walk", {"walk: no annotated sequence", "00000001.png"});
+}
+
+TEST_F(DatasetTest, NamesOfSequencesAreThoseOfFolders) {
+  vot("vot/s0");
+  vot("vot/s1");
+  write("vot/list.txt", "s0/\n./s1//\n/\n");
+  const std::vector<Sequence> sequences = open("vot");
+  ASSERT_EQ(sequences.size(), 2u);
+  EXPECT_EQ(sequences[0].name, "s0");
+  EXPECT_EQ(sequences[1].name, "s1");
+  vot("bytes/car");
+  vot("bytes/\xFF");
+  write("bytes/car/\xFE.tag", lines("0", 3));
+  EXPECT_EQ(open("bytes").size(), 1u);
+  EXPECT_TRUE(notes_.size() == 2) << testing::PrintToString(notes_);
+  expect_note({"bytes/\\xFF", "not UTF-8"});
+  expect_note({"car/\\xFE.tag", "not UTF-8"});
+}
+
+TEST_F(DatasetTest, ReadsTempleColor) {
+  images("tc/Ball_ce1/img", 1, 6, "%04d.png");
+  write("tc/Ball_ce1/Ball_ce1_gt.txt", lines("1,2,3,4", 3));
+  write("tc/Ball_ce1/Ball_ce1_frames.txt", "2,4\r\n");
+  const Sequence ball = open("tc").at(0);
+  EXPECT_EQ(ball.length(), 3u);
+  EXPECT_EQ(ball.images[0].filename(), "0002.png");
+  write("tc/Ball_ce1/Ball_ce1_frames.txt", "2\n");
+  expect_error("tc", {"Ball_ce1_frames.txt:1: "});
+}
+
+TEST_F(DatasetTest, ReadsTrackingNet) {
+  images("net/TRAIN_0/frames/aB_c-0", 0, 11, "%d.png");
+  write("net/TRAIN_0/anno/aB_c-0.txt", lines("1.0,2.0,3.0,4.0", 12));
+  images("net/TEST/frames/x_1", 0, 2, "%d.png");
+  write("net/TEST/anno/x_1.txt", "1,2,3,4\n");
+  images("net/TEST/frames/x_2", 0, 2, "%d.png");
+  const std::vector<Sequence> sequences = open("net");
+  ASSERT_EQ(sequences.size(), 2u);
+  EXPECT_EQ(sequences[0].name, "x_1");
+  EXPECT_TRUE(sequences[0].truth[0] && !sequences[0].truth[2]);
+  EXPECT_EQ(sequences[1].images[10].filename(), "10.png");
+  expect_note({"frames: no sequence in a known layout", "x_2"});
+  EXPECT_EQ(open("net/TRAIN_0/frames/aB_c-0").size(), 1u);
+}
+
+TEST_F(DatasetTest, ReadsUav123WithThePublishedPartsOfVideos) {
+  images("UAV123/data_seq/UAV123/bike1", 1, 3, "%06d.png");
+  write("UAV123/anno/UAV123/bike1.txt", "1,2,3,4\nNaN,NaN,NaN,NaN\n1,2,3,4\n");
+  write("UAV123/anno/UAV20L/bike1.txt", lines("1,2,3,4", 3));
+  images("UAV123/data_seq/UAV123/bird1", 250, 253, "%06d.png");  // whose first images are not needed here
+  write("UAV123/anno/UAV123/bird1_1.txt", lines("1,2,3,4", 4));
+  write("UAV123/configSeqs.m", "");
+  const std::vector<Sequence> sequences = open("UAV123");
+  ASSERT_EQ(sequences.size(), 2u);
+  EXPECT_EQ(sequences[0].name, "bike1");
+  EXPECT_FALSE(sequences[0].truth[1]);
+  EXPECT_EQ(sequences[1].name, "bird1_1");
+  images("UAV123/data_seq/UAV123/truck4", 576, 579, "%06d.png");
+  write("UAV123/anno/UAV123/truck4_1.txt", lines("1,2,3,4", 2));
+  write("UAV123/anno/UAV123/truck4_2.txt", lines("9,2,3,4", 3));
+  const std::vector<Sequence> trucks = open("UAV123/data_seq/UAV123/truck4");
+  ASSERT_EQ(trucks.size(), 2u);
+  EXPECT_EQ(trucks[0].images.back().filename(), "000577.png");
+  EXPECT_EQ(trucks[1].images.front().filename(), "000577.png");
+  EXPECT_EQ(open("UAV123", Layout::Uav123, {"truck4_2"}).at(0).truth[0]->box().x, 9);
+  // At a third of the rate.
+  images("UAV123_10fps/data_seq/UAV123_10fps/truck4", 193, 194, "%06d.png");
+  write("UAV123_10fps/anno/UAV123_10fps/truck4_2.txt", lines("1,2,3,4", 2));
+  EXPECT_EQ(open("UAV123_10fps").at(0).images.front().filename(), "000193.png");
+  write("UAV123/anno/UAV123/truck4_2.txt", lines("9,2,3,4", 5));
+  expect_left_out("UAV123", {"truck4_2.txt:5: 5 boxes, but 3 images"});
+}
+
+TEST_F(DatasetTest, ReadsNeedForSpeedAtEitherRate) {
+  const auto annotation = [](int frames) {
+    std::string text;
+    for (int t = 0; t < frames; ++t)
+      text += "0 " + std::to_string(10 + t) + " 20 " + std::to_string(40 + t) + " 60 " + std::to_string(t) +
+              " 0 " + (t == 8 ? "1" : "0") + " 0 \"the ball\"\n";
+    return text;
+  };
+  images("nfs/ball/30/ball", 1, 3, "%05d.png");
+  write("nfs/ball/30/ball.txt", annotation(17));  // of each frame at 240 frames a second
+  images("nfs/ball/240/ball", 1, 18, "%05d.png");
+  write("nfs/ball/240/ball.txt", annotation(17));
+  const std::vector<Sequence> slow = open("nfs");
+  ASSERT_EQ(slow.size(), 1u);
+  expect_note({"240 frames a second are left out: --layout nfs240"});
+  EXPECT_EQ(slow[0].name, "ball");
+  ASSERT_EQ(slow[0].length(), 3u);
+  EXPECT_EQ(slow[0].truth[1]->box(), cv::Rect2d(18, 20, 30, 40));
+  EXPECT_EQ(slow[0].tags.at("occlusion"), (std::vector<bool>{false, true, false}));
+  const std::vector<Sequence> fast = open("nfs", Layout::Nfs240);
+  ASSERT_EQ(fast.size(), 1u);
+  EXPECT_EQ(fast[0].length(), 17u);
+  expect_note({"240/ball.txt: 17 boxes, but 18 frames: the last one is left out"});
+  EXPECT_EQ(open("nfs/ball/240/ball").at(0).length(), 17u);
+  write("nfs/ball/30/ball.txt", annotation(2) + "1,2,3,4\n");
+  expect_error("nfs/ball/30", {"ball.txt:3: track, left, top, right, bottom"});
+  write("nfs/ball/30/ball.txt", annotation(5));
+  expect_error("nfs/ball/30", {"ball.txt:5: 5 boxes, but 3 images"});
+}
+
+TEST_F(DatasetTest, ReadsVideosOfEveryEnding) {
+  cv::VideoWriter writer((root_ / "video.avi").string(), cv::VideoWriter::fourcc('M', 'J', 'P', 'G'), 10,
+                         {64, 48});
+  for (int i = 0; i < 3; ++i) writer.write(cv::Mat(48, 64, CV_8UC3, cv::Scalar::all(40 * i)));
+  writer.release();
+  std::vector<std::string> names;
+  for (const char* ending :
+       {"AVI", "3gp", "M4V", "mkv", "MOV", "MP4", "mpeg", "mpg", "MTS", "ts", "webm", "WMV"}) {
+    names.push_back(std::string("clip_") + ending);
+    fs::create_directories(root_ / "videos");
+    fs::copy_file(root_ / "video.avi", root_ / "videos" / (names.back() + "." + ending));
+    write("videos/" + names.back() + ".txt", "1,2,3,4\n");
+  }
+  EXPECT_EQ(open("videos", Layout::Auto, names).size(), names.size());
+}
+
+// Files of annotations as published data sets have them, or as they come from another system or program.
+struct Annotation {
+  const char* name;
+  std::string text;
+  std::string boxes;   // x of each frame, "-" for none; empty: refused ...
+  std::string reason;  // ... with this
+};
+
+std::vector<Annotation> annotations() {
+  return {
+      {"unix", "1,2,3,4\n5,2,3,4\n", "1 5", ""},
+      {"windows", "1,2,3,4\r\n5,2,3,4\r\n", "1 5", ""},
+      {"old_macintosh", "1,2,3,4\r5,2,3,4\r", "1 5", ""},
+      {"converted_twice", "1,2,3,4\r\r\n5,2,3,4\r\r\n", "1 5", ""},
+      {"byte_order_mark",
+       "\xEF\xBB\xBF"
+       "1,2,3,4\n5,2,3,4",
+       "1 5", ""},
+      {"trailing_blanks", "1,2,3,4 \t\n 5 2\t3;4\n \n\n", "1 5", ""},
+      {"nan", "1,2,3,4\nNaN,NaN,NaN,NaN\nnan,nan,nan,nan\n-nan nan nan nan\n", "1 - - -", ""},
+      {"zero_size", "1,2,3,4\n0,0,0,0\n7,7,0,5\n", "1 - -", ""},
+      {"codes_of_the_toolkit", "1,2,3,4\n0\n5,2,3,4\n", "1 - 5", ""},
+      {"polygon", "1,2,3,2,3,4,1,4\n5,2,7,2,7,4,5,4\n", "1 5", ""},
+      {"moving_polygon", "1,1,9,1,9,9,1,9\n2,1,10,1,10,9,2,9\n3,1,11,1,11,9,3,9\n", "1 2 3", ""},
+      {"triangle", "4,1,9,1,4,9\n5,1,10,1,5,9\n", "4 5", ""},
+      {"negative_size", "1,2,3,4\n1,2,-3,4\n", "", ":2: the box's width or height is negative"},
+      {"infinite", "1,2,3,inf\n", "", ":1: a number is not finite"},
+      {"three_numbers", "1,2,3,4\n1,2,3\n", "", ":2: 4, 6, 8, .. numbers expected"},
+      {"words", "x,y,w,h\n1,2,3,4\n", "", ":1: 4, 6, 8, .. numbers expected"},
+      {"empty_line_within", "1,2,3,4\n\n1,2,3,4\n", "", ":2: empty line"},
+      {"empty", "", "", ":1: no annotation"},
+      {"codes_alone", "0\n1\n", "", ":1: codes alone"},
+      {"mask", "m1,2,3,4,5,6\n", "", ":1: masks are not supported"},
+      {"mot_of_six", "1,1,10,20,30,40\n2,1,11,20,30,40\n3,1,12,20,30,40\n", "", ":1: lines of MOTChallenge"},
+      {"mot_of_ten", "1,-1,10,20,30,40,0.9,-1,-1,-1\n2,-1,12,20,30,40,0.8,-1,-1,-1\n", "",
+       ":1: lines of MOT"},
+      {"mot_of_two_objects", "1,1,10,20,30,40,1,1,1\n2,1,11,20,30,40,1,1,1\n1,2,50,20,30,40,1,1,1\n", "",
+       ":1: lines of MOTChallenge"},
+      {"mot_line", "1,1,912,484,97,109\n", "", ":1: lines of MOTChallenge"}};
+}
+
+class AnnotationFile : public DatasetTest, public testing::WithParamInterface<Annotation> {};
+
+TEST_P(AnnotationFile, IsReadOrRefusedWithWhatToDo) {
+  const Annotation& annotation = GetParam();
+  write("boxes.txt", annotation.text);
+  try {
+    std::string boxes;
+    for (const auto& region : tools::read_ground_truth(root_ / "boxes.txt"))
+      boxes += (boxes.empty() ? "" : " ") +
+               (region ? std::to_string(static_cast<int>(region->box().x)) : std::string("-"));
+    EXPECT_EQ(boxes, annotation.boxes);
+  } catch (const std::runtime_error& error) {
+    EXPECT_EQ(annotation.boxes, "") << error.what();
+    EXPECT_NE(std::string(error.what()).find("boxes.txt" + annotation.reason), std::string::npos)
+        << error.what();
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Annotations, AnnotationFile, testing::ValuesIn(annotations()),
+                         [](const auto& instance) { return std::string(instance.param.name); });
+
+// What VOT's toolkit does where files of a sequence end early.
+TEST_F(DatasetTest, ShortFilesOfVotArePaddedAsByItsToolkit) {
+  vot("vot/bag", 5);
+  write("vot/bag/occlusion.tag", "1\n1\n");
+  write("vot/bag/blur.tag", "");
+  write("vot/bag/size.tag", lines("1", 9));
+  write("vot/bag/practical.value", "0.1\n0.2\n");
+  write("vot/bag/groundtruth.txt", lines("1,2,3,4", 4));
+  const Sequence bag = open("vot").at(0);
+  EXPECT_EQ(bag.tags.at("occlusion"), (std::vector<bool>{true, true, false, false, false}));
+  EXPECT_EQ(bag.tags.at("blur"), std::vector<bool>(5));
+  EXPECT_EQ(bag.tags.at("size"), std::vector<bool>(5, true));
+  EXPECT_TRUE(bag.practical.empty());
+  EXPECT_TRUE(bag.truth[3] && !bag.truth[4]);
+  for (const char* note :
+       {"occlusion.tag: 2 values, but 5 frames: the rest is taken for 0", "blur.tag: 0 values",
+        "size.tag: 9 values, but 5 frames: those beyond", "practical.value: 2 values, but 5 frames: left out",
+        "groundtruth.txt: 4 regions, but 5 frames: the rest is unknown"})
+    expect_note({note});
+  EXPECT_EQ(notes_.size(), 5u);
+}
+
+// Patterns of files, as a shell has them, and how long the worst of them takes.
+struct FilePattern {
+  std::string name, pattern;
+  bool matches;
+};
+
+class FilePatterns : public DatasetTest, public testing::WithParamInterface<FilePattern> {};
+
+TEST_P(FilePatterns, AreAShells) {
+  const auto& [name, pattern, matches] = GetParam();
+  write("files/" + name, "");
+  write("files/zz", "");
+  const auto begin = std::chrono::steady_clock::now();
+  bool found = false;
+  try {
+    found = tools::ImageSource::open((root_ / "files" / pattern).string()).images().at(0).filename() == name;
+  } catch (const std::runtime_error&) {
+  }
+  EXPECT_EQ(found, matches) << pattern;
+  EXPECT_LT(std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count(), 1) << pattern;
+}
+
+std::string repeated(const std::string& text, int count) {
+  std::string result;
+  for (int i = 0; i < count; ++i) result += text;
+  return result;
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Patterns, FilePatterns,
+    testing::Values(FilePattern{"a.png", "*.png", true}, FilePattern{"a.png", "?.png", true},
+                    FilePattern{"a.png", "??.png", false}, FilePattern{"abcabc.png", "*abc.png", true},
+                    FilePattern{"abcab.png", "a*bc*", true}, FilePattern{"abcab.png", "a*bd*", false},
+                    FilePattern{"ab.png", "**a**b*.p?g*", true}, FilePattern{"a.png", "a.png?", false},
+                    FilePattern{"mississippi", "m*iss*ip*pi", true},
+                    FilePattern{std::string(200, 'a'), repeated("*a", 80) + "*", true},
+                    FilePattern{std::string(200, 'a'), repeated("*a", 80) + "b", false}));
 
 TEST(AnnotatedSequences, AreRead) {
   const fs::path folder = ASTERISM_SEQUENCES;
   if (!fs::exists(folder / "bicycle"))
     GTEST_SKIP() << "no sequence bicycle in " << ASTERISM_SEQUENCES
                  << " (configure with -DASTERISM_SEQUENCES=FOLDER to name another)";
-  const std::vector<Sequence> sequences = open_dataset(folder);
+  const std::vector<Sequence> sequences = open_dataset(folder).sequences;
   for (const Sequence& sequence : sequences) {
     EXPECT_EQ(sequence.images.size(), sequence.length());
     EXPECT_TRUE(sequence.truth.at(0));
     for (const auto& [name, values] : sequence.tags) EXPECT_EQ(values.size(), sequence.length()) << name;
   }
-  const Sequence bicycle = open_dataset(folder, Layout::Vot, {"bicycle"}).at(0);
+  const Sequence bicycle = open_dataset(folder, Layout::Vot, {"bicycle"}).sequences.at(0);
   EXPECT_EQ(bicycle.length(), 271u);
   EXPECT_EQ(bicycle.tags.size(), 5u);
   EXPECT_EQ(bicycle.practical.size(), 271u);

@@ -5,6 +5,7 @@ import csv
 import html.parser
 import json
 import math
+import os
 import pathlib
 import re
 import random
@@ -51,6 +52,35 @@ def make_sequence(folder, seed, frames=FRAMES):
         png(folder / "color" / f"{t + 1:08}.png", rows)
         truth.append(f"{x},{y},32,32")
     (folder / "groundtruth.txt").write_text("\n".join(truth) + "\n")
+
+
+# A TraX tracker that answers the start with the start box, and later frames by its mode.
+TRACKER = """
+import os, re, sys, time
+mode, number = sys.argv[1], 0
+print('@@TRAX:hello "trax.version=3" "trax.image=path;" "trax.region=rectangle;" "trax.channels=color;"', flush=True)
+for line in sys.stdin:
+    if line.startswith('@@TRAX:quit'):
+        break
+    arguments = re.findall('"([^"]*)"', line)
+    number += 1
+    if line.startswith('@@TRAX:initialize'):
+        box, number = arguments[1], 0
+    if mode == 'dies' and number == 1:
+        sys.exit(3)
+    if mode == 'wild' and number % 2:
+        print('@@TRAX:state "900000,900000,10,10"', flush=True)
+        continue
+    if mode.startswith('slow:') and number == 5 and not os.path.exists(mode[5:]):
+        open(mode[5:], 'w').close()
+        time.sleep(60)
+    print(f'@@TRAX:state "{box}"', flush=True)
+"""
+
+
+def tracker(name, mode):
+    """--external's argument for it."""
+    return f"{name}={sys.executable} -c '{TRACKER.replace(chr(39), chr(39) + chr(92) + chr(39) + chr(39))}' {mode}"
 
 
 def run(*arguments, launcher=(), file_limit=None):
@@ -230,15 +260,142 @@ class Evaluation(unittest.TestCase):
         self.assertIn(f"{image}: not an image of a known format", done.stderr)
 
     def test_a_tracker_that_dies_costs_its_run_alone(self):
-        command = "dies=exit 3"
-        done = self.evaluate("--external", command)
+        done = self.evaluate("--external", tracker("dies", "dies"))
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("trackers threw in 6", done.stderr)
         log = (self.out / "results/dies/baseline/first/first_001_errors.log").read_text()
-        self.assertTrue(log.startswith("frame 1: "), log)
+        self.assertTrue(log.startswith("frame 2: "), log)
         lines = self.results()["dies/baseline/first/first_001.txt"].split()
-        self.assertEqual(lines[:6], ["2", "0", "0", "0", "0", "2"])
+        self.assertEqual(lines[:8], ["1", "2", "0", "0", "0", "0", "1", "2"])
         self.assertIn("kcf/baseline/third/third_001.txt", self.results())
+
+    def test_a_tracker_that_cannot_be_used_ends_the_run(self):
+        for command, words in (("python3 /nonexist.py", "exit code 2"), ("exit 3", "exit code 3"),
+                               ("/no/such/program", "exit code 127"), ("echo ready; exec cat >/dev/null", "0.5 s"),
+                               ("sleep 60", "0.5 s"), ("echo '@@TRAX:quit'", "quits"),
+                               ("echo '@@TRAX:hello \"trax.version=9\"'", "unknown version")):
+            begin = time.monotonic()
+            done = self.evaluate("--external", f"my={command}", "--timeout", 0.5, "--sequences", "first",
+                                 trackers=())
+            self.assertEqual(done.returncode, 1, command)
+            self.assertIn(f"tracker '{command}': ", done.stderr.splitlines()[-1])
+            self.assertIn(words, done.stderr.splitlines()[-1])
+            self.assertIn("before its first answer", done.stderr.splitlines()[-1])
+            self.assertLess(time.monotonic() - begin, 20)
+            self.assertFalse((self.out / "results/my").exists(), command)
+        # With its command mended it needs no other folder.
+        done = self.evaluate("--external", tracker("my", "stays"), "--sequences", "first", trackers=())
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn("2 runs made, 0 were there", done.stderr)
+        refused = self.evaluate("--external", "my=other", "--sequences", "first", trackers=())
+        self.assertIn("choose another folder or --rerun my", refused.stderr)
+
+    def test_slow_trackers_have_time_and_another_try(self):
+        marker = self.out.with_name("marker")
+        arguments = ("--external", tracker("slow", f"slow:{marker}"), "--sequences", "first", "--protocol", "otb",
+                     "--timeout", 1)
+        done = self.evaluate(*arguments, trackers=())
+        self.assertIn("trackers threw in 1", done.stderr)
+        log = self.out / "results/slow/unsupervised/first/first_001_errors.log"
+        self.assertIn("does not reply in 1 s", log.read_text())
+        marker.unlink()
+        again = self.evaluate(*arguments, "--rerun", "slow", "--retries", 1, trackers=())
+        self.assertEqual(again.returncode, 0, again.stderr)
+        self.assertIn("1 runs made, 0 were there\n", again.stderr)
+        self.assertFalse(log.exists())
+        self.assertIn("--rerun other", self.evaluate("--rerun", "other").stderr)
+
+    def test_wild_regions_cost_no_time(self):
+        begin = time.monotonic()
+        done = self.evaluate("--external", tracker("wild", "wild"), "--sequences", "first", trackers=())
+        self.assertEqual(done.returncode, 0, done.stderr)
+        lines = ["1"] + ["0,0,1000000,1000000", "-5e5,-5e5,1e6,1e6", "1e300,1e300,1e300,1e300",
+                         "-1000000,-1000000,1000000,-900000,0,1000000", "900000,900000,10,10"] * 8
+        folder = self.out / "results/astray/baseline/first"
+        folder.mkdir(parents=True)
+        (folder / "first_001.txt").write_text("\n".join(lines[:FRAMES]) + "\n")
+        done = run("report", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertLess(time.monotonic() - begin, 120)
+
+    def test_report_ends_at_the_first_signal(self):
+        self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
+        rng = random.Random(1)  # polygons that take seconds
+        lines = [",".join(f"{rng.random() * 2e5:.1f}" for _ in range(20000)) for _ in range(FRAMES - 1)]
+        folder = self.out / "results/tangled/baseline/first"
+        folder.mkdir(parents=True)
+        (folder / "first_001.txt").write_text("\n".join(["1", *lines]) + "\n")
+        for signum in (signal.SIGTERM, signal.SIGINT):
+            report = subprocess.Popen([EXECUTABLE, "report", self.out], stdout=subprocess.DEVNULL,
+                                      stderr=subprocess.DEVNULL)
+            time.sleep(1)
+            self.assertIsNone(report.poll(), "it has ended already")
+            report.send_signal(signum)
+            self.assertEqual(report.wait(timeout=20), -signum)
+
+    def test_sequences_that_cannot_be_read_are_left_out_with_a_line(self):
+        data = self.out.with_name("data")
+        shutil.copytree(self.root / "data/first", data / "first")
+        shutil.copytree(self.root / "data/first", data / os.fsdecode(b"s\xff"))
+        (data / "first/occlusion.tag").write_text("1\n" * 5)
+        (data / "third").mkdir()
+        (data / "third/groundtruth.txt").write_text("1,1,10,20,30,40\n2,1,11,20,30,40\n")
+        (data / "CLIP.MP4").write_bytes(b"")
+        done = run("run", data, "--trackers", "kcf", "--protocol", "otb", "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for words in ("s\\xFF: the name is not UTF-8", "lines of MOTChallenge", "CLIP.MP4: a video without CLIP.txt",
+                      "5 values, but 40 frames", "1 runs made"):
+            self.assertIn(words, done.stderr)
+        self.assertEqual(run("report", self.out).returncode, 0)
+        self.assertIn("lines of MOTChallenge", (self.out / "report/report.html").read_text())
+        refused = subprocess.run([os.fsencode(EXECUTABLE), b"run", os.fsencode(data) + b"/s\xff", b"--trackers", b"kcf",
+                                  b"--out", os.fsencode(self.out)], capture_output=True)
+        self.assertEqual(refused.returncode, 1)
+        self.assertIn(b"s\\xFF: the path is not UTF-8", refused.stderr)
+
+    def test_first_boxes_alone_are_no_overlap_of_zero(self):
+        data = self.out.with_name("data")
+        for name in ("first", "GOT-10k_Test_000001"):
+            shutil.copytree(self.root / "data/first", data / name)
+        (data / "GOT-10k_Test_000001/groundtruth.txt").write_text("30,40,32,32\n")
+        for image in (data / "GOT-10k_Test_000001/color").iterdir():
+            image.rename(data / "GOT-10k_Test_000001" / image.name)
+        (data / "GOT-10k_Test_000001/color").rmdir()
+        protocols = ("--protocol", "vot,otb,tre,sre,multistart")
+        self.assertEqual(run("run", data, "--trackers", "kcf", *protocols, "--out", self.out).returncode, 0)
+        alone = self.out.with_name("alone")
+        self.assertEqual(run("run", data, "--trackers", "kcf", *protocols, "--sequences", "first", "--out",
+                             alone).returncode, 0)
+        both, one = run("report", self.out), run("report", alone)
+        self.assertEqual(both.returncode, 0, both.stderr)
+        without_speed = [[line.split()[:7] + line.split()[8:] for line in done.stdout.splitlines()]
+                         for done in (both, one)]
+        self.assertEqual(without_speed[0], without_speed[1])
+        self.assertIn("GOT-10k_Test_000001: no ground truth after the first box", both.stderr)
+        report = json.loads((self.out / "report/report.json").read_text())
+        scores = report["trackers"][0]["sequences"]["GOT-10k_Test_000001"]
+        self.assertEqual((scores["A"], scores["F"], scores["AO"]), (None, None, None))
+        # A test set has nothing else; its results go to a server.
+        third = self.out.with_name("test")
+        self.assertEqual(run("run", data, "--trackers", "kcf", "--protocol", "otb", "--starts", 2, "--sequences",
+                             "GOT-10k_Test_000001", "--out", third).returncode, 0)
+        nothing = run("report", third)
+        self.assertEqual(nothing.returncode, 1)
+        self.assertIn("export-got10k", nothing.stderr)
+        export = self.out.with_name("export")
+        done = run("export-got10k", third, "--out", export)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        name = "GOT-10k_Test_000001"
+        files = sorted(str(f.relative_to(export)) for f in export.rglob("*") if f.is_file())
+        self.assertEqual(files, [f"kcf/{name}/{name}_{part}.txt" for part in ("001", "002", "time")])
+        boxes = (export / files[0]).read_text().splitlines()
+        self.assertEqual(len(boxes), FRAMES)
+        self.assertEqual(boxes[0], "30.000,40.000,32.000,32.000")
+        self.assertTrue(all(re.fullmatch(r"(-?\d+\.\d{3},?){4}", box) for box in boxes))
+        times = (export / files[2]).read_text().splitlines()
+        self.assertEqual(len(times), FRAMES)
+        self.assertTrue(all(len(line.split(",")) == 2 and float(line.split(",")[0]) > 0 for line in times))
+        self.assertIn("no tracker other", run("export-got10k", third, "--out", export, "--trackers", "other").stderr)
 
     def test_problems_are_one_line(self):
         for arguments, words in [
@@ -260,12 +417,38 @@ class Evaluation(unittest.TestCase):
 
     def test_damaged_campaigns_are_named(self):
         self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
-        for text in ("{", "[]", '{"dataset": 3}'):
+        whole = json.loads((self.out / "campaign.json").read_text())
+
+        def changed(*path, to):
+            text = json.loads(json.dumps(whole))
+            place = text
+            for key in path[:-1]:
+                place = place[key]
+            place[path[-1]] = to
+            return json.dumps(text)
+
+        deep = 100_000
+        damaged = ["{", "[]", '{"dataset": 3}', "", "null", "[" * deep, "[" * deep + "]" * deep,
+                   '{"a":' * deep + "1" + "}" * deep, changed("record", to=json.loads("[" * 80 + "]" * 80)),
+                   json.dumps(whole)[:-1], json.dumps(whole) + "x"]
+        for key, values in {"starts": (0, -1, 1000, 2000000000, 1e300, 1.5, "3", None, [1]),
+                            "jitter": (-1, 1001, 1e300, "1", None), "seed": (-1, 2 ** 32, 1e300, 0.5, "x"),
+                            "overlap": ("wrong", 3, None), "bounded": (1, "yes", None), "boxes": (0, [])}.items():
+            damaged += [changed("options", key, to=value) for value in values]
+        for key, values in {"dataset": (3, None), "layout": ("wrong", 1), "protocols": (["wrong"], 3, [3], {}),
+                            "trackers": ({"../../etc": "kcf"}, {"": "kcf"}, {"a/b": "kcf"}, {"..": "kcf"}, {"x": 3}, [3]),
+                            "sequences": ([], 3, None), "options": ([], 3),
+                            "record": (3, {}, [3], [{"workers": -1}], [{"workers": 2.5}], [{"processes": 1e300}],
+                                       [{"workers": "2"}], [{"command": 3}], [{"started": []}], [{"machine": 3}],
+                                       [{"notes": [3]}], [{"notes": {"a": {}}}])}.items():
+            damaged += [changed(key, to=value) for value in values]
+        for text in damaged:
             (self.out / "campaign.json").write_text(text)
-            result = self.evaluate()
-            self.assertEqual(result.returncode, 1)
-            self.assertIn("campaign.json", result.stderr)
-            self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+            for result in (self.evaluate(), run("report", self.out)):
+                self.assertEqual(result.returncode, 1, text[:300] + result.stderr)
+                self.assertIn("campaign.json", result.stderr, text[:300])
+                self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
+                self.assertLess(len(result.stderr), 1000)
 
     @unittest.skipIf(MPIEXEC is None, "built without MPI")
     def test_processes_share_the_runs(self):
@@ -319,7 +502,7 @@ class Report(unittest.TestCase):
             make_sequence(cls.root / "data" / name, seed + 1, length)
         (cls.root / "data/first/occlusion.tag").write_text("0\n" * 20 + "1\n" * 20)
         cls.out = cls.root / "out"
-        done = run("run", cls.root / "data", "--trackers", "kcf,dpt", "--external", "dies=exit 3", "--starts", 2,
+        done = run("run", cls.root / "data", "--trackers", "kcf,dpt", "--external", tracker("dies", "dies"), "--starts", 2,
                    "--overlap", "exact", "--protocol", "vot,otb,tre,sre,multistart", "--out", cls.out)
         assert done.returncode == 0, done.stderr
         # A tracker that is drawn by hand: away from frame 16 of the first sequence on.

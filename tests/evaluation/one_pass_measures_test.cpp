@@ -66,6 +66,23 @@ TEST(OnePassScore, APerfectTrackerMissesTheLastThreshold) {
   EXPECT_EQ(perfect.normalised_precision_at_20(), 1);
 }
 
+// A test set gives the first box alone; a mean of nothing is none, and no 0.
+TEST(OnePassScore, OfFramesWithoutGroundTruthIsNone) {
+  const OnePassRun unknown{{1, -1, -1}, {0, -1, -1}, {0, -1, -1}};
+  for (const OnePassRun& run : {unknown, overlapping({1})}) {
+    const OnePassScore nothing = score(run);
+    EXPECT_TRUE(std::isnan(nothing.average_overlap));
+    EXPECT_TRUE(std::isnan(nothing.auc()));
+    EXPECT_TRUE(std::isnan(nothing.precision_at_20()));
+    EXPECT_TRUE(std::isnan(nothing.normalised_precision_at_20()));
+  }
+  const OnePassRun half = overlapping({1, 0.5, 0.5});
+  const std::vector<OnePassSequence> sequences = {{{half}}, {{unknown}}, {{overlapping({1})}}};
+  EXPECT_EQ(one_pass_score(sequences).average_overlap, 0.5);
+  EXPECT_EQ(one_pass_score(sequences).auc(), score(half).auc());
+  EXPECT_EQ(one_pass_score(sequences).precision, score(half).precision);
+}
+
 TEST(OnePassScore, EachFrameAddsItsOverlapRoundedUpToTwentieths) {
   const std::vector<double> overlaps = {1, 0.5, 0.51, 0.04, 0, 0.999};
   const double expected = (20 + 10 + 11 + 1 + 0 + 20) / 21.0 / 6;

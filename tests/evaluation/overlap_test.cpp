@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <chrono>
 #include <climits>
 #include <cmath>
 #include <limits>
@@ -270,6 +271,58 @@ TEST(EveryOverlap, SurvivesWildRegions) {
   }
   EXPECT_LT(overlap(rectangle(-1e7, 20, 2e7, 2), box, OverlapRule::Trax), 1e-4);
 }
+
+// Results of a run that went astray: what a region is costs, not how far it reaches.
+struct WildPair {
+  const char* name;
+  Region wild, box;
+  double exact, bounded;  // overlap of the areas, and within an image of 640 x 480
+};
+
+std::vector<WildPair> wild_pairs() {
+  const Region box = rectangle(100, 100, 50, 40);
+  const double image = 50.0 * 40 / (640 * 480);
+  Points fan, comb;
+  for (int k = 0; k < 1000; ++k) {
+    fan.emplace_back(3 * k, k % 2 ? 1e6 : -1e6);
+    comb.emplace_back(k % 2 ? 1e6 : -1e6, 0.5 * k);
+  }
+  return {{"million", rectangle(0, 0, 1e6, 1e6), box, 2e-9, image},
+          {"from_afar", rectangle(-5e5, -5e5, 1e6, 1e6), box, 2e-9, image},
+          {"both_ends", rectangle(-9e5, -9e5, 1.8e6, 1.8e6), box, 2000 / 3.24e12, image},
+          {"beyond_the_limit", rectangle(-1e12, -1e12, 2e12, 2e12), box, 2e-21, image},
+          {"off", rectangle(900000, 900000, 10, 10), box, 0, 0},
+          {"far_to_the_left", rectangle(-9e5, 100, 10, 40), box, 0, 0},
+          {"slopes", polygon({{-1e6, -1e6}, {1e6, -1e6}, {0, 1e6}}), box, 1e-9, image},
+          {"two_of_them", polygon({{-1e6, -1e6}, {1e6, -1e6}, {0, 1e6}}),
+           polygon({{-1e6, 1e6}, {1e6, 1e6}, {0, -1e6}}), 1.0 / 3, 1},
+          {"zigzag", polygon(fan), box, -1, -1},
+          {"comb", polygon(comb), box, -1, -1}};
+}
+
+class WildOverlap : public testing::TestWithParam<WildPair> {};
+
+TEST_P(WildOverlap, IsThatOfTheAreasAndCostsWhatAnImageCosts) {
+  const auto& [name, wild, box, exact, bounded] = GetParam();
+  const auto begin = std::chrono::steady_clock::now();
+  for (const OverlapRule rule : kRules) {
+    for (const bool swapped : {false, true}) {
+      const double free = swapped ? overlap(box, wild, rule) : overlap(wild, box, rule);
+      const double within = swapped ? overlap(box, wild, rule, cv::Size(640, 480))
+                                    : overlap(wild, box, rule, cv::Size(640, 480));
+      EXPECT_TRUE(free >= 0 && free <= 1 && within >= 0 && within <= 1) << to_string(rule);
+      if (exact < 0) continue;
+      // Pixels of a boundary, and coordinates that the pixel rules limit.
+      EXPECT_NEAR(free, exact, 1e-8 + 1e-4 * exact) << to_string(rule);
+      EXPECT_NEAR(within, bounded, 0.01 * bounded) << to_string(rule);
+    }
+  }
+  const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
+  EXPECT_LT(seconds.count(), 10) << "16 overlaps of at most some 50 ms, on a busy machine";
+}
+
+INSTANTIATE_TEST_SUITE_P(Regions, WildOverlap, testing::ValuesIn(wild_pairs()),
+                         [](const auto& instance) { return std::string(instance.param.name); });
 
 }  // namespace
 }  // namespace asterism::bench

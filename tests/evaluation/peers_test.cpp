@@ -185,9 +185,10 @@ TEST(EvaluatedTrackers, ListTheMostSimilarNameFirst) {
 }
 
 TEST(EvaluatedTrackers, SpeakTrax) {
-  EXPECT_THROW(
-      evaluated_tracker("trax:/no/such/program").start(draw_smooth_frame(0), Region::rectangle(true_box(0))),
-      std::exception);
+  for (const char* command : {"trax:/no/such/program", "trax:exit 3", "trax:echo hello", "trax:sleep 9"})
+    EXPECT_THROW(evaluated_tracker(command, 0.3).start(draw_smooth_frame(0), Region::rectangle(true_box(0))),
+                 UnusableTracker)
+        << command;
 #ifdef ASTERISM_TRAX_TOOL
   const std::vector<Report> direct = follow(evaluated_tracker("kcf"));
   const std::vector<Report> through =

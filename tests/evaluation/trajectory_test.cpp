@@ -111,6 +111,22 @@ TEST_F(TrajectoryTest, CallsUnknownWhatIsNoRegion) {
   EXPECT_EQ(read_trajectory(root_ / "a_001.txt").frames.size(), 4u);
 }
 
+TEST_F(TrajectoryTest, ReadsTextOfEverySystem) {
+  const std::vector<TrajectoryFrame> expected = {{{}, 1}, {Region::rectangle({1, 2, 3, 10})}, {{}, 0}};
+  for (const char* text :
+       {"1\n1,2,3,10\n0\n", "1\r\n1,2,3,10\r\n0\r\n", "1\r1,2,3,10\r0", "1\r\r\n1,2,3,10\r\r\n0\r\r\n",
+        "\xEF\xBB\xBF"
+        "1\n1,2,3,10\n0\n",
+        "1 \n 1 2\t3 10 \n0\n", "1\n1,2,3,10\n0\n\n \n"})
+    EXPECT_EQ(read_trajectory(write("a_001.txt", text)).frames, expected) << text;
+  // What another program writes is not taken for polygons.
+  expect_error(write("a_001.txt", "1,1,10,20,30,40\n2,1,11,20,30,40\n"),
+               "a_001.txt:1: lines of MOTChallenge");
+  std::string corners;
+  for (int i = 0; i < 10'001; ++i) corners += (i > 0 ? ",1,2" : "1,2");
+  expect_error(write("a_001.txt", "1\n" + corners + "\n"), "a_001.txt:2: neither a rectangle nor a polygon");
+}
+
 std::string binary_example() {
   using namespace std::string_literals;
   return "\x01\x00\x03\x00\x00\x00"s                                              // version 1, three frames

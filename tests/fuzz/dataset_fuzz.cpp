@@ -47,9 +47,11 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   if (input.find("dev") != std::string_view::npos || input.find("proc") != std::string_view::npos) return 0;
   folder.clear();
   if (!build(folder, input)) return 0;
-  for (const char* layout : {"auto", "vot", "otb", "got10k", "lasot", "plain"}) try {
-      for (const bench::Sequence& sequence :
-           bench::open_dataset(folder.path(), bench::parse_layout(layout))) {
+  for (const char* layout :
+       {"auto", "vot", "otb", "got10k", "lasot", "tc128", "trackingnet", "uav123", "nfs", "nfs240", "plain"})
+    try {
+      const bench::Dataset dataset = bench::open_dataset(folder.path(), bench::parse_layout(layout));
+      for (const bench::Sequence& sequence : dataset.sequences) {
         const std::size_t length = sequence.length();
         if (length == 0 || sequence.name.empty()) std::abort();
         if (sequence.video.empty() && sequence.images.size() != length) std::abort();

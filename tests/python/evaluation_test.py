@@ -45,6 +45,11 @@ class EvaluationTest(unittest.TestCase):
         for difference in tables["differences"]:
             self.assertEqual(difference["significant"], not difference["low"] <= 0 <= difference["high"])
 
+    def test_text_that_a_spreadsheet_would_compute_comes_back(self):
+        (self.report / "summary.csv").write_text("tracker,EAO\n\"'=1+2\",-0.5\n\"''quoted\",1\n")
+        tables = asterism.evaluation.load(self.results)
+        self.assertEqual(tables["summary"], {"=1+2": {"EAO": -0.5}, "'quoted": {"EAO": 1.0}})
+
     def test_a_table_that_is_not_there_is_left_out(self):
         (self.report / "differences.csv").unlink()
         self.assertNotIn("differences", asterism.evaluation.load(self.results))

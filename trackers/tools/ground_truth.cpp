@@ -5,48 +5,105 @@
 #include <cmath>
 #include <cstring>
 #include <fstream>
+#include <iterator>
+#include <map>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 #include <utility>
 
 namespace asterism::tools {
 namespace {
 
+bool is_whole(double value) { return std::isfinite(value) && value == std::floor(value); }
+
 // Why the numbers of one line are not an annotation; empty where they are one.
-std::string reason_against(const std::vector<double>& v) {
-  if (v.size() < 4 || v.size() % 2 != 0) return "4, 6, 8, .. numbers expected";
+std::string reason_against(const std::string& line, const std::vector<double>& v) {
+  if (line.starts_with('m')) return "masks are not supported: boxes or polygons are needed";
+  if (v.size() == 1 && is_whole(v[0]) && v[0] >= 0)
+    return {};  // the toolkit's code of a frame without object
+  if (v.size() < 4 || v.size() % 2 != 0)
+    return "4, 6, 8, .. numbers expected: x,y,width,height or the corners of a polygon";
   if (std::any_of(v.begin(), v.end(), [](double d) { return std::isinf(d); }))
     return "a number is not finite";
-  if (v.size() == 4 && (v[2] < 0 || v[3] < 0)) return "the box's width or height is negative";
+  if (v.size() == 4 && (v[2] < 0 || v[3] < 0))
+    return "the box's width or height is negative: NaN,NaN,NaN,NaN says that there is no object";
+  if (v.size() > 4 && std::none_of(v.begin(), v.end(), [](double d) { return std::isnan(d); }) &&
+      !to_region(v))
+    return "a polygon of more than 10,000 corners";
   return {};
 }
 
 }  // namespace
 
-std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path& path) {
-  std::ifstream file(path);
+std::vector<std::string> read_lines(const std::filesystem::path& path) {
+  std::error_code error;
+  if (std::filesystem::exists(path, error) && !std::filesystem::is_regular_file(path, error))
+    throw std::runtime_error(path.string() + ": not a file");
+  std::ifstream file(path, std::ios::binary);
   if (!file) throw std::runtime_error(path.string() + ": " + std::strerror(errno));
-  std::vector<std::optional<Region>> truths;
-  size_t number = 0, first_empty = 0;
+  const std::string content{std::istreambuf_iterator<char>(file), {}};
+  if (file.bad()) throw std::runtime_error(path.string() + ": cannot be read");
+  std::vector<std::string> lines;
+  constexpr std::string_view kMark = "\xEF\xBB\xBF";
+  for (size_t begin = content.starts_with(kMark) ? kMark.size() : 0; begin < content.size();) {
+    const size_t end = std::min(content.find_first_of("\r\n", begin), content.size());
+    lines.push_back(content.substr(begin, end - begin));
+    begin = end + 1;
+    // A line that was converted twice ends in CR CR LF.
+    if (const size_t feed = content.find_first_not_of('\r', end);
+        feed < content.size() && content[feed] == '\n')
+      begin = feed + 1;
+  }
+  return lines;
+}
+
+bool are_mot_lines(std::span<const std::vector<double>> lines) {
+  std::map<double, double> last;  // frame of each id
+  size_t columns = 0;
+  double first = 2;
+  for (const std::vector<double>& line : lines) {
+    if (line.empty()) continue;
+    if (columns == 0) columns = line.size();
+    // Eight numbers are VOT's polygons.
+    if (line.size() != columns || columns < 6 || columns > 10 || columns == 8) return false;
+    if (!is_whole(line[0]) || !is_whole(line[1]) || !(line[4] > 0) || !(line[5] > 0)) return false;
+    const auto [found, is_new] = last.emplace(line[1], line[0]);
+    if (!is_new && found->second >= line[0]) return false;
+    found->second = line[0];
+    first = std::min(first, line[0]);
+  }
+  return first == 0 || first == 1;
+}
+
+std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path& path) {
   const auto fail = [&](size_t line, const std::string& reason) {
     throw std::runtime_error(path.string() + ":" + std::to_string(line) + ": " + reason);
   };
-  for (std::string line; std::getline(file, line);) {
-    ++number;
+  const std::vector<std::string> lines = read_lines(path);
+  std::vector<std::vector<double>> numbers;
+  for (const std::string& line : lines) numbers.push_back(parse_numbers(line));
+  if (are_mot_lines(numbers)) fail(1, kMotAdvice);
+
+  std::vector<std::optional<Region>> truths;
+  size_t first_empty = 0, first_code = 0;
+  for (size_t i = 0; i < lines.size(); ++i) {
     // Empty lines may end the file; before an annotation they would silently shift all frames that follow.
-    if (line.find_first_not_of(" \t\r") == std::string::npos) {
-      if (first_empty == 0) first_empty = number;
+    if (lines[i].find_first_not_of(" \t") == std::string::npos) {
+      if (first_empty == 0) first_empty = i + 1;
       continue;
     }
     if (first_empty != 0) fail(first_empty, "empty line");
-    const std::vector<double> values = parse_numbers(line);
-    if (const std::string reason = reason_against(values); !reason.empty()) fail(number, reason);
-    std::optional<Region> region = to_region(values);  // NaN is none
+    if (const std::string reason = reason_against(lines[i], numbers[i]); !reason.empty()) fail(i + 1, reason);
+    if (first_code == 0 && numbers[i].size() == 1) first_code = i + 1;
+    std::optional<Region> region = to_region(numbers[i]);  // NaN and codes are none
     if (region && region->box().empty()) region.reset();
     truths.push_back(std::move(region));
   }
-  if (file.bad()) fail(number + 1, "cannot be read");
   if (truths.empty()) fail(1, "no annotation in the file");
+  if (first_code > 0 &&
+      std::none_of(truths.begin(), truths.end(), [](const auto& t) { return t.has_value(); }))
+    fail(first_code, "codes alone, and no box or polygon");
   return truths;
 }
 

@@ -2,17 +2,33 @@
 
 #include <filesystem>
 #include <optional>
+#include <span>
+#include <string>
 #include <vector>
 
 #include "region.hpp"
 
 namespace asterism::tools {
 
+/// The lines of a text file as any system writes it: they end in LF, CR LF or CR alone, and a byte order mark
+/// before the first is passed over. Throws std::runtime_error "file: reason" where it is no readable file.
+std::vector<std::string> read_lines(const std::filesystem::path& path);
+
 /// What a data set says about the object, one entry a frame [px, as published: nothing is shifted]: lines of
 /// four numbers x, y, width, height or of six, eight, .. numbers x1, y1, x2, y2, .., separated by commas,
-/// semicolons or blanks. Empty where the line is NaN or a region without width or height: no object in this
-/// frame. Throws std::runtime_error "file:line: reason".
+/// semicolons or blanks. Empty where the line is NaN, a region without width or height, or a single whole
+/// number as the VOT toolkit writes it: no object in this frame. Throws std::runtime_error "file:line:
+/// reason" for anything else, lines of MOTChallenge and masks among it.
 std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path& path);
+
+/// Whether the numbers of a file's lines are those of MOTChallenge: frame, id, x, y, width, height and up to
+/// four more, and not the corners of polygons. The frames are whole and begin with 0 or 1, the ids are whole,
+/// and each id's frames increase. Empty lines are passed over.
+bool are_mot_lines(std::span<const std::vector<double>> lines);
+/// What to tell a user whose file has them.
+inline constexpr const char* kMotAdvice =
+    "lines of MOTChallenge (frame, id, x, y, width, height, ..): keep x,y,width,height of one object, a line "
+    "a frame";
 
 /// Intersection over union of the areas, in [0, 1]; 0 where a box is empty or not finite.
 double overlap(const cv::Rect2d& a, const cv::Rect2d& b);

@@ -96,14 +96,25 @@ std::function<bool(const fs::path&)> numbered(const fs::path& pattern) {
   };
 }
 
-// `*` and `?` as a shell has them.
+// `*` and `?` as a shell has them. Where letters do not fit, the last `*` takes one more: what an earlier one
+// takes need never change, so the time is at most the product of both lengths.
 bool matches(std::string_view text, std::string_view pattern) {
-  if (pattern.empty()) return text.empty();
-  if (pattern.front() == '*') {
-    return matches(text, pattern.substr(1)) || (!text.empty() && matches(text.substr(1), pattern));
+  constexpr size_t kNone = std::string_view::npos;
+  size_t star = kNone, after_star = 0, p = 0;  // of `pattern`; of `text`, where what follows the star begins
+  for (size_t t = 0; t < text.size();) {
+    if (p < pattern.size() && pattern[p] == '*') {
+      star = p++;
+      after_star = t;
+    } else if (p < pattern.size() && (pattern[p] == '?' || pattern[p] == text[t])) {
+      ++p, ++t;
+    } else if (star != kNone) {
+      p = star + 1;
+      t = ++after_star;
+    } else {
+      return false;
+    }
   }
-  return !text.empty() && (pattern.front() == '?' || pattern.front() == text.front()) &&
-         matches(text.substr(1), pattern.substr(1));
+  return pattern.find_first_not_of('*', p) == kNone;
 }
 
 }  // namespace

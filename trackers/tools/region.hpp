@@ -35,7 +35,8 @@ class Region {
 };
 
 /// Four numbers are a rectangle x, y, width, height; six, eight, .. are the corners x1, y1, x2, y2, .. of a
-/// polygon. Empty for any other count, for numbers that are not finite and for a negative width or height.
+/// polygon of up to 10,000 corners. Empty for any other count, for numbers that are not finite and for a
+/// negative width or height.
 std::optional<Region> to_region(std::span<const double> numbers);
 
 /// A region as text, as `parse_numbers` and `to_region` read it; empty where it is none.

@@ -44,11 +44,16 @@ def _rows(path: pathlib.Path, columns: list[str]) -> Iterator[_Row]:
                 place = f"{path}:{reader.line_num}"
                 if len(cells) != len(header):
                     raise ValueError(f"{place}: expected {len(header)} cells, found {len(cells)}")
-                yield dict(zip(header, cells)), place
+                yield dict(zip(header, map(_unmarked, cells))), place
         except csv.Error as error:
             raise ValueError(f"{path}:{reader.line_num}: {error}") from None
         except UnicodeDecodeError as error:
             raise ValueError(f"{path}:{reader.line_num + 1}: {error}") from None
+
+
+def _unmarked(cell: str) -> str:
+    """A cell without the apostrophe that keeps spreadsheets from reading text as a formula."""
+    return cell[1:] if cell.startswith("'") else cell
 
 
 def _number(cell: str, column: str, place: str) -> float | None:
