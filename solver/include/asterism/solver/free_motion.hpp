@@ -270,11 +270,7 @@ class FreeMotions {
               [&](int m, int c) { return static_cast<double>(x(c, begin[m])); }) > 0)
         return {};
     }
-    // A rotation that moves no held node, or about all anchors, wherever x is.
-    if (const FreeMotion motion = about_hull(system, x, begin, end, extent, false)) return motion;
-    if constexpr (!System::kAnisotropic) {
-      if (const FreeMotion motion = about_hull(system, x, begin, end, extent, true)) return motion;
-    }
+    if (const FreeMotion motion = about_hull(system, x, begin, end, extent)) return motion;
     double total = 0;
     Vector centre = Vector::Zero();
     for (const int* m = begin; m != end; ++m) {
@@ -349,20 +345,16 @@ class FreeMotions {
                      [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
   }
 
-  // The rotation about all points that hold a body, the held nodes or their anchors, where these are one
-  // point in the plane, or on one line in space, and another node is not.
+  // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
+  // space, and another node is not. None of their anchors notices, wherever x is.
   static FreeMotion about_hull(const System& system, const Points& x, const int* begin, const int* end,
-                               double extent, bool of_anchors) {
-    const auto place = [&](int i, bool anchor) {
-      return Vector(anchor ? system.anchors.col(i).template cast<double>()
-                           : x.col(i).template cast<double>());
-    };
-    const auto holds = [&](int i) { return Vector(place(i, of_anchors && !system.is_fixed(i))); };
+                               double extent) {
+    const auto place = [&](int i) { return Vector(x.col(i).template cast<double>()); };
     const auto is_held = [&](int i) { return stiffness_of(system, i, 1) > 0; };
     const int* const first = std::find_if(begin, end, is_held);
     if (first == end) return {};
     // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
-    const Vector origin = holds(*first);
+    const Vector origin = place(*first);
     const double rounding = kRounding * extent;
     Matrix basis = Matrix::Zero();
     int rank = 0;
@@ -375,7 +367,7 @@ class FreeMotions {
       Vector farthest_out = Vector::Zero();
       for (const int* m = begin; m != end; ++m) {
         if (!is_held(*m)) continue;
-        const Vector d = outside(holds(*m));
+        const Vector d = outside(place(*m));
         if (d.squaredNorm() > farthest_out.squaredNorm()) farthest_out = d;
       }
       if (!(farthest_out.norm() > rounding)) break;
@@ -384,7 +376,7 @@ class FreeMotions {
     }
     if (rank > kDim - 2) return {};  // on a line, where there is no rotation
 
-    const auto distance = [&](int i) { return outside(place(i, false)).norm(); };
+    const auto distance = [&](int i) { return outside(place(i)).norm(); };
     FreeMotion result;
     double farthest = rounding;
     for (const int* m = begin; m != end; ++m) {
@@ -393,8 +385,7 @@ class FreeMotions {
       result.node = *m;
     }
     if (!result) return {};
-    name_rest(
-        system, begin, end, rounding, farthest, distance, [&](int i) { return place(i, false); }, result);
+    name_rest(system, begin, end, rounding, farthest, distance, place, result);
     return result;
   }
 
