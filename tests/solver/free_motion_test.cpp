@@ -341,7 +341,19 @@ TEST(FreeMotion, OfPointsThatDoNotTurn) {
   line.anchor_stiffness << 1, 1;
   line.set_rest_lengths(line.anchors);
   line.link_stiffness << 1;
-  EXPECT_TRUE(covariance(line, line.anchors));  // rotation about their own line moves nothing
+  EXPECT_TRUE(covariance(line, line.anchors));
+  // Rotation about their own line moves nothing.
+  for (const int n : {2, 3}) {
+    SpringSystem<double, 3> rod(Topology<>::full(n));
+    for (int i = 0; i < n; ++i) rod.anchors.col(i) << 0.3 + 0.7 * i, 0.1 - 0.9 * i, 0.2 + 0.4 * i;
+    rod.anchor_stiffness.setConstant(0.7);
+    rod.set_rest_lengths(rod.anchors);
+    rod.rest_length *= 0.9;
+    rod.link_stiffness.setOnes();
+    auto x = rod.anchors;
+    EXPECT_EQ(Newton(rod).solve(rod, x).positive_definite, 1);
+    EXPECT_TRUE(covariance(rod, x));
+  }
 }
 
 }  // namespace

@@ -270,6 +270,7 @@ class FreeMotions {
               [&](int m, int c) { return static_cast<double>(x(c, begin[m])); }) > 0)
         return {};
     }
+    if (const FreeMotion motion = about_hull(system, x, begin, end, extent)) return motion;
     double total = 0;
     Vector centre = Vector::Zero();
     for (const int* m = begin; m != end; ++m) {
@@ -288,10 +289,12 @@ class FreeMotions {
     ModeMatrix curvature = ModeMatrix::Zero();
     ModeVector slope = ModeVector::Zero();
     ModeVector scale = ModeVector::Zero();
+    ModeVector speed = ModeVector::Zero();
     for (const int* m = begin; m != end; ++m) {
+      const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
+      speed = speed.cwiseMax(v.colwise().norm().transpose());
       const double k = stiffness_of(system, *m, largest);
       if (!(k > 0)) continue;
-      const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
       Matrix block = k * Matrix::Identity();
       Vector force = Vector::Zero();
       if (!system.is_fixed(*m)) {
@@ -317,7 +320,7 @@ class FreeMotions {
       if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
     }
     for (int a = 0; a < kModes; ++a) {
-      if (moves_none(a, spread, kRounding * extent, end - begin)) {
+      if (!(speed[a] > kRounding * extent)) {  // a rotation that moves no node
         for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
         curvature(a, a) = 1;
         scale[a] = 0;
@@ -340,6 +343,66 @@ class FreeMotions {
     }
     return described(system, begin, end, extent, motions.col(flattest),
                      [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
+  }
+
+  // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
+  // space, and another node is not. None of their anchors notices, wherever x is.
+  static FreeMotion about_hull(const System& system, const Points& x, const int* begin, const int* end,
+                               double extent) {
+    const auto place = [&](int i) { return Vector(x.col(i).template cast<double>()); };
+    const auto is_held = [&](int i) { return stiffness_of(system, i, 1) > 0; };
+    const int* const first = std::find_if(begin, end, is_held);
+    if (first == end) return {};
+    // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
+    const Vector origin = place(*first);
+    const double rounding = kRounding * extent;
+    Matrix basis = Matrix::Zero();
+    int rank = 0;
+    const auto outside = [&](const Vector& point) {
+      Vector d = point - origin;
+      for (int a = 0; a < rank; ++a) d -= basis.col(a).dot(d) * basis.col(a);
+      return d;
+    };
+    while (true) {
+      Vector farthest_out = Vector::Zero();
+      for (const int* m = begin; m != end; ++m) {
+        if (!is_held(*m)) continue;
+        const Vector d = outside(place(*m));
+        if (d.squaredNorm() > farthest_out.squaredNorm()) farthest_out = d;
+      }
+      if (!(farthest_out.norm() > rounding)) break;
+      if (rank >= kDim - 2) return {};
+      basis.col(rank++) = farthest_out.normalized();
+    }
+    if (rank > kDim - 2) return {};  // on a line, where there is no rotation
+
+    const auto distance = [&](int i) { return outside(place(i)).norm(); };
+    FreeMotion result;
+    double farthest = rounding;
+    for (const int* m = begin; m != end; ++m) {
+      if (system.is_fixed(*m) || !(distance(*m) > farthest)) continue;
+      farthest = distance(*m);
+      result.node = *m;
+    }
+    if (!result) return {};
+    name_rest(system, begin, end, rounding, farthest, distance, place, result);
+    return result;
+  }
+
+  // The held nodes that a motion hardly moves, beside the fastest.
+  template <typename Speed, typename Place>
+  static void name_rest(const System& system, const int* begin, const int* end, double rounding,
+                        double fastest, Speed&& speed, Place&& place, FreeMotion& result) {
+    constexpr double kRest = 1e-2;
+    for (const int* m = begin; m != end; ++m) {
+      if (!(stiffness_of(system, *m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
+      if (result.about < 0) {
+        result.about = *m;
+      } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > rounding) {
+        result.axis = *m;
+      }
+    }
+    if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
   }
 
   // The stiffness that holds a node of a body: its anchor's, or for a fixed node `fixed`.
@@ -374,43 +437,20 @@ class FreeMotions {
     return result;
   }
 
-  // Whether a mode is a rotation that moves no node by more than its rounding.
-  static bool moves_none(int wanted, const Matrix& spread, double rounding, std::ptrdiff_t nodes) {
-    for (int a = 0, mode = kDim; a < kDim; ++a) {
-      for (int b = a + 1; b < kDim; ++b, ++mode) {
-        if (mode == wanted)
-          return spread(a, a) + spread(b, b) <= static_cast<double>(nodes) * rounding * rounding;
-      }
-    }
-    return false;
-  }
-
   // What moves by a motion, and what it turns about.
   template <typename Place>
   static FreeMotion described(const System& system, const int* begin, const int* end, double extent,
                               const ModeVector& motion, Place&& place) {
-    constexpr double kRest = 1e-2;
     const auto speed = [&](int i) { return (velocities(place(i), extent) * motion).norm(); };
     FreeMotion result;
     double fastest = -1;
-    double slowest = std::numeric_limits<double>::infinity();
     for (const int* m = begin; m != end; ++m) {
       if (!system.is_fixed(*m) && speed(*m) > fastest) {
         fastest = speed(*m);
         result.node = *m;
       }
-      slowest = std::min(slowest, speed(*m));
     }
-    for (const int* m = begin; m != end; ++m) {
-      if (!(stiffness_of(system, *m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
-      if (result.about < 0) {
-        result.about = *m;
-      } else if (kDim > 2 && result.axis < 0 &&
-                 (place(*m) - place(result.about)).norm() > kRounding * extent) {
-        result.axis = *m;
-      }
-    }
-    if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
+    name_rest(system, begin, end, kRounding * extent, fastest, speed, place, result);
     result.slides = result.about < 0 && motion.template tail<kModes - kDim>().norm() * extent <=
                                             1e-5 * motion.template head<kDim>().norm() * extent;
     return result;
