@@ -47,15 +47,14 @@ class SpdSolver {
     // The trace is no less than the largest eigenvalue of the inverse of K scaled to a diagonal of 1.
     if (is_inverse_ && majorise) is_inverse_ = half_of_digits * diagonal_.dot(inverse_.diagonal()) < 1;
     if (is_inverse_) return true;
-    cholesky_.compute(matrix_);
-    if (cholesky_.info() != Eigen::Success) return false;
-    const Scalar least = (cholesky_.matrixLLT().diagonal().array().square() / diagonal_.array()).minCoeff();
+    if (!decompose()) return false;
+    const Scalar least = (factor_.diagonal().array().square() / diagonal_.array()).minCoeff();
     if (!(least > rounding)) return false;
     if (majorise && least < half_of_digits) {
       matrix_.diagonal() += kRaise * static_cast<Scalar>(matrix_.rows()) * diagonal_;
-      cholesky_.compute(matrix_);
+      decompose();
     }
-    diagonal_ = cholesky_.matrixLLT().diagonal().cwiseInverse();
+    diagonal_ = factor_.diagonal().cwiseInverse();
     return true;
   }
 
@@ -73,6 +72,12 @@ class SpdSolver {
   }
 
  private:
+  // The factor of the matrix; false where it is not positive definite.
+  bool decompose() {
+    factor_ = matrix_;
+    return Eigen::LLT<Eigen::Ref<Matrix>>(factor_).info() == Eigen::Success;
+  }
+
   // The inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so few nodes
   // several times faster than Eigen's triangular solves. False where a pivot is not above `rounding` times
   // its diagonal.
@@ -135,7 +140,7 @@ class SpdSolver {
   template <typename Column>
   void substitute(Column&& b) const {
     constexpr int kBlock = 4;
-    const auto& L = cholesky_.matrixLLT();
+    const Matrix& L = factor_;
     const int n = static_cast<int>(L.rows());
     const int blocks = n / kBlock;
     for (int j = 0; j < kBlock * blocks; j += kBlock) {
@@ -173,7 +178,7 @@ class SpdSolver {
   Matrix matrix_;
   Matrix inverse_;
   bool is_inverse_ = false;  // whether that serves, or Cholesky's factor
-  Eigen::LLT<Matrix> cholesky_;
+  Matrix factor_;  // L, in the lower triangle
   RightHandSide right_hand_side_;
   Vector diagonal_;  // of the matrix, then one over that of the factor
 };
