@@ -191,6 +191,13 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
        {4, 9, 16},
        "ida,ida-relaxed,newton,lbfgs,ncg,ceres-dense",
        300},
+      {app,
+       "starts",
+       "how often a system's own start, the anchors and their mirror image end above the lowest minimum",
+       starts,
+       {4, 9, 16, 36},
+       "auto,multi-start",
+       200},
       {app, "pareto", "accuracy against time", pareto, {4, 16, 64}, "all", 20}};
 
   try {

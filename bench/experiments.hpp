@@ -39,6 +39,8 @@ Experiment scaling(const Selection& selection);
 Experiment hard(const Selection& selection);
 /// How often solvers and starts end in different minima.
 Experiment minima(const Selection& selection);
+/// How often each start ends above the lowest minimum, without and with MultiStart.
+Experiment starts(const Selection& selection);
 /// Accuracy against time.
 Experiment pareto(const Selection& selection);
 

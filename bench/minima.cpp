@@ -1,9 +1,11 @@
 // How often solvers and starts end in different minima: the energy is not convex.
 #include <algorithm>
+#include <array>
 #include <asterism/solver/lbfgs.hpp>
 #include <asterism/solver/newton.hpp>
 #include <cmath>
 #include <cstdio>
+#include <limits>
 
 #include "experiments.hpp"
 
@@ -63,7 +65,91 @@ Json measure(Runner& runner, const Chunk& chunk, double weakness) {
       {"weakness", weakness}, {"starts", kStarts}, {"minima", counts}, {"lowest", lowest}, {"ends", ends}};
 }
 
+constexpr std::array kStartKinds = {"own", "anchors", "mirrored"};
+
+Points start_of(const Problem& problem, std::size_t kind) {
+  if (kind == 0) return problem.start;
+  Points start = problem.system.anchors;
+  if (kind == 2) start.row(0).array() = 2 * start.row(0).mean() - start.row(0).array();
+  return start;
+}
+
+Json measure_starts(Runner& runner, const Chunk& chunk, double weakness) {
+  std::vector<double> lowest;
+  std::array<std::vector<double>, kStartKinds.size()> ends;
+  Points x;
+  for (int index = chunk.first; index < chunk.first + chunk.count; ++index) {
+    Problem problem = chunk.problem(index);
+    problem.system.anchor_stiffness *= weakness;
+    const std::vector<double> all = minima_of(problem);
+    lowest.push_back(all.empty() ? std::numeric_limits<double>::infinity() : all.front());
+    for (std::size_t kind = 0; kind < kStartKinds.size(); ++kind) {
+      Problem from = problem;
+      from.start = start_of(problem, kind);
+      runner.load(from);
+      ends[kind].push_back(runner.solve({1e-8, 100000}, x).final_energy);
+    }
+  }
+  Json json{{"weakness", weakness}, {"starts", kStarts}, {"lowest", lowest}};
+  for (std::size_t kind = 0; kind < kStartKinds.size(); ++kind) json[kStartKinds[kind]] = ends[kind];
+  return json;
+}
+
 }  // namespace
+
+Experiment starts(const Selection& selection) {
+  std::vector<Cell> cells;
+  const std::vector<double> weaknesses = {1, 1e-2};
+  for (const double weakness : weaknesses) {
+    for (Cell& cell : cells_of(selection, [weakness](Runner&runner, const Chunk&chunk) {
+           return measure_starts(runner, chunk, weakness);
+         })) {
+      cell.key = format("anchors x %g/", weakness) + cell.key;
+      cells.push_back(std::move(cell));
+    }
+  }
+  const auto report = [selection, weaknesses](const Results& results) {
+    std::printf(
+        "%% of systems that end above the lowest minimum known, by solver and start\n\n| system | anchors |");
+    for (const SolverEntry& solver : selection.solvers)
+      for (const char* kind : kStartKinds) std::printf(" %s, %s |", solver.name.c_str(), kind);
+    std::printf("\n|---|---|");
+    for (std::size_t c = 0; c < kStartKinds.size() * selection.solvers.size(); ++c) std::printf("---|");
+    for (const std::string& group : groups(selection)) {
+      for (const double weakness : weaknesses) {
+        const auto collect = [&](const std::string& solver, const char* field) {
+          std::vector<double> values;
+          for (const Json* cell : cells_with(results, group, solver)) {
+            if ((*cell)["weakness"] != weakness) continue;
+            for (const double v : (*cell)[field]) values.push_back(v);
+          }
+          return values;
+        };
+        // Also of what the solvers found.
+        std::vector<double> lowest;
+        const auto lower = [&lowest](const std::vector<double>& energies) {
+          lowest.resize(std::max(lowest.size(), energies.size()), std::numeric_limits<double>::infinity());
+          for (std::size_t s = 0; s < energies.size(); ++s) lowest[s] = std::min(lowest[s], energies[s]);
+        };
+        for (const SolverEntry& solver : selection.solvers) {
+          lower(collect(solver.name, "lowest"));
+          for (const char* kind : kStartKinds) lower(collect(solver.name, kind));
+        }
+        std::printf("\n| %s | x %g |", group.c_str(), weakness);
+        for (const SolverEntry& solver : selection.solvers) {
+          for (const char* kind : kStartKinds) {
+            const auto ends = collect(solver.name, kind);
+            int above = 0;
+            for (std::size_t s = 0; s < ends.size(); ++s) above += ends[s] > lowest[s] * (1 + 1e-4);
+            std::printf(" %.1f |", ends.empty() ? std::nan("") : 100.0 * above / double(ends.size()));
+          }
+        }
+      }
+    }
+    std::printf("\n");
+  };
+  return {"starts", cells, report};
+}
 
 Experiment minima(const Selection& selection) {
   std::vector<Cell> cells;

@@ -167,7 +167,7 @@ class Judge {
   Real excess(const Matrix& x) const {
     Matrix gradient;
     evaluate(x, &gradient, nullptr);
-    const Real rounded = 32 * epsilon(problem_.type) * extent(x);
+    const Real rounded = 64 * epsilon(problem_.type) * extent(x);  // as the least tolerance of the solvers
     Real worst = 0;
     for (int i = 0; i < problem_.nodes(); ++i) {
       if (is_fixed(i) || !(node_stiffness_[i] > 0)) continue;
@@ -312,17 +312,16 @@ class Judge {
     };
     const Real all = of([&](int i) { return Real(problem_.anchor_stiffness[i]); },
                         [&](int l, Link) { return Real(problem_.link_stiffness[l]); });
+    // Of one node, or where all anchors are on one point, the way that the start has to go.
+    const Real way = (problem_.start.cast<Real>() - anchors_).norm();
+    const Real rounded = 1e-12L * extent(problem_.start.cast<Real>());
     for (int i = 0; i < problem_.nodes(); ++i) {
       const int c = component_[static_cast<std::size_t>(i)];
       const auto is_in = [&](int node) { return component_[static_cast<std::size_t>(node)] == c; };
-      lengths_.push_back(
-          std::max(all, of([&](int j) { return Real(is_in(j) && problem_.anchor_stiffness[j] > 0 ? 1 : 0); },
-                           [&](int, Link link) { return Real(is_in(link.i) ? 1 : 0); })));
+      const Real own = of([&](int j) { return Real(is_in(j) && problem_.anchor_stiffness[j] > 0 ? 1 : 0); },
+                          [&](int, Link link) { return Real(is_in(link.i) ? 1 : 0); });
+      lengths_.push_back(std::max(all, own > rounded ? own : way));
     }
-    // One node, or all anchors on one point: the way that the start has to go.
-    const Real way = (problem_.start.cast<Real>() - anchors_).norm();
-    const Real rounded = 1e-12L * extent(problem_.start.cast<Real>());
-    for (Real& length : lengths_) length = length > rounded ? length : way;
   }
   Real length(int i) const { return lengths_[static_cast<std::size_t>(i)]; }
 

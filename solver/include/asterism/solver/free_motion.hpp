@@ -336,8 +336,13 @@ class FreeMotions {
     for (int a = 1; a < kModes; ++a) {
       if (std::abs(curvature(a, a)) < std::abs(curvature(flattest, flattest))) flattest = a;
     }
-    // What is left of the gradient couples motions that do not commute.
-    if (!(std::abs(curvature(flattest, flattest)) <= kRounding + std::min(imbalance, 1e-8))) return {};
+    // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
+    // free motion beside one of curvature c to s^2 / c.
+    double next = 1;
+    for (int a = 0; a < kModes; ++a)
+      if (a != flattest) next = std::min(next, std::abs(curvature(a, a)));
+    const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
+    if (!(std::abs(curvature(flattest, flattest)) <= kRounding + coupled)) return {};
     for (int a = 0; a < kModes; ++a) {
       motions(a, flattest) = scale[a] > 0 ? motions(a, flattest) / std::sqrt(scale[a]) : motions(a, flattest);
     }
