@@ -59,8 +59,8 @@ class Search {
       if (!look(entry, depth + 1)) others.push_back(entry);
     if (found.size() > before || depth == 0) tell(path, others, before);
     return found.size() > before;
-  } catch (const fs::filesystem_error& error) {
-    notes.push_back(path.string() + ": " + error.code().message() + ": left out");
+  } catch (const std::runtime_error& error) {  // a folder or list that cannot be read
+    notes.push_back(std::string(error.what()) + ": left out");
     return false;
   }
 

@@ -306,9 +306,12 @@ TEST_F(DatasetTest, WhatIsNotTakenIsListed) {
   EXPECT_EQ(open("data").size(), 1u);
   expect_note({"GOPR0001.MP4: a video without GOPR0001.txt beside it"});
   expect_note({"data: no sequence in a known layout", "readme.md", "walk"});
+  fs::create_directories(root_ / "data/other/list.txt");
+  open("data");
+  expect_note({"other/list.txt: not a file"});
   for (int i = 0; i < 20; ++i) write("data/file" + std::to_string(i), "");
   open("data");
-  expect_note({"file0", " and 16 others"});
+  expect_note({"file0", " and 17 others"});
   expect_error("data/walk", {"walk: no annotated sequence", "00000001.png"});
 }
 
