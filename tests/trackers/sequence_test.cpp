@@ -1,7 +1,9 @@
-// DPT on real sequences, one pass from the first box. Skipped, with a line that says so, where they are
-// absent.
+// DPT on real sequences, one pass from the first box, and from two beside it. Skipped, with a line that says
+// so, where they are absent.
 #include <gtest/gtest.h>
 
+#include <algorithm>
+#include <array>
 #include <asterism/trackers/dpt.hpp>
 #include <filesystem>
 #include <opencv2/core/utility.hpp>
@@ -31,22 +33,28 @@ TEST_P(RealSequence, IsTrackedFromTheFirstBox) {
 
   tools::ImageSource source = tools::ImageSource::open(folder.string());
   const auto truth = tools::read_ground_truth(folder / "groundtruth.txt");
-  Dpt tracker;
+  // Where an object passes others, a start that differs by a millionth of a pixel may end elsewhere: the
+  // median of starts that differ by a pixel is what is judged.
+  const std::array<cv::Point2d, 3> shifts = {cv::Point2d(0, 0), {1, 0}, {0, 1}};
+  std::array<Dpt, shifts.size()> trackers;
+  std::array<double, shifts.size()> sums{};
   cv::Mat image;
   ASSERT_TRUE(source.next(image));
-  tracker.init(image, truth[0]->box());
-  double sum = 0;
+  for (std::size_t i = 0; i < trackers.size(); ++i) trackers[i].init(image, truth[0]->box() + shifts[i]);
   std::size_t frames = 0, usable = 0;
-  for (std::size_t t = 1; t < truth.size() && source.next(image); ++t, ++frames) {
-    sum += tools::overlap(tracker.update(image).box, truth[t]->box());
-    usable +=
-        tracker.summary().usable() && tracker.summary().final_energy <= tracker.summary().initial_energy;
-  }
+  for (std::size_t t = 1; t < truth.size() && source.next(image); ++t, ++frames)
+    for (std::size_t i = 0; i < trackers.size(); ++i) {
+      sums[i] += tools::overlap(trackers[i].update(image).box, truth[t]->box());
+      const Summary& summary = trackers[i].summary();
+      usable += summary.usable() && summary.final_energy <= summary.initial_energy;
+    }
   ASSERT_EQ(frames + 1, truth.size());
-  const double average = sum / static_cast<double>(frames);
-  std::cout << GetParam().name << ": average overlap " << average << " over " << frames << " frames\n";
-  EXPECT_GE(average, GetParam().least_overlap);
-  EXPECT_EQ(usable, frames) << "every constellation was solved, and no energy rose";
+  std::cout << GetParam().name << ": average overlaps";
+  for (double& sum : sums) std::cout << " " << (sum /= static_cast<double>(frames));
+  std::cout << " over " << frames << " frames\n";
+  std::nth_element(sums.begin(), sums.begin() + 1, sums.end());
+  EXPECT_GE(sums[1], GetParam().least_overlap);
+  EXPECT_EQ(usable, trackers.size() * frames) << "every constellation was solved, and no energy rose";
 }
 
 // Margins below the measured averages are those of start boxes that differ by up to a pixel.
