@@ -43,8 +43,8 @@ void expect_out_of_memory(const Problem& problem, const Problem* other = nullptr
   Points expected = problem.start;
   ASSERT_TRUE(Solver().solve(problem.system, expected).usable());
 
-  // CHOLMOD keeps to another ordering where memory for its best one was lacking. It rounds in another way, and
-  // so the steps to a point within the tolerance are others.
+  // CHOLMOD keeps to another ordering where memory for its best one was lacking. It rounds in another way,
+  // and so the steps to a point within the tolerance are others.
   const double rounding = Solver::name().ends_with("CHOLMOD") ? 1e-9 : 0;
   std::optional<Solver> solver;
   Points x;

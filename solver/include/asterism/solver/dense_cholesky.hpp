@@ -178,7 +178,7 @@ class SpdSolver {
   Matrix matrix_;
   Matrix inverse_;
   bool is_inverse_ = false;  // whether that serves, or Cholesky's factor
-  Matrix factor_;  // L, in the lower triangle
+  Matrix factor_;            // L, in the lower triangle
   RightHandSide right_hand_side_;
   Vector diagonal_;  // of the matrix, then one over that of the factor
 };
