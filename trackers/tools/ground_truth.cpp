@@ -82,6 +82,7 @@ std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path
   };
   const std::vector<std::string> lines = read_lines(path);
   std::vector<std::vector<double>> numbers;
+  numbers.reserve(lines.size());
   for (const std::string& line : lines) numbers.push_back(parse_numbers(line));
   if (are_mot_lines(numbers)) fail(1, kMotAdvice);
 
