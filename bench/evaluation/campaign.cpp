@@ -122,8 +122,8 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
     campaign.protocols.push_back(parse_protocol(protocol.get<std::string>()));
   campaign.trackers = json.at("trackers").get<std::map<std::string, std::string>>();
   std::ranges::sort(campaign.protocols);
-  const auto repeated = std::ranges::unique(campaign.protocols);
-  campaign.protocols.erase(repeated.begin(), repeated.end());
+  campaign.protocols.erase(std::unique(campaign.protocols.begin(), campaign.protocols.end()),
+                           campaign.protocols.end());
   for (const auto& [name, tracker] : campaign.trackers)
     if (const std::string reason = reason_against_name(name); !reason.empty())
       throw std::invalid_argument(reason);

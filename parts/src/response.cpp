@@ -15,7 +15,7 @@ double parabola_vertex(double left, double centre, double right) {
 
 // Responses whose range is at most this share of the largest one are all the same: rounding of the
 // transforms.
-constexpr float kFlat = 1e-4f;
+constexpr float kOneResponse = 1e-4f;
 
 // The largest response and its grid position; the middle and 0 where none is positive, or all are the same.
 struct Peak {
@@ -27,7 +27,7 @@ Peak peak_of(const ResponseMap& response, bool sub_pixel) {
   const Eigen::Index rows = r.rows(), cols = r.cols();
   Eigen::Index row = 0, col = 0;
   const float value = r.maxCoeff(&row, &col);
-  if (!(value > 0) || value - r.minCoeff() <= kFlat * value) {
+  if (!(value > 0) || value - r.minCoeff() <= kOneResponse * value) {
     row = rows / 2;
     col = cols / 2;
     return {static_cast<double>(row), static_cast<double>(col), 0};

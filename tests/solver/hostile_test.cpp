@@ -167,12 +167,14 @@ class Judge {
   Real excess(const Matrix& x) const {
     Matrix gradient;
     evaluate(x, &gradient, nullptr);
-    const Real rounded = 64 * epsilon(problem_.type) * extent(x);  // as the least tolerance of the solvers
+    const Real rounded = 32 * epsilon(problem_.type) * extent(x);
+    // A tolerance that is less counts as that.
+    const Real tolerance = std::max(Real(kTolerance), 64 * epsilon(problem_.type));
     Real worst = 0;
     for (int i = 0; i < problem_.nodes(); ++i) {
       if (is_fixed(i) || !(node_stiffness_[i] > 0)) continue;
       worst = std::max(
-          worst, gradient.col(i).norm() / (node_stiffness_[i] * (10 * kTolerance * length(i) + rounded)));
+          worst, gradient.col(i).norm() / (node_stiffness_[i] * (10 * tolerance * length(i) + rounded)));
     }
     return worst;
   }
