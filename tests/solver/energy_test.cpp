@@ -255,7 +255,9 @@ TYPED_TEST(SpringsThatAreOff, MeanNothing) {
   constexpr int n = System::kNodes == Eigen::Dynamic ? 12 : System::kNodes;  // 12: in rows
   bench::Rng rng(3);
   using Plain = SpringSystem<Scalar, System::kDim, n>;
-  const auto [plain, start] = bench::random_system<Plain>(rng, Topology<n>::full());
+  const bench::RandomSystem<Plain> random = bench::random_system<Plain>(rng, Topology<n>::full());
+  const Plain& plain = random.system;
+  const auto& start = random.start;
   System system(System::TopologyType::full(n));
   system.anchors = plain.anchors;
   system.anchor_stiffness = plain.anchor_stiffness;

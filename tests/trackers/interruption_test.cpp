@@ -126,7 +126,7 @@ TEST(InterruptionGate, AVideoMayBeginBlank) {
 class InterruptedSequence : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {};
 
 TEST_P(InterruptedSequence, IsTrackedAsWellAsWithoutTheInterruption) {
-  const auto& [name, description] = GetParam();
+  const std::string name = std::get<0>(GetParam()), description = std::get<1>(GetParam());
   const fs::path folder = fs::path(ASTERISM_SEQUENCES) / name;
   if (!fs::exists(folder / "groundtruth.txt"))
     GTEST_SKIP() << "no sequence " << name << " in " << ASTERISM_SEQUENCES
