@@ -390,7 +390,7 @@ TEST(Text, IsUtf8OrPrintable) {
 }
 
 TEST(BoundedJson, IsAsDeepAsAllowed) {
-  const auto nested = [](int depth) { return std::string(depth, '[') + std::string(depth, ']'); };
+  const auto nested = [](std::size_t depth) { return std::string(depth, '[') + std::string(depth, ']'); };
   EXPECT_EQ(parse_json(nested(60)).size(), 1u);
   for (const std::string& text : {nested(66), nested(100'000), std::string(100'000, '['), std::string("{"),
                                   std::string("x"), std::string()})

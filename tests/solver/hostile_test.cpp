@@ -142,7 +142,7 @@ class Judge {
   Real rounding(const Matrix& x, Real energy) const {
     const Real eps = epsilon(problem_.type), step = eps * extent(x);
     const Real stiffness = node_stiffness_.sum();
-    const auto terms = static_cast<Real>(problem_.nodes() + problem_.links.size());
+    const auto terms = static_cast<Real>(problem_.nodes()) + static_cast<Real>(problem_.links.size());
     if (problem_.type == Type::RobustPlane) {  // information matrices are so up to rounding
       for (int i = 0; i < problem_.nodes(); ++i)
         energy += problem_.anchor_stiffness[i] * (x.col(i) - anchors_.col(i)).squaredNorm();
@@ -169,7 +169,7 @@ class Judge {
     evaluate(x, &gradient, nullptr);
     const Real rounded = 32 * epsilon(problem_.type) * extent(x);
     // A tolerance that is less counts as that.
-    const Real tolerance = std::max(Real(kTolerance), 64 * epsilon(problem_.type));
+    const Real tolerance = std::max<Real>(kTolerance, 64 * epsilon(problem_.type));
     Real worst = 0;
     for (int i = 0; i < problem_.nodes(); ++i) {
       if (is_fixed(i) || !(node_stiffness_[i] > 0)) continue;
