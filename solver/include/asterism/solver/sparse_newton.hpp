@@ -311,6 +311,7 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
         turned = true;
         continue;
       }
+      const bool after_turn = turned;
       turned = false;
       const Scalar before = state_.energy();
       // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
@@ -318,9 +319,16 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
       if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
       if (!search(system, x, slope, summary)) {
         if (stationary) return Status::Converged;
-        detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
-        const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
-        if (!search(system, x, steepest, summary)) return Status::NoProgress;
+        if (after_turn) {  // which may have led to where the Hessian needs no repair
+          hessian_.assemble(system, x, false);
+          definite = factorize(summary);
+          summary.positive_definite = definite;
+        }
+        if (!(after_turn && definite && search(system, x, newton_direction(summary), summary))) {
+          detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
+          const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
+          if (!search(system, x, steepest, summary)) return Status::NoProgress;
+        }
       }
       // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
       // follow.
