@@ -27,13 +27,15 @@ inline cv::Rect2d box_around(const Point2& centre, const Size2& size) {
 /// throws std::invalid_argument. Chosen once for a video: a range that changes with the frames changes what
 /// trackers have learned.
 struct PixelRange {
-  double black = 0, white = 255;
+  double black = 0;    ///< The value that becomes 0.
+  double white = 255;  ///< The value that becomes 255.
 
   /// From 0 to 2^bits - 1.
   static PixelRange of_bits(int bits) { return {0, std::ldexp(1.0, bits) - 1}; }
   /// `width` values around `level`, as a window is given for medical and thermal images.
   static PixelRange of_window(double level, double width) { return {level - width / 2, level + width / 2}; }
 
+  /// Whether both values are the same.
   bool operator==(const PixelRange&) const = default;
 };
 

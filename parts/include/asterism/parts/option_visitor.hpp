@@ -14,8 +14,8 @@ class AnyPart;
 
 /// What a number may be, both ends included; NaN is never.
 struct OptionRange {
-  double least = -std::numeric_limits<double>::infinity();
-  double most = std::numeric_limits<double>::infinity();
+  double least = -std::numeric_limits<double>::infinity();  ///< The least value taken.
+  double most = std::numeric_limits<double>::infinity();    ///< The greatest value taken.
 };
 
 /// Sees the options of a part model or a tracker one by one, each with its name: reads them, or lists them. A
