@@ -30,7 +30,7 @@ inline void require(bool holds, const char* what) {
 /// Of the range that a target's side in the template is brought to.
 inline void require_ordered(double min_template_side, double max_template_side, const char* of) {
   require(min_template_side <= max_template_side,
-          (std::string(of) + ": template sides must satisfy min <= max").c_str());
+          std::string(of).append(": template sides must satisfy min <= max").c_str());
 }
 
 /// The contract of PartModel::resize, and of PartModel::init.
