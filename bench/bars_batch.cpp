@@ -1,6 +1,10 @@
 // Many small systems at once, on one thread.
 #include <algorithm>
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/simd.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/problem/topology.hpp>
 #include <limits>
 #include <string>
 #include <string_view>

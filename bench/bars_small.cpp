@@ -1,7 +1,8 @@
 // One small system: four nodes in the plane, fixed size, double.
 
 #include <algorithm>
-#include <asterism/solver/newton.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <limits>
 #include <string>
 #include <vector>

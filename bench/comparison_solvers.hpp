@@ -5,10 +5,12 @@
 
 #include <Eigen/QR>
 #include <algorithm>
-#include <asterism/solver/dense_cholesky.hpp>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/session.hpp>
-#include <asterism/solver/summary.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/linear/dense_cholesky.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cmath>
 #include <string_view>
 

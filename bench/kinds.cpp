@@ -2,9 +2,11 @@
 #include "kinds.hpp"
 
 #include <Eigen/Eigenvalues>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/newton.hpp>
-#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cmath>
 #include <cstdio>
 #include <map>

@@ -1,6 +1,6 @@
 #include "laboratory.hpp"
 
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/io/json.hpp>
 #include <sstream>
 #include <stdexcept>
 

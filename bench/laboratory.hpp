@@ -3,8 +3,9 @@
 // What the experiments work on: problems, and solvers by name.
 
 #include <algorithm>
-#include <asterism/solver/spring_system.hpp>
-#include <asterism/solver/summary.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <functional>
 #include <memory>
 #include <optional>

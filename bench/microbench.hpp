@@ -2,9 +2,9 @@
 
 #include <benchmark/benchmark.h>
 
-#include <asterism/solver/batch.hpp>
-#include <asterism/solver/spring_rows.hpp>
-#include <asterism/solver/spring_system.hpp>
+#include <asterism/solver/batch/simd.hpp>
+#include <asterism/solver/detail/spring_rows.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
 #include <cstdint>
 #include <string>
 #include <type_traits>

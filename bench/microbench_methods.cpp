@@ -4,7 +4,12 @@
 // system of a batch takes, with each of the instructions that the machine has, on one thread.
 #include <algorithm>
 #include <asterism/solver.hpp>
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/simd.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cstddef>
 #include <string>
 #include <type_traits>

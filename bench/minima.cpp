@@ -1,8 +1,10 @@
 // How often solvers and starts end in different minima: the energy is not convex.
 #include <algorithm>
 #include <array>
-#include <asterism/solver/lbfgs.hpp>
-#include <asterism/solver/newton.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cmath>
 #include <cstdio>
 #include <limits>

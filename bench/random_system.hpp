@@ -5,7 +5,7 @@
 // rounded to fewer digits.
 
 #include <array>
-#include <asterism/solver/spring_system.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
 #include <bit>
 #include <cmath>
 #include <cstddef>

@@ -1,7 +1,8 @@
 #include "solve.hpp"
 
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/io/json.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cstdio>
 #include <limits>
 

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/topology.hpp>
+#include <asterism/solver/problem/topology.hpp>
 #include <cmath>
 #include <cstdint>
 

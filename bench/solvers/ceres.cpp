@@ -1,6 +1,6 @@
 // Ceres, in all configurations that fit.
 
-#include <asterism/solver/ceres.hpp>
+#include <asterism/solver/reference/ceres.hpp>
 
 #include "../laboratory.hpp"
 

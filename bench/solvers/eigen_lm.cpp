@@ -1,7 +1,10 @@
 // Eigen's unsupported Levenberg-Marquardt, MINPACK's in C++, on the springs as least squares.
 #include <Eigen/Core>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/session.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <unsupported/Eigen/NonLinearOptimization>
 
 #include "../laboratory.hpp"

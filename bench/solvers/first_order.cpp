@@ -1,7 +1,7 @@
 // Methods that need the gradient alone: L-BFGS and the paper's nonlinear conjugate gradients.
-#include <asterism/solver/lbfgs.hpp>
-#include <asterism/solver/nonlinear_cg.hpp>
-#include <asterism/solver/sparse_cholesky.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/nonlinear_cg.hpp>
 
 #include "asterism_solvers.hpp"
 

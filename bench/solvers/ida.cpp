@@ -1,13 +1,13 @@
 // IDA, its sparse factorisations, and its accelerations.
-#include <asterism/solver/ida.hpp>
-#include <asterism/solver/sparse_cholesky.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
+#include <asterism/solver/method/ida.hpp>
 
 #include "../comparison_solvers.hpp"
 #include "../laboratory.hpp"
 #include "asterism_solvers.hpp"
 
 #ifdef ASTERISM_BENCH_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 namespace asterism::bench {

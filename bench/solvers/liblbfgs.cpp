@@ -1,4 +1,4 @@
-#include <asterism/solver/liblbfgs.hpp>
+#include <asterism/solver/reference/liblbfgs.hpp>
 
 #include "../laboratory.hpp"
 

@@ -1,6 +1,6 @@
 // The lowest minimum from several starts.
-#include <asterism/solver/auto.hpp>
-#include <asterism/solver/multi_start.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/multi_start.hpp>
 
 #include "asterism_solvers.hpp"
 

@@ -1,10 +1,10 @@
 // Methods that use the Hessian, and the library's choice.
-#include <asterism/solver/auto.hpp>
-#include <asterism/solver/dense_cholesky.hpp>
-#include <asterism/solver/newton.hpp>
-#include <asterism/solver/newton_cg.hpp>
-#include <asterism/solver/schwarz.hpp>
-#include <asterism/solver/sparse_newton.hpp>
+#include <asterism/solver/linear/dense_cholesky.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
 
 #include "asterism_solvers.hpp"
 

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/session.hpp>
-#include <asterism/solver/summary.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <string_view>
 
 #include "../laboratory.hpp"

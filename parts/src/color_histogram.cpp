@@ -5,7 +5,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 ColorHistogram::ColorHistogram(const ColorHistogramOptions& options)
     : options_(check_options("ColorHistogramOptions", options)) {
@@ -110,4 +111,5 @@ void ColorHistogram::sample(const Frame& frame, const Point2& centre, const cv::
   }
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 #include <stdexcept>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 namespace {
 
 /// At most about this many pixels are read for one histogram; larger regions are sampled on a regular grid.
@@ -282,4 +283,5 @@ double ColourModel::probability(const Segmentation& segmentation, const Point2& 
   return segmentation.at(position) * (1 - alpha) + alpha;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

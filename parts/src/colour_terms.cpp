@@ -6,7 +6,8 @@
 #include <opencv2/imgproc.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -85,4 +86,5 @@ void colour_term_cells(const cv::Mat& bgr, int cell, float* planes) {
     }
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,9 +1,10 @@
 #pragma once
 
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <opencv2/core.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Basic colour terms (Berlin and Kay 1969): black, blue, brown, gray, green, orange, pink, purple, red,
 /// white, yellow.
@@ -17,4 +18,5 @@ inline constexpr int kColourTerms = 11;
 /// 1]. Does not allocate, but for a table at the first call.
 void colour_term_cells(const cv::Mat& bgr, int cell, float* planes);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 
 #include "filter_plan.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 RealFft2::RealFft2(int rows, int cols, int channels) : rows_(rows), cols_(cols), channels_(channels) {
   if (rows < 1 || cols < 1 || channels < 1 || rows % 4 != 0 || cols % 4 != 0) {
@@ -56,4 +57,5 @@ void RealFft2::inverse(const std::complex<float>* spectrum, float* image) {
   }
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -24,7 +24,8 @@
 //
 // The steps themselves are kernels, part_kernels_impl.hpp; the tests compare them with a scalar version.
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 namespace {
 
 constexpr int kSigned = 18;
@@ -174,4 +175,5 @@ void Fhog::compute(const cv::Mat& patch, float* features) {
   emit_row(cells_y - 1, features, plane);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -135,4 +136,5 @@ Flow::Pyramid Flow::pyramid(const cv::Mat& window) const {
   return levels;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

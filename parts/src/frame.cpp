@@ -5,7 +5,8 @@
 #include <stdexcept>
 #include <string>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 namespace {
 
 // Of floats without a range: what interpolation overshoots by is less, and an image of 0 to 255 or of -1 to 1
@@ -133,4 +134,5 @@ bool Frame::has_colour() const {
   return false;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -8,7 +8,8 @@
 #include "filter_plan.hpp"
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -279,4 +280,5 @@ void Kcf::map_kernel(double norms) {
   kernels.forward_plane(t, plane_.data(), split_.data(), work_.data());
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

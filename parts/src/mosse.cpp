@@ -6,7 +6,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -189,4 +190,5 @@ void Mosse::transform(const cv::Mat& patch) {
   fft_.forward(plane_.data(), spectrum_.data());
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

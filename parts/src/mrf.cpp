@@ -7,7 +7,8 @@
 #include <stdexcept>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 namespace {
 
 /// Keeps every class possible in every cell.
@@ -205,4 +206,5 @@ void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& f
                    [](float value) { return std::min(value / 2, 1.0f); });
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 #include <stdexcept>
 #include <string>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 void detail::RangeCheck::refuse(std::string_view name, double value, const OptionRange& range) const {
   const auto text = [](double number) {
@@ -20,4 +21,5 @@ void detail::RangeCheck::refuse(std::string_view name, double value, const Optio
   throw std::invalid_argument(message);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -10,7 +10,8 @@
 #include <string>
 
 // What the part models share of checks and sizes.
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// However thin a target is, its window is no longer than this [template pixels].
 inline constexpr double kMaxWindowSide = option_ranges::kLongestSide;
@@ -105,4 +106,5 @@ inline Eigen::ArrayXf hann(int n) {
 /// Signed circular distance of index i from 0 on a period of n.
 inline int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

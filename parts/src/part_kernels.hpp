@@ -3,7 +3,7 @@
 // The border between the part models and their compiled kernels. No Eigen and no standard library on it: the
 // kernels are compiled for wider instructions than their callers, and whatever both would emit, the linker
 // could take from either.
-#include <asterism/solver/export.hpp>
+#include <asterism/solver/detail/export.hpp>
 #include <cstddef>
 #include <cstdint>
 

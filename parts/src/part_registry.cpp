@@ -6,7 +6,7 @@
 #include <asterism/parts/part_options.hpp>
 #include <asterism/parts/part_plugin.hpp>
 #include <asterism/parts/part_registry.hpp>
-#include <asterism/solver/edit_distance.hpp>
+#include <asterism/solver/detail/edit_distance.hpp>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -17,7 +17,8 @@
 #include <set>
 #include <stdexcept>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -385,4 +386,5 @@ const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
   return at->second;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 
 #include "part_kernels.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -149,4 +150,5 @@ void PatchSampler::sample(const cv::Mat& image, const Point2& centre, const Size
   }
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

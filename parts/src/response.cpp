@@ -2,7 +2,8 @@
 #include <asterism/parts/response.hpp>
 #include <cmath>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -106,4 +107,5 @@ double ResponsePeak::at(const Point2& position) const {
   return evidence.peak * std::exp(-0.5 * d.dot(evidence.covariance.inverse() * d));
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

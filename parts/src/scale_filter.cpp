@@ -5,7 +5,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -197,4 +198,5 @@ void ScaleFilter::sample(const cv::Mat& source, double fraction, cv::Mat& patch)
   }
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -140,4 +141,5 @@ SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& 
   return result;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

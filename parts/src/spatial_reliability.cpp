@@ -8,7 +8,8 @@
 #include "colour_terms.hpp"
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -398,4 +399,5 @@ void SpatialReliability::transform_patch(const Frame& frame, const Point2& centr
   channels_fft_.forward(features_.data(), sample_.data());
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 #include <cstring>
 #include <stdexcept>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -167,4 +168,5 @@ void throw_not_stateful(std::string_view what) {
   throw std::invalid_argument("state: this kind of " + std::string(what) + " cannot be saved");
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -162,4 +163,5 @@ void Superpixels::sample(const Frame& frame, const Point2& centre) {
   pixels_.rightCols<2>() -= 128;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 
 #include "part_geometry.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -92,4 +93,5 @@ void Template::sample(const Frame& frame, const Point2& centre, const cv::Size& 
   patch_.mat.convertTo(pixels, CV_32F);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -3,7 +3,7 @@
 // Vectors of lanes, one type an instruction set, for the kernels alone. Everything is inlined or has internal
 // linkage: these files are compiled for instructions that not every machine has, and nothing that another
 // file could also emit may come out of them. Hence no standard library either.
-#include <asterism/solver/batch_kernels.hpp>
+#include <asterism/solver/detail/batch_kernels.hpp>
 
 #if defined(__SSE2__)
 #if defined(__GNUC__) && !defined(__clang__)

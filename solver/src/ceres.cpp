@@ -3,13 +3,15 @@
 #include <glog/logging.h>
 
 #include <algorithm>
-#include <asterism/solver/ceres.hpp>
+#include <asterism/solver/reference/ceres.hpp>
 #include <cmath>
 #include <memory>
 #include <mutex>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI::reference {
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace reference {
 
 const char* ceres_version() { return CERES_VERSION_STRING; }
 
@@ -190,4 +192,6 @@ Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterati
 
 }  // namespace detail
 
-}  // namespace asterism::inline ASTERISM_ABI::reference
+}  // namespace reference
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,6 +1,6 @@
 #pragma once
 
-// What <asterism/solver/compiled.hpp> declares, for one type of system.
+// What <asterism/solver/detail/compiled.hpp> declares, for one type of system.
 #include <asterism/solver.hpp>
 
 // NOLINTBEGIN(bugprone-macro-parentheses): types have none

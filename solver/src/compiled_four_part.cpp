@@ -1,7 +1,9 @@
 #include "compiled.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 ASTERISM_COMPILE_SOLVERS(detail::FourPartSystem)
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,8 +1,10 @@
 #include "compiled.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 ASTERISM_COMPILE_SOLVERS(detail::SpaceSystem)
 ASTERISM_COMPILE_SPARSE_SOLVERS(detail::SpaceSystem)
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,8 +4,10 @@
 #include <asterism/parts/kcf.hpp>
 #include <asterism/parts/scale_filter.hpp>
 #include <asterism/parts/state.hpp>
-#include <asterism/solver/auto.hpp>
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/multi_tracker.hpp>
 #include <asterism/trackers/tracker.hpp>

@@ -2,7 +2,7 @@
 // usable is finite and no worse than the start; what has converged is stationary.
 
 #include <algorithm>
-#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
 #include <cmath>
 #include <cstdlib>
 #include <cstring>

@@ -1,7 +1,7 @@
 // Systems in JSON: what is read is what a solver takes, and is written and read again unchanged; all else is
 // a std::runtime_error.
 
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/io/json.hpp>
 #include <cstdlib>
 #include <sstream>
 #include <stdexcept>

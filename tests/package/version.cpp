@@ -1,5 +1,5 @@
-// The macros of <asterism/solver/config.hpp> against project(VERSION), given as VERSION.
-#include <asterism/solver/config.hpp>
+// The macros of <asterism/solver/detail/config.hpp> against project(VERSION), given as VERSION.
+#include <asterism/solver/detail/config.hpp>
 #include <iostream>
 #include <string>
 

@@ -2,9 +2,10 @@
 
 #include <Eigen/LU>
 #include <Eigen/SVD>
-#include <asterism/solver/align.hpp>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/validate.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/validate.hpp>
 #include <limits>
 
 #include "../../bench/random_system.hpp"

@@ -3,16 +3,21 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/reference/ceres.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <new>
 #include <optional>
 #include <string_view>
 
 #ifdef ASTERISM_TEST_CERES
-#include <asterism/solver/ceres.hpp>
 #endif
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
 #endif
 
 #include "../../bench/random_system.hpp"

@@ -2,7 +2,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/solver/ida.hpp>
+#include <asterism/solver/method/ida.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>

@@ -5,7 +5,10 @@
 #define Status int  // as X11/Xlib.h does
 #endif
 #include <asterism/solver.hpp>
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #ifdef ASTERISM_TEST_X11_AFTER
 #include "x11_macros.hpp"
 #endif

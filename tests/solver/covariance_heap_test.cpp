@@ -1,7 +1,7 @@
 // Covariances of a fixed or bounded number of nodes never touch the heap.
 #include <gtest/gtest.h>
 
-#include <asterism/solver/covariance.hpp>
+#include <asterism/solver/energy/covariance.hpp>
 
 #include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"

@@ -3,9 +3,15 @@
 
 #include <Eigen/Dense>
 #include <algorithm>
-#include <asterism/solver/covariance.hpp>
-#include <asterism/solver/lbfgs.hpp>
-#include <asterism/solver/newton.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/linear/jacobi_metric.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdint>

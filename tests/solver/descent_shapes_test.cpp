@@ -1,8 +1,8 @@
 // L-BFGS and Newton-CG on oddly shaped systems, and the Hessian product against the assembled Hessian.
 #include <gtest/gtest.h>
 
-#include <asterism/solver/lbfgs.hpp>
-#include <asterism/solver/newton_cg.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
 #include <cstdint>
 #include <limits>
 

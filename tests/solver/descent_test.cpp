@@ -2,7 +2,7 @@
 #include <asterism/solver.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 #include <gtest/gtest.h>

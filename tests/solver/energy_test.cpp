@@ -1,11 +1,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Eigenvalues>
-#include <asterism/solver/align.hpp>
-#include <asterism/solver/covariance.hpp>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/hessian_operator.hpp>
-#include <asterism/solver/stationarity.hpp>
+#include <asterism/solver/detail/hessian_operator.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/problem/topology.hpp>
 #include <cmath>
 #include <limits>
 #include <tuple>

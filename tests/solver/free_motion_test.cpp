@@ -4,7 +4,11 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cmath>
 #include <functional>
 #include <string>

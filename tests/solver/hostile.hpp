@@ -4,8 +4,8 @@
 // judged in hostile_test.cpp.
 
 #include <Eigen/Core>
-#include <asterism/solver/summary.hpp>
-#include <asterism/solver/topology.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cstdint>
 #include <limits>
 #include <string>

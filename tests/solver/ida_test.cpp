@@ -1,7 +1,7 @@
-#include <asterism/solver/ida.hpp>
+#include <asterism/solver/method/ida.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 #include <gtest/gtest.h>

@@ -4,7 +4,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/io/json.hpp>
 #include <bit>
 #include <filesystem>
 #include <fstream>

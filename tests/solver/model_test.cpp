@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
-#include <asterism/solver/check_model.hpp>
+#include <asterism/testing/check_model.hpp>
 #include <cmath>
 #include <functional>
 #include <string>

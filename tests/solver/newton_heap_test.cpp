@@ -2,9 +2,13 @@
 // the program is counted.
 #include <gtest/gtest.h>
 
-#include <asterism/solver/auto.hpp>
-#include <asterism/solver/multi_start.hpp>
-#include <asterism/solver/newton.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 
 #include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"

@@ -3,8 +3,15 @@
 #include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <algorithm>
-#include <asterism/solver/ida.hpp>
-#include <asterism/solver/newton.hpp>
+#include <asterism/solver/detail/newton_matrix.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <cmath>
 #include <limits>
 #include <vector>

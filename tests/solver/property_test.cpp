@@ -4,16 +4,24 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/solver/auto.hpp>
-#include <asterism/solver/batch.hpp>
-#include <asterism/solver/ida.hpp>
-#include <asterism/solver/lbfgs.hpp>
-#include <asterism/solver/multi_start.hpp>
-#include <asterism/solver/newton.hpp>
-#include <asterism/solver/newton_cg.hpp>
-#include <asterism/solver/nonlinear_cg.hpp>
-#include <asterism/solver/schwarz.hpp>
-#include <asterism/solver/sparse_newton.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/method/nonlinear_cg.hpp>
+#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -31,7 +39,6 @@
 #include <vector>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
 #endif
 
 #include "../../bench/random_system.hpp"

@@ -4,10 +4,10 @@
 #include "every_solver.hpp"
 
 #ifdef ASTERISM_TEST_CERES
-#include <asterism/solver/ceres.hpp>
+#include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef ASTERISM_TEST_LBFGS
-#include <asterism/solver/liblbfgs.hpp>
+#include <asterism/solver/reference/liblbfgs.hpp>
 #endif
 
 #include <cstdint>

@@ -3,8 +3,8 @@
 
 #include <algorithm>
 #include <asterism/solver.hpp>
-#include <asterism/solver/schwarz.hpp>
-#include <asterism/solver/sparse_newton.hpp>
+#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
 #include <atomic>
 #include <chrono>
 #include <cmath>

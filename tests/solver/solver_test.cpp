@@ -4,7 +4,7 @@
 #include "every_solver.hpp"
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 #include <sstream>

@@ -1,9 +1,9 @@
 // Newton's method with a sparse factorisation: Ida's minima, weak anchors, and the sparse Hessian itself.
 #include <asterism/solver.hpp>
-#include <asterism/solver/sparse_newton.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 #include <gtest/gtest.h>

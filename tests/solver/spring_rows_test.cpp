@@ -2,7 +2,8 @@
 // by one.
 #include <gtest/gtest.h>
 
-#include <asterism/solver/energy.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/problem/topology.hpp>
 #include <cstdint>
 #include <limits>
 #include <vector>

@@ -1,8 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/solver/spring_system.hpp>
-#include <asterism/solver/topology.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/status.hpp>
 #include <cmath>
 #include <ctime>
 #include <set>

@@ -3,8 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
-#include <asterism/solver/covariance.hpp>
-#include <asterism/solver/energy.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/kalman.hpp>
 #include <cmath>

@@ -27,7 +27,7 @@
 #include <vector>
 
 #ifdef ASTERISM_TEST_JSON
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/io/json.hpp>
 #endif
 
 #include "moving_square.hpp"

@@ -1,6 +1,6 @@
 // Spring systems as JSON; asterism/systems.py makes it what a user calls.
 
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/io/json.hpp>
 
 #include "bindings.hpp"
 

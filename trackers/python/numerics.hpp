@@ -2,10 +2,12 @@
 
 // What of the solver room takes long to compile, for systems of 2 and of 3 dimensions; no Python in here.
 
-#include <asterism/solver/batch.hpp>
-#include <asterism/solver/covariance.hpp>
-#include <asterism/solver/spring_system.hpp>
-#include <asterism/solver/summary.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/simd.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <atomic>
 #include <cstdint>
 #include <functional>

@@ -3,7 +3,7 @@
 // The definitions of numerics.hpp, to be included by one source a dimension.
 
 #include <asterism/solver.hpp>
-#include <asterism/solver/sparse_cholesky.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <atomic>
 #include <stdexcept>
 #include <string>
@@ -12,13 +12,13 @@
 
 #include "numerics.hpp"
 #ifdef ASTERISM_PYTHON_CHOLMOD
-#include <asterism/solver/cholmod.hpp>
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 #ifdef ASTERISM_PYTHON_CERES
-#include <asterism/solver/ceres.hpp>
+#include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef ASTERISM_PYTHON_LBFGS
-#include <asterism/solver/liblbfgs.hpp>
+#include <asterism/solver/reference/liblbfgs.hpp>
 #endif
 
 namespace asterism::python {

@@ -2,7 +2,7 @@
 
 #include <pybind11/stl.h>
 
-#include <asterism/solver/validate.hpp>
+#include <asterism/solver/problem/validate.hpp>
 #include <atomic>
 #include <chrono>
 #include <functional>

@@ -3,9 +3,13 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/stationarity.hpp>
-#include <asterism/solver/validate.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/message.hpp>
 #include <limits>
 
 #include "bindings.hpp"

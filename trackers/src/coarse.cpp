@@ -8,7 +8,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 void check_start(const Frame& frame, const cv::Rect2d& box) {
   if (!(std::isfinite(box.x) && std::isfinite(box.y) && std::isfinite(box.width) &&
@@ -213,4 +214,5 @@ TrackResult CoarseTracker::follow(const Frame& frame) {
   return result;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,6 +1,7 @@
 #include <array>
-#include <asterism/solver/batch.hpp>
-#include <asterism/solver/covariance.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/executor.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/stiffness.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -13,7 +14,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -288,4 +290,5 @@ double Dpt::gate_updates(const Segmentation& segmentation, std::vector<PartState
   return threshold;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

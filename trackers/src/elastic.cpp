@@ -1,6 +1,6 @@
 #include <Eigen/LU>
 #include <algorithm>
-#include <asterism/solver/auto.hpp>
+#include <asterism/solver/method/auto.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/elastic.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -9,7 +9,8 @@
 #include <stdexcept>
 #include <string>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 void ObjectPose::move(const PlaneTransform& transform) {
   transform_ = transform;
@@ -120,4 +121,5 @@ RobustTransform fit_pose(const ElasticConstellation::Points& layout,
                               pose.transform());
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -8,7 +8,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 Flock::Flock(const FlockOptions& options)
     : options_(check_options("FlockOptions", options)), flow_(options.flow), points_(options.springs) {}
@@ -103,4 +104,5 @@ TrackResult Flock::follow(const Frame& frame) {
   return result;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -2,7 +2,8 @@
 #include <asterism/trackers/interruption.hpp>
 #include <cmath>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -140,4 +141,5 @@ void InterruptionGate::visit_state(StateArchive& archive) {
   visit(blanks_, kNearCells);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -8,7 +8,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -95,4 +96,5 @@ TrackResult KalmanTracker::update(const Frame& frame) {
   return result;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -9,7 +9,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -221,4 +222,5 @@ void KeypointTracker::learn_background(const Detection& seen) {
     if (!pose_.covers(to_object(seen.positions.col(i)))) background_.push_back(seen.descriptors.row(i));
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

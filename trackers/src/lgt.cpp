@@ -10,7 +10,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -212,4 +213,5 @@ void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_pa
   parts_.assign(points, delaunay(points));
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -10,7 +10,8 @@
 
 #include "require.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -190,4 +191,5 @@ void MotionModel::adapt(const Frame& frame, const cv::Rect2d& box) {
   previous_ = window_.sample(frame);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,9 +1,10 @@
-#include <asterism/solver/batch.hpp>
+#include <asterism/solver/run/executor.hpp>
 #include <asterism/trackers/multi_tracker.hpp>
 #include <stdexcept>
 #include <string>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 MultiTracker::MultiTracker(int threads) : threads_(threads) {
   if (threads < 0) throw std::invalid_argument("MultiTracker: threads must not be negative");
@@ -45,4 +46,5 @@ std::vector<MultiTracker::Object> MultiTracker::update(const Frame& frame) {
   return found;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

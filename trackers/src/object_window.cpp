@@ -2,7 +2,8 @@
 #include <asterism/trackers/object_window.hpp>
 #include <cmath>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -40,4 +41,5 @@ Point2 ObjectWindow::to_image(const cv::Point2f& p) const {
   return centre_ + spacing_ * (position - Point2(grid_.width - 1, grid_.height - 1) / 2);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -8,7 +8,8 @@
 
 #include "require.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -86,4 +87,5 @@ std::vector<Evidence> PointFlow::follow(const Frame& frame,
   return result;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

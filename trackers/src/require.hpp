@@ -1,13 +1,15 @@
 #pragma once
 
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <stdexcept>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Refuses options out of range.
 inline void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -17,7 +17,8 @@
 #include <asterism/trackers/keypoint_tracker.hpp>
 #endif
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -230,4 +231,5 @@ void KeypointTracker::visit_state(StateArchive& archive) {
 }
 #endif
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

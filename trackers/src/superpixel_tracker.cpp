@@ -11,7 +11,8 @@
 #include "stage_clock.hpp"
 #include "update_from_image.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -251,4 +252,5 @@ void SuperpixelTracker::renew(const Candidates& seen) {
   parts_.assign(points, Topology<>::k_nearest(points, options_.neighbours));
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

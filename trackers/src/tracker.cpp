@@ -20,7 +20,8 @@
 #include <nlohmann/json.hpp>
 #endif
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -174,4 +175,5 @@ AnyTracker make_tracker(std::string_view description) {
   return make_named(description.substr(0, brace), description.substr(brace));
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 #include <cmath>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace {
 
@@ -170,4 +171,5 @@ RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& f
   return best;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 
 #include "stage_clock.hpp"
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// A tracker's update from an image by that from a frame, whose conversion becomes the first stage.
 template <class T>
@@ -17,4 +18,5 @@ TrackResult update_from_image(T& tracker, const cv::Mat& image) {
   return result;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -7,7 +7,7 @@
 #include "outputs.hpp"
 
 #ifdef ASTERISM_TRACK_HAS_JSON
-#include <asterism/solver/json.hpp>
+#include <asterism/solver/io/json.hpp>
 #endif
 
 namespace asterism::tools {

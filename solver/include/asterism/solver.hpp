@@ -1,22 +1,32 @@
 #pragma once
 
-// The solver room: all of asterism::solver. The adapters <asterism/solver/cholmod.hpp>,
-// <asterism/solver/ceres.hpp> and <asterism/solver/liblbfgs.hpp> belong to targets of their own.
-#include <asterism/solver/align.hpp>
-#include <asterism/solver/auto.hpp>
-#include <asterism/solver/covariance.hpp>
-#include <asterism/solver/descent.hpp>
-#include <asterism/solver/energy.hpp>
-#include <asterism/solver/ida.hpp>
-#include <asterism/solver/lbfgs.hpp>
-#include <asterism/solver/model.hpp>
-#include <asterism/solver/multi_start.hpp>
-#include <asterism/solver/newton.hpp>
-#include <asterism/solver/newton_cg.hpp>
-#include <asterism/solver/nonlinear_cg.hpp>
-#include <asterism/solver/schwarz.hpp>
-#include <asterism/solver/sparse_newton.hpp>
-#include <asterism/solver/spring_system.hpp>
-#include <asterism/solver/stationarity.hpp>
-#include <asterism/solver/summary.hpp>
-#include <asterism/solver/validate.hpp>
+// The solver room: all of asterism::solver. What needs another package or is compiled belongs to targets of
+// its own, and is included by itself: <asterism/solver/linear/cholmod.hpp>, the headers of reference/, io/
+// and batch/.
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/linear/dense_cholesky.hpp>
+#include <asterism/solver/linear/jacobi_metric.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/method/nonlinear_cg.hpp>
+#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/problem/model.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/executor.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/solve_each.hpp>
+#include <asterism/solver/run/solver.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>

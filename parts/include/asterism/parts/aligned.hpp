@@ -1,10 +1,11 @@
 #pragma once
 
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <cstddef>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Floats that begin on a cache line.
 class AlignedFloats {
@@ -25,4 +26,5 @@ class AlignedFloats {
   std::vector<Line> lines_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <memory>
 #include <utility>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Any PartModel, chosen at run time: constellations of mixed parts are a std::vector<AnyPart>. A PartModel
 /// itself, dense and resizable as far as what is in it is; a copy copies the part in it. After a move from
@@ -95,4 +96,5 @@ class AnyPart {
   std::unique_ptr<Concept> self_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

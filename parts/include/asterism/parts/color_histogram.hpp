@@ -5,7 +5,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of ColorHistogram.
 struct ColorHistogramOptions {
@@ -86,4 +87,5 @@ class ASTERISM_API ColorHistogram {
   Eigen::ArrayXi counts_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -7,7 +7,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of ColourModel, with the paper's values (Sec. 3.1) as defaults.
 struct ColourOptions {
@@ -129,4 +130,5 @@ class ASTERISM_API ColourModel {
   Scratch posterior_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <asterism/parts/aligned.hpp>
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <complex>
 #include <memory>
 
@@ -9,7 +9,8 @@ namespace asterism::part_kernels_v0_1 {
 struct FilterPlan;
 }
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Batched 2-D discrete Fourier transform of real images, half spectra (Hermitian symmetry), unnormalised
 /// forward, inverse divided by rows * cols: the transform of Kcf's kernels, for images and spectra in the
@@ -44,4 +45,5 @@ class ASTERISM_API RealFft2 {
   AlignedFloats plane_, split_, work_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

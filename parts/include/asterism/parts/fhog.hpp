@@ -1,7 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <opencv2/core.hpp>
 #include <vector>
 
@@ -9,7 +9,8 @@ namespace asterism::part_kernels_v0_1 {
 struct KernelSet;
 }
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Felzenszwalb's histogram of oriented gradients (PAMI 2010, Sec. 6), 31 channels a cell:
 /// 0..17 contrast-sensitive orientations (channel o: gradient towards 20 o degrees, from +x towards +y),
@@ -63,4 +64,5 @@ class ASTERISM_API Fhog {
   std::vector<int> slot_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of Flow.
 struct FlowOptions {
@@ -73,4 +74,5 @@ class ASTERISM_API Flow {
   Scratch patch_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,12 +1,13 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <optional>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// A position in the image: (x, y) in pixels, the centre of the top left pixel is (0, 0).
 using Point2 = Eigen::Vector2d;
@@ -74,4 +75,5 @@ class ASTERISM_API Frame {
 /// up to 255 alone. In 8 bits it would be black, and what has its 8-bit values in 16 bits needs a range.
 ASTERISM_API Frame first_frame(const cv::Mat& image);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -11,7 +11,8 @@ namespace asterism::part_kernels_v0_1 {
 struct FilterPlan;
 }
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// The kernel kappa(z, z') of a correlation filter; c is the multi-channel circular correlation, n its number
 /// of elements (channels x rows x cols).
@@ -145,4 +146,5 @@ class ASTERISM_API Kcf {
   Eigen::ArrayXi cell_work_, cell_sums_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of Keypoints; the matching is that of CMT (Nebehay and Pflugfelder, CVPR 2015).
 struct KeypointsOptions {
@@ -80,4 +81,5 @@ class ASTERISM_API Keypoints {
   Scratch patch_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <asterism/parts/response.hpp>
 #include <asterism/parts/state.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of Mosse; the defaults are those of Bolme et al. (CVPR 2010) where it states them.
 struct MosseOptions {
@@ -95,4 +96,5 @@ class ASTERISM_API Mosse {
   Spectrum spectrum_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

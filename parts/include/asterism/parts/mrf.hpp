@@ -1,10 +1,11 @@
 #pragma once
 
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <opencv2/core.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of `regularize_posterior`.
 struct MrfOptions {
@@ -46,4 +47,5 @@ ASTERISM_API void regularize_posterior(const cv::Mat& foreground_likelihood, con
                                        const MrfOptions& options, MrfWorkspace& workspace,
                                        cv::Mat& posterior);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

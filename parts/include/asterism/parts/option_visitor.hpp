@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <cstddef>
 #include <initializer_list>
 #include <limits>
@@ -8,7 +8,8 @@
 #include <type_traits>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 class AnyPart;
 
@@ -108,4 +109,5 @@ Options check_options(std::string_view of, Options options) {
   return options;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

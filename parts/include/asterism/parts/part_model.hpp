@@ -3,7 +3,8 @@
 #include <asterism/parts/frame.hpp>
 #include <concepts>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// What a part model says of one frame: the whole coupling between appearance and geometry.
 struct Evidence {
@@ -38,4 +39,5 @@ concept PartModel = std::copyable<P> &&
   part.adapt(frame, x);
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -19,7 +19,8 @@
 #include <asterism/parts/keypoints.hpp>
 #endif
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Ranges that several options have.
 namespace option_ranges {
@@ -193,4 +194,5 @@ inline void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
 }
 #endif
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

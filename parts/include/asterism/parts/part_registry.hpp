@@ -8,7 +8,8 @@
 #include <string_view>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 namespace detail {
 /// Refuses JSON that is nested so deep that a walk through it might use up the stack, by a
@@ -84,4 +85,5 @@ class ASTERISM_API PartRegistry {
   Factories factories_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 #include <cstdint>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Samples a window of the image on a regular grid of pixels.
 ///
@@ -49,4 +50,5 @@ class ASTERISM_API PatchSampler {
   std::vector<std::uint8_t> above_, below_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -3,7 +3,8 @@
 #include <Eigen/Core>
 #include <asterism/parts/part_model.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// A similarity response over a search window, on a regular grid in the image.
 struct ASTERISM_API ResponseMap {
@@ -63,4 +64,5 @@ struct ASTERISM_API ResponsePeak {
   double at(const Point2& position) const;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of ScaleFilter; the defaults are those of Danelljan et al. (BMVC 2014).
 struct ScaleFilterOptions {
@@ -111,4 +112,5 @@ class ASTERISM_API ScaleFilter {
   Eigen::VectorXd correlation_, real_, imaginary_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

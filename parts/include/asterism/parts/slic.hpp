@@ -1,10 +1,11 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of `slic`.
 struct SlicOptions {
@@ -36,4 +37,5 @@ struct SuperpixelMap {
 /// for options out of range, and for pixels that are no whole rows of `cols`.
 ASTERISM_API SuperpixelMap slic(const Eigen::ArrayX3f& colours, int cols, const SlicOptions& options = {});
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

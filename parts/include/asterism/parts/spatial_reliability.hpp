@@ -8,7 +8,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of MaskedRegression; the defaults are those of Lukezic et al. (CVPR 2017).
 struct MaskedRegressionOptions {
@@ -198,4 +199,5 @@ class ASTERISM_API SpatialReliability {
   Spectrum sample_, spectrum_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

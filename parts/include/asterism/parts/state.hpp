@@ -11,7 +11,8 @@
 #include <string_view>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// What a model or a tracker has learned, on its way to bytes or back. One function of the model names its
 /// members in a fixed order and serves both directions:
@@ -165,4 +166,5 @@ void restore_state(T& object, std::span<const std::byte> bytes) {
 /// Throws std::invalid_argument: this kind of `what` cannot be saved.
 [[noreturn]] ASTERISM_API void throw_not_stateful(std::string_view what);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 #include <asterism/parts/state.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of Superpixels.
 struct SuperpixelsOptions {
@@ -95,4 +96,5 @@ class ASTERISM_API Superpixels {
   Scratch patch_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 #include <asterism/parts/response.hpp>
 #include <asterism/parts/state.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of Template.
 struct TemplateOptions {
@@ -75,4 +76,5 @@ class ASTERISM_API Template {
   Scratch patch_, pixels_, scores_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

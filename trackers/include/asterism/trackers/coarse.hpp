@@ -7,7 +7,8 @@
 #include <asterism/trackers/motion.hpp>
 #include <asterism/trackers/tracker.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// The paper's part model, Kcf with default options. Not in the headers' code: every program that has options
 /// would compile it.
@@ -133,4 +134,5 @@ ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
 /// The position nearest to `centre` that the centre of a tracker's box may have: in the image.
 ASTERISM_API Point2 kept_in_image(const Frame& frame, const Point2& centre);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

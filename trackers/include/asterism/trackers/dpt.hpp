@@ -1,16 +1,19 @@
 #pragma once
 
 #include <asterism/parts/scale_filter.hpp>
-#include <asterism/solver/ida.hpp>
-#include <asterism/solver/newton.hpp>
-#include <asterism/solver/spring_system.hpp>
+#include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <functional>
 #include <span>
 #include <variant>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Which parts are linked by springs (the paper's Table 1).
 enum class Constellation { Full, Local, Star };
@@ -157,4 +160,5 @@ class ASTERISM_API Dpt {
   bool initialized_ = false;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,15 +1,18 @@
 #pragma once
 
 #include <asterism/parts/part_model.hpp>
-#include <asterism/solver/spring_system.hpp>
-#include <asterism/solver/summary.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <asterism/trackers/transform.hpp>
 #include <cmath>
 #include <memory>
 #include <span>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Where an object is: the similarity that takes positions in the object, pixels of its first frame about its
 /// centre, to the image.
@@ -130,4 +133,5 @@ ASTERISM_API RobustTransform fit_pose(const ElasticConstellation::Points& layout
                                       const ElasticConstellation::Points& placed,
                                       const Eigen::VectorXd& weights, const ObjectPose& pose, double reach);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 #include <asterism/trackers/interruption.hpp>
 #include <asterism/trackers/point_flow.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of Flock.
 struct FlockOptions {
@@ -53,4 +54,5 @@ class ASTERISM_API Flock {
   bool initialized_ = false;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <cstdint>
 #include <utility>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Tells frames that interrupt a video (blank frames, noise, a test card, a decoder's gray blocks, a cut to
 /// another scene) from those that go on with it. In an interruption a tracker keeps its box and learns
@@ -83,4 +84,5 @@ class ASTERISM_API InterruptionGate {
   Blanks blanks_{};
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -4,7 +4,8 @@
 #include <asterism/trackers/tracker.hpp>
 #include <optional>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// The Kalman filter of a point of three coordinates whose velocity is constant but for white acceleration
 /// (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 6.2.2). The
@@ -75,4 +76,5 @@ class ASTERISM_API KalmanTracker {
   ConstantVelocityFilter filter_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

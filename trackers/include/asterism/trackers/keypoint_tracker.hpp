@@ -4,7 +4,8 @@
 #include <asterism/trackers/interruption.hpp>
 #include <asterism/trackers/point_flow.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of KeypointTracker; the matching is that of CMT.
 struct KeypointTrackerOptions {
@@ -81,4 +82,5 @@ class ASTERISM_API KeypointTracker {
   bool initialized_ = false;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -6,7 +6,8 @@
 #include <asterism/trackers/interruption.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Lgt's part model, a ColorHistogram that searches twice its size to each side.
 ASTERISM_API AnyPart histogram_part();
@@ -74,4 +75,5 @@ class ASTERISM_API Lgt {
   bool initialized_ = false;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

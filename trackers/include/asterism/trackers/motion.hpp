@@ -6,7 +6,8 @@
 #include <asterism/trackers/object_window.hpp>
 #include <cstdint>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of MotionModel.
 struct MotionOptions {
@@ -81,4 +82,5 @@ class ASTERISM_API MotionModel {
   cv::Mat_<std::uint8_t> bins_;  // of the cells of the frame that `segment` saw; never written again
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

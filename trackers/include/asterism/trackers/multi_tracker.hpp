@@ -4,7 +4,8 @@
 #include <exception>
 #include <map>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Several objects in one video, each with a tracker of its own: the frame is converted once for all of them,
 /// and they are tracked in parallel. Objects know nothing of each other, so that results are those of as many
@@ -42,4 +43,5 @@ class ASTERISM_API MultiTracker {
   std::map<int, AnyTracker> objects_;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

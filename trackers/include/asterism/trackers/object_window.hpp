@@ -3,7 +3,8 @@
 #include <asterism/parts/frame.hpp>
 #include <asterism/parts/patch.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// An object with its surroundings, resampled to a size that does not depend on the object's.
 class ASTERISM_API ObjectWindow {
@@ -30,4 +31,5 @@ class ASTERISM_API ObjectWindow {
   cv::Size grid_{1, 1};
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <asterism/trackers/object_window.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of PointFlow.
 struct PointFlowOptions {
@@ -55,4 +56,5 @@ class ASTERISM_API PointFlow {
   std::vector<cv::Mat> learned_;  // pyramid; never written again: copies share it
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

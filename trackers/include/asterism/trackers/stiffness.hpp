@@ -5,7 +5,8 @@
 #include <asterism/parts/part_model.hpp>
 #include <cmath>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Stiffness of the spring between a part and its visually best position, k = w / sigma^2 (Eq.
 /// stiffness_static) [1/px^2]. Never below 1e-12 / sigma^2, so that a constellation without any response
@@ -30,4 +31,5 @@ inline double dynamic_stiffness(double nominal_length, double distance) {
   return strain * strain;
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -5,7 +5,8 @@
 #include <asterism/trackers/interruption.hpp>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// Options of SuperpixelTracker.
 struct SuperpixelTrackerOptions {
@@ -76,4 +77,5 @@ class ASTERISM_API SuperpixelTracker {
   bool initialized_ = false;
 };
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -3,7 +3,7 @@
 #include <array>
 #include <asterism/parts/frame.hpp>
 #include <asterism/parts/state.hpp>
-#include <asterism/solver/topology.hpp>
+#include <asterism/solver/problem/topology.hpp>
 #include <concepts>
 #include <memory>
 #include <optional>
@@ -12,7 +12,8 @@
 #include <string_view>
 #include <vector>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// What became of one part in one frame.
 struct PartState {
@@ -195,4 +196,5 @@ ASTERISM_API std::vector<std::string> tracker_names();
 /// also where the library was built without PartRegistry.
 ASTERISM_API AnyTracker make_tracker(std::string_view description);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

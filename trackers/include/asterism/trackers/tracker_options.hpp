@@ -15,7 +15,8 @@
 
 /// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("tolerance", options.tolerance, {0, 1e9});
@@ -145,4 +146,5 @@ inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& option
   visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

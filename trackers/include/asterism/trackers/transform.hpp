@@ -1,9 +1,10 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/config.hpp>
+#include <asterism/solver/detail/config.hpp>
 
-namespace asterism::inline ASTERISM_ABI {
+namespace asterism {
+inline namespace ASTERISM_ABI {
 
 /// A similarity of the plane, x -> scale R(angle) x + translation.
 struct ASTERISM_API PlaneTransform {
@@ -56,4 +57,5 @@ ASTERISM_API RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::
                                                   TransformModel model, double radius,
                                                   const PlaneTransform& start);
 
-}  // namespace asterism::inline ASTERISM_ABI
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

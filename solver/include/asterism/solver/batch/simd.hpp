@@ -1,0 +1,52 @@
+#pragma once
+
+#include <asterism/solver/detail/batch_kernels.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// The instructions that a batch is solved with.
+enum class Simd {
+  Auto,      ///< the widest that this machine has
+  Portable,  ///< what the library was compiled for; SSE2 on x86-64
+  Avx2,      ///< with FMA
+  Avx512,    ///< F, DQ and VL
+};
+
+constexpr std::string_view to_string(Simd simd) {
+  switch (simd) {
+    case Simd::Auto:
+      return "auto";
+    case Simd::Portable:
+      return "portable";
+    case Simd::Avx2:
+      return "AVX2";
+    case Simd::Avx512:
+      return "AVX-512";
+  }
+  return "unknown instructions";
+}
+
+/// Whether the library and this machine have it.
+inline bool is_available(Simd simd) {
+  switch (simd) {
+    case Simd::Auto:
+    case Simd::Portable:
+      return true;
+    case Simd::Avx2:
+      return lanes_v0_1::kernels(lanes_v0_1::kAvx2) != nullptr;
+    case Simd::Avx512:
+      return lanes_v0_1::kernels(lanes_v0_1::kAvx512) != nullptr;
+  }
+  return false;
+}
+
+/// What Simd::Auto stands for.
+inline Simd widest_simd() {
+  return is_available(Simd::Avx512) ? Simd::Avx512 : is_available(Simd::Avx2) ? Simd::Avx2 : Simd::Portable;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

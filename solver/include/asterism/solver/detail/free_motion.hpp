@@ -1,0 +1,528 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/message.hpp>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <span>
+#include <type_traits>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+/// A motion that changes no energy: nodes that turn as one rigid body, or slide.
+struct FreeMotion {
+  int node = -1;         ///< one that moves, -1 where there is no such motion
+  int about = -1;        ///< a node that it turns about, -1 where no node is at rest
+  int axis = -1;         ///< another such node, where the axis is the line through both
+  bool slides = false;   ///< a translation
+  bool is_part = false;  ///< of a part of a component, which hangs on node `about` alone
+
+  explicit operator bool() const { return node >= 0; }
+
+  /// What it is, for a message.
+  Message message() const {
+    Message text;
+    if (is_part) {
+      text.append("node ").append(node).append(" can rotate about node ").append(about);
+      return text.append(", which alone connects it to what is held");
+    }
+    text.append("the component of node ").append(node);
+    if (slides) return text.append(" can slide: its anchors do not hold it");
+    text.append(" can rotate");
+    if (about < 0) return text.append(": its anchors do not hold it");
+    if (axis < 0) return text.append(" about node ").append(about);
+    return text.append(" about the line through nodes ").append(about).append(" and ").append(axis);
+  }
+};
+
+/// How clearly plain anchors of stiffness k(i) hold one rigid body: positive if they do, without a doubt. The
+/// anchors' energy of a rotation exp(W) about the centroid that leaves the best translation has the second
+/// derivative -tr(W^2 M), M = sum_i k_i (a_i - a) (x_i - c)^T, so tr(M) I - sym(M) is to be positive definite
+/// in space, tr(M) to be positive in the plane. `Number` is a `Real`, or an array of them, one of each
+/// of several systems.
+template <int kDim, typename Number, typename Real, typename Anchor, typename Stiffness, typename Point>
+Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
+  static_assert(kDim == 2 || kDim == 3);
+  constexpr Real kMargin = Real(1e-4);  // beyond any rounding; what is below is looked at closely
+  const auto least = [](const Number& u, const Number& v) {
+    if constexpr (std::is_arithmetic_v<Number>) {
+      return std::min(u, v);
+    } else {
+      return Number(u.min(v));
+    }
+  };
+  Number total = k(0);
+  Number anchor_centre[kDim];
+  Number centre[kDim];
+  for (int c = 0; c < kDim; ++c) {
+    anchor_centre[c] = k(0) * a(0, c);
+    centre[c] = k(0) * x(0, c);
+  }
+  for (int i = 1; i < nodes; ++i) {
+    total += k(i);
+    for (int c = 0; c < kDim; ++c) {
+      anchor_centre[c] += k(i) * a(i, c);
+      centre[c] += k(i) * x(i, c);
+    }
+  }
+  const Number inverse = Real(1) / total;
+  for (int c = 0; c < kDim; ++c) {
+    anchor_centre[c] *= inverse;
+    centre[c] *= inverse;
+  }
+  const Number zero = k(0) * Real(0);
+  Number M[kDim][kDim];
+  for (auto& row : M) std::fill_n(row, kDim, zero);
+  Number size = zero;  // no entry of M is above it
+  for (int i = 0; i < nodes; ++i) {
+    Number q[kDim];
+    Number p[kDim];
+    for (int c = 0; c < kDim; ++c) {
+      q[c] = a(i, c) - anchor_centre[c];
+      p[c] = x(i, c) - centre[c];
+      size += k(i) * (q[c] * q[c] + p[c] * p[c]);
+    }
+    for (int r = 0; r < kDim; ++r) {
+      const Number weighted = k(i) * q[r];
+      for (int c = 0; c < kDim; ++c) {
+        if (kDim == 3 || r == c) M[r][c] += weighted * p[c];
+      }
+    }
+  }
+  size *= Real(0.5);
+  const Number margin = kMargin * size;
+  if constexpr (kDim == 2) {
+    return M[0][0] + M[1][1] - margin;
+  } else {
+    // The leading minors of tr(M) I - sym(M), in units of the size.
+    const Number xy = Real(-0.5) * (M[0][1] + M[1][0]);
+    const Number xz = Real(-0.5) * (M[0][2] + M[2][0]);
+    const Number yz = Real(-0.5) * (M[1][2] + M[2][1]);
+    const Number xx = M[1][1] + M[2][2];
+    const Number yy = M[0][0] + M[2][2];
+    const Number zz = M[0][0] + M[1][1];
+    const Number two = xx * yy - xy * xy;
+    const Number three = two * zz - xx * yz * yz - yy * xz * xz + Real(2) * xy * xz * yz;
+    const Number of_two = least(xx - margin, two - margin * size);
+    return least(of_two, three - margin * size * size);
+  }
+}
+
+/// Looks for rigid motions that neither anchors nor fixed nodes hold: of a connected component, and of what
+/// hangs on the rest by a single node. The energy is the same all along such a motion, so x is no strict
+/// minimum, whatever the rounding of a factorisation, or the tension that a solver's tolerance leaves in the
+/// links, makes of the Hessian. Keeps its memory.
+template <typename System>
+class FreeMotions {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  /// One such motion of a valid system at x, or none.
+  FreeMotion find(const System& system, const Points& x) {
+    if (is_clearly_held(system, x)) [[likely]]
+      return {};
+    if (const FreeMotion motion = of_components(system, x)) return motion;
+    return of_parts(system, x);
+  }
+
+ private:
+  static constexpr int kDim = System::kDim;
+  static constexpr int kModes = kDim * (kDim + 1) / 2;  // translations, then rotations
+  static constexpr int kMaxNodes = System::kMaxNodes;
+  static constexpr int kMaxLinks = System::TopologyType::kMaxLinks;
+  template <int kMax>
+  using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
+  using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
+  using Vector = Eigen::Matrix<double, kDim, 1>;
+  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
+  using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
+  using ModeVector = Eigen::Matrix<double, kModes, 1>;
+  using Velocities = Eigen::Matrix<double, kDim, kModes, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor>;
+  static constexpr bool kSprings = std::is_same_v<typename System::Model::LinkPotential, Hooke>;
+  static constexpr double kRounding = 64 * double(std::numeric_limits<Scalar>::epsilon());
+
+  // The common case, in nanoseconds: one body, all of whose nodes hang on anchors.
+  bool is_clearly_held(const System& system, const Points& x) {
+    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings) {
+      if (system.fixed_count() != 0) return false;
+      for (int i = 0; i < system.nodes(); ++i) {
+        if (!(system.anchor_stiffness[i] > 0)) return false;
+      }
+      for (int l = 0; l < system.link_count(); ++l) {
+        if (!(system.link_stiffness[l] > 0)) return false;
+      }
+      if (!system.topology().is_full() && !is_connected(system.nodes(), system.links(), up_)) return false;
+      return hold_of_body<kDim, Scalar, Scalar>(
+                 system.nodes(), [&](int i, int c) { return system.anchors(c, i); },
+                 [&](int i) { return system.anchor_stiffness[i]; },
+                 [&](int i, int c) { return x(c, i); }) > 0;
+    }
+    return false;
+  }
+
+  // Whether link l resists anything at x: one of zero stiffness, or a slack cable, does not.
+  static bool connects(const System& system, const Points& x, int l, const Link& link) {
+    if (!(system.link_stiffness[l] > 0)) return false;
+    if constexpr (!kSprings) {
+      const auto length = spring(system, link, x.col(link.i) - x.col(link.j)).length;
+      const auto force = link_force(system, l, length);
+      return force.along != 0 || force.across != 0 || force.tension != 0;
+    }
+    return true;
+  }
+
+  template <typename Visit>
+  static void for_each_connection(const System& system, const Points& x, Visit&& visit) {
+    int l = 0;
+    for (const Link& link : system.links()) {
+      if (connects(system, x, l++, link)) visit(link);
+    }
+  }
+
+  // The nodes that move in each connected component, and the fixed ones that they are linked to, which hold
+  // each component on its own.
+  FreeMotion of_components(const System& system, const Points& x) {
+    const int n = system.nodes();
+    up_.setLinSpaced(n, 0, n - 1);
+    for_each_connection(system, x, [&](const Link& link) {
+      if (!system.is_fixed(link.i) && !system.is_fixed(link.j)) up_[root(up_, link.i)] = root(up_, link.j);
+    });
+    const auto for_each_member = [&](auto&& visit) {
+      for (int i = 0; i < n; ++i) {
+        if (!system.is_fixed(i)) visit(root(up_, i), i);
+      }
+      if (system.fixed_count() == 0) return;
+      for_each_connection(system, x, [&](const Link& link) {
+        if (system.is_fixed(link.i) == system.is_fixed(link.j)) return;
+        const bool first = system.is_fixed(link.i);
+        visit(root(up_, first ? link.j : link.i), first ? link.i : link.j);
+      });
+    };
+    group(n, for_each_member);
+    for (int r = 0; r < n; ++r) {
+      if (first_[r] == first_[r + 1]) continue;
+      if (const FreeMotion motion =
+              of_body(system, x, &entries_[first_[r]], &entries_[first_[r + 1] - 1] + 1))
+        return motion;
+    }
+    return {};
+  }
+
+  // Sorts what for_each(visit) calls visit(key, value) with: the values of key k are entries_[first_[k]] to
+  // entries_[first_[k + 1]].
+  template <typename ForEach>
+  void group(int keys, ForEach&& for_each) {
+    first_.setZero(keys + 1);
+    for_each([this](int key, int) { ++first_[key]; });
+    int sum = 0;
+    for (int& first : first_) sum += std::exchange(first, sum);
+    entries_.resize(std::max(1, sum));
+    for_each([this](int key, int value) { entries_[first_[key]++] = value; });
+    for (int k = keys; k > 0; --k) first_[k] = first_[k - 1];
+    first_[0] = 0;
+  }
+
+  // Of one rigid body. The links' energy does not change along a rigid motion, so where x is stationary the
+  // second derivative of the anchors' energy along it is that of all: a matrix of the size of the motions.
+  FreeMotion of_body(const System& system, const Points& x, const int* begin, const int* end) {
+    const auto at = [&](int i) { return Vector(x.col(i).template cast<double>()); };
+    double largest = 0;  // stiffness
+    double extent = 0;   // of coordinates, whose rounding is a share of it
+    for (const int* m = begin; m != end; ++m) {
+      extent = std::max(extent, at(*m).cwiseAbs().maxCoeff());
+      const double k = stiffness_of(system, *m, 0);
+      if (!(k > 0)) continue;
+      largest = std::max(largest, k);
+      extent = std::max(extent, system.anchors.col(*m).template cast<double>().cwiseAbs().maxCoeff());
+    }
+    if (!(largest > 0)) largest = 1;
+    if (!(extent > 0)) extent = 1;
+    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3)) {
+      const auto anchor = [&](int m, int c) {
+        return static_cast<double>(system.is_fixed(begin[m]) ? x(c, begin[m]) : system.anchors(c, begin[m]));
+      };
+      if (hold_of_body<kDim, double, double>(
+              static_cast<int>(end - begin), anchor,
+              [&](int m) { return stiffness_of(system, begin[m], largest); },
+              [&](int m, int c) { return static_cast<double>(x(c, begin[m])); }) > 0)
+        return {};
+    }
+    if (const FreeMotion motion = about_hull(system, x, begin, end, extent)) return motion;
+    double total = 0;
+    Vector centre = Vector::Zero();
+    for (const int* m = begin; m != end; ++m) {
+      const double k = stiffness_of(system, *m, largest);
+      total += k;
+      centre += k * at(*m);
+    }
+    if (total > 0) centre /= total;
+
+    // Axes along which rotations that move no node, as those about the line that all are on, stand out.
+    Matrix spread = Matrix::Zero();
+    for (const int* m = begin; m != end; ++m) spread += (at(*m) - centre) * (at(*m) - centre).transpose();
+    Matrix axes;
+    diagonalise(spread, axes);
+
+    ModeMatrix curvature = ModeMatrix::Zero();
+    ModeVector slope = ModeVector::Zero();
+    ModeVector scale = ModeVector::Zero();
+    ModeVector speed = ModeVector::Zero();
+    for (const int* m = begin; m != end; ++m) {
+      const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
+      speed = speed.cwiseMax(v.colwise().norm().transpose());
+      const double k = stiffness_of(system, *m, largest);
+      if (!(k > 0)) continue;
+      Matrix block = k * Matrix::Identity();
+      Vector force = Vector::Zero();
+      if (!system.is_fixed(*m)) {
+        const typename System::Point d = x.col(*m) - system.anchors.col(*m);
+        block = anchor_curvature(system, *m, d, false).template cast<double>();
+        block = (axes.transpose() * block * axes).eval();
+        force = axes.transpose() * anchor_force(system, *m, d).gradient.template cast<double>();
+      }
+      for (int a = 0; a < kModes; ++a) {
+        slope[a] += force.dot(v.col(a));
+        scale[a] += k * v.col(a).squaredNorm() + force.norm() * turned(a, v.col(a)).norm();
+        for (int b = 0; b <= a; ++b) {
+          curvature(a, b) +=
+              v.col(a).dot(block * v.col(b)) + force.dot(turned(a, v.col(b)) + turned(b, v.col(a))) / 2;
+        }
+      }
+    }
+
+    // In units of what each motion's rounding is a share of.
+    double imbalance = 0;
+    for (int a = 0; a < kModes; ++a) {
+      scale[a] += extent * std::sqrt(total * scale[a]) + kRounding * total * extent * extent;
+      if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
+    }
+    for (int a = 0; a < kModes; ++a) {
+      if (!(speed[a] > kRounding * extent)) {  // a rotation that moves no node
+        for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
+        curvature(a, a) = 1;
+        scale[a] = 0;
+        continue;
+      }
+      for (int b = 0; b <= a; ++b) {
+        curvature(a, b) = scale[a] > 0 && scale[b] > 0 ? curvature(a, b) / std::sqrt(scale[a] * scale[b]) : 0;
+      }
+    }
+    ModeMatrix motions;
+    diagonalise(curvature, motions);
+    int flattest = 0;
+    for (int a = 1; a < kModes; ++a) {
+      if (std::abs(curvature(a, a)) < std::abs(curvature(flattest, flattest))) flattest = a;
+    }
+    // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
+    // free motion beside one of curvature c to s^2 / c.
+    double next = 1;
+    for (int a = 0; a < kModes; ++a)
+      if (a != flattest) next = std::min(next, std::abs(curvature(a, a)));
+    const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
+    if (!(std::abs(curvature(flattest, flattest)) <= kRounding + coupled)) return {};
+    for (int a = 0; a < kModes; ++a) {
+      motions(a, flattest) = scale[a] > 0 ? motions(a, flattest) / std::sqrt(scale[a]) : motions(a, flattest);
+    }
+    return described(system, begin, end, extent, motions.col(flattest),
+                     [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
+  }
+
+  // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
+  // space, and another node is not. None of their anchors notices, wherever x is.
+  static FreeMotion about_hull(const System& system, const Points& x, const int* begin, const int* end,
+                               double extent) {
+    const auto place = [&](int i) { return Vector(x.col(i).template cast<double>()); };
+    const auto is_held = [&](int i) { return stiffness_of(system, i, 1) > 0; };
+    const int* const first = std::find_if(begin, end, is_held);
+    if (first == end) return {};
+    // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
+    const Vector origin = place(*first);
+    const double rounding = kRounding * extent;
+    Matrix basis = Matrix::Zero();
+    int rank = 0;
+    const auto outside = [&](const Vector& point) {
+      Vector d = point - origin;
+      for (int a = 0; a < rank; ++a) d -= basis.col(a).dot(d) * basis.col(a);
+      return d;
+    };
+    while (true) {
+      Vector farthest_out = Vector::Zero();
+      for (const int* m = begin; m != end; ++m) {
+        if (!is_held(*m)) continue;
+        const Vector d = outside(place(*m));
+        if (d.squaredNorm() > farthest_out.squaredNorm()) farthest_out = d;
+      }
+      if (!(farthest_out.norm() > rounding)) break;
+      if (rank >= kDim - 2) return {};
+      basis.col(rank++) = farthest_out.normalized();
+    }
+    if (rank > kDim - 2) return {};  // on a line, where there is no rotation
+
+    const auto distance = [&](int i) { return outside(place(i)).norm(); };
+    FreeMotion result;
+    double farthest = rounding;
+    for (const int* m = begin; m != end; ++m) {
+      if (system.is_fixed(*m) || !(distance(*m) > farthest)) continue;
+      farthest = distance(*m);
+      result.node = *m;
+    }
+    if (!result) return {};
+    name_rest(system, begin, end, rounding, farthest, distance, place, result);
+    return result;
+  }
+
+  // The held nodes that a motion hardly moves, beside the fastest.
+  template <typename Speed, typename Place>
+  static void name_rest(const System& system, const int* begin, const int* end, double rounding,
+                        double fastest, Speed&& speed, Place&& place, FreeMotion& result) {
+    constexpr double kRest = 1e-2;
+    for (const int* m = begin; m != end; ++m) {
+      if (!(stiffness_of(system, *m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
+      if (result.about < 0) {
+        result.about = *m;
+      } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > rounding) {
+        result.axis = *m;
+      }
+    }
+    if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
+  }
+
+  // The stiffness that holds a node of a body: its anchor's, or for a fixed node `fixed`.
+  static double stiffness_of(const System& system, int i, double fixed) {
+    return system.is_fixed(i) ? fixed : static_cast<double>(system.anchor_stiffness[i]);
+  }
+
+  // The velocities of a point p for each motion of unit speed: translations by `unit`, rotations by one
+  // radian in the plane of two axes.
+  static Velocities velocities(const Vector& p, double unit) {
+    Velocities v = Velocities::Zero();
+    for (int c = 0; c < kDim; ++c) v(c, c) = unit;
+    for (int a = 0, mode = kDim; a < kDim; ++a) {
+      for (int b = a + 1; b < kDim; ++b, ++mode) {
+        v(b, mode) = p[a];
+        v(a, mode) = -p[b];
+      }
+    }
+    return v;
+  }
+
+  // W v for the rotation of a mode, whose velocity at p is W p; zero for translations.
+  static Vector turned(int wanted, const Vector& v) {
+    Vector result = Vector::Zero();
+    for (int a = 0, mode = kDim; a < kDim; ++a) {
+      for (int b = a + 1; b < kDim; ++b, ++mode) {
+        if (mode != wanted) continue;
+        result[b] = v[a];
+        result[a] = -v[b];
+      }
+    }
+    return result;
+  }
+
+  // What moves by a motion, and what it turns about.
+  template <typename Place>
+  static FreeMotion described(const System& system, const int* begin, const int* end, double extent,
+                              const ModeVector& motion, Place&& place) {
+    const auto speed = [&](int i) { return (velocities(place(i), extent) * motion).norm(); };
+    FreeMotion result;
+    double fastest = -1;
+    for (const int* m = begin; m != end; ++m) {
+      if (!system.is_fixed(*m) && speed(*m) > fastest) {
+        fastest = speed(*m);
+        result.node = *m;
+      }
+    }
+    name_rest(system, begin, end, kRounding * extent, fastest, speed, place, result);
+    result.slides = result.about < 0 && motion.template tail<kModes - kDim>().norm() * extent <=
+                                            1e-5 * motion.template head<kDim>().norm() * extent;
+    return result;
+  }
+
+  // Of what hangs on a single node of the rest and has no anchor: whatever that node does, it can turn about
+  // it. These parts are subtrees of a depth first search whose nodes are linked to none before their parent
+  // (Hopcroft & Tarjan 1973).
+  FreeMotion of_parts(const System& system, const Points& x) {
+    const int n = system.nodes();
+    const auto is_held = [&](int i) { return system.anchor_stiffness[i] > 0 || system.is_fixed(i); };
+    bool all_held = kDim == 1;
+    if (kDim > 1) {
+      all_held = true;
+      for (int i = 0; all_held && i < n; ++i) all_held = is_held(i);
+    }
+    if (all_held) return {};
+    group(n, [&](auto&& visit) {
+      for_each_connection(system, x, [&](const Link& link) {
+        visit(link.i, link.j);
+        visit(link.j, link.i);
+      });
+    });
+    constexpr int kUnseen = -1;
+    time_.setConstant(n, kUnseen);
+    low_.resize(n);
+    next_.resize(n);
+    holds_.resize(n);
+    up_.resize(n);
+    seen_.resize(n);
+    int count = 0;
+    const auto enter = [&](int i, int from) {
+      up_[i] = from;
+      time_[i] = low_[i] = count;
+      next_[i] = first_[i];
+      holds_[i] = is_held(i);
+      seen_[count++] = i;
+    };
+    for (int start = 0; start < n; ++start) {
+      if (!is_held(start) || time_[start] != kUnseen) continue;
+      enter(start, kUnseen);
+      for (int i = start; i >= 0;) {
+        if (next_[i] < first_[i + 1]) {
+          const int j = entries_[next_[i]++];
+          if (time_[j] == kUnseen) {
+            enter(j, i);
+            i = j;
+          } else if (j != up_[i]) {
+            low_[i] = std::min(low_[i], time_[j]);
+          }
+          continue;
+        }
+        const int parent = up_[i];
+        if (parent >= 0) {
+          if (low_[i] >= time_[parent] && holds_[i] == 0) {
+            for (int t = time_[i]; t < count; ++t) {
+              if (x.col(seen_[t]) == x.col(parent)) continue;
+              FreeMotion motion;
+              motion.node = seen_[t];
+              motion.about = parent;
+              motion.is_part = true;
+              return motion;
+            }
+          }
+          low_[parent] = std::min(low_[parent], low_[i]);
+          holds_[parent] |= holds_[i];
+        }
+        i = parent;
+      }
+    }
+    return {};
+  }
+
+  NodeIndices up_;     // towards the root
+  NodeIndices first_;  // entries of a node
+  Indices<kMaxLinks == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 2 * kMaxLinks> entries_;
+  NodeIndices time_, low_, next_, holds_, seen_;  // of the search
+};
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

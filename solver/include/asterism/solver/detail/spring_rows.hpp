@@ -1,0 +1,232 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+// Where the compiler was not told of AVX, the processor is asked.
+#if defined(__x86_64__) && defined(__GNUC__) && EIGEN_MAX_STATIC_ALIGN_BYTES == 16 && \
+    !defined(EIGEN_DONT_VECTORIZE)
+#include <immintrin.h>
+#define ASTERISM_SPRING_ROWS_AVX2
+#endif
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+/// The nodes of a row of links side by side, for as many springs at a time as the processor's registers hold:
+/// the rows of a full topology, (i, i + 1), (i, i + 2), ..., whose rest lengths and stiffness are next to
+/// each other.
+template <typename System>
+class SpringRows {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  /// Whether it serves: springs alone, in a few dimensions, enough of them and not too many for the stack.
+  static bool serve(const System& system) {
+    return kPossible && system.topology().is_full() && system.nodes() >= kLeastNodes &&
+           system.nodes() <= kMostNodes;
+  }
+
+  /// The springs' energy.
+  static Scalar energy(const System& system, const Points& x) {
+    if constexpr (kPossible) {
+      return SpringRows(system, x).template total<false>();
+    } else {
+      return 0;
+    }
+  }
+
+  /// The same, their gradient added to `gradient`.
+  static Scalar evaluate(const System& system, const Points& x, Points& gradient) {
+    if constexpr (kPossible) {
+      SpringRows rows(system, x);
+      const Scalar energy = rows.template total<true>();
+      for (int i = 0; i < system.nodes(); ++i) {
+        for (int c = 0; c < kDim; ++c) gradient(c, i) += rows.forces_[c][i];
+      }
+      return energy;
+    } else {
+      return 0;
+    }
+  }
+
+ private:
+  static constexpr int kDim = System::kDim;
+  static constexpr int kLeastNodes = 9;
+  static constexpr int kMostNodes = System::kMaxNodes == Eigen::Dynamic ? 1024 : System::kMaxNodes;
+  static constexpr bool kPossible = (kDim == 2 || kDim == 3) && kMostNodes >= kLeastNodes &&
+                                    kMostNodes <= 1024 &&
+                                    std::is_same_v<typename System::Model::LinkPotential, Hooke>;
+  // Springs at a time.
+  static constexpr int kWidth =
+      std::max<int>(2, static_cast<int>(EIGEN_MAX_STATIC_ALIGN_BYTES / sizeof(Scalar)));
+  using Pack = Eigen::Array<Scalar, kWidth, 1>;
+  using Row = Eigen::Map<Pack>;
+  using ConstRow = Eigen::Map<const Pack>;
+
+  SpringRows(const System& system, const Points& x) : system_(system), x_(x) {
+    for (int i = 0; i < system.nodes(); ++i) {
+      for (int c = 0; c < kDim; ++c) {
+        coordinates_[c][i] = x(c, i);
+        forces_[c][i] = 0;
+      }
+    }
+  }
+
+  template <bool kWithGradient>
+  Scalar total() {
+#ifdef ASTERISM_SPRING_ROWS_AVX2
+    if constexpr (std::is_same_v<Scalar, double>) {
+      if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return sum_avx2<kWithGradient>();
+    }
+#endif
+    return sum<kWithGradient>();
+  }
+
+  template <bool kWithGradient>
+  Scalar sum() {
+    const int n = system_.nodes();
+    const Scalar* rest_length = system_.rest_length.data();
+    const Scalar* stiffness = system_.link_stiffness.data();
+    Pack energies = Pack::Zero();
+    Scalar rest = 0;
+    for (int i = 0; i < n; ++i) {
+      Pack forces[kDim];
+      for (int c = 0; c < kDim; ++c) forces[c].setZero();
+      int j = i + 1;
+      for (; j + kWidth <= n; j += kWidth, rest_length += kWidth, stiffness += kWidth) {
+        Pack d[kDim];
+        for (int c = 0; c < kDim; ++c) d[c] = coordinates_[c][i] - ConstRow(coordinates_[c] + j);
+        Pack square = d[0] * d[0];
+        for (int c = 1; c < kDim; ++c) square += d[c] * d[c];
+        if (!(square.minCoeff() >= kTiny)) [[unlikely]] {
+          for (int w = 0; w < kWidth; ++w) {
+            rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
+          }
+          continue;
+        }
+        const Pack length = square.sqrt();
+        const Pack stretch = length - ConstRow(rest_length);
+        const Pack tension = ConstRow(stiffness) * stretch;
+        energies += tension * stretch;
+        if constexpr (kWithGradient) {
+          const Pack weight = tension / length;
+          for (int c = 0; c < kDim; ++c) {
+            const Pack force = weight * d[c];
+            forces[c] += force;
+            Row(forces_[c] + j) -= force;
+          }
+        }
+      }
+      for (; j < n; ++j) rest += one<kWithGradient>(i, j, *rest_length++, *stiffness++);
+      if constexpr (kWithGradient) {
+        for (int c = 0; c < kDim; ++c) forces_[c][i] += forces[c].sum();
+      }
+    }
+    return (energies.sum() + rest) / 2;
+  }
+
+#ifdef ASTERISM_SPRING_ROWS_AVX2
+  // The same by four springs at a time.
+  template <bool kWithGradient>
+  [[gnu::target("avx2,fma")]] double sum_avx2() {
+    const int n = system_.nodes();
+    const double* rest_length = system_.rest_length.data();
+    const double* stiffness = system_.link_stiffness.data();
+    __m256d energies = _mm256_setzero_pd();
+    double rest = 0;
+    for (int i = 0; i < n; ++i) {
+      __m256d forces[kDim];
+      for (int c = 0; c < kDim; ++c) forces[c] = _mm256_setzero_pd();
+      int j = i + 1;
+      for (; j + 4 <= n; j += 4, rest_length += 4, stiffness += 4) {
+        __m256d d[kDim];
+        __m256d square = _mm256_setzero_pd();
+        for (int c = 0; c < kDim; ++c) {
+          d[c] = _mm256_sub_pd(_mm256_set1_pd(coordinates_[c][i]), _mm256_loadu_pd(coordinates_[c] + j));
+          square = _mm256_fmadd_pd(d[c], d[c], square);
+        }
+        if (_mm256_movemask_pd(_mm256_cmp_pd(square, _mm256_set1_pd(kTiny), _CMP_LT_OQ)) != 0) [[unlikely]] {
+          for (int w = 0; w < 4; ++w) rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
+          continue;
+        }
+        const __m256d length = _mm256_sqrt_pd(square);
+        const __m256d stretch = _mm256_sub_pd(length, _mm256_loadu_pd(rest_length));
+        const __m256d tension = _mm256_mul_pd(_mm256_loadu_pd(stiffness), stretch);
+        energies = _mm256_fmadd_pd(tension, stretch, energies);
+        if constexpr (kWithGradient) {
+          const __m256d weight = _mm256_div_pd(tension, length);
+          for (int c = 0; c < kDim; ++c) {
+            forces[c] = _mm256_fmadd_pd(weight, d[c], forces[c]);
+            double* const other = forces_[c] + j;
+            _mm256_storeu_pd(other, _mm256_fnmadd_pd(weight, d[c], _mm256_loadu_pd(other)));
+          }
+        }
+      }
+      for (; j < n; ++j) rest += one<kWithGradient>(i, j, *rest_length++, *stiffness++);
+      if constexpr (kWithGradient) {
+        for (int c = 0; c < kDim; ++c) forces_[c][i] += sum_avx2(forces[c]);
+      }
+    }
+    return (sum_avx2(energies) + rest) / 2;
+  }
+
+  [[gnu::target("avx2,fma")]] static double sum_avx2(__m256d v) {
+    const __m128d halves = _mm_add_pd(_mm256_castpd256_pd128(v), _mm256_extractf128_pd(v, 1));
+    return _mm_cvtsd_f64(_mm_add_sd(halves, _mm_unpackhi_pd(halves, halves)));
+  }
+#endif
+
+  // Twice the energy of spring (i, j), its forces added.
+  template <bool kWithGradient>
+  Scalar one(int i, int j, Scalar rest_length, Scalar stiffness) {
+    Scalar d[kDim];
+    Scalar square = 0;
+    for (int c = 0; c < kDim; ++c) {
+      d[c] = coordinates_[c][i] - coordinates_[c][j];
+      square += d[c] * d[c];
+    }
+    Scalar length;
+    Scalar inverse = 1;
+    if (square < kTiny) [[unlikely]] {
+      const auto coincident = coincident_spring(system_, Link{i, j}, x_.col(i) - x_.col(j));
+      length = coincident.length;
+      for (int c = 0; c < kDim; ++c) d[c] = coincident.direction[c];
+    } else {
+      length = std::sqrt(square);
+      inverse = 1 / length;
+    }
+    const Scalar stretch = length - rest_length;
+    const Scalar tension = stiffness * stretch;
+    if constexpr (kWithGradient) {
+      for (int c = 0; c < kDim; ++c) {
+        const Scalar force = tension * inverse * d[c];
+        forces_[c][i] += force;
+        forces_[c][j] -= force;
+      }
+    }
+    return tension * stretch;
+  }
+
+  // As spring().
+  static constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
+
+  const System& system_;
+  const Points& x_;
+  alignas(64) Scalar coordinates_[kDim][kMostNodes];
+  alignas(64) Scalar forces_[kDim][kMostNodes];
+};
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
+
+#undef ASTERISM_SPRING_ROWS_AVX2

@@ -1,0 +1,223 @@
+#pragma once
+
+#include <Eigen/SVD>
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <cmath>
+#include <limits>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// Eigenvalues of the symmetric matrix whose lower triangle is A's, onto its diagonal, and eigenvectors, the
+/// columns of V, by Jacobi's rotations (Golub & Van Loan, section 8.5). Some microseconds; Eigen's solver
+/// takes seconds to compile for each size and scalar.
+template <typename Scalar, int n>
+void diagonalise(Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& A,
+                 Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& V) {
+  constexpr int kMaxSweeps = 30;  // five or six do: convergence is quadratic
+  V.setIdentity();
+  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
+    bool is_diagonal = true;
+    for (int q = 1; q < n; ++q) {
+      for (int p = 0; p < q; ++p) {
+        const Scalar off = A(q, p);
+        const Scalar scale = std::abs(A(p, p)) + std::abs(A(q, q));
+        A(q, p) = 0;
+        if (!(std::abs(off) > std::numeric_limits<Scalar>::epsilon() / 4 * scale)) continue;
+        is_diagonal = false;
+        const Scalar cotangent = (A(q, q) - A(p, p)) / (2 * off);  // of twice the angle
+        const Scalar tangent =
+            std::copysign(1 / (std::abs(cotangent) + std::sqrt(1 + cotangent * cotangent)), cotangent);
+        const Scalar cosine = 1 / std::sqrt(1 + tangent * tangent);
+        const Scalar sine = tangent * cosine;
+        A(p, p) -= tangent * off;
+        A(q, q) += tangent * off;
+        const auto turn = [cosine, sine](Scalar& a, Scalar& b) {
+          const Scalar turned = cosine * a - sine * b;
+          b = sine * a + cosine * b;
+          a = turned;
+        };
+        for (int k = 0; k < n; ++k) {
+          if (k != p && k != q) turn(k < p ? A(p, k) : A(k, p), k < q ? A(q, k) : A(k, q));
+          turn(V(k, p), V(k, q));
+        }
+      }
+    }
+    if (is_diagonal) return;
+  }
+}
+
+/// The rotation R (or, if allowed, reflection) that maximises trace(R^T M), for M = sum_i k_i q_i p_i^T the
+/// one that turns the points p_i nearest to q_i; identity for M = 0. Two dimensions: the angle's tangent is
+/// (M10 - M01) / (M00 + M11). Three: Horn's quaternion (Closed-form solution of absolute orientation, 1987).
+/// More: singular vectors (Kabsch 1976).
+template <typename Scalar, int Dim>
+Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
+    Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> M, bool allow_reflection) {
+  using Matrix = Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>;
+  Scalar size = M.squaredNorm();
+  if (!(size > std::numeric_limits<Scalar>::min() && is_finite(size * size))) [[unlikely]] {
+    const Scalar largest = M.cwiseAbs().maxCoeff();
+    if (!(largest > 0 && is_finite(largest))) return Matrix::Identity();
+    M /= largest;
+    size = M.squaredNorm();
+  }
+  constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  Matrix R = Matrix::Identity();
+  if constexpr (Dim == 2) {
+    Scalar cosine = M(0, 0) + M(1, 1);
+    Scalar sine = M(1, 0) - M(0, 1);
+    Scalar square = cosine * cosine + sine * sine;
+    const Scalar mirrored_cosine = M(0, 0) - M(1, 1);
+    const Scalar mirrored_sine = M(1, 0) + M(0, 1);
+    const Scalar mirrored_square = mirrored_cosine * mirrored_cosine + mirrored_sine * mirrored_sine;
+    const bool mirror = allow_reflection && mirrored_square > (1 + kRounding) * square;
+    if (mirror) {
+      cosine = mirrored_cosine;
+      sine = mirrored_sine;
+      square = mirrored_square;
+    }
+    if (!(square > kRounding * kRounding * size)) return R;  // no angle is better than another
+    const Scalar inverse = 1 / std::sqrt(square);
+    cosine *= inverse;
+    sine *= inverse;
+    R << cosine, mirror ? sine : -sine, sine, mirror ? -cosine : cosine;
+  } else if constexpr (Dim == 3) {
+    Eigen::Matrix<Scalar, 4, 4, Eigen::ColMajor> N;  // lower triangle
+    N(0, 0) = M(0, 0) + M(1, 1) + M(2, 2);
+    N(1, 0) = M(2, 1) - M(1, 2);
+    N(2, 0) = M(0, 2) - M(2, 0);
+    N(3, 0) = M(1, 0) - M(0, 1);
+    N(1, 1) = M(0, 0) - M(1, 1) - M(2, 2);
+    N(2, 1) = M(1, 0) + M(0, 1);
+    N(3, 1) = M(0, 2) + M(2, 0);
+    N(2, 2) = -M(0, 0) + M(1, 1) - M(2, 2);
+    N(3, 2) = M(2, 1) + M(1, 2);
+    N(3, 3) = -M(0, 0) - M(1, 1) + M(2, 2);
+    Eigen::Matrix<Scalar, 4, 4, Eigen::ColMajor> vectors;
+    diagonalise(N, vectors);
+    int least = 0;
+    int largest = 0;
+    for (int k = 1; k < 4; ++k) {
+      if (N(k, k) < N(least, least)) least = k;
+      if (N(k, k) > N(largest, largest)) largest = k;
+    }
+    // -M has the matrix -N, and minus a rotation is a reflection.
+    const bool mirror = allow_reflection && -N(least, least) > (1 + kRounding) * N(largest, largest);
+    const Eigen::Matrix<Scalar, 4, 1> q = vectors.col(mirror ? least : largest).normalized();
+    const Scalar w = q[0], x = q[1], y = q[2], z = q[3];
+    R << 1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y),  //
+        2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x),   //
+        2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y);
+    if (mirror) R = -R;
+  } else if constexpr (Dim == 1) {
+    if (allow_reflection && M(0, 0) < 0) R(0, 0) = -1;
+  } else {
+    const Eigen::JacobiSVD<Matrix> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
+    Matrix U = svd.matrixU();
+    if (!allow_reflection && (U * svd.matrixV().transpose()).determinant() < 0) U.col(Dim - 1) *= -1;
+    R = U * svd.matrixV().transpose();
+  }
+  return R;
+}
+
+/// rigid_alignment in place; false where x stays as it was.
+template <typename System>
+bool align(const System& system, typename System::Points& x, bool allow_reflection) {
+  using Scalar = typename System::Scalar;
+  using Point = typename System::Point;
+  if (system.fixed_count() != 0) return false;
+  const int n = system.nodes();
+  // An anchor's spring, or the one that lies above its loss here: lowering these lowers that.
+  const auto weight = [&](int i) {
+    const Scalar k = system.anchor_stiffness[i];
+    if constexpr (System::kPlainAnchors) return k;
+    const Point d = anchor_offset(system, i, x);
+    return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
+  };
+  Scalar total = 0;
+  Point centre = Point::Zero();
+  Point anchor_centre = Point::Zero();
+  for (int i = 0; i < n; ++i) {
+    const Scalar k = weight(i);
+    if (!(k > 0)) continue;  // its anchor means nothing
+    total += k;
+    centre += k * x.col(i);
+    anchor_centre += k * system.anchors.col(i);
+  }
+  if (!(total > 0 && is_finite(total))) return false;
+  const Scalar inverse = 1 / total;
+  centre *= inverse;
+  anchor_centre *= inverse;
+
+  Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor> M;
+  M.setZero();
+  Scalar spread = 0;
+  Scalar anchor_spread = 0;
+  for (int i = 0; i < n; ++i) {
+    const Scalar k = weight(i);
+    if (!(k > 0)) continue;
+    const Point p = x.col(i) - centre;
+    const Point q = system.anchors.col(i) - anchor_centre;
+    M += (k * q) * p.transpose();
+    spread += k * p.squaredNorm();
+    anchor_spread += k * q.squaredNorm();
+  }
+  // On one point up to rounding: nothing to turn.
+  constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
+  const Scalar rounding = kRounding * kRounding * offset;
+  if (!(spread > rounding && anchor_spread > rounding)) M.setZero();
+  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
+
+  if constexpr (System::kPlainAnchors) {
+    // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
+    const Scalar gain =
+        total * (centre - anchor_centre).squaredNorm() +
+        2 * (R - Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>::Identity())
+                .cwiseProduct(M)
+                .sum();
+    if (!(gain > kRounding * (spread + anchor_spread) + rounding)) return false;
+  } else {
+    Scalar before = 0;
+    Scalar after = 0;
+    for (int i = 0; i < n; ++i) {
+      if (!(system.anchor_stiffness[i] > 0)) continue;
+      const Point moved = R * (x.col(i) - centre) + anchor_centre;
+      before += anchor_force(system, i, x.col(i) - system.anchors.col(i)).energy;
+      after += anchor_force(system, i, moved - system.anchors.col(i)).energy;
+    }
+    if (!(after < before)) return false;
+  }
+  for (int i = 0; i < n; ++i) x.col(i) = R * (x.col(i) - centre) + anchor_centre;
+  return true;
+}
+
+}  // namespace detail
+
+/// x (Dim x N) moved and turned as one rigid body to where sum_i k_i |x_i - a_i|^2 is least (weighted
+/// Procrustes, in closed form). No spring between nodes changes its length, so the energy cannot rise; the
+/// slowest modes of a system with weak anchors are gone in one step. `allow_reflection` also admits the
+/// mirror image, where that is nearer. Does not allocate.
+///
+/// Where the nodes that hang on anchors, or those anchors, coincide (also: one anchor alone has stiffness), x
+/// is moved and not turned; where no rigid motion is better, without any anchor stiffness, or for numbers
+/// that overflow, x is returned as it is, and so it is with fixed nodes. For a robust loss the anchors count
+/// as the springs that lie above it at x, for information matrices as their largest eigenvalue, and x is
+/// returned as it is where that does not lower the energy.
+template <typename System>
+typename System::Points rigid_alignment(const System& system, const typename System::Points& x,
+                                        bool allow_reflection = false) {
+  typename System::Points result = x;
+  detail::align(system, result, allow_reflection);
+  return result;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,111 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/spring_rows.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// Gradient and, if wanted, energy (else some number) in one pass over the springs.
+template <bool kWithEnergy, typename System>
+typename System::Scalar evaluate(const System& system, const typename System::Points& x,
+                                 typename System::Points& gradient) {
+  using Scalar = typename System::Scalar;
+  using Point = typename System::Point;
+  gradient.resize(System::kDim, system.nodes());
+  Scalar energy = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    const auto anchor = anchor_force(system, i, anchor_offset(system, i, x));
+    gradient.col(i) = anchor.gradient;
+    if constexpr (kWithEnergy) energy += anchor.energy;
+  }
+  if (SpringRows<System>::serve(system)) {
+    energy += SpringRows<System>::evaluate(system, x, gradient);
+  } else {
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
+      const auto phi = link_potential(system, l, length);
+      const Scalar k = system.link_stiffness[l];
+      const Point force = (k * phi.first) * direction;
+      gradient.col(link.i) += force;
+      gradient.col(link.j) -= force;
+      if constexpr (kWithEnergy) energy += k * phi.value;
+      ++l;
+    }
+  }
+  clear_fixed(system, gradient);
+  return energy;
+}
+
+}  // namespace detail
+
+// The functions below take x as Dim x N points of the same number of nodes as the system, and do not
+// validate: NaN in is NaN out. A spring without stiffness is none: its anchor's position or its rest length
+// means nothing, however large.
+
+/// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
+/// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)
+/// + sum_ij k_ij phi(|x_i - x_j|, mu_ij). Not convex: a spring shorter than its rest length has negative
+/// curvature across its axis.
+template <typename System>
+typename System::Scalar energy(const System& system, const typename System::Points& x) {
+  typename System::Scalar energy = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    energy += detail::anchor_force(system, i, detail::anchor_offset(system, i, x)).energy;
+  }
+  if (detail::SpringRows<System>::serve(system))
+    return energy + detail::SpringRows<System>::energy(system, x);
+  int l = 0;
+  for (const Link& link : system.links()) {
+    const auto length = detail::spring(system, link, x.col(link.i) - x.col(link.j)).length;
+    energy += system.link_stiffness[l] * detail::link_potential(system, l, length).value;
+    ++l;
+  }
+  return energy;
+}
+
+/// Writes dE/dx_i = k_i (x_i - a_i) + sum_j k_ij (r_ij - mu_ij) u_ij into column i of `gradient` (Dim x N)
+/// and returns E(x). Minus the gradient is the paper's F_nodes (Eq. 15). Where two linked nodes coincide,
+/// u_ij is the direction of a_i - a_j, or a fixed one of (i, j) where the anchors coincide too. The column of
+/// a fixed node is zero.
+template <typename System>
+typename System::Scalar energy_and_gradient(const System& system, const typename System::Points& x,
+                                            typename System::Points& gradient) {
+  return detail::evaluate<true>(system, x, gradient);
+}
+
+namespace detail {
+
+/// The first link whose ends coincide though they push each other apart, -1 if there is none. The energy has
+/// a conic peak there, which neither gradient nor Hessian show: both keep to coincident_spring's direction.
+template <typename System>
+int peaked_link(const System& system, const typename System::Points& x) {
+  int l = 0;
+  for (const Link& link : system.links()) {
+    if (x.col(link.i) == x.col(link.j) && system.link_stiffness[l] > 0 &&
+        !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
+        system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0)
+      return l;
+    ++l;
+  }
+  return -1;
+}
+
+}  // namespace detail
+
+/// The gradient alone, as above.
+template <typename System>
+typename System::Points gradient(const System& system, const typename System::Points& x) {
+  typename System::Points result;
+  detail::evaluate<false>(system, x, result);
+  return result;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,246 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <cmath>
+#include <limits>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+template <typename System>
+void node_stiffness(const System& system, typename System::NodeVector& result) {
+  using Scalar = typename System::Scalar;
+  result = system.anchor_stiffness;
+  // Links often come node by node, whose sum is then kept out of memory.
+  int node = -1;
+  Scalar sum = 0;
+  int l = 0;
+  for (const Link& link : system.links()) {
+    if (link.i != node) {
+      if (node >= 0) result[node] += sum;
+      node = link.i;
+      sum = 0;
+    }
+    sum += system.link_stiffness[l];
+    result[link.j] += system.link_stiffness[l];
+    ++l;
+  }
+  if (node >= 0) result[node] += sum;
+}
+
+/// Whether the anchors hold on to the nodes by less than a tenth of what the links hold.
+template <typename System>
+bool has_weak_anchors(const System& system) {
+  return 10 * system.anchor_stiffness.sum() < system.link_stiffness.sum();
+}
+
+/// What a spring counts for where lengths are averaged: 1, and less in proportion to its stiffness where that
+/// is below a ten-thousandth of the strongest's, so that a spring that holds next to nothing measures next to
+/// nothing; 0 without stiffness.
+template <typename Scalar>
+class SpringWeight {
+ public:
+  explicit SpringWeight(Scalar strongest) : full_(Scalar(1e-4) * strongest) {}
+  Scalar operator()(Scalar stiffness) const {
+    if (!(stiffness > 0)) return 0;
+    return stiffness >= full_ ? Scalar(1) : stiffness / full_;
+  }
+
+ private:
+  Scalar full_;
+};
+
+/// The mean square of the rest lengths and of the anchors about their centroid, by SpringWeight, and the
+/// centroid. Counted are the anchors of nodes that move and have links, or, with `all`, every anchor.
+template <typename System>
+typename System::Scalar mean_square_length(const System& system,
+                                           const typename System::NodeVector& node_stiffness, bool all,
+                                           typename System::Point& centroid) {
+  using Scalar = typename System::Scalar;
+  const auto anchor_stiffness = [&](int i) {
+    const Scalar k = system.anchor_stiffness[i];
+    return all || (node_stiffness[i] > k && !system.is_fixed(i)) ? k : Scalar(0);
+  };
+  Scalar strongest = system.link_count() > 0 ? system.link_stiffness.maxCoeff() : Scalar(0);
+  for (int i = 0; i < system.nodes(); ++i) strongest = std::max(strongest, anchor_stiffness(i));
+  const SpringWeight<Scalar> weight_of(strongest);
+  Scalar total = 0;
+  centroid.setZero();
+  for (int i = 0; i < system.nodes(); ++i) {
+    const Scalar weight = weight_of(anchor_stiffness(i));
+    if (!(weight > 0)) continue;
+    total += weight;
+    centroid += weight * system.anchors.col(i);
+  }
+  if (total > 0) centroid /= total;
+  Scalar sum = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    const Scalar weight = weight_of(anchor_stiffness(i));
+    if (weight > 0) sum += weight * (system.anchors.col(i) - centroid).squaredNorm();
+  }
+  for (int l = 0; l < system.link_count(); ++l) {
+    const Scalar weight = weight_of(system.link_stiffness[l]);
+    if (!(weight > 0)) continue;
+    total += weight;
+    sum += weight * (system.rest_length[l] * system.rest_length[l]);
+  }
+  return sum > 0 ? sum / total : Scalar(0);
+}
+
+/// The same without `all` where every spring counts alike, as most often; 0 elsewhere.
+template <typename System>
+typename System::Scalar plain_mean_square_length(const System& system,
+                                                 const typename System::NodeVector& node_stiffness) {
+  using Scalar = typename System::Scalar;
+  if (system.link_count() == 0 || system.fixed_count() > 0) return 0;
+  const auto& anchor_stiffness = system.anchor_stiffness;
+  const Scalar weakest = std::min(anchor_stiffness.minCoeff(), system.link_stiffness.minCoeff());
+  const Scalar strongest = std::max(anchor_stiffness.maxCoeff(), system.link_stiffness.maxCoeff());
+  if (!(weakest > 0 && SpringWeight<Scalar>(strongest)(weakest) == 1)) return 0;
+  if (!(node_stiffness.array() > anchor_stiffness.array()).all()) return 0;
+  const typename System::Point centroid = system.anchors.rowwise().sum() / Scalar(system.nodes());
+  return ((system.anchors.colwise() - centroid).squaredNorm() + system.rest_length.squaredNorm()) /
+         Scalar(system.nodes() + system.link_count());
+}
+
+/// characteristic_length, with the system's node_stiffness.
+template <typename System>
+typename System::Scalar characteristic_length(const System& system, const typename System::Points& x,
+                                              const typename System::NodeVector& node_stiffness) {
+  using Scalar = typename System::Scalar;
+  typename System::Point centroid;
+  Scalar square = plain_mean_square_length(system, node_stiffness);
+  if (!(square > 0)) square = mean_square_length(system, node_stiffness, false, centroid);
+  if (!(square > 0)) square = mean_square_length(system, node_stiffness, true, centroid);
+  if (square > 0) return std::sqrt(square);
+  Scalar extent = 0;  // of the one point where the anchors are
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.anchor_stiffness[i] > 0)
+      extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
+  }
+  if (!(system.anchor_stiffness.array() > 0).any() && system.nodes() > 0) centroid = x.rowwise().mean();
+  const Scalar spread =
+      std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
+  return extent > 0 ? std::min(extent, spread) : spread;
+}
+
+/// The one stopping rule: max_i |g_i| / (A_ii L) <= tolerance, with L the characteristic length. Nothing of
+/// the start is in it but that length where the system has none.
+template <typename System>
+class StoppingRule {
+ public:
+  using Scalar = typename System::Scalar;
+
+  /// False where stiffness or lengths leave the range of the scalar.
+  bool set(const System& system, const typename System::Points& x, double tolerance) {
+    tolerance_ = std::max(static_cast<Scalar>(tolerance), kLeastTolerance);
+    detail::node_stiffness(system, stiffness_);
+    length_ = characteristic_length(system, x, stiffness_);
+    weights_.setZero(system.nodes());
+    if (!(length_ > 0)) return length_ == 0 && is_one_point(system, x);
+    bool in_range = true;
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (!(stiffness_[i] > 0)) continue;
+      weights_[i] = 1 / (stiffness_[i] * length_);
+      in_range &= weights_[i] > 0 && is_finite(weights_[i]);
+    }
+    return in_range && is_finite(tolerance_);
+  }
+
+  /// The tolerance asked for, or what the scalar resolves where that is more.
+  Scalar tolerance() const { return tolerance_; }
+  Scalar length() const { return length_; }
+  /// A_ii, see asterism::node_stiffness.
+  const typename System::NodeVector& node_stiffness() const { return stiffness_; }
+  Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
+  /// Also true for a gradient with NaN, which no further iteration can cure.
+  bool reached(const typename System::Points& gradient) const {
+    return !(square(gradient) > tolerance_ * tolerance_);
+  }
+
+  /// Whether each force would move its node by a few times the rounding of its coordinates at most: another
+  /// iteration may gain nothing.
+  bool is_rounding(const typename System::Points& x, const typename System::Points& gradient) const {
+    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+    for (int i = 0; i < weights_.size(); ++i) {
+      const Scalar rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
+      if (!((gradient.col(i) * weights_[i]).norm() * length_ <= rounding)) return false;
+    }
+    return true;
+  }
+
+ private:
+  // What the rounding of coordinates up to some tens of L leaves.
+  static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
+
+  // Whether all of x is on the one point that anchors and springs want it at. Otherwise a characteristic
+  // length of zero is of squares that underflow.
+  static bool is_one_point(const System& system, const typename System::Points& x) {
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (x.col(i) != x.col(0)) return false;
+      if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
+    }
+    return !(system.link_stiffness.array() > 0 && system.rest_length.array() > 0).any();
+  }
+
+  // NaN where the gradient has one.
+  Scalar square(const typename System::Points& gradient) const {
+    Scalar largest = 0;
+    for (int i = 0; i < weights_.size(); ++i) {
+      const Scalar value = (gradient.col(i) * weights_[i]).squaredNorm();
+      if (!(value <= largest)) largest = value;
+    }
+    return largest;
+  }
+
+  typename System::NodeVector stiffness_;  // A_ii
+  typename System::NodeVector weights_;    // 1 / (A_ii L)
+  Scalar length_ = 0;
+  Scalar tolerance_ = 0;
+};
+
+}  // namespace detail
+
+/// A_ii = k_i + sum_j k_ij, the diagonal of K_dyn: the stiffness that node i moves against when the others
+/// stand still.
+template <typename System>
+typename System::NodeVector node_stiffness(const System& system) {
+  typename System::NodeVector result;
+  detail::node_stiffness(system, result);
+  return result;
+}
+
+/// The length L that a system's distances are measured in: the root mean square of its rest lengths and of
+/// its anchors about their centroid [px], of what holds:
+///   - springs without stiffness do not count, those weaker than a ten-thousandth of the strongest count in
+///     proportion to their stiffness, all others alike;
+///   - the anchor of a node without links, or of a fixed one, holds nothing else, and counts only where the
+///     rest would give no length.
+/// Where all those lengths are zero, the root mean square of x about that centroid, or about its own where no
+/// anchor has stiffness; or, for a start far off not to loosen the tolerance, the largest coordinate of the
+/// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
+template <typename System>
+typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
+  return detail::characteristic_length(system, x, node_stiffness(system));
+}
+
+/// How far x is from a stationary point, without units: max_i |dE/dx_i| / (A_ii L), with A_ii the
+/// node_stiffness and L the characteristic_length. It is the largest distance, in units of L, that a node
+/// would move to if the others and the directions of its springs stood still. Nodes without stiffness are
+/// skipped.
+template <typename System>
+double stationarity(const System& system, const typename System::Points& x) {
+  detail::StoppingRule<System> rule;
+  rule.set(system, x, 0);
+  return static_cast<double>(rule.stationarity(gradient(system, x)));
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,123 @@
+#pragma once
+
+#include <Eigen/CholmodSupport>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
+#include <asterism/solver/method/ida.hpp>
+#include <memory>
+#include <new>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// Eigen's CHOLMOD, silent, which throws std::bad_alloc where memory runs out, at the call in which it does:
+/// the next one would forget it, and go on with what is not a factor.
+class Cholmod {
+ public:
+  using Matrix = Eigen::SparseMatrix<double>;
+
+  /// `llt` for L L^T, which notices negative pivots, instead of L D L^T where that is quicker.
+  explicit Cholmod(bool llt = false) : llt_(llt) {}
+
+  void analyzePattern(const Matrix& lower) {
+    cholesky_ = std::make_unique<Cholesky>();
+    cholesky_->cholmod().print = 0;
+    if (llt_) cholesky_->cholmod().final_ll = 1;
+    cholesky_->analyzePattern(lower);
+    check_memory();
+    require_entries(cholesky_->cholmod().lnz, sizeof(double));
+  }
+  void factorize(const Matrix& lower) {
+    cholesky_->factorize(lower);
+    check_memory();
+  }
+  Eigen::ComputationInfo info() const { return cholesky_->info(); }
+
+  template <typename RightHandSide>
+  RightHandSide solve(const RightHandSide& b) {
+    RightHandSide x = cholesky_->solve(b);
+    check_memory();
+    return x;
+  }
+
+ private:
+  using Cholesky = Eigen::CholmodDecomposition<Matrix>;
+
+  void check_memory() {
+    if (cholesky_->cholmod().status == CHOLMOD_OUT_OF_MEMORY) raise(std::bad_alloc());
+  }
+
+  bool llt_;
+  std::unique_ptr<Cholesky> cholesky_;  // Eigen's cannot be moved
+};
+
+}  // namespace detail
+
+/// Factorisation policy of Ida: CHOLMOD (SuiteSparse) with its own choice of ordering, simplicial or
+/// supernodal; for very large sparse systems. Works in double whatever the system's scalar. The ordering is
+/// computed once a topology. Silent. Uses the heap. Needs target asterism::cholmod.
+template <typename System>
+class CholmodCholesky {
+ public:
+  using Points = typename System::Points;
+
+  static constexpr std::string_view kIdaName = "IDA, CHOLMOD";
+
+  /// Assembles and factors K_dyn; false where it is not positive definite in double.
+  bool factorize(const System& system) {
+    stiffness_.assemble(system, [this](const auto& pattern) { cholesky_.analyzePattern(pattern); });
+    return stiffness_.factorize(cholesky_);
+  }
+
+  /// x <- x - K_dyn^-1 g, all dimensions at once.
+  void descend(const Points& gradient, Points& x) {
+    right_hand_side_ = gradient.transpose().template cast<double>();
+    step_ = cholesky_.solve(right_hand_side_);
+    x -= step_.transpose().template cast<typename System::Scalar>();
+  }
+
+ private:
+  using RightHandSide = Eigen::Matrix<double, Eigen::Dynamic, System::kDim, Eigen::ColMajor>;
+
+  detail::SparseStiffness<double> stiffness_;
+  detail::Cholmod cholesky_;
+  RightHandSide right_hand_side_;
+  RightHandSide step_;
+};
+
+/// Factorisation policy of SparseNewton: CHOLMOD with its own choice of ordering, for very large systems.
+/// Works in double whatever the system's scalar. Silent. Uses the heap. Needs target asterism::cholmod.
+template <typename System>
+class CholmodLlt {
+ public:
+  using Matrix = detail::Cholmod::Matrix;
+  using Vector = Eigen::VectorXd;
+
+  static constexpr std::string_view kName = "CHOLMOD";
+
+  /// Orders a new pattern, of a lower triangle.
+  void analyze(const Matrix& lower) { cholesky_.analyzePattern(lower); }
+
+  /// False where the matrix is not positive definite in double.
+  bool factorize(const Matrix& lower) {
+    cholesky_.factorize(lower);
+    return cholesky_.info() == Eigen::Success;
+  }
+
+  /// step = matrix^-1 gradient, both of the matrix's size.
+  void solve(const Vector& gradient, Vector& step) { step = cholesky_.solve(gradient); }
+
+ private:
+  detail::Cholmod cholesky_{true};  // L D L^T would not notice negative pivots
+};
+
+/// Ida with CHOLMOD.
+template <typename System>
+using CholmodIda = Ida<System, CholmodCholesky<System>>;
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,124 @@
+#pragma once
+
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <cstdint>
+#include <string_view>
+#include <type_traits>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+template <typename System>
+using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
+
+}  // namespace detail
+
+/// The default: the method that is fastest for a system of this size, linking and strength of anchors.
+///
+///   up to 12 nodes                                  Newton
+///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
+///   few links a node, up to 1000 nodes              NewtonCg
+///   few links a node, more nodes                    Schwarz
+///   the same, the sum of k_i below 1e-4 of the sum  NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
+///   of k_ij                                         up to 300,000, Schwarz beyond
+///
+/// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver says which method
+/// it was, and goes on with NewtonCg where a matrix cannot be factored. All of them start with
+/// rigid_alignment.
+///
+/// An object holds its workspace: reuse it to solve without allocation, one thread at a time. Sparse methods
+/// use the heap; fixed and bounded sizes take dense ones, which do not.
+template <typename System>
+class Auto {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  AlignedOptions options;
+
+  Auto() = default;
+  /// For type deduction: Auto(system).solve(system, x).
+  explicit Auto(const System&, const AlignedOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return "auto"; }
+
+  /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses as for the method that is
+  /// chosen.
+  Summary solve(const System& system, Points& x) { return detail::Compiled::solve(*this, system, x); }
+
+ private:
+  friend detail::Compiled;
+
+  Summary run(const System& system, Points& x);
+
+  static constexpr int kNewton = 12;
+  static constexpr int kSmallSparse = 1000;
+  static constexpr int kMediumSparse = 30000;
+  static constexpr int kFactored = 300000;  // beyond, a factor of the Hessian takes too long
+  static constexpr Scalar kWeak = Scalar(1e-4);
+  static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
+  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton;
+
+  struct Nothing {
+    AlignedOptions options;
+    Summary solve(const System&, Points&) { return {}; }
+  };
+  template <bool kWanted, typename Solver>
+  using If = std::conditional_t<kWanted, Solver, Nothing>;
+
+  template <typename Solver>
+  Summary solve_by(Solver& solver, const System& system, Points& x) {
+    static_cast<AlignedOptions&>(solver.options) = options;
+    return solver.solve(system, x);
+  }
+
+  Newton<System> newton_;
+  If<kHasMore, Lbfgs<System>> lbfgs_;
+  If<kHasMore, NewtonCg<System>> newton_cg_;
+  If<kHeap, Schwarz<System>> schwarz_;
+  If<kHeap, detail::FactoredSchwarz<System>> factored_schwarz_;
+};
+
+template <typename System>
+Summary Auto<System>::run(const System& system, Points& x) {
+  const int n = system.nodes();
+  if (n <= kNewton) return solve_by(newton_, system, x);
+  if constexpr (kHasMore) {
+    const std::int64_t pairs = std::int64_t{n} * (n - 1) / 2;
+    if (!kHeap || 3 * std::int64_t{system.link_count()} > pairs) {
+      const Summary summary = solve_by(lbfgs_, system, x);
+      if (summary.status != Status::NumericalFailure) return summary;
+    } else if (n > kSmallSparse) {
+      const bool weak = system.anchor_stiffness.sum() < kWeak * system.link_stiffness.sum();
+      if (!weak || n > kFactored) return solve_by(schwarz_, system, x);
+      if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
+    }
+    return solve_by(newton_cg_, system, x);
+  } else {
+    return solve_by(newton_, system, x);
+  }
+}
+
+/// One solve by Auto with a workspace of its own; see Auto::solve. Keep an Auto where solves repeat.
+template <typename System>
+Summary solve(const System& system, typename System::Points& x, const AlignedOptions& options = {}) {
+  return Auto<System>(system, options).solve(system, x);
+}
+
+ASTERISM_COMPILED_SPARSE_SOLVER(detail::FactoredSchwarz)
+ASTERISM_COMPILED_SOLVER(Auto)
+ASTERISM_COMPILED_SOLVE(solve, AlignedOptions)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

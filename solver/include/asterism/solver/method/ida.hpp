@@ -1,0 +1,125 @@
+#pragma once
+
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/linear/dense_cholesky.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What Ida takes.
+struct IdaOptions : AlignedOptions {
+  /// Over-relaxation w: each step is w times IDA's. 0 < w < 2, else InvalidInput; every such w is monotone,
+  /// as E falls by at least w (1 - w / 2) g^T K_dyn^-1 g. 1 is the paper's algorithm. Some 1.7 needs fewer
+  /// iterations, and may end in another minimum.
+  double relaxation = 1;
+
+  /// Without alignment, as the paper.
+  constexpr IdaOptions() { align = false; }
+  constexpr IdaOptions(const SolverOptions& options) : AlignedOptions(options) { align = false; }
+
+  constexpr const char* problem() const {
+    if (!(relaxation > 0 && relaxation < 2)) return "option relaxation is not between 0 and 2";
+    return AlignedOptions::problem();
+  }
+};
+
+/// The iterative direct approach, the paper's Algorithm 1.
+///
+/// The spring system is split into one 1-D system a dimension; their matrix K_dyn is the same, so it is
+/// factored once a solve, and one linear solve an iteration serves all dimensions. Each iteration minimises a
+/// quadratic that touches the energy at x and lies above it elsewhere, so the energy never rises (a
+/// majorisation, as SMACOF) but for the rounding of x and of E. Convergence is linear: quick at first, slow
+/// at the end where anchors are weak beside the springs.
+///
+/// The static nodes (paper's x_stat) are the anchors, the dynamic nodes x. With springs ordered as anchors,
+/// then links, and B, K of Eqs. 13-14, K_hat = B^T K B (Eq. 16) has the upper blocks (Eq. 17)
+///   K_dyn = diag(k_i) + Laplacian(k_ij)      K_stat = -diag(k_i)
+/// and with L the current spring vectors of nominal length (0 for anchors, mu_ij u_ij for links), Eq. 18
+/// gives
+///   C_dyn L = sum over the links at a node of k_ij mu_ij u_ij.
+/// Eq. 19 is used in its gradient form: as K_dyn x + K_stat x_stat - C_dyn L is the gradient, Eq. 19's
+///   x_dyn = K_dyn^-1 (C_dyn L - K_stat x_stat)  is  x_dyn <- x_dyn - K_dyn^-1 gradient.
+/// The iterates are the same; the form gives the stopping rule its gradient for nothing, and corrects the
+/// rounding of the factorisation from one iteration to the next.
+///
+/// Where linked nodes coincide, u_ij is as for energy_and_gradient, so the nodes part. A start with all nodes
+/// and anchors on one line stays on it, even if its stationary point is a saddle.
+///
+/// `Factorization` is DenseCholesky (default), SparseCholesky or, from <asterism/solver/linear/cholmod.hpp>,
+/// CholmodCholesky; with these two E may rise where K_dyn has no more than its last digits. An object holds
+/// its workspace: reuse it to solve without allocation, one thread at a time.
+template <typename System, typename Factorization = DenseCholesky<System>>
+class Ida {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  IdaOptions options;
+
+  Ida() = default;
+  /// For type deduction: Ida(system).solve(system, x).
+  explicit Ida(const System&, const IdaOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return Factorization::kIdaName; }
+
+  /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
+  /// MaxIterations, InvalidInput, NumericalFailure (K_dyn is not positive definite to the digits of Scalar),
+  /// OutOfMemory, and NoProgress where rounding stops the iteration first.
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
+
+ private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
+  detail::Session<System> session_;
+  Factorization factorization_;
+  Points gradient_;
+};
+
+template <typename System, typename Factorization>
+Summary Ida<System, Factorization>::run(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    summary.factorizations = 1;
+    if (!factorization_.factorize(system)) {  // Algorithm 1, line 1
+      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      return Status::NumericalFailure;
+    }
+    while (true) {
+      // Lines 4-5: the spring vectors at x, and with them minus the forces at the dynamic nodes, Eq. 15.
+      detail::evaluate<false>(system, x, gradient_);
+      ++summary.gradient_evaluations;
+      if (session_.done(gradient_)) return Status::Converged;
+      if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (session_.stalls(x, gradient_, summary.iterations)) return Status::NoProgress;
+      if (options.relaxation != 1) gradient_ *= static_cast<Scalar>(options.relaxation);
+      factorization_.descend(gradient_, x);  // lines 6-7: Eq. 19
+      ++summary.linear_solves;
+      ++summary.iterations;
+    }
+  });
+}
+
+/// Ida with a sparse factorisation.
+template <typename System>
+using SparseIda = Ida<System, SparseCholesky<System>>;
+
+/// One IDA solve with a workspace of its own; see Ida::solve. Keep an Ida where solves repeat.
+template <typename System>
+Summary solve_ida(const System& system, typename System::Points& x, const IdaOptions& options = {}) {
+  return Ida<System>(system, options).solve(system, x);
+}
+
+ASTERISM_COMPILED_SOLVER(Ida)
+ASTERISM_COMPILED_SOLVE(solve_ida, IdaOptions)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

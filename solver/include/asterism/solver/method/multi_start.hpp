@@ -1,0 +1,157 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <chrono>
+#include <cstdint>
+#include <new>
+#include <string_view>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What MultiStart takes beside its method's own options.
+template <typename Options>
+struct MultiStartOptions : Options {
+  /// Starts: x as given, the anchors (for nodes whose anchor has stiffness), and then by turns each of them
+  /// displaced.
+  int starts = 8;
+
+  /// Each coordinate is displaced by up to this many times the characteristic_length.
+  double spread = 0.5;
+
+  /// Of the displacements: the same seed, the same starts on every machine.
+  std::uint64_t seed = 1;
+
+  constexpr const char* problem() const {
+    if (starts < 1) return "option starts is not positive";
+    if (!(spread >= 0 && spread <= 1e6)) return "option spread is not between 0 and 1e6";
+    return Options::problem();
+  }
+};
+
+/// Any solver from many starts: the energy has more than one minimum, and this keeps the lowest that is
+/// found. The given x is the first start, so that the result is never worse than what `Solver` makes of it;
+/// ties are kept by the earlier start.
+///
+/// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
+template <typename System, typename Solver>
+class MultiStart {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  MultiStartOptions<std::decay_t<decltype(std::declval<Solver&>().options)>> options;
+
+  static constexpr std::string_view name() { return "multi-start"; }
+
+  /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, but
+  /// iterations, evaluations, linear solves, factorisations and time are of all, and the initial energy is
+  /// that of the given x. Statuses are those of `Solver`; bad input is refused before the first start.
+  Summary solve(const System& system, Points& x) {
+    const auto begin = std::chrono::steady_clock::now();
+    solver_.options = options;
+    Summary best;
+    best.solver = name();
+    if (const char* problem = options.problem()) {
+      best.status = Status::InvalidInput;
+      best.message = problem;
+      return best;
+    }
+    const auto allocate = [&] {
+      // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
+      if (given_.size() != x.size()) given_ = trial_ = Points(), scratch_ = {}, stiffness_ = {};
+      trial_ = given_ = x;
+      stiffness_.resize(x.cols());
+      scratch_.resize(x.cols() + 1);
+    };
+    detail::attempt<std::bad_alloc>(allocate, [&best](const std::bad_alloc& error) {
+      best.status = Status::OutOfMemory;
+      best.message = detail::memory_message(error);
+    });
+    if (best.status == Status::OutOfMemory) return best;
+    best = solver_.solve(system, x);
+    if (best.status == Status::InvalidInput || best.status == Status::OutOfMemory ||
+        best.status == Status::Interrupted)
+      return best;
+
+    std::uint64_t state = options.seed;
+    detail::node_stiffness(system, stiffness_);
+    const Scalar reach =
+        static_cast<Scalar>(options.spread) * detail::characteristic_length(system, given_, stiffness_);
+    for (int start = 1; start < options.starts; ++start) {
+      trial_ = given_;
+      for (int i = 0; start % 2 == 1 && i < system.nodes(); ++i) {
+        if (system.anchor_stiffness[i] > 0) trial_.col(i) = system.anchors.col(i);
+      }
+      if (start > 1) displace(trial_, reach, state);
+      hold(system);
+      const Summary summary = solver_.solve(system, trial_);
+      const bool lower = summary.usable() && (!best.usable() || summary.final_energy < best.final_energy);
+      Summary total = lower ? summary : best;
+      total.initial_energy = best.initial_energy;
+      add_counts(total, best, summary);
+      best = total;
+      if (lower) x = trial_;
+      if (summary.status == Status::Interrupted) {
+        best.status = Status::Interrupted;
+        best.message = "asked to stop, not all starts were tried";
+        break;
+      }
+    }
+    best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return best;
+  }
+
+ private:
+  static void add_counts(Summary& total, const Summary& a, const Summary& b) {
+    const auto sum = [](int p, int q) { return std::max(p, 0) + std::max(q, 0); };
+    total.iterations = sum(a.iterations, b.iterations);
+    total.energy_evaluations = sum(a.energy_evaluations, b.energy_evaluations);
+    total.gradient_evaluations = sum(a.gradient_evaluations, b.gradient_evaluations);
+    total.linear_solves = sum(a.linear_solves, b.linear_solves);
+    total.factorizations = sum(a.factorizations, b.factorizations);
+  }
+
+  // splitmix64 (Steele, Lea & Flood 2014): portable, and all the randomness that this needs.
+  static double uniform(std::uint64_t& state) {
+    std::uint64_t z = state += 0x9e3779b97f4a7c15ULL;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
+  }
+
+  static void displace(Points& points, Scalar reach, std::uint64_t& state) {
+    for (Eigen::Index i = 0; i < points.cols(); ++i) {
+      for (int d = 0; d < System::kDim; ++d) {
+        points(d, i) += reach * static_cast<Scalar>(2 * uniform(state) - 1);
+      }
+    }
+  }
+
+  // No start moves the nodes that are fixed, or that ground_components holds.
+  void hold(const System& system) {
+    if (system.fixed_count() > 0) {
+      for (int i = 0; i < system.nodes(); ++i) {
+        if (system.is_fixed(i)) trial_.col(i) = given_.col(i);
+      }
+    }
+    if (options.ground_components)
+      detail::for_each_floating_component(system, scratch_, [this](int i) { trial_.col(i) = given_.col(i); });
+  }
+
+  Solver solver_;
+  detail::ComponentScratch<System> scratch_;
+  typename System::NodeVector stiffness_;
+  Points given_;
+  Points trial_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

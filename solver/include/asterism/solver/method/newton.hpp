@@ -1,0 +1,262 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/descent.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/hessian_operator.hpp>
+#include <asterism/solver/detail/newton_matrix.hpp>
+#include <asterism/solver/detail/saddle.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <cmath>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What Newton takes.
+struct NewtonOptions : AlignedOptions {
+  /// Goes on from stationary points whose Hessian has a negative eigenvalue.
+  bool escape_saddles = true;
+
+  constexpr NewtonOptions() = default;
+  constexpr NewtonOptions(const SolverOptions& options) : AlignedOptions(options) {}
+  constexpr NewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
+};
+
+/// Newton's method for small constellations: some 10 nodes or fewer where all are linked, beyond that its
+/// cost, cubic in the nodes, overtakes that of the methods with cheaper iterations.
+///
+/// Each iteration solves with the energy's Hessian, whose springs have curvature k_ij along their axis and
+/// k_ij (1 - mu_ij / r_ij) across it. Up to the first four steps, as long as they promise to lose more than
+/// half of the energy, clamp the latter at 0 (IDA's majoriser has k_ij in its place); later ones repair
+/// negative pivots of L D L^T by their absolute value. Steps backtrack until the energy falls (Armijo); where
+/// none does, the gradient's direction takes over, to the minimum of IDA's majoriser, which lowers it always.
+/// Close to a minimum the error squares from one iteration to the next; a step whose predicted gain, half of
+/// Newton's decrement, is below the tolerance's share of the energy is taken as the last and left to the
+/// stopping rule to confirm.
+///
+/// At a stationary point whose Hessian has a negative pivot it goes on along the negative curvature.
+/// Summary::positive_definite says what the Hessian is at the end, as of the last factorisation: at the x
+/// returned, or one such last step before it.
+///
+/// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
+template <typename System>
+class Newton {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  NewtonOptions options;
+
+  Newton() = default;
+  /// For type deduction: Newton(system).solve(system, x).
+  explicit Newton(const System&, const NewtonOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return "Newton, repaired LDL^T"; }
+
+  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
+  /// Hessian is singular or saddles are not to be escaped. Statuses other than Converged: MaxIterations,
+  /// InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step lowers the energy
+  /// beyond its rounding.
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
+
+ private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
+  static constexpr int kClampedSteps = 4;
+
+  // The Hessian, clamped or not, into the matrix, energy and gradient at x.
+  Scalar assemble(const System& system, const Points& x, Points& gradient, Summary& summary) {
+    ++summary.energy_evaluations;
+    ++summary.gradient_evaluations;
+    return matrix_.assemble(system, x, clamps_, gradient);
+  }
+
+  // The whole step, if the stopping rule is met after it.
+  bool finish(const System& system, Points& x, Summary& summary) {
+    next_x_ = x - step_;
+    if (realign_) detail::align(system, next_x_, false);
+    session_.evaluate(system, next_x_);
+    ++summary.energy_evaluations;
+    ++summary.gradient_evaluations;
+    if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, energy_))) return false;
+    if (!session_.done(session_.gradient())) return false;
+    x = next_x_;
+    ++summary.iterations;
+    return true;
+  }
+
+  void accept(Points& x, Scalar energy, Summary& summary) {
+    x.swap(next_x_);
+    gradient_.swap(next_gradient_);
+    energy_ = energy;
+    ++summary.iterations;
+  }
+
+  // Backtracks along -step_ until the energy falls by a share of what its slope promises.
+  bool search(const System& system, Points& x, Scalar decrement, Summary& summary) {
+    constexpr int kMaxTrials = 12;
+    constexpr Scalar kDecrease = Scalar(1e-4);
+    if (!(decrement > 0 && detail::is_finite(decrement))) return false;
+    const Scalar rounding = detail::rounding_of_energy(system, energy_);
+    Scalar t = 1;
+    for (int trial = 0; trial < kMaxTrials; ++trial) {
+      next_x_ = x - t * step_;
+      if (realign_) detail::align(system, next_x_, false);
+      const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+      bool falls = next <= energy_ - kDecrease * t * decrement && next < energy_;
+      // In the last digits of the energy the gradient tells more.
+      if (!falls && decrement <= 8 * rounding && next <= energy_ + rounding) {
+        falls = next_gradient_.squaredNorm() < gradient_.squaredNorm() / 4;
+      }
+      if (falls) {
+        accept(x, next, summary);
+        return true;
+      }
+      // The minimum of the parabola through what is known.
+      const Scalar vertex = t * t * decrement / (2 * (next - energy_ + t * decrement));
+      t = vertex > t / 10 ? std::min(vertex, t / 2) : t / 10;  // also for energies that are not finite
+    }
+    return false;
+  }
+
+  // One more step where forces are below the tolerance but, for weak anchors, the energy is not.
+  bool polish(const System& system, Points& x, Summary& summary) {
+    const Scalar decrement = matrix_.solve(step_);
+    ++summary.linear_solves;
+    if (!(decrement > 2 * session_.tolerance() * energy_)) return false;
+    if (!(energy_ > matrix_.energy_of_rounding(x))) return false;
+    return search(system, x, decrement, summary);
+  }
+
+  // The gradient scaled by the nodes' stiffness, as far down as IDA's majoriser is sure of.
+  bool majorise(const System& system, Points& x, Summary& summary) {
+    detail::scaled_descent(session_.node_stiffness(), gradient_, step_);
+    const Scalar slope = gradient_.cwiseProduct(step_).sum();
+    if (!(slope < 0)) return false;
+    next_x_ = x + detail::majorised_step(system, step_, slope) * step_;
+    const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+    if (!(next < energy_)) return false;
+    accept(x, next, summary);
+    return true;
+  }
+
+  // Improves step_, a direction of negative curvature, and returns its curvature: minimises v^T H v / v^T A
+  // v, A being the nodes' stiffness, over v and its gradient, some times. A pivot's direction may bend stiff
+  // springs that its curvature hardly sees.
+  Scalar bend_downwards(const System& system, const Points& x) {
+    constexpr int kRounds = 20;
+    const auto& A = session_.node_stiffness();
+    hessian_.set(system, x);
+    const auto normalise = [&A](Points& v) {
+      const Scalar square = (v.colwise().squaredNorm().transpose().array() * A.array()).sum();
+      if (square > 0) v /= std::sqrt(square);
+      return square > 0;
+    };
+    normalise(step_);
+    next_gradient_.resize(System::kDim, x.cols());  // where the start is the saddle, no step has yet
+    hessian_.apply(system, step_, next_x_);         // H v
+    Scalar curvature = step_.cwiseProduct(next_x_).sum();
+    for (int round = 0; round < kRounds; ++round) {
+      for (Eigen::Index i = 0; i < x.cols(); ++i) {
+        next_gradient_.col(i) = A[i] > 0
+                                    ? typename System::Point(next_x_.col(i) / A[i] - curvature * step_.col(i))
+                                    : typename System::Point(System::Point::Zero());
+      }
+      if (!normalise(next_gradient_)) break;
+      hessian_.apply(system, next_gradient_, next_x_);
+      const Scalar mixed = step_.cwiseProduct(next_x_).sum();
+      const Scalar other = next_gradient_.cwiseProduct(next_x_).sum();
+      // The lower eigenvector of [curvature mixed; mixed other].
+      const Scalar half = (other - curvature) / 2;
+      const Scalar lower = curvature + half - std::sqrt(half * half + mixed * mixed);
+      if (!(lower < curvature)) break;
+      step_ = mixed * step_ + (lower - curvature) * next_gradient_;
+      if (!normalise(step_)) break;
+      hessian_.apply(system, step_, next_x_);
+      curvature = step_.cwiseProduct(next_x_).sum();
+    }
+    return curvature;
+  }
+
+  // From a saddle down along negative curvature.
+  bool escape(const System& system, Points& x, Summary& summary) {
+    if (!(matrix_.negative_curvature(step_) < 0)) return false;
+    const Scalar curvature = bend_downwards(system, x);
+    const Scalar t =
+        detail::step_off_saddle(system, x, energy_, session_.length(), curvature, step_, next_x_, summary);
+    if (t == 0) return false;
+    next_x_ = x + t * step_;
+    const Scalar next = assemble(system, next_x_, next_gradient_, summary);
+    accept(x, next, summary);
+    return true;
+  }
+
+  detail::Session<System> session_;
+  detail::NewtonMatrix<System> matrix_;
+  detail::HessianOperator<System> hessian_;  // at saddles
+  bool clamps_ = false;                      // the matrix at x is the clamped one
+  bool realign_ = false;                     // after every step
+  Scalar energy_ = 0;                        // at x, as gradient_
+  Points gradient_;
+  Points step_;
+  Points next_x_;
+  Points next_gradient_;
+};
+
+template <typename System>
+Summary Newton<System>::run(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+    // follow.
+    realign_ = options.align && detail::has_weak_anchors(system);
+    matrix_.reset(session_.node_stiffness());
+    clamps_ = true;
+    energy_ = assemble(system, x, gradient_, summary);
+    while (true) {
+      const bool stationary = session_.done(gradient_);
+      const bool last = summary.iterations == options.max_iterations || session_.stopped();
+      if (last && !stationary) {
+        session_.adopt(x, energy_, gradient_);
+        summary.positive_definite = -1;
+        return Status::MaxIterations;
+      }
+      if (stationary && clamps_) {
+        clamps_ = false;
+        assemble(system, x, gradient_, summary);
+      }
+      ++summary.factorizations;
+      const bool definite = matrix_.factorize();
+      summary.positive_definite = clamps_ ? -1 : definite;
+      if (stationary) {
+        if (!last &&
+            (definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
+          continue;
+        session_.adopt(x, energy_, gradient_);
+        return Status::Converged;
+      }
+      const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
+      ++summary.linear_solves;
+      if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * energy_ &&
+          finish(system, x, summary))
+        return Status::Converged;
+      // Far off: the step promises to lose more than half of the energy.
+      clamps_ = decrement > energy_ && summary.iterations + 1 < kClampedSteps;
+      if (!search(system, x, decrement, summary) && !majorise(system, x, summary)) return Status::NoProgress;
+    }
+  });
+}
+
+ASTERISM_COMPILED_SOLVER(Newton)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,213 @@
+#pragma once
+
+#include <Eigen/LU>
+#include <algorithm>
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/descent.hpp>
+#include <asterism/solver/detail/hessian_operator.hpp>
+#include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Preconditioner of NewtonCg: the Dim x Dim diagonal blocks of the Hessian, where negative curvature of a
+/// spring counts as none.
+template <typename System>
+class JacobiPreconditioner {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+  static constexpr std::string_view kName = "Jacobi";
+  static constexpr int kDim = System::kDim;
+
+  /// At a new x.
+  void update(const System& system, const Points& x) {
+    const int n = system.nodes();
+    blocks_.resize(kDim, kDim * n);
+    for (int i = 0; i < n; ++i) {
+      at(i) = detail::anchor_curvature(system, i, detail::anchor_offset(system, i, x), true);
+    }
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const auto [length, u] = detail::spring(system, link, x.col(link.i) - x.col(link.j));
+      const auto force = detail::link_force(system, l, length);
+      const Scalar across = std::max(force.across, Scalar(0));
+      const Scalar along = std::max(force.along, kFloor * system.link_stiffness[l++]);
+      const Block block = across * Block::Identity() + (along - across) * u * u.transpose();
+      at(link.i) += block;
+      at(link.j) += block;
+    }
+    for (int i = 0; i < n; ++i) {  // a node on parallel springs alone would have a singular block
+      const Scalar trace = at(i).trace();
+      if (!(trace > 0)) {  // fixed, and no spring at it has stiffness
+        at(i).setIdentity();
+        continue;
+      }
+      const Block scaled = at(i) / trace + kFloor * Block::Identity();
+      at(i) = scaled.inverse() / trace;
+    }
+  }
+
+  /// z <- z - M^-1 g.
+  void descend(const Points& gradient, Points& z) const {
+    for (Eigen::Index i = 0; i < z.cols(); ++i) {
+      z.col(i) -= blocks_.template block<kDim, kDim>(0, kDim * i) * gradient.col(i);
+    }
+  }
+
+ private:
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
+  static constexpr Scalar kFloor = Scalar(1e-3);
+
+  auto at(int i) { return blocks_.template block<kDim, kDim>(0, kDim * i); }
+
+  detail::NodeBlocks<System> blocks_;
+};
+
+/// Truncated Newton: the Newton step to as many digits as it is worth, by conjugate gradients.
+///
+/// The Hessian, a spring's curvature across it included (1 - mu_ij / r_ij), is applied spring by spring and
+/// never assembled. The inner iteration stops at the forcing term of Eisenstat and Walker (1996, choice 2),
+/// or at a direction without positive curvature, as in line search Newton-CG (Nocedal & Wright, algorithm
+/// 7.1). Memory and an inner iteration are O(nodes + links): the method for large sparse systems.
+///
+/// `Preconditioner` is JacobiPreconditioner (default) or DenseCholesky, SparseCholesky or CholmodCholesky of
+/// K_dyn. An object holds its workspace: reuse it to solve without allocation, one thread at a time.
+template <typename System, typename Preconditioner = JacobiPreconditioner<System>>
+class NewtonCg {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  AlignedOptions options;
+
+  NewtonCg() = default;
+  /// For type deduction: NewtonCg(system).solve(system, x).
+  explicit NewtonCg(const System&, const AlignedOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Preconditioner>::value; }
+
+  /// Moves x (Dim x N), the start, to a stationary point of the energy. An iteration is an update of x, a
+  /// linear solve an application of the preconditioner. Statuses as for Ida::solve.
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
+
+ private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
+  static constexpr std::string_view kMethod = "Newton-CG";
+  static constexpr bool kFactored = requires(Preconditioner p, const System& s) { p.factorize(s); };
+  static constexpr Scalar kLargestForcing = Scalar(0.5);
+
+  // preconditioned_ = -M^-1 r
+  void precondition(const Points& r, Summary& summary) {
+    preconditioned_.setZero(System::kDim, r.cols());
+    preconditioner_.descend(r, preconditioned_);
+    ++summary.linear_solves;
+  }
+
+  // direction_: H direction_ = -g to |residual| <= forcing |g| in the norm of M^-1. Expects preconditioned_.
+  void newton_direction(const System& system, Scalar square, Scalar forcing, Summary& summary) {
+    const Scalar target = forcing * forcing * square;
+    const int most = 10 + 4 * System::kDim * system.nodes();
+    direction_.setZero(System::kDim, system.nodes());
+    residual_ = state_.gradient();
+    conjugate_ = preconditioned_;
+    Scalar length = square;  // of conjugate_, squared, in M
+    for (int inner = 0; inner < most; ++inner) {
+      hessian_.apply(system, conjugate_, product_);
+      const Scalar curvature = conjugate_.cwiseProduct(product_).sum();
+      if (!(curvature > kFlat * length)) {
+        if (inner == 0) direction_ = conjugate_;
+        return;
+      }
+      const Scalar step = square / curvature;
+      direction_ += step * conjugate_;
+      residual_ += step * product_;
+      precondition(residual_, summary);
+      const Scalar next_square = -residual_.cwiseProduct(preconditioned_).sum();
+      if (!(next_square > target) || session_.stopped()) return;
+      const Scalar beta = next_square / square;
+      conjugate_ = preconditioned_ + beta * conjugate_;
+      length = next_square + beta * beta * length;
+      square = next_square;
+    }
+  }
+
+  static constexpr Scalar kFlat = 16 * std::numeric_limits<Scalar>::epsilon();
+
+  detail::Session<System> session_;
+  detail::DescentState<System> state_;
+  detail::HessianOperator<System> hessian_;
+  Preconditioner preconditioner_;
+  Points direction_;
+  Points residual_;
+  Points conjugate_;
+  Points product_;
+  Points preconditioned_;
+};
+
+template <typename System, typename Preconditioner>
+Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    if constexpr (kFactored) {
+      ++summary.factorizations;
+      if (!preconditioner_.factorize(system)) {
+        summary.message =
+            "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+        return Status::NumericalFailure;
+      }
+    }
+    state_.start(system, x, summary);
+    Scalar forcing = kLargestForcing;
+    Scalar previous_square = 0;
+    while (true) {
+      if (session_.done(state_.gradient())) return Status::Converged;
+      if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+      if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
+
+      hessian_.set(system, x);
+      if constexpr (!kFactored) preconditioner_.update(system, x);
+      precondition(state_.gradient(), summary);
+      const Scalar square = -state_.gradient().cwiseProduct(preconditioned_).sum();  // |g|^2 in M^-1
+      if (!(square > 0)) return Status::NoProgress;
+      if (summary.iterations > 0) {
+        // eta = 0.9 (|g| / |g before|)^2, and not much below the last one while that was large.
+        const Scalar before = Scalar(0.9) * forcing * forcing;
+        forcing = Scalar(0.9) * square / previous_square;
+        if (before > Scalar(0.1)) forcing = std::max(forcing, before);
+        forcing = std::min(forcing, kLargestForcing);
+      }
+      previous_square = square;
+      newton_direction(system, square, forcing, summary);
+
+      Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
+      Scalar step = 1;
+      if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
+        // The preconditioned gradient: fails for rounding alone.
+        precondition(state_.gradient(), summary);
+        slope = -square;
+        step = 1;
+        if (!state_.search(system, x, preconditioned_, slope, step, summary)) return Status::NoProgress;
+      }
+      ++summary.iterations;
+    }
+  });
+}
+
+ASTERISM_COMPILED_SOLVER(NewtonCg)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,317 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/partition.hpp>
+#include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <limits>
+#include <new>
+#include <optional>
+#include <span>
+#include <string_view>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// Fills `to` with the values of some nodes and links of `from`.
+template <typename System>
+void gather(const System& from, std::span<const int> nodes, std::span<const int> links, System& to) {
+  to.anchor_loss = from.anchor_loss;
+  to.link_potential = from.link_potential;
+  for (int k = 0; const int i : nodes) {
+    to.anchors.col(k) = from.anchors.col(i);
+    to.anchor_stiffness[k] = from.anchor_stiffness[i];
+    if constexpr (System::kAnisotropic) {
+      constexpr int kDim = System::kDim;
+      to.anchor_shape.template block<kDim, kDim>(0, kDim * k) =
+          from.anchor_shape.template block<kDim, kDim>(0, kDim * i);
+    }
+    if (from.is_fixed(i)) {
+      to.fix(k);
+    } else {
+      to.release(k);
+    }
+    ++k;
+  }
+  for (int k = 0; const int l : links) {
+    to.rest_length[k] = from.rest_length[l];
+    to.link_stiffness[k] = from.link_stiffness[l];
+    ++k;
+  }
+}
+
+/// A system with its nodes renumbered subdomain by subdomain, so that what is near in the constellation is
+/// near in memory, and the subsystems of the subdomains.
+template <typename System>
+class Decomposition {
+ public:
+  using Points = typename System::Points;
+
+  /// Takes the values of `system`; its topology is cut where it is not that of the last call.
+  void set(const System& system, int size) {
+    if (!is_cut_for(system)) cut(system, size);
+    std::fill(local_.begin(), local_.end(), kOutside);  // also where the last solve ran out of memory
+    gather(system, partition_.order, links_, *renumbered_);
+  }
+
+  const System& system() const { return *renumbered_; }
+  int count() const { return partition_.count(); }
+
+  Points renumbered(const Points& x) const {
+    Points result(System::kDim, x.cols());
+    for (int k = 0; const int i : partition_.order) result.col(k++) = x.col(i);
+    return result;
+  }
+  void restore(const Points& renumbered, Points& x) const {
+    for (int k = 0; const int i : partition_.order) x.col(i) = renumbered.col(k++);
+  }
+
+  /// Solves subdomain s of system(), extended by one layer of neighbours where that does not double it, with
+  /// all other nodes held where they are. A neighbour that is linked to more nodes than the subdomain has
+  /// stays outside: its neighbours, too, would have to be gathered for each subdomain that it is next to.
+  template <typename Solver>
+  Summary solve(int s, Solver& solver, Points& x) {
+    const int begin = partition_.first[s];
+    const int end = partition_.first[s + 1];
+    nodes_.clear();
+    for (int i = begin; i < end; ++i) enter(i);
+    const auto core = nodes_.size();
+    add_layer(core, core);
+    if (nodes_.size() > 2 * core) {
+      for (auto k = core; k < nodes_.size(); ++k) local_[nodes_[k]] = kOutside;
+      nodes_.resize(core);
+    }
+    const auto moving = nodes_.size();
+    add_layer(moving, std::numeric_limits<std::size_t>::max());
+
+    sub_links_.clear();
+    sub_link_numbers_.clear();
+    for (std::size_t k = 0; k < moving; ++k) {
+      const int here = static_cast<int>(k);
+      for (const auto [node, link] : neighbours_.of(nodes_[k])) {
+        const int there = local_[node];
+        if (there < here) continue;  // each link between two that move once
+        sub_links_.push_back({here, there});
+        sub_link_numbers_.push_back(link);
+      }
+    }
+    System sub(System::TopologyType::from_links(static_cast<int>(nodes_.size()), sub_links_));
+    gather(*renumbered_, nodes_, sub_link_numbers_, sub);
+    Points sub_x(System::kDim, sub.nodes());
+    for (int k = 0; const int i : nodes_) {
+      sub_x.col(k) = x.col(i);
+      local_[i] = kOutside;
+      if (k >= static_cast<int>(moving)) sub.fix(k);
+      ++k;
+    }
+    const Summary summary = solver.solve(sub, sub_x);
+    for (std::size_t k = 0; k < moving; ++k) x.col(nodes_[k]) = sub_x.col(static_cast<int>(k));
+    return summary;
+  }
+
+ private:
+  static constexpr int kOutside = -1;
+
+  bool is_cut_for(const System& system) const {
+    if (!renumbered_ || renumbered_->nodes() != system.nodes() ||
+        renumbered_->link_count() != system.link_count())
+      return false;
+    const auto links = system.links();
+    for (int k = 0; const Link& link : renumbered_->links()) {
+      if (Link{partition_.order[link.i], partition_.order[link.j]} !=
+          links[static_cast<std::size_t>(links_[k++])])
+        return false;
+    }
+    return true;
+  }
+
+  void cut(const System& system, int size) {
+    const int n = system.nodes();
+    const auto links = system.links();
+    renumbered_.reset();
+    partition_ = Partition(n, Neighbours(n, links), size);
+    local_.assign(static_cast<std::size_t>(n), kOutside);
+    for (int k = 0; const int i : partition_.order) local_[i] = k++;
+
+    // Links in the order of their lower node.
+    Indexed<int> next(static_cast<std::size_t>(n) + 1, 0);
+    const auto lower = [this](const Link& link) { return std::min(local_[link.i], local_[link.j]); };
+    for (const Link& link : links) ++next[lower(link)];
+    int sum = 0;
+    for (int& at : next) sum += std::exchange(at, sum);
+    links_.resize(links.size());
+    Indexed<Link> renumbered(links.size());
+    for (int l = 0; const Link& link : links) {
+      const int at = next[lower(link)]++;
+      links_[at] = l++;
+      renumbered[at] = {local_[link.i], local_[link.j]};
+    }
+    neighbours_ = Neighbours(n, renumbered);
+    renumbered_.emplace(System::TopologyType::from_links(n, renumbered));
+  }
+
+  void enter(int i) {
+    local_[i] = static_cast<int>(nodes_.size());
+    nodes_.push_back(i);
+  }
+
+  // The neighbours of the first `count` nodes that have no more than `most` links themselves.
+  void add_layer(std::size_t count, std::size_t most) {
+    for (std::size_t k = 0; k < count; ++k) {
+      for (const auto [node, link] : neighbours_.of(nodes_[k])) {
+        if (local_[node] == kOutside && neighbours_.of(node).size() <= most) enter(node);
+      }
+    }
+  }
+
+  std::optional<System> renumbered_;
+  Partition partition_;
+  Indexed<int> links_;     // a renumbered link's number in the system given
+  Neighbours neighbours_;  // by the new numbers
+  Indexed<int> local_;     // a node's number in the present subsystem
+  Indexed<int> nodes_;     // of the present subsystem: those that move, then those that are held
+  Indexed<Link> sub_links_;
+  Indexed<int> sub_link_numbers_;
+};
+
+}  // namespace detail
+
+/// Alternating minimisation over overlapping subdomains, for large sparse constellations (Schwarz's method
+/// for minimisation: Tai & Espedal 1998), finished by a method for all nodes at once.
+///
+/// What makes a large system slow is not its size but the worst places in it: springs far from their length,
+/// where the energy is not convex, decide how far a step of all nodes together may go, and the more nodes the
+/// more such places. Here each subdomain, some hundred connected nodes and their neighbours, is minimised by
+/// Newton-CG on its own, with the others held, so that each place takes the steps that it needs, in cache.
+/// One after the other is a sweep, which never raises the energy. When sweeps gain little, `Global`
+/// (NewtonCg; SparseNewton where anchors are weak beside the links) has to correct what is smooth over many
+/// subdomains, which Newton's method does in a few steps. Where it does not, sweeps and Global take turns.
+///
+/// Time and memory of a sweep are O(nodes + links). Nodes are renumbered by subdomain, once a topology. An
+/// object holds its workspace, one thread at a time; it uses the heap.
+template <typename System, typename Global = NewtonCg<System>>
+class Schwarz {
+  static_assert(System::kMaxNodes == Eigen::Dynamic, "for systems without a bound on their nodes");
+
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  AlignedOptions options;
+
+  Schwarz() = default;
+  /// For type deduction: Schwarz(system).solve(system, x).
+  explicit Schwarz(const System&, const AlignedOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, GlobalName>::value; }
+
+  /// Moves x (Dim x N), the start, to a stationary point of the energy. A sweep and an iteration of Global
+  /// are an iteration each; the other counts are of work on all nodes at once. Statuses as for Ida::solve;
+  /// Summary::positive_definite is Global's.
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
+
+ private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
+  static constexpr std::string_view kMethod = "Schwarz";
+  struct GlobalName {
+    static constexpr std::string_view kName = Global::name();
+  };
+  static constexpr int kSubdomain = 300;           // nodes, without overlap
+  static constexpr int kMaxSweeps = 8;             // in turn
+  static constexpr double kFirstTolerance = 1e-2;  // of subdomains
+  static constexpr int kFirstTurn = 4;             // iterations of Global; later ones are longer
+
+  Status iterate(const System& system, Points& x, Summary& summary) {
+    global_.options = options;
+    // What is stationary to the renumbered sums has to be so to the given ones, too.
+    global_.options.tolerance *= 0.9;
+    local_.tolerance = kFirstTolerance;
+    local_.max_iterations = 100;
+    local_.stop = options.stop;
+    for (int turn = kFirstTurn;; turn = std::min(2 * turn, 1 << 20)) {
+      if (decomposition_.count() > 1) sweep(system, x, summary);
+      const int left = options.max_iterations - summary.iterations;
+      if (left == 0) return Status::MaxIterations;
+      global_.options.max_iterations = std::min(turn, left);
+      const Summary part = global_.solve(system, x);
+      add(part, summary);
+      if (part.status == Status::OutOfMemory) detail::raise(detail::LackOfMemory(part.message));
+      if (part.status != Status::MaxIterations) return part.status;
+    }
+  }
+
+  // Sweeps until one gains little. What the next changes anyhow need not be exact, but in the end each
+  // subdomain is solved to its minimum: where one is left near a saddle, all would have to wait for it.
+  void sweep(const System& system, Points& x, Summary& summary) {
+    constexpr Scalar kLittle = Scalar(0.02);
+    constexpr double kTighter = 1e-2;
+    const double least = std::max(options.tolerance, 1e-7);
+    Scalar before = energy(system, x);
+    ++summary.energy_evaluations;
+    NewtonCg<System> solver;
+    for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
+         ++i) {
+      solver.options = local_;
+      for (int s = 0; s < decomposition_.count(); ++s) {
+        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) detail::raise(std::bad_alloc());
+      }
+      ++summary.iterations;
+      if (options.align) detail::align(system, x, false);
+      const Scalar after = energy(system, x);
+      ++summary.energy_evaluations;
+      const bool exact = local_.tolerance <= least;
+      if (exact && !(after < (1 - kLittle) * before)) return;
+      local_.tolerance = std::max(least, kTighter * local_.tolerance);
+      before = after;
+    }
+  }
+
+  static void add(const Summary& part, Summary& summary) {
+    summary.iterations += part.iterations;
+    summary.energy_evaluations += part.energy_evaluations;
+    summary.gradient_evaluations += part.gradient_evaluations;
+    summary.linear_solves += part.linear_solves;
+    summary.factorizations += part.factorizations;
+    summary.positive_definite = part.positive_definite;
+  }
+
+  detail::Session<System> session_;
+  detail::Decomposition<System> decomposition_;
+  AlignedOptions local_;  // of the subdomains
+  Global global_;
+  Points renumbered_;
+};
+
+template <typename System, typename Global>
+Summary Schwarz<System, Global>::run(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    if (session_.done(session_.gradient())) return Status::Converged;
+    if (options.max_iterations == 0) return Status::MaxIterations;
+    decomposition_.set(system, kSubdomain);
+    renumbered_ = decomposition_.renumbered(x);
+    const Status status = iterate(decomposition_.system(), renumbered_, summary);
+    decomposition_.restore(renumbered_, x);
+    return status;
+  });
+}
+
+ASTERISM_COMPILED_SPARSE_SOLVER(Schwarz)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

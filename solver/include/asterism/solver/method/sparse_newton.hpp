@@ -1,0 +1,353 @@
+#pragma once
+
+#include <Eigen/SparseCore>
+#include <algorithm>
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/descent.hpp>
+#include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/detail/saddle.hpp>
+#include <asterism/solver/detail/sparse_blocks.hpp>
+#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/linear/jacobi_metric.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <new>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// The lower triangle of the Hessian as a sparse matrix of `MatrixScalar`, (Dim N) x (Dim N), whose pattern
+/// is made once a topology and refilled after that.
+template <typename System, typename MatrixScalar>
+class SparseHessian {
+ public:
+  using Points = typename System::Points;
+  static constexpr int kDim = System::kDim;
+
+  /// Makes the pattern for the system's links and calls analyze(matrix), if it is not theirs already.
+  template <typename Analyze>
+  void prepare(const System& system, Analyze&& analyze) {
+    blocks_.prepare(system.nodes(), system.links(), analyze);
+  }
+
+  /// Fills in the Hessian at x. With `clamp`, no anchor or link has negative curvature, which makes the
+  /// matrix positive semi-definite; with anchors, definite. A fixed node is coupled to none.
+  void assemble(const System& system, const Points& x, bool clamp) {
+    blocks_.set_zero();
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) [[unlikely]] {
+        blocks_.add(i, Block(Block::Identity()));
+      } else {
+        blocks_.add(i, anchor_curvature(system, i, anchor_offset(system, i, x), clamp));
+      }
+    }
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const auto [length, u] = spring(system, link, x.col(link.i) - x.col(link.j));
+      auto force = link_force(system, l, length);
+      if (clamp) {
+        force.along = std::max(force.along, Scalar(0));
+        force.across = std::max(force.across, Scalar(0));
+      }
+      const Block block =
+          force.across * Block::Identity() + ((force.along - force.across) * u) * u.transpose();
+      const bool fixed_i = system.is_fixed(link.i);
+      const bool fixed_j = system.is_fixed(link.j);
+      if (!fixed_i) blocks_.add(link.i, block);
+      if (!fixed_j) blocks_.add(link.j, block);
+      if (!fixed_i && !fixed_j) blocks_.add_link(l, -block);
+      ++l;
+    }
+  }
+
+  /// Adds factor * stiffness[i] to the diagonal of node i.
+  void raise_diagonal(MatrixScalar factor, const typename System::NodeVector& stiffness) {
+    for (int c = 0; c < matrix().cols(); ++c)
+      blocks_.diagonal(c) += factor * static_cast<MatrixScalar>(stiffness[c / kDim]);
+  }
+
+  const Eigen::SparseMatrix<MatrixScalar>& matrix() const { return blocks_.matrix(); }
+
+ private:
+  using Scalar = typename System::Scalar;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
+
+  SparseBlocks<MatrixScalar, kDim> blocks_;
+};
+
+}  // namespace detail
+
+/// Factorisation policy of SparseNewton: Eigen's SimplicialLDLT with AMD ordering. Uses the heap.
+template <typename System>
+class SparseLdlt {
+ public:
+  using Scalar = typename System::Scalar;
+  using Matrix = Eigen::SparseMatrix<Scalar>;
+  using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
+
+  static constexpr std::string_view kName = "sparse LDL^T";
+
+  /// Orders a new pattern, of a lower triangle.
+  void analyze(const Matrix& lower) {
+    ldlt_ = std::make_unique<Ldlt>();
+    ldlt_->analyze(lower);
+  }
+
+  /// False where the matrix is not positive definite to the digits of the scalar.
+  bool factorize(const Matrix& lower) {
+    ldlt_->factorize(lower);
+    if (ldlt_->info() != Eigen::Success) return false;
+    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+    const Vector pivots = ldlt_->permutationPinv() * ldlt_->vectorD();
+    for (Eigen::Index c = 0; c < pivots.size(); ++c) {
+      if (!(pivots[c] > kRounding * lower.valuePtr()[lower.outerIndexPtr()[c]])) return false;
+    }
+    return true;
+  }
+
+  /// step = matrix^-1 gradient, both of the matrix's size.
+  void solve(const Vector& gradient, Vector& step) { step = ldlt_->solve(gradient); }
+
+  /// A direction v with v^T matrix v < 0 from the last factorisation, of a matrix that is not positive
+  /// definite: L^T v = e at the least pivot. Returns v^T matrix v, 0 where no pivot is negative.
+  Scalar negative_curvature(Vector& v) const {
+    if (ldlt_->info() != Eigen::Success) return 0;
+    Eigen::Index least = 0;
+    const Scalar pivot = ldlt_->vectorD().minCoeff(&least);
+    if (!(pivot < 0)) return 0;
+    v.setZero(ldlt_->rows());
+    v[least] = 1;
+    ldlt_->matrixU().solveInPlace(v);
+    v = (ldlt_->permutationPinv() * v).eval();
+    return pivot;
+  }
+
+ private:
+  using Ldlt = detail::SparseFactor<Scalar>;
+  std::unique_ptr<Ldlt> ldlt_;  // Eigen's cannot be moved
+};
+
+/// What SparseNewton takes.
+struct SparseNewtonOptions : AlignedOptions {
+  /// Goes on from stationary points whose Hessian has a negative pivot, where the factorisation shows it
+  /// (SparseLdlt does).
+  bool escape_saddles = true;
+
+  constexpr SparseNewtonOptions() = default;
+  constexpr SparseNewtonOptions(const SolverOptions& options) : AlignedOptions(options) {}
+  constexpr SparseNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
+};
+
+/// Newton's method with a sparse factorisation of the Hessian, for large constellations whose anchors are
+/// weak beside the links: the number of its iterations hardly depends on the anchors, where that of methods
+/// without the Hessian grows as they weaken. In the plane a factorisation is about O(N^1.5) in time and O(N
+/// log N) in memory for N nodes with local links (George 1973).
+///
+/// Where the Hessian is not positive definite, negative curvature of links and anchors counts as none, and
+/// where that is not definite to the scalar's digits (anchors weaker than its epsilon), the diagonal is
+/// raised. The line search accepts lower energies alone; where it fails, the gradient scaled by the diagonal
+/// of K_dyn is tried, which fails for rounding alone.
+///
+/// Such steps, and those that the line search cuts, are short: springs that fold or buckle bend the way down,
+/// and a factorisation is dear for so little. They take turns with L-BFGS (from the diagonal of K_dyn), whose
+/// steps cost a hundredth; a turn is as long as it has paid so far.
+///
+/// Summary::positive_definite says what the Hessian is at the x returned. `Factorization` is SparseLdlt or
+/// CholmodLlt. The ordering is computed once a topology; an object holds its workspace, one thread at a time.
+template <typename System, typename Factorization = SparseLdlt<System>>
+class SparseNewton {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  SparseNewtonOptions options;
+
+  SparseNewton() = default;
+  /// For type deduction: SparseNewton(system).solve(system, x).
+  explicit SparseNewton(const System&, const SparseNewtonOptions& o = {}) : options(o) {}
+
+  static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Factorization>::value; }
+
+  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
+  /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
+  Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
+
+ private:
+  friend detail::Compiled;
+
+  Summary run(const System& given, Points& x);
+
+  static constexpr std::string_view kMethod = "Newton";
+  static constexpr int kTurn = 100;  // iterations of L-BFGS at least, about a factorisation's cost
+  static constexpr int kLongestTurn = 1 << 20;
+  using Matrix = typename Factorization::Matrix;
+  using MatrixScalar = typename Matrix::Scalar;
+  using Vector = Eigen::Matrix<MatrixScalar, Eigen::Dynamic, 1>;
+
+  bool factorize(Summary& summary) {
+    ++summary.factorizations;
+    return factorization_.factorize(hessian_.matrix());
+  }
+
+  // Factors a positive definite matrix in the Hessian's place; false where rounding leaves none. The diagonal
+  // is raised by the nodes' stiffness, as its own entries may be 0.
+  bool repair(const System& system, const Points& x, Summary& summary) {
+    hessian_.assemble(system, x, true);
+    for (MatrixScalar shift = 64 * std::numeric_limits<MatrixScalar>::epsilon(); !factorize(summary);
+         shift *= 256) {
+      if (!(shift < 1)) return false;
+      hessian_.raise_diagonal(shift, session_.node_stiffness());
+    }
+    return true;
+  }
+
+  // direction_ = -matrix^-1 g; returns the slope along it.
+  Scalar newton_direction(Summary& summary) {
+    const Points& gradient = state_.gradient();
+    right_hand_side_ = gradient.reshaped().template cast<MatrixScalar>();
+    factorization_.solve(right_hand_side_, step_);
+    ++summary.linear_solves;
+    direction_ = -step_.template cast<Scalar>().reshaped(gradient.rows(), gradient.cols());
+    return gradient.cwiseProduct(direction_).sum();
+  }
+
+  // Moves x by the direction, or less; taken_ says how much of it.
+  bool search(const System& system, Points& x, Scalar slope, Summary& summary) {
+    taken_ = 1;
+    if (!(slope < 0) || !state_.search(system, x, direction_, slope, taken_, summary)) return false;
+    ++summary.iterations;
+    return true;
+  }
+
+  // A turn of L-BFGS, one iteration. The next one is longer if this one has lowered the energy by more than
+  // the last step of Newton's method did.
+  void take_turn(const System& system, Points& x, Scalar gain_of_step, Summary& summary) {
+    lbfgs_.options = options;
+    lbfgs_.options.align = lbfgs_.options.ground_components = false;
+    lbfgs_.options.max_iterations = turn_;
+    const Scalar before = state_.energy();
+    const Summary turn = lbfgs_.solve(system, x);
+    if (turn.status == Status::OutOfMemory) throw std::bad_alloc();
+    ++summary.iterations;
+    if (!turn.usable()) return;
+    summary.energy_evaluations += turn.energy_evaluations;
+    summary.gradient_evaluations += turn.gradient_evaluations;
+    state_.start(system, x, summary);
+    turn_ = before - state_.energy() > gain_of_step ? std::min(2 * turn_, kLongestTurn)
+                                                    : std::max(turn_ / 2, kTurn);
+  }
+
+  // From a saddle down along negative curvature.
+  bool escape(const System& system, Points& x, Summary& summary) {
+    if constexpr (requires { factorization_.negative_curvature(step_); }) {
+      const auto curvature = static_cast<Scalar>(factorization_.negative_curvature(step_));
+      if (!(curvature < 0)) return false;
+      direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
+      const Scalar t = detail::step_off_saddle(system, x, state_.energy(), session_.length(), curvature,
+                                               direction_, next_x_, summary);
+      if (t == 0) return false;
+      x += t * direction_;
+      state_.start(system, x, summary);
+      ++summary.iterations;
+      return true;
+    }
+    return false;
+  }
+
+  detail::Session<System> session_;
+  detail::DescentState<System> state_;
+  detail::SparseHessian<System, MatrixScalar> hessian_;
+  Factorization factorization_;
+  Lbfgs<System, JacobiMetric<System>> lbfgs_;
+  int turn_ = kTurn;
+  Scalar taken_ = 1;
+  Vector right_hand_side_;
+  Vector step_;
+  Points direction_;
+  Points next_x_;
+};
+
+template <typename System, typename Factorization>
+Summary SparseNewton<System, Factorization>::run(const System& given, Points& x) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+    const bool realign = options.align && detail::has_weak_anchors(system);
+    hessian_.prepare(system, [this](const auto& pattern) { factorization_.analyze(pattern); });
+    state_.start(system, x, summary);
+    turn_ = kTurn;
+    bool turned = false;  // the last iteration was L-BFGS's
+    Scalar gain = 0;      // of the last step of Newton's method
+    while (true) {
+      const bool stationary = session_.done(state_.gradient());
+      const bool last = summary.iterations == options.max_iterations || session_.stopped();
+      if (last && !stationary) {
+        summary.positive_definite = -1;
+        return Status::MaxIterations;
+      }
+      if (!stationary && session_.stalls(x, state_.gradient(), summary.iterations)) {
+        summary.positive_definite = -1;
+        return Status::NoProgress;
+      }
+      bool definite = false;
+      if (stationary || !turned) {
+        hessian_.assemble(system, x, false);
+        definite = factorize(summary);
+        summary.positive_definite = definite;
+      }
+      if (last) return Status::Converged;
+      if (stationary && !definite) {
+        if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
+        continue;
+      }
+      if (!definite && !turned) {
+        take_turn(system, x, gain, summary);
+        turned = true;
+        continue;
+      }
+      const bool after_turn = turned;
+      turned = false;
+      const Scalar before = state_.energy();
+      // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
+      const Scalar slope = definite || repair(system, x, summary) ? newton_direction(summary) : Scalar(0);
+      if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
+      if (!search(system, x, slope, summary)) {
+        if (stationary) return Status::Converged;
+        if (after_turn) {  // which may have led to where the Hessian needs no repair
+          hessian_.assemble(system, x, false);
+          definite = factorize(summary);
+          summary.positive_definite = definite;
+        }
+        if (!(after_turn && definite && search(system, x, newton_direction(summary), summary))) {
+          detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
+          const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
+          if (!search(system, x, steepest, summary)) return Status::NoProgress;
+        }
+      }
+      // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+      // follow.
+      if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
+      gain = before - state_.energy();
+      if (definite && taken_ < 1 && summary.iterations < options.max_iterations) {
+        take_turn(system, x, gain, summary);
+      }
+    }
+  });
+}
+
+ASTERISM_COMPILED_SPARSE_SOLVER(SparseNewton)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

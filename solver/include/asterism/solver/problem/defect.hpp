@@ -1,0 +1,20 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What is wrong with an input, and where. Reads as "<subject> <index> <problem>"; no problem is a null
+/// pointer.
+struct Defect {
+  const char* subject = nullptr;  ///< what is wrong, e.g. "link"
+  int index = -1;                 ///< -1: the subject needs no index
+  const char* problem = nullptr;  ///< why; null for nothing
+
+  /// Whether there is a problem.
+  explicit operator bool() const { return problem != nullptr; }
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,123 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <cmath>
+#include <concepts>
+#include <limits>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// A function's value and its first and second derivative.
+template <typename Scalar>
+struct Derivatives {
+  Scalar value;   ///< of the function
+  Scalar first;   ///< derivative
+  Scalar second;  ///< derivative
+};
+
+/// The energy of a link of unit stiffness as a function phi of its length r >= 0 and its rest length mu; the
+/// link's energy is k_ij phi(r, mu). phi >= 0, its curvatures along and across the link are at most those of
+/// a spring, phi'' <= 1 and phi' / r <= 1, so that k_ij bounds the link's curvature and every method's
+/// descent from above. Both are up to whoever writes one, and checkable:
+/// phi(|d|) <= phi(|e|) + phi'(|e|) e . (d - e) / |e| + |d - e|^2 / 2 for all points d and e != 0.
+///
+/// It may have parameters, which are the same for all links, and then says by `problem()` what is wrong with
+/// them, nullptr for nothing.
+template <typename P>
+concept LinkPotential = std::default_initializable<P> && requires(const P potential, double r, float s) {
+  { potential(r, r) } -> std::same_as<Derivatives<double>>;
+  { potential(s, s) } -> std::same_as<Derivatives<float>>;
+};
+
+/// The loss rho of an anchor's squared distance s = |x_i - a_i|^2, whose energy is 1/2 k_i rho(s), as Ceres's
+/// LossFunction. rho(0) = 0, rho is concave and 0 <= rho' <= 1: then the weighted spring 1/2 k_i rho'(s)
+/// |x - a|^2 lies above it (up to a constant) and k_i bounds its curvature.
+///
+/// It may have parameters, which are the same for all anchors, and `problem()`, as a LinkPotential.
+template <typename L>
+concept AnchorLoss = std::default_initializable<L> && requires(const L loss, double s, float t) {
+  { loss(s) } -> std::same_as<Derivatives<double>>;
+  { loss(t) } -> std::same_as<Derivatives<float>>;
+};
+
+/// The paper's link: a spring, phi = 1/2 (r - mu)^2.
+struct Hooke {
+  /// phi at length r and rest length mu, and its derivatives by r.
+  template <typename Scalar>
+  constexpr Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
+    const Scalar stretch = r - mu;
+    return {stretch * stretch / 2, stretch, 1};
+  }
+};
+
+/// The paper's anchor: a spring, rho = s.
+struct Quadratic {
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
+  template <typename Scalar>
+  constexpr Derivatives<Scalar> operator()(Scalar s) const {
+    return {s, 1, 0};
+  }
+};
+
+namespace detail {
+
+constexpr const char* scale_problem(double scale) {
+  return scale > 0 && is_finite(scale) ? nullptr : "is not a positive, finite scale";
+}
+
+}  // namespace detail
+
+/// A spring up to `scale`, a constant force beyond: an anchor pulls no harder than k_i scale (Huber 1964).
+/// The energy stays convex in the distance.
+struct Huber {
+  double scale = 1;  ///< [px]
+
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
+  template <typename Scalar>
+  Derivatives<Scalar> operator()(Scalar s) const {
+    const auto c = static_cast<Scalar>(scale);
+    if (s <= c * c) return {s, 1, 0};
+    const Scalar r = std::sqrt(s);
+    const Scalar weight = c / r;
+    return {2 * c * r - c * c, weight, -weight / (2 * s)};
+  }
+
+  constexpr const char* problem() const { return detail::scale_problem(scale); }
+};
+
+/// A spring near the anchor that lets go of what is far beyond `scale`: rho = s / (1 + s / scale^2) (Geman &
+/// McClure 1987). An anchor's energy is at most 1/2 k_i scale^2.
+struct GemanMcClure {
+  double scale = 1;  ///< [px]
+
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
+  template <typename Scalar>
+  Derivatives<Scalar> operator()(Scalar s) const {
+    const auto square = static_cast<Scalar>(scale * scale);
+    const Scalar share = 1 / (1 + s / square);
+    return {s * share, share * share, -2 * share * share * share / square};
+  }
+
+  constexpr const char* problem() const { return detail::scale_problem(scale); }
+};
+
+/// Whether an anchor pulls equally hard in all directions.
+enum class AnchorShape { Isotropic, Anisotropic };
+
+/// What the links and anchors of a SpringSystem are: how a link's energy depends on its length, an anchor's
+/// on its distance, and whether an anchor has an information matrix instead of a stiffness.
+template <LinkPotential Link = Hooke, AnchorLoss Loss = Quadratic,
+          AnchorShape kShape = AnchorShape::Isotropic>
+struct Model {
+  using LinkPotential = Link;                          ///< phi of every link
+  using AnchorLoss = Loss;                             ///< rho of every anchor
+  static constexpr AnchorShape kAnchorShape = kShape;  ///< isotropic or with information matrices
+};
+
+/// The paper's: springs all of them.
+using Springs = Model<>;
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,157 @@
+#pragma once
+
+#include <Eigen/Eigenvalues>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/model.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <limits>
+#include <type_traits>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// N times a factor, for a number that may be Eigen::Dynamic.
+template <int N>
+constexpr int times(int factor) {
+  return N == Eigen::Dynamic ? Eigen::Dynamic : N * factor;
+}
+
+}  // namespace detail
+
+/// A constellation as a spring system (Sec. "The dual spring-system formulation"): node i hangs on its anchor
+/// a_i by a spring of stiffness k_i and zero rest length, linked nodes are joined by springs of rest length
+/// mu_ij and stiffness k_ij. Its energy is E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i
+/// - x_j|)^2.
+///
+/// `Scalar` is float or double, `Dim` the number of coordinates of a point, `N` and `MaxN` as for Topology.
+/// Points are Dim x N, a node is a column. Coordinates and rest lengths share one unit of length [px];
+/// stiffness may have any unit [1/px^2 for E = -log p], as only ratios of stiffness move the solution.
+///
+/// Another `Model` than Springs replaces the link's potential or the anchor's loss, or gives anchors an
+/// information matrix; k_i and k_ij then bound the curvature of anchor and link from above.
+///
+/// The values are plain members to be refilled every frame; refilling does not allocate. They start as NaN,
+/// so that a forgotten one gets Status::InvalidInput and not a wrong answer.
+template <typename Scalar_, int Dim, int N = Eigen::Dynamic, int MaxN = N, typename Model_ = Springs>
+class SpringSystem {
+  static_assert(Dim > 0);
+
+  struct Nothing {};
+
+ public:
+  using Scalar = Scalar_;
+  /// Of links and anchors.
+  using Model = Model_;
+  using TopologyType = Topology<N, MaxN>;
+  using Point = Eigen::Matrix<Scalar, Dim, 1>;
+  using Points = Eigen::Matrix<Scalar, Dim, N, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim, MaxN>;
+  /// A number a node, N.
+  using NodeVector = Eigen::Matrix<Scalar, N, 1, Eigen::ColMajor, MaxN, 1>;
+  /// A number a link, in the order of links().
+  using LinkVector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1, Eigen::ColMajor, TopologyType::kMaxLinks, 1>;
+
+  static constexpr int kDim = Dim;
+  static constexpr int kNodes = N;
+  static constexpr int kMaxNodes = MaxN;
+  /// Anchors have an information matrix.
+  static constexpr bool kAnisotropic = Model::kAnchorShape == AnchorShape::Anisotropic;
+  /// An anchor's Hessian is k_i times the identity wherever the node is.
+  static constexpr bool kPlainAnchors =
+      !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
+
+  /// No value is set yet: all are NaN.
+  explicit SpringSystem(TopologyType topology) : topology_(std::move(topology)) {
+    constexpr Scalar kUnset = std::numeric_limits<Scalar>::quiet_NaN();
+    anchors.setConstant(Dim, nodes(), kUnset);
+    anchor_stiffness.setConstant(nodes(), kUnset);
+    rest_length.setConstant(link_count(), kUnset);
+    link_stiffness.setConstant(link_count(), kUnset);
+    fixed_.setConstant(nodes(), false);
+    if constexpr (kAnisotropic) anchor_shape.setConstant(Dim, Dim * nodes(), kUnset);
+  }
+
+  /// Sets every rest length to the distance of its two nodes in `points` (Dim x N).
+  template <typename Derived>
+  void set_rest_lengths(const Eigen::MatrixBase<Derived>& points) {
+    eigen_assert(points.rows() == Dim && points.cols() == nodes());
+    int l = 0;
+    for (const Link& link : links()) rest_length[l++] = (points.col(link.i) - points.col(link.j)).norm();
+  }
+
+  /// Holds node i where the start of a solve has it: it is eliminated from the unknowns, its springs pull on
+  /// the others. A node that does not exist is a defect() of the system.
+  void fix(int node) { set_fixed(node, true); }
+  /// Lets node i move again.
+  void release(int node) { set_fixed(node, false); }
+  /// Whether node i is held, and how many are.
+  bool is_fixed(int node) const { return fixed_[node]; }
+  int fixed_count() const { return fixed_count_; }
+
+  /// Anisotropic anchors: sets k_i and anchor_shape from node i's information matrix (Dim x Dim, symmetric,
+  /// positive semi-definite; the inverse of a covariance), k_i being its largest eigenvalue. The anchor's
+  /// energy becomes 1/2 (x_i - a_i)^T information (x_i - a_i), or 1/2 k_i rho of that over k_i for another
+  /// loss rho. What is not such a matrix makes solvers return Status::InvalidInput.
+  template <typename Derived>
+  void set_anchor_information(int node,
+                              const Eigen::MatrixBase<Derived>& information) requires(kAnisotropic) {
+    eigen_assert(0 <= node && node < nodes() && information.rows() == Dim && information.cols() == Dim);
+    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
+        matrix, Eigen::EigenvaluesOnly);
+    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
+    anchor_stiffness[node] = largest;
+    auto shape = anchor_shape.template block<Dim, Dim>(0, Dim * node);
+    if (largest > 0) {
+      shape = matrix / largest;
+    } else {
+      shape.setIdentity();
+    }
+  }
+
+  /// What is wrong with the topology or the fixed nodes.
+  const Defect& defect() const { return topology_.defect() ? topology_.defect() : defect_; }
+
+  const TopologyType& topology() const { return topology_; }
+  std::span<const Link> links() const { return topology_.links(); }
+  int nodes() const { return topology_.nodes(); }
+  int link_count() const { return topology_.link_count(); }
+
+  Points anchors;               ///< a_i, Dim x N [px]
+  NodeVector anchor_stiffness;  ///< k_i >= 0, N; each connected component needs one that is positive
+  LinkVector rest_length;       ///< mu_ij >= 0, one a link, in the order of links() [px]
+  LinkVector link_stiffness;    ///< k_ij >= 0, one a link, in the order of links()
+
+  /// Of anchor_shape.
+  using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,
+                               (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
+                               MaxN == Eigen::Dynamic ? MaxN : Dim * MaxN>;
+  /// Anisotropic anchors alone: Dim x (Dim N), for each node its information matrix over k_i, with
+  /// eigenvalues from 0 to 1.
+  [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
+  /// Parameters of the anchors' loss and of the links' potential, if these have any.
+  [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
+  [[no_unique_address]] typename Model::LinkPotential link_potential;
+
+ private:
+  void set_fixed(int node, bool fixed) {
+    if (node < 0 || node >= nodes()) {
+      if (!defect_) defect_ = {"fixed node", node, "is not a node"};
+    } else if (fixed_[node] != fixed) {
+      fixed_[node] = fixed;
+      fixed_count_ += fixed ? 1 : -1;
+    }
+  }
+
+  TopologyType topology_;
+  Eigen::Array<bool, N, 1, Eigen::ColMajor, MaxN, 1> fixed_;
+  int fixed_count_ = 0;
+  Defect defect_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,191 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <span>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// Scratch of the search for connected components: the nodes and one for the image that anchors hold on to.
+template <typename System>
+using ComponentScratch =
+    Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor,
+                  System::kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : System::kMaxNodes + 1, 1>;
+
+/// The representative of a node's set, by the way up to it, which gets shorter.
+template <typename Up>
+int root(Up& up, int node) {
+  while (up[node] != node) node = up[node] = up[up[node]];
+  return node;
+}
+
+/// Whether links connect all of n nodes. `up` is scratch.
+template <typename Up>
+bool is_connected(int n, std::span<const Link> links, Up& up) {
+  up.setLinSpaced(n, 0, n - 1);
+  int sets = n;
+  for (const Link& link : links) {
+    const int from = root(up, link.i);
+    const int to = root(up, link.j);
+    sets -= from != to ? 1 : 0;
+    up[from] = to;
+  }
+  return sets <= 1;
+}
+
+/// Calls visit(i) for the first node of each connected component without anchor stiffness or a fixed node;
+/// links of zero stiffness do not connect.
+template <typename System, typename Visit>
+void for_each_floating_component(const System& system, ComponentScratch<System>& parent, Visit&& visit) {
+  if ((system.anchor_stiffness.array() > 0).all()) return;
+  const int n = system.nodes();
+  parent.setLinSpaced(n + 1, 0, n);
+  const auto root = [&parent](int node) { return detail::root(parent, node); };
+  for (int i = 0; i < n; ++i) {
+    if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(i)] = root(n);
+  }
+  int l = 0;
+  for (const Link& link : system.links()) {
+    if (system.link_stiffness[l++] > 0) parent[root(link.i)] = root(link.j);
+  }
+  for (int i = 0; i < n; ++i) {
+    if (root(i) == root(n)) continue;
+    visit(i);
+    parent[root(i)] = root(n);
+  }
+}
+
+/// The first of those nodes, or -1.
+template <typename System>
+int first_floating_node(const System& system, ComponentScratch<System>& scratch) {
+  int first = -1;
+  for_each_floating_component(system, scratch, [&first](int i) { first = first < 0 ? i : first; });
+  return first;
+}
+
+/// The first node whose anchor's shape is not a symmetric matrix with eigenvalues from 0 to 1, or -1.
+template <typename System>
+int first_bad_shape(const System& system) {
+  using Scalar = typename System::Scalar;
+  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
+  constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
+  for (int i = 0; i < system.nodes(); ++i) {
+    const Block shape = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
+    if (!all_finite(shape) || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
+    const Eigen::SelfAdjointEigenSolver<Block> modes(shape, Eigen::EigenvaluesOnly);
+    if (!(modes.eigenvalues().minCoeff() >= -kRounding && modes.eigenvalues().maxCoeff() <= 1 + kRounding))
+      return i;
+  }
+  return -1;
+}
+
+/// What is wrong with the parameters of a loss or potential, nullptr for nothing or none.
+template <typename Function>
+const char* parameter_problem(const Function& function) {
+  if constexpr (requires { function.problem(); }) return function.problem();
+  return nullptr;
+}
+
+template <typename Matrix>
+int first_column_not_finite(const Matrix& points) {
+  if (all_finite(points)) return -1;
+  int i = 0;
+  while (all_finite(points.col(i))) ++i;
+  return i;
+}
+
+/// The first entry that is not a finite number >= 0, or -1.
+template <typename Vector>
+int first_bad_entry(const Vector& values) {
+  for (int i = 0; i < values.size(); ++i) {
+    if (!(values[i] >= 0 && is_finite(values[i]))) return i;
+  }
+  return -1;
+}
+
+/// All of asterism::validate but the search for floating components.
+template <typename System>
+Defect validate_values(const System& system, const typename System::Points& x) {
+  if (system.defect()) return system.defect();
+  const int n = system.nodes();
+  if (n == 0) return {"system", -1, "has no nodes"};
+  if (system.anchors.cols() != n) return {"anchors", -1, "are not one a node"};
+  if (system.anchor_stiffness.size() != n) return {"anchor stiffness", -1, "is not one a node"};
+  if (system.rest_length.size() != system.link_count()) return {"rest length", -1, "is not one a link"};
+  if (system.link_stiffness.size() != system.link_count()) return {"link stiffness", -1, "is not one a link"};
+  if (x.cols() != n) return {"x", -1, "is not one column a node"};
+
+  constexpr auto kNotFinite = "is not finite";
+  constexpr auto kNotPositive = "is negative or not finite";
+  if (const int i = first_column_not_finite(system.anchors); i >= 0) return {"anchor", i, kNotFinite};
+  if (const int i = first_bad_entry(system.anchor_stiffness); i >= 0)
+    return {"anchor stiffness", i, kNotPositive};
+  if (const int l = first_bad_entry(system.rest_length); l >= 0) return {"rest length", l, kNotPositive};
+  if (const int l = first_bad_entry(system.link_stiffness); l >= 0)
+    return {"link stiffness", l, kNotPositive};
+  if constexpr (System::kAnisotropic) {
+    if (system.anchor_shape.cols() != System::kDim * n) return {"anchor shape", -1, "is not one a node"};
+    if (const int i = first_bad_shape(system); i >= 0)
+      return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
+  }
+  if (const char* problem = parameter_problem(system.anchor_loss)) return {"anchor loss", -1, problem};
+  if (const char* problem = parameter_problem(system.link_potential)) return {"link potential", -1, problem};
+  if (const int i = first_column_not_finite(x); i >= 0) return {"x of node", i, kNotFinite};
+  return {};
+}
+
+/// Whether any of the numbers first, ..., first + count - 1 lies in the memory of the system.
+template <typename System>
+bool shares_memory(const System& system, const typename System::Scalar* first, Eigen::Index count) {
+  const auto begin = reinterpret_cast<std::uintptr_t>(first);
+  const auto end = begin + sizeof(typename System::Scalar) * static_cast<std::size_t>(count);
+  const auto meets = [begin, end](const void* data, std::size_t size) {
+    const auto other = reinterpret_cast<std::uintptr_t>(data);
+    return begin < other + size && other < end;
+  };
+  if (meets(&system, sizeof system)) return true;
+  if constexpr (System::kMaxNodes == Eigen::Dynamic) {  // what is not in the object itself
+    const auto is_in = [&meets](const auto& matrix) {
+      return meets(matrix.data(), sizeof(typename System::Scalar) * static_cast<std::size_t>(matrix.size()));
+    };
+    if (is_in(system.anchors) || is_in(system.anchor_stiffness) || is_in(system.rest_length) ||
+        is_in(system.link_stiffness) || meets(system.links().data(), system.links().size_bytes()))
+      return true;
+    if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
+  }
+  return false;
+}
+
+constexpr Defect kSharesMemory{"x", -1, "shares memory with the system, such as its anchors: pass a copy"};
+
+template <typename System>
+Defect validate_components(const System& system, ComponentScratch<System>& scratch) {
+  if (const int i = first_floating_node(system, scratch); i >= 0) {
+    return {"node", i, "is in a connected component without anchor stiffness"};
+  }
+  return {};
+}
+
+}  // namespace detail
+
+/// What a solver would refuse `system` and `x` for: NaN, infinity, a negative stiffness or rest length, a bad
+/// link, a wrong size, an information matrix that is none, a scale that is not positive, or a connected
+/// component (links of zero stiffness do not connect) without anchor stiffness or a fixed node. Solvers also
+/// refuse an x in the memory of the system, which they would overwrite.
+template <typename System>
+Defect validate(const System& system, const typename System::Points& x) {
+  if (const Defect defect = detail::validate_values(system, x)) return defect;
+  detail::ComponentScratch<System> scratch;
+  return detail::validate_components(system, scratch);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

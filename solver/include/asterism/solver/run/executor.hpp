@@ -1,0 +1,54 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <atomic>
+#include <exception>
+#include <thread>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Something that calls f(0), ..., f(task_count - 1), in any order and possibly at the same time, and returns
+/// when all have returned. The f it is given never throws. Results do not depend on which executor it is.
+template <typename E>
+concept Executor = requires(E&& executor, int task_count, void (*f)(int)) {
+  executor(task_count, f);
+};
+
+/// One task after the other, in the calling thread.
+struct SerialExecutor {
+  /// Calls f(0) to f(task_count - 1), and returns when all have ended.
+  template <typename F>
+  void operator()(int task_count, F&& f) const {
+    for (int task = 0; task < task_count; ++task) f(task);
+  }
+};
+
+/// Threads of its own for each call, which the calling thread joins; where the system has no more of them,
+/// those there are do the work. A program with a pool of threads passes that instead.
+struct ThreadExecutor {
+  int threads = 0;  ///< with the calling one; 0: as many as the machine runs at once
+
+  /// Calls f(0) to f(task_count - 1), and returns when all have ended.
+  template <typename F>
+  void operator()(int task_count, F&& f) const {
+    std::atomic<int> next{0};
+    const auto work = [&] {
+      for (int task = next++; task < task_count; task = next++) f(task);
+    };
+    const int wanted = threads > 0 ? threads : static_cast<int>(std::thread::hardware_concurrency());
+    std::vector<std::thread> others;
+    const auto start = [&] {
+      for (int t = 1; t < std::min(wanted, task_count); ++t) others.emplace_back(work);
+    };
+    detail::attempt<std::exception>(start, [](const std::exception&) {});  // fewer then
+    work();
+    for (std::thread& other : others) other.join();
+  }
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,60 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <atomic>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What every solver takes.
+struct SolverOptions {
+  /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
+  /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
+  /// would move by more than 3e-7 px if the others stood still. Judged at the x that is returned, wherever
+  /// the start was. A tolerance below 64 epsilons of the scalar (1.4e-14, in float 8e-6) counts as that. One
+  /// below the rounding of the coordinates, which are then far from the origin, may end at NoProgress, and
+  /// the message says so; so may, below some 1e-7, methods that compare energies (Ceres).
+  double tolerance = 1e-8;
+
+  /// Iterations at most; 0 evaluates the start.
+  int max_iterations = 10000;
+
+  /// What to do with a connected component that no anchor holds (links of zero stiffness do not connect): its
+  /// energy does not change as it moves. False: InvalidInput, naming a node of it. True: its first node is
+  /// held where the start has it, which costs no energy.
+  bool ground_components = false;
+
+  /// Looked at in every iteration where it is given: once it is true, set by another thread, a signal handler
+  /// or a custom model, the solve ends with Status::Interrupted. What a solver cannot leave in the middle,
+  /// such as a factorisation, it ends first.
+  const std::atomic<bool>* stop = nullptr;
+
+  /// Whether `stop` was set.
+  bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
+
+  /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
+  constexpr const char* problem() const {
+    if (!(tolerance >= 0) || !detail::is_finite(tolerance))
+      return "option tolerance is negative or not finite";
+    if (max_iterations < 0) return "option max_iterations is negative";
+    return nullptr;
+  }
+};
+
+/// What solvers take that can start with rigid_alignment of x (unless x is stationary, or max_iterations 0):
+/// it is not counted as an iteration, cannot raise the energy, and removes the modes that are slowest where
+/// anchors are weak.
+struct AlignedOptions : SolverOptions {
+  /// Start with rigid_alignment of x.
+  bool align = true;
+
+  /// The alignment may also mirror x: for constellations whose mirror image is as good.
+  bool allow_reflection = false;
+
+  constexpr AlignedOptions() = default;
+  constexpr AlignedOptions(const SolverOptions& options) : SolverOptions(options) {}
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,222 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/free_motion.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <atomic>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <new>
+#include <optional>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+/// What a sum of the energies of all springs may be off by.
+template <typename System>
+typename System::Scalar rounding_of_energy(const System& system, typename System::Scalar energy) {
+  using Scalar = typename System::Scalar;
+  const auto terms = static_cast<Scalar>(system.nodes() + system.link_count());
+  return terms * std::numeric_limits<Scalar>::epsilon() * energy;
+}
+
+/// The frame around every solver's iterations: validation before, and the library's own verdict after, so
+/// that all methods are held to the same rule and bad input costs nobody an x. It keeps its memory between
+/// solves.
+template <typename System>
+class Session {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  /// Runs iterate(system, summary), which improves x and returns why it stopped, between validation and
+  /// verdict, after the alignment if the options have one and want it. The system that it gets is the given
+  /// one, grounded where the options want that.
+  template <typename Options, typename Iterate>
+  Summary run(std::string_view name, const Options& options, const System& given, Points& x,
+              Iterate&& iterate) {
+    const auto begin = std::chrono::steady_clock::now();
+    has_run_ = true;
+    nodes_ = given.nodes();
+    links_ = given.link_count();
+    Summary summary;
+    summary.solver = name;
+    bool started = false;
+    const auto solve = [&] {
+      if (const System* system = start(options, given, x, summary)) {
+        started = true;
+        summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
+        summary.linear_solves = summary.factorizations = 0;
+        summary.message.clear();
+        if constexpr (requires { options.align; }) {
+          if (options.align && options.max_iterations > 0 && !done(gradient_))
+            align(*system, x, options.allow_reflection);
+        }
+        judge(iterate(*system, summary), *system, x, summary);
+      }
+    };
+    attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
+      if (started) x = start_;
+      summary.status = Status::OutOfMemory;
+      summary.message = memory_message(error);
+    });
+    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return summary;
+  }
+
+  /// Whether the last solve, if any, was of as many nodes and links.
+  bool fits(const System& system) const {
+    return !has_run_ || (nodes_ == system.nodes() && links_ == system.link_count());
+  }
+
+  /// Whether the method is to end at an iterate with this gradient: it is stationary, or the caller has asked
+  /// to stop, which the verdict tells apart. A gradient with NaN counts as done: the verdict rejects it.
+  bool done(const Points& gradient) const { return rule_.reached(gradient) || stopped(); }
+  /// Whether the caller has asked to stop.
+  bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
+  /// Whether a method is to end short of the tolerance, as its steps are rounding alone: for methods that do
+  /// not find that out by themselves, to be asked at every iterate. Every so many iterations the gradient is
+  /// looked at: one that is rounding beside x is to be half of what it was.
+  bool stalls(const Points& x, const Points& gradient, int iteration) {
+    constexpr int kLook = 16;
+    if (iteration % kLook != 0 || !rule_.is_rounding(x, gradient)) return false;
+    const Scalar before = looked_at_;
+    looked_at_ = gradient.squaredNorm();
+    return !(looked_at_ < before / 4);
+  }
+  /// The tolerance asked for, or what the scalar resolves where that is more.
+  Scalar tolerance() const { return rule_.tolerance(); }
+  /// The characteristic length of the system that is solved.
+  Scalar length() const { return rule_.length(); }
+
+  /// A_ii of the system that is solved.
+  const typename System::NodeVector& node_stiffness() const { return rule_.node_stiffness(); }
+
+  /// The library's energy and gradient at x. Where the method ends at this x, the verdict is on these and
+  /// does not compute them again; before the first call, they are those at the start.
+  void evaluate(const System& system, const Points& x) {
+    energy_ = energy_and_gradient(system, x, gradient_);
+    evaluated_ = x;
+    is_evaluated_ = true;
+  }
+  /// The same for energy and gradient that the method has from the library's functions.
+  void adopt(const Points& x, Scalar energy, const Points& gradient) {
+    energy_ = energy;
+    gradient_ = gradient;
+    evaluated_ = x;
+    is_evaluated_ = true;
+  }
+  Scalar energy() const { return energy_; }
+  const Points& gradient() const { return gradient_; }
+
+ private:
+  // The system to solve, nullptr with the reason in the summary where there is none.
+  template <typename Options>
+  const System* start(const Options& options, const System& given, const Points& x, Summary& summary) {
+    summary.status = Status::InvalidInput;
+    summary.message.clear();
+    const System* system = &given;
+    if (shares_memory(given, x.data(), x.size())) {
+      summary.message = kSharesMemory;
+    } else if (const Defect defect = validate_values(given, x)) {
+      summary.message = defect;
+    } else if (const char* problem = options.problem()) {
+      summary.message = problem;
+    } else if (options.ground_components) {
+      system = grounded(given);
+    } else if (const Defect floating = validate_components(given, scratch_)) {
+      summary.message = floating;
+    }
+    if (!summary.message.empty()) return nullptr;
+    is_evaluated_ = false;
+    looked_at_ = std::numeric_limits<Scalar>::infinity();
+    stop_ = options.stop;
+
+    start_ = x;
+    energy_ = energy_and_gradient(*system, x, gradient_);
+    if (!is_finite(energy_) || !all_finite(gradient_) || !rule_.set(*system, x, options.tolerance)) {
+      summary.status = Status::NumericalFailure;
+      summary.message = "energy or gradient at the start leave the range of the scalar";
+      return nullptr;
+    }
+    start_energy_ = energy_;
+    summary.initial_energy = static_cast<double>(energy_);
+    return system;
+  }
+
+  // Holds one node of each component that no anchor holds: a component like that has the same energy wherever
+  // it is moved to, and this keeps it where the start has it.
+  const System* grounded(const System& given) {
+    if (first_floating_node(given, scratch_) < 0) return &given;
+    grounded_ = given;
+    for_each_floating_component(given, scratch_, [this](int i) { grounded_->fix(i); });
+    return &*grounded_;
+  }
+
+  // `reason` is what the method says; energy and gradient at x have the last word.
+  void judge(Status reason, const System& system, Points& x, Summary& summary) {
+    if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
+    if (!is_finite(energy_) || !all_finite(gradient_)) reason = Status::NumericalFailure;
+    if (reason == Status::NumericalFailure ||
+        energy_ > start_energy_ + rounding_of_energy(system, start_energy_)) {
+      x = start_;
+      energy_ = energy_and_gradient(system, x, gradient_);
+      if (summary.message.empty()) summary.message = "no step lowered the energy";
+      if (reason != Status::NumericalFailure) reason = Status::NoProgress;
+    } else if (rule_.reached(gradient_)) {
+      reason = Status::Converged;
+    } else if (stopped()) {
+      reason = Status::Interrupted;
+    } else if (reason == Status::Converged) {
+      reason = Status::NoProgress;
+    }
+    summary.status = reason;
+    if (summary.message.empty() && reason == Status::NoProgress && rule_.is_rounding(x, gradient_)) {
+      summary.message.assign(
+          "the rounding of the coordinates is above the tolerance: loosen it, or move the origin near the "
+          "nodes");
+    }
+    if (summary.message.empty()) {
+      summary.message.assign(reason == Status::Converged       ? "stationary to the tolerance"
+                             : reason == Status::MaxIterations ? "not yet stationary"
+                             : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
+                                                               : "stopped short of the tolerance");
+    }
+    if (summary.positive_definite == 1 && (peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
+      summary.positive_definite = 0;
+    summary.final_energy = static_cast<double>(energy_);
+    summary.gradient_norm = gradient_.template cast<double>().norm();
+    summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
+  }
+
+  bool has_run_ = false;
+  int nodes_ = 0;  // of the last system
+  int links_ = 0;
+  StoppingRule<System> rule_;
+  const std::atomic<bool>* stop_ = nullptr;
+  std::optional<System> grounded_;
+  ComponentScratch<System> scratch_;
+  FreeMotions<System> free_motions_;
+  Points start_;
+  Points gradient_;
+  Points evaluated_;  // where energy_ and gradient_ are from, if is_evaluated_
+  bool is_evaluated_ = false;
+  Scalar energy_ = 0;
+  Scalar start_energy_ = 0;
+  Scalar looked_at_ = 0;  // the gradient squared, by stalls()
+};
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <ostream>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What every solver returns. Numbers are -1 until they are known. Energies, gradient norm and stationarity
+/// are computed by this library from x, whatever the solver, and their cost is in `seconds` but not in the
+/// counts.
+struct Summary {
+  Status status = Status::NotRun;            ///< why it stopped
+  Message message = "solve was not called";  ///< what was wrong, or more on the status
+  std::string_view solver;                   ///< name of the solver
+  int iterations = -1;                       ///< updates of x
+  int energy_evaluations = -1;               ///< made by the method
+  int gradient_evaluations = -1;             ///< made by the method
+  int linear_solves = -1;                    ///< with all dimensions as right-hand sides counting once
+  int factorizations = -1;                   ///< of a matrix
+  double initial_energy = -1;                ///< E at the x given
+  double final_energy = -1;                  ///< E at the x returned
+  double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
+  double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
+  int positive_definite = -1;  ///< 1: the Hessian at the x returned is, x is a strict local minimum if
+                               ///< stationary; 0: it is not, or nothing holds a component, or a part of
+                               ///< one, against turning or sliding; -1: the method did not look
+  double seconds = -1;         ///< wall-clock time in solve
+
+  /// x is finite and at least as good as the start.
+  bool usable() const {
+    return status == Status::Converged || status == Status::MaxIterations || status == Status::NoProgress ||
+           status == Status::Interrupted;
+  }
+};
+
+inline std::ostream& operator<<(std::ostream& out, const Summary& summary) {
+  out << summary.solver << ": " << summary.status;
+  if (summary.usable()) {
+    out << " after " << summary.iterations << " iterations, energy " << summary.initial_energy << " -> "
+        << summary.final_energy << ", stationarity " << summary.stationarity << ", " << summary.seconds
+        << " s";
+  }
+  return out << " (" << summary.message << ")";
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
