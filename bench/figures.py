@@ -216,7 +216,7 @@ class Style:
     marker: str
 
 
-# The solvers that are drawn in colour, where --solvers does not name others. Colours differ in luminance, and
+# The solvers that are drawn in color, where --solvers does not name others. Colors differ in luminance, and
 # dashes and markers in shape, for gray paper and every eye.
 STYLES = {
     "ida": Style("IDA", "#111111", "-", "o"),
@@ -278,19 +278,19 @@ SETTINGS = {
 
 
 class Palette:
-    """Which solvers are drawn in colour, and how."""
+    """Which solvers are drawn in color, and how."""
 
     def __init__(self, chosen: list[str] | None):
         self.chosen = chosen
         unnamed = [name for name in chosen or [] if name not in STYLES]
         self.extra = dict(zip(unnamed, EXTRA_STYLES * (1 + len(unnamed) // len(EXTRA_STYLES))))
 
-    def in_colour(self, name: str) -> bool:
+    def in_color(self, name: str) -> bool:
         return name in (STYLES if self.chosen is None else self.chosen)
 
     def __call__(self, name: str) -> dict[str, Any]:
         """Arguments of Axes.plot."""
-        if not self.in_colour(name):
+        if not self.in_color(name):
             return {"color": GRAY, "linewidth": 0.8, "zorder": 1.5}
         style = STYLES.get(name) or self.extra[name]
         front = 4 if name == "ida" else 3 if name == "ncg" else 2
@@ -362,18 +362,18 @@ def panels(
 
 
 def legend_of(names: list[str], palette: Palette) -> list[plt.Line2D]:
-    """A line for each in colour, and one for all others."""
-    coloured = [name for name in names if palette.in_colour(name)]
-    lines = [plt.Line2D([], [], label=label_of(name), **palette(name)) for name in coloured]
-    if len(coloured) < len(names):
-        count = len(names) - len(coloured)
+    """A line for each in color, and one for all others."""
+    colored = [name for name in names if palette.in_color(name)]
+    lines = [plt.Line2D([], [], label=label_of(name), **palette(name)) for name in colored]
+    if len(colored) < len(names):
+        count = len(names) - len(colored)
         others = "1 other" if count == 1 else f"{count} others"
         lines.append(plt.Line2D([], [], color=GRAY, linewidth=0.8, label=others))
     return lines
 
 
 def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
-    """Names of lines (x, y, text, colour) at their ends; those at the right edge beside it, moved apart where
+    """Names of lines (x, y, text, color) at their ends; those at the right edge beside it, moved apart where
     they would overlap. All in fractions of the axes, which do not depend on the resolution."""
     apart = 10.5 / 72 * axes.figure.dpi / axes.get_window_extent().height
     beside = 1 + 0.15 * axes.figure.dpi / axes.get_window_extent().width  # [inch]
@@ -536,7 +536,7 @@ def draw_convergence(results: Results, palette: Palette) -> list[Drawing]:
                 last = max(last, curve.looks[end])
                 shown = slice(1, end + 1)
                 right.plot(curve.looks[shown], np.maximum(median[shown], LEAST_GAP), markevery=2, **style)
-                if name in BANDS and palette.in_colour(name):
+                if name in BANDS and palette.in_color(name):
                     low, high = (np.maximum(curve.gap(p)[1:], LEAST_GAP) for p in (0.05, 0.95))
                     band(right, curve.looks[1:], low, high, style["color"])
             left.set(yscale="log", xlim=(0, 20), xlabel="iterations", ylabel="mean of $E / E_0$")
@@ -664,9 +664,9 @@ def draw_effort(
     x, middle, low, high = np.array(points).T
     style = palette(name)
     axes.plot(x, middle, **style)
-    if name in BANDS and palette.in_colour(name) and len(x) > 1:
+    if name in BANDS and palette.in_color(name) and len(x) > 1:
         band(axes, x, low, high, style["color"])
-    elif palette.in_colour(name):
+    elif palette.in_color(name):
         axes.vlines(x * 10**dodge, low, high, color=style["color"], linewidth=0.7, alpha=0.8, zorder=1.8)
 
 
@@ -985,7 +985,7 @@ def draw_pareto(results: Results, palette: Palette) -> list[Drawing]:
             for name, curve in curves.items():
                 at.plot(*curve.T, **palette(name))
             at.get_ylim()  # settles the limits, which the labels' places depend on
-            drawn = [name for name, curve in curves.items() if palette.in_colour(name) and len(curve)]
+            drawn = [name for name, curve in curves.items() if palette.in_color(name) and len(curve)]
             label_ends(at, [(*curves[name][-1], label_of(name), palette(name)["color"]) for name in drawn])
         drawings.append(Drawing(f"pareto-{kind}", figure, title, PARETO_CAPTION))
     return drawings
@@ -1095,7 +1095,7 @@ def main() -> None:
     parser.add_argument(
         "--out", type=pathlib.Path, required=True, help="folder of the figures; OUT.md is the page"
     )
-    parser.add_argument("--solvers", help="those in colour, separated by commas (default: the better known)")
+    parser.add_argument("--solvers", help="those in color, separated by commas (default: the better known)")
     options = parser.parse_args()
 
     palette = Palette(options.solvers.split(",") if options.solvers else None)

@@ -1,8 +1,8 @@
 #include "parts_bench.hpp"
 
-#include <asterism/parts/fhog.hpp>
-#include <asterism/parts/kcf.hpp>
-#include <asterism/parts/mrf.hpp>
+#include <asterism/parts/features/fhog.hpp>
+#include <asterism/parts/features/mrf.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <cstdio>
 #include <functional>
 #include <memory>
@@ -12,7 +12,7 @@
 #include <vector>
 
 #include "bars.hpp"
-#include "filter_plan.hpp"
+#include "kernels/filter_plan.hpp"
 
 #ifdef ASTERISM_BENCH_DLIB
 #include <dlib/image_transforms.h>
@@ -257,7 +257,7 @@ void parts_bench(bool quick) {
   Stages root(80), part(40);
   Constellation constellation;
   Item five{"a root and four parts", [&] { constellation.step_on_next(); }};
-  Item with_frame{"the same from a colour image", [&] { constellation.step(); }};
+  Item with_frame{"the same from a color image", [&] { constellation.step(); }};
   const cv::Mat map = likelihood();
   Item mrf{"random field of 32 x 32 cells", [&] { regularize_posterior(map); }};
 

@@ -34,10 +34,10 @@ def solved(system, start):
     return x, summary.final_energy
 
 
-def draw(axes, system, x, colour):
+def draw(axes, system, x, color):
     for link in system.topology.links:
-        axes.plot(*x[link].T, color=colour, linewidth=1)
-    axes.plot(*x.T, 'o', color=colour, markersize=5)
+        axes.plot(*x[link].T, color=color, linewidth=1)
+    axes.plot(*x.T, 'o', color=color, markersize=5)
 
 
 def minima(path):
@@ -87,15 +87,15 @@ def majoriser(path):
     energies = np.array([e(at) for at in y])
     figure, axes = plt.subplots(figsize=(6.6, 3.1), layout='constrained')
     axes.plot(y, energies, color='black', label='E')
-    for x, colour in ((0.9, 'tab:orange'), (-0.15, 'tab:blue')):
+    for x, color in ((0.9, 'tab:orange'), (-0.15, 'tab:blue')):
         def bound(at):
             return e(x) + slope(x) * (at - x) + stiffness / 2 * (at - x) ** 2
         following = x - slope(x) / stiffness
         if not (np.all(bound(y) >= energies - 1e-12) and e(following) < e(x)):
             sys.exit('theory_figures.py: not a majoriser')
-        axes.plot(y, bound(y), '--', color=colour, linewidth=1, label=f'majoriser at {x}')
-        axes.plot(x, e(x), 'o', color=colour, markersize=5)
-        axes.plot(following, bound(following), 'v', color=colour, markersize=6)
+        axes.plot(y, bound(y), '--', color=color, linewidth=1, label=f'majoriser at {x}')
+        axes.plot(x, e(x), 'o', color=color, markersize=5)
+        axes.plot(following, bound(following), 'v', color=color, markersize=6)
     axes.set_ylim(0, 1)
     axes.set_xlabel('y')
     axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))

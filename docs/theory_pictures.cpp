@@ -1,7 +1,7 @@
 // asterism-theory-pictures FOLDER: the pictures of docs/theory.md, each of a scene that is drawn here. Ends
 // with an error where one does not show what the page says of it.
-#include <asterism/parts/colour.hpp>
-#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/models/color.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <cstdint>
 #include <cstdio>
 #include <exception>
@@ -17,7 +17,7 @@ namespace {
 constexpr int kPanel = 160, kGap = 8;  // [px]
 const cv::Scalar kMark(0, 140, 255);   // orange
 
-// Panels side by side; transparent between them, so that it suits pages of any colour.
+// Panels side by side; transparent between them, so that it suits pages of any color.
 void write(const std::filesystem::path& path, const std::vector<cv::Mat>& panels) {
   cv::Mat picture;
   for (const cv::Mat& panel : panels) {
@@ -34,10 +34,10 @@ void write(const std::filesystem::path& path, const std::vector<cv::Mat>& panels
 }
 
 // A map from its least to its greatest value.
-cv::Mat shown(const cv::Mat& map, int colours) {
+cv::Mat shown(const cv::Mat& map, int colors) {
   cv::Mat levels, panel;
   cv::normalize(map, levels, 0, 255, cv::NORM_MINMAX, CV_8U);
-  cv::applyColorMap(levels, panel, colours);
+  cv::applyColorMap(levels, panel, colors);
   cv::resize(panel, panel, {kPanel, kPanel}, 0, 0, cv::INTER_NEAREST);
   return panel;
 }
@@ -112,14 +112,14 @@ void draw_kcf(const std::filesystem::path& path) {
                shown(map_of(response), cv::COLORMAP_VIRIDIS)});
 }
 
-// A reddish ellipse on green, in colours that vary from block to block, with stains of either colour on the
+// A reddish ellipse on green, in colors that vary from block to block, with stains of either color on the
 // other.
-void draw_colour(const std::filesystem::path& path) {
+void draw_color(const std::filesystem::path& path) {
   constexpr int kBlock = 2;
   const cv::Rect box(46, 33, 68, 94);
   cv::RNG random(3);
-  const auto ellipse = [&](cv::Mat& image, const cv::Scalar& colour) {
-    cv::ellipse(image, (box.tl() + box.br()) / 2, box.size() / 2, 0, 0, 360, colour, cv::FILLED);
+  const auto ellipse = [&](cv::Mat& image, const cv::Scalar& color) {
+    cv::ellipse(image, (box.tl() + box.br()) / 2, box.size() / 2, 0, 0, 360, color, cv::FILLED);
   };
   cv::Mat truth(kPanel, kPanel, CV_8U, cv::Scalar::all(0));
   ellipse(truth, cv::Scalar::all(255));
@@ -138,9 +138,9 @@ void draw_colour(const std::filesystem::path& path) {
 
   const Frame frame(image);
   const auto segmented = [&](bool with_field) {
-    ColourOptions options;
+    ColorOptions options;
     options.mrf.enabled = with_field;
-    ColourModel model(options);
+    ColorModel model(options);
     model.init(frame, box);
     return model.segment(frame, cv::Rect({}, image.size()), Size2(box.width, box.height));
   };
@@ -155,7 +155,7 @@ void draw_colour(const std::filesystem::path& path) {
       }
     return count;
   };
-  std::printf("wrong cells: %d by colour alone, %d by the field, of %d\n", wrong(alone), wrong(field),
+  std::printf("wrong cells: %d by color alone, %d by the field, of %d\n", wrong(alone), wrong(field),
               static_cast<int>(field.posterior.total()));
   if (2 * wrong(field) > wrong(alone)) throw std::runtime_error("the field does not mend half of the cells");
 
@@ -181,7 +181,7 @@ int main(int argc, char** argv) {
     const std::filesystem::path folder(argv[1]);
     std::filesystem::create_directories(folder);
     asterism::draw_kcf(folder / "theory-kcf.png");
-    asterism::draw_colour(folder / "theory-colour.png");
+    asterism::draw_color(folder / "theory-color.png");
   } catch (const std::exception& e) {
     std::fprintf(stderr, "asterism-theory-pictures: %s\n", e.what());
     return 1;

@@ -27,7 +27,7 @@ def plus(**changes):
 
 def prior(foreground):
     """DPT with this prior of the foreground."""
-    return {"coarse": {"colour": {"foreground_prior": foreground}}}
+    return {"coarse": {"color": {"foreground_prior": foreground}}}
 
 
 # A random field that comes to its end, and an even prior with it.
@@ -41,8 +41,8 @@ MOTION = {"motion_share": 0.45}
 
 def grown(coarse=None, **changes):
     """DPT with the root of dpt_plus and the prior that goes with it, and more."""
-    return {"coarse": {"root": {"model": "spatial_reliability", "colour_channels": True},
-                       "colour": {"foreground_prior": 0.375}, **(coarse or {})}, **changes}
+    return {"coarse": {"root": {"model": "spatial_reliability", "color_channels": True},
+                       "color": {"foreground_prior": 0.375}, **(coarse or {})}, **changes}
 
 
 # Of each tracker: the name of a row, a tracker's name, and its options.
@@ -55,18 +55,18 @@ VARIANTS = {
         "3 x 3 small parts": ("dpt_3x3_nov", {}),
         "coarse layer alone": ("dpt_crs", {}),
         "coarse layer alone, prior 1/2, MRF until it converges":
-            ("dpt_crs", {"colour": EVEN_CONVERGED}),
+            ("dpt_crs", {"color": EVEN_CONVERGED}),
         "root filter alone": ("dpt_crs_nos", {}),
         "KCF": ("kcf", {}),
-        "no colour": ("dpt", {"coarse": {"use_colour": False}}),
-        "no MRF": ("dpt", {"coarse": {"colour": {"mrf": {"enabled": False}}}}),
-        "MRF until it converges": ("dpt", {"coarse": {"colour": CONVERGED}}),
+        "no color": ("dpt", {"coarse": {"use_color": False}}),
+        "no MRF": ("dpt", {"coarse": {"color": {"mrf": {"enabled": False}}}}),
+        "MRF until it converges": ("dpt", {"coarse": {"color": CONVERGED}}),
         "foreground prior 0.15": ("dpt", prior(0.15)),
         "foreground prior 0.25": ("dpt", prior(0.25)),
         "foreground prior 3/8": ("dpt", prior(0.375)),
         "foreground prior 1/2": ("dpt", prior(0.5)),
         "foreground prior 1/2, MRF until it converges":
-            ("dpt", {"coarse": {"colour": EVEN_CONVERGED}}),
+            ("dpt", {"coarse": {"color": EVEN_CONVERGED}}),
         "no response gate": ("dpt", {"response_gate": 0}),
         "no mask gate": ("dpt", {"mask_gate": 0}),
         "Euclidean transform": ("dpt", {"transform": "euclidean"}),
@@ -95,7 +95,7 @@ VARIANTS = {
         "+ scale filter": ("dpt", grown(**SCALE)),
         "+ motion": ("dpt", grown(coarse=MOTION, **SCALE)),
         "without the root's filter": plus(coarse={"root": "kcf"}),
-        "without colour": plus(coarse={"use_colour": False}),
+        "without color": plus(coarse={"use_color": False}),
         "without motion": plus(coarse={"motion_share": 0}),
         "motion 0.6": plus(coarse={"motion_share": 0.6}),
         "resized parts": plus(resize_parts=True),

@@ -4,7 +4,7 @@
 #include <CLI/CLI.hpp>
 #include <Eigen/LU>
 #include <algorithm>
-#include <asterism/parts/part_registry.hpp>
+#include <asterism/parts/concept/part_registry.hpp>
 #include <cmath>
 #include <cstdio>
 #include <map>

@@ -157,13 +157,13 @@ Track candidates(const bench::Image& image, const Region& object) {
     run->first.resize({result.box.width, result.box.height});
     run->first.localize(Frame(next.pixels), centre_of(result.box));
     const double first = run->first.similarity_at(centre_of(result.box));
-    const double root = result.confidence, colour = run->tracker->coarse().evidence().peak;
+    const double root = result.confidence, color = run->tracker->coarse().evidence().peak;
     const double energy = run->tracker->summary().final_energy;
     run->mean = (run->mean * run->frames + root) / (run->frames + 1);
     run->frames += 1;
     Answer answer{Region::rectangle(result.box), {}, std::move(result.covariance)};
     answer.signals = {{kConfidence, root},
-                      {"root x colour", colour},
+                      {"root x color", color},
                       {"root's PSR", run->seen->psr},
                       {"root's APCE", run->seen->apce},
                       {"root / its mean", root / run->mean},
@@ -173,7 +173,7 @@ Track candidates(const bench::Image& image, const Region& object) {
                       {"- stretch of anchors", -stretch},
                       {"root x parts", root * parts},
                       {"root x parts x exp(-energy)", root * parts * std::exp(-energy)},
-                      {"root x colour x parts", colour * parts},
+                      {"root x color x parts", color * parts},
                       {"root x PSR", root * run->seen->psr},
                       {"first frame's root", first},
                       {"root x first", root * first},

@@ -13,7 +13,7 @@ namespace asterism::bench {
 
 namespace {
 
-constexpr std::size_t kColours = 8;
+constexpr std::size_t kColors = 8;
 constexpr double kWidth = 720;         // of every chart [px]
 constexpr double kTop = 34;            // below the title
 constexpr double kBottom = 44;         // for the ticks and the label of the horizontal axis
@@ -72,14 +72,14 @@ std::string rectangle(double x, double y, double width, double height, std::stri
               tooltip.empty() ? std::string() : title(tooltip), "</rect>\n");
 }
 
-/// The classes that give a tracker its colour and dash.
+/// The classes that give a tracker its color and dash.
 std::string classes_of(std::size_t tracker) {
-  return join("c", std::to_string(tracker % kColours), " d", std::to_string(tracker / kColours % 3));
+  return join("c", std::to_string(tracker % kColors), " d", std::to_string(tracker / kColors % 3));
 }
 
-/// One shape for each colour, so that markers tell more than the colours alone.
+/// One shape for each color, so that markers tell more than the colors alone.
 std::string marker(double x, double y, std::size_t tracker, std::string_view tooltip = {}) {
-  constexpr std::array<std::string_view, kColours> kShapes = {
+  constexpr std::array<std::string_view, kColors> kShapes = {
       "M-5,0a5,5 0 1 0 10,0a5,5 0 1 0 -10,0z",                         // disc
       "M-4.5,-4.5h9v9h-9z",                                            // square
       "M0,-5.8L5.4,4.2H-5.4z",                                         // triangle
@@ -90,7 +90,7 @@ std::string marker(double x, double y, std::size_t tracker, std::string_view too
       "M-5.8,0L4.2,-5.4V5.4z"};                                        // triangle that points left
   return join("<path", attribute("class", join("marker ", classes_of(tracker))),
               attribute("transform", join("translate(", px(x), ",", px(y), ")")),
-              attribute("d", kShapes[tracker % kColours]), ">",
+              attribute("d", kShapes[tracker % kColors]), ">",
               tooltip.empty() ? std::string() : title(tooltip), "</path>\n");
 }
 

@@ -13,7 +13,7 @@ namespace asterism::bench {
 // Any text may hold any character. A chart takes the width of its container up to its own. What is NaN is
 // left out.
 
-/// The style sheet of all charts, without <style>: colours for light and dark pages, safe for colour-blind
+/// The style sheet of all charts, without <style>: colors for light and dark pages, safe for color-blind
 /// readers.
 std::string plot_style();
 
@@ -34,8 +34,8 @@ struct PlotAxis {
   bool reversed = false;  ///< with the high end at the left or bottom, for ranks
 };
 
-/// What is drawn of a tracker has the colour, marker and dash of its number, in every chart of a page. Eight
-/// differ in colour, then the dash does.
+/// What is drawn of a tracker has the color, marker and dash of its number, in every chart of a page. Eight
+/// differ in color, then the dash does.
 struct Series {
   std::string name;
   std::vector<double> x, y;  ///< as many; NaN interrupts the line

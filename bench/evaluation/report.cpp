@@ -403,7 +403,7 @@ std::string differences(const Analysis& analysis, const std::string& baseline) {
   return tables +
          note(
              "Paired bootstrap: both trackers on the same resamples of sequences and starts. Small figures: "
-             "95 % interval of the difference; where it excludes 0, the difference has a * and a colour, "
+             "95 % interval of the difference; where it excludes 0, the difference has a * and a color, "
              "green if the row is better. Of many comparisons, one in 20 does so by chance.");
 }
 

@@ -25,7 +25,7 @@ std::string base64(const std::vector<unsigned char>& bytes) {
   return text;
 }
 
-void draw(cv::Mat& image, const Region& region, double scale, const cv::Scalar& colour) {
+void draw(cv::Mat& image, const Region& region, double scale, const cv::Scalar& color) {
   constexpr int kShift = 4;          // polylines in sixteenths of a pixel
   constexpr double kFarthest = 1e5;  // [px], so that integers hold it
   std::vector<cv::Point> points;
@@ -36,7 +36,7 @@ void draw(cv::Mat& image, const Region& region, double scale, const cv::Scalar& 
     points.emplace_back(place(point.x), place(point.y));
   }
   cv::polylines(image, points, true, cv::Scalar::all(0), 4, cv::LINE_AA, kShift);
-  cv::polylines(image, points, true, colour, 2, cv::LINE_AA, kShift);
+  cv::polylines(image, points, true, color, 2, cv::LINE_AA, kShift);
 }
 
 std::string picture(const Campaign& campaign, const Loss& loss) {

@@ -42,7 +42,7 @@ BAD = {
     'which no test knows': '```perl\nx\n```\n',
     'does not include README_1.inc once': '```cpp fragment\nf();\n```\n',
     'knows no option --unknown': '```sh\nasterism-fake run --unknown\n```\n',
-    'knows no option --colour': '```sh\npython3 bench/draw.py --colour\n```\n',
+    'knows no option --color': '```sh\npython3 bench/draw.py --color\n```\n',
     'is no program of the project': '```sh\nasterism-none\n```\n',
     'is not a known command': '```sh\nfrobnicate x\n```\n',
     'bench/none.py is not in the project': '```sh\npython3 bench/none.py\n```\n',

@@ -1,9 +1,9 @@
 // The ```cpp fragment blocks of the pages, each in what it says that it is in, as it stands there.
 #include <gtest/gtest.h>
 
-#include <asterism/parts/kcf.hpp>
-#include <asterism/parts/scale_filter.hpp>
-#include <asterism/parts/state.hpp>
+#include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/models/kcf.hpp>
+#include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>

@@ -33,7 +33,7 @@ class DatasetTest : public testing::Test {
     std::ofstream(root_ / file) << text;
   }
 
-  // Images first .. last of a folder, whose one colour is their number.
+  // Images first .. last of a folder, whose one color is their number.
   void images(const std::string& folder, int first, int last, const char* format = "%08d.png") {
     fs::create_directories(root_ / folder);
     for (int i = first; i <= last; ++i) {

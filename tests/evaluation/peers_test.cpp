@@ -150,7 +150,7 @@ TEST(EvaluatedTrackers, OtherFiltersFindWhatOursFind) {
                                     std::pair("spatial_reliability", "opencv-csrt")}) {
     if (!std::count(names.begin(), names.end(), peer)) continue;
     const std::vector<Point2> theirs = centres(peer), ours = centres(std::string(R"(coarse{"root": ")") +
-                                                                     model + R"(", "use_colour": false})");
+                                                                     model + R"(", "use_color": false})");
     for (int t = 1; t < kFrames; ++t) {
       const auto i = static_cast<std::size_t>(t - 1);
       EXPECT_LT((ours[i] - centre_of(true_box(t))).norm(), 1.5) << model << t;

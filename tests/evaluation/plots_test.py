@@ -131,8 +131,8 @@ class Charts(unittest.TestCase):
         light, dark = re.findall(r"--c0: .*?}", self.style, re.S)
         for i in range(8):
             self.assertIn(f".plot .c{i}", self.style)
-            colours = [re.search(rf"--c{i}: (\S+);", scheme).group(1) for scheme in (light, dark)]
-            self.assertNotEqual(*colours)
+            colors = [re.search(rf"--c{i}: (\S+);", scheme).group(1) for scheme in (light, dark)]
+            self.assertNotEqual(*colors)
         page_classes = {c for chart in (self.lines, self.scatter, self.bars, self.timeline)
                         for element in chart.svg.iter() for c in classes(element)}
         for name in page_classes - {"plot", "name", "d0"}:

@@ -1,4 +1,4 @@
-// Protocols and what is scored, with trackers that do as they are told: they know the frame by its colour.
+// Protocols and what is scored, with trackers that do as they are told: they know the frame by its color.
 #include "protocols.hpp"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ class ProtocolsTest : public testing::Test {
   }
   void TearDown() override { fs::remove_all(root_); }
 
-  // Frames of one colour, their number from 0; the object is at (10 + t, 20), 10 x 8.
+  // Frames of one color, their number from 0; the object is at (10 + t, 20), 10 x 8.
   Sequence sequence(int length, const std::string& name = "moving") {
     Sequence result;
     result.name = name;

@@ -1,8 +1,8 @@
 // Names of part models, and files in place of the libraries that they name: a part, a std::invalid_argument
 // or, for what cannot be loaded, a std::runtime_error. An input is a name, a line feed, and the file.
 
-#include <asterism/parts/part_plugin.hpp>
-#include <asterism/parts/part_registry.hpp>
+#include <asterism/parts/concept/part_plugin.hpp>
+#include <asterism/parts/concept/part_registry.hpp>
 #include <stdexcept>
 #include <string>
 

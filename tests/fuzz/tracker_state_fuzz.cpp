@@ -2,9 +2,9 @@
 // or says why not. An input says which tracker, and what is written where into the state that it saves.
 
 #include <array>
-#include <asterism/parts/color_histogram.hpp>
-#include <asterism/parts/mosse.hpp>
-#include <asterism/parts/template.hpp>
+#include <asterism/parts/models/color_histogram.hpp>
+#include <asterism/parts/models/mosse.hpp>
+#include <asterism/parts/models/template.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <cstring>
 #include <functional>
@@ -34,7 +34,7 @@ std::vector<Saved> saved_trackers() {
   };
   const ColorHistogram histogram({.space = ColorHistogramOptions::Space::Gray, .bins = 8});
   CoarseOptions coarse;
-  coarse.use_colour = false;
+  coarse.use_color = false;
   coarse.root = histogram;
   add([=] { return AnyTracker(CoarseTracker(coarse)); });
   for (const AnyPart& part : {AnyPart(histogram), AnyPart(Template()), AnyPart(Mosse())}) {

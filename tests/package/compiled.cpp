@@ -23,7 +23,7 @@
 #ifdef HAVE_JSON
 #endif
 #ifdef HAVE_PARTS
-#include <asterism/parts/response.hpp>
+#include <asterism/parts/concept/response.hpp>
 #endif
 #ifdef HAVE_TRACKERS
 #include <asterism/trackers/tracker.hpp>

@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/any_part.hpp>
-#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/concept/any_part.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <memory>
 #include <vector>
 

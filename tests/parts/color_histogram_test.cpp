@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/color_histogram.hpp>
+#include <asterism/parts/models/color_histogram.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -123,7 +123,7 @@ TEST(ColorHistogram, AveragesWhatItSees) {
   EXPECT_NEAR(part.histogram().sum(), 1, 1e-5);
 }
 
-TEST(ColorHistogram, ForeignColoursAreALowPeak) {
+TEST(ColorHistogram, ForeignColorsAreALowPeak) {
   const cv::Mat image(120, 160, CV_8UC3, cv::Scalar(90, 120, 60)), other = texture(120, 160);
   ColorHistogram part;
   part.init(Frame(other), {80, 60}, {21, 17});

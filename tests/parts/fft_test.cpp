@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/parts/fft.hpp>
+#include <asterism/parts/features/fft.hpp>
 #include <cmath>
 #include <complex>
 #include <cstring>

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/parts/fhog.hpp>
+#include <asterism/parts/features/fhog.hpp>
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>

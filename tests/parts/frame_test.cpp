@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/frame.hpp>
+#include <asterism/parts/concept/frame.hpp>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
@@ -23,7 +23,7 @@ bool equal(const cv::Mat& a, const cv::Mat& b) {
   return a.size() == b.size() && a.type() == b.type() && cv::norm(a, b, cv::NORM_INF) == 0;
 }
 
-cv::Mat colours() {
+cv::Mat colors() {
   cv::Mat image(5, 7, CV_8UC3);
   cv::RNG random(7);
   random.fill(image, cv::RNG::UNIFORM, 0, 256);
@@ -39,7 +39,7 @@ TEST(FrameTest, BoxAndCentreAreInverse) {
 }
 
 TEST(FrameTest, EightBitIsNotCopied) {
-  const cv::Mat bgr = colours();
+  const cv::Mat bgr = colors();
   const Frame frame(bgr);
   EXPECT_EQ(frame.bgr().data, bgr.data);
   cv::Mat gray;
@@ -53,16 +53,16 @@ TEST(FrameTest, EightBitIsNotCopied) {
 
 TEST(FrameTest, AlphaIsDropped) {
   cv::Mat bgra;
-  cv::cvtColor(colours(), bgra, cv::COLOR_BGR2BGRA);
+  cv::cvtColor(colors(), bgra, cv::COLOR_BGR2BGRA);
   bgra.at<cv::Vec4b>(0, 0)[3] = 0;
-  EXPECT_TRUE(equal(Frame(bgra).bgr(), colours()));
+  EXPECT_TRUE(equal(Frame(bgra).bgr(), colors()));
 }
 
 TEST(FrameTest, SixteenBitAndFloatKeepFullScale) {
-  const Frame reference(colours());
+  const Frame reference(colors());
   cv::Mat wide, real;
-  colours().convertTo(wide, CV_16U, 257);
-  colours().convertTo(real, CV_32F, 1.0 / 255);
+  colors().convertTo(wide, CV_16U, 257);
+  colors().convertTo(real, CV_32F, 1.0 / 255);
   EXPECT_TRUE(equal(Frame(wide).bgr(), reference.bgr()));
   EXPECT_TRUE(equal(Frame(wide).gray(), reference.gray()));
   EXPECT_TRUE(equal(Frame(real).bgr(), reference.bgr()));
@@ -97,7 +97,7 @@ TEST(FrameTest, RefusesBadImages) {
   }
 }
 
-// One line a kind of pixels: the image of what colours() has in 8 bits, what Frame says to it, what it says
+// One line a kind of pixels: the image of what colors() has in 8 bits, what Frame says to it, what it says
 // at a start, and the range that is suggested.
 struct Kind {
   const char* name;
@@ -113,7 +113,7 @@ class PixelKinds : public testing::TestWithParam<Kind> {};
 
 TEST_P(PixelKinds, AreTakenOrRefusedAndScaled) {
   const Kind& kind = GetParam();
-  cv::Mat reference = colours();  // with both ends of the range
+  cv::Mat reference = colors();  // with both ends of the range
   reference.at<cv::Vec3b>(0, 0) = {0, 0, 0};
   reference.at<cv::Vec3b>(4, 6) = {255, 255, 255};
   for (const int channels : {1, 3, 4}) {
@@ -122,7 +122,7 @@ TEST_P(PixelKinds, AreTakenOrRefusedAndScaled) {
     cv::cvtColor(reference, expected, cv::COLOR_BGR2GRAY);
     if (channels != 1) expected = reference;
     expected.convertTo(image, kind.depth, kind.scale, kind.shift);
-    // Opaque is the type's largest value: it says nothing of the range of the colours.
+    // Opaque is the type's largest value: it says nothing of the range of the colors.
     if (channels == 4) {
       cv::cvtColor(image, image, cv::COLOR_BGR2BGRA);
       cv::Mat alpha(image.size(), kind.depth, cv::Scalar(kind.depth == CV_32F ? 1 : 65535));
@@ -206,7 +206,7 @@ TEST(FrameTest, ABlackSixteenBitFrameIsTaken) {
 
 TEST(FrameTest, SaysWhyItRefuses) {
   cv::Mat real;
-  colours().convertTo(real, CV_32F);
+  colors().convertTo(real, CV_32F);
   const auto reason = [](const cv::Mat& image) {
     try {
       first_frame(image);
@@ -218,20 +218,20 @@ TEST(FrameTest, SaysWhyItRefuses) {
   EXPECT_NE(reason(real).find("float pixels must be in [0, 1] and are in ["), std::string::npos)
       << reason(real);
   cv::Mat narrow;
-  colours().convertTo(narrow, CV_16U);
+  colors().convertTo(narrow, CV_16U);
   EXPECT_NE(reason(narrow).find("at most 255"), std::string::npos) << reason(narrow);
   real.convertTo(real, CV_64F);
   EXPECT_NE(reason(real).find("8 or 16 bit unsigned or float"), std::string::npos) << reason(real);
 }
 
-TEST(FrameTest, ColourNeedsOnePixelThatHasIt) {
+TEST(FrameTest, ColorNeedsOnePixelThatHasIt) {
   cv::Mat image(40, 30, CV_8UC3, cv::Scalar::all(90));
-  EXPECT_FALSE(Frame(image).has_colour());
+  EXPECT_FALSE(Frame(image).has_color());
   image.at<cv::Vec3b>(39, 29)[2] = 91;
-  EXPECT_TRUE(Frame(image).has_colour());
+  EXPECT_TRUE(Frame(image).has_color());
   // A view of a larger image: the pixels beside it do not count.
-  EXPECT_FALSE(Frame(image.colRange(0, 29)).has_colour());
-  EXPECT_FALSE(Frame(cv::Mat(4, 4, CV_8UC1, cv::Scalar(9))).has_colour());
+  EXPECT_FALSE(Frame(image.colRange(0, 29)).has_color());
+  EXPECT_FALSE(Frame(cv::Mat(4, 4, CV_8UC1, cv::Scalar(9))).has_color());
 }
 
 }  // namespace

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/models/kcf.hpp>
 
 #include "../solver/counting_allocator.hpp"
 #include "part_axioms.hpp"

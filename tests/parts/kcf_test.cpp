@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
-#include <asterism/parts/kcf.hpp>
-#include <asterism/parts/patch.hpp>
+#include <asterism/parts/features/patch.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
@@ -29,8 +29,8 @@ class DenseKcf {
     cv::cvtColor(lab, lab, cv::COLOR_BGR2Lab);
     Eigen::ArrayXf hog(Fhog::kChannels * rows * cols);
     Fhog(cell).compute(patch, hog.data());
-    const auto& [has_hog, has_gray, has_colour] = options.features;
-    Eigen::MatrixXd x(rows * cols, 31 * has_hog + has_gray + 2 * has_colour);
+    const auto& [has_hog, has_gray, has_color] = options.features;
+    Eigen::MatrixXd x(rows * cols, 31 * has_hog + has_gray + 2 * has_color);
     for (int r = 0; r < rows; ++r)
       for (int c = 0; c < cols; ++c) {
         const double hann = (0.5 - 0.5 * std::cos(2 * std::numbers::pi * r / (rows - 1))) *
@@ -40,7 +40,7 @@ class DenseKcf {
         for (int h = 0; has_hog && h < Fhog::kChannels; ++h) add(hog(h * rows * cols + r * cols + c));
         const double mean = cv::mean(patch(cv::Rect(c * cell, r * cell, cell, cell)))[0];
         if (has_gray) add(std::nearbyint(mean) / 255 - 0.5);
-        for (int axis = 1; has_colour && axis < 3; ++axis) add((lab.at<cv::Vec3b>(r, c)[axis] - 128) / 128.0);
+        for (int axis = 1; has_color && axis < 3; ++axis) add((lab.at<cv::Vec3b>(r, c)[axis] - 128) / 128.0);
       }
     return x;
   }
@@ -175,8 +175,8 @@ INSTANTIATE_TEST_SUITE_P(All, KcfKernels,
                                            KcfCase{Kernel::Type::Gaussian, {false, false, true}},
                                            KcfCase{Kernel::Type::Linear, {true, true, true}}));
 
-TEST(Kcf, ColourTellsApartWhatGrayCannot) {
-  // Two patches of one gray level, the target's red and another's green; gray video has no colour to go by.
+TEST(Kcf, ColorTellsApartWhatGrayCannot) {
+  // Two patches of one gray level, the target's red and another's green; gray video has no color to go by.
   cv::Mat image(120, 200, CV_8UC3, cv::Scalar::all(98));
   image(cv::Rect(40, 40, 40, 40)) = cv::Scalar(60, 60, 186);
   image(cv::Rect(120, 40, 40, 40)) = cv::Scalar(60, 135, 41);
@@ -196,7 +196,7 @@ TEST(Kcf, ColourTellsApartWhatGrayCannot) {
 TEST(Kcf, FulfilsThePartAxioms) {
   testing::check_part_axioms(Kcf());
   KcfOptions options;
-  options.features.colour = true;
+  options.features.color = true;
   testing::check_part_axioms(Kcf(options));
 }
 

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/keypoints.hpp>
+#include <asterism/parts/models/keypoints.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 

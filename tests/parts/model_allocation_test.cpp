@@ -2,8 +2,8 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/parts/scale_filter.hpp>
-#include <asterism/parts/spatial_reliability.hpp>
+#include <asterism/parts/models/scale_filter.hpp>
+#include <asterism/parts/models/spatial_reliability.hpp>
 
 #include "../solver/counting_allocator.hpp"
 #include "part_axioms.hpp"

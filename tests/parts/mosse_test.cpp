@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/mosse.hpp>
+#include <asterism/parts/models/mosse.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 

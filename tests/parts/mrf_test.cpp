@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/parts/mrf.hpp>
+#include <asterism/parts/features/mrf.hpp>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
@@ -114,7 +114,7 @@ TEST(MrfTest, AgreesWithTheEquations) {
 }
 
 TEST(MrfTest, AgreesWithTheEquationsOnCertainLabels) {
-  // Likelihoods of exactly 0 and 1 are the norm: most colours are in one histogram only.
+  // Likelihoods of exactly 0 and 1 are the norm: most colors are in one histogram only.
   cv::Mat likelihood = uniform_map({32, 30}, 0, 1, 5);
   cv::threshold(likelihood, likelihood, 0.6, 1, cv::THRESH_BINARY);
   EXPECT_LT(largest_difference(regularize_posterior(likelihood), oracle(likelihood, {}, {})), 1e-5);

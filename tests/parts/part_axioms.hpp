@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/LU>
-#include <asterism/parts/any_part.hpp>
-#include <asterism/parts/part_model.hpp>
-#include <asterism/parts/state.hpp>
+#include <asterism/parts/concept/any_part.hpp>
+#include <asterism/parts/concept/part_model.hpp>
+#include <asterism/parts/concept/state.hpp>
 #include <cmath>
 #include <cstdint>
 #include <opencv2/imgproc.hpp>

@@ -1,12 +1,12 @@
 // The kernels of every instruction set that this machine has, against plain code.
 
-#include "part_kernels.hpp"
+#include "kernels/part_kernels.hpp"
 
 #include <gtest/gtest.h>
 
-#include <asterism/parts/fhog.hpp>
-#include <asterism/parts/kcf.hpp>
-#include <asterism/parts/patch.hpp>
+#include <asterism/parts/features/fhog.hpp>
+#include <asterism/parts/features/patch.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <cmath>
 #include <complex>
 #include <random>
@@ -14,7 +14,7 @@
 #include <utility>
 #include <vector>
 
-#include "filter_plan.hpp"
+#include "kernels/filter_plan.hpp"
 #include "part_axioms.hpp"
 #include "scalar_fhog.hpp"
 
@@ -273,7 +273,7 @@ TEST_P(PartKernels, ASavedFilterMovesToOthers) {
   for (const bool separate : {true, false}) {
     KcfOptions options;
     options.separate_update = separate;
-    options.features.colour = true;
+    options.features.color = true;
     part_kernels_v0_1::prefer(set_);
     Kcf kcf(options);
     kcf.init(frame, {160, 120}, {50, 42});

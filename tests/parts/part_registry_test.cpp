@@ -3,8 +3,8 @@
 #include <gtest/gtest.h>
 #include <link.h>
 
-#include <asterism/parts/kcf.hpp>
-#include <asterism/parts/part_registry.hpp>
+#include <asterism/parts/concept/part_registry.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <cstddef>
 #include <cstring>
 #include <filesystem>

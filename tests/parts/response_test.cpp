@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/patch.hpp>
-#include <asterism/parts/response.hpp>
+#include <asterism/parts/concept/response.hpp>
+#include <asterism/parts/features/patch.hpp>
 #include <cmath>
 
 #include "part_axioms.hpp"

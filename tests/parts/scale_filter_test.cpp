@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/kcf.hpp>
-#include <asterism/parts/scale_filter.hpp>
+#include <asterism/parts/models/kcf.hpp>
+#include <asterism/parts/models/scale_filter.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 

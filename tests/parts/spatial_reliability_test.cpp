@@ -1,7 +1,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
-#include <asterism/parts/spatial_reliability.hpp>
+#include <asterism/parts/models/spatial_reliability.hpp>
 #include <cmath>
 #include <cstdint>
 #include <opencv2/imgproc.hpp>
@@ -25,15 +25,15 @@ TEST(SpatialReliability, FulfilsThePartAxiomsWithDetectionWeights) {
   testing::check_part_faults(SpatialReliability(options));
 }
 
-TEST(SpatialReliability, FulfilsThePartAxiomsWithColourChannels) {
+TEST(SpatialReliability, FulfilsThePartAxiomsWithColorChannels) {
   SpatialReliabilityOptions options;
-  options.colour_channels = true;
+  options.color_channels = true;
   testing::check_part_axioms(SpatialReliability(options));
   testing::check_part_faults(SpatialReliability(options));
 }
 
-// An object and a background of one gray level, told apart by colour alone.
-TEST(SpatialReliability, ColourChannelsSeeWhatGrayDoesNot) {
+// An object and a background of one gray level, told apart by color alone.
+TEST(SpatialReliability, ColorChannelsSeeWhatGrayDoesNot) {
   const auto frame = [](int x, int y) {
     cv::Mat image(240, 320, CV_8UC3, cv::Scalar(60, 120, 60));
     image(cv::Rect(x, y, 40, 48)) = cv::Scalar(60, 60, 178);
@@ -44,15 +44,15 @@ TEST(SpatialReliability, ColourChannelsSeeWhatGrayDoesNot) {
     EXPECT_LE(high - low, 2);
     return image;
   };
-  for (const bool colour : {false, true}) {
+  for (const bool color : {false, true}) {
     SpatialReliabilityOptions options;
-    options.colour_channels = colour;
+    options.color_channels = color;
     SpatialReliability part(options);
     part.init(Frame(frame(140, 90)), {159.5, 113.5}, {40, 48});
-    EXPECT_EQ(part.weights().size(), SpatialReliability::kHogChannels + 1 + (colour ? 11 : 0));
+    EXPECT_EQ(part.weights().size(), SpatialReliability::kHogChannels + 1 + (color ? 11 : 0));
     const Evidence evidence = part.localize(Frame(frame(153, 97)), {159.5, 113.5});
     const double error = (evidence.position - Point2(172.5, 120.5)).norm();
-    if (colour) {
+    if (color) {
       EXPECT_LT(error, 2);  // cells of 5.5 px, and no gradient within any
       EXPECT_GT(evidence.peak, 0.8);
     } else {
@@ -232,7 +232,7 @@ cv::Mat disc(const Point2& centre, double radius) {
   return image;
 }
 
-TEST(SpatialReliability, MasksTheTargetByItsColour) {
+TEST(SpatialReliability, MasksTheTargetByItsColor) {
   const Point2 centre(160, 120);
   const double radius = 24;
   SpatialReliability part;
@@ -258,7 +258,7 @@ TEST(SpatialReliability, MasksTheTargetByItsColour) {
 }
 
 TEST(SpatialReliability, TheMaskIsTheBoxWithoutAPlausibleSegmentation) {
-  const cv::Mat image = texture(240, 320), coloured = disc({160, 120}, 24);
+  const cv::Mat image = texture(240, 320), colored = disc({160, 120}, 24);
   cv::Mat gray;
   cv::cvtColor(image, gray, cv::COLOR_BGR2GRAY);
   const auto expect_box = [](const SpatialReliability& part, const char* what) {
@@ -274,12 +274,12 @@ TEST(SpatialReliability, TheMaskIsTheBoxWithoutAPlausibleSegmentation) {
   SpatialReliabilityOptions options;
   options.segmentation = false;
   SpatialReliability plain(options);
-  plain.init(Frame(coloured), {160, 120}, {56, 40});
+  plain.init(Frame(colored), {160, 120}, {56, 40});
   expect_box(plain, "off");
   options.segmentation = true;
   options.max_mask_area = 0.31;
   SpatialReliability strict(options);
-  strict.init(Frame(coloured), {160, 120}, {56, 40});
+  strict.init(Frame(colored), {160, 120}, {56, 40});
   expect_box(strict, "too large");
 }
 
@@ -357,7 +357,7 @@ TEST(SpatialReliability, RefusesBadOptions) {
   refused([](SpatialReliabilityOptions& o) { o.padding = -1; });
   refused([](SpatialReliabilityOptions& o) { o.max_template_side = 10; });
   refused([](SpatialReliabilityOptions& o) { o.max_mask_area = 0.1; });
-  refused([](SpatialReliabilityOptions& o) { o.colour.surrounding = 1; });
+  refused([](SpatialReliabilityOptions& o) { o.color.surrounding = 1; });
 }
 
 }  // namespace

@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/superpixels.hpp>
+#include <asterism/parts/models/superpixels.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -23,23 +23,23 @@ Eigen::ArrayX3f lab_of(const cv::Mat& bgr) {
 }
 
 // Every pixel is in one piece, and the pieces are what is said of them.
-void expect_sound(const SuperpixelMap& map, const Eigen::ArrayX3f& colours) {
+void expect_sound(const SuperpixelMap& map, const Eigen::ArrayX3f& colors) {
   ASSERT_EQ(map.labels.size(), static_cast<std::size_t>(map.cols * map.rows));
-  ASSERT_EQ(map.areas.size(), map.colours.rows());
+  ASSERT_EQ(map.areas.size(), map.colors.rows());
   std::vector<int> area(static_cast<std::size_t>(map.areas.size()), 0);
   Eigen::ArrayX3d sum = Eigen::ArrayX3d::Zero(map.areas.size(), 3);
   for (std::size_t i = 0; i < map.labels.size(); ++i) {
     const int label = map.labels[i];
     ASSERT_TRUE(label >= 0 && label < map.areas.size());
     ++area[static_cast<std::size_t>(label)];
-    sum.row(label) += colours.row(static_cast<Eigen::Index>(i)).cast<double>();
+    sum.row(label) += colors.row(static_cast<Eigen::Index>(i)).cast<double>();
   }
   const cv::Mat labels(map.rows, map.cols, CV_32S, const_cast<int*>(map.labels.data()));
   for (Eigen::Index k = 0; k < map.areas.size(); ++k) {
     const int pixels = area[static_cast<std::size_t>(k)];
     ASSERT_GT(pixels, 0);
     EXPECT_EQ(map.areas(k), static_cast<float>(pixels));
-    EXPECT_LT((map.colours.row(k).cast<double>() - sum.row(k) / pixels).abs().maxCoeff(), 1e-3);
+    EXPECT_LT((map.colors.row(k).cast<double>() - sum.row(k) / pixels).abs().maxCoeff(), 1e-3);
     cv::Mat piece;
     EXPECT_EQ(cv::connectedComponents(labels == static_cast<int>(k), piece, 4), 2) << "one, and the rest";
   }
@@ -47,11 +47,11 @@ void expect_sound(const SuperpixelMap& map, const Eigen::ArrayX3f& colours) {
 
 TEST(Slic, CoversTheImageWithPieces) {
   for (const cv::Size& size : {cv::Size(100, 80), cv::Size(97, 61), cv::Size(30, 4), cv::Size(3, 50)}) {
-    const Eigen::ArrayX3f colours = lab_of(texture(size.height, size.width));
+    const Eigen::ArrayX3f colors = lab_of(texture(size.height, size.width));
     for (const int side : {2, 5, 8}) {
       SCOPED_TRACE(std::to_string(size.width) + " wide, side " + std::to_string(side));
-      const SuperpixelMap map = slic(colours, size.width, {.side = side});
-      expect_sound(map, colours);
+      const SuperpixelMap map = slic(colors, size.width, {.side = side});
+      expect_sound(map, colors);
       const double expected = static_cast<double>(size.area()) / (side * side);
       EXPECT_LT(static_cast<double>(map.areas.size()), 1.5 * expected + 4);
       EXPECT_GT(static_cast<double>(map.areas.size()), 0.6 * expected - 2);
@@ -64,17 +64,17 @@ TEST(Slic, IsAGridWhereThereIsNothing) {
   ASSERT_EQ(map.areas.size(), 24);
   EXPECT_GT(map.areas.minCoeff(), 70);
   EXPECT_LT(map.areas.maxCoeff(), 130);
-  EXPECT_TRUE((map.colours == 7).all());
+  EXPECT_TRUE((map.colors == 7).all());
 }
 
 // An edge that is in the middle of a cell of the grid.
 TEST(Slic, KeepsToEdges) {
   cv::Mat image(40, 60, CV_8UC3, cv::Scalar(40, 160, 60));
   image.colRange(33, 60).setTo(cv::Scalar(200, 60, 50));
-  const Eigen::ArrayX3f colours = lab_of(image);
-  const SuperpixelMap map = slic(colours, 60, {.side = 8});
-  for (Eigen::Index i = 0; i < colours.rows(); ++i)
-    EXPECT_LT((map.colours.row(map.labels[static_cast<std::size_t>(i)]) - colours.row(i)).abs().maxCoeff(),
+  const Eigen::ArrayX3f colors = lab_of(image);
+  const SuperpixelMap map = slic(colors, 60, {.side = 8});
+  for (Eigen::Index i = 0; i < colors.rows(); ++i)
+    EXPECT_LT((map.colors.row(map.labels[static_cast<std::size_t>(i)]) - colors.row(i)).abs().maxCoeff(),
               1e-2);
 }
 
@@ -124,7 +124,7 @@ TEST(Superpixels, RespondWithOneToTheTargetAsLearned) {
 }
 
 // Red over blue on green, without any texture: the layout is all that there is.
-TEST(Superpixels, FindTwoColouredHalves) {
+TEST(Superpixels, FindTwoColoredHalves) {
   const auto scene = [](int x, int y) {
     cv::Mat image(160, 200, CV_8UC3, cv::Scalar(60, 140, 70));
     image(cv::Rect(x - 18, y - 18, 36, 18)).setTo(cv::Scalar(40, 50, 200));
@@ -156,8 +156,8 @@ TEST(Superpixels, FindATargetThatIsHalfCovered) {
   }
 }
 
-// From red to yellow over 30 frames, seen on a target that has only one colour.
-TEST(Superpixels, AdaptFollowsASlowChangeOfColour) {
+// From red to yellow over 30 frames, seen on a target that has only one color.
+TEST(Superpixels, AdaptFollowsASlowChangeOfColor) {
   const auto scene = [](double share) {
     cv::Mat image(160, 200, CV_8UC3, cv::Scalar(120, 110, 60));
     image(cv::Rect(90, 70, 20, 20)).setTo(cv::Scalar(40, 40 + 160 * share, 210));
@@ -190,7 +190,7 @@ TEST(Superpixels, AdaptAtRateOneIsInit) {
   EXPECT_NEAR(evidence.peak, expected.peak, 1e-3);
 }
 
-TEST(Superpixels, SayNothingWithoutColours) {
+TEST(Superpixels, SayNothingWithoutColors) {
   const cv::Mat image = texture(240, 320);
   const Frame frame(image), flat(cv::Mat(240, 320, CV_8UC3, cv::Scalar(77, 20, 90)));
   Superpixels part;
@@ -225,7 +225,7 @@ TEST(Superpixels, RefuseBadOptions) {
   refused([](SuperpixelsOptions& o) { o.slic.side = 1025; });
   refused([](SuperpixelsOptions& o) { o.slic.compactness = 0; });
   refused([](SuperpixelsOptions& o) { o.slic.iterations = 0; });
-  refused([](SuperpixelsOptions& o) { o.colour_sigma = 0; });
+  refused([](SuperpixelsOptions& o) { o.color_sigma = 0; });
   refused([](SuperpixelsOptions& o) { o.confidence_weight = -1; });
   refused([](SuperpixelsOptions& o) { o.confidence_weight = HUGE_VAL; });
   refused([](SuperpixelsOptions& o) { o.sharpness = std::nan(""); });

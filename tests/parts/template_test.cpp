@@ -1,6 +1,6 @@
 #include <gtest/gtest.h>
 
-#include <asterism/parts/template.hpp>
+#include <asterism/parts/models/template.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 
@@ -17,7 +17,7 @@ class Templates : public ::testing::TestWithParam<std::tuple<Distance, bool>> {
  protected:
   TemplateOptions options() const {
     TemplateOptions options;
-    std::tie(options.distance, options.colour) = GetParam();
+    std::tie(options.distance, options.color) = GetParam();
     return options;
   }
 };
@@ -29,7 +29,7 @@ TEST_P(Templates, WithstandFaults) { testing::check_part_faults(Template(options
 TEST_P(Templates, EqualMatchTemplateAndTheDefinition) {
   const cv::Mat image = texture(120, 160);
   const Frame frame(image);
-  const cv::Mat& seen = options().colour ? frame.bgr() : frame.gray();
+  const cv::Mat& seen = options().color ? frame.bgr() : frame.gray();
   const cv::Mat pattern = seen(cv::Rect(70, 50, 21, 17));
   Template part(options());
   part.init(frame, {80, 58}, {21, 17});

@@ -28,11 +28,11 @@ class ExamplesTest(unittest.TestCase):
         self.assertEqual((run.returncode, run.stderr), (0, ""), run.stdout)
         return run.stdout
 
-    def assert_drawn(self, colours):
-        """A figure with at least so many colours: axes alone have fewer."""
+    def assert_drawn(self, colors):
+        """A figure with at least so many colors: axes alone have fewer."""
         pixels = np.asarray(Image.open(self.figure).convert("RGB"))
         self.assertGreater(min(pixels.shape[:2]), 300)
-        self.assertGreater(len(np.unique(pixels.reshape(-1, 3), axis=0)), colours)
+        self.assertGreater(len(np.unique(pixels.reshape(-1, 3), axis=0)), colors)
 
     def test_solve_and_draw(self):
         self.assertIn("converged", self.run_example("solve_and_draw.py", "--rows", 2, "--out", self.figure))

@@ -46,7 +46,7 @@ long allocations_a_frame(Dpt& tracker) {
 
 TEST(Dpt, TakesLittleFromTheHeapOnceItRuns) {
   DptOptions options;
-  options.coarse.use_colour = false;
+  options.coarse.use_color = false;
   Dpt plain(options), full;
   // The parts, links and times of the result, which is the caller's.
   EXPECT_EQ(allocations_a_frame<Frame>(plain), 3);

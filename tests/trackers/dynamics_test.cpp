@@ -102,7 +102,7 @@ Point2 wobbling(const Point2& first, const Point2& around) {
 /// DPT of stub parts; the root moves by (3, 1) a frame.
 DptOptions stub_options(StubPart::Law law, const Evidence& evidence) {
   DptOptions options;
-  options.coarse.use_colour = false;
+  options.coarse.use_color = false;
   options.coarse.root =
       StubPart([](const Point2&, const Point2& around) { return Point2(around + Point2(3, 1)); }, evidence);
   options.part = StubPart(std::move(law), evidence);

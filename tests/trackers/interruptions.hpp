@@ -16,8 +16,8 @@ struct Interruption {
   bool blind;  ///< nothing of the scene is in it, nor anything that an object may look like
 };
 
-inline cv::Mat of_one_colour(const cv::Mat& like, const cv::Scalar& colour) {
-  return cv::Mat(like.size(), like.type(), colour);
+inline cv::Mat of_one_color(const cv::Mat& like, const cv::Scalar& color) {
+  return cv::Mat(like.size(), like.type(), color);
 }
 
 /// Gaussian noise about gray, other in each frame.
@@ -28,16 +28,16 @@ inline cv::Mat gray_noise(const cv::Mat& like, double deviation, int seed) {
   return result;
 }
 
-/// Eight colour bars over a ramp and a grid.
+/// Eight color bars over a ramp and a grid.
 inline cv::Mat test_card(const cv::Mat& like) {
   cv::Mat card(like.size(), CV_8UC3);
   for (int y = 0; y < card.rows; ++y)
     for (int x = 0; x < card.cols; ++x) {
       const int bar = 8 * x / card.cols;
-      cv::Vec3b colour(bar & 1 ? 0 : 191, bar & 4 ? 0 : 191, bar & 2 ? 0 : 191);
-      if (3 * y > 2 * card.rows) colour = cv::Vec3b::all(static_cast<std::uint8_t>(255 * x / card.cols));
-      if (x % 40 == 0 || y % 40 == 0) colour = cv::Vec3b::all(255);
-      card.at<cv::Vec3b>(y, x) = colour;
+      cv::Vec3b color(bar & 1 ? 0 : 191, bar & 4 ? 0 : 191, bar & 2 ? 0 : 191);
+      if (3 * y > 2 * card.rows) color = cv::Vec3b::all(static_cast<std::uint8_t>(255 * x / card.cols));
+      if (x % 40 == 0 || y % 40 == 0) color = cv::Vec3b::all(255);
+      card.at<cv::Vec3b>(y, x) = color;
     }
   if (like.channels() == 1) cv::cvtColor(card, card, cv::COLOR_BGR2GRAY);
   return card;
@@ -58,17 +58,17 @@ inline cv::Mat with_gray(const cv::Mat& clean, const cv::Rect& missing) {
 
 /// All that are tried; a new kind is a line here.
 inline std::vector<Interruption> interruptions() {
-  const auto one_colour = [](const cv::Scalar& colour) {
-    return [colour](const cv::Mat& clean, int, int) { return of_one_colour(clean, colour); };
+  const auto one_color = [](const cv::Scalar& color) {
+    return [color](const cv::Mat& clean, int, int) { return of_one_color(clean, color); };
   };
   const auto noise = [](double deviation) {
     return [deviation](const cv::Mat& clean, int i, int) { return gray_noise(clean, deviation, i); };
   };
   return {
-      {"gray", one_colour(cv::Scalar::all(128)), true},
-      {"black", one_colour(cv::Scalar::all(0)), true},
-      {"white", one_colour(cv::Scalar::all(255)), true},
-      {"blue", one_colour(cv::Scalar(255, 0, 0)), true},
+      {"gray", one_color(cv::Scalar::all(128)), true},
+      {"black", one_color(cv::Scalar::all(0)), true},
+      {"white", one_color(cv::Scalar::all(255)), true},
+      {"blue", one_color(cv::Scalar(255, 0, 0)), true},
       {"faint_noise", noise(2), true},
       {"noise", noise(20), true},
       {"strong_noise", noise(60), true},

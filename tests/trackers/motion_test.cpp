@@ -228,7 +228,7 @@ TEST_F(Motion, KeepsAnObjectThatNoFilterKnows) {
   const cv::Mat wall = texture({320, 240}, 7);
   const auto last_error = [&](double share) {
     CoarseOptions options;
-    options.use_colour = false;
+    options.use_color = false;
     options.motion_share = share;
     CoarseTracker tracker(options);
     Point2 object(100, 120);

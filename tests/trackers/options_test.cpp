@@ -142,11 +142,11 @@ const std::vector<Case>& cases() {
     part<Superpixels, SuperpixelsOptions>("superpixels_part"),
     part<Template, TemplateOptions>("template"),
     make_case("scale_filter", ScaleFilterOptions(), [](const auto& o) { run_scale(ScaleFilter(o)); }),
-#if __has_include(<asterism/parts/flow.hpp>)
+#if __has_include(<asterism/parts/models/flow.hpp>)
     part<Flow, FlowOptions>("flow"),
     tracker<Flock, FlockOptions>("flock"),
 #endif
-#if __has_include(<asterism/parts/keypoints.hpp>)
+#if __has_include(<asterism/parts/models/keypoints.hpp>)
     part<Keypoints, KeypointsOptions>("keypoints_part"),
     tracker<KeypointTracker, KeypointTrackerOptions>("keypoints"),
 #endif

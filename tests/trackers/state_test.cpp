@@ -1,10 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/parts/color_histogram.hpp>
-#include <asterism/parts/mosse.hpp>
-#include <asterism/parts/superpixels.hpp>
-#include <asterism/parts/template.hpp>
+#include <asterism/parts/models/color_histogram.hpp>
+#include <asterism/parts/models/mosse.hpp>
+#include <asterism/parts/models/superpixels.hpp>
+#include <asterism/parts/models/template.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/kalman.hpp>
 #include <asterism/trackers/lgt.hpp>
@@ -50,7 +50,7 @@ std::string refusal(AnyTracker& tracker, const Bytes& state) {
 // Small enough for every byte of its state to be tried.
 CoarseTracker small_tracker() {
   CoarseOptions options;
-  options.use_colour = false;
+  options.use_color = false;
   options.root = ColorHistogram({.space = ColorHistogramOptions::Space::Gray, .bins = 8});
   return CoarseTracker(options);
 }
@@ -70,7 +70,7 @@ std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
                                                 {"linear kcf", [] {
                                                    KcfOptions options;
                                                    options.kernel.type = Kernel::Type::Linear;
-                                                   options.features.colour = true;
+                                                   options.features.color = true;
                                                    options.separate_update = false;
                                                    return Kcf(options);
                                                  }()}};

@@ -244,16 +244,16 @@ TEST_F(TrackTool, ComparesTrackersOnAContactSheet) {
   ASSERT_EQ(run(sequence + " --compare coarse --compare dpt --sheet " + sheet), 0) << err_;
   const cv::Mat together = cv::imread(sheet);
   EXPECT_GT(together.rows, alone.rows) << "a legend";
-  const auto pixels = [](const cv::Mat& image, const cv::Scalar& colour) {
+  const auto pixels = [](const cv::Mat& image, const cv::Scalar& color) {
     cv::Mat found;
-    cv::inRange(image, colour - cv::Scalar::all(4), colour + cv::Scalar::all(4), found);
+    cv::inRange(image, color - cv::Scalar::all(4), color + cv::Scalar::all(4), found);
     return cv::countNonZero(found);
   };
-  // The three colours, those of kcf (on top), coarse and dpt.
-  for (const cv::Scalar& colour :
+  // The three colors, those of kcf (on top), coarse and dpt.
+  for (const cv::Scalar& color :
        {cv::Scalar(85, 255, 255), cv::Scalar(255, 255, 85), cv::Scalar(255, 85, 255)}) {
-    EXPECT_EQ(pixels(alone, colour), 0);
-    EXPECT_GT(pixels(together, colour), 40);
+    EXPECT_EQ(pixels(alone, color), 0);
+    EXPECT_GT(pixels(together, color), 40);
   }
   expect_error(sequence + " --compare coarse", {"--compare", "--sheet"});
   expect_error(sequence + " --compare magic --sheet " + sheet, {"magic"});
@@ -340,9 +340,9 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
   expect_error(images + " --config " + path("images"), {"cannot read " + path("images")}, false);
   expect_error(images + " --config /dev/zero", {"/dev/zero: more than 1 MiB"}, false);
   expect_error(images + " --config /dev/null", {"/dev/null: a tracker is described by a JSON object"}, false);
-  write("{\"tracker\": \"kcf\",\n\n    \"use_colour\": false\n}\n");
+  write("{\"tracker\": \"kcf\",\n\n    \"use_color\": false\n}\n");
   ASSERT_EQ(run(images + config, false), 0) << err_;
-  EXPECT_TRUE(err_.starts_with("{\"tracker\": \"kcf\", \"use_colour\": false }: 20 frames, ")) << err_;
+  EXPECT_TRUE(err_.starts_with("{\"tracker\": \"kcf\", \"use_color\": false }: 20 frames, ")) << err_;
   EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
   expect_error(images + config + " --out " + path("t.json"), {"--out", "--config"}, false);
   EXPECT_TRUE(read(path("t.json")).starts_with("{"));

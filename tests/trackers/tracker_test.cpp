@@ -11,7 +11,7 @@
 #include <filesystem>
 #include <functional>
 #ifdef ASTERISM_TEST_JSON
-#include <asterism/parts/part_registry.hpp>
+#include <asterism/parts/concept/part_registry.hpp>
 #endif
 
 #include "../parts/part_axioms.hpp"
@@ -26,7 +26,7 @@ using testing::texture;
 class Scene {
  public:
   Scene() : background_(texture(240, 320, 3)), object_(texture(64, 48, 9)) {
-    // Reddish, so that the colour model has something to hold on to.
+    // Reddish, so that the color model has something to hold on to.
     object_ += cv::Scalar(0, 0, 80);
     background_ += cv::Scalar(60, 0, 0);
   }
@@ -129,12 +129,12 @@ TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
     image.convertTo(result, depth, depth == CV_16U ? 257 : 1.0 / 255);
     return result;
   };
-  for (const bool colour : {true, false}) {
+  for (const bool color : {true, false}) {
     const auto frame = [&](int t) {
-      return colour ? scene.frame(t) : convert(scene.frame(t), cv::COLOR_BGR2GRAY);
+      return color ? scene.frame(t) : convert(scene.frame(t), cv::COLOR_BGR2GRAY);
     };
     const auto with_alpha = [&](int t) {
-      return convert(frame(t), colour ? cv::COLOR_BGR2BGRA : cv::COLOR_GRAY2BGRA);
+      return convert(frame(t), color ? cv::COLOR_BGR2BGRA : cv::COLOR_GRAY2BGRA);
     };
     const std::vector<std::function<cv::Mat(int)>> forms{
         [&](int t) { return deepen(frame(t), CV_16U); }, [&](int t) { return deepen(frame(t), CV_32F); },
@@ -155,8 +155,8 @@ TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
       const TrackResult result = expected.update(frame(t));
       EXPECT_NEAR(result.box.x, Scene::box(t).x, 2) << t;
       for (std::size_t i = 0; i < forms.size(); ++i) {
-        // Gray levels in four channels are colour video without colours, to models that count colours.
-        const bool another = !colour && (i == 2 || i == 3);
+        // Gray levels in four channels are color video without colors, to models that count colors.
+        const bool another = !color && (i == 2 || i == 3);
         if (another) {
           EXPECT_NEAR(trackers[i].update(forms[i](t)).box.x, Scene::box(t).x, 2) << t;
         } else {
@@ -164,8 +164,8 @@ TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
         }
       }
     }
-    // A gray frame in a colour video is a frame like any other, and the other way round.
-    EXPECT_NO_THROW(expected.update(colour ? convert(frame(6), cv::COLOR_BGR2GRAY) : scene.frame(6)));
+    // A gray frame in a color video is a frame like any other, and the other way round.
+    EXPECT_NO_THROW(expected.update(color ? convert(frame(6), cv::COLOR_BGR2GRAY) : scene.frame(6)));
   }
 }
 
@@ -278,7 +278,7 @@ TEST(MakeTracker, TakesOptionsAsJson) {
   EXPECT_EQ(parts(R"(dpt{"grid_rows": 3, "part": "mosse", "constellation": "star"})"), 6u);
   EXPECT_EQ(parts(R"({"tracker": "dpt", "grid_cols": 1, "part": {"model": "kcf", "lambda": 1e-3}})"), 2u);
   EXPECT_EQ(parts("dpt+template"), 4u);
-  EXPECT_EQ(parts(R"(coarse{"use_colour": false, "root": "mosse"})"), 0u);
+  EXPECT_EQ(parts(R"(coarse{"use_color": false, "root": "mosse"})"), 0u);
 }
 
 // Names of variants are options.
@@ -297,7 +297,7 @@ TEST(MakeTracker, VariantsAreOptions) {
            {"dpt_3x3_ov", R"(dpt{"grid_rows": 3, "grid_cols": 3, "overlap": 0.5})"},
            {"dpt_3x3_nov", R"(dpt{"grid_rows": 3, "grid_cols": 3})"},
            {"dpt_crs", "coarse"},
-           {"dpt_crs_nos", R"(dpt_crs{"use_colour": false})"},
+           {"dpt_crs_nos", R"(dpt_crs{"use_color": false})"},
            {R"(dpt{"part": "mosse"})", "dpt+mosse"}}) {
     SCOPED_TRACE(name);
     expect_same(last(name), last(description));
@@ -306,8 +306,8 @@ TEST(MakeTracker, VariantsAreOptions) {
 
 TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"grid_row": 3})"), "dpt: unknown option 'grid_row', did you mean 'grid_rows'?");
-  EXPECT_EQ(refusal(R"(dpt{"coarse": {"colour": {"mrf": {"on": true}}}})"),
-            "dpt: unknown option 'coarse.colour.mrf.on', did you mean 'coarse.colour.mrf.enabled'?");
+  EXPECT_EQ(refusal(R"(dpt{"coarse": {"color": {"mrf": {"on": true}}}})"),
+            "dpt: unknown option 'coarse.color.mrf.on', did you mean 'coarse.color.mrf.enabled'?");
   EXPECT_EQ(refusal(R"(dpt{"constellation": "ring"})"),
             R"(dpt: option 'constellation' must be one of "full", "local", "star", not "ring")");
   EXPECT_EQ(refusal(R"(dpt{"part": "kfc"})"), "no part model 'kfc', did you mean 'kcf'?");
@@ -327,16 +327,16 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal("kalman{\"of\": " + deep), "kalman: options nested more than 100 deep");
 }
 
-// The root of the coarse layer may be any model: with colour where it has a response map, alone where not.
+// The root of the coarse layer may be any model: with color where it has a response map, alone where not.
 TEST(Coarse, AnyModelCanBeTheRoot) {
   const Scene scene;
   PartRegistry registry;
   for (const std::string& model : registry.names()) {
     CoarseOptions options;
     options.root = registry.make(model);
-    // A colour field that has converged, level on the object: some responses are so flat around their maximum
+    // A color field that has converged, level on the object: some responses are so flat around their maximum
     // that they would follow its slope.
-    options.colour = ColourOptions();
+    options.color = ColorOptions();
     CoarseTracker tracker(options);
     tracker.init(scene.frame(0), Scene::box(0));
     TrackResult result;
@@ -398,10 +398,10 @@ TEST(Coarse, FindsALostTargetAgain) {
 }
 
 // The mean posterior of the box leads to the object where its filter sees nothing.
-TEST(Coarse, ColourAloneFindsTheObject) {
+TEST(Coarse, ColorAloneFindsTheObject) {
   const Scene scene;
   CoarseOptions options;
-  options.colour_share = 1;
+  options.color_share = 1;
   CoarseTracker tracker(options);
   tracker.init(scene.frame(0), Scene::box(0));
   const cv::Rect2d box = tracker.update(scene.frame(8)).box;  // 18 px at once
@@ -708,8 +708,8 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.overlap = -0.1; });
   refused([](DptOptions& o) { o.scale_share = 1.5; });
   refused([](DptOptions& o) { o.scale.scales = 2; });
-  refused([](DptOptions& o) { o.coarse.colour_share = -1; });
-  refused([](DptOptions& o) { o.coarse.colour.histogram_rate = 7; });
+  refused([](DptOptions& o) { o.coarse.color_share = -1; });
+  refused([](DptOptions& o) { o.coarse.color.histogram_rate = 7; });
 }
 
 // The trackers beside DPT, all on ElasticConstellation.

@@ -229,16 +229,15 @@ bool same(const cv::Mat& a, const cv::Mat& b) {
 }
 
 TEST(TraxImages, ComeBack) {
-  const cv::Mat colour = noise({13, 7}, 3, 0, 255, 1);
+  const cv::Mat color = noise({13, 7}, 3, 0, 255, 1);
   cv::Mat gray, deep;
-  cv::cvtColor(colour, gray, cv::COLOR_BGR2GRAY);
+  cv::cvtColor(color, gray, cv::COLOR_BGR2GRAY);
   gray.convertTo(deep, CV_16U, 257);
-  for (const cv::Mat& image :
-       {colour, gray, deep, colour(cv::Rect(2, 1, 5, 4)), gray(cv::Rect(2, 1, 5, 4))}) {
+  for (const cv::Mat& image : {color, gray, deep, color(cv::Rect(2, 1, 5, 4)), gray(cv::Rect(2, 1, 5, 4))}) {
     EXPECT_TRUE(same(decode_trax_image(encode_trax_image(image, {"memory"})).pixels, image));
   }
   for (const std::string format : {"data", "buffer"}) {
-    EXPECT_TRUE(same(decode_trax_image(encode_trax_image(colour, {"path", format})).pixels, colour));
+    EXPECT_TRUE(same(decode_trax_image(encode_trax_image(color, {"path", format})).pixels, color));
   }
   EXPECT_EQ(encode_trax_image(cv::Mat(1, 2, CV_8UC3, cv::Scalar(3, 2, 1)), {"memory"}),
             "image:2;1;rgb;AQIDAQID");

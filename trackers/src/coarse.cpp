@@ -32,7 +32,7 @@ AnyPart paper_filter() { return Kcf(); }
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
     : options_(check_options("CoarseOptions", options)),
       root_(options.root),
-      colour_(options.colour),
+      color_(options.color),
       motion_(options.motion) {
   require(options.motion_share == 0 || MotionModel::available(),
           "CoarseOptions: motion_share needs OpenCV's video, without which this library was built");
@@ -42,7 +42,7 @@ void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
   root_.init(frame, centre_of(box), {box.width, box.height});
   centre_ = centre_of(box);
   size_ = {box.width, box.height};
-  if (options_.use_colour) colour_.init(frame, box);
+  if (options_.use_color) color_.init(frame, box);
   if (options_.motion_share > 0) motion_.init(frame, box);
   moving_ = {};
 }
@@ -81,19 +81,19 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   estimate.root_milliseconds = clock.lap();
   const ResponseMap* const response = root_.response();
   bool combined = false;  // with another cue, in density_
-  if (response != nullptr && (options_.use_colour || options_.motion_share > 0)) density_ = *response;
-  if (options_.use_colour && colour_.enabled()) {
+  if (response != nullptr && (options_.use_color || options_.motion_share > 0)) density_ = *response;
+  if (options_.use_color && color_.enabled()) {
     const Segmentation& segmentation = estimate.segmentation =
-        colour_.segment(frame, search_window(around), size_);
-    const bool adds = options_.colour_share > 0;
+        color_.segment(frame, search_window(around), size_);
+    const bool adds = options_.color_share > 0;
     if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
       if (adds)
-        add_posterior(segmentation, options_.colour_share);
+        add_posterior(segmentation, options_.color_share);
       else
-        multiply_colour(segmentation);
+        multiply_color(segmentation);
       combined = true;
     }
-    estimate.colour_milliseconds = clock.lap();
+    estimate.color_milliseconds = clock.lap();
   }
   if (response != nullptr && !moving_.posterior.empty()) {
     add_posterior(moving_, options_.motion_share);
@@ -109,13 +109,13 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   return estimate;
 }
 
-void CoarseLayer::multiply_colour(const Segmentation& segmentation) {
-  // Eq. 4: template probability times colour probability.
+void CoarseLayer::multiply_color(const Segmentation& segmentation) {
+  // Eq. 4: template probability times color probability.
   for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
     for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
       const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
       density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
-                                  static_cast<float>(colour_.probability(segmentation, position));
+                                  static_cast<float>(color_.probability(segmentation, position));
     }
 }
 
@@ -164,7 +164,7 @@ void CoarseLayer::move(const cv::Rect2d& box) {
 
 void CoarseLayer::adapt(const Frame& frame, bool informative) {
   root_.adapt(frame, centre_);
-  if (informative) colour_.adapt(frame, box());
+  if (informative) color_.adapt(frame, box());
   if (options_.motion_share > 0) motion_.adapt(frame, box());
 }
 
@@ -198,7 +198,7 @@ TrackResult CoarseTracker::follow(const Frame& frame) {
 
   const CoarseLayer::Estimate estimate = layer_.localize(frame);
   result.times.push_back({"root", estimate.root_milliseconds});
-  result.times.push_back({"colour", estimate.colour_milliseconds});
+  result.times.push_back({"color", estimate.color_milliseconds});
   if (layer_.options().motion_share > 0) result.times.push_back({"motion", estimate.motion_milliseconds});
   clock.lap();
 

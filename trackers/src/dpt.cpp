@@ -137,7 +137,7 @@ TrackResult Dpt::follow(const Frame& frame) {
   const CoarseLayer::Estimate coarse = coarse_.localize(frame);
   Placement placement = placement_.colwise() + (coarse.evidence.position - coarse_.centre());
   result.times.push_back({"root", coarse.root_milliseconds});
-  result.times.push_back({"colour", coarse.colour_milliseconds});
+  result.times.push_back({"color", coarse.color_milliseconds});
   if (options_.coarse.motion_share > 0) result.times.push_back({"motion", coarse.motion_milliseconds});
   clock.lap();
   const double confidence = std::clamp(coarse.similarity, 0.0, 1.0);
@@ -202,7 +202,7 @@ TrackResult Dpt::follow(const Frame& frame) {
   }
   result.times.push_back({"part update", clock.lap()});
 
-  // Line 6: colour model and root filter.
+  // Line 6: color model and root filter.
   coarse_.adapt(frame, coarse.segmentation.informative);
   if (options_.scale_share > 0) scale_.adapt(frame, coarse_.centre(), coarse_.size());
   result.times.push_back({"root update", clock.lap()});

@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <asterism/parts/color_histogram.hpp>
+#include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/lgt.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -33,18 +33,18 @@ AnyPart histogram_part() {
 }
 
 Lgt::Lgt(const LgtOptions& options)
-    : options_(check_options("LgtOptions", options)), parts_(options.springs), colour_(options.colour) {}
+    : options_(check_options("LgtOptions", options)), parts_(options.springs), color_(options.color) {}
 
 void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
 
 void Lgt::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
   pose_ = ObjectPose(box);
-  colour_.init(frame, box);
+  color_.init(frame, box);
   parts_.assign(Points(2, 0), Topology<>::full(0));
   placement_.resize(2, 0);
   models_.clear(), weights_.clear();
-  renew(frame, colour_.segment(frame, box, pose_.size()), options_.max_parts);
+  renew(frame, color_.segment(frame, box, pose_.size()), options_.max_parts);
   gate_.init(frame, box);
   initialized_ = true;
 }
@@ -65,10 +65,10 @@ TrackResult Lgt::follow(const Frame& frame) {
   TrackResult result;
 
   // What both layers see.
-  const Segmentation segmentation = colour_.segment(
+  const Segmentation segmentation = color_.segment(
       frame, box_around(pose_.centre(), pose_.size() + Size2::Constant(kPadding * pose_.mean_side())),
       pose_.size());
-  result.times.push_back({"colour", clock.lap()});
+  result.times.push_back({"color", clock.lap()});
   const std::size_t n = models_.size();
   for (std::size_t i = 0; i < n; ++i)
     models_[i].localize(frame, placement_.col(static_cast<Eigen::Index>(i)));
@@ -115,7 +115,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   parts_.relax(pose_, placement_, options_.layout_rate);
   if (!result.lost) {
     renew(frame, segmentation, 1);
-    if (segmentation.informative) colour_.adapt(frame, pose_.box());
+    if (segmentation.informative) color_.adapt(frame, pose_.box());
   }
   result.times.push_back({"part update", clock.lap()});
   return result;
@@ -125,7 +125,7 @@ double Lgt::likelihood(std::size_t part, const Segmentation& segmentation, const
   const double similarity = models_[part].similarity_at(position);
   if (!(similarity > 0)) return 0;
   return std::exp(options_.sharpness * std::min(0.0, similarity - 1)) *
-         colour_.probability(segmentation, position);
+         color_.probability(segmentation, position);
 }
 
 Point2 Lgt::common_displacement(const Segmentation& segmentation) const {
@@ -180,7 +180,7 @@ void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_pa
     models.push_back(std::move(models_[part])), weights.push_back(weights_[part]);
   }
 
-  // Where the object is least covered, near its middle, and of its colour.
+  // Where the object is least covered, near its middle, and of its color.
   const double side = options_.part_side * pose_.mean_side();
   constexpr int kPlaces = 12;  // on each axis
   for (; new_parts > 0 && std::ssize(layout) < options_.max_parts; --new_parts) {
@@ -194,7 +194,7 @@ void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_pa
       double free = 4;
       for (const Point2& other : placement) free = std::min(free, (other - position).norm() / side);
       const double score =
-          free < 0.5 ? 0 : free * std::exp(-u.squaredNorm()) * colour_.probability(segmentation, position);
+          free < 0.5 ? 0 : free * std::exp(-u.squaredNorm()) * color_.probability(segmentation, position);
       if (score > most) most = score, best = in_object;
     }
     if (!(most > 0)) break;

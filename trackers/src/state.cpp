@@ -40,11 +40,11 @@ void visit_unseen(StateArchive& archive, std::vector<int>& unseen, int parts) {
   visit_all(archive, unseen, static_cast<std::size_t>(parts), 1'000'000'000);
 }
 
-// Colours in CIELAB, no coordinate of which is beyond 200.
-void visit_colours(StateArchive& archive, Eigen::ArrayX3f& colours, int count) {
-  colours.resize(count, 3);
-  archive(colours);
-  archive.require((colours.abs() <= 200).all());
+// Colors in CIELAB, no coordinate of which is beyond 200.
+void visit_colors(StateArchive& archive, Eigen::ArrayX3f& colors, int count) {
+  colors.resize(count, 3);
+  archive(colors);
+  archive.require((colors.abs() <= 200).all());
 }
 
 #ifdef ASTERISM_TRACKERS_KEYPOINTS
@@ -62,7 +62,7 @@ void CoarseLayer::visit_state(StateArchive& archive) {
   archive.position(centre_);
   archive.size(size_);
   root_.visit_state(archive);
-  colour_.visit_state(archive);
+  color_.visit_state(archive);
   if (options_.motion_share > 0) motion_.visit_state(archive, centre_, size_);
 }
 
@@ -170,7 +170,7 @@ void Lgt::visit_state(StateArchive& archive) {
   if (!archive.loading() && !initialized_) throw std::logic_error("Lgt: to be saved before init");
   archive.begin("lgt", options_);
   pose_.visit_state(archive);
-  colour_.visit_state(archive);
+  color_.visit_state(archive);
   parts_.visit_state(archive, placement_);
   archive.require(parts_.size() <= options_.max_parts);
   const auto count = static_cast<std::size_t>(parts_.size());
@@ -185,15 +185,15 @@ void SuperpixelTracker::visit_state(StateArchive& archive) {
   if (!archive.loading() && !initialized_)
     throw std::logic_error("SuperpixelTracker: to be saved before init");
   archive.begin("superpixel tracker", options_);
-  archive(colour_);
+  archive(color_);
   pose_.visit_state(archive);
   spacing_ = pose_.mean_side() / options_.template_side;
   parts_.visit_state(archive, placement_);
   visit_unseen(archive, unseen_, parts_.size());
-  visit_colours(archive, colours_, parts_.size());
+  visit_colors(archive, colors_, parts_.size());
   auto around = static_cast<int>(background_.rows());
   archive.count(around, 3 * sizeof(float));
-  visit_colours(archive, background_, around);
+  visit_colors(archive, background_, around);
   gate_.visit_state(archive);
   initialized_ = true;
 }

@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <asterism/parts/patch.hpp>
+#include <asterism/parts/features/patch.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker_options.hpp>
@@ -32,11 +32,11 @@ void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init
 
 void SuperpixelTracker::init(const Frame& frame, const cv::Rect2d& box) {
   check_start(frame, box);
-  colour_ = frame.has_colour();
+  color_ = frame.has_color();
   pose_ = ObjectPose(box);
   parts_.assign(Points(2, 0), Topology<>::full(0));
   placement_.resize(2, 0);
-  colours_.resize(0, 3), background_.resize(0, 3);
+  colors_.resize(0, 3), background_.resize(0, 3);
   unseen_.clear();
   spacing_ = pose_.mean_side() / options_.template_side;
   renew(cut(frame));
@@ -60,7 +60,7 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
   TrackResult result;
 
   const Candidates seen = cut(frame);
-  const Eigen::ArrayXXf likeness = alike(colours_, seen.colours);
+  const Eigen::ArrayXXf likeness = alike(colors_, seen.colors);
   result.times.push_back({"superpixels", clock.lap()});
 
   // The motion that most parts have in common, then each part's candidates near there.
@@ -75,18 +75,18 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
     double total = 0;
     Point2 mean = Point2::Zero();
     Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
-    Eigen::Array3d colour = Eigen::Array3d::Zero();
+    Eigen::Array3d color = Eigen::Array3d::Zero();
     for (int c = 0; c < seen.areas.size(); ++c) {
       const Point2 offset = seen.positions.col(c) - expected;
       const double near = std::exp(-offset.squaredNorm() / (2 * sigma * sigma));
       const double match = near * static_cast<double>(likeness(i, c) * std::sqrt(seen.foreground[c]));
       const double weight = match * static_cast<double>(seen.areas[c]);
       total += weight, mean += weight * offset, moments += weight * offset * offset.transpose();
-      colour += weight * seen.colours.row(c).transpose().cast<double>();
+      color += weight * seen.colors.row(c).transpose().cast<double>();
       part.peak = std::max(part.peak, match);
     }
     part.position = expected;
-    matched.row(i) = colours_.row(i);
+    matched.row(i) = colors_.row(i);
     if (!(total > 1e-6)) {
       part.peak = 0;
       continue;
@@ -95,7 +95,7 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
     part.position += mean;
     part.covariance =
         moments / total - mean * mean.transpose() + sigma * sigma / 12 * Eigen::Matrix2d::Identity();
-    matched.row(i) = (colour / total).transpose().cast<float>();
+    matched.row(i) = (color / total).transpose().cast<float>();
   }
   result.times.push_back({"matching", clock.lap()});
 
@@ -118,7 +118,7 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
     int& unseen = unseen_[static_cast<std::size_t>(i)];
     unseen = works ? 0 : unseen + 1;
     if (works)
-      colours_.row(i) += static_cast<float>(options_.learning_rate) * (matched.row(i) - colours_.row(i));
+      colors_.row(i) += static_cast<float>(options_.learning_rate) * (matched.row(i) - colors_.row(i));
     else
       placement_.col(i) = expected.col(i);
     result.parts.push_back({.position = placement_.col(i),
@@ -147,17 +147,17 @@ SuperpixelTracker::Candidates SuperpixelTracker::cut(const Frame& frame) const {
   const cv::Size grid(pixels(whole.x()), pixels(whole.y()));
   const Size2 pixel = whole.cwiseQuotient(Size2(grid.width, grid.height));
   cv::Mat patch;
-  sample_patch(colour_ && !frame.bgr().empty() ? frame.bgr() : frame.gray(), pose_.centre(), whole, grid,
+  sample_patch(color_ && !frame.bgr().empty() ? frame.bgr() : frame.gray(), pose_.centre(), whole, grid,
                patch);
   if (patch.channels() == 1) cv::cvtColor(patch, patch, cv::COLOR_GRAY2BGR);
   patch.convertTo(patch, CV_32F, 1.0 / 255);
   cv::cvtColor(patch, patch, cv::COLOR_BGR2Lab);
-  const auto colours = Eigen::Map<const Eigen::Array<float, Eigen::Dynamic, 3, Eigen::RowMajor>>(
+  const auto colors = Eigen::Map<const Eigen::Array<float, Eigen::Dynamic, 3, Eigen::RowMajor>>(
       patch.ptr<float>(), grid.area(), 3);
-  const SuperpixelMap map = slic(colours, grid.width, options_.slic);
+  const SuperpixelMap map = slic(colors, grid.width, options_.slic);
 
   Candidates result{.positions = Points::Zero(2, map.areas.size()),
-                    .colours = map.colours,
+                    .colors = map.colors,
                     .areas = map.areas,
                     .foreground = {}};
   for (int i = 0; i < grid.area(); ++i)
@@ -169,11 +169,11 @@ SuperpixelTracker::Candidates SuperpixelTracker::cut(const Frame& frame) const {
         pixel.cwiseProduct(result.positions.col(c) / static_cast<double>(map.areas[c]) - middle);
   result.areas /= static_cast<float>(options_.slic.side * options_.slic.side);
 
-  // The share of the object among what has such a colour, each as dense as it is around here.
+  // The share of the object among what has such a color, each as dense as it is around here.
   result.foreground = Eigen::ArrayXf::Ones(map.areas.size());
-  if (colours_.rows() > 0 && background_.rows() > 0) {
-    const Eigen::ArrayXf object = alike(colours_, map.colours).colwise().mean().transpose(),
-                         around = alike(background_, map.colours).colwise().mean().transpose();
+  if (colors_.rows() > 0 && background_.rows() > 0) {
+    const Eigen::ArrayXf object = alike(colors_, map.colors).colwise().mean().transpose(),
+                         around = alike(background_, map.colors).colwise().mean().transpose();
     result.foreground = (object + 1e-3f) / (object + around + 2e-3f);
   }
   return result;
@@ -183,7 +183,7 @@ Eigen::ArrayXXf SuperpixelTracker::alike(const Eigen::ArrayX3f& a, const Eigen::
   Eigen::ArrayXXf squares = Eigen::ArrayXXf::Zero(a.rows(), b.rows());
   for (int k = 0; k < 3; ++k)
     squares += (a.col(k).replicate(1, b.rows()) - b.col(k).transpose().replicate(a.rows(), 1)).square();
-  return (squares / static_cast<float>(-2 * options_.colour_sigma * options_.colour_sigma)).exp();
+  return (squares / static_cast<float>(-2 * options_.color_sigma * options_.color_sigma)).exp();
 }
 
 Point2 SuperpixelTracker::common_displacement(const Candidates& seen, const Eigen::ArrayXXf& likeness) const {
@@ -216,35 +216,35 @@ Point2 SuperpixelTracker::common_displacement(const Candidates& seen, const Eige
 void SuperpixelTracker::renew(const Candidates& seen) {
   const PlaneTransform to_object = pose_.transform().inverse();
   std::vector<Point2> layout, placement;
-  std::vector<Eigen::Array3f> colours, background;
+  std::vector<Eigen::Array3f> colors, background;
   std::vector<int> unseen;
   for (int i = 0; i < parts_.size(); ++i) {
     const int frames = unseen_[static_cast<std::size_t>(i)];
     if (frames >= options_.forget_after) continue;
     layout.push_back(parts_.layout().col(i)), placement.push_back(placement_.col(i));
-    colours.push_back(colours_.row(i).transpose()), unseen.push_back(frames);
+    colors.push_back(colors_.row(i).transpose()), unseen.push_back(frames);
   }
   const double spacing = 0.7 * options_.slic.side * spacing_;
   for (int c = 0; c < seen.areas.size(); ++c) {
     const Point2 position = seen.positions.col(c), in_object = to_object(position);
     if (!pose_.covers(in_object)) {
-      background.push_back(seen.colours.row(c).transpose());
+      background.push_back(seen.colors.row(c).transpose());
       continue;
     }
     const auto too_near = [&](const Point2& other) { return (other - position).norm() < spacing; };
     if (seen.foreground[c] < 0.5f || std::any_of(placement.begin(), placement.end(), too_near)) continue;
     layout.push_back(in_object), placement.push_back(position);
-    colours.push_back(seen.colours.row(c).transpose()), unseen.push_back(0);
+    colors.push_back(seen.colors.row(c).transpose()), unseen.push_back(0);
   }
 
   Points points(2, std::ssize(layout));
   placement_.resize(2, points.cols());
-  colours_.resize(points.cols(), 3);
+  colors_.resize(points.cols(), 3);
   background_.resize(std::ssize(background), 3);
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const auto part = static_cast<std::size_t>(i);
     points.col(i) = layout[part], placement_.col(i) = placement[part];
-    colours_.row(i) = colours[part].transpose();
+    colors_.row(i) = colors[part].transpose();
   }
   for (std::size_t c = 0; c < background.size(); ++c)
     background_.row(static_cast<Eigen::Index>(c)) = background[c].transpose();

@@ -1,4 +1,4 @@
-#include <asterism/parts/spatial_reliability.hpp>
+#include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/trackers/coarse.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/kalman.hpp>
@@ -15,7 +15,7 @@
 #include <asterism/trackers/keypoint_tracker.hpp>
 #endif
 #ifdef ASTERISM_TRACKERS_JSON
-#include <asterism/parts/part_registry.hpp>
+#include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/trackers/tracker_options.hpp>
 #include <nlohmann/json.hpp>
 #endif
@@ -70,9 +70,9 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
 #ifdef ASTERISM_TRACKERS_FLOW
   if (name == "dpt_plus") {
     SpatialReliabilityOptions filter;
-    filter.colour_channels = true;
+    filter.color_channels = true;
     options.coarse.root = SpatialReliability(filter);
-    options.coarse.colour.foreground_prior = 0.375;
+    options.coarse.color.foreground_prior = 0.375;
     options.coarse.motion_share = 0.45;
     options.coarse.redetect = true;
     options.scale_share = 0.25;
@@ -90,7 +90,7 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   CoarseOptions options;
   if (name == "coarse" || name == "dpt_crs") return options;
   if (name == "kcf" || name == "dpt_crs_nos") {
-    options.use_colour = false;
+    options.use_color = false;
     if (name == "kcf") {
       KcfOptions filter;
       filter.proportional_window = true;

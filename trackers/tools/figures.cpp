@@ -26,8 +26,8 @@ std::string format(const char* pattern, double value) {
   return text;
 }
 
-void blend(cv::Mat area, const cv::Scalar& colour, double opacity) {
-  cv::Mat painted(area.size(), area.type(), colour);
+void blend(cv::Mat area, const cv::Scalar& color, double opacity) {
+  cv::Mat painted(area.size(), area.type(), color);
   cv::addWeighted(painted, opacity, area, 1 - opacity, 0, area);
 }
 
@@ -78,7 +78,7 @@ void Timeline::draw_film(const cv::Mat& film) const {
             cv::Rect({0, 0}, tile.size());
         if (!area.empty()) blend(tile(area), kBlocked, 0.5);
       }
-      pen.box(covered, colour_of(i, parts), 2);
+      pen.box(covered, color_of(i, parts), 2);
     }
     draw_text(tile, {std::to_string(shot.still.number)}, {5, 5}, 0.45);
     const cv::Rect place(kLeft + k * kShot.width + (kShot.width - tile.cols) / 2,
@@ -107,7 +107,7 @@ void Timeline::draw_strip(cv::Mat strip, std::size_t part, double top) const {
     threshold.emplace_back(x(moment.number), y(moment.threshold));
   }
   cv::polylines(strip, threshold, false, kAxis, 1, cv::LINE_AA);
-  cv::polylines(strip, weights, false, colour_of(part, moments_.front().weights.size()), 2, cv::LINE_AA);
+  cv::polylines(strip, weights, false, color_of(part, moments_.front().weights.size()), 2, cv::LINE_AA);
 }
 
 cv::Mat Timeline::draw() const {
@@ -124,7 +124,7 @@ cv::Mat Timeline::draw() const {
   for (std::size_t i = 0; i < parts; ++i) {
     const int row = kShot.height + 30 + static_cast<int>(i) * (kStrip + kStripGap);
     draw_strip(canvas(cv::Rect(kLeft, row, width, kStrip)), i, top);
-    cv::rectangle(canvas, cv::Rect(8, row + kStrip / 2 - 8, 14, 16), colour_of(i, parts), cv::FILLED);
+    cv::rectangle(canvas, cv::Rect(8, row + kStrip / 2 - 8, 14, 16), color_of(i, parts), cv::FILLED);
     draw_text(canvas, {"part " + std::to_string(i + 1)}, {28, row + kStrip / 2 - 6});
     draw_text(canvas, {format("%.1f", top)}, {kLeft - 28, row}, 0.35);
     draw_text(canvas, {"0"}, {kLeft - 12, row + kStrip - 10}, 0.35);
@@ -169,9 +169,9 @@ cv::Mat draw_solve(const cv::Mat& frame, const SolveWatch::Solve& solve, const T
     }
     for (Eigen::Index i = 0; i < x.cols(); ++i) {
       pen.dot(x.col(i), kDark, 7);
-      pen.dot(x.col(i), colour_of(static_cast<std::size_t>(i), result.parts.size()), 5);
+      pen.dot(x.col(i), color_of(static_cast<std::size_t>(i), result.parts.size()), 5);
       pen.cross(solve.system.anchors.col(i), kDark, 5, 7);
-      pen.cross(solve.system.anchors.col(i), colour_of(static_cast<std::size_t>(i), result.parts.size()), 2,
+      pen.cross(solve.system.anchors.col(i), color_of(static_cast<std::size_t>(i), result.parts.size()), 2,
                 7);
     }
     const int left = solved ? kPanel + 4 : 0;

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/frame.hpp>
+#include <asterism/parts/concept/frame.hpp>
 #include <cstdint>
 #include <filesystem>
 #include <opencv2/core.hpp>

@@ -148,9 +148,9 @@ ImageSource ImageSource::open(const std::string& input, const FrameOptions& opti
   std::error_code error;
   if (fs::is_directory(path, error)) {
     if (fs::exists(path / "groundtruth.txt")) source.ground_truth_ = path / "groundtruth.txt";
-    const bool colour =
+    const bool color =
         fs::is_directory(path / "color") && (source.ground_truth_ || files_of(path, is_image).empty());
-    source.use_folder(colour ? path / "color" : path, is_image, input);
+    source.use_folder(color ? path / "color" : path, is_image, input);
   } else if (fs::exists(path, error)) {
     // OpenCV would take the name of one image for a pattern and read all its neighbours.
     if (is_image(path)) {

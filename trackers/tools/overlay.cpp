@@ -52,14 +52,14 @@ cv::Mat to_bgr(const cv::Mat& frame) {
 
 double overlay_scale(cv::Size frame) { return frame.height < kMinReadable ? 2 : 1; }
 
-void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view, const cv::Scalar& colour) {
+void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view, const cv::Scalar& color) {
   if (!result.parts.empty()) {
     cv::Mat faded = canvas.clone();
     draw_constellation({faded, view}, result, false);
     cv::addWeighted(faded, kFaded, canvas, 1 - kFaded, 0, canvas);
     draw_constellation({canvas, view}, result, true);
   }
-  const cv::Scalar& shown = result.lost ? kRed : colour;
+  const cv::Scalar& shown = result.lost ? kRed : color;
   Pen{canvas, view}.box(result.box, shown, 2);
   if (result.angle != 0) Pen{canvas, view}.outline(result.corners(), shown, 1);
 }
@@ -84,7 +84,7 @@ cv::Mat draw_overlay(const cv::Mat& frame, std::span<const TrackResult> objects,
   if (objects.size() != 1) {
     for (size_t i = 0; i < objects.size(); ++i) {
       const TrackResult& object = objects[i];
-      draw_track(canvas, object, {scale, {}}, colour_of(i, objects.size()));
+      draw_track(canvas, object, {scale, {}}, color_of(i, objects.size()));
       const cv::Rect2d& box = object.box;
       if (!(std::abs(box.x) < 1e6 && std::abs(box.y) < 1e6)) continue;  // no place to write at
       draw_text(canvas, {std::to_string(i + 1) + (object.lost ? "  LOST" : "")},
@@ -117,7 +117,7 @@ cv::Rect cut_around(cv::Size frame, const cv::Rect2d& box, const cv::Size2d& reg
   return around & all;
 }
 
-cv::Scalar colour_of(std::size_t index, std::size_t count) {
+cv::Scalar color_of(std::size_t index, std::size_t count) {
   const auto hue =
       static_cast<std::uint8_t>((180 * index + 90) / std::max<std::size_t>(1, count));  // none is red
   cv::Mat pixel(1, 1, CV_8UC3, cv::Scalar(hue, 170, 255));
@@ -184,7 +184,7 @@ void ContactSheet::draw_tile(cv::Mat& tile, const Entry& entry, const View& view
   // The first is on top.
   for (std::size_t i = entry.results.size(); i-- > 0;) {
     pen.box(entry.results[i].box, kDark, 4);
-    pen.box(entry.results[i].box, colour_of(i, names_.size()), 2);
+    pen.box(entry.results[i].box, color_of(i, names_.size()), 2);
   }
   draw_text(tile, {std::to_string(entry.still.number)}, {8, 8}, 0.7);
 }
@@ -218,13 +218,13 @@ cv::Mat ContactSheet::draw() const {
 void ContactSheet::draw_legend(cv::Mat& sheet) const {
   constexpr double kSize = 0.7;
   int x = kTileGap + 8;
-  const auto entry = [&](const std::string& name, const cv::Scalar& colour) {
-    cv::rectangle(sheet, cv::Rect(x, 12, 22, 16), colour, 2, cv::LINE_AA);
+  const auto entry = [&](const std::string& name, const cv::Scalar& color) {
+    cv::rectangle(sheet, cv::Rect(x, 12, 22, 16), color, 2, cv::LINE_AA);
     draw_text(sheet, {name}, {x + 32, 12}, kSize);
     int baseline = 0;
     x += 64 + cv::getTextSize(name, cv::FONT_HERSHEY_SIMPLEX, kSize, 1, &baseline).width;
   };
-  for (std::size_t i = 0; i < names_.size(); ++i) entry(names_[i], colour_of(i, names_.size()));
+  for (std::size_t i = 0; i < names_.size(); ++i) entry(names_[i], color_of(i, names_.size()));
   const auto& entries = entries_.members();
   if (std::any_of(entries.begin(), entries.end(), [](const Entry& e) { return e.truth.has_value(); }))
     entry("ground truth", kWhite);

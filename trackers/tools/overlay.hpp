@@ -21,10 +21,10 @@ struct View {
 /// The scale at which a frame of this size is drawn so that text on it can be read: small ones are doubled.
 double overlay_scale(cv::Size frame);
 
-/// Draws the object's box (in `colour`, red where lost), thinly also as it is turned, its parts (blue) as
+/// Draws the object's box (in `color`, red where lost), thinly also as it is turned, its parts (blue) as
 /// they are turned, and their springs; parts that were not updated, and springs that end in one, are faded.
 void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view,
-                const cv::Scalar& colour = {0, 255, 255});
+                const cv::Scalar& color = {0, 255, 255});
 
 /// Writes white text with a dark outline, readable on any background; `corner` is the top left of its first
 /// line.
@@ -40,8 +40,8 @@ cv::Mat to_bgr(const cv::Mat& frame);
 /// The part of a frame of about the size of `region` around a box [px].
 cv::Rect cut_around(cv::Size frame, const cv::Rect2d& box, const cv::Size2d& region);
 
-/// Colours (BGR) that can be told apart, for `index` of `count`.
-cv::Scalar colour_of(std::size_t index, std::size_t count);
+/// Colors (BGR) that can be told apart, for `index` of `count`.
+cv::Scalar color_of(std::size_t index, std::size_t count);
 
 /// A frame kept to be drawn later; large ones are kept smaller.
 struct Still {

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/parts/frame.hpp>
+#include <asterism/parts/concept/frame.hpp>
 #include <asterism/trackers/tracker.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
@@ -26,32 +26,32 @@ struct Pen {
     return {(x + 0.5 - view.origin.x) * view.scale - 0.5, (y + 0.5 - view.origin.y) * view.scale - 0.5};
   }
   /// The corners of a box, as `turned` gives them.
-  void outline(const std::array<cv::Point2d, 4>& corners, const cv::Scalar& colour, int width) const {
+  void outline(const std::array<cv::Point2d, 4>& corners, const cv::Scalar& color, int width) const {
     std::array<cv::Point, 4> drawn;
     for (std::size_t i = 0; i < corners.size(); ++i) {
       if (!std::isfinite(corners[i].x + corners[i].y)) return;
       // From the outer edge of the first pixel to that of the last one.
       drawn[i] = fixed(map(corners[i].x - 0.5, corners[i].y - 0.5));
     }
-    cv::polylines(canvas, std::vector<cv::Point>(drawn.begin(), drawn.end()), true, colour, width,
-                  cv::LINE_AA, kBits);
+    cv::polylines(canvas, std::vector<cv::Point>(drawn.begin(), drawn.end()), true, color, width, cv::LINE_AA,
+                  kBits);
   }
-  void box(const cv::Rect2d& b, const cv::Scalar& colour, int width) const {
-    outline(turned(b, 0), colour, width);
+  void box(const cv::Rect2d& b, const cv::Scalar& color, int width) const {
+    outline(turned(b, 0), color, width);
   }
-  void dot(const Point2& p, const cv::Scalar& colour, int radius) const {
+  void dot(const Point2& p, const cv::Scalar& color, int radius) const {
     if (!p.allFinite()) return;
-    cv::circle(canvas, at(p), radius << kBits, colour, cv::FILLED, cv::LINE_AA, kBits);
+    cv::circle(canvas, at(p), radius << kBits, color, cv::FILLED, cv::LINE_AA, kBits);
   }
-  void line(const Point2& a, const Point2& b, const cv::Scalar& colour, int width) const {
+  void line(const Point2& a, const Point2& b, const cv::Scalar& color, int width) const {
     if (!a.allFinite() || !b.allFinite()) return;
-    cv::line(canvas, at(a), at(b), colour, width, cv::LINE_AA, kBits);
+    cv::line(canvas, at(a), at(b), color, width, cv::LINE_AA, kBits);
   }
   /// A diagonal cross of a size on the canvas [px].
-  void cross(const Point2& p, const cv::Scalar& colour, int width, double size) const {
+  void cross(const Point2& p, const cv::Scalar& color, int width, double size) const {
     const Point2 arm(size / view.scale, size / view.scale), other(arm.x(), -arm.y());
-    line(p - arm, p + arm, colour, width);
-    line(p - other, p + other, colour, width);
+    line(p - arm, p + arm, color, width);
+    line(p - other, p + other, color, width);
   }
 
  private:

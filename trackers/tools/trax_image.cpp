@@ -20,7 +20,7 @@ struct PixelFormat {
   std::string_view name;
   int type;
 };
-// Colours are RGB on the line.
+// Colors are RGB on the line.
 constexpr std::array kPixelFormats = {PixelFormat{"rgb", CV_8UC3}, PixelFormat{"gray8", CV_8UC1},
                                       PixelFormat{"gray16", CV_16UC1}};
 

@@ -24,7 +24,7 @@
 #include <sstream>
 #endif
 #ifdef HAVE_PARTS
-#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #endif
 #ifdef HAVE_TRACKERS
 #include <asterism/trackers/tracker.hpp>

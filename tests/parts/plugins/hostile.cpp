@@ -1,5 +1,5 @@
 // A part model that does what none may, and one that counts.
-#include <asterism/parts/part_plugin.hpp>
+#include <asterism/parts/concept/part_plugin.hpp>
 #include <limits>
 #include <stdexcept>
 

@@ -1,6 +1,6 @@
 // Libraries that are refused, each by what REFUSED_... is defined. Their constructors must not run, but where
 // the library is for this program.
-#include <asterism/parts/part_plugin.hpp>
+#include <asterism/parts/concept/part_plugin.hpp>
 #include <cstdlib>
 #include <stdexcept>
 

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <asterism/parts/any_part.hpp>
-#include <asterism/parts/colour.hpp>
-#include <asterism/parts/kcf.hpp>
+#include <asterism/parts/concept/any_part.hpp>
+#include <asterism/parts/models/color.hpp>
+#include <asterism/parts/models/kcf.hpp>
 #include <asterism/trackers/interruption.hpp>
 #include <asterism/trackers/motion.hpp>
 #include <asterism/trackers/tracker.hpp>
@@ -18,21 +18,21 @@ ASTERISM_API AnyPart paper_filter();
 struct CoarseOptions {
   /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
   AnyPart root = paper_filter();
-  /// The colour model of object and surroundings. Open in the paper: the foreground's prior, here between
+  /// The color model of object and surroundings. Open in the paper: the foreground's prior, here between
   /// the box's share of the search window, about 1/6, and that of the region that the histograms are taken
   /// from, 3/8; the group's later code has 0.18. And when the random field stops: after three iterations the
   /// posterior is smooth and still knows doubt; when it converges, nearly all of it is 0 or 1, which a
   /// product with the response takes for certain.
-  ColourOptions colour = {.foreground_prior = 0.2, .mrf = {.max_iterations = 3}};
-  /// Multiply the root's response with the colour probability; otherwise, and for a root without a response
+  ColorOptions color = {.foreground_prior = 0.2, .mrf = {.max_iterations = 3}};
+  /// Multiply the root's response with the color probability; otherwise, and for a root without a response
   /// map, the position is the root's alone.
-  bool use_colour = true;
+  bool use_color = true;
   /// Instead of the product: the response and the mean posterior of the object's box around each position,
   /// the latter with this weight in [0, 1] (Bertinetto et al., *Staple*, CVPR 2016, whose weight is 0.3). 0:
   /// the paper's product.
-  double colour_share = 0;
+  double color_share = 0;
   /// What moves otherwise than the camera, and the weight in [0, 1] of its mean posterior of the object's box
-  /// around each position, against the response with colour; 0: not used. The paper has nothing like it.
+  /// around each position, against the response with color; 0: not used. The paper has nothing like it.
   /// Needs OpenCV's video module.
   MotionOptions motion;
   double motion_share = 0;
@@ -46,7 +46,7 @@ struct CoarseOptions {
   bool redetect = false;
 };
 
-/// The paper's coarse representation: the root correlation filter z^(0) and the global colour model C_t,
+/// The paper's coarse representation: the root correlation filter z^(0) and the global color model C_t,
 /// which together place the object's centre within the search region of the root.
 class ASTERISM_API CoarseLayer {
  public:
@@ -60,10 +60,10 @@ class ASTERISM_API CoarseLayer {
   struct Estimate {
     Evidence evidence;               ///< of the density of Eq. 4
     double similarity = 0;           ///< the root filter's own response at the position
-    Segmentation segmentation;       ///< of the search window, empty where the colour model is off
+    Segmentation segmentation;       ///< of the search window, empty where the color model is off
     bool lost = false;               ///< `similarity` is below CoarseOptions::lost_below
     double root_milliseconds = 0;    ///< wall-clock time of the root filter
-    double colour_milliseconds = 0;  ///< of the colour model
+    double color_milliseconds = 0;   ///< of the color model
     double motion_milliseconds = 0;  ///< of the model of motion
   };
   /// The object's position near its last one: the maximum of Eq. 4.
@@ -89,16 +89,16 @@ class ASTERISM_API CoarseLayer {
 
  private:
   Estimate localize_around(const Frame& frame, const Point2& around);
-  // `density_` times the colour probability, ...
-  void multiply_colour(const Segmentation& segmentation);
+  // `density_` times the color probability, ...
+  void multiply_color(const Segmentation& segmentation);
   // ... or its weighted sum with the mean posterior of the box.
   void add_posterior(const Segmentation& segmentation, double weight);
-  // What the root searches around a position, and the colour model with it.
+  // What the root searches around a position, and the color model with it.
   cv::Rect2d search_window(const Point2& around) const;
 
   CoarseOptions options_;
   AnyPart root_;
-  ColourModel colour_;
+  ColorModel color_;
   MotionModel motion_;
   Segmentation moving_;  // of the last frame
   Point2 centre_ = Point2::Zero();
@@ -108,7 +108,7 @@ class ASTERISM_API CoarseLayer {
 };
 
 /// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos
-/// without colour. The box keeps its size.
+/// without color. The box keeps its size.
 class ASTERISM_API CoarseTracker {
  public:
   /// Throws std::invalid_argument for options out of range.

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/scale_filter.hpp>
+#include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -38,7 +38,7 @@ struct DptOptions {
   using Springs =
       SpringSystem<double, 2, Eigen::Dynamic, kMaxParts, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
 
-  /// The coarse layer: root and colour.
+  /// The coarse layer: root and color.
   CoarseOptions coarse;
   /// The parts' model z^(i), not yet initialised: the paper's is a Kcf, with the root's parameters.
   AnyPart part = paper_filter();
@@ -92,7 +92,7 @@ struct DptOptions {
   std::function<void(const Springs& system, const Springs::Points& start, const Summary& summary)> on_solve;
 };
 
-/// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a colour model,
+/// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a color model,
 /// and a mid level of parts whose MAP constellation is the equilibrium of a spring system. `update` is the
 /// paper's Algorithm 2.
 class ASTERISM_API Dpt {

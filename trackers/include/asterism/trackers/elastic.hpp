@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/part_model.hpp>
+#include <asterism/parts/concept/part_model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/parts/any_part.hpp>
-#include <asterism/parts/colour.hpp>
+#include <asterism/parts/concept/any_part.hpp>
+#include <asterism/parts/models/color.hpp>
 #include <asterism/trackers/elastic.hpp>
 #include <asterism/trackers/interruption.hpp>
 #include <vector>
@@ -16,7 +16,7 @@ ASTERISM_API AnyPart histogram_part();
 struct LgtOptions {
   /// The parts' model, not yet initialised.
   AnyPart part = histogram_part();
-  ColourOptions colour;
+  ColorOptions color;
   /// Parts at most, in [1, 100], and their side [object's mean side, in [0.01, 10]].
   int max_parts = 20;
   double part_side = 0.25;
@@ -35,7 +35,7 @@ struct LgtOptions {
 
 /// Coupled layers, after LGT (Cehovin, Kristan and Leonardis, "Robust visual tracking using an adaptive
 /// coupled-layer visual model", PAMI 2013). The local layer is a constellation of small histogram parts on a
-/// Delaunay triangulation of springs; parts that do badly fade and leave. The global layer, the colour model,
+/// Delaunay triangulation of springs; parts that do badly fade and leave. The global layer, the color model,
 /// says where on the object new ones are needed, and weighs what the parts see.
 class ASTERISM_API Lgt {
  public:
@@ -68,7 +68,7 @@ class ASTERISM_API Lgt {
   std::vector<AnyPart> models_;
   std::vector<double> weights_;
   ElasticConstellation parts_;
-  ColourModel colour_;
+  ColorModel color_;
   ObjectPose pose_;
   Points placement_;
   InterruptionGate gate_;

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <array>
-#include <asterism/parts/colour.hpp>
-#include <asterism/parts/state.hpp>
+#include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/models/color.hpp>
 #include <asterism/trackers/object_window.hpp>
 #include <cstdint>
 
@@ -28,7 +28,7 @@ struct MotionOptions {
 };
 
 /// What moves otherwise than the camera: histograms of the speed of the object and of what is around it, as
-/// ColourModel has them of colours, and the foreground posterior by Bayes' rule.
+/// ColorModel has them of colors, and the foreground posterior by Bayes' rule.
 ///
 /// Speeds are those of a dense optical flow (Kroeger et al., *Fast Optical Flow using Dense Inverse Search*,
 /// ECCV 2016) from the frame before, less a similarity that most of what is around the object follows. They

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/parts/frame.hpp>
-#include <asterism/parts/patch.hpp>
+#include <asterism/parts/concept/frame.hpp>
+#include <asterism/parts/features/patch.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {

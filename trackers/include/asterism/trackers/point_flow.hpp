@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/parts/part_model.hpp>
-#include <asterism/parts/state.hpp>
+#include <asterism/parts/concept/part_model.hpp>
+#include <asterism/parts/concept/state.hpp>
 #include <asterism/trackers/object_window.hpp>
 #include <vector>
 

@@ -2,7 +2,7 @@
 
 #include <Eigen/LU>
 #include <algorithm>
-#include <asterism/parts/part_model.hpp>
+#include <asterism/parts/concept/part_model.hpp>
 #include <cmath>
 
 namespace asterism {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/slic.hpp>
+#include <asterism/parts/features/slic.hpp>
 #include <asterism/trackers/elastic.hpp>
 #include <asterism/trackers/interruption.hpp>
 #include <vector>
@@ -16,12 +16,12 @@ struct SuperpixelTrackerOptions {
   /// with `padding` x as much around it on both axes, in (0, 100].
   double template_side = 40;
   double padding = 1.5;
-  /// Deviation of a superpixel's mean colour from frame to frame, > 0 [CIELAB units].
-  double colour_sigma = 8;
+  /// Deviation of a superpixel's mean color from frame to frame, > 0 [CIELAB units].
+  double color_sigma = 8;
   /// Each part is linked to as many nearest ones, in [1, 100].
   int neighbours = 6;
   ElasticOptions springs = {.deformation = 0.1, .reach = 0.1};
-  /// Rate at which a part's colour follows what it matches, in [0, 1].
+  /// Rate at which a part's color follows what it matches, in [0, 1].
   double learning_rate = 0.1;
   /// A part that was not matched for so many frames makes place for a new one, > 0.
   int forget_after = 10;
@@ -31,7 +31,7 @@ struct SuperpixelTrackerOptions {
 
 /// A constellation of superpixels, after DGT (Cai et al., "Robust deformable and occluded object tracking
 /// with dynamic graph", TIP 2014): the parts are the object's superpixels, candidates those of the frame
-/// whose colour is rather the object's than its surroundings'. Matching is by colour and place; springs to
+/// whose color is rather the object's than its surroundings'. Matching is by color and place; springs to
 /// the nearest neighbours are the geometric term. The graph is dynamic: parts that are not matched any more
 /// leave, candidates on the object that are no parts join.
 class ASTERISM_API SuperpixelTracker {
@@ -51,11 +51,11 @@ class ASTERISM_API SuperpixelTracker {
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
   using Points = ElasticConstellation::Points;
-  // The superpixels of a window: positions in the image, colours, areas of which the mean is about 1, and
-  // how much of the object's colour rather than its surroundings', in [0, 1].
+  // The superpixels of a window: positions in the image, colors, areas of which the mean is about 1, and
+  // how much of the object's color rather than its surroundings', in [0, 1].
   struct Candidates {
     Points positions;
-    Eigen::ArrayX3f colours;
+    Eigen::ArrayX3f colors;
     Eigen::ArrayXf areas, foreground;
   };
 
@@ -69,10 +69,10 @@ class ASTERISM_API SuperpixelTracker {
   ElasticConstellation parts_;
   ObjectPose pose_;
   Points placement_;
-  Eigen::ArrayX3f colours_, background_;  // of the parts, and of what is around the object
-  std::vector<int> unseen_;               // frames since each part was matched
-  double spacing_ = 1;                    // image pixels a template pixel, in the last frame
-  bool colour_ = false;                   // learned in colour
+  Eigen::ArrayX3f colors_, background_;  // of the parts, and of what is around the object
+  std::vector<int> unseen_;              // frames since each part was matched
+  double spacing_ = 1;                   // image pixels a template pixel, in the last frame
+  bool color_ = false;                   // learned in color
   InterruptionGate gate_;
   bool initialized_ = false;
 };

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <array>
-#include <asterism/parts/frame.hpp>
-#include <asterism/parts/state.hpp>
+#include <asterism/parts/concept/frame.hpp>
+#include <asterism/parts/concept/state.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <concepts>
 #include <memory>
@@ -26,7 +26,7 @@ struct PartState {
 
 /// Milliseconds spent in one stage of `update`.
 struct StageTime {
-  std::string_view stage;   ///< a string literal, e.g. "root", "colour", "parts", "springs", "update"
+  std::string_view stage;   ///< a string literal, e.g. "root", "color", "parts", "springs", "update"
   double milliseconds = 0;  ///< wall-clock time
 };
 

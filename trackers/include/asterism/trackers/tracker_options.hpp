@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/part_options.hpp>
+#include <asterism/parts/concept/part_options.hpp>
 #include <asterism/trackers/dpt.hpp>
 #include <asterism/trackers/elastic.hpp>
 #include <asterism/trackers/kalman.hpp>
@@ -35,9 +35,9 @@ inline void visit_options(OptionVisitor& visit, MotionOptions& options) {
 
 inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("root", options.root, "kcf");
-  visit("colour", options.colour);
-  visit("use_colour", options.use_colour);
-  visit("colour_share", options.colour_share, option_ranges::kShare);
+  visit("color", options.color);
+  visit("use_color", options.use_color);
+  visit("color_share", options.color_share, option_ranges::kShare);
   visit("sub_pixel", options.sub_pixel);
   visit("lost_below", options.lost_below, {-1e9, 1e9});
   visit("redetect", options.redetect);
@@ -123,7 +123,7 @@ inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options)
 
 inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
   visit("part", options.part, "color_histogram");
-  visit("colour", options.colour);
+  visit("color", options.color);
   visit("max_parts", options.max_parts, {1, 100});
   visit("part_side", options.part_side, {0.01, 10});
   visit("springs", options.springs);
@@ -138,7 +138,7 @@ inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& option
   visit("slic", options.slic);
   visit("template_side", options.template_side, {8, 512});
   visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("colour_sigma", options.colour_sigma, option_ranges::kPositive);
+  visit("color_sigma", options.color_sigma, option_ranges::kPositive);
   visit("neighbours", options.neighbours, {1, 100});
   visit("springs", options.springs);
   visit("learning_rate", options.learning_rate, option_ranges::kShare);

@@ -1,0 +1,100 @@
+#pragma once
+
+#include <asterism/parts/concept/response.hpp>
+#include <asterism/parts/concept/state.hpp>
+#include <memory>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Any PartModel, chosen at run time: constellations of mixed parts are a std::vector<AnyPart>. A PartModel
+/// itself, dense and resizable as far as what is in it is; a copy copies the part in it. After a move from
+/// it, it may only be assigned to or destroyed.
+class AnyPart {
+ public:
+  // In this order: PartModel<AnyPart> asks whether AnyPart is copyable, and so this very constraint.
+  /// Holds any part model but itself.
+  template <class P>
+  requires(!std::same_as<P, AnyPart> && PartModel<P>) AnyPart(P part)
+      : self_(std::make_unique<Model<P>>(std::move(part))) {}
+
+  /// A copy learns for itself.
+  AnyPart(const AnyPart& other) : self_(other.self_->clone()) {}
+  AnyPart(AnyPart&&) noexcept = default;
+  AnyPart& operator=(const AnyPart& other) {
+    self_ = other.self_->clone();
+    return *this;
+  }
+  AnyPart& operator=(AnyPart&&) noexcept = default;
+  ~AnyPart() = default;
+
+  void init(const Frame& frame, const Point2& centre, const Size2& size) { self_->init(frame, centre, size); }
+  Evidence localize(const Frame& frame, const Point2& around) { return self_->localize(frame, around); }
+  double similarity_at(const Point2& position) const { return self_->similarity_at(position); }
+  void adapt(const Frame& frame, const Point2& at) { self_->adapt(frame, at); }
+
+  /// The response map of the last `localize`, nullptr where the model has none (see DenseModel).
+  const ResponseMap* response() const { return self_->response(); }
+  /// The target has another size in the image [px] from now on; a model that cannot follow (see
+  /// ResizableModel) goes on at its own.
+  void resize(const Size2& size) { self_->resize(size); }
+  /// Whether the model in it is Stateful; if not, `visit_state` throws std::invalid_argument.
+  bool stateful() const { return self_->stateful(); }
+  void visit_state(StateArchive& archive) { self_->visit_state(archive); }
+
+ private:
+  struct Concept {
+    virtual ~Concept() = default;
+    virtual std::unique_ptr<Concept> clone() const = 0;
+    virtual void init(const Frame&, const Point2&, const Size2&) = 0;
+    virtual Evidence localize(const Frame&, const Point2&) = 0;
+    virtual double similarity_at(const Point2&) const = 0;
+    virtual void adapt(const Frame&, const Point2&) = 0;
+    virtual const ResponseMap* response() const = 0;
+    virtual void resize(const Size2&) = 0;
+    virtual bool stateful() const = 0;
+    virtual void visit_state(StateArchive&) = 0;
+  };
+  template <class P>
+  struct Model final : Concept {
+    explicit Model(P p) : part(std::move(p)) {}
+    std::unique_ptr<Concept> clone() const override { return std::make_unique<Model>(part); }
+    void init(const Frame& frame, const Point2& centre, const Size2& size) override {
+      part.init(frame, centre, size);
+    }
+    Evidence localize(const Frame& frame, const Point2& around) override {
+      return part.localize(frame, around);
+    }
+    double similarity_at(const Point2& position) const override { return part.similarity_at(position); }
+    void adapt(const Frame& frame, const Point2& at) override { part.adapt(frame, at); }
+    const ResponseMap* response() const override {
+      if constexpr (DenseModel<P>)
+        return pointer_to(part.response());
+      else
+        return nullptr;
+    }
+    void resize(const Size2& size) override {
+      if constexpr (ResizableModel<P>) part.resize(size);
+    }
+    bool stateful() const override {
+      if constexpr (requires { part.stateful(); })
+        return part.stateful();  // a wrapper of any part
+      else
+        return Stateful<P>;
+    }
+    void visit_state(StateArchive& archive) override {
+      if constexpr (Stateful<P>)
+        part.visit_state(archive);
+      else
+        throw_not_stateful("part model");
+    }
+    static const ResponseMap* pointer_to(const ResponseMap& response) { return &response; }
+    static const ResponseMap* pointer_to(const ResponseMap* response) { return response; }
+    P part;
+  };
+  std::unique_ptr<Concept> self_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

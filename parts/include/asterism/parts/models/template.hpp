@@ -1,0 +1,80 @@
+#pragma once
+
+#include <asterism/parts/concept/response.hpp>
+#include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/features/patch.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Options of Template.
+struct TemplateOptions {
+  /// The squared distance d^2 of a patch y and the template z, relative to the template's contrast: 0 for the
+  /// same, about 2 for the unrelated.
+  enum class Distance {
+    Ncc,  ///< 2 (1 - NCC), the normalised cross-correlation: blind to brightness and contrast
+    Ssd   ///< |y - z|^2 / |z - mean z|^2
+  };
+  /// The distance used.
+  Distance distance = Distance::Ncc;
+  /// Compare BGR where the target was learned in color, else gray levels.
+  bool color = true;
+  /// Deviation of the noise in d, > 0: displacements have the likelihood exp(-d^2 / (2 sigma^2)).
+  double sigma = 0.25;
+  /// Rate of the template's autoregressive update, in [0, 1]; that of Kcf.
+  double learning_rate = 0.02;
+  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
+  /// (0, 100].
+  double padding = 1.5;
+  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
+  /// in [1, 1024]].
+  double min_template_side = 16;
+  double max_template_side = 48;
+};
+
+/// Template matching, the generative baseline. A PartModel; copies are independent.
+///
+/// The template is compared at every displacement of a grid of template pixels. The response is 1 - d^2 / 2,
+/// which is the NCC itself for that distance; the covariance is that of the displacement's likelihood
+/// (Nickels and Hutchinson, IVC 2002). A template without contrast, or a response that is the same
+/// everywhere, says nothing: the similarity is 0.
+class ASTERISM_API Template {
+ public:
+  /// Throws std::invalid_argument for options out of range.
+  explicit Template(const TemplateOptions& options = {});
+
+  /// Learn a target of `size` [px] at `centre` [px].
+  void init(const Frame& frame, const Point2& centre, const Size2& size);
+  /// Search the window around a position. Keeps the response map for `response` and `similarity_at`.
+  Evidence localize(const Frame& frame, const Point2& around);
+  /// Average the appearance at a position into the template.
+  void adapt(const Frame& frame, const Point2& at);
+
+  double similarity_at(const Point2& position) const { return response_.at(position); }
+  /// The response map of the last `localize`, one value a displacement.
+  const ResponseMap& response() const { return response_; }
+
+  /// What has been learned, for save_state; the response of the last `localize` is not.
+  void visit_state(StateArchive& archive);
+
+  const TemplateOptions& options() const { return options_; }
+
+ private:
+  void prepare(const Size2& size, int channels);  // all that follows from them
+  // The window of `grid` template pixels around `centre`, in float gray levels.
+  void sample(const Frame& frame, const Point2& centre, const cv::Size& grid, cv::Mat& pixels);
+  void learn(const Frame& frame, const Point2& at, double rate);
+
+  TemplateOptions options_;
+  Size2 size_ = Size2::Zero();    // of the target
+  double spacing_ = 1;            // image pixels a template pixel
+  int rows_ = 0, cols_ = 0;       // of the template
+  int channels_ = 1, reach_ = 0;  // reach: largest displacement [template pixels]
+  Eigen::ArrayXf template_;       // rows x cols x channels, in gray levels
+  double contrast_ = 0;           // |z - mean z|^2, the mean being that of each channel
+  ResponseMap response_, likelihood_;
+  Scratch patch_, pixels_, scores_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,110 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/parts/concept/frame.hpp>
+#include <asterism/parts/concept/part_options.hpp>
+#include <asterism/parts/concept/response.hpp>
+#include <cmath>
+#include <numbers>
+#include <stdexcept>
+#include <string>
+
+// What the part models share of checks and sizes.
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// However thin a target is, its window is no longer than this [template pixels].
+inline constexpr double kMaxWindowSide = option_ranges::kLongestSide;
+
+/// Shorter ones: of 256 cells where a model keeps tens of channels of each, of 64 superpixels where all are
+/// compared with all.
+inline double max_window_side(int cell_size) { return std::min(kMaxWindowSide, 256.0 * cell_size); }
+inline double max_superpixel_window_side(int side) { return std::min(kMaxWindowSide, 64.0 * side); }
+
+/// Nothing larger is a target in an image [px]; the squares of such numbers are well within float.
+inline constexpr double kMaxTargetSide = 1e9;
+
+inline void require(bool holds, const char* what) {
+  if (!holds) throw std::invalid_argument(what);
+}
+
+/// Of the range that a target's side in the template is brought to.
+inline void require_ordered(double min_template_side, double max_template_side, const char* of) {
+  require(min_template_side <= max_template_side,
+          std::string(of).append(": template sides must satisfy min <= max").c_str());
+}
+
+/// The contract of PartModel::resize, and of PartModel::init.
+inline void require_size(const Size2& size) {
+  require(size.allFinite() && size.minCoeff() > 0, "part: the size must be finite and positive");
+}
+inline void require_target(const Point2& centre, const Size2& size) {
+  require(centre.allFinite(), "part: the centre must be finite");
+  require_size(size);
+  require(size.maxCoeff() <= kMaxTargetSide, "part: the size must be at most 1e9 px");
+}
+
+/// Geometric mean of the sides, of any size that is finite.
+inline double mean_side(const Size2& size) { return std::sqrt(size.x()) * std::sqrt(size.y()); }
+
+/// Template pixels an image pixel: the mean side of the target is min_side .. max_side in the template, and
+/// unscaled between; no side of a window that adds `padding` x the mean side to both exceeds `longest`.
+inline double template_scale(const Size2& size, double padding, double min_side, double max_side,
+                             double longest = kMaxWindowSide) {
+  const double side = mean_side(size);
+  return std::min(std::clamp(side, min_side, max_side) / side, longest / (size.maxCoeff() + padding * side));
+}
+
+/// Template and search window of a model that is matched at every whole shift within `reach`.
+struct MatchGeometry {
+  double spacing;        ///< image pixels a template pixel
+  int cols, rows;        ///< of the template
+  int reach;             ///< of the search to each side [template pixels]
+  ResponseMap response;  ///< of all shifts
+};
+inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side,
+                                    double longest = kMaxWindowSide) {
+  const double to_template = template_scale(size, padding, min_side, max_side, longest);
+  MatchGeometry result{.spacing = 1 / to_template,
+                       .cols = std::max(1, static_cast<int>(std::lround(size.x() * to_template))),
+                       .rows = std::max(1, static_cast<int>(std::lround(size.y() * to_template))),
+                       .reach = static_cast<int>(std::ceil(padding / 2 * mean_side(size) * to_template)),
+                       .response = {}};
+  result.response.values.setZero(2 * result.reach + 1, 2 * result.reach + 1);
+  result.response.spacing = Size2::Constant(result.spacing);
+  result.response.periodic = false;
+  return result;
+}
+
+/// Of matches at every shift: where they differ by no more than `rounding`, they are 0; one at the border of
+/// the search counts 1e-4 less than an equal one in its middle.
+inline void settle_ties(decltype(ResponseMap::values)& values, float rounding) {
+  if (values.maxCoeff() - values.minCoeff() <= rounding) values.setZero();
+  const Eigen::ArrayXf weight = 1 - 1e-4F * Eigen::ArrayXf::LinSpaced(values.rows(), -1, 1).square();
+  values.colwise() *= weight;
+  values.rowwise() *= weight.transpose();
+}
+
+/// A target with its surroundings, `padding` times its mean side more on both axes.
+struct WindowGeometry {
+  double to_template;  ///< template pixels an image pixel
+  int cols, rows;      ///< [template pixels], at least `least`
+};
+inline WindowGeometry window_geometry(const Size2& size, double padding, double min_side, double max_side,
+                                      int least) {
+  const double to_template = template_scale(size, padding, min_side, max_side);
+  const double margin = padding * mean_side(size);
+  return {to_template, std::max(least, static_cast<int>(std::lround((size.x() + margin) * to_template))),
+          std::max(least, static_cast<int>(std::lround((size.y() + margin) * to_template)))};
+}
+
+/// Symmetric Hann window of n >= 2 samples.
+inline Eigen::ArrayXf hann(int n) {
+  return 0.5F - 0.5F * Eigen::ArrayXf::LinSpaced(n, 0, 2 * std::numbers::pi_v<float>).cos();
+}
+
+/// Signed circular distance of index i from 0 on a period of n.
+inline int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,115 @@
+#include <asterism/parts/concept/part_options.hpp>
+#include <asterism/parts/models/color_histogram.hpp>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+
+#include "../concept/part_geometry.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+ColorHistogram::ColorHistogram(const ColorHistogramOptions& options)
+    : options_(check_options("ColorHistogramOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "ColorHistogramOptions");
+}
+
+void ColorHistogram::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  prepare(size, frame.bgr().empty() ? Space::Gray : options_.space);
+  learn(frame, centre, 1);
+}
+
+void ColorHistogram::prepare(const Size2& size, Space space) {
+  size_ = size, space_ = space;
+  const auto [spacing, cols, rows, reach, response] =
+      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
+  response_ = likelihood_ = response;
+
+  const int bins = options_.bins, pixels = rows_ * cols_;
+  histogram_.setZero(space_ == Space::Gray ? bins : bins * bins * bins);
+  counts_.resize(histogram_.size());
+  roots_ = Eigen::ArrayXf::LinSpaced(pixels + 1, 0, static_cast<float>(pixels)).sqrt();
+}
+
+void ColorHistogram::visit_state(StateArchive& archive) {
+  archive.begin("color_histogram", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("ColorHistogram: to be saved before init");
+  archive.size(size_);
+  archive(space_, 3);
+  archive.require(space_ == Space::Gray || space_ == options_.space);
+  if (archive.loading()) prepare(Size2(size_), space_);
+  archive(histogram_);
+  archive.require((histogram_ >= 0).all());
+  histogram_roots_ = histogram_.sqrt();
+}
+
+Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
+  const int width = cols_ + 2 * reach_, displacements = 2 * reach_ + 1;
+  sample(frame, around, {width, rows_ + 2 * reach_});
+  response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
+
+  // rho of the box that slides along a row, its histogram and the sum over the bins kept up to date.
+  auto& values = response_.values;
+  const float norm = 1 / roots_(roots_.size() - 1);
+  for (int r = 0; r < displacements; ++r) {
+    counts_.setZero();
+    double sum = 0;
+    const auto enter = [&](int bin) {
+      const int count = counts_(bin)++;
+      sum += histogram_roots_(bin) * (roots_(count + 1) - roots_(count));
+    };
+    const auto leave = [&](int bin) {
+      const int count = --counts_(bin);
+      sum -= histogram_roots_(bin) * (roots_(count + 1) - roots_(count));
+    };
+    const int* const first = bins_.data() + std::ptrdiff_t{r} * width;
+    for (int i = 0; i < rows_; ++i)
+      for (int j = 0; j < cols_; ++j) enter(first[i * width + j]);
+    values(r, 0) = norm * static_cast<float>(sum);
+    for (int c = 1; c < displacements; ++c) {
+      for (int i = 0; i < rows_; ++i) {
+        leave(first[i * width + c - 1]);
+        enter(first[i * width + c - 1 + cols_]);
+      }
+      values(r, c) = norm * static_cast<float>(sum);
+    }
+  }
+  settle_ties(values, 1e-5F);  // rounding of the running sums
+
+  // Relative to the best match, so that no likelihood underflows.
+  likelihood_.values = (static_cast<float>(options_.sharpness) * (values - values.maxCoeff())).exp();
+  return evidence_of(response_, likelihood_);
+}
+
+void ColorHistogram::adapt(const Frame& frame, const Point2& at) { learn(frame, at, options_.learning_rate); }
+
+void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
+  sample(frame, at, {cols_, rows_});
+  counts_.setZero();
+  for (const int bin : bins_) ++counts_(bin);
+  const auto seen = counts_.cast<float>() / static_cast<float>(bins_.size());
+  histogram_ += static_cast<float>(rate) * (seen - histogram_);
+  histogram_roots_ = histogram_.sqrt();
+}
+
+void ColorHistogram::sample(const Frame& frame, const Point2& centre, const cv::Size& grid) {
+  const bool color = space_ != Space::Gray && !frame.bgr().empty();
+  const Size2 window = spacing_ * Size2(grid.width, grid.height);
+  cv::Mat& patch = patch_.mat;
+  sample_patch(color ? frame.bgr() : frame.gray(), centre, window, grid, patch);
+  // Gray video of a target in color: three equal channels.
+  if (space_ != Space::Gray && !color) cv::cvtColor(patch, patch, cv::COLOR_GRAY2BGR);
+  if (space_ == Space::Hsv) cv::cvtColor(patch, patch, cv::COLOR_BGR2HSV_FULL);
+
+  const int bins = options_.bins, channels = patch.channels();
+  bins_.resize(patch.total());
+  const uchar* level = patch.ptr<uchar>();  // continuous: made by OpenCV at this size
+  for (int& bin : bins_) {
+    bin = 0;
+    for (int k = 0; k < channels; ++k) bin = bin * bins + *level++ * bins / 256;
+  }
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,140 @@
+#include <asterism/parts/concept/part_options.hpp>
+#include <asterism/parts/models/keypoints.hpp>
+#include <opencv2/features2d.hpp>
+
+#include "../concept/part_geometry.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+// Shortest side of a search window [template pixels]: that of a descriptor.
+constexpr int kDescriptorSide = 32;
+// With fewer key-points than this no target is sure: a peak of 1 needs as many votes.
+constexpr std::size_t kFewest = 5;
+// Bits of an ORB descriptor.
+constexpr int kDescriptorBits = 256;
+
+}  // namespace
+
+Keypoints::Keypoints(const KeypointsOptions& options) : options_(check_options("KeypointsOptions", options)) {
+  require_ordered(options.min_template_side, options.max_template_side, "KeypointsOptions");
+}
+
+void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  prepare(size);
+  const Detection all = detect(frame, centre);
+  const double to_template =
+      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  const Size2 half = size * to_template / 2;
+  offsets_.clear();
+  descriptors_ = cv::Mat();
+  for (std::size_t i = 0; i < all.offsets.size(); ++i) {
+    if ((all.offsets[i].cwiseAbs().array() > half.array()).any()) continue;
+    offsets_.push_back(all.offsets[i]);
+    descriptors_.push_back(all.descriptors.row(static_cast<int>(i)));
+  }
+}
+
+void Keypoints::prepare(const Size2& size) {
+  size_ = size;
+  response_ = {};
+  const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
+                                                         options_.max_template_side, kDescriptorSide);
+  spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
+}
+
+void Keypoints::visit_state(StateArchive& archive) {
+  archive.begin("keypoints", options_);
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Keypoints: to be saved before init");
+  archive.size(size_);
+  if (archive.loading()) prepare(Size2(size_));
+  int count = size();
+  archive.count(count, sizeof(Point2));
+  offsets_.resize(static_cast<std::size_t>(count));
+  for (Point2& offset : offsets_) archive.position(offset);
+  if (archive.loading()) descriptors_ = cv::Mat();
+  if (count > 0) archive.pixels(descriptors_, {kDescriptorBits / 8, count}, 1);
+}
+
+Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
+  const Detection seen = detect(frame, around);
+  std::vector<std::vector<cv::DMatch>> matches;
+  if (!offsets_.empty() && !seen.offsets.empty())
+    cv::BFMatcher(cv::NORM_HAMMING).knnMatch(descriptors_, seen.descriptors, matches, 2);
+
+  std::vector<Point2> votes;  // for the target's displacement [template pixels]
+  for (const std::vector<cv::DMatch>& match : matches) {
+    const cv::DMatch& best = match[0];
+    if (best.distance > options_.max_distance * kDescriptorBits) continue;
+    if (match.size() > 1 && best.distance >= options_.max_ratio * match[1].distance) continue;
+    votes.push_back(seen.offsets[static_cast<std::size_t>(best.trainIdx)] -
+                    offsets_[static_cast<std::size_t>(best.queryIdx)]);
+  }
+
+  // The vote with which most others agree; the first of equals.
+  std::vector<Point2> agreed;
+  for (const Point2& vote : votes) {
+    std::vector<Point2> group;
+    for (const Point2& other : votes)
+      if ((other - vote).norm() <= options_.vote_radius) group.push_back(other);
+    if (group.size() > agreed.size()) agreed = std::move(group);
+  }
+
+  response_.centre = around;
+  response_.window = window();
+  Evidence& evidence = response_.evidence;
+  evidence.peak =
+      static_cast<double>(agreed.size()) / static_cast<double>(std::max(kFewest, offsets_.size()));
+  if (agreed.empty()) {
+    evidence.position = around;
+    evidence.covariance = (window().cwiseAbs2() / 12).asDiagonal();
+    return evidence;
+  }
+  const auto n = static_cast<double>(agreed.size());
+  Point2 mean = Point2::Zero();
+  for (const Point2& vote : agreed) mean += vote / n;
+  Eigen::Matrix2d scatter = options_.vote_radius * options_.vote_radius / n * Eigen::Matrix2d::Identity();
+  for (const Point2& vote : agreed) scatter += (vote - mean) * (vote - mean).transpose() / n;
+  evidence.position = around + spacing_ * mean;
+  evidence.covariance = spacing_ * spacing_ * scatter;
+  return evidence;
+}
+
+void Keypoints::adapt(const Frame& frame, const Point2& at) {
+  const Detection seen = detect(frame, at);
+  cv::Mat fresh = descriptors_.clone();
+  for (std::size_t i = 0; i < offsets_.size(); ++i) {
+    const int row = static_cast<int>(i);
+    double best = options_.max_distance * kDescriptorBits;
+    for (std::size_t j = 0; j < seen.offsets.size(); ++j) {
+      if ((seen.offsets[j] - offsets_[i]).norm() > options_.vote_radius) continue;
+      const cv::Mat descriptor = seen.descriptors.row(static_cast<int>(j));
+      const double distance = cv::norm(descriptors_.row(row), descriptor, cv::NORM_HAMMING);
+      if (distance > best) continue;
+      best = distance;
+      descriptor.copyTo(fresh.row(row));
+    }
+  }
+  descriptors_ = fresh;
+}
+
+Keypoints::Detection Keypoints::detect(const Frame& frame, const Point2& centre) {
+  sample_patch(frame.gray(), centre, window(), {cols_, rows_}, patch_.mat);
+  // One scale, and up to the window's border, which ORB continues by itself.
+  const auto orb = cv::ORB::create(options_.max_points, 1.2f, 1, 0, 0, 2, cv::ORB::HARRIS_SCORE, 31,
+                                   options_.fast_threshold);
+  std::vector<cv::KeyPoint> points;
+  Detection result;
+  orb->detectAndCompute(patch_.mat, cv::noArray(), points, result.descriptors);
+  const Point2 middle = Point2(cols_ - 1, rows_ - 1) / 2;
+  for (const cv::KeyPoint& point : points)
+    result.offsets.push_back(Point2(static_cast<double>(point.pt.x), static_cast<double>(point.pt.y)) -
+                             middle);
+  return result;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

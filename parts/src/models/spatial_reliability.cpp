@@ -1,0 +1,403 @@
+#include <asterism/parts/concept/part_options.hpp>
+#include <asterism/parts/features/mrf.hpp>
+#include <asterism/parts/models/spatial_reliability.hpp>
+#include <cmath>
+#include <numbers>
+#include <opencv2/imgproc.hpp>
+
+#include "../concept/part_geometry.hpp"
+#include "../features/color_terms.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+// The segmentation's region adds this much around the target, x its mean side: the spatial prior says nothing
+// farther away.
+constexpr double kSegmentationPadding = 2;
+// Bounds of the spatial prior (Lukezic et al.): even where it knows nothing, never certain.
+constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
+
+// Near to `wanted`: a number of cells whose FFT is fast.
+int multiple_of_eight(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
+
+// A spectrum as real numbers: real and imaginary parts in turn.
+Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
+  return {reinterpret_cast<const float*>(spectrum), 2 * bins};
+}
+Eigen::Map<Eigen::ArrayXf> parts_of(std::complex<float>* spectrum, Eigen::Index bins) {
+  return {reinterpret_cast<float*>(spectrum), 2 * bins};
+}
+
+// Vertex of a Gaussian through three values, the middle one the largest and positive: that of the parabola
+// through their logarithms. The label is a Gaussian; a parabola through the values would err by up to 0.05.
+double gaussian_vertex(float before, float middle, float after) {
+  const float least = 1e-3f * middle;
+  const double left = std::log(std::max(before, least) / middle),
+               right = std::log(std::max(after, least) / middle);
+  return left + right < 0 ? std::clamp(0.5 * (left - right) / (left + right), -0.5, 0.5) : 0;
+}
+
+// Offset (x, y) of a periodic map's maximum from the position (row, col) of its largest value [cells].
+template <class Map>
+Point2 offset_at(const Map& map, Eigen::Index row, Eigen::Index col) {
+  const Eigen::Index rows = map.rows(), cols = map.cols();
+  const float middle = map(row, col);
+  if (!(middle > 0)) return Point2::Zero();
+  return {gaussian_vertex(map(row, (col + cols - 1) % cols), middle, map(row, (col + 1) % cols)),
+          gaussian_vertex(map((row + rows - 1) % rows, col), middle, map((row + 1) % rows, col))};
+}
+
+// 1 - the second highest local maximum of a periodic map / the highest, the ratio at most one half (Lukezic
+// et al., Sec. 3.3).
+float detection_reliability(const float* map, int rows, int cols) {
+  float first = 0, second = 0;
+  for (int r = 0; r < rows; ++r) {
+    const float *line = map + r * cols, *above = map + (r + rows - 1) % rows * cols,
+                *below = map + (r + 1) % rows * cols;
+    for (int c = 0; c < cols; ++c) {
+      const float value = line[c];
+      if (value <= second) continue;
+      const int left = (c + cols - 1) % cols, right = (c + 1) % cols;
+      if (value < std::max({line[left], line[right], above[left], above[c], above[right], below[left],
+                            below[c], below[right]}))
+        continue;
+      second = std::min(first, value);
+      first = std::max(first, value);
+    }
+  }
+  return first > 0 ? 1 - std::min(second / first, 0.5f) : 0;
+}
+
+}  // namespace
+
+MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options)
+    : options_(check_options("MaskedRegressionOptions", options)), fft_(rows, cols) {
+  require(options.max_penalty >= options.penalty,
+          "MaskedRegressionOptions: penalty must be at most max_penalty");
+  bins_ = Eigen::Index{rows} * fft_.spectrum_cols();
+  for (Eigen::ArrayXf* spectrum : {&energy_, &filter_, &free_, &dual_}) spectrum->resize(2 * bins_);
+  plane_.resize(Eigen::Index{rows} * cols);
+}
+
+void MaskedRegression::constrain(const float* mask) {
+  auto* const spectrum = reinterpret_cast<std::complex<float>*>(filter_.data());
+  fft_.inverse(spectrum, plane_.data());
+  plane_ *= Eigen::Map<const Eigen::ArrayXf>(mask, plane_.size());
+  fft_.forward(plane_.data(), spectrum);
+}
+
+void MaskedRegression::solve(const std::complex<float>* cross, const float* energy, const float* mask,
+                             std::complex<float>* filter, std::complex<float>* dual) {
+  load(energy);
+  const auto lambda = static_cast<float>(options_.lambda);
+  filter_ = parts_of(cross, bins_) / (energy_ + lambda);
+  // The dual of a constraint that holds already: a mask that is 1 everywhere keeps the ridge regression.
+  dual_ = lambda * filter_;
+  constrain(mask);
+  iterate(cross, mask, options_.iterations, options_.penalty);
+  parts_of(filter, bins_) = filter_;
+  parts_of(dual, bins_) = dual_;
+}
+
+void MaskedRegression::refine(const std::complex<float>* cross, const float* energy, const float* mask,
+                              std::complex<float>* filter, std::complex<float>* dual) {
+  load(energy);
+  filter_ = parts_of(filter, bins_);
+  dual_ = parts_of(dual, bins_);
+  iterate(cross, mask, options_.refining_iterations, options_.max_penalty);
+  parts_of(filter, bins_) = filter_;
+  parts_of(dual, bins_) = dual_;
+}
+
+void MaskedRegression::load(const float* energy) {
+  for (Eigen::Index i = 0; i < bins_; ++i) energy_(2 * i) = energy_(2 * i + 1) = energy[i];
+}
+
+void MaskedRegression::iterate(const std::complex<float>* cross, const float* mask, int iterations,
+                               double penalty) {
+  const auto c = parts_of(cross, bins_);
+  const auto lambda = static_cast<float>(options_.lambda);
+  for (int i = 0; i < iterations; ++i) {
+    const auto mu = static_cast<float>(penalty);
+    free_ = (c + mu * filter_ - dual_) / (energy_ + mu);  // the regression, near the constrained filter
+    filter_ = (mu * free_ + dual_) / (lambda + mu);
+    constrain(mask);
+    dual_ += mu * (free_ - filter_);
+    penalty = std::min(options_.penalty_growth * penalty, options_.max_penalty);
+  }
+}
+
+SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
+    : options_(check_options("SpatialReliabilityOptions", options)),
+      channels_(kHogChannels + 1 + (options.color_channels ? kColorTerms : 0)),
+      fhog_(options.cell_size),
+      color_([&options] {
+        ColorOptions color = options.color;
+        color.mrf.enabled = false;  // the field comes after the spatial prior
+        return color;
+      }()) {
+  const MaskedRegression checks_its_penalties(4, 4, options.regression);
+  require(options.min_template_side >= options.cell_size &&
+              options.max_template_side >= options.min_template_side,
+          "SpatialReliabilityOptions: template sides must satisfy cell_size <= min <= max");
+  require(options.max_mask_area > options.min_mask_area,
+          "SpatialReliabilityOptions: mask areas must satisfy min < max");
+}
+
+void SpatialReliability::init(const Frame& frame, const Point2& centre, const Size2& size) {
+  require_target(centre, size);
+  prepare(size);
+  if (options_.segmentation) color_.init(frame, box_around(centre, size));
+  update_mask(frame, centre);
+  transform_patch(frame, centre);
+  train(true);
+}
+
+void SpatialReliability::prepare(const Size2& size) {
+  const double to_template = template_scale(size, options_.padding, options_.min_template_side,
+                                            options_.max_template_side, max_window_side(options_.cell_size));
+  const double margin = options_.padding * mean_side(size);
+  cols_ = multiple_of_eight((size.x() + margin) * to_template / options_.cell_size);
+  rows_ = multiple_of_eight((size.y() + margin) * to_template / options_.cell_size);
+  size_ = initial_size_ = size;
+  scale_ = initial_scale_ = Size2::Constant(1 / to_template);
+
+  channels_fft_ = RealFft2(rows_, cols_, channels_);
+  plane_fft_ = RealFft2(rows_, cols_);
+  regression_ = MaskedRegression(rows_, cols_, options_.regression);
+  const Eigen::Index plane = Eigen::Index{rows_} * cols_,
+                     half = Eigen::Index{rows_} * plane_fft_.spectrum_cols();
+  features_.resize(Fhog::kChannels * plane);
+  responses_.resize(channels_ * plane);
+  plane_.resize(plane);
+  sample_.resize(channels_ * half);
+  template_.setZero(channels_ * half);
+  energy_.setZero(channels_ * half);
+  filter_.setZero(channels_ * half);
+  dual_.setZero(channels_ * half);
+  spectrum_.resize(half);
+  cell_sums_.resize(static_cast<std::size_t>(cols_));
+  weights_.setZero(channels_);
+  reliability_.resize(channels_);
+  response_.values.setZero(rows_, cols_);
+  mask_.values.resize(rows_, cols_);
+  mask_.periodic = false;
+
+  const Eigen::ArrayXf across = hann(cols_), down = hann(rows_);
+  hann_.resize(plane);
+  for (int r = 0; r < rows_; ++r) hann_.segment(Eigen::Index{r} * cols_, cols_) = down(r) * across;
+
+  // The label: a Gaussian at zero shift, wrapped.
+  const double variance = options_.label_sigma * options_.label_sigma;
+  for (int r = 0; r < rows_; ++r)
+    for (int c = 0; c < cols_; ++c) {
+      const double dr = wrapped(r, rows_), dc = wrapped(c, cols_);
+      plane_(r * cols_ + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / variance));
+    }
+  // Its spectrum is real: it is symmetric.
+  plane_fft_.forward(plane_.data(), spectrum_.data());
+  label_ = spectrum_.real();
+}
+
+void SpatialReliability::visit_state(StateArchive& archive) {
+  archive.begin("spatial_reliability", options_);
+  if (!archive.loading() && size_.isZero())
+    throw std::logic_error("SpatialReliability: to be saved before init");
+  archive.size(initial_size_);
+  Size2 size = size_;
+  archive.size(size);
+  if (archive.loading()) {
+    prepare(Size2(initial_size_));
+    resize(size);
+    mask_.values.setZero();
+    response_.values.setZero();
+    segmented_ = false;
+  }
+  if (options_.segmentation) color_.visit_state(archive);
+  archive(template_);
+  archive(energy_);
+  archive.require((energy_ >= 0).all());
+  archive(filter_);
+  archive(dual_);
+  archive(weights_);
+  archive.position(bias_);
+}
+
+void SpatialReliability::resize(const Size2& size) {
+  require_size(size);
+  size_ = size;
+  scale_ = initial_scale_.cwiseProduct(size.cwiseQuotient(initial_size_));
+}
+
+Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) {
+  transform_patch(frame, around);
+  if (options_.detection_weights)
+    respond_reliably();
+  else
+    respond(sample_);
+  // Zero shift to the middle of the map, so that it is a picture of the search window.
+  for (int r = 0; r < rows_; ++r) {
+    const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
+    auto row = response_.values.row((r + rows_ / 2) % rows_);
+    row.tail(cols_ / 2) = line.head(cols_ / 2);
+    row.head(cols_ / 2) = line.tail(cols_ / 2);
+  }
+  response_.spacing = scale_ * options_.cell_size;
+  response_.origin = around - response_.spacing.cwiseProduct(Point2(cols_ / 2, rows_ / 2));
+  Evidence evidence = evidence_of(response_);
+  if (evidence.peak > 0) {
+    Eigen::Index row = 0, col = 0;
+    response_.values.maxCoeff(&row, &col);
+    const Point2 offset = Point2(col, row) + offset_at(response_.values, row, col) - bias_;
+    evidence.position = response_.position(offset.y(), offset.x());
+  }
+  return evidence;
+}
+
+void SpatialReliability::respond(const Spectrum& sample) {
+  const Eigen::Index half = spectrum_.size();
+  spectrum_.setZero();
+  for (int k = 0; k < channels_; ++k)
+    spectrum_ += weights_(k) * (sample.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
+  plane_fft_.inverse(spectrum_.data(), plane_.data());
+}
+
+void SpatialReliability::respond_reliably() {
+  const Eigen::Index plane = plane_.size();
+  sample_ *= filter_.conjugate();
+  channels_fft_.inverse(sample_.data(), responses_.data());
+  for (int k = 0; k < channels_; ++k)
+    reliability_(k) = weights_(k) * detection_reliability(responses_.data() + k * plane, rows_, cols_);
+  const float sum = reliability_.sum();
+  if (sum > 0) reliability_ *= weights_.sum() / sum;
+  plane_.setZero();
+  for (int k = 0; k < channels_; ++k) plane_ += reliability_(k) * responses_.segment(k * plane, plane);
+}
+
+void SpatialReliability::adapt(const Frame& frame, const Point2& at) {
+  transform_patch(frame, at);
+  if (options_.segmentation) color_.adapt(frame, box_around(at, size_));
+  update_mask(frame, at);
+  train(false);
+}
+
+void SpatialReliability::train(bool first) {
+  const Eigen::Index half = spectrum_.size();
+  const auto eta = static_cast<float>(first ? 1 : options_.learning_rate);
+  for (int k = 0; k < channels_; ++k) {
+    const auto sample = sample_.segment(k * half, half);
+    auto mean = template_.segment(k * half, half);
+    auto energy = energy_.segment(k * half, half);
+    auto filter = filter_.segment(k * half, half);
+    for (Eigen::Index i = 0; i < half; ++i) {
+      const float re = sample(i).real(), im = sample(i).imag();
+      const float mean_re = mean(i).real() + eta * (re - mean(i).real()),
+                  mean_im = mean(i).imag() + eta * (im - mean(i).imag());
+      mean(i) = {mean_re, mean_im};
+      spectrum_(i) = {label_(i) * mean_re, label_(i) * mean_im};  // mean of F conj(Y)
+      energy(i) += eta * (re * re + im * im - energy(i));
+    }
+    std::complex<float>* const dual = dual_.data() + k * half;
+    if (first)
+      regression_.solve(spectrum_.data(), energy.data(), mask_.values.data(), filter.data(), dual);
+    else
+      regression_.refine(spectrum_.data(), energy.data(), mask_.values.data(), filter.data(), dual);
+    // Learning reliability: the channel's highest response to the target.
+    spectrum_ = sample * filter.conjugate();
+    plane_fft_.inverse(spectrum_.data(), plane_.data());
+    reliability_(k) = std::max(0.0f, plane_.maxCoeff());
+  }
+  // Weights that give these responses, if at the same place, the weighted sum 1.
+  const float sum = options_.channel_weights ? reliability_.square().sum() : reliability_.sum();
+  if (!options_.channel_weights) reliability_.setOnes();
+  if (sum > 0)
+    weights_ += static_cast<float>(first ? 1 : options_.weight_rate) * (reliability_ / sum - weights_);
+
+  // After few rounds the filters are not quite those of the label: their response to the template is off
+  // centre, which would make the target drift from frame to frame.
+  respond(template_);
+  using Map = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  bias_ = offset_at(Eigen::Map<const Map>(plane_.data(), rows_, cols_), 0, 0);
+}
+
+void SpatialReliability::update_mask(const Frame& frame, const Point2& at) {
+  mask_.spacing = scale_ * options_.cell_size;
+  mask_.origin = at - mask_.spacing.cwiseProduct(Point2(cols_ - 1, rows_ - 1)) / 2;
+  segmented_ = options_.segmentation && segment(frame, at);
+  if (segmented_) return;
+  // All cells that the box touches.
+  const Size2 reach = (size_ + mask_.spacing) / 2;
+  for (int r = 0; r < rows_; ++r)
+    for (int c = 0; c < cols_; ++c)
+      mask_.values(r, c) = ((mask_.position(r, c) - at).array().abs() <= reach.array()).all() ? 1.0f : 0.0f;
+}
+
+bool SpatialReliability::segment(const Frame& frame, const Point2& at) {
+  const Size2 padded = size_.array() + kSegmentationPadding * mean_side(size_);
+  Segmentation foreground = color_.segment(frame, box_around(at, padded.cwiseMin(window())), size_);
+  if (foreground.posterior.empty()) return false;
+
+  // The spatial prior, an Epanechnikov kernel that reaches the box's corners, by Bayes' rule.
+  const Size2 reach = size_.array() / std::numbers::sqrt2 + 1;
+  cv::Mat prior(foreground.posterior.size(), CV_32FC1);
+  for (int r = 0; r < prior.rows; ++r) {
+    float *f = foreground.posterior.ptr<float>(r), *p = prior.ptr<float>(r);
+    for (int c = 0; c < prior.cols; ++c, ++f, ++p) {
+      const Point2 x = foreground.origin + foreground.spacing.cwiseProduct(Point2(c, r));
+      *p = static_cast<float>(
+          std::clamp(1 - (x - at).cwiseQuotient(reach).squaredNorm(), kLeastPrior, kLargestPrior));
+      *f = *f * *p / (*f * *p + (1 - *f) * (1 - *p));
+    }
+  }
+  foreground.posterior = regularize_posterior(foreground.posterior, prior, options_.color.mrf);
+
+  for (int r = 0; r < rows_; ++r)
+    for (int c = 0; c < cols_; ++c)
+      mask_.values(r, c) = foreground.at(mask_.position(r, c)) > 0.5 ? 1.0f : 0.0f;
+  const double area = static_cast<double>(mask_.values.sum()) * mask_.spacing.prod() / size_.prod();
+  if (!(area > options_.min_mask_area && area < options_.max_mask_area)) return false;
+  // The contour's gradients belong to the target.
+  cv::Mat mask(rows_, cols_, CV_32FC1, mask_.values.data());
+  cv::dilate(mask, dilated_.mat, cv::Mat());
+  dilated_.mat.copyTo(mask);
+  return true;
+}
+
+void SpatialReliability::transform_patch(const Frame& frame, const Point2& centre) {
+  const int cell = options_.cell_size;
+  const Eigen::Index plane = plane_.size();
+  sampler_.sample(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
+  fhog_.compute(patch_.mat, features_.data());
+
+  // The gray level of a cell is the mean of its pixels; it takes the place of the first channel not used.
+  float* gray = features_.data() + kHogChannels * plane;
+  const float scale = 1 / (255 * static_cast<float>(cell * cell));
+  for (int r = 0; r < rows_; ++r) {
+    std::fill(cell_sums_.begin(), cell_sums_.end(), 0);
+    for (int y = r * cell; y < (r + 1) * cell; ++y) {
+      const uchar* pixel = patch_.mat.ptr<uchar>(y);
+      for (int& sum : cell_sums_) {
+        for (int x = 0; x < cell; ++x) sum += pixel[x];
+        pixel += cell;
+      }
+    }
+    for (const int sum : cell_sums_) *gray++ = static_cast<float>(sum) * scale - 0.5f;
+  }
+  // So do the colors.
+  if (options_.color_channels) {
+    if (!frame.bgr().empty()) {
+      sample_patch(frame.bgr(), centre, window(), {cols_ * cell, rows_ * cell}, color_patch_.mat);
+      color_term_cells(color_patch_.mat, cell, gray);
+    } else {
+      std::fill_n(gray, kColorTerms * plane, 0.0f);
+    }
+  }
+
+  for (int k = 0; k < channels_; ++k) features_.segment(k * plane, plane) *= hann_;
+  channels_fft_.forward(features_.data(), sample_.data());
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
