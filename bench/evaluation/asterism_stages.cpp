@@ -2,7 +2,7 @@
 // over annotated sequences on one thread.
 
 #include <CLI/CLI.hpp>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <cstdio>
 #include <map>
 #include <memory>

@@ -5,7 +5,7 @@
 #include <CLI/CLI.hpp>
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <cmath>
 #include <cstdio>
 #include <functional>

@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/detail/edit_distance.hpp>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <atomic>
 #include <map>
 #include <memory>

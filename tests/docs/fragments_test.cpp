@@ -8,9 +8,9 @@
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <asterism/trackers/dpt.hpp>
-#include <asterism/trackers/multi_tracker.hpp>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/tracker/multi_tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <opencv2/imgproc.hpp>
 #include <span>
 #include <vector>

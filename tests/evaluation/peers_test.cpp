@@ -6,7 +6,7 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
 #include <functional>
 #include <opencv2/imgproc.hpp>

@@ -2,7 +2,7 @@
 
 // The least that a tracker can be run on.
 
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
 #include <cstdlib>
 

@@ -2,7 +2,7 @@
 // tracker that gives finite boxes or says why not.
 
 #include <algorithm>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
 #include <cstdlib>
 #include <nlohmann/json.hpp>

@@ -5,7 +5,7 @@
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/parts/models/mosse.hpp>
 #include <asterism/parts/models/template.hpp>
-#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <cstring>
 #include <functional>
 #include <stdexcept>

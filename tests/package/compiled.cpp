@@ -26,7 +26,7 @@
 #include <asterism/parts/concept/response.hpp>
 #endif
 #ifdef HAVE_TRACKERS
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #endif
 
 int main() {

@@ -2,7 +2,7 @@
 // anew as if nothing had been.
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <new>
 #include <opencv2/core.hpp>
 

@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <vector>
 #ifdef __GLIBC__
 #include <malloc.h>  // before it is replaced

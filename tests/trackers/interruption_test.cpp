@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/interruption.hpp>
+#include <asterism/trackers/constellation/interruption.hpp>
 #include <filesystem>
 
 #include "ground_truth.hpp"

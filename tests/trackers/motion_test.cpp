@@ -1,8 +1,8 @@
 // What moves otherwise than the camera, on scenes whose motion is known.
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/coarse.hpp>
-#include <asterism/trackers/motion.hpp>
+#include <asterism/trackers/constellation/motion.hpp>
+#include <asterism/trackers/dpt/coarse.hpp>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>

@@ -1,9 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/trackers/dpt.hpp>
-#include <asterism/trackers/kalman.hpp>
-#include <asterism/trackers/multi_tracker.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <stdexcept>
 
 #include "moving_square.hpp"

@@ -3,7 +3,7 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/tracker_options.hpp>
+#include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 #include <ctime>
 #include <fstream>

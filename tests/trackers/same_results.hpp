@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 
 namespace asterism {
 

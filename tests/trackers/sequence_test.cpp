@@ -4,7 +4,7 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <filesystem>
 #include <opencv2/core/utility.hpp>
 

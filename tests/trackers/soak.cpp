@@ -5,7 +5,7 @@
 
 #include <unistd.h>
 
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <bit>
 #include <cstdint>
 #include <cstdio>

@@ -5,9 +5,9 @@
 #include <asterism/parts/models/mosse.hpp>
 #include <asterism/parts/models/superpixels.hpp>
 #include <asterism/parts/models/template.hpp>
-#include <asterism/trackers/dpt.hpp>
-#include <asterism/trackers/kalman.hpp>
-#include <asterism/trackers/lgt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/others/lgt.hpp>
 #include <cstring>
 #include <functional>
 #include <limits>

@@ -7,7 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdint>

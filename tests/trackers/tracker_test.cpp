@@ -2,10 +2,10 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/trackers/coarse.hpp>
-#include <asterism/trackers/dpt.hpp>
-#include <asterism/trackers/elastic.hpp>
-#include <asterism/trackers/stiffness.hpp>
+#include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/constellation/stiffness.hpp>
+#include <asterism/trackers/dpt/coarse.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <cmath>
 #include <cstdio>
 #include <filesystem>

@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
-#include <asterism/trackers/stiffness.hpp>
-#include <asterism/trackers/transform.hpp>
+#include <asterism/trackers/constellation/stiffness.hpp>
+#include <asterism/trackers/constellation/transform.hpp>
 #include <numbers>
 
 namespace asterism {

@@ -7,7 +7,7 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <chrono>
 #include <cmath>
 #include <complex>

@@ -2,8 +2,8 @@
 
 #include <pybind11/stl.h>
 
-#include <asterism/trackers/multi_tracker.hpp>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/multi_tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <map>
 #include <opencv2/core.hpp>
 #include <optional>

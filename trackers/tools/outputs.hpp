@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <filesystem>
 #include <fstream>
 #include <opencv2/core.hpp>

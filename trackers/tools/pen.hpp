@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/parts/concept/frame.hpp>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <vector>

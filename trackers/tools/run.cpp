@@ -1,8 +1,8 @@
 #include "run.hpp"
 
 #include <algorithm>
-#include <asterism/trackers/dpt.hpp>
-#include <asterism/trackers/multi_tracker.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdio>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/trackers/dpt.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
 #include <fstream>
 #include <optional>
 #include <string>

@@ -3,7 +3,7 @@
 #include <unistd.h>
 
 #include <array>
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #include <cerrno>
 #include <charconv>
 #include <cstdio>

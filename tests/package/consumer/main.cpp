@@ -27,7 +27,7 @@
 #include <asterism/parts/models/kcf.hpp>
 #endif
 #ifdef HAVE_TRACKERS
-#include <asterism/trackers/tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
 #endif
 
 namespace {

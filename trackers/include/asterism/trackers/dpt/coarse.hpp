@@ -1,0 +1,138 @@
+#pragma once
+
+#include <asterism/parts/concept/any_part.hpp>
+#include <asterism/parts/models/color.hpp>
+#include <asterism/parts/models/kcf.hpp>
+#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/constellation/motion.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// The paper's part model, Kcf with default options. Not in the headers' code: every program that has options
+/// would compile it.
+ASTERISM_API AnyPart paper_filter();
+
+/// Options of the coarse layer (Sec. 2.2).
+struct CoarseOptions {
+  /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
+  AnyPart root = paper_filter();
+  /// The color model of object and surroundings. Open in the paper: the foreground's prior, here between
+  /// the box's share of the search window, about 1/6, and that of the region that the histograms are taken
+  /// from, 3/8; the group's later code has 0.18. And when the random field stops: after three iterations the
+  /// posterior is smooth and still knows doubt; when it converges, nearly all of it is 0 or 1, which a
+  /// product with the response takes for certain.
+  ColorOptions color = {.foreground_prior = 0.2, .mrf = {.max_iterations = 3}};
+  /// Multiply the root's response with the color probability; otherwise, and for a root without a response
+  /// map, the position is the root's alone.
+  bool use_color = true;
+  /// Instead of the product: the response and the mean posterior of the object's box around each position,
+  /// the latter with this weight in [0, 1] (Bertinetto et al., *Staple*, CVPR 2016, whose weight is 0.3). 0:
+  /// the paper's product.
+  double color_share = 0;
+  /// What moves otherwise than the camera, and the weight in [0, 1] of its mean posterior of the object's box
+  /// around each position, against the response with color; 0: not used. The paper has nothing like it.
+  /// Needs OpenCV's video module.
+  MotionOptions motion;
+  double motion_share = 0;
+  /// Refine the maximum of that product below the root's grid. Open in the paper.
+  bool sub_pixel = true;
+  /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
+  /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
+  double lost_below = 0.2;
+  /// A lost object is also searched half a window farther in eight directions. While it is not found the box
+  /// stays where it was and nothing is learned. The paper's tracker goes on.
+  bool redetect = false;
+};
+
+/// The paper's coarse representation: the root correlation filter z^(0) and the global color model C_t,
+/// which together place the object's centre within the search region of the root.
+class ASTERISM_API CoarseLayer {
+ public:
+  /// Throws std::invalid_argument for options out of range, or which need what the library was built without.
+  explicit CoarseLayer(const CoarseOptions& options = CoarseOptions());
+
+  /// Learn both models from the object's box.
+  void init(const Frame& frame, const cv::Rect2d& box);
+
+  /// What the layer says of a frame.
+  struct Estimate {
+    Evidence evidence;               ///< of the density of Eq. 4
+    double similarity = 0;           ///< the root filter's own response at the position
+    Segmentation segmentation;       ///< of the search window, empty where the color model is off
+    bool lost = false;               ///< `similarity` is below CoarseOptions::lost_below
+    double root_milliseconds = 0;    ///< wall-clock time of the root filter
+    double color_milliseconds = 0;   ///< of the color model
+    double motion_milliseconds = 0;  ///< of the model of motion
+  };
+  /// The object's position near its last one: the maximum of Eq. 4.
+  Estimate localize(const Frame& frame);
+  /// The estimate is not to be followed: the object is lost, and to be waited for (CoarseOptions::redetect).
+  bool waits(const Estimate& estimate) const { return options_.redetect && estimate.lost; }
+
+  /// Move the object to a box without learning; a root that can follows its size.
+  void move(const cv::Rect2d& box);
+  /// Update the root filter, the model of motion and, where the segmentation was informative, the histograms
+  /// at the object's box.
+  void adapt(const Frame& frame, bool informative);
+
+  void visit_state(StateArchive& archive);
+
+  /// The object's centre, size and box after the last frame [px].
+  const Point2& centre() const { return centre_; }
+  const Size2& size() const { return size_; }
+  cv::Rect2d box() const { return box_around(centre_, size()); }
+  const CoarseOptions& options() const { return options_; }
+  /// That of the last `localize`.
+  const Evidence& evidence() const { return evidence_; }
+
+ private:
+  Estimate localize_around(const Frame& frame, const Point2& around);
+  // `density_` times the color probability, ...
+  void multiply_color(const Segmentation& segmentation);
+  // ... or its weighted sum with the mean posterior of the box.
+  void add_posterior(const Segmentation& segmentation, double weight);
+  // What the root searches around a position, and the color model with it.
+  cv::Rect2d search_window(const Point2& around) const;
+
+  CoarseOptions options_;
+  AnyPart root_;
+  ColorModel color_;
+  MotionModel motion_;
+  Segmentation moving_;  // of the last frame
+  Point2 centre_ = Point2::Zero();
+  Size2 size_ = Size2::Zero();
+  Evidence evidence_;
+  ResponseMap density_;  // Eq. 4 on the root's response grid
+};
+
+/// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos
+/// without color. The box keeps its size.
+class ASTERISM_API CoarseTracker {
+ public:
+  /// Throws std::invalid_argument for options out of range.
+  explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
+  void init(const cv::Mat& image, const cv::Rect2d& box);
+  TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
+
+ private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
+
+  CoarseLayer layer_;
+  InterruptionGate gate_;
+  bool initialized_ = false;
+};
+
+/// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
+ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
+
+/// The position nearest to `centre` that the centre of a tracker's box may have: in the image.
+ASTERISM_API Point2 kept_in_image(const Frame& frame, const Point2& centre);
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

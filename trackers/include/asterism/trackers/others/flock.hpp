@@ -1,0 +1,58 @@
+#pragma once
+
+#include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/others/point_flow.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Options of Flock.
+struct FlockOptions {
+  PointFlowOptions flow = {.padding = 1.5};
+  /// Points a side of the grid on the object's box, in [2, 50].
+  int grid = 10;
+  /// Each point is linked to as many nearest ones, in [1, 100].
+  int neighbours = 8;
+  ElasticOptions springs = {.reach = 0.04};
+  /// A point further than this from where the object's motion puts it has failed [spacing of the grid, > 0].
+  double max_residual = 0.3;
+  /// A point at u, in [-1, 1] on both axes of the box, counts exp(-centre_weight |u|^2) for the motion, >= 0.
+  double centre_weight = 3;
+  /// Rate at which the layout follows the placement, in [0, 1].
+  double layout_rate = 0;
+  /// A smaller share of points that move with the object is a lost target, in [0, 1].
+  double lost_below = 0.05;
+};
+
+/// Flock of trackers (Vojir and Matas, "Robustifying the flock of trackers", CVWW 2011; median flow, Kalal et
+/// al., ICPR 2010, is its ancestor) as a constellation: a grid of points, each followed by optical flow, on
+/// springs to its nearest neighbours. The object moves as most of the MAP placement does; points that failed
+/// begin anew where this motion puts them.
+class ASTERISM_API Flock {
+ public:
+  /// Throws std::invalid_argument for options out of range.
+  explicit Flock(const FlockOptions& options = {});
+
+  void init(const cv::Mat& image, const cv::Rect2d& box);
+  TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
+
+  const FlockOptions& options() const { return options_; }
+
+ private:
+  TrackResult follow(const Frame& frame);
+  TrackResult standing() const;
+  FlockOptions options_;
+  PointFlow flow_;
+  ElasticConstellation points_;
+  ObjectPose pose_;
+  ElasticConstellation::Points placement_;
+  InterruptionGate gate_;
+  bool initialized_ = false;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

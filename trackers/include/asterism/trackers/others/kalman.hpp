@@ -1,0 +1,80 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <asterism/trackers/tracker/tracker.hpp>
+#include <optional>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// The Kalman filter of a point of three coordinates whose velocity is constant but for white acceleration
+/// (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 6.2.2). The
+/// unit of time is the frame.
+class ASTERISM_API ConstantVelocityFilter {
+ public:
+  using Vector = Eigen::Vector3d;
+  using Matrix = Eigen::Matrix3d;
+
+  /// The point is at `position`, and so surely; its velocity is 0 with a standard deviation on each axis.
+  void start(const Vector& position, const Matrix& covariance, const Vector& velocity_deviation);
+  /// One frame later. density: power spectral density of the acceleration on each axis, >= 0 [unit^2 /
+  /// frame^3]; the velocity's variance grows by as much a frame.
+  void predict(const Vector& density);
+  /// The point was measured, with a covariance (positive semi-definite).
+  void update(const Vector& measured, const Matrix& covariance);
+
+  /// What the filter expects now.
+  Vector position() const { return state_.head<3>(); }
+  Vector velocity() const { return state_.tail<3>(); }
+  /// Of position and velocity, in this order.
+  const Eigen::Matrix<double, 6, 6>& covariance() const { return covariance_; }
+
+  void visit_state(StateArchive& archive);
+
+ private:
+  Eigen::Vector<double, 6> state_ = Eigen::Vector<double, 6>::Zero();
+  Eigen::Matrix<double, 6, 6> covariance_ = Eigen::Matrix<double, 6, 6>::Zero();
+};
+
+/// Options of KalmanTracker. Lengths are in mean sides of the box (geometric mean), so that nothing changes
+/// with the image's scale; those of the size are of its natural logarithm. The defaults are measured:
+/// docs/results/uncertainty.md.
+struct KalmanOptions {
+  /// Deviation that white acceleration gives to the velocity in a frame, of the centre on each axis [mean
+  /// sides / frame] and of the size, in [1e-6, 1e6].
+  double acceleration = 0.3, size_acceleration = 0.05;
+  /// Deviation of a box from the object where its tracker tells no covariance: of the centre on each axis
+  /// [mean sides], and of the size, in [1e-6, 1e6].
+  double deviation = 0.05, size_deviation = 0.05;
+  /// The covariance of a box that its tracker holds for lost is this many times as large, in [1, 1e12].
+  double lost_factor = 100;
+};
+
+/// Any tracker with a Kalman filter over its box: centre and logarithm of the size move at constant velocity
+/// but for white acceleration; the tracker's box measures them, with TrackResult::covariance where it has
+/// one. The result is the tracker's with box and covariance filtered; the box keeps its aspect. The tracker
+/// itself goes on from its own box.
+class ASTERISM_API KalmanTracker {
+ public:
+  /// Throws std::invalid_argument for options out of range.
+  explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});
+
+  void init(const cv::Mat& image, const cv::Rect2d& box);
+  TrackResult update(const cv::Mat& image);
+  void init(const Frame& frame, const cv::Rect2d& box);
+  TrackResult update(const Frame& frame);
+  void visit_state(StateArchive& archive);
+
+ private:
+  // Of a box as a measurement, in px and logarithms.
+  Eigen::Matrix3d covariance_of(const TrackResult& result) const;
+  // Of the filtered box [px].
+  double mean_side() const;
+
+  AnyTracker tracker_;
+  KalmanOptions options_;
+  ConstantVelocityFilter filter_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,150 @@
+#pragma once
+
+#include <asterism/parts/concept/part_options.hpp>
+#include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/others/lgt.hpp>
+#include <asterism/trackers/others/superpixel_tracker.hpp>
+#if __has_include(<asterism/trackers/others/flock.hpp>)  // only installed where it was built
+#include <asterism/trackers/others/flock.hpp>
+#endif
+#if __has_include(<asterism/trackers/others/keypoint_tracker.hpp>)
+#include <asterism/trackers/others/keypoint_tracker.hpp>
+#endif
+
+/// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
+  visit("tolerance", options.tolerance, {0, 1e9});
+  visit("max_iterations", options.max_iterations, {0, 100000});
+}
+
+inline void visit_options(OptionVisitor& visit, MotionOptions& options) {
+  visit("histogram_rate", options.histogram_rate, option_ranges::kShare);
+  visit("novelty", options.novelty, option_ranges::kProbability);
+  visit("background_novelty", options.background_novelty, option_ranges::kProbability);
+  visit("foreground_prior", options.foreground_prior, option_ranges::kProbability);
+  visit("padding", options.padding, {1, option_ranges::kMostPadding});
+  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
+  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
+}
+
+inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
+  visit("root", options.root, "kcf");
+  visit("color", options.color);
+  visit("use_color", options.use_color);
+  visit("color_share", options.color_share, option_ranges::kShare);
+  visit("sub_pixel", options.sub_pixel);
+  visit("lost_below", options.lost_below, {-1e9, 1e9});
+  visit("redetect", options.redetect);
+  visit("motion", options.motion);
+  visit("motion_share", options.motion_share, option_ranges::kShare);
+}
+
+inline void visit_options(OptionVisitor& visit, DptOptions& options) {
+  visit("coarse", options.coarse);
+  visit("part", options.part, "kcf");
+  visit("grid_rows", options.grid_rows, {1, DptOptions::kMaxParts});
+  visit("grid_cols", options.grid_cols, {1, DptOptions::kMaxParts});
+  visit("overlap", options.overlap, {0, 0.99});
+  visit("constellation", options.constellation, {"full", "local", "star"});
+  visit("spring_rate", options.spring_rate, option_ranges::kShare);
+  visit("response_gate", options.response_gate, {-1e9, 1e9});
+  visit("mask_gate", options.mask_gate, {-1e9, 1e9});
+  visit("smoothness", options.smoothness, {0, 1e9});
+  visit("transform", options.transform, {"translation", "euclidean", "similarity"});
+  visit("scale_share", options.scale_share, option_ranges::kShare);
+  visit("scale", options.scale);
+  visit("resize_parts", options.resize_parts);
+  visit("anchor_law", options.anchor_law, {"variance", "covariance"});
+  visit("spring_solver", options.spring_solver, {"ida", "newton"});
+  visit("solver", options.solver);
+  visit("threads", options.threads, {0, 256});
+}
+
+inline void visit_options(OptionVisitor& visit, KalmanOptions& options) {
+  visit("acceleration", options.acceleration, {1e-6, 1e6});
+  visit("size_acceleration", options.size_acceleration, {1e-6, 1e6});
+  visit("deviation", options.deviation, {1e-6, 1e6});
+  visit("size_deviation", options.size_deviation, {1e-6, 1e6});
+  visit("lost_factor", options.lost_factor, {1, 1e12});
+}
+
+inline void visit_options(OptionVisitor& visit, ElasticOptions& options) {
+  visit("deformation", options.deformation, option_ranges::kPositive);
+  visit("reach", options.reach, option_ranges::kPositive);
+  visit("solver", options.solver);
+}
+
+#if __has_include(<asterism/trackers/others/flock.hpp>)
+inline void visit_options(OptionVisitor& visit, PointFlowOptions& options) {
+  visit("max_error", options.max_error, option_ranges::kPositive);
+  visit("lk_window", options.lk_window, {3, 101});
+  visit("lk_levels", options.lk_levels, {0, 16});
+  visit("padding", options.padding, option_ranges::kSearchPadding);
+  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
+  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
+}
+
+inline void visit_options(OptionVisitor& visit, FlockOptions& options) {
+  visit("flow", options.flow);
+  visit("grid", options.grid, {2, 50});
+  visit("neighbours", options.neighbours, {1, 100});
+  visit("springs", options.springs);
+  visit("max_residual", options.max_residual, option_ranges::kPositive);
+  visit("centre_weight", options.centre_weight, {0, 1e9});
+  visit("layout_rate", options.layout_rate, option_ranges::kShare);
+  visit("lost_below", options.lost_below, option_ranges::kShare);
+}
+#endif
+
+#if __has_include(<asterism/trackers/others/keypoint_tracker.hpp>)
+inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options) {
+  visit("flow", options.flow);
+  visit("max_parts", options.max_parts, {1, 1000});
+  visit("max_points", options.max_points, {1, 5000});
+  visit("fast_threshold", options.fast_threshold, {1, 255});
+  visit("max_distance", options.max_distance, {1e-9, 1});
+  visit("max_ratio", options.max_ratio, {1e-9, 1});
+  visit("padding", options.padding, option_ranges::kSearchPadding);
+  visit("max_padding", options.max_padding, option_ranges::kSearchPadding);
+  visit("neighbours", options.neighbours, {1, 100});
+  visit("springs", options.springs);
+  visit("centre_weight", options.centre_weight, {0, 1e9});
+  visit("forget_after", options.forget_after, {1, 1e9});
+  visit("min_agreeing", options.min_agreeing, option_ranges::kPositive);
+  visit("lost_below", options.lost_below, option_ranges::kShare);
+}
+#endif
+
+inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
+  visit("part", options.part, "color_histogram");
+  visit("color", options.color);
+  visit("max_parts", options.max_parts, {1, 100});
+  visit("part_side", options.part_side, {0.01, 10});
+  visit("springs", options.springs);
+  visit("sharpness", options.sharpness, option_ranges::kPositive);
+  visit("weight_rate", options.weight_rate, {1e-9, 1});
+  visit("remove_below", options.remove_below, option_ranges::kShare);
+  visit("layout_rate", options.layout_rate, option_ranges::kShare);
+  visit("lost_below", options.lost_below, option_ranges::kShare);
+}
+
+inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& options) {
+  visit("slic", options.slic);
+  visit("template_side", options.template_side, {8, 512});
+  visit("padding", options.padding, option_ranges::kSearchPadding);
+  visit("color_sigma", options.color_sigma, option_ranges::kPositive);
+  visit("neighbours", options.neighbours, {1, 100});
+  visit("springs", options.springs);
+  visit("learning_rate", options.learning_rate, option_ranges::kShare);
+  visit("forget_after", options.forget_after, {1, 1e9});
+  visit("lost_below", options.lost_below, option_ranges::kShare);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

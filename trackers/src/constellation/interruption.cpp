@@ -1,0 +1,145 @@
+#include <algorithm>
+#include <asterism/trackers/constellation/interruption.hpp>
+#include <cmath>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+// Views that correlate less are of two scenes: they share less than a quarter of their variance.
+constexpr double kSameScene = 0.5;
+// Variance of a view [gray levels^2] below which nothing is to be seen in it.
+constexpr double kLeastVariance = 1;
+// Gray levels that differ by no more than this are one: a decoder's blank blocks, light that is clipped.
+constexpr int kOneLevel = 2;
+// One in so many cells about the object that are blank now and were not are many.
+constexpr int kHidden = 4;
+// The neighbourhood of the object [sides of its box].
+constexpr double kNear = 2;
+
+// Samples of each cell on a side.
+constexpr int kSamples = 4;
+
+// Mean and range of the gray levels in the cells of a window, row by row; what is outside the image is its
+// border.
+template <std::size_t kCells, typename Visit>
+void visit_cells(const cv::Mat& gray, const cv::Rect2d& window, Visit&& visit) {
+  constexpr std::size_t kSide = kCells * kSamples;
+  const auto positions = [](double begin, double length, int limit) {
+    std::array<int, kSide> result;
+    for (std::size_t i = 0; i < kSide; ++i) {
+      const double at = begin - 0.5 + (static_cast<double>(i) + 0.5) * length / kSide;
+      result[i] = static_cast<int>(std::lround(std::clamp(at, 0.0, limit - 1.0)));
+    }
+    return result;
+  };
+  const auto cols = positions(window.x, window.width, gray.cols),
+             rows = positions(window.y, window.height, gray.rows);
+  for (std::size_t row = 0; row < kCells; ++row)
+    for (std::size_t col = 0; col < kCells; ++col) {
+      int sum = 0, least = 255, most = 0;
+      for (std::size_t i = 0; i < kSamples; ++i) {
+        const std::uint8_t* const line = gray.ptr<std::uint8_t>(rows[row * kSamples + i]);
+        for (std::size_t j = 0; j < kSamples; ++j) {
+          const int level = line[cols[col * kSamples + j]];
+          sum += level, least = std::min(least, level), most = std::max(most, level);
+        }
+      }
+      visit(row * kCells + col, sum, most - least);
+    }
+}
+
+// Variance of the gray levels in a view.
+double variance(const InterruptionGate::View& view) {
+  double sum = 0, squares = 0;
+  for (const std::uint8_t level : view) sum += level, squares += level * level;
+  const auto n = static_cast<double>(view.size());
+  return (squares - sum * sum / n) / n;
+}
+
+// Correlation of two views, one of them moved by whole cells, over what they have in common; 0 where one is
+// of one level.
+double correlation(const InterruptionGate::View& a, const InterruptionGate::View& b, int right, int down) {
+  constexpr int kSide = InterruptionGate::kViewCells;
+  double n = 0, sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
+  for (int row = std::max(0, down); row < kSide + std::min(0, down); ++row)
+    for (int col = std::max(0, right); col < kSide + std::min(0, right); ++col) {
+      const double x = a[static_cast<std::size_t>(row * kSide + col)],
+                   y = b[static_cast<std::size_t>((row - down) * kSide + col - right)];
+      ++n, sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
+    }
+  const double scale = (aa - sum_a * sum_a / n) * (bb - sum_b * sum_b / n);
+  return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
+}
+
+// Whether two views are of one scene, wherever the camera turned: at most so far that half of it is in both.
+bool of_one_scene(const InterruptionGate::View& a, const InterruptionGate::View& b) {
+  if (correlation(a, b, 0, 0) >= kSameScene) return true;  // nearly always
+  constexpr int kSide = InterruptionGate::kViewCells;
+  for (int down = -kSide / 2; down <= kSide / 2; ++down)
+    for (int right = -kSide / 2; right <= kSide / 2; ++right) {
+      const int common = (kSide - std::abs(down)) * (kSide - std::abs(right));
+      if (2 * common >= kSide * kSide && correlation(a, b, right, down) >= kSameScene) return true;
+    }
+  return false;
+}
+
+}  // namespace
+
+InterruptionGate::View InterruptionGate::view_of(const Frame& frame) {
+  View view;
+  const cv::Size size = frame.size();
+  visit_cells<kViewCells>(
+      frame.gray(), cv::Rect2d(0, 0, size.width, size.height), [&](std::size_t cell, int sum, int) {
+        view[cell] = static_cast<std::uint8_t>((sum + kSamples * kSamples / 2) / (kSamples * kSamples));
+      });
+  return view;
+}
+
+InterruptionGate::Blanks InterruptionGate::blanks_of(const Frame& frame) const {
+  Blanks blanks;
+  visit_cells<kNearCells>(frame.gray(), box_around(centre_, kNear * size_),
+                          [&](std::size_t cell, int, int range) { blanks[cell] = range <= kOneLevel; });
+  return blanks;
+}
+
+void InterruptionGate::learn(const Frame& frame, const cv::Rect2d& box, double confidence) {
+  confidence_ = confidence;
+  centre_ = centre_of(box);
+  size_ = {box.width, box.height};
+  view_ = view_of(frame);
+  blanks_ = blanks_of(frame);
+}
+
+InterruptionGate::Sight InterruptionGate::judge(const Frame& frame) const {
+  const View view = view_of(frame);
+  const Blanks blanks = blanks_of(frame);
+  int shown = 0, hidden = 0;  // cells that were not blank, and those of them that are now
+  for (std::size_t i = 0; i < blanks.size(); ++i) {
+    shown += blanks_[i] == 0;
+    hidden += blanks_[i] == 0 && blanks[i] != 0;
+  }
+  const bool had_view = variance(view_) >= kLeastVariance, has_view = variance(view) >= kLeastVariance;
+  const bool all_blank = std::find(blanks.begin(), blanks.end(), 0) == blanks.end();
+  if (!has_view && all_blank && (had_view || shown > 0)) return Sight::Blank;
+  const bool other_scene = had_view && !(has_view && of_one_scene(view_, view));
+  return other_scene || kHidden * hidden > shown ? Sight::Doubtful : Sight::Scene;
+}
+
+void InterruptionGate::visit_state(StateArchive& archive) {
+  archive.position(centre_);
+  archive.size(size_);
+  archive(confidence_);
+  archive.require(confidence_ >= 0 && confidence_ <= 1);
+  const auto visit = [&archive](auto& cells, int side) {
+    cv::Mat image(side, side, CV_8UC1, cells.data());
+    archive.pixels(image, image.size(), 1);
+    if (archive.loading()) std::copy(image.begin<std::uint8_t>(), image.end<std::uint8_t>(), cells.begin());
+  };
+  visit(view_, kViewCells);
+  visit(blanks_, kNearCells);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

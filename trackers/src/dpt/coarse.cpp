@@ -1,0 +1,218 @@
+#include <asterism/trackers/dpt/coarse.hpp>
+#include <asterism/trackers/tracker/tracker_options.hpp>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+
+#include "../tracker/require.hpp"
+#include "../tracker/stage_clock.hpp"
+#include "../tracker/update_from_image.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+void check_start(const Frame& frame, const cv::Rect2d& box) {
+  if (!(std::isfinite(box.x) && std::isfinite(box.y) && std::isfinite(box.width) &&
+        std::isfinite(box.height)))
+    throw std::invalid_argument("the start box is not finite");
+  if (!(box.width >= 1 && box.height >= 1))
+    throw std::invalid_argument("the start box must be at least one pixel wide and high");
+  if (!(box.x < frame.size().width && box.y < frame.size().height && box.x + box.width > 0 &&
+        box.y + box.height > 0))
+    throw std::invalid_argument("the start box lies outside the image");
+}
+
+Point2 kept_in_image(const Frame& frame, const Point2& centre) {
+  const Point2 last(frame.size().width - 1, frame.size().height - 1);
+  return centre.cwiseMax(0).cwiseMin(last);
+}
+
+AnyPart paper_filter() { return Kcf(); }
+
+CoarseLayer::CoarseLayer(const CoarseOptions& options)
+    : options_(check_options("CoarseOptions", options)),
+      root_(options.root),
+      color_(options.color),
+      motion_(options.motion) {
+  require(options.motion_share == 0 || MotionModel::available(),
+          "CoarseOptions: motion_share needs OpenCV's video, without which this library was built");
+}
+
+void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
+  root_.init(frame, centre_of(box), {box.width, box.height});
+  centre_ = centre_of(box);
+  size_ = {box.width, box.height};
+  if (options_.use_color) color_.init(frame, box);
+  if (options_.motion_share > 0) motion_.init(frame, box);
+  moving_ = {};
+}
+
+CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
+  StageClock clock;
+  if (options_.motion_share > 0) moving_ = motion_.segment(frame);
+  const double motion_milliseconds = clock.lap();
+  Estimate estimate = localize_around(frame, centre_);
+  estimate.motion_milliseconds = motion_milliseconds;
+  if (!waits(estimate)) return estimate;
+
+  // The neighbour with the highest response, if that is one of the object.
+  const cv::Rect2d window = search_window(centre_);
+  Point2 best = centre_;
+  double highest = options_.lost_below;
+  for (const int row : {-1, 0, 1})
+    for (const int col : {-1, 0, 1}) {
+      const Point2 around = centre_ + Point2(col * window.width, row * window.height) / 2;
+      const bool inside = around.x() >= 0 && around.y() >= 0 && around.x() < frame.size().width &&
+                          around.y() < frame.size().height;
+      if ((row == 0 && col == 0) || !inside) continue;
+      const double peak = root_.localize(frame, around).peak;
+      if (peak < highest) continue;
+      highest = peak;
+      best = around;
+    }
+  return best == centre_ ? estimate : localize_around(frame, best);
+}
+
+CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Point2& around) {
+  Estimate estimate;
+  StageClock clock;
+  estimate.evidence = root_.localize(frame, around);
+  estimate.similarity = estimate.evidence.peak;
+  estimate.root_milliseconds = clock.lap();
+  const ResponseMap* const response = root_.response();
+  bool combined = false;  // with another cue, in density_
+  if (response != nullptr && (options_.use_color || options_.motion_share > 0)) density_ = *response;
+  if (options_.use_color && color_.enabled()) {
+    const Segmentation& segmentation = estimate.segmentation =
+        color_.segment(frame, search_window(around), size_);
+    const bool adds = options_.color_share > 0;
+    if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
+      if (adds)
+        add_posterior(segmentation, options_.color_share);
+      else
+        multiply_color(segmentation);
+      combined = true;
+    }
+    estimate.color_milliseconds = clock.lap();
+  }
+  if (response != nullptr && !moving_.posterior.empty()) {
+    add_posterior(moving_, options_.motion_share);
+    combined = true;
+  }
+  if (combined) {
+    estimate.evidence = evidence_of(density_, options_.sub_pixel);
+    // A root without a peak is as similar everywhere as nowhere.
+    if (estimate.similarity > 0) estimate.similarity = root_.similarity_at(estimate.evidence.position);
+  }
+  evidence_ = estimate.evidence;
+  estimate.lost = !(estimate.similarity >= options_.lost_below);
+  return estimate;
+}
+
+void CoarseLayer::multiply_color(const Segmentation& segmentation) {
+  // Eq. 4: template probability times color probability.
+  for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
+    for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
+      const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
+      density_.values(row, col) = std::max(0.0f, density_.values(row, col)) *
+                                  static_cast<float>(color_.probability(segmentation, position));
+    }
+}
+
+void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight) {
+  // Sums of the posterior above and left of the cells' corners, bilinear between them; 0 beyond the grid.
+  cv::Mat sums;
+  cv::integral(segmentation.posterior, sums, CV_64F);
+  const int cols = segmentation.posterior.cols, rows = segmentation.posterior.rows;
+  const auto sum_to = [&](double x, double y) {
+    x = std::clamp(x, 0.0, static_cast<double>(cols));
+    y = std::clamp(y, 0.0, static_cast<double>(rows));
+    const int col = std::min(static_cast<int>(x), cols - 1), row = std::min(static_cast<int>(y), rows - 1);
+    const double *upper = sums.ptr<double>(row) + col, *lower = sums.ptr<double>(row + 1) + col;
+    const double fx = x - col, fy = y - row;
+    return (1 - fy) * ((1 - fx) * upper[0] + fx * upper[1]) + fy * ((1 - fx) * lower[0] + fx * lower[1]);
+  };
+  const Size2 half = size_.cwiseQuotient(segmentation.spacing) / 2;  // [cells]
+  const auto share = static_cast<float>(weight);
+  for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
+    for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
+      const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
+      const Point2 middle =
+          (position - segmentation.origin).cwiseQuotient(segmentation.spacing) + Point2(0.5, 0.5);
+      const Point2 first = middle - half, end = middle + half;
+      const double sum = sum_to(end.x(), end.y()) - sum_to(first.x(), end.y()) - sum_to(end.x(), first.y()) +
+                         sum_to(first.x(), first.y());
+      float& value = density_.values(row, col);
+      value = (1 - share) * value + share * static_cast<float>(sum / (4 * half.prod()));
+    }
+}
+
+cv::Rect2d CoarseLayer::search_window(const Point2& around) const {
+  if (const ResponseMap* const response = root_.response()) {
+    const Size2 cells(static_cast<double>(response->values.cols()),
+                      static_cast<double>(response->values.rows()));
+    return box_around(around, response->spacing.cwiseProduct(cells));
+  }
+  return box_around(around, size_ + Size2::Constant(KcfOptions().padding * std::sqrt(size_.prod())));
+}
+
+void CoarseLayer::move(const cv::Rect2d& box) {
+  centre_ = centre_of(box);
+  size_ = {box.width, box.height};
+  root_.resize(size_);
+}
+
+void CoarseLayer::adapt(const Frame& frame, bool informative) {
+  root_.adapt(frame, centre_);
+  if (informative) color_.adapt(frame, box());
+  if (options_.motion_share > 0) motion_.adapt(frame, box());
+}
+
+CoarseTracker::CoarseTracker(const CoarseOptions& options) : layer_(options) {}
+
+void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
+
+void CoarseTracker::init(const Frame& frame, const cv::Rect2d& box) {
+  check_start(frame, box);
+  layer_.init(frame, box);
+  gate_.init(frame, box);
+  initialized_ = true;
+}
+
+TrackResult CoarseTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult CoarseTracker::update(const Frame& frame) {
+  if (!initialized_) throw std::logic_error("CoarseTracker: update before init");
+  return gate_.update(*this, frame, &CoarseTracker::follow, &CoarseTracker::standing);
+}
+
+TrackResult CoarseTracker::standing() const {
+  TrackResult result;
+  result.box = layer_.box();
+  return result;
+}
+
+TrackResult CoarseTracker::follow(const Frame& frame) {
+  StageClock clock;
+  TrackResult result;
+
+  const CoarseLayer::Estimate estimate = layer_.localize(frame);
+  result.times.push_back({"root", estimate.root_milliseconds});
+  result.times.push_back({"color", estimate.color_milliseconds});
+  if (layer_.options().motion_share > 0) result.times.push_back({"motion", estimate.motion_milliseconds});
+  clock.lap();
+
+  if (!layer_.waits(estimate)) {
+    layer_.move(box_around(kept_in_image(frame, estimate.evidence.position), layer_.size()));
+    layer_.adapt(frame, estimate.segmentation.informative);
+  }
+  result.times.push_back({"update", clock.lap()});
+
+  result.box = layer_.box();
+  result.confidence = std::clamp(estimate.similarity, 0.0, 1.0);
+  result.lost = estimate.lost;
+  return result;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

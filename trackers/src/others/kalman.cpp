@@ -1,0 +1,100 @@
+#include <Eigen/Cholesky>
+#include <asterism/trackers/dpt/coarse.hpp>
+#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/tracker/tracker_options.hpp>
+#include <cmath>
+
+#include "../tracker/require.hpp"
+#include "../tracker/stage_clock.hpp"
+#include "../tracker/update_from_image.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+using State = Eigen::Matrix<double, 6, 6>;
+
+// Before anything is known of its motion the object may move by its mean side in a frame, and grow by e^0.1.
+constexpr double kVelocity = 1, kSizeVelocity = 0.1;
+
+double log_mean_side(const cv::Rect2d& box) { return (std::log(box.width) + std::log(box.height)) / 2; }
+
+Eigen::Vector3d measured(const cv::Rect2d& box) {
+  const Point2 centre = centre_of(box);
+  return {centre.x(), centre.y(), log_mean_side(box)};
+}
+
+}  // namespace
+
+void ConstantVelocityFilter::start(const Vector& position, const Matrix& covariance,
+                                   const Vector& velocity_deviation) {
+  state_ << position, Vector::Zero();
+  covariance_.setZero();
+  covariance_.topLeftCorner<3, 3>() = covariance;
+  covariance_.bottomRightCorner<3, 3>() = velocity_deviation.cwiseAbs2().asDiagonal();
+}
+
+void ConstantVelocityFilter::predict(const Vector& density) {
+  State motion = State::Identity();
+  motion.topRightCorner<3, 3>().setIdentity();
+  state_ = motion * state_;
+  covariance_ = motion * covariance_ * motion.transpose();
+  // White noise through one and two integrators over a frame.
+  covariance_.topLeftCorner<3, 3>() += (density / 3).asDiagonal();
+  covariance_.topRightCorner<3, 3>() += (density / 2).asDiagonal();
+  covariance_.bottomLeftCorner<3, 3>() += (density / 2).asDiagonal();
+  covariance_.bottomRightCorner<3, 3>() += density.asDiagonal();
+}
+
+void ConstantVelocityFilter::update(const Vector& measured, const Matrix& covariance) {
+  const Matrix innovation = covariance_.topLeftCorner<3, 3>() + covariance;
+  const Eigen::Matrix<double, 6, 3> gain = innovation.ldlt().solve(covariance_.topRows<3>()).transpose();
+  state_ += gain * (measured - position());
+  // Joseph's form: symmetric and positive whatever the rounding.
+  State rest = State::Identity();
+  rest.leftCols<3>() -= gain;
+  covariance_ = rest * covariance_ * rest.transpose() + gain * covariance * gain.transpose();
+}
+
+KalmanTracker::KalmanTracker(AnyTracker tracker, const KalmanOptions& options)
+    : tracker_(std::move(tracker)), options_(check_options("KalmanOptions", options)) {}
+
+double KalmanTracker::mean_side() const { return std::exp(filter_.position().z()); }
+
+Eigen::Matrix3d KalmanTracker::covariance_of(const TrackResult& result) const {
+  if (result.covariance) return (result.lost ? options_.lost_factor : 1) * *result.covariance;
+  const double centre = options_.deviation * std::exp(log_mean_side(result.box));
+  return (result.lost ? options_.lost_factor : 1) *
+         Eigen::Vector3d(centre, centre, options_.size_deviation).cwiseAbs2().asDiagonal().toDenseMatrix();
+}
+
+void KalmanTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
+
+void KalmanTracker::init(const Frame& frame, const cv::Rect2d& box) {
+  tracker_.init(frame, box);
+  const double side = std::exp(log_mean_side(box));
+  // The first box is the object.
+  filter_.start(measured(box), Eigen::Matrix3d::Zero(), {kVelocity * side, kVelocity * side, kSizeVelocity});
+}
+
+TrackResult KalmanTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
+
+TrackResult KalmanTracker::update(const Frame& frame) {
+  TrackResult result = tracker_.update(frame);
+  StageClock clock;
+  if (!result.interrupted) {  // otherwise no motion is predicted: the box stays where it is
+    const double centre = options_.acceleration * mean_side();
+    filter_.predict(Eigen::Vector3d(centre, centre, options_.size_acceleration).cwiseAbs2());
+    filter_.update(measured(result.box), covariance_of(result));
+  }
+  const double scale = mean_side() / std::exp(log_mean_side(result.box));
+  result.box = box_around(kept_in_image(frame, filter_.position().head<2>()),
+                          scale * Size2(result.box.width, result.box.height));
+  result.covariance = filter_.covariance().topLeftCorner<3, 3>();
+  result.times.push_back({"filter", clock.lap()});
+  return result;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

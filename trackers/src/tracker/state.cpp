@@ -1,0 +1,235 @@
+// What the trackers save.
+
+#include <Eigen/Eigenvalues>
+#include <asterism/trackers/dpt/coarse.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/others/lgt.hpp>
+#include <asterism/trackers/others/superpixel_tracker.hpp>
+#include <asterism/trackers/tracker/tracker_options.hpp>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+#ifdef ASTERISM_TRACKERS_FLOW
+#include <asterism/trackers/others/flock.hpp>
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+#include <asterism/trackers/others/keypoint_tracker.hpp>
+#endif
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+// How far rounding takes correlations from a matrix that is symmetric and positive semi-definite.
+constexpr double kRounding = 1e-6;
+
+// Numbers that must not be negative, one a part; at most so large.
+template <typename T>
+void visit_all(StateArchive& archive, std::vector<T>& values, std::size_t count, T most) {
+  values.resize(count);
+  for (T& value : values) {
+    archive(value);
+    archive.require(value >= 0 && value <= most);
+  }
+}
+
+// Frames since a part was seen: counting goes on for another year before it overflows.
+void visit_unseen(StateArchive& archive, std::vector<int>& unseen, int parts) {
+  visit_all(archive, unseen, static_cast<std::size_t>(parts), 1'000'000'000);
+}
+
+// Colors in CIELAB, no coordinate of which is beyond 200.
+void visit_colors(StateArchive& archive, Eigen::ArrayX3f& colors, int count) {
+  colors.resize(count, 3);
+  archive(colors);
+  archive.require((colors.abs() <= 200).all());
+}
+
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+// ORB's descriptors of 32 bytes, row by row.
+void visit_descriptors(StateArchive& archive, cv::Mat& descriptors, int count) {
+  if (archive.loading()) descriptors = cv::Mat();
+  if (count > 0) archive.pixels(descriptors, {32, count}, 1);
+}
+#endif
+
+}  // namespace
+
+void CoarseLayer::visit_state(StateArchive& archive) {
+  archive.begin("coarse layer", options_);
+  archive.position(centre_);
+  archive.size(size_);
+  root_.visit_state(archive);
+  color_.visit_state(archive);
+  if (options_.motion_share > 0) motion_.visit_state(archive, centre_, size_);
+}
+
+void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const Size2& size) {
+  if (archive.loading()) place(centre, size);
+  archive.pixels(previous_, window_.grid(), 1);
+  archive(learned_);
+  archive.require(learned_ >= 0 && learned_ <= kMostLearned);
+  for (Histogram* const histogram : {&foreground_, &background_})
+    for (double& share : *histogram) {
+      archive(share);
+      archive.require(share >= 0 && share <= 1 + kRounding);
+    }
+}
+
+void CoarseTracker::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("CoarseTracker: to be saved before init");
+  layer_.visit_state(archive);
+  gate_.visit_state(archive);
+  initialized_ = true;
+}
+
+void Dpt::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("Dpt: to be saved before init");
+  DptOptions same = options_;
+  same.threads = 1;  // of no influence on results
+  archive.begin("dpt", same);
+  coarse_.visit_state(archive);
+  if (options_.scale_share > 0) scale_.visit_state(archive);
+  archive.size(initial_size_);
+  archive.size(part_size_);
+  archive(angle_);
+  placement_.resize(2, part_count());
+  for (int i = 0; i < part_count(); ++i) {
+    Point2 position = placement_.col(i);
+    archive.position(position);
+    placement_.col(i) = position;
+    parts_[static_cast<std::size_t>(i)].visit_state(archive);
+  }
+  velocity_.resize(2, part_count());
+  archive(velocity_);
+  archive(springs_.rest_length);
+  archive.require((springs_.rest_length.array() >= 0).all());
+  gate_.visit_state(archive);
+  initialized_ = true;
+}
+
+void ConstantVelocityFilter::visit_state(StateArchive& archive) {
+  using State = Eigen::Matrix<double, 6, 6>;
+  archive(state_);
+  archive(covariance_);
+  // Of correlations, not variances: the units of the coordinates differ.
+  const auto variance = covariance_.diagonal().array();
+  archive.require((variance >= 0).all());
+  const Eigen::Vector<double, 6> weight = variance.max(std::numeric_limits<double>::min()).rsqrt();
+  const State correlation = weight.asDiagonal() * covariance_ * weight.asDiagonal();
+  archive.require(
+      (correlation - correlation.transpose()).cwiseAbs().maxCoeff() <= kRounding &&
+      Eigen::SelfAdjointEigenSolver<State>(correlation, Eigen::EigenvaluesOnly).eigenvalues()[0] >=
+          -kRounding);
+}
+
+void KalmanTracker::visit_state(StateArchive& archive) {
+  archive.begin("kalman", options_);
+  tracker_.visit_state(archive);
+  filter_.visit_state(archive);
+  // Centre and mean side as the archive has positions and sizes; no faster than from one end to the other.
+  const Eigen::Vector3d most(1e6, 1e6, std::log(1e6));
+  archive.require((filter_.position().cwiseAbs().array() <= most.array()).all() &&
+                  (filter_.velocity().cwiseAbs().array() <= 2 * most.array()).all());
+}
+
+void ObjectPose::visit_state(StateArchive& archive) {
+  archive.size(first_size_);
+  archive.position(transform_.translation);
+  archive(transform_.angle);
+  archive(transform_.scale);
+  archive.require(transform_.scale >= kMinScale && transform_.scale <= kMaxScale);
+}
+
+void ElasticConstellation::visit_state(StateArchive& archive, Points& x) {
+  int parts = size(), links = springs_.link_count();
+  bool full = springs_.topology().is_full();  // solvers are faster for it, and round otherwise
+  archive.count(parts, 2 * sizeof(Point2));
+  layout_.resize(2, parts), x.resize(2, parts);
+  for (Points* const points : {&layout_, &x})
+    for (int i = 0; i < parts; ++i) {
+      Point2 position = points->col(i);
+      archive.position(position);
+      points->col(i) = position;
+    }
+  archive(full);
+  archive.count(links, sizeof(Link));
+  std::vector<Link> list = this->links();
+  list.resize(static_cast<std::size_t>(links));
+  for (Link& link : list) archive(link.i), archive(link.j);
+  if (!archive.loading()) return;
+  Topology<> topology = Topology<>::from_links(parts, list);
+  archive.require(!topology.defect() &&
+                  (!full || std::int64_t{2} * links == std::int64_t{parts} * (parts - 1)));
+  springs_ = Springs(full ? Topology<>::full(parts) : std::move(topology));
+}
+
+void Lgt::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("Lgt: to be saved before init");
+  archive.begin("lgt", options_);
+  pose_.visit_state(archive);
+  color_.visit_state(archive);
+  parts_.visit_state(archive, placement_);
+  archive.require(parts_.size() <= options_.max_parts);
+  const auto count = static_cast<std::size_t>(parts_.size());
+  visit_all(archive, weights_, count, 2.0);  // up to 1, but for rounding
+  models_.resize(count, options_.part);
+  for (AnyPart& model : models_) model.visit_state(archive);
+  gate_.visit_state(archive);
+  initialized_ = true;
+}
+
+void SuperpixelTracker::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_)
+    throw std::logic_error("SuperpixelTracker: to be saved before init");
+  archive.begin("superpixel tracker", options_);
+  archive(color_);
+  pose_.visit_state(archive);
+  spacing_ = pose_.mean_side() / options_.template_side;
+  parts_.visit_state(archive, placement_);
+  visit_unseen(archive, unseen_, parts_.size());
+  visit_colors(archive, colors_, parts_.size());
+  auto around = static_cast<int>(background_.rows());
+  archive.count(around, 3 * sizeof(float));
+  visit_colors(archive, background_, around);
+  gate_.visit_state(archive);
+  initialized_ = true;
+}
+
+#ifdef ASTERISM_TRACKERS_FLOW
+void Flock::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("Flock: to be saved before init");
+  archive.begin("flock", options_);
+  pose_.visit_state(archive);
+  points_.visit_state(archive, placement_);
+  archive.require(points_.size() == options_.grid * options_.grid);
+  flow_.visit_state(archive, pose_.centre(), pose_.size());
+  gate_.visit_state(archive);
+  initialized_ = true;
+}
+#endif
+
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+void KeypointTracker::visit_state(StateArchive& archive) {
+  if (!archive.loading() && !initialized_) throw std::logic_error("KeypointTracker: to be saved before init");
+  archive.begin("keypoint tracker", options_);
+  pose_.visit_state(archive);
+  parts_.visit_state(archive, placement_);
+  archive.require(parts_.size() <= options_.max_parts);
+  visit_unseen(archive, unseen_, parts_.size());
+  visit_descriptors(archive, descriptors_, parts_.size());
+  int around = background_.rows;
+  archive.count(around, 32);
+  visit_descriptors(archive, background_, around);
+  archive(padding_);
+  archive.require(padding_ >= options_.padding && padding_ <= options_.max_padding);
+  flow_.visit_state(archive, pose_.centre(), pose_.size());
+  gate_.visit_state(archive);
+  initialized_ = true;
+}
+#endif
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

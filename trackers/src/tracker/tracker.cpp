@@ -1,0 +1,179 @@
+#include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/trackers/dpt/coarse.hpp>
+#include <asterism/trackers/dpt/dpt.hpp>
+#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/others/lgt.hpp>
+#include <asterism/trackers/others/superpixel_tracker.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
+#include <cmath>
+#include <optional>
+#include <stdexcept>
+#ifdef ASTERISM_TRACKERS_FLOW
+#include <asterism/trackers/others/flock.hpp>
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+#include <asterism/trackers/others/keypoint_tracker.hpp>
+#endif
+#ifdef ASTERISM_TRACKERS_JSON
+#include <asterism/parts/concept/part_registry.hpp>
+#include <asterism/trackers/tracker/tracker_options.hpp>
+#include <nlohmann/json.hpp>
+#endif
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+// Options with those of a JSON object set, which is empty for none.
+template <class Options>
+Options with(Options options, std::string_view name, std::string_view json) {
+  if (json.empty()) return options;
+#ifdef ASTERISM_TRACKERS_JSON
+  PartRegistry().read(std::string(name), json, options);
+  return options;
+#else
+  throw std::invalid_argument(std::string(name) +
+                              ": options of trackers need a build with nlohmann-json (Debian package "
+                              "nlohmann-json3-dev)");
+#endif
+}
+
+// A tracker around another one, which the option `of` describes.
+AnyTracker make_kalman(std::string_view name, std::string_view json) {
+  std::string of = "dpt", options(json);
+#ifdef ASTERISM_TRACKERS_JSON
+  detail::check_nesting(std::string(name), json);
+  auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // what is no object is refused below
+  if (object.is_object() && object.contains("of")) {
+    of = object["of"].is_string() ? object["of"].get<std::string>() : object["of"].dump();
+    object.erase("of");
+    options = object.dump();
+  }
+#endif
+  return KalmanTracker(make_tracker(of), with(KalmanOptions(), name, options));
+}
+
+// The paper's Table 1, and what comes of DPT beyond the paper.
+std::optional<DptOptions> dpt_variant(std::string_view name) {
+  DptOptions options;
+  if (name == "dpt") return options;
+  if (name == "dpt_loc" || name == "dpt_str") {
+    options.constellation = name == "dpt_loc" ? Constellation::Local : Constellation::Star;
+    return options;
+  }
+  if (name == "dpt_3x3_ov" || name == "dpt_3x3_nov") {
+    options.grid_rows = options.grid_cols = 3;
+    options.overlap = name == "dpt_3x3_ov" ? 0.5 : 0;
+    return options;
+  }
+#ifdef ASTERISM_TRACKERS_FLOW
+  if (name == "dpt_plus") {
+    SpatialReliabilityOptions filter;
+    filter.color_channels = true;
+    options.coarse.root = SpatialReliability(filter);
+    options.coarse.color.foreground_prior = 0.375;
+    options.coarse.motion_share = 0.45;
+    options.coarse.redetect = true;
+    options.scale_share = 0.25;
+    options.scale.scales = 17;
+    options.scale.step = 1.04;
+    options.scale.label_sigma = 0.17;
+    options.spring_solver = SpringSolver::Newton;
+    return options;
+  }
+#endif
+  return {};
+}
+
+std::optional<CoarseOptions> coarse_variant(std::string_view name) {
+  CoarseOptions options;
+  if (name == "coarse" || name == "dpt_crs") return options;
+  if (name == "kcf" || name == "dpt_crs_nos") {
+    options.use_color = false;
+    if (name == "kcf") {
+      KcfOptions filter;
+      filter.proportional_window = true;
+      options.root = Kcf(filter);
+    }
+    return options;
+  }
+  return {};
+}
+
+AnyTracker make_named(std::string_view name, std::string_view json) {
+  if (const auto options = dpt_variant(name)) return Dpt(with(*options, name, json));
+  if (const auto options = coarse_variant(name)) return CoarseTracker(with(*options, name, json));
+#ifdef ASTERISM_TRACKERS_FLOW
+  if (name == "flock") return Flock(with(FlockOptions(), name, json));
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+  if (name == "keypoints") return KeypointTracker(with(KeypointTrackerOptions(), name, json));
+#endif
+  if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
+  if (name == "superpixels") return SuperpixelTracker(with(SuperpixelTrackerOptions(), name, json));
+  if (name == "kalman") return make_kalman(name, json);
+  std::string known;
+  for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
+  throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
+}
+
+}  // namespace
+
+std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
+  const double c = std::cos(angle), s = std::sin(angle);
+  const cv::Point2d middle(box.x + box.width / 2, box.y + box.height / 2);
+  std::array<cv::Point2d, 4> corners{cv::Point2d(box.x, box.y),
+                                     {box.x + box.width, box.y},
+                                     {box.x + box.width, box.y + box.height},
+                                     {box.x, box.y + box.height}};
+  if (angle == 0) return corners;
+  for (cv::Point2d& corner : corners) {
+    const cv::Point2d d = corner - middle;
+    corner = middle + cv::Point2d(c * d.x - s * d.y, s * d.x + c * d.y);
+  }
+  return corners;
+}
+
+std::vector<std::string> tracker_names() {
+  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",    "dpt_crs_nos",
+                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov"};
+#ifdef ASTERISM_TRACKERS_FLOW
+  names.insert(names.end(), {"dpt_plus", "flock"});
+#endif
+#ifdef ASTERISM_TRACKERS_KEYPOINTS
+  names.push_back("keypoints");
+#endif
+  names.insert(names.end(), {"lgt", "superpixels", "kalman"});
+  return names;
+}
+
+AnyTracker make_tracker(std::string_view description) {
+#ifdef ASTERISM_TRACKERS_JSON
+  constexpr std::string_view kParts = "dpt+";
+  if (description.starts_with(kParts)) {
+    DptOptions options;
+    options.part = PartRegistry().make(description.substr(kParts.size()));
+    return Dpt(options);
+  }
+  if (description.starts_with('{')) {
+    detail::check_nesting("a tracker's description", description);
+    nlohmann::ordered_json object;
+    try {
+      object = nlohmann::ordered_json::parse(description);
+    } catch (const nlohmann::json::exception& error) {  // also of a number beyond double's range
+      throw std::invalid_argument(std::string("a tracker's description is no JSON object: ") + error.what());
+    }
+    if (!object.contains("tracker") || !object["tracker"].is_string())
+      throw std::invalid_argument("a tracker's description must have its name as \"tracker\"");
+    const auto name = object["tracker"].get<std::string>();
+    object.erase("tracker");
+    return make_named(name, object.dump());
+  }
+#endif
+  const std::size_t brace = std::min(description.find('{'), description.size());
+  return make_named(description.substr(0, brace), description.substr(brace));
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
