@@ -8,7 +8,7 @@
 #include <string>
 #include <vector>
 
-#include "../process.hpp"
+#include "process.hpp"
 #include "protocols.hpp"
 
 namespace asterism::bench {

@@ -1,4 +1,4 @@
-"""bench/compare_benchmarks.py: its test against enumeration, and its verdicts and complaints from outside."""
+"""bench/microbench/compare_benchmarks.py: its test against enumeration, and its verdicts and complaints from outside."""
 
 import importlib.util
 import itertools

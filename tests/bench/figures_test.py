@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""bench/figures.py on results made up here, and on those of the executable: figures_test.py [EXECUTABLE].
+"""bench/laboratory/figures.py on results made up here, and on those of the executable: figures_test.py [EXECUTABLE].
 
 Exit code 77, skipped, where matplotlib is not installed.
 """

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""bench/peers.py: energies against closed forms, derivatives against each other, its table from outside.
+"""bench/laboratory/peers.py: energies against closed forms, derivatives against each other, its table from outside.
 
 Exit code 77, skipped, where numpy is not installed.
 """

@@ -9,7 +9,7 @@
 #include <limits>
 #include <stdexcept>
 
-#include "../../bench/laboratory.hpp"
+#include "../../bench/laboratory/laboratory.hpp"
 #include "bytes.hpp"
 
 using namespace asterism;

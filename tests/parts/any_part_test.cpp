@@ -2,10 +2,9 @@
 
 #include <asterism/parts/concept/any_part.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <memory>
 #include <vector>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

@@ -2,12 +2,11 @@
 
 #include <algorithm>
 #include <asterism/parts/models/flow.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <opencv2/video/tracking.hpp>
 #include <vector>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

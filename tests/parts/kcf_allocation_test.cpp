@@ -3,9 +3,9 @@
 #include <gtest/gtest.h>
 
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/testing/part_axioms.hpp>
 
 #include "../solver/counting_allocator.hpp"
-#include "part_axioms.hpp"
 
 #if defined(__GLIBC__) && !defined(ASTERISM_TEST_SANITIZED)
 namespace asterism {

@@ -3,11 +3,10 @@
 #include <Eigen/Cholesky>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

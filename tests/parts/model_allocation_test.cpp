@@ -4,9 +4,9 @@
 
 #include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/testing/part_axioms.hpp>
 
 #include "../solver/counting_allocator.hpp"
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

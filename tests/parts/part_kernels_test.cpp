@@ -7,6 +7,7 @@
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <complex>
 #include <random>
@@ -15,7 +16,6 @@
 #include <vector>
 
 #include "kernels/filter_plan.hpp"
-#include "part_axioms.hpp"
 #include "scalar_fhog.hpp"
 
 namespace asterism {

@@ -5,6 +5,7 @@
 
 #include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cstddef>
 #include <cstring>
 #include <filesystem>
@@ -12,8 +13,6 @@
 #include <iterator>
 #include <string>
 #include <vector>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

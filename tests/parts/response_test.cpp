@@ -2,9 +2,8 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/features/patch.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

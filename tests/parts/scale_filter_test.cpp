@@ -2,10 +2,9 @@
 
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/parts/models/scale_filter.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

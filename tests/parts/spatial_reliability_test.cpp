@@ -2,12 +2,11 @@
 
 #include <Eigen/Cholesky>
 #include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <cstdint>
 #include <opencv2/imgproc.hpp>
 #include <tuple>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

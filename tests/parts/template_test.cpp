@@ -1,10 +1,9 @@
 #include <gtest/gtest.h>
 
 #include <asterism/parts/models/template.hpp>
+#include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
-
-#include "part_axioms.hpp"
 
 namespace asterism {
 namespace {

@@ -6,9 +6,8 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <limits>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -23,9 +22,9 @@ class Alignment : public ::testing::Test {
   static constexpr int kSize = System::kNodes == Eigen::Dynamic ? 7 : System::kNodes;
   static constexpr double kTolerance = std::is_same_v<Scalar, double> ? 1e-12 : 1e-4;
 
-  static bench::RandomSystem<System> random(std::uint64_t seed) {
-    bench::Rng rng(seed);
-    return bench::random_system<System>(rng, System::TopologyType::full(kSize));
+  static testing::RandomSystem<System> random(std::uint64_t seed) {
+    testing::Rng rng(seed);
+    return testing::random_system<System>(rng, System::TopologyType::full(kSize));
   }
 
   static double anchor_energy(System system, const Points& x) {

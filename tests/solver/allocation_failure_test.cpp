@@ -20,8 +20,9 @@
 #ifdef ASTERISM_TEST_CHOLMOD
 #endif
 
-#include "../../bench/random_system.hpp"
-#include "../../bench/sparse_system.hpp"
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
+
 #include "failing_allocator.hpp"
 
 namespace asterism {
@@ -40,7 +41,7 @@ using Solvers = ::testing::Types<
     Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
-using Problem = bench::RandomSystem<System>;
+using Problem = testing::RandomSystem<System>;
 
 // After `other`, where there is one.
 template <typename Solver>
@@ -87,20 +88,20 @@ void expect_out_of_memory(const Problem& problem, const Problem* other = nullptr
 }
 
 TYPED_TEST(OutOfMemory, IsAStatusAndLeavesNothingBehind) {
-  bench::Rng rng(1);
-  expect_out_of_memory<TypeParam>(bench::random_system<System>(rng, System::TopologyType::full(17)));
+  testing::Rng rng(1);
+  expect_out_of_memory<TypeParam>(testing::random_system<System>(rng, System::TopologyType::full(17)));
 }
 
 TYPED_TEST(OutOfMemory, AfterAnotherSize) {
-  bench::Rng rng(2);
-  const Problem problem = bench::random_system<System>(rng, System::TopologyType::full(17));
+  testing::Rng rng(2);
+  const Problem problem = testing::random_system<System>(rng, System::TopologyType::full(17));
   for (const int nodes : {13, 21}) {
     SCOPED_TRACE(nodes);
-    const Problem other = bench::random_system<System>(rng, System::TopologyType::full(nodes));
+    const Problem other = testing::random_system<System>(rng, System::TopologyType::full(nodes));
     expect_out_of_memory<TypeParam>(problem, &other);
   }
   // As many nodes, other links.
-  const Problem star = bench::random_system<System>(rng, System::TopologyType::star(17, 0));
+  const Problem star = testing::random_system<System>(rng, System::TopologyType::star(17, 0));
   expect_out_of_memory<TypeParam>(problem, &star);
 }
 
@@ -153,20 +154,20 @@ TEST(TooLarge, Matrices) {
 
 // Allocations between those of the subdomains' solvers, too.
 TEST(OutOfMemorySparse, WithSubdomains) {
-  const Problem problem = bench::sparse_system<System>(1, 700);
+  const Problem problem = testing::sparse_system<System>(1, 700);
   expect_out_of_memory<Schwarz<System>>(problem);
-  const Problem other = bench::sparse_system<System>(1, 900);
+  const Problem other = testing::sparse_system<System>(1, 900);
   expect_out_of_memory<Schwarz<System>>(problem, &other);
 }
 
 // A batch of the workspace's size, another, and what its kernels leave to Newton.
 TEST(OutOfMemoryBatch, IsAStatusAndLeavesNothingBehind) {
   using Batch = SpringBatch<double, 2>;
-  bench::Rng rng(3);
+  testing::Rng rng(3);
   const auto batch_of = [&rng](int nodes) {
     Batch batch(System::TopologyType::full(nodes), 40);
     for (int s = 0; s < batch.size(); ++s) {
-      const Problem problem = bench::random_system<System>(rng, batch.topology());
+      const Problem problem = testing::random_system<System>(rng, batch.topology());
       batch.set(s, problem.system, problem.start);
     }
     return batch;

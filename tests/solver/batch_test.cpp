@@ -15,6 +15,7 @@
 #include <asterism/solver/run/solve_each.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <concepts>
 #include <limits>
@@ -23,26 +24,25 @@
 #include <utility>
 #include <vector>
 
-#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
 
 namespace asterism {
 namespace {
 
-using bench::Kind;
-using bench::Rng;
 using testing::allocations_in;
+using testing::Kind;
+using testing::Rng;
 
 using Fixed = SpringSystem<double, 2, 4>;
 
 template <typename System>
-using Samples = std::vector<bench::RandomSystem<System>>;
+using Samples = std::vector<testing::RandomSystem<System>>;
 
 template <typename System>
 Samples<System> samples(int count, const typename System::TopologyType& topology, Kind kind = Kind::Lit) {
   Rng rng(3);
   Samples<System> result;
-  for (int i = 0; i < count; ++i) result.push_back(bench::random_system<System>(rng, topology, kind));
+  for (int i = 0; i < count; ++i) result.push_back(testing::random_system<System>(rng, topology, kind));
   return result;
 }
 
@@ -387,7 +387,7 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
       x.array() += std::is_same_v<Scalar, double> ? Scalar(1e17) : Scalar(1e9);
       break;
     default:
-      x += bench::random_points<System>(rng, system.nodes(), -1, 1);
+      x += testing::random_points<System>(rng, system.nodes(), -1, 1);
       break;
   }
 }
@@ -790,7 +790,7 @@ TEST(SolveEach, MixedSizes) {
   std::vector<System> systems;
   std::vector<System::Points> starts;
   for (int s = 0; s < 200; ++s) {
-    auto [system, start] = bench::random_system<System>(rng, Topology<>::full(2 + s % 9));
+    auto [system, start] = testing::random_system<System>(rng, Topology<>::full(2 + s % 9));
     if (s == 50) system.rest_length[0] = -1;
     systems.push_back(std::move(system));
     starts.push_back(std::move(start));
@@ -820,7 +820,7 @@ TEST(SolveEach, TakesASolverThatCannotBeCopied) {
   using System = SpringSystem<double, 2>;
   static_assert(!std::copy_constructible<Auto<System>>);
   Rng rng(22);
-  auto [system, start] = bench::random_system<System>(rng, Topology<>::full(4));
+  auto [system, start] = testing::random_system<System>(rng, Topology<>::full(4));
   std::vector<System> systems(3, system);
   std::vector<System::Points> x(3, start);
   std::vector<Summary> summaries(3);

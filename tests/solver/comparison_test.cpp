@@ -3,12 +3,12 @@
 
 #include <algorithm>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
-#include "../../bench/comparison_solvers.hpp"
-#include "../../bench/random_system.hpp"
+#include "../../bench/laboratory/comparison_solvers.hpp"
 
 namespace asterism {
 namespace {
@@ -20,9 +20,9 @@ class Comparison : public ::testing::Test {
  public:
   static_assert(asterism::Solver<Solver_, System>);
 
-  static bench::RandomSystem<System> random(std::uint64_t seed, int n) {
-    bench::Rng rng(seed);
-    return bench::random_system<System>(rng, Topology<>::full(n));
+  static testing::RandomSystem<System> random(std::uint64_t seed, int n) {
+    testing::Rng rng(seed);
+    return testing::random_system<System>(rng, Topology<>::full(n));
   }
 };
 using Solvers = ::testing::Types<bench::AndersonIda<System>, bench::ChebyshevIda<System>>;
@@ -44,8 +44,8 @@ TYPED_TEST(Comparison, ReachesIdasMinimum) {
 
       // From close by there is no choice.
       System::Points near = by_ida;
-      bench::Rng rng(seed);
-      near += bench::random_points<System>(rng, n, -0.01, 0.01);
+      testing::Rng rng(seed);
+      near += testing::random_points<System>(rng, n, -0.01, 0.01);
       EXPECT_NEAR(TypeParam().solve(system, near).final_energy, expected, 1e-9 * expected);
     }
     EXPECT_GE(same, kSystems * 9 / 10) << "n = " << n;

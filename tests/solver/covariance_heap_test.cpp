@@ -2,8 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver/energy/covariance.hpp>
+#include <asterism/testing/random_system.hpp>
 
-#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
 
 namespace asterism {
@@ -13,8 +13,8 @@ using testing::allocations_in;
 
 template <typename System>
 void expect_no_heap(int n) {
-  bench::Rng rng(5);
-  auto [system, x] = bench::random_system<System>(rng, System::TopologyType::full(n));
+  testing::Rng rng(5);
+  auto [system, x] = testing::random_system<System>(rng, System::TopologyType::full(n));
   system.set_rest_lengths(x);
   system.anchors = x;
   bool computed = false;
@@ -37,8 +37,8 @@ TEST(Heap, CovariancesOfFixedAndBoundedSizesDoNotUseIt) {
 // Also shows that the counter counts.
 TEST(Heap, CovariancesOfDynamicSizesUseIt) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(6);
-  auto [system, x] = bench::random_system<System>(rng, Topology<>::full(12));
+  testing::Rng rng(6);
+  auto [system, x] = testing::random_system<System>(rng, Topology<>::full(12));
   system.set_rest_lengths(x);
   system.anchors = x;
   EXPECT_GT(allocations_in([&, &system = system, &x = x] { (void)covariance(system, x); }), 0);

@@ -12,6 +12,8 @@
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -20,23 +22,20 @@
 #include <string_view>
 #include <vector>
 
-#include "../../bench/random_system.hpp"
-#include "../../bench/sparse_system.hpp"
-
 namespace asterism {
 namespace {
 
-using bench::Kind;
-using bench::Rng;
+using testing::Kind;
+using testing::Rng;
 
 using Fixed2 = SpringSystem<double, 2, 4>;
 using Dynamic2 = SpringSystem<double, 2>;
 
 /// A random system with x at a strict local minimum.
 template <typename System>
-bench::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = Kind::Lit) {
+testing::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = Kind::Lit) {
   Rng rng(seed);
-  auto result = bench::random_system<System>(rng, System::TopologyType::full(n), kind);
+  auto result = testing::random_system<System>(rng, System::TopologyType::full(n), kind);
   const Summary summary = Newton<System>().solve(result.system, result.start);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   EXPECT_EQ(summary.positive_definite, 1);
@@ -45,16 +44,16 @@ bench::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = Ki
 
 /// A random system and an x at which all its springs are stretched, so that its Hessian is positive definite.
 template <typename System>
-bench::RandomSystem<System> stretched(std::uint64_t seed, int n) {
+testing::RandomSystem<System> stretched(std::uint64_t seed, int n) {
   Rng rng(seed);
-  auto result = bench::random_system<System>(rng, System::TopologyType::full(n));
+  auto result = testing::random_system<System>(rng, System::TopologyType::full(n));
   result.system.set_rest_lengths(result.start);
   result.system.rest_length *= typename System::Scalar(0.9);
   return result;
 }
 
-bench::RandomSystem<Dynamic2> sparse_at_minimum(std::uint64_t seed, int n) {
-  auto result = bench::sparse_system<Dynamic2>(seed, n);
+testing::RandomSystem<Dynamic2> sparse_at_minimum(std::uint64_t seed, int n) {
+  auto result = testing::sparse_system<Dynamic2>(seed, n);
   EXPECT_EQ((Lbfgs<Dynamic2, JacobiMetric<Dynamic2>>().solve(result.system, result.start).status),
             Status::Converged);
   return result;
@@ -147,7 +146,7 @@ TEST(Covariance, SelectedInverseIsTheInverse) {
   for (int i = 0; i + 1 < 30; ++i) chain.push_back({i + 1, i});
   for (const Topology<>& topology : {Topology<>::full(20), Topology<>::star(30, 7),
                                      Topology<>::from_links(30, chain), Topology<>::from_links(30, {})}) {
-    auto [system, x] = bench::random_system<Dynamic2>(rng, topology);
+    auto [system, x] = testing::random_system<Dynamic2>(rng, topology);
     ASSERT_EQ(Newton<Dynamic2>().solve(system, x).status, Status::Converged);
     NodeCovariances<Dynamic2> sparse;
     NodeCovariances<Dynamic2> dense;
@@ -422,7 +421,7 @@ TEST(Covariance, OfOtherModels) {
 
 TEST(Covariance, OfAHundredThousandNodes) {
   const int n = 100000;
-  auto [system, x] = bench::sparse_system<Dynamic2>(1, n);
+  auto [system, x] = testing::sparse_system<Dynamic2>(1, n);
   system.set_rest_lengths(x);  // a minimum without a solve
   system.anchors = x;
   const auto begin = std::chrono::steady_clock::now();

@@ -2,8 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
+#include <asterism/testing/random_system.hpp>
 
-#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
 
 namespace asterism {
@@ -26,8 +26,8 @@ void expect_no_heap(const System& system, const typename System::Points& start) 
 
 template <typename System>
 void expect_no_heap(int n) {
-  bench::Rng rng(5);
-  const auto [system, start] = bench::random_system<System>(rng, System::TopologyType::full(n));
+  testing::Rng rng(5);
+  const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
   expect_no_heap<Lbfgs<System>>(system, start);
   expect_no_heap<Lbfgs<System, JacobiMetric<System>>>(system, start);
   expect_no_heap<NewtonCg<System>>(system, start);
@@ -42,8 +42,8 @@ TEST(DescentHeap, FixedAndBoundedSizesDoNotUseIt) {
 // Also shows that the counter counts.
 TEST(DescentHeap, DynamicSizesUseItOnce) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(6);
-  const auto [system, start] = bench::random_system<System>(rng, Topology<>::full(30));
+  testing::Rng rng(6);
+  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(30));
   const auto check = [&, &system = system, &start = start](auto solver) {
     System::Points x = start;
     EXPECT_GT(allocations_in_solve(solver, system, x), 0);

@@ -3,10 +3,9 @@
 
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cstdint>
 #include <limits>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -18,9 +17,9 @@ void expect_product_of_hessian(const System& system, const typename System::Poin
   detail::HessianOperator<System> product;
   product.set(system, x);
   const auto dense = hessian(system, x);
-  bench::Rng rng(1);
+  testing::Rng rng(1);
   for (int i = 0; i < 5; ++i) {
-    const Points v = bench::random_points<System>(rng, system.nodes(), -1, 1);
+    const Points v = testing::random_points<System>(rng, system.nodes(), -1, 1);
     Points result;
     product.apply(system, v, result);
     const Vector expected = dense * Eigen::Map<const Vector>(v.data(), v.size());
@@ -33,8 +32,8 @@ void expect_product_of_hessian(const System& system, const typename System::Poin
 template <typename System>
 void expect_products_of_hessian(int n) {
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    bench::Rng rng(seed);
-    auto [system, x] = bench::random_system<System>(rng, System::TopologyType::full(n));
+    testing::Rng rng(seed);
+    auto [system, x] = testing::random_system<System>(rng, System::TopologyType::full(n));
     expect_product_of_hessian(system, x);
     if (n > 1) x.col(1) = x.col(0);
     expect_product_of_hessian(system, x);
@@ -52,8 +51,8 @@ TEST(HessianProduct, IsTheHessians) {
 
 template <typename System>
 void expect_solved(int n) {
-  bench::Rng rng(4);
-  const auto [system, start] = bench::random_system<System>(rng, System::TopologyType::full(n));
+  testing::Rng rng(4);
+  const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
   const auto check = [&, &system = system, &start = start](auto solver) {
     typename System::Points x = start;
     EXPECT_EQ(solver.solve(system, x).status, Status::Converged) << solver.name();

@@ -8,11 +8,10 @@
 
 #include <gtest/gtest.h>
 
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 #include <cmath>
 #include <cstdint>
-
-#include "../../bench/random_system.hpp"
-#include "../../bench/sparse_system.hpp"
 
 namespace asterism {
 namespace {
@@ -21,8 +20,8 @@ template <typename System>
 void expect_same_minimum_as_ida(int n, int systems) {
   int same[4] = {};
   for (int i = 0; i < systems; ++i) {
-    bench::Rng rng(static_cast<std::uint64_t>(100 + i));
-    const auto random = bench::random_system<System>(rng, System::TopologyType::full(n));
+    testing::Rng rng(static_cast<std::uint64_t>(100 + i));
+    const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
     typename System::Points by_ida = random.start;
     const double expected = solve_ida(random.system, by_ida).final_energy;
     int method = 0;
@@ -55,8 +54,8 @@ TEST(DescentOfLargerSystems, FindsIdasMinimum) {
 
 TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(5);
-  const auto [system, start] = bench::random_system<System>(rng, Topology<>::full(64));
+  testing::Rng rng(5);
+  const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(64));
   System::Points x = start;
   const int ida = solve_ida(system, x).iterations;
   x = start;
@@ -71,8 +70,8 @@ TEST(LbfgsMetric, RoundingLeadsToTheSameMinima) {
   for (const int n : {3, 5, 6, 7, 9, 17, 40, 41, 64}) {
     int same = 0;
     for (int i = 0; i < 10; ++i) {
-      bench::Rng rng(static_cast<std::uint64_t>(200 + i));
-      const auto [system, start] = bench::random_system<System>(rng, Topology<>::full(n));
+      testing::Rng rng(static_cast<std::uint64_t>(200 + i));
+      const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(n));
       System::Points rounded = start, exact = start;
       const Summary by_rounded = Lbfgs<System>().solve(system, rounded);
       const Summary by_exact = Lbfgs<System, DenseCholesky<System>>().solve(system, exact);
@@ -86,8 +85,8 @@ TEST(LbfgsMetric, RoundingLeadsToTheSameMinima) {
 TEST(LbfgsMetric, UnitsOfStiffnessDoNotMatter) {
   using System = SpringSystem<double, 2>;
   for (const int n : {5, 30, 50}) {
-    bench::Rng rng(7);
-    auto [system, start] = bench::random_system<System>(rng, Topology<>::full(n));
+    testing::Rng rng(7);
+    auto [system, start] = testing::random_system<System>(rng, Topology<>::full(n));
     System::Points expected = start;
     const int iterations = Lbfgs<System>().solve(system, expected).iterations;
     for (const double unit : {0x1p-300, 0x1p+300}) {  // beyond what single precision holds
@@ -106,8 +105,8 @@ TEST(LbfgsMetric, UnitsOfStiffnessDoNotMatter) {
 TEST(LbfgsMetric, IsExactWhereAnchorsAreWeak) {
   using System = SpringSystem<double, 2>;
   for (const int n : {5, 30, 50}) {
-    bench::Rng rng(8);
-    auto [system, start] = bench::random_system<System>(rng, Topology<>::full(n));
+    testing::Rng rng(8);
+    auto [system, start] = testing::random_system<System>(rng, Topology<>::full(n));
     system.anchor_stiffness *= 1e-9;
     System::Points x = start, exact = start;
     const Summary summary = Lbfgs<System>().solve(system, x);
@@ -119,11 +118,11 @@ TEST(LbfgsMetric, IsExactWhereAnchorsAreWeak) {
 
 template <typename System>
 void expect_sparse_agreement(int n) {
-  auto [system, minimum] = bench::sparse_system<System>(1, n);
+  auto [system, minimum] = testing::sparse_system<System>(1, n);
   ASSERT_EQ(Lbfgs<System>(system).solve(system, minimum).status, Status::Converged);
   const double expected = double(energy(system, minimum));
-  bench::Rng rng(2);
-  const typename System::Points start = minimum + bench::random_points<System>(rng, n, -0.003, 0.003);
+  testing::Rng rng(2);
+  const typename System::Points start = minimum + testing::random_points<System>(rng, n, -0.003, 0.003);
   const auto check = [&, &system = system](auto solver) {
     auto x = start;
     const Summary summary = solver.solve(system, x);
@@ -148,7 +147,7 @@ TEST(DescentOfSparseSystems, EveryPolicyFindsTheSameMinimum) {
 
 TEST(DescentOfSparseSystems, TenThousandNodes) {
   using System = SpringSystem<double, 2>;
-  const auto [system, start] = bench::sparse_system<System>(3, 10000);
+  const auto [system, start] = testing::sparse_system<System>(3, 10000);
   for (const bool newton : {false, true}) {
     System::Points x = start;
     const Summary summary =

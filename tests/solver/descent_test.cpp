@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -14,7 +15,6 @@
 #include <string>
 #include <string_view>
 
-#include "../../bench/random_system.hpp"
 #include "solver_fixture.hpp"
 
 namespace asterism {
@@ -53,17 +53,17 @@ class Descent : public SolverFixture<C> {
   static constexpr bool kJacobi = SolverType::name().ends_with("Jacobi");
   static constexpr int kSize = SystemType::kNodes == Eigen::Dynamic ? 6 : SystemType::kNodes;
 
-  static bench::RandomSystem<SystemType> random(std::uint64_t seed, int n = kSize) {
-    bench::Rng rng(seed);
-    return bench::random_system<SystemType>(rng, SystemType::TopologyType::full(n));
+  static testing::RandomSystem<SystemType> random(std::uint64_t seed, int n = kSize) {
+    testing::Rng rng(seed);
+    return testing::random_system<SystemType>(rng, SystemType::TopologyType::full(n));
   }
 
   // A minimum, and a start in its basin.
-  static bench::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
+  static testing::RandomSystem<SystemType> near_minimum(std::uint64_t seed) {
     auto result = random(seed);
     EXPECT_EQ(solve_ida(result.system, result.start).status, Status::Converged);
-    bench::Rng rng(seed);
-    result.start += bench::random_points<SystemType>(rng, kSize, -0.02, 0.02);
+    testing::Rng rng(seed);
+    result.start += testing::random_points<SystemType>(rng, kSize, -0.02, 0.02);
     return result;
   }
 

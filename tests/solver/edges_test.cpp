@@ -3,13 +3,12 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <limits>
 #include <string>
 #include <utility>
 #include <vector>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -30,9 +29,9 @@ using Solvers = ::testing::Types<Ida<System>, Newton<System>, Lbfgs<System>, New
                                  SparseNewton<System>, Auto<System>>;
 TYPED_TEST_SUITE(Edges, Solvers);
 
-bench::RandomSystem<System> random(std::uint64_t seed, int n = 5) {
-  bench::Rng rng(seed);
-  return bench::random_system<System>(rng, Topology<>::full(n));
+testing::RandomSystem<System> random(std::uint64_t seed, int n = 5) {
+  testing::Rng rng(seed);
+  return testing::random_system<System>(rng, Topology<>::full(n));
 }
 
 // Converged at a point that is stationary, and no higher than the start.
@@ -398,9 +397,9 @@ TEST(LargeSystem, OfAMillionNodesIsAccepted) {
 TEST(FarFromTheOrigin, FloatConvergesToTheRoundingOfItsCoordinates) {
   using Float = SpringSystem<float, 2, 4>;
   for (const float offset : {0.0f, 1e4f, 1e6f}) {
-    bench::Rng rng(8);
+    testing::Rng rng(8);
     auto [system, start] =
-        bench::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full(), bench::Kind::Track);
+        testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full(), testing::Kind::Track);
     auto expected = start;
     Newton<SpringSystem<double, 2, 4>>().solve(system, expected);
     Float far(Topology<4>::full());
@@ -425,9 +424,9 @@ TEST(AutoSolver, SaysWhatItChose) {
   const auto small = random(1, 4), medium = random(1, 40);
   EXPECT_EQ(chosen(small.system, small.start), Newton<System>::name());
   EXPECT_EQ(chosen(medium.system, medium.start), Lbfgs<System>::name());
-  bench::Rng rng(1);
-  const Points nodes = bench::random_points<System>(rng, 200, 0, 14);
-  const auto sparse = bench::random_system<System>(rng, Topology<>::k_nearest(nodes, 3));
+  testing::Rng rng(1);
+  const Points nodes = testing::random_points<System>(rng, 200, 0, 14);
+  const auto sparse = testing::random_system<System>(rng, Topology<>::k_nearest(nodes, 3));
   EXPECT_EQ(chosen(sparse.system, sparse.start), NewtonCg<System>::name());
   auto x = small.start;
   EXPECT_EQ(solve(small.system, x).status, Status::Converged);
@@ -450,8 +449,8 @@ TEST(MultiStartSolver, NeverEndsHigherAndOftenLower) {
   using Fixed = SpringSystem<double, 2, 4>;
   int lower = 0;
   for (std::uint64_t seed = 1; seed <= 100; ++seed) {
-    bench::Rng rng(seed);
-    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full(), bench::Kind::Orig);
+    testing::Rng rng(seed);
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), testing::Kind::Orig);
     auto single = start, many = start;
     const Summary one = Newton<Fixed>().solve(system, single);
     MultiStart<Fixed, Newton<Fixed>> solver;

@@ -8,12 +8,11 @@
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <limits>
 #include <tuple>
 #include <type_traits>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -27,18 +26,18 @@ using Systems = ::testing::Types<SpringSystem<double, 1, 3>, SpringSystem<double
 TYPED_TEST_SUITE(Energy, Systems);
 
 template <typename System>
-bench::RandomSystem<System> make(std::uint64_t seed) {
-  bench::Rng rng(seed);
+testing::RandomSystem<System> make(std::uint64_t seed) {
+  testing::Rng rng(seed);
   constexpr int n = System::kNodes == Eigen::Dynamic ? 7 : System::kNodes;
-  return bench::random_system<System>(rng, System::TopologyType::full(n));
+  return testing::random_system<System>(rng, System::TopologyType::full(n));
 }
 
 // The same system in double, where differences have digits to spare.
 template <typename System>
-auto in_double(const bench::RandomSystem<System>& from) {
+auto in_double(const testing::RandomSystem<System>& from) {
   using Double = SpringSystem<double, System::kDim>;
-  bench::RandomSystem<Double> to{Double(Topology<>::from_links(from.system.nodes(), from.system.links())),
-                                 from.start.template cast<double>()};
+  testing::RandomSystem<Double> to{Double(Topology<>::from_links(from.system.nodes(), from.system.links())),
+                                   from.start.template cast<double>()};
   to.system.anchors = from.system.anchors.template cast<double>();
   to.system.anchor_stiffness = from.system.anchor_stiffness.template cast<double>();
   to.system.rest_length = from.system.rest_length.template cast<double>();
@@ -255,9 +254,9 @@ TYPED_TEST(SpringsThatAreOff, MeanNothing) {
   using Points = typename System::Points;
   constexpr Scalar kMost = std::numeric_limits<Scalar>::max();
   constexpr int n = System::kNodes == Eigen::Dynamic ? 12 : System::kNodes;  // 12: in rows
-  bench::Rng rng(3);
+  testing::Rng rng(3);
   using Plain = SpringSystem<Scalar, System::kDim, n>;
-  const bench::RandomSystem<Plain> random = bench::random_system<Plain>(rng, Topology<n>::full());
+  const testing::RandomSystem<Plain> random = testing::random_system<Plain>(rng, Topology<n>::full());
   const Plain& plain = random.system;
   const auto& start = random.start;
   System system(System::TopologyType::full(n));

@@ -3,6 +3,7 @@
 
 #include <gtest/gtest.h>
 
+#include <asterism/testing/random_system.hpp>
 #include <atomic>
 #include <cmath>
 #include <cstring>
@@ -10,8 +11,6 @@
 #include <limits>
 #include <type_traits>
 #include <utility>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -66,17 +65,17 @@ class EverySolver : public ::testing::Test {
   static constexpr bool kDouble = std::is_same_v<Scalar, double>;
   static constexpr int kNodes = System::kNodes == Eigen::Dynamic ? 6 : System::kNodes;
 
-  static bench::RandomSystem<System> random(std::uint64_t seed) {
-    bench::Rng rng(seed);
-    return bench::random_system<System>(rng, System::TopologyType::full(kNodes));
+  static testing::RandomSystem<System> random(std::uint64_t seed) {
+    testing::Rng rng(seed);
+    return testing::random_system<System>(rng, System::TopologyType::full(kNodes));
   }
 
   // A minimum, and a start in its basin.
-  static bench::RandomSystem<System> near_minimum(std::uint64_t seed) {
+  static testing::RandomSystem<System> near_minimum(std::uint64_t seed) {
     auto result = random(seed);
     EXPECT_EQ(DenseIda<System>().solve(result.system, result.start).status, Status::Converged);
-    bench::Rng rng(seed);
-    result.start += bench::random_points<System>(rng, kNodes, -0.02, 0.02);
+    testing::Rng rng(seed);
+    result.start += testing::random_points<System>(rng, kNodes, -0.02, 0.02);
     return result;
   }
 

@@ -9,13 +9,12 @@
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -38,12 +37,12 @@ constexpr int kNodes = 6;
 
 // Nodes in general position, anchored nowhere, with a start near by; links want some other lengths.
 template <typename System>
-bench::RandomSystem<System> unheld(std::uint64_t seed, const std::vector<Link>& links) {
+testing::RandomSystem<System> unheld(std::uint64_t seed, const std::vector<Link>& links) {
   using Scalar = typename System::Scalar;
-  bench::Rng rng(seed);
+  testing::Rng rng(seed);
   const auto topology =
       links.empty() ? System::TopologyType::full(kNodes) : System::TopologyType::from_links(kNodes, links);
-  bench::RandomSystem<System> result{System(topology), bench::random_points<System>(rng, kNodes, 0, 1)};
+  testing::RandomSystem<System> result{System(topology), testing::random_points<System>(rng, kNodes, 0, 1)};
   System& system = result.system;
   system.anchors = result.start;
   system.anchor_stiffness.setZero();
@@ -55,7 +54,7 @@ bench::RandomSystem<System> unheld(std::uint64_t seed, const std::vector<Link>& 
       system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i).setIdentity();
     }
   }
-  result.start += bench::random_points<System>(rng, kNodes, -0.05, 0.05);
+  result.start += testing::random_points<System>(rng, kNodes, -0.05, 0.05);
   return result;
 }
 

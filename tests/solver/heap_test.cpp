@@ -2,8 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
+#include <asterism/testing/random_system.hpp>
 
-#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
 
 namespace asterism {
@@ -13,8 +13,8 @@ using testing::allocations_in;
 
 template <typename System, template <typename...> typename Solver>
 void expect_no_heap(int n) {
-  bench::Rng rng(5);
-  const auto random = bench::random_system<System>(rng, System::TopologyType::full(n));
+  testing::Rng rng(5);
+  const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
   const auto& system = random.system;
   const auto& start = random.start;
   Summary summary;
@@ -52,9 +52,9 @@ TEST(Heap, NonlinearCgOfFixedAndBoundedSizesDoesNotUseIt) { expect_no_heap_of_an
 // Also shows that the counter counts.
 TEST(Heap, DynamicSizesUseItOnce) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(6);
+  testing::Rng rng(6);
   for (const int n : {4, 30}) {
-    const auto random = bench::random_system<System>(rng, Topology<>::full(n));
+    const auto random = testing::random_system<System>(rng, Topology<>::full(n));
     const auto& system = random.system;
     const auto& start = random.start;
     Ida<System> ida;

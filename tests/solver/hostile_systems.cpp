@@ -1,16 +1,16 @@
 // The kinds of systems. Each starts from a plain one, that any solver solves, and spoils it.
 #include <algorithm>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <numeric>
 
-#include "../../bench/random_system.hpp"
 #include "hostile.hpp"
 
 namespace asterism::hostile {
 
 namespace {
 
-using bench::Rng;
+using testing::Rng;
 
 int integer(Rng& rng, int low, int high) {  // in [low, high]
   return std::min(high, low + static_cast<int>(rng.uniform(0, high - low + 1)));

@@ -7,14 +7,13 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <map>
 #include <numeric>
 #include <optional>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism::hostile {
 
@@ -342,7 +341,7 @@ struct Reference {
 };
 
 Reference reference_of(const Judge& judge, const Problem& problem, std::uint64_t seed) {
-  bench::Rng rng(seed + 0x5eed);
+  testing::Rng rng(seed + 0x5eed);
   std::vector<Real> ends;
   const Matrix start = problem.start.cast<Real>();
   const auto from = [&](Matrix x) {

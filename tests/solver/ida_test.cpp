@@ -8,10 +8,9 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <utility>
-
-#include "../../bench/random_system.hpp"
 
 // Read by AddressSanitizer, which would rather abort than let an allocation fail.
 extern "C" __attribute__((visibility("default"), used)) const char* __asan_default_options() {
@@ -85,9 +84,9 @@ typename System::Points iterates(const System& system, typename System::Points x
 
 TEST(Ida, IteratesAreThoseOfTheLiteralAlgorithm) {
   using Dynamic = SpringSystem<double, 2>;
-  bench::Rng rng(11);
+  testing::Rng rng(11);
   for (const int n : {2, 4, 9, 25}) {
-    const auto [system, start] = bench::random_system<Dynamic>(rng, Topology<>::full(n));
+    const auto [system, start] = testing::random_system<Dynamic>(rng, Topology<>::full(n));
     const LiteralIda literal(system);
     Eigen::Matrix2Xd expected = start;
     for (int count = 1; count <= 5; ++count) {
@@ -100,9 +99,9 @@ TEST(Ida, IteratesAreThoseOfTheLiteralAlgorithm) {
 
 TEST(Ida, SparseAndDenseIteratesAgree) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(12);
-  const auto points = bench::random_points<System>(rng, 120, 0, 1);
-  const auto [system, start] = bench::random_system<System>(rng, Topology<>::k_nearest(points, 6));
+  testing::Rng rng(12);
+  const auto points = testing::random_points<System>(rng, 120, 0, 1);
+  const auto [system, start] = testing::random_system<System>(rng, Topology<>::k_nearest(points, 6));
   for (const int count : {1, 3, 10}) {
     const auto dense = iterates<Ida<System>>(system, start, count);
     EXPECT_LT((iterates<SparseIda<System>>(system, start, count) - dense).norm(), 1e-11);
@@ -116,19 +115,19 @@ TEST(Ida, SparseAndDenseIteratesAgree) {
 template <typename Solver>
 void expect_reuse_follows_values_and_topology() {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(13);
+  testing::Rng rng(13);
   Solver reused;
   for (int round = 0; round < 3; ++round) {
     for (const int k : {2, 2, 4}) {
-      const auto points = bench::random_points<System>(rng, 30, 0, 1);
-      const auto [system, start] = bench::random_system<System>(rng, Topology<>::k_nearest(points, k));
+      const auto points = testing::random_points<System>(rng, 30, 0, 1);
+      const auto [system, start] = testing::random_system<System>(rng, Topology<>::k_nearest(points, k));
       auto x = start;
       auto fresh = start;
       EXPECT_TRUE(reused.solve(system, x).usable());
       EXPECT_TRUE(Solver().solve(system, fresh).usable());
       EXPECT_EQ(x, fresh);
     }
-    const auto [system, start] = bench::random_system<System>(rng, Topology<>::full(30));
+    const auto [system, start] = testing::random_system<System>(rng, Topology<>::full(30));
     for (int values = 0; values < 2; ++values) {
       auto changed = system;
       changed.link_stiffness *= values + 1;
@@ -152,10 +151,10 @@ TEST(Ida, ReusedWorkspaceFollowsValuesAndTopology) {
 
 TEST(Ida, EnergyNeverRises) {
   using System = SpringSystem<double, 3>;
-  bench::Rng rng(14);
+  testing::Rng rng(14);
   for (const int n : {2, 5, 16}) {
     for (int sample = 0; sample < 20; ++sample) {
-      const auto [system, start] = bench::random_system<System>(rng, System::TopologyType::full(n));
+      const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
       Ida<System> ida;
       ida.options.max_iterations = 1;
       auto x = start;
@@ -172,8 +171,8 @@ TEST(Ida, EnergyNeverRises) {
 }
 
 TEST(Ida, SizesAgree) {
-  bench::Rng rng(15);
-  const auto random = bench::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
+  testing::Rng rng(15);
+  const auto random = testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
   const auto& fixed = random.system;
   const auto& start = random.start;
   const auto solved = [&](auto system) {
@@ -244,9 +243,9 @@ TEST(Ida, CoincidentNodesPart) {
 }
 
 TEST(Ida, CountsWhatItDoes) {
-  bench::Rng rng(16);
+  testing::Rng rng(16);
   using System = SpringSystem<double, 2, 4>;
-  const auto [system, start] = bench::random_system<System>(rng, Topology<4>::full());
+  const auto [system, start] = testing::random_system<System>(rng, Topology<4>::full());
   auto x = start;
   const Summary summary = Ida(system).solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged);
@@ -282,9 +281,9 @@ TEST(Ida, RefusesAnchorsBeyondTheDigitsOfTheScalar) {
 }
 
 TEST(Ida, SurvivesStiffnessRatiosOfTenDigits) {
-  bench::Rng rng(17);
+  testing::Rng rng(17);
   using System = SpringSystem<double, 2>;
-  auto [system, start] = bench::random_system<System>(rng, Topology<>::full(4));
+  auto [system, start] = testing::random_system<System>(rng, Topology<>::full(4));
   system.anchor_stiffness *= 1e-10;
   Ida<System> ida;
   ida.options.max_iterations = 1000;

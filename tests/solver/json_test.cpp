@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include <asterism/solver/io/json.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <bit>
 #include <filesystem>
 #include <fstream>
@@ -12,8 +13,6 @@
 #include <limits>
 #include <sstream>
 #include <string>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -58,13 +57,13 @@ TYPED_TEST_SUITE(RoundTrip, Systems);
 TYPED_TEST(RoundTrip, KeepsEveryBit) {
   using System = TypeParam;
   constexpr int kDim = System::kDim;
-  bench::Rng rng(7);
+  testing::Rng rng(7);
   std::stringstream file;
   std::vector<StoredSystem<System>> written;
   for (int n = 1; n <= 16; ++n) {
     const auto topology = n % 3 == 0 ? System::TopologyType::star(n, n / 2) : System::TopologyType::full(n);
     using Isotropic = SpringSystem<double, kDim, System::kNodes, System::kMaxNodes>;
-    const auto [values, start] = bench::random_system<Isotropic>(rng, topology);
+    const auto [values, start] = testing::random_system<Isotropic>(rng, topology);
     System system(topology);
     system.anchors = values.anchors;
     system.anchor_stiffness = values.anchor_stiffness;
@@ -72,7 +71,7 @@ TYPED_TEST(RoundTrip, KeepsEveryBit) {
     system.link_stiffness = values.link_stiffness;
     if constexpr (System::kAnisotropic) {
       for (int i = 0; i < n; ++i) {
-        const Eigen::Matrix<double, kDim, kDim> root = bench::random_points<System>(rng, kDim, -1, 1);
+        const Eigen::Matrix<double, kDim, kDim> root = testing::random_points<System>(rng, kDim, -1, 1);
         system.set_anchor_information(i, root * root.transpose());
       }
     }
@@ -340,7 +339,7 @@ TEST(Json, NamesSourceLineAndSystem) {
 
 TEST(Json, SurvivesGarbage) {
   // Mutations of a good text: each is read or refused with its source's name, and what is read can be solved.
-  bench::Rng rng(11);
+  testing::Rng rng(11);
   json object = pair();
   object["fixed"] = {1};
   object["origin"] = {{"a", {1, 2}}};

@@ -4,12 +4,11 @@
 
 #include <asterism/solver.hpp>
 #include <asterism/testing/check_model.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <functional>
 #include <string>
 #include <type_traits>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -79,9 +78,9 @@ struct Kit {
   static constexpr int kMaxNodes = std::is_same_v<ModelType, Springs> ? Eigen::Dynamic : 8;
   using System = SpringSystem<double, kDimension, Eigen::Dynamic, kMaxNodes, ModelType>;
 
-  static bench::RandomSystem<System> random(std::uint64_t seed) {
-    bench::Rng rng(seed);
-    auto result = bench::random_system<System>(rng, System::TopologyType::full(kNodes));
+  static testing::RandomSystem<System> random(std::uint64_t seed) {
+    testing::Rng rng(seed);
+    auto result = testing::random_system<System>(rng, System::TopologyType::full(kNodes));
     if constexpr (System::kAnisotropic) {
       for (int i = 0; i < kNodes; ++i) {
         Eigen::Matrix<double, kDimension, kDimension> root;
@@ -157,9 +156,9 @@ void finds_minimum() {
     Newton<System> newton;
     ASSERT_EQ(newton.solve(system, start).status, Status::Converged);
     const double expected = energy(system, start);
-    bench::Rng rng(seed);
+    testing::Rng rng(seed);
     auto x = start;
-    x += bench::random_points<System>(rng, Kit::kNodes, -1e-3, 1e-3);
+    x += testing::random_points<System>(rng, Kit::kNodes, -1e-3, 1e-3);
     SolverOf<System> solver;
     solver.options.max_iterations = 100000;
     const Summary summary = solver.solve(system, x);
@@ -243,8 +242,8 @@ TYPED_TEST(HardModel, FixedNodesStayAndTheOthersFindTheirMinimum) {
 
 TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(3);
-  const auto random = bench::random_system<System>(rng, Topology<>::full(6));
+  testing::Rng rng(3);
+  const auto random = testing::random_system<System>(rng, Topology<>::full(6));
   System system = random.system;
   const System::Points start = random.start;
   System penalised = system;
@@ -271,8 +270,8 @@ TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
 
 TEST(FixedNodes, AllOfThem) {
   using System = SpringSystem<double, 2, 4>;
-  bench::Rng rng(3);
-  auto [system, start] = bench::random_system<System>(rng, Topology<4>::full());
+  testing::Rng rng(3);
+  auto [system, start] = testing::random_system<System>(rng, Topology<4>::full());
   for (int i = 0; i < 4; ++i) system.fix(i);
   auto x = start;
   const Summary summary = Newton<System>().solve(system, x);
@@ -337,8 +336,8 @@ TEST(RobustAnchors, IgnoreAnOutlierThatDragsASpring) {
 }
 
 TEST(RobustAnchors, AreSpringsWithinTheirScale) {
-  bench::Rng rng(5);
-  const auto [system, start] = bench::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
+  testing::Rng rng(5);
+  const auto [system, start] = testing::random_system<SpringSystem<double, 2, 4>>(rng, Topology<4>::full());
   SpringSystem<double, 2, 4, 4, Model<Hooke, Huber>> robust(Topology<4>::full());
   robust.anchors = system.anchors;
   robust.anchor_stiffness = system.anchor_stiffness;

@@ -9,8 +9,8 @@
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
 
-#include "../../bench/random_system.hpp"
 #include "counting_allocator.hpp"
 
 namespace asterism {
@@ -20,8 +20,8 @@ using testing::allocations_in;
 
 template <typename System>
 void expect_no_heap(int n) {
-  bench::Rng rng(5);
-  const auto random = bench::random_system<System>(rng, System::TopologyType::full(n));
+  testing::Rng rng(5);
+  const auto random = testing::random_system<System>(rng, System::TopologyType::full(n));
   auto system = random.system;
   auto x = random.start;
   Summary summary;
@@ -64,8 +64,8 @@ TEST(Heap, NewtonOfFixedAndBoundedSizesDoesNotUseIt) {
 // Also shows that the counter counts.
 TEST(Heap, NewtonOfDynamicSizesUsesItOnce) {
   using System = SpringSystem<double, 2>;
-  bench::Rng rng(6);
-  const auto random = bench::random_system<System>(rng, Topology<>::full(12));
+  testing::Rng rng(6);
+  const auto random = testing::random_system<System>(rng, Topology<>::full(12));
   const auto& system = random.system;
   Newton<System> newton;
   System::Points x = random.start;

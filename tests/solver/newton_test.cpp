@@ -12,11 +12,10 @@
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <limits>
 #include <vector>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -30,10 +29,10 @@ double least_eigenvalue(const System& system, const typename System::Points& x) 
 }
 
 TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
-  bench::Rng rng(2);
+  testing::Rng rng(2);
   int definite = 0;
   for (int round = 0; round < 200; ++round) {
-    const auto [system, x] = bench::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, x] = testing::random_system<Fixed>(rng, Topology<4>::full());
     detail::NewtonMatrix<Fixed> matrix;
     matrix.reset(node_stiffness(system));
     Fixed::Points gradient, expected_gradient, step;
@@ -67,9 +66,9 @@ TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
 
 // One code path unrolled, one with loops.
 TEST(NewtonMatrix, SizesAgree) {
-  bench::Rng rng(3);
+  testing::Rng rng(3);
   for (int round = 0; round < 50; ++round) {
-    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
     const auto check = [&, &fixed = system, &from = start]<typename Other>(std::type_identity<Other>) {
       Other other(Other::TopologyType::full(4));
       other.anchors = fixed.anchors;
@@ -97,13 +96,13 @@ struct Tally {
   }
 };
 
-Tally against_ida(bench::Kind kind, int systems) {
-  bench::Rng rng(4);
+Tally against_ida(testing::Kind kind, int systems) {
+  testing::Rng rng(4);
   Newton<Fixed> newton;
   Ida<Fixed> ida;
   Tally tally;
   for (int round = 0; round < systems; ++round) {
-    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full(), kind);
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), kind);
     auto x = start;
     auto y = start;
     const Summary summary = newton.solve(system, x);
@@ -119,11 +118,11 @@ Tally against_ida(bench::Kind kind, int systems) {
 }
 
 TEST(Newton, ReachesIdasMinimumInFewEvaluations) {
-  auto lit = against_ida(bench::Kind::Lit, 1000);
+  auto lit = against_ida(testing::Kind::Lit, 1000);
   EXPECT_EQ(lit.converged, 1000);
   EXPECT_GE(lit.same, 990);
   EXPECT_LE(lit.percentile(0.5), 8);
-  auto track = against_ida(bench::Kind::Track, 1000);
+  auto track = against_ida(testing::Kind::Track, 1000);
   EXPECT_EQ(track.converged, 1000);
   EXPECT_GE(track.same, 990);
   EXPECT_LE(track.percentile(0.5), 4);
@@ -132,11 +131,11 @@ TEST(Newton, ReachesIdasMinimumInFewEvaluations) {
 
 TEST(Newton, WeakAnchorsCostLittle) {
   for (const double weakness : {1e-4, 1e-6, 1e-8, 1e-10, 1e-12}) {
-    bench::Rng rng(5);
+    testing::Rng rng(5);
     Newton<Fixed> newton;
     Tally tally;
     for (int round = 0; round < 500; ++round) {
-      auto [system, x] = bench::random_system<Fixed>(rng, Topology<4>::full());
+      auto [system, x] = testing::random_system<Fixed>(rng, Topology<4>::full());
       system.anchor_stiffness *= weakness;
       const Summary summary = newton.solve(system, x);
       tally.converged += summary.status == Status::Converged;
@@ -154,10 +153,10 @@ TEST(Newton, WeakAnchorsCostLittle) {
 }
 
 TEST(Newton, EnergyFallsFromIterationToIteration) {
-  for (const auto kind : {bench::Kind::Lit, bench::Kind::Disp}) {
-    bench::Rng rng(6);
+  for (const auto kind : {testing::Kind::Lit, testing::Kind::Disp}) {
+    testing::Rng rng(6);
     for (int round = 0; round < 100; ++round) {
-      const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full(), kind);
+      const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), kind);
       double last = energy(system, start);
       for (int count = 1; count < 12; ++count) {
         Newton<Fixed> newton;
@@ -181,11 +180,11 @@ TYPED_TEST_SUITE(NewtonOf, Systems);
 TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
   constexpr bool kDouble = std::is_same_v<typename TypeParam::Scalar, double>;
   constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
-  bench::Rng rng(7);
+  testing::Rng rng(7);
   Newton<TypeParam> newton;
   int converged = 0;
   for (int round = 0; round < 100; ++round) {
-    const auto [system, start] = bench::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+    const auto [system, start] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
     auto x = start;
     const Summary summary = newton.solve(system, x);
     EXPECT_TRUE(summary.usable()) << summary;
@@ -203,8 +202,8 @@ TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
 
 TYPED_TEST(NewtonOf, ZeroRestLengthsAreAQuadratic) {
   constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
-  bench::Rng rng(8);
-  auto [system, x] = bench::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+  testing::Rng rng(8);
+  auto [system, x] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
   system.rest_length.setZero();
   const Summary summary = Newton<TypeParam>().solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
@@ -213,9 +212,9 @@ TYPED_TEST(NewtonOf, ZeroRestLengthsAreAQuadratic) {
 
 TYPED_TEST(NewtonOf, CoincidentNodesPart) {
   constexpr int kSize = TypeParam::kNodes == Eigen::Dynamic ? 6 : TypeParam::kNodes;
-  bench::Rng rng(9);
+  testing::Rng rng(9);
   for (int round = 0; round < 20; ++round) {
-    auto [system, x] = bench::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
+    auto [system, x] = testing::random_system<TypeParam>(rng, TypeParam::TopologyType::full(kSize));
     x.colwise() = x.col(0).eval();
     const Summary summary = Newton<TypeParam>().solve(system, x);
     EXPECT_TRUE(summary.usable()) << summary;
@@ -297,12 +296,12 @@ TEST(Newton, FlatDirectionsAreNoSaddles) {
 }
 
 TEST(Newton, MovesWithTheSystem) {
-  bench::Rng rng(10);
+  testing::Rng rng(10);
   for (int round = 0; round < 20; ++round) {
-    auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+    auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
     Fixed::Points minimum = start;
     solve_ida(system, minimum);
-    start = minimum + bench::random_points<Fixed>(rng, 4, -0.02, 0.02);
+    start = minimum + testing::random_points<Fixed>(rng, 4, -0.02, 0.02);
     auto x = start;
     const Summary summary = Newton(system).solve(system, x);
     for (const double s : {1e-6, 1e5}) {
@@ -330,8 +329,8 @@ TEST(Newton, MovesWithTheSystem) {
 }
 
 TEST(Newton, AlignmentMirrorsOnlyIfAllowed) {
-  bench::Rng rng(11);
-  auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+  testing::Rng rng(11);
+  auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
   system.anchor_stiffness *= 1e-4;
   system.set_rest_lengths(system.anchors);
   Fixed::Points mirrored = system.anchors;
@@ -345,8 +344,8 @@ TEST(Newton, AlignmentMirrorsOnlyIfAllowed) {
 }
 
 TEST(Newton, BadInputLeavesXAlone) {
-  bench::Rng rng(12);
-  const auto [good, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+  testing::Rng rng(12);
+  const auto [good, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
   Newton<Fixed> newton;
   for (int what = 0; what < 6; ++what) {
     auto system = good;
@@ -380,8 +379,8 @@ TEST(Newton, BadInputLeavesXAlone) {
 }
 
 TEST(Newton, IterationLimits) {
-  bench::Rng rng(13);
-  const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+  testing::Rng rng(13);
+  const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
   Newton<Fixed> newton;
   newton.options.max_iterations = 0;
   auto x = start;
@@ -396,8 +395,8 @@ TEST(Newton, IterationLimits) {
 }
 
 TEST(Newton, StaysAtAStationaryPoint) {
-  bench::Rng rng(14);
-  auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+  testing::Rng rng(14);
+  auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
   system.set_rest_lengths(system.anchors);
   Fixed::Points x = system.anchors;
   const Summary summary = Newton(system).solve(system, x);
@@ -408,9 +407,9 @@ TEST(Newton, StaysAtAStationaryPoint) {
 }
 
 TEST(Newton, ExtremesOfStiffness) {
-  bench::Rng rng(15);
+  testing::Rng rng(15);
   for (int round = 0; round < 50; ++round) {
-    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
     for (const double factor : {1e-25, 1e-16, 1e12}) {
       auto extreme = system;
       extreme.anchor_stiffness *= factor;
@@ -448,11 +447,11 @@ TEST(Newton, TakesTheOptionsOfAlignedMethods) {
 }
 
 TEST(IdaRelaxation, IsMonotoneAndFaster) {
-  bench::Rng rng(16);
+  testing::Rng rng(16);
   long plain_iterations = 0;
   long relaxed_iterations = 0;
   for (int round = 0; round < 50; ++round) {
-    const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+    const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
     for (const double w : {0.3, 1.5, 1.95}) {
       double last = energy(system, start);
       for (int count = 1; count < 8; ++count) {
@@ -478,8 +477,8 @@ TEST(IdaRelaxation, IsMonotoneAndFaster) {
 }
 
 TEST(IdaRelaxation, OutOfRangeIsRefused) {
-  bench::Rng rng(17);
-  const auto [system, start] = bench::random_system<Fixed>(rng, Topology<4>::full());
+  testing::Rng rng(17);
+  const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full());
   for (const double w : {0.0, -1.0, 2.0, std::nan("")}) {
     IdaOptions options;
     options.relaxation = w;

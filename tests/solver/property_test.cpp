@@ -41,13 +41,13 @@
 #ifdef ASTERISM_TEST_CHOLMOD
 #endif
 
-#include "../../bench/random_system.hpp"
-#include "../../bench/sparse_system.hpp"
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 
 namespace asterism {
 namespace {
 
-using bench::Rng;
+using testing::Rng;
 
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
@@ -101,10 +101,10 @@ void make_wild(Rng& rng, System& system) {
 
 // The generator's kinds; one in five with a fixed node, one in five far from the origin.
 template <typename System>
-bench::RandomSystem<System> random_problem(Rng& rng, const typename System::TopologyType& topology,
-                                           bool wild) {
-  const bench::Kind kind = bench::kKinds[static_cast<std::size_t>(integer(rng, 0, 3))];
-  auto problem = bench::random_system<System>(rng, topology, kind);
+testing::RandomSystem<System> random_problem(Rng& rng, const typename System::TopologyType& topology,
+                                             bool wild) {
+  const testing::Kind kind = testing::kKinds[static_cast<std::size_t>(integer(rng, 0, 3))];
+  auto problem = testing::random_system<System>(rng, topology, kind);
   System& system = problem.system;
   if (wild) make_wild(rng, system);
   if (rng.uniform(0, 1) < 0.2) system.fix(integer(rng, 0, system.nodes() - 1));
@@ -116,7 +116,7 @@ bench::RandomSystem<System> random_problem(Rng& rng, const typename System::Topo
 }
 
 template <typename System>
-bench::RandomSystem<System> random_problem(int index) {
+testing::RandomSystem<System> random_problem(int index) {
   Rng rng(static_cast<std::uint64_t>(index) + 1);
   const int nodes = System::kNodes == Eigen::Dynamic ? integer(rng, 2, 12) : System::kNodes;
   const auto topology = random_topology<typename System::TopologyType>(rng, nodes);
@@ -220,7 +220,7 @@ double rounding_of_step(const System& system, const typename System::Points& x) 
 template <typename System>
 class Judge {
  public:
-  Judge(const bench::RandomSystem<System>& problem, bool wild, double tolerance = SolverOptions().tolerance)
+  Judge(const testing::RandomSystem<System>& problem, bool wild, double tolerance = SolverOptions().tolerance)
       : system_(problem.system),
         start_(problem.start),
         wild_(wild),
@@ -299,7 +299,7 @@ void for_each_solver(Solvers& solvers, const System& system, const AlignedOption
 struct Converged {
   long solves = 0, all = 0;
   template <typename System, typename Solvers>
-  void judge(Solvers& solvers, const bench::RandomSystem<System>& problem, bool wild,
+  void judge(Solvers& solvers, const testing::RandomSystem<System>& problem, bool wild,
              std::initializer_list<int> iterations) {
     for_each_solver<System>(solvers, problem.system, AlignedOptions(), [&](const auto& solve) {
       ++all;
@@ -353,7 +353,7 @@ TEST(SparseProperty, EnergyNeverRisesInLargeSystems) {
         SCOPED_TRACE(reproduce(index));
         Rng rng(static_cast<std::uint64_t>(index) + 1);
         auto problem =
-            bench::sparse_system<Plane>(static_cast<std::uint64_t>(index), integer(rng, 350, 1500));
+            testing::sparse_system<Plane>(static_cast<std::uint64_t>(index), integer(rng, 350, 1500));
         const bool wild = rng.uniform(0, 1) < 0.3;
         if (wild) make_wild(rng, problem.system);
         for (int fixed = integer(rng, 0, 5); fixed > 0; --fixed)
@@ -386,7 +386,7 @@ TEST(MultiStartProperty, NeverWorseThanItsMethodAndTheSameAgain) {
 
 TEST(MultiStartProperty, KeepsTheLowestWhereItIsAskedToStop) {
   Rng rng(5);
-  const auto problem = bench::random_system<Plane>(rng, Topology<>::full(6), bench::Kind::Orig);
+  const auto problem = testing::random_system<Plane>(rng, Topology<>::full(6), testing::Kind::Orig);
   MultiStart<Plane, Newton<Plane>> solver;
   std::atomic<bool> stop{true};
   solver.options.stop = &stop;
@@ -416,7 +416,7 @@ TEST(BatchProperty, EnergyNeverRisesAndTheStatusIsTrue) {
         Rng rng(static_cast<std::uint64_t>(index) + 1);
         const auto topology = random_topology<Topology<>>(rng, integer(rng, 2, 12));
         SpringBatch<double, 2> batch(topology, kSystems);
-        std::vector<bench::RandomSystem<Plane>> problems;
+        std::vector<testing::RandomSystem<Plane>> problems;
         for (int s = 0; s < kSystems; ++s) {
           problems.push_back(random_problem<Plane>(rng, topology, is_wild(s)));
           batch.set(s, problems.back().system, problems.back().start);
@@ -523,7 +523,7 @@ bool has_curvature(Eigen::MatrixXd matrix, double least) {
 // pixel. The start's energy is too low for the rim. False where there is no such minimum, or rounding is
 // wider.
 template <typename System>
-bool find_basin(Rng& rng, const bench::RandomSystem<System>& problem, Basin<System>& basin) {
+bool find_basin(Rng& rng, const testing::RandomSystem<System>& problem, Basin<System>& basin) {
   const System& system = problem.system;
   basin.minimum = problem.start;
   Newton<System> newton;
@@ -544,7 +544,7 @@ bool find_basin(Rng& rng, const bench::RandomSystem<System>& problem, Basin<Syst
       std::min(0.1 * basin.curvature / change, 0.1 * characteristic_length(system, basin.minimum));
   const double step = 0.5 * radius * std::sqrt(basin.curvature / (stiffness * System::kDim * system.nodes()));
   if (!(step > 1e4 * kEpsilon * extent(system, basin.minimum))) return false;
-  basin.start = basin.minimum + bench::random_points<System>(rng, system.nodes(), -step, step);
+  basin.start = basin.minimum + testing::random_points<System>(rng, system.nodes(), -step, step);
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) basin.start.col(i) = basin.minimum.col(i);
   }

@@ -1,13 +1,11 @@
 // The random systems are the same everywhere: their digests are stored here.
-#include "../../bench/random_system.hpp"
-
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 #include <cmath>
 #include <cstdint>
-
-#include "../../bench/sparse_system.hpp"
 
 namespace asterism::bench {
 namespace {

@@ -10,10 +10,9 @@
 #include <asterism/solver/reference/liblbfgs.hpp>
 #endif
 
+#include <asterism/testing/random_system.hpp>
 #include <cstdint>
 #include <string_view>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -50,9 +49,9 @@ const bool kRegistered = [] {
   return true;
 }();
 
-bench::RandomSystem<Dynamic2> dynamic_system(std::uint64_t seed, int n) {
-  bench::Rng rng(seed);
-  return bench::random_system<Dynamic2>(rng, Topology<>::full(n));
+testing::RandomSystem<Dynamic2> dynamic_system(std::uint64_t seed, int n) {
+  testing::Rng rng(seed);
+  return testing::random_system<Dynamic2>(rng, Topology<>::full(n));
 }
 
 template <typename Gradient>

@@ -5,6 +5,8 @@
 #include <asterism/solver.hpp>
 #include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -14,8 +16,6 @@
 #include <thread>
 #include <vector>
 
-#include "../../bench/random_system.hpp"
-#include "../../bench/sparse_system.hpp"
 #include "solver_fixture.hpp"
 
 namespace asterism {
@@ -27,7 +27,7 @@ using Planef = SpringSystem<float, 2>;
 
 TEST(Partition, ConnectedSubdomainsOfTheSizeWanted) {
   for (const int size : {1, 20, 100, 5000}) {
-    const auto [system, start] = bench::sparse_system<Plane>(1, 2000);
+    const auto [system, start] = testing::sparse_system<Plane>(1, 2000);
     const detail::Neighbours neighbours(2000, system.links());
     const detail::Partition partition(2000, neighbours, size);
     detail::Indexed<int> sorted = partition.order;
@@ -55,7 +55,7 @@ TEST(Partition, ConnectedSubdomainsOfTheSizeWanted) {
 }
 
 TEST(LargeSystems, AreLeftWhereAskedToStop) {
-  const auto problem = bench::sparse_system<Plane>(1, 30000);
+  const auto problem = testing::sparse_system<Plane>(1, 30000);
   const auto check = [&](auto solver) {
     SCOPED_TRACE(solver.name());
     std::atomic<bool> stop{false};
@@ -81,7 +81,7 @@ TEST(LargeSystems, AreLeftWhereAskedToStop) {
 TEST(Decomposition, RenumbersAndRestores) {
   detail::Decomposition<Plane> decomposition;
   for (const int n : {8, 50, 700, 300}) {
-    auto [system, start] = bench::sparse_system<Plane>(2, n);
+    auto [system, start] = testing::sparse_system<Plane>(2, n);
     for (const double weakness : {1.0, 0.1}) {
       system.anchor_stiffness *= weakness;
       decomposition.set(system, 40);
@@ -95,7 +95,7 @@ TEST(Decomposition, RenumbersAndRestores) {
 }
 
 TEST(Decomposition, ASubdomainLowersTheEnergyOfAll) {
-  const auto [system, start] = bench::sparse_system<Plane>(3, 500);
+  const auto [system, start] = testing::sparse_system<Plane>(3, 500);
   detail::Decomposition<Plane> decomposition;
   decomposition.set(system, 50);
   auto x = decomposition.renumbered(start);
@@ -131,11 +131,11 @@ TYPED_TEST_SUITE(SchwarzTest, Cases);
 TYPED_TEST(SchwarzTest, FindsNewtonsMinimumFromItsBasin) {
   ASTERISM_USE_FIXTURE;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
-    auto [system, start] = bench::sparse_system<System>(seed, 1500);
+    auto [system, start] = testing::sparse_system<System>(seed, 1500);
     EXPECT_TRUE(SparseNewton<System>().solve(system, start).usable());
     const Points minimum = start;
-    bench::Rng rng(seed);
-    start += bench::random_points<System>(rng, system.nodes(), -0.003, 0.003);
+    testing::Rng rng(seed);
+    start += testing::random_points<System>(rng, system.nodes(), -0.003, 0.003);
     const Summary summary = Solver().solve(system, start);
     this->expect_converged(summary);
     const double least = double(energy(system, minimum));
@@ -145,7 +145,7 @@ TYPED_TEST(SchwarzTest, FindsNewtonsMinimumFromItsBasin) {
 
 TYPED_TEST(SchwarzTest, ConvergesFromFarInFewSteps) {
   ASTERISM_USE_FIXTURE;
-  const auto [system, start] = bench::sparse_system<System>(4, 3000);
+  const auto [system, start] = testing::sparse_system<System>(4, 3000);
   Points x = start;
   const Summary summary = Solver().solve(system, x);
   this->expect_converged(summary);
@@ -160,7 +160,7 @@ TYPED_TEST(SchwarzTest, ConvergesFromFarInFewSteps) {
 
 TYPED_TEST(SchwarzTest, EnergyNeverRises) {
   ASTERISM_USE_FIXTURE;
-  const auto [system, start] = bench::sparse_system<System>(5, 1200);
+  const auto [system, start] = testing::sparse_system<System>(5, 1200);
   Solver solver;
   double last = std::numeric_limits<double>::max();
   for (int iterations = 0; iterations <= 20; ++iterations) {
@@ -179,7 +179,7 @@ TYPED_TEST(SchwarzTest, WeakAnchors) {
   ASTERISM_USE_FIXTURE;
   for (const double ratio : {1e-2, 1e-4, 1e-8}) {
     if (!TestFixture::kDouble && ratio < 1e-3) break;
-    auto [system, start] = bench::sparse_system<System>(6, 800);
+    auto [system, start] = testing::sparse_system<System>(6, 800);
     system.anchor_stiffness *= static_cast<Scalar>(ratio);
     const Summary summary = Solver().solve(system, start);
     this->expect_converged(summary);
@@ -191,7 +191,7 @@ TYPED_TEST(SchwarzTest, SameResultsWhenReused) {
   Solver solver;
   for (const int n : {900, 900, 700}) {
     for (std::uint64_t seed = 1; seed <= 2; ++seed) {
-      auto [system, start] = bench::sparse_system<System>(seed, n);
+      auto [system, start] = testing::sparse_system<System>(seed, n);
       for (const Scalar change : {Scalar(1), Scalar(0.3)}) {
         system.anchor_stiffness *= change;
         Points x = start;
@@ -209,8 +209,8 @@ TYPED_TEST(SchwarzTest, SameResultsWhenReused) {
 TYPED_TEST(SchwarzTest, AnyTopology) {
   ASTERISM_USE_FIXTURE;
   const auto solved = [&](int n, const std::vector<Link>& links, bool fix) {
-    bench::Rng rng(7);
-    auto [system, start] = bench::random_system<System>(rng, System::TopologyType::from_links(n, links));
+    testing::Rng rng(7);
+    auto [system, start] = testing::random_system<System>(rng, System::TopologyType::from_links(n, links));
     system.link_stiffness = system.link_stiffness.cwiseMin(Scalar(1e5));
     system.anchor_stiffness.setConstant(Scalar(1e3));
     if (fix) {
@@ -242,7 +242,7 @@ TYPED_TEST(SchwarzTest, AnyTopology) {
 
 TYPED_TEST(SchwarzTest, BadInputIsRefused) {
   ASTERISM_USE_FIXTURE;
-  auto [system, start] = bench::sparse_system<System>(3, 20);
+  auto [system, start] = testing::sparse_system<System>(3, 20);
   system.link_stiffness[3] = -1;
   const Points before = start;
   EXPECT_EQ(Solver().solve(system, start).status, Status::InvalidInput);
@@ -250,7 +250,7 @@ TYPED_TEST(SchwarzTest, BadInputIsRefused) {
 }
 
 TEST(Schwarz, TakesManyNodes) {
-  const auto [system, start] = bench::sparse_system<Plane>(1, 100000);
+  const auto [system, start] = testing::sparse_system<Plane>(1, 100000);
   Schwarz<Plane> solver;
   solver.options.max_iterations = 2;
   auto x = start;

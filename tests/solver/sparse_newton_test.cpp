@@ -8,13 +8,13 @@
 
 #include <gtest/gtest.h>
 
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 #include <vector>
 
-#include "../../bench/random_system.hpp"
-#include "../../bench/sparse_system.hpp"
 #include "solver_fixture.hpp"
 
 namespace asterism {
@@ -43,8 +43,8 @@ TYPED_TEST_SUITE(SparseNewtonTest, Cases);
 TYPED_TEST(SparseNewtonTest, MatrixIsTheHessian) {
   ASTERISM_USE_FIXTURE;
   const std::vector<Link> links = {{3, 0}, {1, 2}, {0, 3}, {4, 1}, {2, 0}, {2, 1}};  // some of them parallel
-  bench::Rng rng(1);
-  const auto [system, x] = bench::random_system<System>(rng, System::TopologyType::from_links(6, links));
+  testing::Rng rng(1);
+  const auto [system, x] = testing::random_system<System>(rng, System::TopologyType::from_links(6, links));
   detail::SparseHessian<System, Scalar> sparse;
   int analysed = 0;
   for (int i = 0; i < 2; ++i) sparse.prepare(system, [&analysed](const auto&) { ++analysed; });
@@ -69,10 +69,10 @@ TYPED_TEST(SparseNewtonTest, MatrixIsTheHessian) {
 TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
   ASTERISM_USE_FIXTURE;
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    auto [system, start] = bench::sparse_system<System>(seed, 150);
+    auto [system, start] = testing::sparse_system<System>(seed, 150);
     EXPECT_TRUE(solve_ida(system, start).usable());
-    bench::Rng rng(seed);
-    start += bench::random_points<System>(rng, system.nodes(), -0.01, 0.01);
+    testing::Rng rng(seed);
+    start += testing::random_points<System>(rng, system.nodes(), -0.01, 0.01);
     Points by_ida = start;
     const Summary ida = solve_ida(system, by_ida);
     const Summary summary = Solver().solve(system, start);
@@ -87,7 +87,7 @@ TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
 
 TYPED_TEST(SparseNewtonTest, EnergyNeverRises) {
   ASTERISM_USE_FIXTURE;
-  const auto [system, start] = bench::sparse_system<System>(1, 300);
+  const auto [system, start] = testing::sparse_system<System>(1, 300);
   Solver solver;
   double last = std::numeric_limits<double>::max();
   for (int iterations = 0; iterations <= 60; ++iterations) {
@@ -106,7 +106,7 @@ TYPED_TEST(SparseNewtonTest, WeakAnchorsWhereIdaGetsStuck) {
   ASTERISM_USE_FIXTURE;
   for (const double ratio : {1e-2, 1e-4, 1e-6, 1e-8}) {
     if (!TestFixture::kDouble && ratio < 1e-3) break;
-    auto [system, start] = bench::sparse_system<System>(2, 200);
+    auto [system, start] = testing::sparse_system<System>(2, 200);
     system.anchor_stiffness *= static_cast<Scalar>(ratio);
     Points x = start;
     const Summary summary = Solver().solve(system, x);
@@ -124,7 +124,7 @@ TYPED_TEST(SparseNewtonTest, SameResultsWhenReused) {
   Solver solver;
   for (const int n : {60, 60, 80, 60, 7}) {
     for (std::uint64_t seed = 1; seed <= 2; ++seed) {
-      auto [system, start] = bench::sparse_system<System>(seed, n);
+      auto [system, start] = testing::sparse_system<System>(seed, n);
       for (const Scalar change : {Scalar(1), Scalar(0.3)}) {
         system.anchor_stiffness *= change;
         Points x = start;
@@ -141,7 +141,7 @@ TYPED_TEST(SparseNewtonTest, SameResultsWhenReused) {
 TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
   ASTERISM_USE_FIXTURE;
   for (std::uint64_t seed = 1; seed <= 5; ++seed) {
-    auto [system, start] = bench::sparse_system<System>(seed, 100);
+    auto [system, start] = testing::sparse_system<System>(seed, 100);
     start *= Scalar(0.3);  // all links too short
     Solver solver;
     solver.options.align = false;
@@ -172,8 +172,8 @@ TYPED_TEST(SparseNewtonTest, CurvatureThatIsNoneIsRaised) {
 TYPED_TEST(SparseNewtonTest, SmallAndDisconnected) {
   ASTERISM_USE_FIXTURE;
   const auto on_anchors = [&](int n, const std::vector<Link>& links) {
-    bench::Rng rng(4);
-    auto [system, start] = bench::random_system<System>(rng, System::TopologyType::from_links(n, links));
+    testing::Rng rng(4);
+    auto [system, start] = testing::random_system<System>(rng, System::TopologyType::from_links(n, links));
     const Summary summary = Solver().solve(system, start);
     this->expect_converged(summary);
     for (int i = 0; i < n; ++i) {
@@ -192,7 +192,7 @@ TYPED_TEST(SparseNewtonTest, SmallAndDisconnected) {
 
 TYPED_TEST(SparseNewtonTest, FixedNodesStay) {
   ASTERISM_USE_FIXTURE;
-  auto [system, start] = bench::sparse_system<System>(3, 100);
+  auto [system, start] = testing::sparse_system<System>(3, 100);
   for (const int i : {0, 17, 18, 99}) system.fix(i);
   Points x = start;
   this->expect_converged(Solver().solve(system, x));
@@ -202,7 +202,7 @@ TYPED_TEST(SparseNewtonTest, FixedNodesStay) {
 
 TYPED_TEST(SparseNewtonTest, BadInputIsRefused) {
   ASTERISM_USE_FIXTURE;
-  auto [system, start] = bench::sparse_system<System>(3, 20);
+  auto [system, start] = testing::sparse_system<System>(3, 20);
   system.link_stiffness[3] = -1;
   const Points before = start;
   EXPECT_EQ(Solver().solve(system, start).status, Status::InvalidInput);
@@ -210,8 +210,8 @@ TYPED_TEST(SparseNewtonTest, BadInputIsRefused) {
 }
 
 TEST(SparseNewton, EscapesSaddles) {
-  bench::Rng rng(5);
-  auto [system, start] = bench::random_system<Plane>(rng, Topology<>::full(6));
+  testing::Rng rng(5);
+  auto [system, start] = testing::random_system<Plane>(rng, Topology<>::full(6));
   start.row(1).setZero();
   system.anchors.row(1).setZero();
   SparseNewton<Plane> solver;
@@ -231,7 +231,7 @@ TEST(SparseNewton, EscapesSaddles) {
 TEST(SparseNewton, RobustAndAnisotropicAnchors) {
   using Robust = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
                               Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
-  const auto plain = bench::sparse_system<Plane>(6, 100);
+  const auto plain = testing::sparse_system<Plane>(6, 100);
   Robust system(plain.system.topology());
   system.anchors = plain.system.anchors;
   system.rest_length = plain.system.rest_length;

@@ -4,11 +4,10 @@
 
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cstdint>
 #include <limits>
 #include <vector>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -41,8 +40,8 @@ void expect_same(const System& full, const typename System::Points& x) {
 template <typename System>
 void expect_same_of_random(std::initializer_list<int> sizes) {
   for (const int n : sizes) {
-    bench::Rng rng(static_cast<std::uint64_t>(n));
-    auto [system, x] = bench::random_system<System>(rng, System::TopologyType::full(n));
+    testing::Rng rng(static_cast<std::uint64_t>(n));
+    auto [system, x] = testing::random_system<System>(rng, System::TopologyType::full(n));
     ASSERT_TRUE(detail::SpringRows<System>::serve(system)) << n;
     expect_same(system, x);
     auto parted = x;

@@ -4,14 +4,13 @@
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <ctime>
 #include <set>
 #include <string_view>
 #include <utility>
 #include <vector>
-
-#include "../../bench/random_system.hpp"
 
 namespace asterism {
 namespace {
@@ -45,53 +44,53 @@ TEST(Topology, StarLinksTheCentreToTheOthers) {
 /// Where points may be; each is tried by brute force, and for its time. One line a distribution.
 struct Distribution {
   const char* name;
-  void (*place)(bench::Rng& rng, int i, Eigen::Ref<Eigen::VectorXd> point);
+  void (*place)(testing::Rng& rng, int i, Eigen::Ref<Eigen::VectorXd> point);
 };
 
 constexpr Distribution kDistributions[] = {
     {"anywhere",
-     [](bench::Rng& rng, int, auto point) {
+     [](testing::Rng& rng, int, auto point) {
        for (double& c : point) c = rng.uniform(0, 1);
      }},
-    {"coincident", [](bench::Rng&, int, auto point) { point.setConstant(0.3); }},
+    {"coincident", [](testing::Rng&, int, auto point) { point.setConstant(0.3); }},
     {"a few coincident",
-     [](bench::Rng& rng, int i, auto point) {
+     [](testing::Rng& rng, int i, auto point) {
        for (double& c : point) c = i % 9 == 0 ? 0.5 : rng.uniform(0, 1);
      }},
-    {"on two points", [](bench::Rng&, int i, auto point) { point.setConstant(i % 2); }},
+    {"on two points", [](testing::Rng&, int i, auto point) { point.setConstant(i % 2); }},
     {"on a line",
-     [](bench::Rng& rng, int, auto point) {
+     [](testing::Rng& rng, int, auto point) {
        point.setZero();
        point[0] = rng.uniform(0, 1);
      }},
-    {"evenly on a line", [](bench::Rng&, int i, auto point) { point.setConstant(i); }},
+    {"evenly on a line", [](testing::Rng&, int i, auto point) { point.setConstant(i); }},
     {"on a grid",
-     [](bench::Rng&, int i, auto point) {
+     [](testing::Rng&, int i, auto point) {
        for (double& c : point) {
          c = i % 32;
          i /= 32;
        }
      }},
     {"one far outlier",
-     [](bench::Rng& rng, int i, auto point) {
+     [](testing::Rng& rng, int i, auto point) {
        for (double& c : point) c = i == 0 ? 1e300 : rng.uniform(0, 1);
      }},
     {"clustered at many scales",
-     [](bench::Rng& rng, int i, auto point) {
+     [](testing::Rng& rng, int i, auto point) {
        for (double& c : point) c = std::ldexp(rng.uniform(0.5, 1), -(i % 200));
      }},
     {"squares that underflow",
-     [](bench::Rng& rng, int, auto point) {
+     [](testing::Rng& rng, int, auto point) {
        for (double& c : point) c = 1e-200 * rng.uniform(0, 1);
      }},
     {"squares that overflow",
-     [](bench::Rng& rng, int, auto point) {
+     [](testing::Rng& rng, int, auto point) {
        for (double& c : point) c = 1e200 * rng.uniform(-1, 1);
      }},
 };
 
 Eigen::MatrixXd placed(const Distribution& distribution, int dim, int n) {
-  bench::Rng rng(7);
+  testing::Rng rng(7);
   Eigen::MatrixXd points(dim, n);
   for (int i = 0; i < n; ++i) distribution.place(rng, i, points.col(i));
   return points;

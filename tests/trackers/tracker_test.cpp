@@ -14,7 +14,8 @@
 #include <asterism/parts/concept/part_registry.hpp>
 #endif
 
-#include "../parts/part_axioms.hpp"
+#include <asterism/testing/part_axioms.hpp>
+
 #include "same_results.hpp"
 
 namespace asterism {

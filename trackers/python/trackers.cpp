@@ -9,7 +9,7 @@
 #include <optional>
 #include <utility>
 
-#include "bindings.hpp"
+#include "../../solver/python/bindings.hpp"
 
 namespace asterism::python {
 

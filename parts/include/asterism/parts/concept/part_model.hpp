@@ -17,7 +17,7 @@ struct Evidence {
   Eigen::Matrix2d covariance = Eigen::Matrix2d::Identity();
 };
 
-/// A part's appearance model. Its axioms, tested for every model by `tests/parts/part_axioms.hpp`:
+/// A part's appearance model. Its axioms, tested for every model by `asterism/testing/part_axioms.hpp`:
 /// shifting the frame shifts the evidence by as much; `localize` changes nothing that is learned; the same
 /// calls give the same results, bit for bit.
 ///

@@ -1,12 +1,11 @@
 #pragma once
 
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
 
-#include "random_system.hpp"
-
-namespace asterism::bench {
+namespace asterism::testing {
 
 /// A large system of local links: nodes uniform at unit density, each linked to its six nearest, start and
 /// anchors displaced from the nodes by up to 0.3 an axis; rest lengths before displacement, k_ij =
@@ -36,4 +35,4 @@ RandomSystem<System> sparse_system(std::uint64_t seed, int n) {
   return result;
 }
 
-}  // namespace asterism::bench
+}  // namespace asterism::testing

@@ -1,9 +1,8 @@
 #include "experiments.hpp"
 
+#include <asterism/testing/sparse_system.hpp>
 #include <cstdio>
 #include <map>
-
-#include "sparse_system.hpp"
 
 namespace asterism::bench {
 

@@ -1,11 +1,11 @@
 #pragma once
 
+#include <asterism/testing/random_system.hpp>
 #include <string>
 #include <string_view>
 #include <vector>
 
 #include "measure.hpp"
-#include "random_system.hpp"
 
 namespace asterism::bench {
 

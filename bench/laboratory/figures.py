@@ -1069,7 +1069,7 @@ def page(found: list[tuple[Results, list[Drawing]]], folder: str) -> str:
     introduction = f"""What the experiments are, and how to run them: [laboratory.md](../laboratory.md);
 figures in brackets are the paper's. Solvers are named as `asterism-bench solvers` lists them, which says more
 of each; in the figures {labels}. Drawn and written, from stored results, by"""
-    command = "    python3 bench/figures.py RESULTS_FOLDER --out docs/results/laboratory\n"
+    command = "    python3 bench/laboratory/figures.py RESULTS_FOLDER --out docs/results/laboratory\n"
     text = ["# The solver laboratory: results\n", paragraph(introduction), command]
     for results, drawings in found:
         text += [f"## {EXPERIMENTS[results.name].title}\n", provenance(results)]

@@ -6,6 +6,7 @@
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -15,7 +16,6 @@
 #include <vector>
 
 #include "measure.hpp"
-#include "random_system.hpp"
 
 namespace asterism::bench {
 
@@ -69,7 +69,8 @@ const std::vector<SolverEntry>& solvers();
 /// one.
 std::vector<SolverEntry> solvers_named(const std::string& list);
 
-/// Makes a solver known: one static object of this in a file of bench/solvers/ adds it to every experiment.
+/// Makes a solver known: one static object of this in a file of bench/laboratory/solvers/ adds it to every
+/// experiment.
 struct Registration {
   explicit Registration(SolverEntry entry);
 };

@@ -5,13 +5,13 @@
 #include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/detail/spring_rows.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <asterism/testing/sparse_system.hpp>
 #include <cstdint>
 #include <string>
 #include <type_traits>
 
 #include "hardware_counters.hpp"
-#include "random_system.hpp"
-#include "sparse_system.hpp"
 
 namespace asterism::bench {
 

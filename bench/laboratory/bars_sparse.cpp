@@ -1,11 +1,11 @@
 // Large systems of nodes that are linked to their six nearest.
 #include <sys/resource.h>
 
+#include <asterism/testing/sparse_system.hpp>
 #include <string>
 #include <vector>
 
 #include "bars.hpp"
-#include "sparse_system.hpp"
 #include "to_gap.hpp"
 
 namespace asterism::bench {

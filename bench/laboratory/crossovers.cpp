@@ -2,13 +2,13 @@
 #include "crossovers.hpp"
 
 #include <algorithm>
+#include <asterism/testing/sparse_system.hpp>
 #include <cstdio>
 #include <string>
 #include <vector>
 
 #include "bars.hpp"
 #include "laboratory.hpp"
-#include "sparse_system.hpp"
 
 namespace asterism::bench {
 

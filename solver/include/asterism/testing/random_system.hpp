@@ -13,7 +13,7 @@
 #include <string_view>
 #include <utility>
 
-namespace asterism::bench {
+namespace asterism::testing {
 
 /// xoshiro256** seeded by splitmix64 (Blackman and Vigna): the same numbers with every compiler and library.
 class Rng {
@@ -232,4 +232,4 @@ std::uint64_t digest(const RandomSystem<System>& random, std::uint64_t digest = 
   return digest;
 }
 
-}  // namespace asterism::bench
+}  // namespace asterism::testing
