@@ -46,7 +46,7 @@ struct SelectionOptions {
                    int default_systems)
       : sizes(std::move(default_sizes)), solvers(std::move(default_solvers)), systems(default_systems) {
     std::vector<std::string> known;
-    for (const Kind kind : kKinds) known.emplace_back(to_string(kind));
+    for (const asterism::testing::Kind kind : asterism::testing::kKinds) known.emplace_back(to_string(kind));
     app.add_option("--kinds", kinds, "random systems: lit, orig, disp, track")
         ->delimiter(',')
         ->check(CLI::IsMember(known))
@@ -69,7 +69,7 @@ struct SelectionOptions {
 
   Selection selection() const {
     Selection result;
-    for (const Kind kind : kKinds) {
+    for (const asterism::testing::Kind kind : asterism::testing::kKinds) {
       if (std::find(kinds.begin(), kinds.end(), to_string(kind)) != kinds.end()) result.kinds.push_back(kind);
     }
     result.sizes = sizes;

@@ -37,12 +37,12 @@ class Bars {
 
 /// `count` systems of a kind, of one seed.
 template <typename System>
-std::vector<RandomSystem<System>> samples(int count, const typename System::TopologyType& topology,
-                                          Kind kind) {
-  Rng rng(1);
-  std::vector<RandomSystem<System>> result;
+std::vector<testing::RandomSystem<System>> samples(int count, const typename System::TopologyType& topology,
+                                                   testing::Kind kind) {
+  testing::Rng rng(1);
+  std::vector<testing::RandomSystem<System>> result;
   result.reserve(static_cast<std::size_t>(count));
-  for (int i = 0; i < count; ++i) result.push_back(random_system<System>(rng, topology, kind));
+  for (int i = 0; i < count; ++i) result.push_back(testing::random_system<System>(rng, topology, kind));
   return result;
 }
 

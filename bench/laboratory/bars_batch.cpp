@@ -17,7 +17,7 @@ namespace asterism::bench {
 namespace {
 
 using Reference = SpringSystem<double, 2, 4>;
-using Samples = std::vector<RandomSystem<Reference>>;
+using Samples = std::vector<testing::RandomSystem<Reference>>;
 
 // Guarantees the gap that the bars are for: at a minimum whose Hessian is positive definite, half of Newton's
 // decrement is below this share of the energy.
@@ -132,11 +132,11 @@ void far_from_the_origin(Bars& bars, const Samples& systems) {
 
 void batch_bars(Bars& bars) {
   if (!bars.wanted("batch")) return;
-  for (const Kind kind : {Kind::Lit, Kind::Track}) {
+  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
     const auto systems = samples<Reference>(bars.quick() ? 10000 : 100000, Topology<4>::full(), kind);
-    measure<double>(bars, systems, kind == Kind::Lit);
-    measure<float>(bars, systems, kind == Kind::Lit);
-    if (kind == Kind::Track) far_from_the_origin(bars, systems);
+    measure<double>(bars, systems, kind == testing::Kind::Lit);
+    measure<float>(bars, systems, kind == testing::Kind::Lit);
+    if (kind == testing::Kind::Track) far_from_the_origin(bars, systems);
   }
 }
 

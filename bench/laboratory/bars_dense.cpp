@@ -54,7 +54,7 @@ void dense_bars(Bars& bars) {
   for (const Size& size : {Size{16, 200, 2}, {64, 40, 3}, {100, 20, 3}, {200, 10, 3.5}}) {
     if (bars.quick() && size.nodes > 64) break;
     const std::string name = format("N=%d LIT L-BFGS", size.nodes);
-    const auto all = problems(Kind::Lit, size.nodes, size.count);
+    const auto all = problems(testing::Kind::Lit, size.nodes, size.count);
     const auto [ida, lbfgs] = times_to_gap("ida", "lbfgs", all);
     against(bars, name, {"Ida", ida.median_seconds, lbfgs.median_seconds}, size.ida, size.ida);
     against(bars, name, nearest("lbfgs", {"liblbfgs"}, all, all.size()), 2.5, 3);
@@ -65,7 +65,7 @@ void dense_bars(Bars& bars) {
   for (const int nodes : {2, 4, 6, 9, 12, 16, 25, 36, 64, 100, 200, 400, 1000}) {
     if (bars.quick() && nodes > 36) break;
     const std::string ours = nodes <= 12 ? "newton" : "lbfgs";
-    const auto all = problems(Kind::Lit, nodes, std::max(2, 100 / nodes));
+    const auto all = problems(testing::Kind::Lit, nodes, std::max(2, 100 / nodes));
     against(bars, format("N=%d LIT ", nodes) + ours, nearest(ours, general, all, 5), 1, 3);
   }
 }

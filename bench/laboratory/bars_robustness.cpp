@@ -10,15 +10,15 @@ void robustness_bars(Bars& bars) {
   if (!bars.wanted("robustness")) return;
   using System = SpringSystem<double, 2, 4>;
   const int count = bars.quick() ? 10000 : 1000000;
-  Rng rng(7);
+  testing::Rng rng(7);
   int bad = 0, converged = 0, plain = 0, same = 0, saddles = 0, polished = 0, within = 0;
   Newton<System> newton, polish;
   polish.options.tolerance = 0;
   polish.options.max_iterations = 50;
   Ida<System> ida;
   for (int i = 0; i < count; ++i) {
-    auto [system, start] =
-        random_system<System>(rng, System::TopologyType::full(), i % 2 == 0 ? Kind::Lit : Kind::Track);
+    auto [system, start] = testing::random_system<System>(
+        rng, System::TopologyType::full(), i % 2 == 0 ? testing::Kind::Lit : testing::Kind::Track);
     const int defect = i % 20;
     if (defect == 2) start.col(1) = start.col(0);
     if (defect == 4) system.anchors.col(1) = system.anchors.col(0);

@@ -15,8 +15,8 @@ namespace asterism::bench {
 namespace {
 
 void speed(Bars& bars) {
-  for (const Kind kind : {Kind::Lit, Kind::Track}) {
-    const bool lit = kind == Kind::Lit;
+  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
+    const bool lit = kind == testing::Kind::Lit;
     const std::string name = lit ? "N=4 LIT Newton" : "N=4 TRACK Newton";
     const auto all = problems(kind, 4, bars.quick() ? 200 : 2000);
     const auto [newton, ida] = times_to_gap("newton", "ida", all);
@@ -35,7 +35,8 @@ void speed(Bars& bars) {
 template <typename System>
 void weak_anchors(Bars& bars, const std::string& name, int nodes, bool is_bar) {
   for (const double weakness : {1e-4, 1e-6, 1e-8, 1e-10, 1e-12}) {
-    auto systems = samples<System>(bars.quick() ? 200 : 1000, System::TopologyType::full(nodes), Kind::Lit);
+    auto systems =
+        samples<System>(bars.quick() ? 200 : 1000, System::TopologyType::full(nodes), testing::Kind::Lit);
     std::vector<double> evaluations, gaps;
     for (auto& [system, start] : systems) {
       system.anchor_stiffness *= weakness;

@@ -32,7 +32,7 @@ void sparse_bars(Bars& bars) {
        {Size{10000, "1e4", 0.15, 0.075}, {100000, "1e5", 4, 2}, {1000000, "1e6", 120, 60}}) {
     if (bars.quick() && size.nodes > 100000) break;
     const std::string name = format("N=%s, 6 nearest, ", size.name);
-    const std::vector<Problem> systems = {sparse_system<System>(1, size.nodes)};
+    const std::vector<Problem> systems = {testing::sparse_system<System>(1, size.nodes)};
     const GapTimes schwarz = times_to_gap("schwarz", systems);
     bars.at_most(name + "Schwarz", "%.3g s", schwarz.median_seconds, size.seconds, size.aim);
     if (size.nodes > 10000) {

@@ -67,12 +67,12 @@ void dense_crossovers() {
   std::printf("%-26s %9s  %9s  %9s  %9s  %9s  %9s  %9s  %s\n", "fully connected", "Newton", "L-BFGS",
               "Newton-CG", "Ida", "Anderson", "Chebyshev", "Auto", "energy");
   const auto candidates = solvers_named("newton,lbfgs,newton-cg-dense,ida,ida-anderson,ida-chebyshev");
-  for (const Kind kind : {Kind::Lit, Kind::Track}) {
+  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
     for (const double weakness : {1.0, 1e-4}) {
       for (const int n : {4, 6, 9, 12, 16, 20, 25, 36, 64, 100}) {
         const int count = std::max(5, 400 / n);
         const auto systems = weakened(samples<System>(count, Topology<>::full(n), kind), weakness);
-        const std::string name = kind == Kind::Lit ? "LIT" : "TRACK";
+        const std::string name = kind == testing::Kind::Lit ? "LIT" : "TRACK";
         row(name + format(", anchors x %g, N=%d", weakness, n), systems, candidates);
       }
     }
@@ -88,7 +88,7 @@ void sparse_crossovers(bool quick) {
       if (quick && n > 10000) break;
       Systems systems;
       for (std::uint64_t seed = 1; seed <= (n <= 1000 ? 5 : 1); ++seed) {
-        systems.push_back(sparse_system<System>(seed, n));
+        systems.push_back(testing::sparse_system<System>(seed, n));
       }
       systems = weakened(std::move(systems), weakness);
       row(format("anchors x %g, N=%d", weakness, n), systems, candidates);

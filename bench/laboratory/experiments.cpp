@@ -27,18 +27,18 @@ std::vector<Chunk> chunks(const Selection& selection) {
       result.push_back({group, nodes, is_sparse, first, std::min(size, count - first), problem});
     }
   };
-  for (const Kind kind : selection.kinds) {
+  for (const testing::Kind kind : selection.kinds) {
     for (const int n : selection.sizes) {
       // Large systems are fewer, and vary less.
       const int count = n <= 100 ? selection.systems : std::max(1, selection.systems / 10);
       add(std::string(to_string(kind)) + "/" + std::to_string(n), n, false, count, [kind, n](int index) {
-        return numbered_system<System>(kind, Topology<>::full(n), static_cast<std::uint64_t>(index));
+        return testing::numbered_system<System>(kind, Topology<>::full(n), static_cast<std::uint64_t>(index));
       });
     }
   }
   for (const int n : selection.sparse_sizes) {
     add("sparse/" + std::to_string(n), n, true, std::clamp(selection.systems / 10, 1, 1000000 / n + 1),
-        [n](int index) { return sparse_system<System>(static_cast<std::uint64_t>(index) + 1, n); });
+        [n](int index) { return testing::sparse_system<System>(static_cast<std::uint64_t>(index) + 1, n); });
   }
   std::map<int, std::vector<int>> recorded;
   for (std::size_t i = 0; i < selection.recorded->size(); ++i) {

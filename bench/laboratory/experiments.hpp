@@ -14,7 +14,7 @@ namespace asterism::bench {
 
 /// What an experiment is run on.
 struct Selection {
-  std::vector<Kind> kinds;
+  std::vector<testing::Kind> kinds;
   std::vector<int> sizes;  ///< nodes, fully connected
   std::vector<int> sparse_sizes;
   std::vector<SolverEntry> solvers;

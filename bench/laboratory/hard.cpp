@@ -17,7 +17,8 @@ struct Case {
 };
 
 Problem lit(int index) {
-  return numbered_system<System>(Kind::Lit, Topology<>::full(4), static_cast<std::uint64_t>(index));
+  return testing::numbered_system<System>(testing::Kind::Lit, Topology<>::full(4),
+                                          static_cast<std::uint64_t>(index));
 }
 
 // The paper's: rest length `level` between the first two nodes, whose others they share, and the stiffness

@@ -21,7 +21,7 @@ namespace asterism::bench {
 
 using System = SpringSystem<double, 2>;
 using Points = System::Points;
-using Problem = RandomSystem<System>;
+using Problem = testing::RandomSystem<System>;
 
 /// When a solver stops.
 struct Limits {

@@ -25,7 +25,7 @@ std::vector<double> minima_of(const Problem& problem) {
   // Starts in a cube about the anchors that is half as large again.
   const Eigen::Vector2d low = system.anchors.rowwise().minCoeff();
   const Eigen::Vector2d size = system.anchors.rowwise().maxCoeff() - low;
-  Rng rng(static_cast<std::uint64_t>(n));
+  testing::Rng rng(static_cast<std::uint64_t>(n));
   std::vector<double> energies;
   Newton<System> newton;
   Lbfgs<System> lbfgs;

@@ -49,11 +49,11 @@ std::pair<GapTimes, GapTimes> times_to_gap(const std::string& a, const std::stri
   return {first.times(), second.times()};
 }
 
-std::vector<Problem> problems(Kind kind, int nodes, int count) {
+std::vector<Problem> problems(testing::Kind kind, int nodes, int count) {
   std::vector<Problem> result;
   for (int index = 0; index < count; ++index) {
     result.push_back(
-        numbered_system<System>(kind, Topology<>::full(nodes), static_cast<std::uint64_t>(index)));
+        testing::numbered_system<System>(kind, Topology<>::full(nodes), static_cast<std::uint64_t>(index)));
   }
   return result;
 }

@@ -22,6 +22,6 @@ std::pair<GapTimes, GapTimes> times_to_gap(const std::string& a, const std::stri
                                            const std::vector<Problem>& problems, double gap = 1e-6);
 
 /// `count` problems of a kind, fully connected.
-std::vector<Problem> problems(Kind kind, int nodes, int count);
+std::vector<Problem> problems(testing::Kind kind, int nodes, int count);
 
 }  // namespace asterism::bench

@@ -30,12 +30,13 @@ enum class Linking {
 
 /// Random system number `index` of a linking.
 template <typename System>
-RandomSystem<System> make_system(Linking linking, int nodes, int index) {
+testing::RandomSystem<System> make_system(Linking linking, int nodes, int index) {
   if constexpr (System::kNodes == Eigen::Dynamic) {
-    if (linking == Linking::Nearest) return sparse_system<System>(static_cast<std::uint64_t>(index), nodes);
+    if (linking == Linking::Nearest)
+      return testing::sparse_system<System>(static_cast<std::uint64_t>(index), nodes);
   }
-  return numbered_system<System>(Kind::Lit, System::TopologyType::full(nodes),
-                                 static_cast<std::uint64_t>(index));
+  return testing::numbered_system<System>(testing::Kind::Lit, System::TopologyType::full(nodes),
+                                          static_cast<std::uint64_t>(index));
 }
 
 /// The name of a benchmark: "kernel/double/2-D/fixed/4", "kernel/double/2-D/nearest/10000".

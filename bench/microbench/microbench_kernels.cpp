@@ -18,7 +18,7 @@ namespace {
 using benchmark::DoNotOptimize;
 
 template <typename System>
-void energy_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void energy_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   measure<typename System::Scalar>(state, flops::energy(system), instructions_of_springs(system),
@@ -26,7 +26,7 @@ void energy_kernel(benchmark::State& state, const RandomSystem<System>& sample) 
 }
 
 template <typename System>
-void gradient_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void gradient_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   typename System::Points gradient;
@@ -39,7 +39,7 @@ void gradient_kernel(benchmark::State& state, const RandomSystem<System>& sample
 
 /// The dense matrix.
 template <typename System>
-void hessian_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void hessian_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   measure<typename System::Scalar>(state, flops::hessian(system), Simd::Portable, [&] {
@@ -50,7 +50,7 @@ void hessian_kernel(benchmark::State& state, const RandomSystem<System>& sample)
 
 /// From triplets, with the pattern.
 template <typename System>
-void sparse_hessian_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void sparse_hessian_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   measure<typename System::Scalar>(state, flops::hessian(system), Simd::Portable, [&] {
@@ -61,7 +61,7 @@ void sparse_hessian_kernel(benchmark::State& state, const RandomSystem<System>& 
 
 /// NewtonCg's: the blocks of the links at an x.
 template <typename System>
-void operator_set_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void operator_set_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   asterism::detail::HessianOperator<System> hessian;
@@ -74,7 +74,7 @@ void operator_set_kernel(benchmark::State& state, const RandomSystem<System>& sa
 
 /// NewtonCg's: a product with the Hessian.
 template <typename System>
-void operator_apply_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void operator_apply_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   asterism::detail::HessianOperator<System> hessian;
@@ -90,7 +90,7 @@ void operator_apply_kernel(benchmark::State& state, const RandomSystem<System>& 
 // Newton's matrix at the start, as its first iteration has it: positive definite.
 template <typename System>
 struct NewtonStart {
-  explicit NewtonStart(const RandomSystem<System>& sample) {
+  explicit NewtonStart(const testing::RandomSystem<System>& sample) {
     typename System::NodeVector stiffness;
     asterism::detail::node_stiffness(sample.system, stiffness);
     matrix.reset(stiffness);
@@ -105,7 +105,7 @@ struct NewtonStart {
 
 /// Energy, gradient and Hessian into Newton's packed matrix.
 template <typename System>
-void newton_assembly_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void newton_assembly_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   NewtonStart<System> start(sample);
@@ -116,7 +116,7 @@ void newton_assembly_kernel(benchmark::State& state, const RandomSystem<System>&
 
 /// L D L^T of it, and the copy that it overwrites.
 template <typename System>
-void newton_factorization_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void newton_factorization_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const NewtonStart<System> start(sample);
   auto matrix = start.matrix;
   DoNotOptimize(&matrix);
@@ -128,7 +128,7 @@ void newton_factorization_kernel(benchmark::State& state, const RandomSystem<Sys
 
 /// The step from the factors.
 template <typename System>
-void newton_substitution_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void newton_substitution_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   NewtonStart<System> start(sample);
   start.matrix.factorize();
   typename System::Points step;
@@ -140,7 +140,7 @@ void newton_substitution_kernel(benchmark::State& state, const RandomSystem<Syst
 
 /// K_dyn assembled and factored by a policy of Ida; sparse ones keep their ordering.
 template <typename System, typename Factorization>
-void factorization_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void factorization_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   constexpr bool kIsDense = std::is_same_v<Factorization, DenseCholesky<System>>;
   Factorization factorization;
   factorization.factorize(sample.system);
@@ -153,7 +153,7 @@ void factorization_kernel(benchmark::State& state, const RandomSystem<System>& s
 
 /// x - K_dyn^-1 g from the factors or, for few nodes, the inverse.
 template <typename System, typename Factorization>
-void substitution_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void substitution_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   constexpr bool kIsDense = std::is_same_v<Factorization, DenseCholesky<System>>;
   Factorization factorization;
   factorization.factorize(sample.system);
@@ -168,7 +168,7 @@ void substitution_kernel(benchmark::State& state, const RandomSystem<System>& sa
 }
 
 template <typename System>
-void alignment_kernel(benchmark::State& state, const RandomSystem<System>& sample) {
+void alignment_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const System& system = sample.system;
   const auto& x = sample.start;
   measure<typename System::Scalar>(state, flops::alignment(system), Simd::Portable, [&] {
@@ -178,7 +178,7 @@ void alignment_kernel(benchmark::State& state, const RandomSystem<System>& sampl
 }
 
 template <typename System>
-using Kernel = void (*)(benchmark::State&, const RandomSystem<System>&);
+using Kernel = void (*)(benchmark::State&, const testing::RandomSystem<System>&);
 
 // On a random system whose address escapes: what does not change would be computed once.
 template <typename System>

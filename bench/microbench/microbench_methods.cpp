@@ -75,7 +75,7 @@ double flops_of(const Solver&, const System&, const Summary&) {
 
 template <typename System>
 struct Samples {
-  std::vector<RandomSystem<System>> systems;
+  std::vector<testing::RandomSystem<System>> systems;
   double flops = 0;  // an iteration, their mean
 };
 

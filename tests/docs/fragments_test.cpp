@@ -4,6 +4,7 @@
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/parts/models/scale_filter.hpp>
+#include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>

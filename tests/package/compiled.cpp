@@ -1,26 +1,26 @@
 // Calls something of the solver and of each library that it was built with: what links and runs has found
 // them all.
-#include <asterism/solver/detail/batch_kernels.hpp>
 #include <asterism/solver/energy/energy.hpp>
-#include <asterism/solver/io/json.hpp>
-#include <asterism/solver/linear/cholmod.hpp>
-#include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/problem/topology.hpp>
-#include <asterism/solver/reference/ceres.hpp>
-#include <asterism/solver/reference/liblbfgs.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <iostream>
 #ifdef HAVE_SOLVER_COMPILED
+#include <asterism/solver/method/ida.hpp>
 #endif
 #ifdef HAVE_BATCH
+#include <asterism/solver/detail/batch_kernels.hpp>
 #endif
 #ifdef HAVE_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 #ifdef HAVE_CERES
+#include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef HAVE_LBFGS
+#include <asterism/solver/reference/liblbfgs.hpp>
 #endif
 #ifdef HAVE_JSON
+#include <asterism/solver/io/json.hpp>
 #endif
 #ifdef HAVE_PARTS
 #include <asterism/parts/concept/response.hpp>

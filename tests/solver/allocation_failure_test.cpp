@@ -6,9 +6,7 @@
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/hessian.hpp>
-#include <asterism/solver/linear/cholmod.hpp>
 #include <asterism/solver/problem/topology.hpp>
-#include <asterism/solver/reference/ceres.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <new>
@@ -16,8 +14,10 @@
 #include <string_view>
 
 #ifdef ASTERISM_TEST_CERES
+#include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 #include <asterism/testing/random_system.hpp>

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/run/solver.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>

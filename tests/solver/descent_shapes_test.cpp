@@ -1,6 +1,8 @@
 // L-BFGS and Newton-CG on oddly shaped systems, and the Hessian product against the assembled Hessian.
 #include <gtest/gtest.h>
 
+#include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/testing/random_system.hpp>

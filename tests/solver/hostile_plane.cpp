@@ -1,19 +1,19 @@
 // The types that asterism::solver_compiled has, the batch, and the adapters of other libraries.
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
-#include <asterism/solver/linear/cholmod.hpp>
 #include <asterism/solver/method/multi_start.hpp>
-#include <asterism/solver/reference/ceres.hpp>
-#include <asterism/solver/reference/liblbfgs.hpp>
 #include <asterism/solver/run/summary.hpp>
 
 #include "hostile_solvers.hpp"
 
 #ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 #ifdef ASTERISM_TEST_CERES
+#include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef ASTERISM_TEST_LBFGS
+#include <asterism/solver/reference/liblbfgs.hpp>
 #endif
 
 namespace asterism::hostile {

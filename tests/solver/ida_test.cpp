@@ -1,3 +1,4 @@
+#include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/method/ida.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD

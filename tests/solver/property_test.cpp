@@ -8,7 +8,6 @@
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
-#include <asterism/solver/linear/cholmod.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
@@ -39,6 +38,7 @@
 #include <vector>
 
 #ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 
 #include <asterism/testing/random_system.hpp>

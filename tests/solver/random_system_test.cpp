@@ -7,7 +7,7 @@
 #include <cmath>
 #include <cstdint>
 
-namespace asterism::bench {
+namespace asterism::testing {
 namespace {
 
 template <typename System>
@@ -93,4 +93,4 @@ TEST(RandomSystem, NormalNumbersAreNormal) {
 }
 
 }  // namespace
-}  // namespace asterism::bench
+}  // namespace asterism::testing

@@ -1,4 +1,5 @@
 // Methods that need the gradient alone: L-BFGS and the paper's nonlinear conjugate gradients.
+#include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>

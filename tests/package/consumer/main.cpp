@@ -4,23 +4,18 @@
 #include <string>
 #ifdef HAVE_BATCH
 #include <asterism/solver/batch/batch_newton.hpp>
-#include <asterism/solver/batch/spring_batch.hpp>
-#include <asterism/solver/io/json.hpp>
-#include <asterism/solver/linear/cholmod.hpp>
-#include <asterism/solver/problem/topology.hpp>
-#include <asterism/solver/reference/ceres.hpp>
-#include <asterism/solver/reference/liblbfgs.hpp>
-#include <asterism/solver/run/executor.hpp>
-#include <asterism/solver/run/status.hpp>
-#include <asterism/solver/run/summary.hpp>
 #endif
 #ifdef HAVE_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
 #endif
 #ifdef HAVE_CERES
+#include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef HAVE_LBFGS
+#include <asterism/solver/reference/liblbfgs.hpp>
 #endif
 #ifdef HAVE_JSON
+#include <asterism/solver/io/json.hpp>
 #include <sstream>
 #endif
 #ifdef HAVE_PARTS

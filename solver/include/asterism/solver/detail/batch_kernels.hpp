@@ -1,9 +1,9 @@
 #pragma once
 
-// The border between asterism/solver/batch/batch.hpp and its compiled kernels. No Eigen and no standard
-// library on it: the kernels are compiled for wider instructions than their callers, and whatever both would
-// emit, the linker could take from either. For the same reason its names do not depend on Eigen's alignment,
-// so that one build of the kernels serves programs compiled for any machine.
+// The border between asterism/solver/batch/batch_newton.hpp and its compiled kernels. No Eigen and no
+// standard library on it: the kernels are compiled for wider instructions than their callers, and whatever
+// both would emit, the linker could take from either. For the same reason its names do not depend on Eigen's
+// alignment, so that one build of the kernels serves programs compiled for any machine.
 #include <asterism/solver/detail/export.hpp>
 #include <cstddef>
 #include <cstdint>
