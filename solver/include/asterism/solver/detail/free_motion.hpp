@@ -175,8 +175,7 @@ class FreeMotions {
   static bool connects(const System& system, const Points& x, int l, const Link& link) {
     if (!(system.link_stiffness[l] > 0)) return false;
     if constexpr (!kSprings) {
-      const auto length = spring(system, link, x.col(link.i) - x.col(link.j)).length;
-      const auto force = link_force(system, l, length);
+      const auto force = link_force(system, l, spring(system, link, x.col(link.i) - x.col(link.j)));
       return force.along != 0 || force.across != 0 || force.tension != 0;
     }
     return true;

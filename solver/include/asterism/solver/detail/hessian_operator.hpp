@@ -28,25 +28,20 @@ class HessianOperator {
   /// H at x.
   void set(const System& system, const Points& x) {
     blocks_.resize(kPacked, system.link_count());
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const auto [length, u] = spring(system, link, x.col(link.i) - x.col(link.j));
-      const auto force = link_force(system, l, length);
-      int at = 0;
-      for (int a = 0; a < kDim; ++a) {
-        for (int b = a; b < kDim; ++b) {
-          blocks_(at++, l) = (force.along - force.across) * u[a] * u[b] + (a == b ? force.across : Scalar(0));
-        }
-      }
-      ++l;
-    }
-    if constexpr (!System::kPlainAnchors) {
-      anchor_blocks_.resize(kDim, kDim * system.nodes());
-      for (int i = 0; i < system.nodes(); ++i) {
-        anchor_blocks_.template block<kDim, kDim>(0, kDim * i) =
-            anchor_curvature(system, i, anchor_offset(system, i, x), false);
-      }
-    }
+    if constexpr (!System::kPlainAnchors) anchor_blocks_.resize(kDim, kDim * system.nodes());
+    for_each_curvature(
+        system, x, false,
+        [&](int i, const auto& curvature) {
+          if constexpr (!System::kPlainAnchors)
+            anchor_blocks_.template block<kDim, kDim>(0, kDim * i) = curvature;
+        },
+        [this](int l, const Link&, const auto& force, const auto& spring) {
+          const auto curvature = link_curvature(force, spring);
+          int at = 0;
+          for (int a = 0; a < kDim; ++a) {
+            for (int b = a; b < kDim; ++b) blocks_(at++, l) = curvature(a, b);
+          }
+        });
   }
 
   /// result = H v.

@@ -137,7 +137,6 @@ class NewtonMatrix {
   static constexpr bool kUnrolled = kSize != Eigen::Dynamic && kSize <= 12;
   static constexpr int kPadded = kSize + kSize % 2;  // to whole pairs of rows, if unrolled
   static constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
-  static constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
 
   template <int kLength>
   using Storage = std::conditional_t<
@@ -180,10 +179,22 @@ class NewtonMatrix {
                                                       Eigen::OuterStride<>(stride()));
   }
 
-  static LinkForce<Scalar> link_force_at(const System& system, int l, Scalar length, Scalar inverse) {
-    const Scalar k = system.link_stiffness[l];
-    const auto phi = detail::link_potential(system, l, length);
-    return {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
+  // A link's curvature into the lower triangle.
+  void add_link(const Link& link, const Block& curvature) {
+    const int low = kDim * std::min(link.i, link.j);
+    const int high = kDim * std::max(link.i, link.j);
+    Scalar* const low_low = &at(low, low);
+    Scalar* const high_low = &at(high, low);
+    Scalar* const high_high = &at(high, high);
+    for (int column = 0; column < kDim; ++column) {
+      for (int row = 0; row < kDim; ++row) {
+        const int entry = column * stride() + row;
+        high_low[entry] -= curvature(row, column);
+        if (row < column) continue;
+        low_low[entry] += curvature(row, column);
+        high_high[entry] += curvature(row, column);
+      }
+    }
   }
 
   // Energy, gradient and Hessian for any links.
@@ -191,58 +202,21 @@ class NewtonMatrix {
     std::fill_n(values_.begin(), index(0, size()), Scalar(0));
     gradient.resize(kDim, system.nodes());
     Scalar energy = 0;
-    for (int i = 0; i < system.nodes(); ++i) {
-      const Point d = anchor_offset(system, i, x);
-      const auto anchor = anchor_force(system, i, d);
-      gradient.col(i) = anchor.gradient;
-      energy += anchor.energy;
-      block(i, i) = anchor_curvature(system, i, d, clamp);
-    }
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const Point d = x.col(link.i) - x.col(link.j);
-      const Scalar square = d.squaredNorm();
-      Point u;
-      LinkForce<Scalar> force;
-      if (square < kTiny) [[unlikely]] {
-        const auto coincident = coincident_spring(system, link, d);
-        u = coincident.direction;
-        force = link_force(system, l, coincident.length);
-      } else {
-        const Scalar length = std::sqrt(square);
-        const Scalar inverse = 1 / length;
-        u = d * inverse;
-        force = link_force_at(system, l, length, inverse);
-      }
-      ++l;
-      energy += force.energy;
-      const Point pull = force.tension * u;
-      gradient.col(link.i) += pull;
-      gradient.col(link.j) -= pull;
-
-      // along u u^T + across (I - u u^T) = (along - across) u u^T + across I
-      if (clamp) {
-        force.along = std::max(force.along, Scalar(0));
-        force.across = std::max(force.across, Scalar(0));
-      }
-      const Scalar bend = force.along - force.across;
-      const int low = kDim * std::min(link.i, link.j);
-      const int high = kDim * std::max(link.i, link.j);
-      Scalar* const low_low = &at(low, low);
-      Scalar* const high_low = &at(high, low);
-      Scalar* const high_high = &at(high, high);
-      for (int column = 0; column < kDim; ++column) {
-        const Scalar bend_u = bend * u[column];
-        for (int row = 0; row < kDim; ++row) {
-          const Scalar value = row == column ? bend_u * u[row] + force.across : bend_u * u[row];
-          const int here = column * stride() + row;
-          high_low[here] -= value;
-          if (row < column) continue;
-          low_low[here] += value;
-          high_high[here] += value;
-        }
-      }
-    }
+    for_each_spring(
+        system, x,
+        [&](int i, const Point& offset) {
+          const auto anchor = anchor_force(system, i, offset);
+          gradient.col(i) = anchor.gradient;
+          energy += anchor.energy;
+          block(i, i) = anchor_curvature(system, i, offset, clamp);
+        },
+        [&](int, const Link& link, const auto& force, const auto& spring) {
+          energy += force.energy;
+          const Point pull = force.tension * spring.direction;
+          gradient.col(link.i) += pull;
+          gradient.col(link.j) -= pull;
+          add_link(link, link_curvature(clamp ? force.clamped() : force, spring));
+        });
     return energy;
   }
 
@@ -267,7 +241,7 @@ class NewtonMatrix {
       };
       Eigen::Array<Scalar, kLinks, 1> square, length;
       for_each_link([&](auto i, auto j, auto l) { square[l] = (x.col(i) - x.col(j)).squaredNorm(); });
-      if (!(square.minCoeff() >= kTiny)) [[unlikely]]
+      if (!(square.minCoeff() >= kLeastSquare<Scalar>)) [[unlikely]]
         return false;
       if constexpr (std::is_same_v<Scalar, float>) {  // Eigen's own roots of it are approximate
         for (int l = 0; l < kLinks; ++l) length[l] = std::sqrt(square[l]);
@@ -294,7 +268,7 @@ class NewtonMatrix {
       });
       for_each_link([&](auto i, auto j, auto l) {
         const Point u = (x.col(i) - x.col(j)) * inverse[l];
-        const auto force = link_force_at(system, l, length[l], inverse[l]);
+        const auto force = link_force(system, l, length[l], inverse[l]);
         sum += force.energy;
         const Point pull = force.tension * u;
         pulls[i] += pull;

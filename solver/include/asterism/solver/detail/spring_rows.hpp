@@ -216,8 +216,7 @@ class SpringRows {
     return tension * stretch;
   }
 
-  // As spring().
-  static constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
+  static constexpr Scalar kTiny = kLeastSquare<Scalar>;
 
   const System& system_;
   const Points& x_;

@@ -19,25 +19,21 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   using Point = typename System::Point;
   gradient.resize(System::kDim, system.nodes());
   Scalar energy = 0;
-  for (int i = 0; i < system.nodes(); ++i) {
-    const auto anchor = anchor_force(system, i, anchor_offset(system, i, x));
+  const auto on_anchor = [&](int i, const Point& offset) {
+    const auto anchor = anchor_force(system, i, offset);
     gradient.col(i) = anchor.gradient;
     if constexpr (kWithEnergy) energy += anchor.energy;
-  }
+  };
   if (SpringRows<System>::serve(system)) {
+    for (int i = 0; i < system.nodes(); ++i) on_anchor(i, anchor_offset(system, i, x));
     energy += SpringRows<System>::evaluate(system, x, gradient);
   } else {
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
-      const auto phi = link_potential(system, l, length);
-      const Scalar k = system.link_stiffness[l];
-      const Point force = (k * phi.first) * direction;
-      gradient.col(link.i) += force;
-      gradient.col(link.j) -= force;
-      if constexpr (kWithEnergy) energy += k * phi.value;
-      ++l;
-    }
+    for_each_spring(system, x, on_anchor, [&](int, const Link& link, const auto& force, const auto& spring) {
+      const Point pull = force.tension * spring.direction;
+      gradient.col(link.i) += pull;
+      gradient.col(link.j) -= pull;
+      if constexpr (kWithEnergy) energy += force.energy;
+    });
   }
   clear_fixed(system, gradient);
   return energy;
@@ -56,17 +52,16 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
 template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
   typename System::Scalar energy = 0;
-  for (int i = 0; i < system.nodes(); ++i) {
-    energy += detail::anchor_force(system, i, detail::anchor_offset(system, i, x)).energy;
-  }
-  if (detail::SpringRows<System>::serve(system))
+  const auto on_anchor = [&](int i, const typename System::Point& offset) {
+    energy += detail::anchor_force(system, i, offset).energy;
+  };
+  if (detail::SpringRows<System>::serve(system)) {
+    for (int i = 0; i < system.nodes(); ++i) on_anchor(i, detail::anchor_offset(system, i, x));
     return energy + detail::SpringRows<System>::energy(system, x);
-  int l = 0;
-  for (const Link& link : system.links()) {
-    const auto length = detail::spring(system, link, x.col(link.i) - x.col(link.j)).length;
-    energy += system.link_stiffness[l] * detail::link_potential(system, l, length).value;
-    ++l;
   }
+  detail::for_each_spring(system, x, on_anchor, [&energy](int, const Link&, const auto& force, const auto&) {
+    energy += force.energy;
+  });
   return energy;
 }
 

@@ -15,42 +15,30 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// Calls add(node, node, block) for the Dim x Dim blocks of the Hessian; a block may come more than once.
-/// With `clamp`, curvature below 0 counts as 0, which makes the matrix positive semi-definite. A fixed node
-/// is coupled to none and has its springs' stiffness on the diagonal.
-template <typename System, typename Add>
-void for_each_hessian_block(const System& system, const typename System::Points& x, bool clamp, Add&& add) {
+/// The blocks of the Hessian (with `clamp`, of its clamped form) as matrices store them: add(i, block) is for
+/// the diagonal of node i, couple(l, link, block) for both off-diagonal blocks of link l, (i, j) and (j, i).
+/// A block may come more than once. A fixed node is coupled to none; its diagonal has the stiffness of its
+/// springs, or 1 where these have none.
+template <typename System, typename Add, typename Couple>
+void for_each_hessian_block(const System& system, const typename System::Points& x, bool clamp, Add&& add,
+                            Couple&& couple) {
   using Scalar = typename System::Scalar;
   using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
-  for (int i = 0; i < system.nodes(); ++i) {
-    if (system.is_fixed(i)) [[unlikely]] {
-      const Scalar k = system.anchor_stiffness[i];
-      add(i, i, Block((k > 0 ? k : Scalar(1)) * Block::Identity()));
-    } else {
-      add(i, i, anchor_curvature(system, i, anchor_offset(system, i, x), clamp));
-    }
-  }
-  int l = 0;
-  for (const Link& link : system.links()) {
-    const auto [length, direction] = spring(system, link, x.col(link.i) - x.col(link.j));
-    auto force = link_force(system, l, length);
-    if (clamp) {
-      force.along = std::max(force.along, Scalar(0));
-      force.across = std::max(force.across, Scalar(0));
-    }
-    const Block along = direction * direction.transpose();
-    const Block block = force.along * along + force.across * (Block::Identity() - along);
-    const Block stiffness = system.link_stiffness[l] * Block::Identity();
-    const bool fixed_i = system.is_fixed(link.i);
-    const bool fixed_j = system.is_fixed(link.j);
-    add(link.i, link.i, fixed_i ? stiffness : block);
-    add(link.j, link.j, fixed_j ? stiffness : block);
-    if (!fixed_i && !fixed_j) {
-      add(link.i, link.j, Block(-block));
-      add(link.j, link.i, Block(-block));
-    }
-    ++l;
-  }
+  for_each_curvature(
+      system, x, clamp,
+      [&](int i, const Block& curvature) {
+        const Scalar k = system.anchor_stiffness[i];
+        add(i, system.is_fixed(i) ? Block((k > 0 ? k : Scalar(1)) * Block::Identity()) : curvature);
+      },
+      [&](int l, const Link& link, const LinkForce<Scalar>& force, const Spring<System>& spring) {
+        const Block curvature = link_curvature(force, spring);
+        const bool fixed_i = system.is_fixed(link.i);
+        const bool fixed_j = system.is_fixed(link.j);
+        const Block stiffness = system.link_stiffness[l] * Block::Identity();
+        add(link.i, fixed_i ? stiffness : curvature);
+        add(link.j, fixed_j ? stiffness : curvature);
+        if (!fixed_i && !fixed_j) couple(l, link, Block(-curvature));
+      });
 }
 
 }  // namespace detail
@@ -76,9 +64,15 @@ DenseHessian<System> hessian(const System& system, const typename System::Points
   }
   DenseHessian<System> result;
   result.setZero(kDim * system.nodes(), kDim * system.nodes());
-  detail::for_each_hessian_block(system, x, false, [&](int i, int j, const auto& block) {
+  const auto add = [&](int i, int j, const auto& block) {
     result.template block<kDim, kDim>(kDim * i, kDim * j) += block;
-  });
+  };
+  detail::for_each_hessian_block(
+      system, x, false, [&](int i, const auto& block) { add(i, i, block); },
+      [&](int, const Link& link, const auto& block) {
+        add(link.i, link.j, block);
+        add(link.j, link.i, block);
+      });
   return result;
 }
 
@@ -92,13 +86,19 @@ Eigen::SparseMatrix<typename System::Scalar> sparse_hessian(const System& system
   std::vector<Eigen::Triplet<typename System::Scalar>> entries;
   entries.reserve(static_cast<std::size_t>(kDim) * kDim *
                   (static_cast<std::size_t>(system.nodes()) + 4 * system.links().size()));
-  detail::for_each_hessian_block(system, x, false, [&](int i, int j, const auto& block) {
+  const auto add = [&](int i, int j, const auto& block) {
     for (int row = 0; row < kDim; ++row) {
       for (int column = 0; column < kDim; ++column) {
         entries.emplace_back(kDim * i + row, kDim * j + column, block(row, column));
       }
     }
-  });
+  };
+  detail::for_each_hessian_block(
+      system, x, false, [&](int i, const auto& block) { add(i, i, block); },
+      [&](int, const Link& link, const auto& block) {
+        add(link.i, link.j, block);
+        add(link.j, link.i, block);
+      });
   Eigen::SparseMatrix<typename System::Scalar> result(kDim * system.nodes(), kDim * system.nodes());
   result.setFromTriplets(entries.begin(), entries.end());
   return result;

@@ -4,6 +4,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -12,10 +13,12 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// The spring of a link as it lies in x: its length r = |x_i - x_j| and its direction u = (x_i - x_j) / r.
+/// The spring of a link as it lies in x: its length r = |x_i - x_j|, 1 / r, and its direction
+/// u = (x_i - x_j) / r.
 template <typename System>
 struct Spring {
   typename System::Scalar length;
+  typename System::Scalar inverse;  // not finite where nodes coincide, or nearly so
   typename System::Point direction;
 };
 
@@ -60,20 +63,23 @@ Spring<System> coincident_spring(const System& system, Link link, const typename
       direction = system.anchors.col(link.i) - system.anchors.col(link.j);
     if (!normalise(direction)) direction = fixed_direction<typename System::Point>(link);
   }
-  return {length, direction};
+  return {length, 1 / length, direction};
 }
+
+/// Below this a squared length loses digits to underflow, and coincident_spring takes over.
+template <typename Scalar>
+constexpr Scalar kLeastSquare = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
 
 /// The spring of `link` with d = x_i - x_j.
 template <typename System>
 Spring<System> spring(const System& system, Link link, const typename System::Point& d) {
   using Scalar = typename System::Scalar;
-  // Below this the squared length loses digits to underflow.
-  constexpr Scalar kTiny = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
   const Scalar square = d.squaredNorm();
-  if (square < kTiny) [[unlikely]]
+  if (square < kLeastSquare<Scalar>) [[unlikely]]
     return coincident_spring(system, link, d);
   const Scalar length = std::sqrt(square);
-  return {length, d * (Scalar(1) / length)};
+  const Scalar inverse = 1 / length;
+  return {length, inverse, d * inverse};
 }
 
 /// x_i - a_i, and 0 where the anchor has no stiffness: its position means nothing then, and may be so far off
@@ -142,24 +148,74 @@ auto anchor_curvature(const System& system, int i, const typename System::Point&
   }
 }
 
-/// The force and the curvatures of link l at length r: along it, and across it, where a link that pulls at
-/// its end resists sideways as well.
+/// Energy, tension and curvatures of link l at length r: its second derivatives along u, k phi'', and across
+/// it, k phi' / r, as a link that pulls at its ends resists sideways as well. For Hooke's springs
+/// k (r - mu)^2 / 2, k (r - mu), k and k (1 - mu / r).
 template <typename Scalar>
 struct LinkForce {
   Scalar energy;
   Scalar tension;
   Scalar along;
-  Scalar across;  // has no limit at r = 0; taken as 0 where the link pushes there
+  Scalar across;
+
+  /// Without negative curvature, which makes every matrix of links positive semi-definite.
+  LinkForce clamped() const {
+    return {energy, tension, std::max(along, Scalar(0)), std::max(across, Scalar(0))};
+  }
 };
 
 template <typename System>
-LinkForce<typename System::Scalar> link_force(const System& system, int l, typename System::Scalar r) {
+LinkForce<typename System::Scalar> link_force(const System& system, int l, typename System::Scalar length,
+                                              typename System::Scalar inverse) {
   const typename System::Scalar k = system.link_stiffness[l];
-  const auto phi = link_potential(system, l, r);
-  const auto ratio = phi.first / r;
-  const auto across =
-      r > 0 && is_finite(ratio) ? ratio : (phi.first < 0 ? typename System::Scalar(0) : phi.second);
-  return {k * phi.value, k * phi.first, k * phi.second, k * across};
+  const auto phi = link_potential(system, l, length);
+  return {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
+}
+
+/// The same of a spring, also of one without length, where the curvature across it has no limit: that is
+/// taken as 0 where the link pushes, else as that along it.
+template <typename System>
+LinkForce<typename System::Scalar> link_force(const System& system, int l, const Spring<System>& spring) {
+  auto force = link_force(system, l, spring.length, spring.inverse);
+  if (!is_finite(force.across)) [[unlikely]]
+    force.across = force.tension < 0 ? typename System::Scalar(0) : force.along;
+  return force;
+}
+
+/// The Dim x Dim second derivative of a link at either of its ends, along u u^T + across (I - u u^T); minus
+/// that couples the two.
+template <typename System>
+auto link_curvature(const LinkForce<typename System::Scalar>& force, const Spring<System>& spring) {
+  using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
+  const typename System::Point bend = (force.along - force.across) * spring.direction;
+  return Block(force.across * Block::Identity() + bend * spring.direction.transpose());
+}
+
+/// The one walk over the springs of a system at x, of which energy, gradient and every matrix are made: calls
+/// on_anchor(i, offset) for every anchor, with anchor_offset, and on_link(l, link, force, spring) for every
+/// link. What is not used costs nothing. Fixed nodes are for the callee.
+template <typename System, typename OnAnchor, typename OnLink>
+void for_each_spring(const System& system, const typename System::Points& x, OnAnchor&& on_anchor,
+                     OnLink&& on_link) {
+  for (int i = 0; i < system.nodes(); ++i) on_anchor(i, anchor_offset(system, i, x));
+  int l = 0;
+  for (const Link& link : system.links()) {
+    const Spring<System> here = spring(system, link, x.col(link.i) - x.col(link.j));
+    on_link(l, link, link_force(system, l, here), here);
+    ++l;
+  }
+}
+
+/// The same for second derivatives: on_anchor(i, curvature) and on_link(l, link, force, spring), with `clamp`
+/// without negative curvature. A Hessian, its clamped form, an operator and a diagonal are made of these.
+template <typename System, typename OnAnchor, typename OnLink>
+void for_each_curvature(const System& system, const typename System::Points& x, bool clamp,
+                        OnAnchor&& on_anchor, OnLink&& on_link) {
+  for_each_spring(
+      system, x, [&](int i, const auto& offset) { on_anchor(i, anchor_curvature(system, i, offset, clamp)); },
+      [&](int l, const Link& link, const auto& force, const auto& spring) {
+        on_link(l, link, clamp ? force.clamped() : force, spring);
+      });
 }
 
 /// A fixed node does not move, whatever pulls at it.

@@ -35,19 +35,14 @@ class JacobiPreconditioner {
   void update(const System& system, const Points& x) {
     const int n = system.nodes();
     blocks_.resize(kDim, kDim * n);
-    for (int i = 0; i < n; ++i) {
-      at(i) = detail::anchor_curvature(system, i, detail::anchor_offset(system, i, x), true);
-    }
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const auto [length, u] = detail::spring(system, link, x.col(link.i) - x.col(link.j));
-      const auto force = detail::link_force(system, l, length);
-      const Scalar across = std::max(force.across, Scalar(0));
-      const Scalar along = std::max(force.along, kFloor * system.link_stiffness[l++]);
-      const Block block = across * Block::Identity() + (along - across) * u * u.transpose();
-      at(link.i) += block;
-      at(link.j) += block;
-    }
+    detail::for_each_curvature(
+        system, x, true, [this](int i, const Block& curvature) { at(i) = curvature; },
+        [&](int l, const Link& link, auto force, const auto& spring) {
+          force.along = std::max(force.along, kFloor * system.link_stiffness[l]);
+          const Block curvature = detail::link_curvature(force, spring);
+          at(link.i) += curvature;
+          at(link.j) += curvature;
+        });
     for (int i = 0; i < n; ++i) {  // a node on parallel springs alone would have a singular block
       const Scalar trace = at(i).trace();
       if (!(trace > 0)) {  // fixed, and no spring at it has stiffness

@@ -10,7 +10,7 @@
 #include <asterism/solver/detail/sparse_blocks.hpp>
 #include <asterism/solver/detail/sparse_factor.hpp>
 #include <asterism/solver/energy/align.hpp>
-#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
@@ -48,30 +48,9 @@ class SparseHessian {
   /// matrix positive semi-definite; with anchors, definite. A fixed node is coupled to none.
   void assemble(const System& system, const Points& x, bool clamp) {
     blocks_.set_zero();
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (system.is_fixed(i)) [[unlikely]] {
-        blocks_.add(i, Block(Block::Identity()));
-      } else {
-        blocks_.add(i, anchor_curvature(system, i, anchor_offset(system, i, x), clamp));
-      }
-    }
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const auto [length, u] = spring(system, link, x.col(link.i) - x.col(link.j));
-      auto force = link_force(system, l, length);
-      if (clamp) {
-        force.along = std::max(force.along, Scalar(0));
-        force.across = std::max(force.across, Scalar(0));
-      }
-      const Block block =
-          force.across * Block::Identity() + ((force.along - force.across) * u) * u.transpose();
-      const bool fixed_i = system.is_fixed(link.i);
-      const bool fixed_j = system.is_fixed(link.j);
-      if (!fixed_i) blocks_.add(link.i, block);
-      if (!fixed_j) blocks_.add(link.j, block);
-      if (!fixed_i && !fixed_j) blocks_.add_link(l, -block);
-      ++l;
-    }
+    for_each_hessian_block(
+        system, x, clamp, [this](int i, const Block& block) { blocks_.add(i, block); },
+        [this](int l, const Link&, const Block& block) { blocks_.add_link(l, block); });
   }
 
   /// Adds factor * stiffness[i] to the diagonal of node i.

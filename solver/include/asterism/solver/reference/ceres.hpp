@@ -129,9 +129,9 @@ class Ceres {
       problem.is_fixed = [&system](int node) { return system.is_fixed(node); };
       problem.spring = [&copy](const Link& link, double* d) {
         Eigen::Map<Eigen::Matrix<double, kDim, 1>> difference(d);
-        const auto [length, direction] = asterism::detail::spring(copy, link, difference);
-        difference = direction;
-        return length;
+        const auto spring = asterism::detail::spring(copy, link, difference);
+        difference = spring.direction;
+        return spring.length;
       };
       problem.done = [&](const double* at) {
         trial_ = (unit * Eigen::Map<const decltype(nodes)>(at, kDim, system.nodes())).template cast<Scalar>();
