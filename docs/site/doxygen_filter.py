@@ -49,7 +49,8 @@ TWO_FIELDS = re.compile(r'(\s*)((?:static constexpr )?\w+) (\w+ = [^,;(]+), (\w+
 
 def main():
     header = open(sys.argv[1], encoding='utf-8').read()
-    lines = header.replace('::inline ASTERISM_ABI', '').replace(' ASTERISM_API ', ' ').split('\n')
+    header = re.sub(r'^(inline namespace ASTERISM_ABI \{|\}  // namespace ASTERISM_ABI)$', '', header, flags=re.MULTILINE)
+    lines = header.replace(' ASTERISM_API ', ' ').split('\n')
     comment, indent, used = [], 0, False  # the last comment, and whether a declaration has taken it
     for number, line in enumerate(lines):
         text = line.lstrip()

@@ -18,6 +18,7 @@ namespace asterism::testing {
 /// xoshiro256** seeded by splitmix64 (Blackman and Vigna): the same numbers with every compiler and library.
 class Rng {
  public:
+  /// Any seed will do.
   explicit Rng(std::uint64_t seed) {
     for (auto& word : state_) {
       seed += 0x9e3779b97f4a7c15ULL;
@@ -28,6 +29,7 @@ class Rng {
     }
   }
 
+  /// The next 64 bits.
   std::uint64_t operator()() {
     const std::uint64_t result = std::rotl(state_[1] * 5, 7) * 9;
     const std::uint64_t t = state_[1] << 17;
@@ -61,8 +63,8 @@ class Rng {
 /// A system and the start that the paper solves it from.
 template <typename System>
 struct RandomSystem {
-  System system;
-  typename System::Points start;
+  System system;                  ///< all of its values are set
+  typename System::Points start;  ///< Dim x N
 };
 
 /// What the paper's Sec. 3.2.1 leaves open, and what a tracker makes.
@@ -72,6 +74,7 @@ enum class Kind {
   Disp,  ///< as Lit, but k_ij from the lengths after displacement
   Track  ///< a grid of parts 30 px apart that moved together, one in ten of them found far off
 };
+/// All of them.
 inline constexpr std::array kKinds = {Kind::Lit, Kind::Orig, Kind::Disp, Kind::Track};
 
 constexpr std::string_view to_string(Kind kind) {
@@ -79,7 +82,7 @@ constexpr std::string_view to_string(Kind kind) {
   return kNames[static_cast<std::size_t>(kind)];
 }
 
-namespace generation {
+namespace detail {
 
 template <int kDim>
 using Doubles = Eigen::Matrix<double, kDim, Eigen::Dynamic>;
@@ -116,12 +119,12 @@ void draw_anchor_stiffness(Rng& rng, System& system, double sum_of_links) {
   }
 }
 
-}  // namespace generation
+}  // namespace detail
 
 /// Dim x n coordinates, each uniform in [low, high), drawn node by node.
 template <typename System>
 typename System::Points random_points(Rng& rng, int n, double low, double high) {
-  return generation::random_points<System::kDim>(rng, n, low, high).template cast<typename System::Scalar>();
+  return detail::random_points<System::kDim>(rng, n, low, high).template cast<typename System::Scalar>();
 }
 
 /// Random systems of the paper's Sec. 3.2.1: nodes p uniform in the unit cube, displaced by d of up to 0.5 an
@@ -131,11 +134,11 @@ typename System::Points random_points(Rng& rng, int n, double low, double high) 
 template <typename System>
 RandomSystem<System> random_paper_system(Rng& rng, const typename System::TopologyType& topology, Kind kind) {
   using Scalar = typename System::Scalar;
-  using Doubles = generation::Doubles<System::kDim>;
+  using Doubles = detail::Doubles<System::kDim>;
   const int n = topology.nodes();
-  const Doubles nodes = generation::random_points<System::kDim>(rng, n, 0, 1);
-  const Doubles displaced = nodes + generation::random_points<System::kDim>(rng, n, -0.5, 0.5);
-  const Doubles anchor_displacement = generation::random_points<System::kDim>(rng, n, -0.25, 0.25);
+  const Doubles nodes = detail::random_points<System::kDim>(rng, n, 0, 1);
+  const Doubles displaced = nodes + detail::random_points<System::kDim>(rng, n, -0.5, 0.5);
+  const Doubles anchor_displacement = detail::random_points<System::kDim>(rng, n, -0.25, 0.25);
 
   RandomSystem<System> result{System(topology), displaced.template cast<Scalar>()};
   System& system = result.system;
@@ -143,13 +146,13 @@ RandomSystem<System> random_paper_system(Rng& rng, const typename System::Topolo
       Doubles((kind == Kind::Orig ? nodes : displaced) + anchor_displacement).template cast<Scalar>();
   double sum = 0;
   for (int l = 0; const Link& link : system.links()) {
-    const double k = generation::paper_stiffness(
-        generation::distance<System::kDim>(kind == Kind::Disp ? displaced : nodes, link));
-    system.rest_length[l] = static_cast<Scalar>(generation::distance<System::kDim>(nodes, link));
+    const double k =
+        detail::paper_stiffness(detail::distance<System::kDim>(kind == Kind::Disp ? displaced : nodes, link));
+    system.rest_length[l] = static_cast<Scalar>(detail::distance<System::kDim>(nodes, link));
     system.link_stiffness[l++] = static_cast<Scalar>(k);
     sum += k;
   }
-  generation::draw_anchor_stiffness(rng, system, sum);
+  detail::draw_anchor_stiffness(rng, system, sum);
   return result;
 }
 
@@ -160,7 +163,7 @@ template <typename System>
 RandomSystem<System> random_track_system(Rng& rng, const typename System::TopologyType& topology) {
   using Scalar = typename System::Scalar;
   constexpr int kDim = System::kDim;
-  using Doubles = generation::Doubles<kDim>;
+  using Doubles = detail::Doubles<kDim>;
   const int n = topology.nodes();
   const auto cells = [](int side) {
     int count = 1;
@@ -189,14 +192,15 @@ RandomSystem<System> random_track_system(Rng& rng, const typename System::Topolo
   }
   system.anchors = anchors.template cast<Scalar>();
   for (int l = 0; const Link& link : system.links()) {
-    const double length = generation::distance<kDim>(grid, link);
-    const double strain = (length - generation::distance<kDim>(anchors, link)) / length;
+    const double length = detail::distance<kDim>(grid, link);
+    const double strain = (length - detail::distance<kDim>(anchors, link)) / length;
     system.rest_length[l] = static_cast<Scalar>(length);
     system.link_stiffness[l++] = static_cast<Scalar>(strain * strain);
   }
   return result;
 }
 
+/// A system of any kind.
 template <typename System>
 RandomSystem<System> random_system(Rng& rng, const typename System::TopologyType& topology,
                                    Kind kind = Kind::Lit) {

@@ -14,24 +14,24 @@ template <typename System>
 RandomSystem<System> sparse_system(std::uint64_t seed, int n) {
   constexpr int kDim = System::kDim;
   using Scalar = typename System::Scalar;
-  using Doubles = generation::Doubles<kDim>;
+  using Doubles = detail::Doubles<kDim>;
   Rng rng(seed);
   const double side = std::round(std::pow(n, 1.0 / kDim) * 0x1p20) * 0x1p-20;
-  const Doubles nodes = generation::random_points<kDim>(rng, n, 0, side);
-  const Doubles start = nodes + generation::random_points<kDim>(rng, n, -0.3, 0.3);
-  const Doubles anchors = nodes + generation::random_points<kDim>(rng, n, -0.3, 0.3);
+  const Doubles nodes = detail::random_points<kDim>(rng, n, 0, side);
+  const Doubles start = nodes + detail::random_points<kDim>(rng, n, -0.3, 0.3);
+  const Doubles anchors = nodes + detail::random_points<kDim>(rng, n, -0.3, 0.3);
   RandomSystem<System> result{System(Topology<>::k_nearest(nodes, 6)), start.template cast<Scalar>()};
   System& system = result.system;
   system.anchors = anchors.template cast<Scalar>();
   double sum = 0;
   for (int l = 0; const Link& link : system.links()) {
-    const double length = generation::distance<kDim>(nodes, link);
-    const double k = generation::paper_stiffness(length);
+    const double length = detail::distance<kDim>(nodes, link);
+    const double k = detail::paper_stiffness(length);
     system.rest_length[l] = static_cast<Scalar>(length);
     system.link_stiffness[l++] = static_cast<Scalar>(k);
     sum += k;
   }
-  generation::draw_anchor_stiffness(rng, system, sum);
+  detail::draw_anchor_stiffness(rng, system, sum);
   return result;
 }
 
