@@ -14,5 +14,6 @@ foreach(component IN LISTS components)
   add_library(asterism_headers_${component} OBJECT ${sources})
   target_link_libraries(asterism_headers_${component} PRIVATE asterism::${component})
   asterism_private_options(asterism_headers_${component})
+  target_precompile_headers(asterism_headers_${component} PRIVATE <Eigen/Core>) # which each includes by config.hpp
   add_dependencies(asterism_headers asterism_headers_${component})
 endforeach()
