@@ -10,7 +10,7 @@ import sys
 import tempfile
 import unittest
 
-SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "compare_benchmarks.py"
+SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "microbench" / "compare_benchmarks.py"
 specification = importlib.util.spec_from_file_location("compare_benchmarks", SCRIPT)
 compare_benchmarks = importlib.util.module_from_spec(specification)
 sys.dont_write_bytecode = True

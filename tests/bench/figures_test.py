@@ -17,7 +17,7 @@ if importlib.util.find_spec("matplotlib") is None:
     print("skipped: matplotlib is not installed (Debian package python3-matplotlib)")
     sys.exit(77)
 
-SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "figures.py"
+SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "laboratory" / "figures.py"
 EXECUTABLE = sys.argv[1] if len(sys.argv) > 1 else None
 specification = importlib.util.spec_from_file_location("figures", SCRIPT)
 figures = importlib.util.module_from_spec(specification)

@@ -20,7 +20,7 @@ if importlib.util.find_spec("numpy") is None:
 
 import numpy as np
 
-SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "peers.py"
+SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "laboratory" / "peers.py"
 specification = importlib.util.spec_from_file_location("peers", SCRIPT)
 peers = importlib.util.module_from_spec(specification)
 sys.modules["peers"] = peers  # where its dataclasses look for it

@@ -187,8 +187,8 @@ LinkForce<typename System::Scalar> link_force(const System& system, int l, const
 template <typename System>
 auto link_curvature(const LinkForce<typename System::Scalar>& force, const Spring<System>& spring) {
   using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
-  const typename System::Point bend = (force.along - force.across) * spring.direction;
-  return Block(force.across * Block::Identity() + bend * spring.direction.transpose());
+  const Block axis = spring.direction * spring.direction.transpose();  // first, to be symmetric to the bit
+  return Block(force.across * Block::Identity() + (force.along - force.across) * axis);
 }
 
 /// The one walk over the springs of a system at x, of which energy, gradient and every matrix are made: calls

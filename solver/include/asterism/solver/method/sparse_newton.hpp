@@ -143,7 +143,7 @@ struct SparseNewtonOptions : AlignedOptions {
 ///
 /// Such steps, and those that the line search cuts, are short: springs that fold or buckle bend the way down,
 /// and a factorisation is dear for so little. They take turns with L-BFGS (from the diagonal of K_dyn), whose
-/// steps cost a hundredth; a turn is as long as it has paid so far.
+/// steps cost a hundredth, and count as that; a turn is as long as it has paid so far.
 ///
 /// Summary::positive_definite says what the Hessian is at the x returned. `Factorization` is SparseLdlt or
 /// CholmodLlt. The ordering is computed once a topology; an object holds its workspace, one thread at a time.
@@ -212,16 +212,17 @@ class SparseNewton {
     return true;
   }
 
-  // A turn of L-BFGS, one iteration. The next one is longer if this one has lowered the energy by more than
-  // the last step of Newton's method did.
+  // A turn of L-BFGS, each kTurn of whose iterations count as one, for max_iterations to bound the work. The
+  // next one is longer if this one has lowered the energy by more than the last step of Newton's method did.
   void take_turn(const System& system, Points& x, Scalar gain_of_step, Summary& summary) {
     lbfgs_.options = options;
     lbfgs_.options.align = lbfgs_.options.ground_components = false;
-    lbfgs_.options.max_iterations = turn_;
+    const int left = options.max_iterations - summary.iterations;
+    lbfgs_.options.max_iterations = left < turn_ / kTurn ? left * kTurn : turn_;
     const Scalar before = state_.energy();
     const Summary turn = lbfgs_.solve(system, x);
     if (turn.status == Status::OutOfMemory) throw std::bad_alloc();
-    ++summary.iterations;
+    summary.iterations += 1 + std::max(0, turn.iterations - 1) / kTurn;
     if (!turn.usable()) return;
     summary.energy_evaluations += turn.energy_evaluations;
     summary.gradient_evaluations += turn.gradient_evaluations;
