@@ -1,6 +1,6 @@
 # The blocks of README.md and docs/ that are code. Writes them, as they stand, below ${blocks}: PAGE_N.cpp is the N-th ```cpp block
 # of a page, a program, PAGE_N.txt the ```text block right after it, its output; PAGE_N.inc the N-th ```cpp fragment, which
-# fragments.cpp includes; PAGE_N.cmake the N-th ```cmake. Sets docs_programs, docs_fragments and docs_cmake to their names.
+# fragments_test.cpp includes; PAGE_N.cmake the N-th ```cmake. Sets docs_programs, docs_fragments and docs_cmake to their names.
 set(docs_programs "")
 set(docs_fragments "")
 set(docs_cmake "")

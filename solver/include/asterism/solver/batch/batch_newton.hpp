@@ -40,7 +40,6 @@ struct BatchSummary {
   int first_failure = -1;  ///< the system that `status` is of
   int converged = 0;       ///< systems
   int by_scalar = 0;       ///< systems that the scalar solver had to finish
-  /// The instructions to use.
   Simd simd = Simd::Auto;  ///< instructions used
   double seconds = -1;     ///< wall-clock time in solve
 };

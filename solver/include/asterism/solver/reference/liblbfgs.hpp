@@ -19,7 +19,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace reference {
 
-/// liblbfgs as a reference for the library's own solvers: L-BFGS with a memory of six, as Lbfgs has, and
+/// liblbfgs as a reference for the library's own solvers: L-BFGS with its own memory of six, and
 /// More and Thuente's line search, as liblbfgs sets them, in double. Its own tolerances are off: it is
 /// stopped by the same rule as every other solver, and its verdict is recomputed. liblbfgs's words are in the
 /// message. Needs target asterism::lbfgs.
