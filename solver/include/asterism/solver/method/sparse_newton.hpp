@@ -5,6 +5,7 @@
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/descent.hpp>
+#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/policy_name.hpp>
 #include <asterism/solver/detail/saddle.hpp>
 #include <asterism/solver/detail/sparse_blocks.hpp>
@@ -221,7 +222,7 @@ class SparseNewton {
     lbfgs_.options.max_iterations = left < turn_ / kTurn ? left * kTurn : turn_;
     const Scalar before = state_.energy();
     const Summary turn = lbfgs_.solve(system, x);
-    if (turn.status == Status::OutOfMemory) throw std::bad_alloc();
+    if (turn.status == Status::OutOfMemory) detail::raise(std::bad_alloc());
     summary.iterations += 1 + std::max(0, turn.iterations - 1) / kTurn;
     if (!turn.usable()) return;
     summary.energy_evaluations += turn.energy_evaluations;
