@@ -75,7 +75,10 @@ Bytes encoded(const std::string& ending, const std::vector<int>& flags = {}, int
 
 Bytes number(std::uint64_t value, int bytes, bool big_endian = true) {
   Bytes text;
-  for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * (big_endian ? bytes - 1 - i : i));
+  for (int i = 0; i < bytes; ++i) {
+    const int at = big_endian ? bytes - 1 - i : i;
+    text += static_cast<char>(at < 8 ? value >> 8 * at : 0);
+  }
   return text;
 }
 Bytes little(std::uint64_t value, int bytes) { return number(value, bytes, false); }
