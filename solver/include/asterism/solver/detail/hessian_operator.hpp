@@ -31,7 +31,7 @@ class HessianOperator {
     if constexpr (!System::kPlainAnchors) anchor_blocks_.resize(kDim, kDim * system.nodes());
     for_each_curvature(
         system, x, false,
-        [&](int i, const auto& curvature) {
+        [&]([[maybe_unused]] int i, [[maybe_unused]] const auto& curvature) {
           if constexpr (!System::kPlainAnchors)
             anchor_blocks_.template block<kDim, kDim>(0, kDim * i) = curvature;
         },
