@@ -97,19 +97,39 @@ Json measure_starts(Runner& runner, const Chunk& chunk, double weakness) {
   return json;
 }
 
-}  // namespace
-
-Experiment starts(const Selection& selection) {
+// The cells of a selection once for each factor of the anchors' stiffness.
+template <typename Measure>
+std::vector<Cell> cells_by_weakness(const Selection& selection, const std::vector<double>& weaknesses,
+                                    Measure measure) {
   std::vector<Cell> cells;
-  const std::vector<double> weaknesses = {1, 1e-2};
   for (const double weakness : weaknesses) {
-    for (Cell& cell : cells_of(selection, [weakness](Runner&runner, const Chunk&chunk) {
-           return measure_starts(runner, chunk, weakness);
-         })) {
+    const auto measure_cell = [=](Runner& runner, const Chunk& chunk) {
+      return measure(runner, chunk, weakness);
+    };
+    for (Cell& cell : cells_of(selection, measure_cell)) {
       cell.key = format("anchors x %g/", weakness) + cell.key;
       cells.push_back(std::move(cell));
     }
   }
+  return cells;
+}
+
+// A field of all their results for a group and a solver, in order.
+std::vector<double> values_of(const Results& results, const std::string& group, const std::string& solver,
+                              double weakness, const char* field) {
+  std::vector<double> values;
+  for (const Json* cell : cells_with(results, group, solver)) {
+    if ((*cell)["weakness"] != weakness) continue;
+    for (const double v : (*cell)[field]) values.push_back(v);
+  }
+  return values;
+}
+
+}  // namespace
+
+Experiment starts(const Selection& selection) {
+  const std::vector<double> weaknesses = {1, 1e-2};
+  const std::vector<Cell> cells = cells_by_weakness(selection, weaknesses, measure_starts);
   const auto report = [selection, weaknesses](const Results& results) {
     std::printf(
         "%% of systems that end above the lowest minimum known, by solver and start\n\n| system | anchors |");
@@ -120,12 +140,7 @@ Experiment starts(const Selection& selection) {
     for (const std::string& group : groups(selection)) {
       for (const double weakness : weaknesses) {
         const auto collect = [&](const std::string& solver, const char* field) {
-          std::vector<double> values;
-          for (const Json* cell : cells_with(results, group, solver)) {
-            if ((*cell)["weakness"] != weakness) continue;
-            for (const double v : (*cell)[field]) values.push_back(v);
-          }
-          return values;
+          return values_of(results, group, solver, weakness, field);
         };
         // Also of what the solvers found.
         std::vector<double> lowest;
@@ -154,27 +169,14 @@ Experiment starts(const Selection& selection) {
 }
 
 Experiment minima(const Selection& selection) {
-  std::vector<Cell> cells;
   const std::vector<double> weaknesses = {1, 1e-2, 1e-4};
-  for (const double weakness : weaknesses) {
-    for (Cell& cell : cells_of(selection, [weakness](Runner&runner, const Chunk&chunk) {
-           return measure(runner, chunk, weakness);
-         })) {
-      cell.key = format("anchors x %g/", weakness) + cell.key;
-      cells.push_back(std::move(cell));
-    }
-  }
+  const std::vector<Cell> cells = cells_by_weakness(selection, weaknesses, measure);
   const auto report = [selection, weaknesses](const Results& results) {
     double several = 0;
     for (const std::string& group : groups(selection)) {
       for (const double weakness : weaknesses) {
         const auto collect = [&](const std::string& solver, const char* field) {
-          std::vector<double> values;
-          for (const Json* cell : cells_with(results, group, solver)) {
-            if ((*cell)["weakness"] != weakness) continue;
-            for (const double v : (*cell)[field]) values.push_back(v);
-          }
-          return values;
+          return values_of(results, group, solver, weakness, field);
         };
         const auto ida = collect("ida", "ends");
         bool first = true;
