@@ -97,7 +97,7 @@ class AndersonIda {
       if (!ida_.start(system, x, summary)) return Status::NumericalFailure;
       used_ = next_ = 0;
       for (bool first = true;; first = false) {
-        if (session_.done(ida_.gradient())) return Status::Converged;
+        if (session_.done(x, ida_.gradient(), summary.iterations)) return Status::Converged;
         if (summary.iterations == options.max_iterations) return Status::MaxIterations;
         if (session_.stalls(x, ida_.gradient(), summary.iterations)) return Status::NoProgress;
         candidate_ = ida_.ida(x, summary);
@@ -149,7 +149,7 @@ class AndersonIda {
         ida_changes_.leftCols(used_) * gamma;
   }
 
-  asterism::detail::Session<System> session_;
+  Session<System> session_;
   GuardedIda<System, Factorization> ida_;
   Points candidate_;  // IDA's iterate, then the mixed one
   Points residual_;
@@ -157,7 +157,8 @@ class AndersonIda {
   Points previous_residual_;
   History residual_changes_;
   History ida_changes_;
-  Eigen::Matrix<Scalar, kMemory, kMemory> products_;  // dF^T dF
+  Eigen::Matrix<Scalar, kMemory, kMemory> products_ =
+      Eigen::Matrix<Scalar, kMemory, kMemory>::Zero();  // dF^T dF
   int used_ = 0;
   int next_ = 0;
 };
@@ -186,7 +187,7 @@ class ChebyshevIda {
       Scalar weight = 1;
       previous_ = x;
       for (bool first = true;;) {
-        if (session_.done(ida_.gradient())) return Status::Converged;
+        if (session_.done(x, ida_.gradient(), summary.iterations)) return Status::Converged;
         if (summary.iterations == options.max_iterations) return Status::MaxIterations;
         if (session_.stalls(x, ida_.gradient(), summary.iterations)) return Status::NoProgress;
         if (!first) weight = weight == 1 ? 2 / (2 - kSquare) : 4 / (4 - kSquare * weight);
@@ -199,7 +200,7 @@ class ChebyshevIda {
   }
 
  private:
-  asterism::detail::Session<System> session_;
+  Session<System> session_;
   GuardedIda<System, Factorization> ida_;
   Points candidate_;
   Points previous_;

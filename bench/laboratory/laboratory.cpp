@@ -1,5 +1,6 @@
 #include "laboratory.hpp"
 
+#include <algorithm>
 #include <asterism/solver/io/json.hpp>
 #include <sstream>
 #include <stdexcept>
@@ -13,7 +14,65 @@ std::vector<SolverEntry>& entries() {
   return all;
 }
 
+// The full topology where it is, which some solvers are faster for.
+template <typename Topology>
+Topology native_topology(const System& system) {
+  const int n = system.nodes();
+  if (system.link_count() == n * (n - 1) / 2) {
+    Topology full = Topology::full(n);
+    if (std::equal(full.links().begin(), full.links().end(), system.links().begin())) return full;
+  }
+  return Topology::from_links(n, system.links());
+}
+
 }  // namespace
+
+template <typename Native>
+void RunnerOf<Native>::load(const Problem& problem) {
+  const System& system = problem.system;
+  Native& native = system_.emplace(native_topology<typename Native::TopologyType>(system));
+  if (native.link_count() != system.link_count())
+    throw std::invalid_argument("more links than pairs of nodes, which this solver's type has no room for");
+  native.anchors = system.anchors;
+  native.anchor_stiffness = system.anchor_stiffness;
+  native.rest_length = system.rest_length;
+  native.link_stiffness = system.link_stiffness;
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) native.fix(i);
+  }
+  start_ = problem.start;
+}
+
+template <typename Native>
+Summary RunnerOf<Native>::solve(const Limits& limits, Points& x) {
+  set(limits);
+  x_ = start_;
+  const Summary summary = solver_.solve(*system_, x_);
+  x = x_;
+  return summary;
+}
+
+template <typename Native>
+double RunnerOf<Native>::seconds(const Limits& limits, int repeats) {
+  set(limits);
+  const double before = cpu_seconds();
+  for (int r = 0; r < repeats; ++r) {
+    x_ = start_;
+    solver_.solve(*system_, x_);
+  }
+  return (cpu_seconds() - before) / repeats;
+}
+
+template <typename Native>
+void RunnerOf<Native>::set(const Limits& limits) {
+  SolverOptions& options = solver_.options();
+  options.tolerance = limits.tolerance;
+  options.max_iterations = limits.iterations;
+  options.on_iteration = limits.on_iteration;
+}
+
+template class RunnerOf<System>;
+template class RunnerOf<FourNodes>;
 
 Registration::Registration(SolverEntry entry) {
   auto& all = entries();

@@ -2,15 +2,15 @@
 
 // What the experiments work on: problems, and solvers by name.
 
-#include <algorithm>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/any_solver.hpp>
+#include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <functional>
 #include <memory>
 #include <optional>
-#include <stdexcept>
 #include <string>
 #include <utility>
 #include <vector>
@@ -27,6 +27,7 @@ using Problem = testing::RandomSystem<System>;
 struct Limits {
   double tolerance = 1e-8;  ///< as SolverOptions::tolerance
   int iterations = 100000;
+  IterationCallback on_iteration = {};
 };
 
 /// A solver at work, with its workspace.
@@ -75,73 +76,35 @@ struct Registration {
   explicit Registration(SolverEntry entry);
 };
 
-/// Runner of a class with `options` and `solve` as the library's solvers have, for the system type that it is
-/// compiled for.
-template <typename Solver, typename Native = System>
+/// Runner of any solver, for the type of systems that it is compiled for.
+template <typename Native>
 class RunnerOf final : public Runner {
  public:
-  Solver& solver() { return solver_; }
+  explicit RunnerOf(AnySolver<Native> solver) : solver_(std::move(solver)) {}
 
-  void load(const Problem& problem) override {
-    const System& system = problem.system;
-    Native& native = system_.emplace(native_topology(system));
-    if (native.link_count() != system.link_count())
-      throw std::invalid_argument("more links than pairs of nodes, which this solver's type has no room for");
-    native.anchors = system.anchors;
-    native.anchor_stiffness = system.anchor_stiffness;
-    native.rest_length = system.rest_length;
-    native.link_stiffness = system.link_stiffness;
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (system.is_fixed(i)) native.fix(i);
-    }
-    start_ = problem.start;
-  }
-
-  Summary solve(const Limits& limits, Points& x) override {
-    set(limits);
-    x_ = start_;
-    const Summary summary = solver_.solve(*system_, x_);
-    x = x_;
-    return summary;
-  }
-
-  double seconds(const Limits& limits, int repeats) override {
-    set(limits);
-    const double before = cpu_seconds();
-    for (int r = 0; r < repeats; ++r) {
-      x_ = start_;
-      solver_.solve(*system_, x_);
-    }
-    return (cpu_seconds() - before) / repeats;
-  }
+  void load(const Problem& problem) override;
+  Summary solve(const Limits& limits, Points& x) override;
+  double seconds(const Limits& limits, int repeats) override;
 
  private:
-  // The full one where it is, which some solvers are faster for.
-  static typename Native::TopologyType native_topology(const System& system) {
-    using Topology = typename Native::TopologyType;
-    const int n = system.nodes();
-    if (system.link_count() == n * (n - 1) / 2) {
-      Topology full = Topology::full(n);
-      if (std::equal(full.links().begin(), full.links().end(), system.links().begin())) return full;
-    }
-    return Topology::from_links(n, system.links());
-  }
+  void set(const Limits& limits);
 
-  void set(const Limits& limits) {
-    solver_.options.tolerance = limits.tolerance;
-    solver_.options.max_iterations = limits.iterations;
-  }
-
-  Solver solver_;
+  AnySolver<Native> solver_;
   std::optional<Native> system_;
   typename Native::Points start_;
   typename Native::Points x_;
 };
 
-/// Factory of a solver that is compiled for any number of nodes.
+/// Four nodes, whose number is compiled in.
+using FourNodes = SpringSystem<double, 2, 4>;
+extern template class RunnerOf<System>;
+extern template class RunnerOf<FourNodes>;
+
+/// Factory of a solver that is compiled for any number of nodes; a class with `options` and `solve` as the
+/// library's solvers have.
 template <typename Solver>
 std::unique_ptr<Runner> make_runner(int) {
-  return std::make_unique<RunnerOf<Solver>>();
+  return std::make_unique<RunnerOf<System>>(AnySolver<System>(Solver()));
 }
 
 /// What it takes a solver to come close to a minimum.

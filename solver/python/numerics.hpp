@@ -7,14 +7,9 @@
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <atomic>
-#include <cstdint>
 #include <functional>
-#include <memory>
-#include <string_view>
-#include <variant>
-#include <vector>
 
 namespace asterism::python {
 
@@ -23,29 +18,9 @@ using System = SpringSystem<double, Dim>;
 template <int Dim>
 using Batch = SpringBatch<double, Dim>;
 
-/// An option of a solver, by name; the value is the solver's own.
-struct Option {
-  const char* name;
-  std::variant<bool*, int*, double*, std::uint64_t*> value;
-};
-
-/// Any solver, chosen at run time.
+/// The solvers of this build, as asterism-bench names them.
 template <int Dim>
-class AnySolver {
- public:
-  virtual ~AnySolver() = default;
-  /// Ends early once `stop` is true.
-  virtual Summary solve(const System<Dim>& system, typename System<Dim>::Points& x,
-                        const std::atomic<bool>& stop) = 0;
-  virtual std::vector<Option> options() = 0;
-};
-
-/// The methods of this build, as asterism-bench names them.
-std::vector<std::string_view> method_names();
-
-/// Throws std::invalid_argument that lists the known methods for any other.
-template <int Dim>
-std::unique_ptr<AnySolver<Dim>> make_solver(std::string_view method);
+const SolverRegistry<System<Dim>>& solvers();
 
 template <int Dim>
 Covariance<System<Dim>> covariance_of(const System<Dim>& system, const typename System<Dim>::Points& x);

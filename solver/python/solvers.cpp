@@ -3,11 +3,13 @@
 #include <pybind11/stl.h>
 
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/iteration.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
 #include <chrono>
+#include <exception>
 #include <functional>
 #include <future>
-#include <memory>
 #include <sstream>
 
 #include "bindings.hpp"
@@ -16,27 +18,132 @@ namespace asterism::python {
 
 namespace {
 
+// The options' values, by name.
+class OptionLister final : public OptionVisitor {
+ public:
+  py::dict values;
+
+  using OptionVisitor::operator();
+  void operator()(std::string_view name, double& value, const OptionRange&) override { list(name, value); }
+  void operator()(std::string_view name, int& value, const OptionRange&) override { list(name, value); }
+  void operator()(std::string_view name, bool& value) override { list(name, value); }
+  void operator()(std::string_view name, std::uint64_t& value) override { list(name, value); }
+
+ private:
+  template <typename T>
+  void list(std::string_view name, T value) {
+    values[py::str(name)] = py::cast(value);
+  }
+  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
+  std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
+    return value;
+  }
+  void enter(std::string_view) override {}
+  void leave() override {}
+};
+
+// Sets one option to a Python value.
+class OptionSetter final : public OptionVisitor {
+ public:
+  OptionSetter(std::string name, py::handle given) : name_(std::move(name)), given_(given) {}
+
+  using OptionVisitor::operator();
+  void operator()(std::string_view name, double& value, const OptionRange&) override { set(name, value); }
+  void operator()(std::string_view name, int& value, const OptionRange&) override { set(name, value); }
+  void operator()(std::string_view name, bool& value) override { set(name, value); }
+  void operator()(std::string_view name, std::uint64_t& value) override { set(name, value); }
+
+  void check_found(const std::string& method) const {
+    if (found_) return;
+    throw py::type_error("method '" + method + "' has no option '" + name_ + "' (it has: " + names_ + ")");
+  }
+
+ private:
+  template <typename T>
+  void set(std::string_view name, T& target) {
+    names_.append(names_.empty() ? "" : ", ").append(name);
+    if (name != name_) return;
+    found_ = true;
+    constexpr bool kBool = std::is_same_v<T, bool>;
+    const py::object value = plain(given_);
+    // True is no number here, 2.5 no integer, and an array of one number is an array.
+    const bool is_one = kBool == py::isinstance<py::bool_>(value) && !py::isinstance<py::array>(value) &&
+                        (kBool || std::is_same_v<T, double> || PyIndex_Check(value.ptr()) != 0);
+    try {
+      if (is_one) {
+        target = value.cast<T>();
+        return;
+      }
+    } catch (const py::cast_error&) {  // refused below
+    }
+    const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
+    throw py::type_error("option " + name_ + ": expected " + expected + ", found " +
+                         py::repr(given_).cast<std::string>());
+  }
+  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
+  std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
+    return value;
+  }
+  void enter(std::string_view) override {}
+  void leave() override {}
+
+  std::string name_;
+  py::handle given_;
+  std::string names_;
+  bool found_ = false;
+};
+
+// on_iteration of Python, for threads that do not hold the GIL. What it raises ends the solve, and is kept.
+class PythonCallback {
+ public:
+  explicit PythonCallback(py::object callable) : callable_(std::move(callable)) {}
+
+  bool operator()(const Iteration& at) {
+    const py::gil_scoped_acquire acquire;
+    try {
+      // A copy of x, as a row a node.
+      py::array_t<double> x({at.x.cols(), at.x.rows()});
+      std::copy_n(at.x.data(), at.x.size(), x.mutable_data());
+      const py::object result = callable_(at.number, x, at.energy, at.gradient_norm);
+      return result.is_none() || result.cast<bool>();
+    } catch (...) {
+      raised_ = std::current_exception();
+      return false;
+    }
+  }
+  void rethrow() const {
+    if (raised_) std::rethrow_exception(raised_);
+  }
+
+ private:
+  py::object callable_;
+  std::exception_ptr raised_;
+};
+
 /// asterism.Solver: a method for systems of both dimensions, which keeps its memory between solves.
 class Solver {
  public:
   Solver(const std::string& method, const py::kwargs& options)
-      : method_(method), of_2_(make_solver<2>(method)), of_3_(make_solver<3>(method)) {
-    set(of_2_->options(), options);
-    set(of_3_->options(), options);
+      : method_(method), of_2_(solvers<2>().make(method)), of_3_(solvers<3>().make(method)) {
+    for (const auto& [key, given] : options) {
+      OptionSetter set(key.cast<std::string>(), given);
+      of_2_.visit_options(set);
+      set.check_found(method);
+      of_3_.visit_options(set);
+    }
   }
 
   const std::string& method() const { return method_; }
 
   py::dict options() {
-    py::dict result;
-    for (const Option& option : of_2_->options()) {
-      result[option.name] = std::visit([](auto* value) { return py::cast(*value); }, option.value);
-    }
-    return result;
+    OptionLister list;
+    of_2_.visit_options(list);
+    return list.values;
   }
 
-  Summary solve(AnySystem& system, const py::object& x) {
+  Summary solve(AnySystem& system, const py::object& x, const py::object& on_iteration) {
     const Exclusive use(busy_, "this asterism.Solver");
+    PythonCallback callback(on_iteration);
     return system.visit([&]<int Dim>(System<Dim>& s) {
       py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
       if (detail::shares_memory(s, array.data(), array.size())) {  // the solver sees a copy of it
@@ -48,8 +155,15 @@ class Solver {
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
       const Summary summary = without_gil(s.link_count(), [&](const std::atomic<bool>& stop) {
-        return solver<Dim>().solve(s, points, stop);
+        SolverOptions& common = solver<Dim>().options();
+        common.stop = &stop;
+        common.on_iteration = on_iteration.is_none() ? IterationCallback() : IterationCallback(callback);
+        const Summary result = solver<Dim>().solve(s, points);
+        common.stop = nullptr;
+        common.on_iteration = {};
+        return result;
       });
+      callback.rethrow();
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
       return summary;
     });
@@ -77,47 +191,12 @@ class Solver {
     return result.get();
   }
 
-  void set(const std::vector<Option>& known, const py::kwargs& options) {
-    for (const auto& [key, given] : options) {
-      const auto name = key.cast<std::string>();
-      const Option* option = nullptr;
-      std::string names;
-      for (const Option& o : known) {
-        if (name == o.name) option = &o;
-        names.append(names.empty() ? "" : ", ").append(o.name);
-      }
-      if (option == nullptr) {
-        throw py::type_error("method '" + method_ + "' has no option '" + name + "' (it has: " + names + ")");
-      }
-      std::visit([&, value = given](auto* target) { assign(*target, name, value); }, option->value);
-    }
-  }
-
-  template <typename T>
-  static void assign(T& target, const std::string& name, py::handle given) {
-    constexpr bool kBool = std::is_same_v<T, bool>;
-    const py::object value = plain(given);
-    // True is no number here, 2.5 no integer, and an array of one number is an array.
-    const bool is_one = kBool == py::isinstance<py::bool_>(value) && !py::isinstance<py::array>(value) &&
-                        (kBool || std::is_same_v<T, double> || PyIndex_Check(value.ptr()) != 0);
-    try {
-      if (is_one) {
-        target = value.cast<T>();
-        return;
-      }
-    } catch (const py::cast_error&) {  // refused below
-    }
-    const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
-    throw py::type_error("option " + name + ": expected " + expected + ", found " +
-                         py::repr(given).cast<std::string>());
-  }
-
   template <int Dim>
-  AnySolver<Dim>& solver() {
+  AnySolver<System<Dim>>& solver() {
     if constexpr (Dim == 2) {
-      return *of_2_;
+      return of_2_;
     } else {
-      return *of_3_;
+      return of_3_;
     }
   }
 
@@ -131,8 +210,8 @@ class Solver {
   }
 
   std::string method_;
-  std::unique_ptr<AnySolver<2>> of_2_;
-  std::unique_ptr<AnySolver<3>> of_3_;
+  AnySolver<System<2>> of_2_;
+  AnySolver<System<3>> of_3_;
   System<2>::Points x_2_;
   System<3>::Points x_3_;
   bool busy_ = false;
@@ -150,7 +229,10 @@ constexpr const char* kSolve =
     "float64, C-contiguous, writeable array: TypeError or ValueError else. What became of it is in the\n"
     "Summary, also for values that a solver refuses, and for an x in the system's memory, such as its\n"
     "anchors: pass a copy. Where `usable` is false, x is as it was. The GIL is\n"
-    "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.";
+    "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.\n\n"
+    "on_iteration(iteration, x, energy, gradient_norm), if given, is called at the start and after each\n"
+    "iteration, with a copy of x; False ends the solve, with Status.INTERRUPTED, and so does an exception,\n"
+    "which is raised.";
 
 void bind_status(py::module_& m) {
   py::dict members;
@@ -222,7 +304,8 @@ void bind_solvers(py::module_& m) {
         return text.str();
       });
 
-  m.def("methods", &method_names, "The methods of this build, for solve and Solver.");
+  m.def(
+      "methods", [] { return solvers<2>().names(); }, "The methods of this build, for solve and Solver.");
 
   py::class_<Solver>(
       m, "Solver",
@@ -230,7 +313,8 @@ void bind_solvers(py::module_& m) {
       "thread at a time: RuntimeError else.")
       .def(py::init<const std::string&, const py::kwargs&>(), py::arg("method") = "auto",
            "method: one of methods(), ValueError else. options: as `options` lists them, TypeError else.")
-      .def("solve", &Solver::solve, py::arg("system"), py::arg("x"), kSolve)
+      .def("solve", &Solver::solve, py::arg("system"), py::arg("x"), py::arg("on_iteration") = py::none(),
+           kSolve)
       .def_property_readonly("method", &Solver::method, "The method's name.")
       .def_property_readonly("options", &Solver::options, "The options, a copy.")
       .def("__repr__", [](const Solver& self) { return "<asterism.Solver: " + self.method() + ">"; });
@@ -240,10 +324,10 @@ void bind_solvers(py::module_& m) {
                           "Solver where\nsolves repeat.";
   m.def(
       "solve",
-      [](AnySystem& system, const py::object& x, const std::string& method, const py::kwargs& options) {
-        return Solver(method, options).solve(system, x);
-      },
-      py::arg("system"), py::arg("x"), py::arg("method") = "auto", doc.c_str());
+      [](AnySystem& system, const py::object& x, const std::string& method, const py::object& on_iteration,
+         const py::kwargs& options) { return Solver(method, options).solve(system, x, on_iteration); },
+      py::arg("system"), py::arg("x"), py::arg("method") = "auto", py::arg("on_iteration") = py::none(),
+      doc.c_str());
 }
 
 }  // namespace asterism::python

@@ -76,6 +76,8 @@ class LaneNewton {
     const double floor = 64 * R::kEpsilon;  // as StoppingRule
     tolerance_ = static_cast<T>(settings.tolerance);
     if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
+    // Of the square of Newton's kFlatShare, in the units of short_step and of the rounding of pivots.
+    flat_share_ = T(1e-3) * T(1e-3) * (8 * R::kEpsilon) * (8 * R::kEpsilon) * 4 / tolerance_;
     max_iterations_ = static_cast<T>(settings.max_iterations);
     align_ = settings.align && settings.max_iterations > 0;
     T* work = planes.work;
@@ -180,6 +182,9 @@ class LaneNewton {
     M good = L::both(L::at_most(finite, L::set(0)), L::at_most(L::set(0), least));
     good = L::both(good, L::both(L::less(L::set(0), reach), L::less(reach, L::set(R::kMax))));
     good = L::both(good, L::less(L::set(0), least_stiffness));
+    // The squares of lengths are to be numbers, and their energies.
+    const V least_square = L::min(reach * reach, stiffness_total * reach * reach);
+    good = L::both(good, L::less(L::set(R::kTiny), least_square));
     if (L::bits(L::without(good, all_held)) != 0) [[unlikely]]
       good = L::both(good, connected(s, k));
     if (align_) {
@@ -214,7 +219,7 @@ class LaneNewton {
       strongest = L::max(counted[i], strongest);
     });
     // SpringWeight
-    const V full = L::set(T(1e-4)) * strongest;
+    const V full = L::select(no_links, L::set(T(1)), L::set(T(1e-4))) * strongest;
     const V inverse_full = L::inverse(full);
     const auto weight_of = [&](V kl) ASTERISM_INLINED {
       return L::select(L::less(zero, kl), L::select(L::at_most(full, kl), one, kl * inverse_full), zero);
@@ -493,6 +498,8 @@ class LaneNewton {
     V energy;
     V decrement;  // Newton's, squared
     M definite;   // no pivot was repaired, no curvature clamped
+    V flattest;   // a node's rounding over its least pivot, at most
+    V flattest;   // the rounding of a node's pivots over its least, at most
   };
 
   /// Energy, Hessian (clamped where `limit` is 1 and not where it is huge), its factors and Newton's step at
@@ -567,13 +574,16 @@ class LaneNewton {
 
     // L D L^T of H bordered by g, as NewtonMatrix has it.
     M definite = L::at_most(most, limit);
+    V flattest = L::set(0);
     V inverse_pivot[kSize];
     V decrement = L::set(0);
     const auto pivot = [&](auto c) ASTERISM_INLINED {
       const V least = s.rounding[c / kDim];
       const V value = at(c, c);
       definite = L::both(definite, L::less(least, value));
-      return inverse_pivot[c] = L::inverse(L::max(L::abs(value), least));
+      inverse_pivot[c] = L::inverse(L::max(L::abs(value), least));
+      flattest = L::max(least * inverse_pivot[c], flattest);
+      return inverse_pivot[c];
     };
     if constexpr (kFull) {
       unroll<0, kSize>([&](auto c) ASTERISM_INLINED {
@@ -616,7 +626,7 @@ class LaneNewton {
     }
     const M apart = L::less(most, L::set(R::kCoincident));
     const V energy = L::select(apart, L::set(T(0.5)) * twice, L::set(static_cast<T>(__builtin_nan(""))));
-    return {energy, decrement, definite};
+    return {energy, decrement, definite, flattest};
   }
 
   // One evaluation of every lane; the lanes that are done with their systems.
@@ -647,6 +657,9 @@ class LaneNewton {
     const M in_time = L::less(count, L::set(max_iterations_));
     M close = L::at_most(e.decrement, L::set(2) * L::max(L::set(tolerance_) * e.energy, s.floor));
     close = L::both(close, L::at_most(longest, s.short_step));
+    // A Hessian that is nearly singular may not be definite any more after a step that is not shorter still.
+    const V flat_step = longest * e.flattest * e.flattest;
+    close = L::both(close, L::at_most(flat_step, L::set(flat_share_) * s.short_step));
     const M finished = L::both(L::both(falls, in_time), L::both(close, e.definite));
 
     // Otherwise to the minimum of the parabola.
@@ -784,6 +797,7 @@ class LaneNewton {
   int nodes_;
   int links_;
   T tolerance_;
+  T flat_share_;
   T max_iterations_;
   bool align_;
   T *final_x_, *rounding_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;

@@ -105,8 +105,8 @@ class StopWhenDone final : public ceres::IterationCallback {
  public:
   StopWhenDone(const CeresProblem& problem, const double* x) : problem_(problem), x_(x) {}
 
-  ceres::CallbackReturnType operator()(const ceres::IterationSummary&) override {
-    return problem_.done(x_) ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
+  ceres::CallbackReturnType operator()(const ceres::IterationSummary& at) override {
+    return problem_.done(x_, at.iteration) ? ceres::SOLVER_TERMINATE_SUCCESSFULLY : ceres::SOLVER_CONTINUE;
   }
 
  private:

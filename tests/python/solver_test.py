@@ -202,7 +202,7 @@ class SolveTest(unittest.TestCase):
         methods = asterism.methods()
         self.assertEqual(len(methods), len(set(methods)))
         self.assertLessEqual({"auto", "ida", "newton", "lbfgs", "schwarz", "multi-start"}, set(methods))
-        with self.assertRaisesRegex(ValueError, "unknown method 'idas' .known: auto, ida, "):
+        with self.assertRaisesRegex(ValueError, "unknown solver 'idas', did you mean 'ida'.* .known: auto, ida, "):
             asterism.Solver("idas")
 
     def test_a_solver_is_reused(self):
@@ -225,6 +225,41 @@ class SolveTest(unittest.TestCase):
         self.assertEqual((summary.status, summary.iterations), (asterism.Status.MAX_ITERATIONS, 2))
         with self.assertRaisesRegex(TypeError, "'newton' has no option 'relaxation' .it has: tolerance, "):
             asterism.Solver("newton", relaxation=1.5)
+
+    def test_on_iteration(self):
+        system, start = random_system(6)
+        for method in asterism.methods():
+            with self.subTest(method=method):
+                seen = []
+                x = start.copy()
+
+                def look(iteration, at, value, norm):
+                    seen.append((iteration, at, value, norm))
+
+                summary = asterism.solve(system, x, method, on_iteration=look, tolerance=1e-6)
+                self.assertEqual(summary.status, asterism.Status.CONVERGED)
+                self.assertEqual(seen[0][0], 0)
+                for iteration, at, value, norm in seen:
+                    self.assertAlmostEqual(value, energy(system, at), places=9)
+                    self.assertGreaterEqual(norm, 0)
+                self.assertLess(seen[-1][2], seen[0][2])
+                if method != "multi-start":
+                    self.assertEqual([s[0] for s in seen], sorted({s[0] for s in seen}))
+                    np.testing.assert_allclose(seen[-1][1], x, atol=1e-4)
+
+    def test_on_iteration_ends_the_solve(self):
+        system, start = random_system(6)
+        x = start.copy()
+        summary = asterism.solve(system, x, "ida", on_iteration=lambda iteration, *_: iteration < 3)
+        self.assertEqual((summary.status, summary.iterations), (asterism.Status.INTERRUPTED, 3))
+
+        def fail(*_):
+            raise KeyError("mine")
+
+        solver = asterism.Solver("newton")
+        with self.assertRaisesRegex(KeyError, "mine"):
+            solver.solve(system, x, on_iteration=fail)
+        self.assertTrue(solver.solve(system, x))  # as before
 
     def test_options_of_every_kind_of_number(self):
         solver = asterism.Solver("multi-start")

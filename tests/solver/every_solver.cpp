@@ -31,6 +31,8 @@ class EverySolver : public ::testing::Test {
         {"SummaryTellsTheTruth", &EverySolver::SummaryTellsTheTruth},
         {"RunsOutOfIterations", &EverySolver::RunsOutOfIterations},
         {"EndsWhereItIsAskedToStop", &EverySolver::EndsWhereItIsAskedToStop},
+        {"TellsOfEachIteration", &EverySolver::TellsOfEachIteration},
+        {"EndsWhereTheCallbackSaysSo", &EverySolver::EndsWhereTheCallbackSaysSo},
         {"LooserToleranceStopsSooner", &EverySolver::LooserToleranceStopsSooner},
         {"StaysAtAStationaryPoint", &EverySolver::StaysAtAStationaryPoint},
         {"CollapsedSystemIsStationary", &EverySolver::CollapsedSystemIsStationary},
@@ -90,9 +92,9 @@ class EverySolver : public ::testing::Test {
   double point_tolerance() const { return kDouble ? (loose() ? 1e-4 : 1e-5) : 2e-3; }
 
   Summary solve(const System& system, Points& x) const {
-    const auto solver = kind_.make();
-    solver->options().tolerance = tolerance();
-    return solver->solve(system, x);
+    auto solver = kind_.make();
+    solver.options().tolerance = tolerance();
+    return solver.solve(system, x);
   }
 
   void ReachesTheSameMinimumAsIda() {
@@ -151,16 +153,16 @@ class EverySolver : public ::testing::Test {
 
   void RunsOutOfIterations() {
     const auto [system, start] = random(4);
-    const auto solver = kind_.make();
-    solver->options().max_iterations = 2;
+    auto solver = kind_.make();
+    solver.options().max_iterations = 2;
     Points x = start;
-    const Summary two = solver->solve(system, x);
+    const Summary two = solver.solve(system, x);
     EXPECT_EQ(two.status, Status::MaxIterations) << two;
     EXPECT_LE(two.iterations, 2);
     EXPECT_LT(two.final_energy, two.initial_energy);
-    solver->options().max_iterations = 0;
+    solver.options().max_iterations = 0;
     x = start;
-    const Summary none = solver->solve(system, x);
+    const Summary none = solver.solve(system, x);
     EXPECT_EQ(none.status, Status::MaxIterations) << none;
     EXPECT_EQ(none.iterations, 0);
     EXPECT_EQ(x, start);
@@ -170,12 +172,12 @@ class EverySolver : public ::testing::Test {
   void EndsWhereItIsAskedToStop() {
     const auto [system, start] = random(4);
     Points x = start;
-    const Summary unasked = kind_.make()->solve(system, x);
+    const Summary unasked = kind_.make().solve(system, x);
     std::atomic<bool> stop{true};
-    const auto solver = kind_.make();
-    solver->options().stop = &stop;
+    auto solver = kind_.make();
+    solver.options().stop = &stop;
     Points stopped = start;
-    const Summary summary = solver->solve(system, stopped);
+    const Summary summary = solver.solve(system, stopped);
     EXPECT_EQ(summary.status, Status::Interrupted) << summary;
     EXPECT_TRUE(summary.usable());
     EXPECT_LE(summary.iterations, 1);
@@ -183,20 +185,72 @@ class EverySolver : public ::testing::Test {
     EXPECT_LE(summary.final_energy, summary.initial_energy);
     stop = false;
     stopped = start;
-    EXPECT_EQ(solver->solve(system, stopped).status, unasked.status);
+    EXPECT_EQ(solver.solve(system, stopped).status, unasked.status);
     EXPECT_EQ(stopped, x);
     stop = true;  // what is stationary has converged all the same
     if (unasked.status == Status::Converged) {
-      EXPECT_EQ(solver->solve(system, stopped).status, Status::Converged);
+      EXPECT_EQ(solver.solve(system, stopped).status, Status::Converged);
     }
+  }
+
+  void TellsOfEachIteration() {
+    const auto [system, start] = random(3);
+    auto solver = kind_.make();
+    solver.options().tolerance = tolerance();
+    int last = -1;
+    Points last_x = start;
+    double last_energy = 0;
+    auto look = [&, &system = system](const Iteration& at) {
+      EXPECT_GT(at.number, last);
+      if (last < 0) {
+        EXPECT_EQ(at.number, 0);
+      }
+      last = at.number;
+      last_x = at.x.template cast<Scalar>();
+      last_energy = at.energy;
+      EXPECT_EQ(at.energy, static_cast<double>(energy(system, last_x)));
+      const double norm = gradient(system, last_x).template cast<double>().norm();
+      EXPECT_NEAR(at.gradient_norm, norm, (kDouble ? 1e-9 : 1e-3) * (1 + norm));
+      return true;
+    };
+    solver.options().on_iteration = look;
+    Points x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_EQ(last, summary.iterations);
+    EXPECT_NEAR(last_energy, summary.final_energy, energy_tolerance() * (1 + summary.final_energy));
+    EXPECT_LT((last_x - x).norm(), point_tolerance() * x.norm());
+    // It looks on and changes nothing.
+    Points alone = start;
+    solver.options().on_iteration = {};
+    EXPECT_EQ(solver.solve(system, alone).iterations, summary.iterations);
+    EXPECT_EQ(alone, x);
+  }
+
+  void EndsWhereTheCallbackSaysSo() {
+    const auto [system, start] = random(3);
+    auto solver = kind_.make();
+    solver.options().tolerance = 0;
+    int calls = 0;
+    auto stop = [&](const Iteration& at) {
+      ++calls;
+      return at.number < 1;
+    };
+    solver.options().on_iteration = stop;
+    Points x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(summary.status, Status::Interrupted) << summary;
+    EXPECT_LE(summary.iterations, 2);
+    EXPECT_EQ(calls, 2);
+    EXPECT_LT(summary.final_energy, summary.initial_energy);
   }
 
   void LooserToleranceStopsSooner() {
     const auto [system, start] = random(5);
-    const auto solver = kind_.make();
-    solver->options().tolerance = 1e-2;
+    auto solver = kind_.make();
+    solver.options().tolerance = 1e-2;
     Points x = start;
-    const Summary coarse = solver->solve(system, x);
+    const Summary coarse = solver.solve(system, x);
     EXPECT_EQ(coarse.status, Status::Converged);
     EXPECT_LE(coarse.stationarity, 1e-2);
     if (!kind_.name.starts_with("Newton")) {  // whose last step squares the error
@@ -416,12 +470,12 @@ class EverySolver : public ::testing::Test {
     table.push_back(
         {"link stiffness is not one a link", [](System& s, Points&) { s.link_stiffness.setOnes(2); }});
 
-    const auto solver = kind_.make();  // reused: bad input must not spoil it
+    auto solver = kind_.make();  // reused: bad input must not spoil it
     for (const auto& [message, spoil] : table) {
       auto [system, x] = random(9);
       spoil(system, x);
       const Points before = x;
-      const Summary summary = solver->solve(system, x);
+      const Summary summary = solver.solve(system, x);
       EXPECT_EQ(summary.status, Status::InvalidInput) << message;
       EXPECT_EQ(std::string_view(summary.message), message);
       EXPECT_FALSE(summary.usable());
@@ -433,21 +487,21 @@ class EverySolver : public ::testing::Test {
       EXPECT_EQ(summary.iterations, -1);
     }
     auto [system, x] = random(9);
-    solver->options().tolerance = tolerance();
-    EXPECT_EQ(solver->solve(system, x).status, Status::Converged);
+    solver.options().tolerance = tolerance();
+    EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
   }
 
   // The anchors would be overwritten with the solution, whose energy is then zero.
   void RefusesXInTheSystemsMemory() {
     auto [system, start] = random(9);
     const Points anchors = system.anchors;
-    const auto solver = kind_.make();
-    const Summary summary = solver->solve(system, system.anchors);
+    auto solver = kind_.make();
+    const Summary summary = solver.solve(system, system.anchors);
     EXPECT_EQ(summary.status, Status::InvalidInput) << summary;
     EXPECT_EQ(summary.message, "x shares memory with the system, such as its anchors: pass a copy");
     EXPECT_EQ(system.anchors, anchors);
-    solver->options().tolerance = tolerance();
-    EXPECT_EQ(solver->solve(system, start).status, Status::Converged);
+    solver.options().tolerance = tolerance();
+    EXPECT_EQ(solver.solve(system, start).status, Status::Converged);
   }
 
   // The same to the bit whatever position or rest length a spring without stiffness has, also where the
@@ -555,9 +609,9 @@ class EverySolver : public ::testing::Test {
     const auto [system, start] = random(10);
     for (const SolverOptions& options :
          {SolverOptions{-1e-9, 10}, SolverOptions{std::nan(""), 10}, SolverOptions{1, -1}}) {
-      const auto solver = kind_.make_with(system, options);
+      auto solver = kind_.make_with(system, options);
       Points x = start;
-      EXPECT_EQ(solver->solve(system, x).status, Status::InvalidInput);
+      EXPECT_EQ(solver.solve(system, x).status, Status::InvalidInput);
       EXPECT_EQ(x, start);
     }
   }
@@ -583,14 +637,14 @@ class EverySolver : public ::testing::Test {
     for (std::uint64_t seed = 50; seed < 60; ++seed) {
       auto [system, x] = random(seed);
       system.anchor_stiffness *= Scalar(1e-3);
-      const auto solver = kind_.make();
-      solver->options().max_iterations = 300;
-      solver->options().tolerance = 0;
-      solver->solve(system, x);
+      auto solver = kind_.make();
+      solver.options().max_iterations = 300;
+      solver.options().tolerance = 0;
+      solver.solve(system, x);
       x.colwise() = x.col(0).eval();
-      solver->solve(system, x);
+      solver.solve(system, x);
       system.anchors.setConstant(std::numeric_limits<Scalar>::max());
-      solver->solve(system, x);
+      solver.solve(system, x);
     }
     EXPECT_EQ(::testing::internal::GetCapturedStdout(), "");
     EXPECT_EQ(::testing::internal::GetCapturedStderr(), "");
@@ -600,9 +654,9 @@ class EverySolver : public ::testing::Test {
     const auto [system, start] = random(12);
     Points first = start;
     Points second = start;
-    const auto solver = kind_.make();
-    solver->solve(system, first);
-    solver->solve(system, second);
+    auto solver = kind_.make();
+    solver.solve(system, first);
+    solver.solve(system, second);
     EXPECT_EQ(first, second);
   }
 

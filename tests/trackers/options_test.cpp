@@ -42,9 +42,10 @@ class Walk final : public OptionVisitor {
     see(name, value, range, true);
   }
   void operator()(std::string_view, bool&) override {}
-  void operator()(std::string_view, AnyPart&, std::string_view) override {}
+  void operator()(std::string_view, std::uint64_t&) override {}
 
  private:
+  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
   template <typename T>
   void see(std::string_view name, T& value, const OptionRange& range, bool whole) {
     const std::string path = prefix_ + std::string(name);

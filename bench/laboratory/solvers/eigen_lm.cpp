@@ -73,7 +73,7 @@ class EigenLm {
 
   Summary solve(const System& given, Points& x) {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if (session_.done(session_.gradient())) return Status::Converged;
+      if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
       if (options.max_iterations == 0) return Status::MaxIterations;
       Residuals residuals(system);
       Eigen::LevenbergMarquardt<Residuals> lm(residuals);
@@ -86,20 +86,21 @@ class EigenLm {
         if (summary.iterations == options.max_iterations) break;
         status = lm.minimizeOneStep(numbers);
         ++summary.iterations;
-        session_.evaluate(system, numbers.reshaped(2, x.cols()));
-        if (session_.done(session_.gradient())) break;
+        const Points at = numbers.reshaped(2, x.cols());
+        session_.evaluate(system, at);
+        if (session_.done(at, session_.gradient(), summary.iterations)) break;
       }
       x = numbers.reshaped(2, x.cols());
       summary.energy_evaluations = static_cast<int>(lm.nfev);
       summary.gradient_evaluations = static_cast<int>(lm.njev);
       summary.message.assign("Eigen's status ").append(static_cast<int>(status));
-      if (session_.done(session_.gradient())) return Status::Converged;
+      if (session_.stationary(session_.gradient())) return Status::Converged;
       return summary.iterations == options.max_iterations ? Status::MaxIterations : Status::NoProgress;
     });
   }
 
  private:
-  asterism::detail::Session<System> session_;
+  Session<System> session_;
 };
 
 const Registration kLm({"eigen-lm", std::string(EigenLm::name()),

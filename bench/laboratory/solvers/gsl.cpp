@@ -42,7 +42,7 @@ struct Gsl {
     int code = gsl_multimin_fdfminimizer_set(minimizer.get(), &function, x.get(), kStep, kLineTolerance);
     while (code == GSL_SUCCESS && !objective.done() && summary.iterations < max_iterations) {
       code = gsl_multimin_fdfminimizer_iterate(minimizer.get());
-      ++summary.iterations;
+      if (objective.iterated()) break;
     }
     summary.message.assign(gsl_strerror(code));
     return code == GSL_SUCCESS ? Status::MaxIterations : Status::NoProgress;

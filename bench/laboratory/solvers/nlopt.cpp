@@ -18,7 +18,7 @@ struct Run {
 double evaluate(unsigned, const double* x, double* gradient, void* data) {
   const Run& run = *static_cast<Run*>(data);
   const double energy = run.objective(x, gradient);
-  if (run.objective.done()) nlopt_force_stop(run.optimizer);
+  if (run.objective.iterated()) nlopt_force_stop(run.optimizer);
   return energy;
 }
 

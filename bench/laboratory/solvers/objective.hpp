@@ -16,8 +16,7 @@ namespace asterism::bench {
 /// length, for their constants to fit, with the laboratory's stopping rule.
 class Objective {
  public:
-  Objective(const System& system, const Points& start, asterism::detail::Session<System>& session,
-            Summary& summary)
+  Objective(const System& system, const Points& start, Session<System>& session, Summary& summary)
       : system_(system), session_(session), summary_(summary), x_(start), gradient_(start) {
     const double length = characteristic_length(system, start);
     const double stiffness = node_stiffness(system).maxCoeff();
@@ -43,21 +42,30 @@ class Objective {
     if (energy <= best_energy_) {
       best_energy_ = energy;
       best_ = x_;
-      done_ = wants_gradient && session_.done(gradient_);
+      done_ = wants_gradient && (session_.stationary(gradient_) || session_.stopped());
     }
     const double unit = stiffness_ * length_;
     if (wants_gradient) Eigen::Map<Points>(gradient, 2, x_.cols()) = gradient_ / unit;
     return energy / (unit * length_);
   }
 
-  /// Whether the lowest point seen is stationary by the stopping rule.
+  /// Whether the lowest point seen is stationary by the stopping rule, or the caller has asked to stop.
   bool done() const { return done_; }
+  /// For a method to call after each of its iterations: reports it, and says whether to end.
+  bool iterated() {
+    ++summary_.iterations;
+    if (session_.reports()) {
+      session_.report(best_, gradient(system_, best_), summary_.iterations);
+      done_ |= session_.stopped();
+    }
+    return done_;
+  }
   /// The lowest point seen.
   const Points& best() const { return best_; }
 
  private:
   const System& system_;
-  asterism::detail::Session<System>& session_;
+  Session<System>& session_;
   Summary& summary_;
   Points x_;
   Points gradient_;
@@ -69,8 +77,8 @@ class Objective {
 };
 
 /// A minimiser of another package as a solver. `Method` has a static name() and
-/// static Status minimise(Objective&, const Points& start, int max_iterations, Summary&), which asks the
-/// objective's done() when to stop and counts iterations.
+/// static Status minimise(Objective&, const Points& start, int max_iterations, Summary&), which tells the
+/// objective of each iteration, and stops where that is done.
 template <typename Method>
 class PeerSolver {
  public:
@@ -80,7 +88,7 @@ class PeerSolver {
 
   Summary solve(const System& given, Points& x) {
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if (session_.done(session_.gradient())) return Status::Converged;
+      if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
       if (options.max_iterations == 0) return Status::MaxIterations;
       Objective objective(system, x, session_, summary);
       const Status status = Method::minimise(objective, x, options.max_iterations, summary);
@@ -90,7 +98,7 @@ class PeerSolver {
   }
 
  private:
-  asterism::detail::Session<System> session_;
+  Session<System> session_;
 };
 
 }  // namespace asterism::bench

@@ -7,6 +7,7 @@
 #include <asterism/parts/concept/part_plugin.hpp>
 #include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <cmath>
 #include <cstring>
 #include <filesystem>
@@ -50,18 +51,11 @@ class OptionReader : public OptionVisitor {
       value = json->get<bool>();
     }
   }
-  void operator()(std::string_view name, AnyPart& part, std::string_view) override {
-    const Json* json = find(name);
-    if (json == nullptr) return;
-    if (json->is_string()) {
-      part = models_.make(json->get<std::string>());
-      return;
+  void operator()(std::string_view name, std::uint64_t& value) override {
+    if (const Json* json = find(name)) {
+      if (!json->is_number_unsigned()) refuse(name, "must be an integer that is not negative", *json);
+      value = json->get<std::uint64_t>();
     }
-    if (!json->is_object() || !json->contains("model") || !json->at("model").is_string())
-      refuse(name, "must be a part model's name or an object with it as \"model\"", *json);
-    Json options = *json;
-    options.erase("model");
-    part = models_.make(json->at("model").get<std::string>() + options.dump());
   }
 
   /// No more options on this level: what was not visited is unknown.
@@ -83,6 +77,44 @@ class OptionReader : public OptionVisitor {
     std::set<std::string, std::less<>> visited;
   };
 
+  void made_by_name(std::string_view name, MemberReference member, std::string_view) override {
+    const Json* json = find(name);
+    if (json == nullptr) return;
+    if (AnyPart* part = member.as<AnyPart>()) {
+      *part = models_.make(part_of(name, *json));
+    } else if (SolverDescription* solver = member.as<SolverDescription>()) {
+      *solver = solver_of(name, *json, *solver);
+    }
+  }
+  // NAME or NAME{OPTIONS} of a part.
+  std::string part_of(std::string_view name, const Json& json) const {
+    if (json.is_string()) return json.get<std::string>();
+    if (!json.is_object() || !json.contains("model") || !json.at("model").is_string())
+      refuse(name, "must be a part model's name or an object with it as \"model\"", json);
+    Json options = json;
+    options.erase("model");
+    return json.at("model").get<std::string>() + options.dump();
+  }
+  // A solver's name, or an object with it as "method" and options beside it; without it, `now` is kept.
+  SolverDescription solver_of(std::string_view name, const Json& json, const SolverDescription& now) const {
+    if (json.is_string()) return {json.get<std::string>(), {}};
+    if (!json.is_object()) refuse(name, "must be a solver's name or an object with it as \"method\"", json);
+    SolverDescription solver{now.name, {}};
+    for (const auto& [option, value] : json.items()) {
+      if (option == "method" && value.is_string()) {
+        solver.name = value.get<std::string>();
+      } else if (value.is_boolean()) {
+        solver.options.emplace_back(option, value.get<bool>());
+      } else if (value.is_number_integer()) {
+        solver.options.emplace_back(option, value.get<std::int64_t>());
+      } else if (value.is_number()) {
+        solver.options.emplace_back(option, value.get<double>());
+      } else {
+        refuse(std::string(name) + '.' + option, "must be a number, true or false", value);
+      }
+    }
+    return solver;
+  }
   const Json* find(std::string_view name) {
     levels_.back().visited.emplace(name);
     const auto at = levels_.back().json->find(name);
@@ -126,11 +158,12 @@ class OptionLister : public OptionVisitor {
   void operator()(std::string_view name, double& value, const OptionRange&) override { set(name, value); }
   void operator()(std::string_view name, int& value, const OptionRange&) override { set(name, value); }
   void operator()(std::string_view name, bool& value) override { set(name, value); }
-  void operator()(std::string_view name, AnyPart&, std::string_view model) override {
-    set(name, std::string(model));
-  }
+  void operator()(std::string_view name, std::uint64_t& value) override { set(name, value); }
 
  private:
+  void made_by_name(std::string_view name, MemberReference, std::string_view made) override {
+    set(name, std::string(made));
+  }
   void set(std::string_view name, const Json& value) { (*levels_.back())[std::string(name)] = value; }
   std::size_t choose(std::string_view name, std::size_t value,
                      std::initializer_list<std::string_view> names) override {

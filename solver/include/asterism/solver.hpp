@@ -14,6 +14,7 @@
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
@@ -24,8 +25,12 @@
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/executor.hpp>
+#include <asterism/solver/run/iteration.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/solve_each.hpp>
 #include <asterism/solver/run/solver.hpp>
 #include <asterism/solver/run/status.hpp>

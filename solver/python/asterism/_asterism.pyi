@@ -1,5 +1,5 @@
 import enum
-from typing import Any, Sequence
+from typing import Any, Callable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,7 @@ _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 _Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
 _Box = Sequence[float]
+_OnIteration = Callable[[int, _Floats, float, float], bool | None]  # iteration, x, energy, gradient norm
 
 class _Values:  # what is set is copied into the array
     def __get__(self, owner: object, type: type | None = None) -> _Floats: ...
@@ -107,13 +108,15 @@ def methods() -> list[str]: ...
 
 class Solver:
     def __init__(self, method: str = "auto", **options: bool | float) -> None: ...
-    def solve(self, system: SpringSystem, x: _Floats) -> Summary: ...
+    def solve(self, system: SpringSystem, x: _Floats, on_iteration: _OnIteration | None = None) -> Summary: ...
     @property
     def method(self) -> str: ...
     @property
     def options(self) -> dict[str, Any]: ...
 
-def solve(system: SpringSystem, x: _Floats, method: str = "auto", **options: bool | float) -> Summary: ...
+def solve(
+    system: SpringSystem, x: _Floats, method: str = "auto", on_iteration: _OnIteration | None = None, **options: bool | float
+) -> Summary: ...
 
 class BatchSummary:
     @property

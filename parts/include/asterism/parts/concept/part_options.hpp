@@ -4,7 +4,6 @@
 /// PartRegistry and for options that contain them. Where the comment of an option says > 0, it is in [1e-9,
 /// 1e9].
 
-#include <asterism/parts/concept/option_visitor.hpp>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/parts/models/mosse.hpp>
@@ -12,6 +11,7 @@
 #include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/parts/models/superpixels.hpp>
 #include <asterism/parts/models/template.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #if __has_include(<asterism/parts/models/flow.hpp>)  // only installed where it was built
 #include <asterism/parts/models/flow.hpp>
 #endif

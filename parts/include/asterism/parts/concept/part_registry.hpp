@@ -1,7 +1,7 @@
 #pragma once
 
 #include <asterism/parts/concept/any_part.hpp>
-#include <asterism/parts/concept/option_visitor.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <functional>
 #include <map>
 #include <string>

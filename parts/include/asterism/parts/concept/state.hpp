@@ -2,7 +2,7 @@
 
 #include <Eigen/Core>
 #include <asterism/parts/concept/frame.hpp>
-#include <asterism/parts/concept/option_visitor.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <concepts>
 #include <cstddef>
 #include <cstdint>
@@ -108,9 +108,12 @@ class ASTERISM_API StateArchive {
     void operator()(std::string_view name, double& value, const OptionRange&) override { check(name, value); }
     void operator()(std::string_view name, int& value, const OptionRange&) override { check(name, value); }
     void operator()(std::string_view name, bool& value) override { check(name, value); }
-    void operator()(std::string_view, AnyPart&, std::string_view) override {}
+    void operator()(std::string_view name, std::uint64_t& value) override {
+      check(name, static_cast<double>(value));
+    }
 
    private:
+    void made_by_name(std::string_view, MemberReference, std::string_view) override {}
     std::size_t choose(std::string_view name, std::size_t value,
                        std::initializer_list<std::string_view>) override {
       check(name, static_cast<double>(value));

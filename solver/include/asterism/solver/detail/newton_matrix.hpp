@@ -107,6 +107,14 @@ class NewtonMatrix {
     return decrement;
   }
 
+  /// The least pivot beside its node's stiffness, of a matrix that is positive definite.
+  Scalar least_pivot() const {
+    Scalar most = 0;
+    for (int k = 0; k < size(); ++k)
+      most = std::max(most, inverse_pivots_[static_cast<std::size_t>(k)] * rounding_[k / kDim]);
+    return kRounding / most;
+  }
+
   /// The energy of displacing every node of x by its rounding, some units in the last place.
   Scalar energy_of_rounding(const Points& x) const {
     const Scalar rounding = kRounding * x.cwiseAbs().maxCoeff();

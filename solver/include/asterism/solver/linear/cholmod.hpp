@@ -5,6 +5,8 @@
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <memory>
 #include <new>
 #include <string_view>
@@ -118,6 +120,13 @@ class CholmodLlt {
 /// Ida with CHOLMOD.
 template <typename System>
 using CholmodIda = Ida<System, CholmodCholesky<System>>;
+
+/// Adds "ida-cholmod" and "newton-cholmod".
+template <typename System>
+void add_cholmod(SolverRegistry<System>& registry) {
+  registry.template add<CholmodIda<System>>("ida-cholmod");
+  registry.template add<SparseNewton<System, CholmodLlt<System>>>("newton-cholmod");
+}
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -31,6 +31,12 @@ struct IdaOptions : AlignedOptions {
   }
 };
 
+/// Their names.
+inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("relaxation", options.relaxation, {1e-9, 2 - 1e-9});
+}
+
 /// The iterative direct approach, the paper's Algorithm 1.
 ///
 /// The spring system is split into one 1-D system a dimension; their matrix K_dyn is the same, so it is
@@ -80,7 +86,7 @@ class Ida {
 
   Summary run(const System& given, Points& x);
 
-  detail::Session<System> session_;
+  Session<System> session_;
   Factorization factorization_;
   Points gradient_;
 };
@@ -97,7 +103,7 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
       // Lines 4-5: the spring vectors at x, and with them minus the forces at the dynamic nodes, Eq. 15.
       detail::evaluate<false>(system, x, gradient_);
       ++summary.gradient_evaluations;
-      if (session_.done(gradient_)) return Status::Converged;
+      if (session_.done(x, gradient_, summary.iterations)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
       if (session_.stalls(x, gradient_, summary.iterations)) return Status::NoProgress;
       if (options.relaxation != 1) gradient_ *= static_cast<Scalar>(options.relaxation);

@@ -207,7 +207,7 @@ class Lbfgs {
     if (!(gamma_ > 0 && detail::is_finite(gamma_))) used_ = next_ = 0;
   }
 
-  detail::Session<System> session_;
+  Session<System> session_;
   detail::DescentState<System> state_;
   Metric metric_;
   Points descent_;           // -K_dyn^-1 g
@@ -238,7 +238,7 @@ Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
     forget(x.size());
     majorised_descent(summary);
     while (true) {
-      const bool converged = session_.done(state_.gradient());
+      const bool converged = session_.done(x, state_.gradient(), summary.iterations);
       if (converged || summary.iterations == options.max_iterations) {
         session_.adopt(x, state_.energy(), state_.gradient());
         return converged ? Status::Converged : Status::MaxIterations;

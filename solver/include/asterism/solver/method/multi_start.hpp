@@ -5,10 +5,12 @@
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <chrono>
 #include <cstdint>
+#include <limits>
 #include <new>
 #include <string_view>
 #include <utility>
@@ -35,6 +37,15 @@ struct MultiStartOptions : Options {
     return Options::problem();
   }
 };
+
+/// Their names.
+template <typename Options>
+void visit_options(OptionVisitor& visit, MultiStartOptions<Options>& options) {
+  visit_options(visit, static_cast<Options&>(options));
+  visit("starts", options.starts, {1, std::numeric_limits<int>::max()});
+  visit("spread", options.spread, {0, 1e6});
+  visit("seed", options.seed);
+}
 
 /// Any solver from many starts: the energy has more than one minimum, and this keeps the lowest that is
 /// found. The given x is the first start, so that the result is never worse than what `Solver` makes of it;

@@ -30,6 +30,12 @@ struct NewtonOptions : AlignedOptions {
   constexpr NewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
 };
 
+/// Their names.
+inline void visit_options(OptionVisitor& visit, NewtonOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("escape_saddles", options.escape_saddles);
+}
+
 /// Newton's method for small constellations: some 10 nodes or fewer where all are linked, beyond that its
 /// cost, cubic in the nodes, overtakes that of the methods with cheaper iterations.
 ///
@@ -43,8 +49,8 @@ struct NewtonOptions : AlignedOptions {
 /// stopping rule to confirm.
 ///
 /// At a stationary point whose Hessian has a negative pivot it goes on along the negative curvature.
-/// Summary::positive_definite says what the Hessian is at the end, as of the last factorisation: at the x
-/// returned, or one such last step before it.
+/// Summary::positive_definite says what the Hessian is at the end: at the x returned, or one such last step
+/// before it, where the Hessian is too far from singular for the step to matter.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System>
@@ -73,6 +79,7 @@ class Newton {
   Summary run(const System& given, Points& x);
 
   static constexpr int kClampedSteps = 4;
+  static constexpr Scalar kFlatShare = Scalar(1e-3);
 
   // The Hessian, clamped or not, into the matrix, energy and gradient at x.
   Scalar assemble(const System& system, const Points& x, Points& gradient, Summary& summary) {
@@ -89,10 +96,24 @@ class Newton {
     ++summary.energy_evaluations;
     ++summary.gradient_evaluations;
     if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, energy_))) return false;
-    if (!session_.done(session_.gradient())) return false;
+    if (!session_.stationary(session_.gradient())) return false;
+    const bool may_turn = may_turn_indefinite((next_x_ - x).squaredNorm());
     x = next_x_;
     ++summary.iterations;
+    session_.report(x, session_.gradient(), summary.iterations);
+    if (may_turn) {
+      assemble(system, x, gradient_, summary);
+      ++summary.factorizations;
+      summary.positive_definite = matrix_.factorize();
+    }
     return true;
+  }
+
+  // Whether a step of this square may lead to where the Hessian, nearly singular before it, is not positive
+  // definite.
+  bool may_turn_indefinite(Scalar square) const {
+    const Scalar flat = kFlatShare * matrix_.least_pivot() * session_.length();
+    return square > flat * flat;
   }
 
   void accept(Points& x, Scalar energy, Summary& summary) {
@@ -201,7 +222,7 @@ class Newton {
     return true;
   }
 
-  detail::Session<System> session_;
+  Session<System> session_;
   detail::NewtonMatrix<System> matrix_;
   detail::HessianOperator<System> hessian_;  // at saddles
   bool clamps_ = false;                      // the matrix at x is the clamped one
@@ -223,7 +244,8 @@ Summary Newton<System>::run(const System& given, Points& x) {
     clamps_ = true;
     energy_ = assemble(system, x, gradient_, summary);
     while (true) {
-      const bool stationary = session_.done(gradient_);
+      session_.report(x, gradient_, summary.iterations);
+      const bool stationary = session_.stationary(gradient_);
       const bool last = summary.iterations == options.max_iterations || session_.stopped();
       if (last && !stationary) {
         session_.adopt(x, energy_, gradient_);

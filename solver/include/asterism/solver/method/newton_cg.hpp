@@ -143,7 +143,7 @@ class NewtonCg {
 
   static constexpr Scalar kFlat = 16 * std::numeric_limits<Scalar>::epsilon();
 
-  detail::Session<System> session_;
+  Session<System> session_;
   detail::DescentState<System> state_;
   detail::HessianOperator<System> hessian_;
   Preconditioner preconditioner_;
@@ -169,7 +169,7 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
     Scalar forcing = kLargestForcing;
     Scalar previous_square = 0;
     while (true) {
-      if (session_.done(state_.gradient())) return Status::Converged;
+      if (session_.done(x, state_.gradient(), summary.iterations)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
       if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
 

@@ -225,7 +225,7 @@ class NonlinearCg {
     }
   }
 
-  detail::Session<System> session_;
+  Session<System> session_;
   Points gradient_;
   Points direction_;
   Points next_x_;
@@ -245,7 +245,7 @@ Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
     Scalar next_energy = 0;
     while (true) {
       const Points& analytic = analytic_gradient(system, x);
-      if (session_.done(analytic)) return Status::Converged;
+      if (session_.done(x, analytic, summary.iterations)) return Status::Converged;
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
       if (!restart && session_.stalls(x, analytic, summary.iterations)) return Status::NoProgress;
 

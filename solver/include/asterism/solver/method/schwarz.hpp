@@ -75,7 +75,8 @@ class Decomposition {
     for (int k = 0; const int i : partition_.order) result.col(k++) = x.col(i);
     return result;
   }
-  void restore(const Points& renumbered, Points& x) const {
+  template <typename Renumbered, typename Given>
+  void restore(const Renumbered& renumbered, Given& x) const {
     for (int k = 0; const int i : partition_.order) x.col(i) = renumbered.col(k++);
   }
 
@@ -238,7 +239,15 @@ class Schwarz {
   static constexpr int kFirstTurn = 4;             // iterations of Global; later ones are longer
 
   Status iterate(const System& system, Points& x, Summary& summary) {
+    const auto report = [&](const Iteration& at) {  // Global knows neither the numbers of nodes nor of sweeps
+      Eigen::MatrixXd given(at.x.rows(), at.x.cols());
+      decomposition_.restore(at.x, given);
+      session_.report({summary.iterations + at.number, at.energy, at.gradient_norm,
+                       Eigen::Map<const Eigen::MatrixXd>(given.data(), given.rows(), given.cols())});
+      return !session_.stopped();
+    };
     global_.options = options;
+    if (options.on_iteration) global_.options.on_iteration = report;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
     local_.tolerance = kFirstTolerance;
@@ -291,7 +300,7 @@ class Schwarz {
     summary.positive_definite = part.positive_definite;
   }
 
-  detail::Session<System> session_;
+  Session<System> session_;
   detail::Decomposition<System> decomposition_;
   AlignedOptions local_;  // of the subdomains
   Global global_;
@@ -301,7 +310,7 @@ class Schwarz {
 template <typename System, typename Global>
 Summary Schwarz<System, Global>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-    if (session_.done(session_.gradient())) return Status::Converged;
+    if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
     if (options.max_iterations == 0) return Status::MaxIterations;
     decomposition_.set(system, kSubdomain);
     renumbered_ = decomposition_.renumbered(x);

@@ -132,6 +132,12 @@ struct SparseNewtonOptions : AlignedOptions {
   constexpr SparseNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
 };
 
+/// Their names.
+inline void visit_options(OptionVisitor& visit, SparseNewtonOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("escape_saddles", options.escape_saddles);
+}
+
 /// Newton's method with a sparse factorisation of the Hessian, for large constellations whose anchors are
 /// weak beside the links: the number of its iterations hardly depends on the anchors, where that of methods
 /// without the Hessian grows as they weaken. In the plane a factorisation is about O(N^1.5) in time and O(N
@@ -218,6 +224,7 @@ class SparseNewton {
   void take_turn(const System& system, Points& x, Scalar gain_of_step, Summary& summary) {
     lbfgs_.options = options;
     lbfgs_.options.align = lbfgs_.options.ground_components = false;
+    lbfgs_.options.on_iteration = {};
     const int left = options.max_iterations - summary.iterations;
     lbfgs_.options.max_iterations = left < turn_ / kTurn ? left * kTurn : turn_;
     const Scalar before = state_.energy();
@@ -249,7 +256,7 @@ class SparseNewton {
     return false;
   }
 
-  detail::Session<System> session_;
+  Session<System> session_;
   detail::DescentState<System> state_;
   detail::SparseHessian<System, MatrixScalar> hessian_;
   Factorization factorization_;
@@ -272,7 +279,8 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
     bool turned = false;  // the last iteration was L-BFGS's
     Scalar gain = 0;      // of the last step of Newton's method
     while (true) {
-      const bool stationary = session_.done(state_.gradient());
+      session_.report(x, state_.gradient(), summary.iterations);
+      const bool stationary = session_.stationary(state_.gradient());
       const bool last = summary.iterations == options.max_iterations || session_.stopped();
       if (last && !stationary) {
         summary.positive_definite = -1;

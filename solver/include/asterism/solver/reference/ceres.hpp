@@ -5,6 +5,7 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -41,8 +42,8 @@ struct CeresProblem {
   std::function<bool(int node)> is_fixed;
   /// Replaces d = x_i - x_j (dim) by the direction of spring `link`, and returns its length.
   std::function<double(const Link& link, double* d)> spring;
-  /// Whether x (dim x nodes) is stationary by the library's rule.
-  std::function<bool(const double* x)> done;
+  /// Whether x (dim x nodes), after so many iterations, is to be the end.
+  std::function<bool(const double* x, int iteration)> done;
 };
 
 /// Minimises from and into x. Adds Ceres's counts and words to `summary`.
@@ -133,10 +134,10 @@ class Ceres {
         difference = spring.direction;
         return spring.length;
       };
-      problem.done = [&](const double* at) {
+      problem.done = [&](const double* at, int iteration) {
         trial_ = (unit * Eigen::Map<const decltype(nodes)>(at, kDim, system.nodes())).template cast<Scalar>();
         asterism::detail::evaluate<false>(system, trial_, gradient_);
-        return session_.done(gradient_);
+        return session_.done(trial_, gradient_, iteration);
       };
       const Status status = detail::minimise(problem, kMethod, options.max_iterations, nodes.data(), summary);
       x = (unit * nodes).template cast<Scalar>();
@@ -147,10 +148,19 @@ class Ceres {
  private:
   static double power_of_two(double value) { return value > 0 ? std::ldexp(1.0, std::ilogb(value)) : 1.0; }
 
-  asterism::detail::Session<System> session_;
+  Session<System> session_;
   Points trial_;
   Points gradient_;
 };
+
+/// Adds "ceres-dense", "ceres-sparse", "ceres-lbfgs" and "ceres-cg".
+template <typename System>
+void add_ceres(SolverRegistry<System>& registry) {
+  registry.template add<Ceres<System, CeresMethod::LevenbergMarquardtDense>>("ceres-dense");
+  registry.template add<Ceres<System, CeresMethod::LevenbergMarquardtSparse>>("ceres-sparse");
+  registry.template add<Ceres<System, CeresMethod::Lbfgs>>("ceres-lbfgs");
+  registry.template add<Ceres<System, CeresMethod::NonlinearCg>>("ceres-cg");
+}
 
 }  // namespace reference
 }  // namespace ASTERISM_ABI

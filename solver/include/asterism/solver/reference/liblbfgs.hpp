@@ -5,6 +5,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -50,7 +51,7 @@ class Liblbfgs {
       }
     }
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-      if (session_.done(session_.gradient())) return Status::Converged;
+      if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
       if (options.max_iterations == 0) return Status::MaxIterations;  // to liblbfgs it is no limit
 
       // The first step is one unit long and others are bounded by thresholds in such units, so the system is
@@ -102,13 +103,15 @@ class Liblbfgs {
   }
 
   // After each iteration: not 0 stops.
-  static int progress(void* instance, const double*, const double* gradient, double, double, double, double,
-                      int, int, int) {
+  static int progress(void* instance, const double* nodes, const double* gradient, double, double, double,
+                      double, int, int, int) {
     const Run& run = *static_cast<const Run*>(instance);
+    Points& x = run.self.trial_;
     Points& g = run.self.gradient_;
     ++run.summary.iterations;
+    x = run.length * Eigen::Map<const Points>(nodes, x.rows(), x.cols());
     g = (run.stiffness * run.length) * Eigen::Map<const Points>(gradient, g.rows(), g.cols());
-    return run.self.session_.done(g) ? LBFGS_STOP : 0;
+    return run.self.session_.done(x, g, run.summary.iterations) ? LBFGS_STOP : 0;
   }
 
   // liblbfgs has no texts for its codes but those of its header.
@@ -146,10 +149,16 @@ class Liblbfgs {
     return "liblbfgs's error";
   }
 
-  asterism::detail::Session<System> session_;
+  Session<System> session_;
   Points trial_;
   Points gradient_;
 };
+
+/// Adds "liblbfgs".
+template <typename System>
+void add_liblbfgs(SolverRegistry<System>& registry) {
+  registry.template add<Liblbfgs<System>>("liblbfgs");
+}
 
 }  // namespace reference
 }  // namespace ASTERISM_ABI

@@ -2,7 +2,10 @@
 
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/run/iteration.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
+#include <limits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -30,6 +33,11 @@ struct SolverOptions {
   /// such as a factorisation, it ends first.
   const std::atomic<bool>* stop = nullptr;
 
+  /// Called at the start and after each iteration where it is given, with x, energy and gradient norm: to
+  /// look on, or to stop. Methods that begin again from another start, or hand over to another method, begin
+  /// again at iteration 0; BatchNewton calls none.
+  IterationCallback on_iteration = {};
+
   /// Whether `stop` was set.
   bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
 
@@ -41,6 +49,13 @@ struct SolverOptions {
     return nullptr;
   }
 };
+
+/// Their names.
+inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
+  visit("tolerance", options.tolerance, {0, std::numeric_limits<double>::max()});
+  visit("max_iterations", options.max_iterations, {0, std::numeric_limits<int>::max()});
+  visit("ground_components", options.ground_components);
+}
 
 /// What solvers take that can start with rigid_alignment of x (unless x is stationary, or max_iterations 0):
 /// it is not counted as an iteration, cannot raise the energy, and removes the modes that are slowest where
@@ -55,6 +70,13 @@ struct AlignedOptions : SolverOptions {
   constexpr AlignedOptions() = default;
   constexpr AlignedOptions(const SolverOptions& options) : SolverOptions(options) {}
 };
+
+/// Their names.
+inline void visit_options(OptionVisitor& visit, AlignedOptions& options) {
+  visit_options(visit, static_cast<SolverOptions&>(options));
+  visit("align", options.align);
+  visit("allow_reflection", options.allow_reflection);
+}
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -9,6 +9,7 @@
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
@@ -18,6 +19,7 @@
 #include <new>
 #include <optional>
 #include <string_view>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -31,9 +33,23 @@ typename System::Scalar rounding_of_energy(const System& system, typename System
   return terms * std::numeric_limits<Scalar>::epsilon() * energy;
 }
 
-/// The frame around every solver's iterations: validation before, and the library's own verdict after, so
-/// that all methods are held to the same rule and bad input costs nobody an x. It keeps its memory between
-/// solves.
+}  // namespace detail
+
+/// The frame around every solver's iterations, the library's and one's own: validation before, and the
+/// library's own verdict after, so that all methods are held to the same rule and bad input costs nobody an
+/// x. A solver has one as a member, and solves by
+///
+///     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+///       while (true) {
+///         const Points g = gradient(system, x);
+///         if (session_.done(x, g, summary.iterations)) return Status::Converged;
+///         if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+///         x -= ...;
+///         ++summary.iterations;
+///       }
+///     });
+///
+/// It keeps its memory between solves.
 template <typename System>
 class Session {
  public:
@@ -60,16 +76,16 @@ class Session {
         summary.linear_solves = summary.factorizations = 0;
         summary.message.clear();
         if constexpr (requires { options.align; }) {
-          if (options.align && options.max_iterations > 0 && !done(gradient_))
-            align(*system, x, options.allow_reflection);
+          if (options.align && options.max_iterations > 0 && !stationary(gradient_) && !stopped())
+            detail::align(*system, x, options.allow_reflection);
         }
         judge(iterate(*system, summary), *system, x, summary);
       }
     };
-    attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
+    detail::attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
       if (started) x = start_;
       summary.status = Status::OutOfMemory;
-      summary.message = memory_message(error);
+      summary.message = detail::memory_message(error);
     });
     summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return summary;
@@ -80,11 +96,40 @@ class Session {
     return !has_run_ || (nodes_ == system.nodes() && links_ == system.link_count());
   }
 
-  /// Whether the method is to end at an iterate with this gradient: it is stationary, or the caller has asked
-  /// to stop, which the verdict tells apart. A gradient with NaN counts as done: the verdict rejects it.
-  bool done(const Points& gradient) const { return rule_.reached(gradient) || stopped(); }
+  /// To be asked once at every iterate, the start included, after so many iterations: reports it to
+  /// SolverOptions::on_iteration, and says whether the method is to end there. It is, where x is stationary
+  /// or the caller has asked to stop, which the verdict tells apart. A gradient with NaN counts as
+  /// stationary: the verdict rejects it.
+  bool done(const Points& x, const Points& gradient, int iteration) {
+    report(x, gradient, iteration);
+    return stationary(gradient) || stopped();
+  }
+  /// The first half of it, for a method that asks `stationary` by itself. An iterate is reported once.
+  void report(const Points& x, const Points& gradient, int iteration) {
+    if (!on_iteration_ || iteration == reported_) [[likely]]
+      return;
+    using View = Eigen::Map<const Eigen::MatrixXd>;
+    const auto energy = static_cast<double>(asterism::energy(*system_, x));
+    const double norm = gradient.template cast<double>().norm();
+    if constexpr (std::is_same_v<Scalar, double>) {
+      report({iteration, energy, norm, View(x.data(), x.rows(), x.cols())});
+    } else {
+      const Eigen::MatrixXd copy = x.template cast<double>();
+      report({iteration, energy, norm, View(copy.data(), copy.rows(), copy.cols())});
+    }
+  }
+  /// Whether anyone wants to be told.
+  bool reports() const { return static_cast<bool>(on_iteration_); }
+  /// Of another solver's iterate, which this one's method runs.
+  void report(const Iteration& at) {
+    if (!on_iteration_ || at.number == reported_) return;
+    reported_ = at.number;
+    is_stopped_ |= !on_iteration_(at);
+  }
+  /// Whether this gradient is that of a stationary point by the stopping rule.
+  bool stationary(const Points& gradient) const { return rule_.reached(gradient); }
   /// Whether the caller has asked to stop.
-  bool stopped() const { return stop_ != nullptr && stop_->load(std::memory_order_relaxed); }
+  bool stopped() const { return is_stopped_ || (stop_ != nullptr && stop_->load(std::memory_order_relaxed)); }
   /// Whether a method is to end short of the tolerance, as its steps are rounding alone: for methods that do
   /// not find that out by themselves, to be asked at every iterate. Every so many iterations the gradient is
   /// looked at: one that is rounding beside x is to be half of what it was.
@@ -127,25 +172,30 @@ class Session {
     summary.status = Status::InvalidInput;
     summary.message.clear();
     const System* system = &given;
-    if (shares_memory(given, x.data(), x.size())) {
-      summary.message = kSharesMemory;
-    } else if (const Defect defect = validate_values(given, x)) {
+    if (detail::shares_memory(given, x.data(), x.size())) {
+      summary.message = detail::kSharesMemory;
+    } else if (const Defect defect = detail::validate_values(given, x)) {
       summary.message = defect;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
     } else if (options.ground_components) {
       system = grounded(given);
-    } else if (const Defect floating = validate_components(given, scratch_)) {
+    } else if (const Defect floating = detail::validate_components(given, scratch_)) {
       summary.message = floating;
     }
     if (!summary.message.empty()) return nullptr;
     is_evaluated_ = false;
     looked_at_ = std::numeric_limits<Scalar>::infinity();
     stop_ = options.stop;
+    on_iteration_ = options.on_iteration;
+    is_stopped_ = false;
+    reported_ = -1;
+    system_ = system;
 
     start_ = x;
     energy_ = energy_and_gradient(*system, x, gradient_);
-    if (!is_finite(energy_) || !all_finite(gradient_) || !rule_.set(*system, x, options.tolerance)) {
+    if (!detail::is_finite(energy_) || !detail::all_finite(gradient_) ||
+        !rule_.set(*system, x, options.tolerance)) {
       summary.status = Status::NumericalFailure;
       summary.message = "energy or gradient at the start leave the range of the scalar";
       return nullptr;
@@ -158,18 +208,18 @@ class Session {
   // Holds one node of each component that no anchor holds: a component like that has the same energy wherever
   // it is moved to, and this keeps it where the start has it.
   const System* grounded(const System& given) {
-    if (first_floating_node(given, scratch_) < 0) return &given;
+    if (detail::first_floating_node(given, scratch_) < 0) return &given;
     grounded_ = given;
-    for_each_floating_component(given, scratch_, [this](int i) { grounded_->fix(i); });
+    detail::for_each_floating_component(given, scratch_, [this](int i) { grounded_->fix(i); });
     return &*grounded_;
   }
 
   // `reason` is what the method says; energy and gradient at x have the last word.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
-    if (!is_finite(energy_) || !all_finite(gradient_)) reason = Status::NumericalFailure;
+    if (!detail::is_finite(energy_) || !detail::all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
-        energy_ > start_energy_ + rounding_of_energy(system, start_energy_)) {
+        energy_ > start_energy_ + detail::rounding_of_energy(system, start_energy_)) {
       x = start_;
       energy_ = energy_and_gradient(system, x, gradient_);
       if (summary.message.empty()) summary.message = "no step lowered the energy";
@@ -193,7 +243,8 @@ class Session {
                              : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
                                                                : "stopped short of the tolerance");
     }
-    if (summary.positive_definite == 1 && (peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
+    if (summary.positive_definite == 1 &&
+        (detail::peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
       summary.positive_definite = 0;
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = gradient_.template cast<double>().norm();
@@ -203,11 +254,15 @@ class Session {
   bool has_run_ = false;
   int nodes_ = 0;  // of the last system
   int links_ = 0;
-  StoppingRule<System> rule_;
+  detail::StoppingRule<System> rule_;
   const std::atomic<bool>* stop_ = nullptr;
+  IterationCallback on_iteration_;
+  bool is_stopped_ = false;         // by on_iteration
+  int reported_ = -1;               // the last iteration that it was told of
+  const System* system_ = nullptr;  // that is solved
   std::optional<System> grounded_;
-  ComponentScratch<System> scratch_;
-  FreeMotions<System> free_motions_;
+  detail::ComponentScratch<System> scratch_;
+  detail::FreeMotions<System> free_motions_;
   Points start_;
   Points gradient_;
   Points evaluated_;  // where energy_ and gradient_ are from, if is_evaluated_
@@ -217,6 +272,5 @@ class Session {
   Scalar looked_at_ = 0;  // the gradient squared, by stalls()
 };
 
-}  // namespace detail
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -18,11 +18,6 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
-  visit("tolerance", options.tolerance, {0, 1e9});
-  visit("max_iterations", options.max_iterations, {0, 100000});
-}
-
 inline void visit_options(OptionVisitor& visit, MotionOptions& options) {
   visit("histogram_rate", options.histogram_rate, option_ranges::kShare);
   visit("novelty", options.novelty, option_ranges::kProbability);

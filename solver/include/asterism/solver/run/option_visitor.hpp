@@ -1,9 +1,15 @@
 #pragma once
 
+#include <array>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <charconv>
 #include <cstddef>
+#include <cstdint>
 #include <initializer_list>
 #include <limits>
+#include <stdexcept>
+#include <string>
 #include <string_view>
 #include <type_traits>
 #include <vector>
@@ -11,16 +17,35 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-class AnyPart;
-
 /// What a number may be, both ends included; NaN is never.
 struct OptionRange {
   double least = -std::numeric_limits<double>::infinity();  ///< The least value taken.
   double most = std::numeric_limits<double>::infinity();    ///< The greatest value taken.
 };
 
-/// Sees the options of a part model or a tracker one by one, each with its name: reads them, or lists them. A
-/// model of one's own is given names by a function beside its options, found by argument-dependent lookup:
+/// A member of some type that this room does not know, for a visitor that does.
+class MemberReference {
+ public:
+  template <typename T>
+  explicit MemberReference(T& member) : member_(&member), type_(&kType<T>) {}
+
+  /// The member if it is a T, else nullptr.
+  template <typename T>
+  T* as() const {
+    return type_ == &kType<T> ? static_cast<T*>(member_) : nullptr;
+  }
+
+ private:
+  template <typename T>
+  static inline char kType = 0;  // its address stands for T
+
+  void* member_;
+  const void* type_;
+};
+
+/// Sees the options of a solver, a part model or a tracker one by one, each with its name: reads them, or
+/// lists them. Options of one's own are given names by a function beside them, found by argument-dependent
+/// lookup:
 ///
 ///     void visit_options(OptionVisitor& visit, MyOptions& options) {
 ///       visit("learning_rate", options.learning_rate, {0, 1});
@@ -38,8 +63,15 @@ class OptionVisitor {
   virtual void operator()(std::string_view name, double& value, const OptionRange& range) = 0;
   virtual void operator()(std::string_view name, int& value, const OptionRange& range) = 0;
   virtual void operator()(std::string_view name, bool& value) = 0;
-  /// A part that is made as PartRegistry::make does; `model`: what it is now.
-  virtual void operator()(std::string_view name, AnyPart& part, std::string_view model) = 0;
+  /// A seed: any number.
+  virtual void operator()(std::string_view name, std::uint64_t& value) = 0;
+  /// A member that is made by its name, such as a part (PartRegistry::make) or a solver (SolverDescription);
+  /// `made`: what it is now.
+  template <typename T>
+  requires std::is_class_v<T>
+  void operator()(std::string_view name, T& member, std::string_view made) {
+    made_by_name(name, MemberReference(member), made);
+  }
   /// An enumeration whose values are 0, 1, ..., and their names.
   template <typename E>
   requires std::is_enum_v<E>
@@ -62,6 +94,7 @@ class OptionVisitor {
   OptionVisitor& operator=(const OptionVisitor&) = default;
 
  private:
+  virtual void made_by_name(std::string_view name, MemberReference member, std::string_view made) = 0;
   virtual std::size_t choose(std::string_view name, std::size_t value,
                              std::initializer_list<std::string_view> names) = 0;
   virtual void enter(std::string_view name) = 0;
@@ -71,7 +104,7 @@ class OptionVisitor {
 namespace detail {
 
 /// Refuses an option out of its range.
-class ASTERISM_API RangeCheck final : public OptionVisitor {
+class RangeCheck final : public OptionVisitor {
  public:
   explicit RangeCheck(std::string_view of) : of_(of) {}
 
@@ -83,15 +116,29 @@ class ASTERISM_API RangeCheck final : public OptionVisitor {
     if (!(value >= range.least && value <= range.most)) refuse(name, value, range);
   }
   void operator()(std::string_view, bool&) override {}
-  void operator()(std::string_view, AnyPart&, std::string_view) override {}
+  void operator()(std::string_view, std::uint64_t&) override {}
 
  private:
+  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
   std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
     return value;
   }
   void enter(std::string_view name) override { path_.push_back(name); }
   void leave() override { path_.pop_back(); }
-  [[noreturn]] void refuse(std::string_view name, double value, const OptionRange& range) const;
+
+  [[noreturn]] void refuse(std::string_view name, double value, const OptionRange& range) const {
+    const auto text = [](double number) {
+      std::array<char, 32> buffer{};
+      return std::string(buffer.data(),
+                         std::to_chars(buffer.data(), buffer.data() + buffer.size(), number).ptr);
+    };
+    std::string message(of_);
+    message += ": ";
+    for (const std::string_view options : path_) message.append(options).append(1, '.');
+    message.append(name) +=
+        " must be in [" + text(range.least) + ", " + text(range.most) + "], is " + text(value);
+    raise(std::invalid_argument(message));
+  }
 
   std::string_view of_;
   std::vector<std::string_view> path_;

@@ -1,0 +1,62 @@
+#pragma once
+
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/linear/jacobi_metric.hpp>
+#include <asterism/solver/linear/sparse_cholesky.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/lbfgs.hpp>
+#include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/method/nonlinear_cg.hpp>
+#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/run/any_solver.hpp>
+#include <string_view>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
+/// "ncg-forward", "ncg-central" and "multi-start" (of Auto); for systems without a bound on their nodes also
+/// "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". The adapters of other
+/// packages add theirs: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
+template <typename System>
+SolverRegistry<System> solver_registry() {
+  SolverRegistry<System> registry;
+  registry.template add<Auto<System>>("auto");
+  registry.template add<Ida<System>>("ida");
+  registry.template add<Newton<System>>("newton");
+  registry.template add<NewtonCg<System>>("newton-cg");
+  registry.template add<Lbfgs<System>>("lbfgs");
+  registry.template add<NonlinearCg<System>>("ncg");
+  registry.template add<NonlinearCg<System, ForwardDifferences<System>>>("ncg-forward");
+  registry.template add<NonlinearCg<System, CentralDifferences<System>>>("ncg-central");
+  registry.template add<MultiStart<System, Auto<System>>>("multi-start");
+  if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+    registry.template add<SparseIda<System>>("ida-sparse");
+    registry.template add<SparseNewton<System>>("newton-sparse");
+    registry.template add<Lbfgs<System, JacobiMetric<System>>>("lbfgs-jacobi");
+    registry.template add<Schwarz<System>>("schwarz");
+    registry.template add<Schwarz<System, SparseNewton<System>>>("schwarz-direct");
+  }
+  return registry;
+}
+
+/// One of them: make_solver<System>("newton", {{"max_iterations", 50}}). Throws as SolverRegistry::make.
+template <typename System>
+AnySolver<System> make_solver(std::string_view name, const std::vector<NamedOption>& options = {}) {
+  return solver_registry<System>().make(name, options);
+}
+
+#ifdef ASTERISM_SOLVER_COMPILED
+extern template ASTERISM_API SolverRegistry<detail::PlaneSystem> solver_registry();
+extern template ASTERISM_API SolverRegistry<detail::SpaceSystem> solver_registry();
+extern template ASTERISM_API SolverRegistry<detail::FourPartSystem> solver_registry();
+#endif
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,235 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/solver.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <concepts>
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// A solver of one type of systems, chosen at run time. It holds its workspace: reuse it, one thread at a
+/// time. A solve costs one virtual call more than that of the solver itself.
+template <typename System>
+class AnySolver {
+ public:
+  using Points = typename System::Points;
+
+  /// Any type that is a Solver of this System, also one of the caller's own.
+  template <typename S>
+  requires(!std::same_as<S, AnySolver>) && Solver<S, System> explicit AnySolver(S solver)
+      : model_(std::make_unique<ModelOf<S>>(std::move(solver))) {}
+
+  /// The name that Summary::solver has, "Newton, repaired LDL^T".
+  std::string_view name() const { return model_->name(); }
+
+  /// As every solver's: moves x (Dim x N), the start, to a stationary point of the energy.
+  Summary solve(const System& system, Points& x) { return model_->solve(system, x); }
+
+  /// The options that all solvers have.
+  SolverOptions& options() { return model_->options(); }
+  /// All of its options, by name.
+  void visit_options(OptionVisitor& visit) { model_->visit_options(visit); }
+
+ private:
+  struct Model {
+    virtual ~Model() = default;
+    virtual std::string_view name() const = 0;
+    virtual Summary solve(const System& system, Points& x) = 0;
+    virtual SolverOptions& options() = 0;
+    virtual void visit_options(OptionVisitor& visit) = 0;
+  };
+
+  template <typename S>
+  struct ModelOf final : Model {
+    explicit ModelOf(S&& given) : solver(std::move(given)) {}
+    std::string_view name() const override { return S::name(); }
+    Summary solve(const System& system, Points& x) override { return solver.solve(system, x); }
+    SolverOptions& options() override { return solver.options; }
+    void visit_options(OptionVisitor& visit) override { see(visit, solver.options); }
+
+    S solver;
+  };
+
+  // Where the name is not hidden by the members'.
+  template <typename Options>
+  static void see(OptionVisitor& visit, Options& options) {
+    using asterism::visit_options;
+    visit_options(visit, options);
+  }
+
+  std::unique_ptr<Model> model_;
+};
+
+/// An option by its name, such as {"max_iterations", 50}.
+struct NamedOption {
+  std::string name;  ///< As visit_options has it.
+  std::variant<bool, std::int64_t, double> value;
+
+  NamedOption(std::string n, bool v) : name(std::move(n)), value(v) {}
+  NamedOption(std::string n, double v) : name(std::move(n)), value(v) {}
+  template <std::integral T>
+  NamedOption(std::string n, T v) : name(std::move(n)), value(static_cast<std::int64_t>(v)) {}
+};
+
+/// A solver by its name, with options beside its defaults.
+struct SolverDescription {
+  std::string name;
+  std::vector<NamedOption> options;
+};
+
+namespace detail {
+
+/// Sets one option.
+class OptionSetter final : public OptionVisitor {
+ public:
+  OptionSetter(std::string_view of, const NamedOption& option) : of_(of), option_(option) {}
+
+  using OptionVisitor::operator();
+  void operator()(std::string_view name, double& value, const OptionRange& range) override {
+    if (!is_named(name)) return;
+    double number = 0;
+    if (const auto* real = std::get_if<double>(&option_.value)) {
+      number = *real;
+    } else if (const auto* integer = std::get_if<std::int64_t>(&option_.value)) {
+      number = static_cast<double>(*integer);
+    } else {
+      refuse("must be a number");
+    }
+    if (!(number >= range.least && number <= range.most)) refuse("is out of range");
+    value = number;
+  }
+  void operator()(std::string_view name, int& value, const OptionRange& range) override {
+    if (!is_named(name)) return;
+    const auto* integer = std::get_if<std::int64_t>(&option_.value);
+    if (integer == nullptr) refuse("must be an integer");
+    const auto number = static_cast<double>(*integer);
+    if (!(number >= std::max(range.least, -2147483647.0) && number <= std::min(range.most, 2147483647.0)))
+      refuse("is out of range");
+    value = static_cast<int>(*integer);
+  }
+  void operator()(std::string_view name, bool& value) override {
+    if (!is_named(name)) return;
+    const auto* is_on = std::get_if<bool>(&option_.value);
+    if (is_on == nullptr) refuse("must be true or false");
+    value = *is_on;
+  }
+  void operator()(std::string_view name, std::uint64_t& value) override {
+    if (!is_named(name)) return;
+    const auto* integer = std::get_if<std::int64_t>(&option_.value);
+    if (integer == nullptr || *integer < 0) refuse("must be an integer that is not negative");
+    value = static_cast<std::uint64_t>(*integer);
+  }
+
+  /// Throws std::invalid_argument that names the nearest, if there was no such option.
+  void check_found() const {
+    if (found_) return;
+    raise(std::invalid_argument(std::string(of_) + ": unknown option '" + option_.name + "', did you mean '" +
+                                *nearest(option_.name, names_) + "'?"));
+  }
+
+ private:
+  bool is_named(std::string_view name) {
+    names_.emplace_back(name);
+    found_ |= name == option_.name;
+    return name == option_.name;
+  }
+  void made_by_name(std::string_view name, MemberReference, std::string_view) override {
+    if (is_named(name)) refuse("cannot be set by a value");
+  }
+  std::size_t choose(std::string_view name, std::size_t value,
+                     std::initializer_list<std::string_view>) override {
+    if (is_named(name)) refuse("cannot be set by a value");
+    return value;
+  }
+  void enter(std::string_view) override {}
+  void leave() override {}
+  [[noreturn]] void refuse(std::string_view what) const {
+    raise(std::invalid_argument(std::string(of_) + ": option '" + option_.name + "' " + std::string(what)));
+  }
+
+  std::string_view of_;
+  const NamedOption& option_;
+  std::vector<std::string> names_;
+  bool found_ = false;
+};
+
+}  // namespace detail
+
+/// The solvers that a program knows for one type of systems, by name.
+template <typename System>
+class SolverRegistry {
+ public:
+  /// Adds a solver, made by its default constructor. Throws std::invalid_argument for a name that is taken.
+  template <Solver<System> S>
+  void add(std::string name) {
+    add(std::move(name), [] { return AnySolver<System>(S()); });
+  }
+  /// Adds one by what makes it.
+  void add(std::string name, std::function<AnySolver<System>()> make) {
+    if (find(name) != entries_.end())
+      detail::raise(std::invalid_argument("there is a solver '" + name + "' already"));
+    entries_.push_back({std::move(name), std::move(make)});
+  }
+
+  /// A solver with these options. Throws std::invalid_argument that names the nearest known for an unknown
+  /// solver or option, and says what is wrong with a value.
+  AnySolver<System> make(std::string_view name, const std::vector<NamedOption>& options = {}) const {
+    const auto at = find(name);
+    if (at == entries_.end()) {
+      std::string message = "unknown solver '" + std::string(name) + "'";
+      if (!entries_.empty())
+        message += ", did you mean '" + detail::nearest(name, entries_, &Entry::name)->name + "'?";
+      for (const Entry& entry : entries_)
+        message += (&entry == &entries_.front() ? " (known: " : ", ") + entry.name;
+      if (!entries_.empty()) message += ')';
+      detail::raise(std::invalid_argument(message));
+    }
+    AnySolver<System> solver = at->make();
+    for (const NamedOption& option : options) {
+      detail::OptionSetter set(name, option);
+      solver.visit_options(set);
+      set.check_found();
+    }
+    return solver;
+  }
+
+  AnySolver<System> make(const SolverDescription& solver) const { return make(solver.name, solver.options); }
+
+  /// In the order in which they were added.
+  std::vector<std::string> names() const {
+    std::vector<std::string> names;
+    for (const Entry& entry : entries_) names.push_back(entry.name);
+    return names;
+  }
+
+ private:
+  struct Entry {
+    std::string name;
+    std::function<AnySolver<System>()> make;
+  };
+
+  auto find(std::string_view name) const {
+    return std::find_if(entries_.begin(), entries_.end(),
+                        [name](const Entry& entry) { return entry.name == name; });
+  }
+
+  std::vector<Entry> entries_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,139 @@
+// Solvers chosen at run time, their options by name, and one of one's own.
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <stdexcept>
+#include <string>
+#include <string_view>
+
+namespace asterism {
+namespace {
+
+using System = SpringSystem<double, 2>;
+using Points = System::Points;
+
+/// A user's: gradient descent with the step that IDA's majoriser allows everywhere.
+class Descent {
+ public:
+  struct Options : SolverOptions {
+    double share = 1;
+    friend void visit_options(OptionVisitor& visit, Options& options) {
+      visit_options(visit, static_cast<SolverOptions&>(options));
+      visit("share", options.share, {0.01, 1});
+    }
+  };
+
+  Options options;
+
+  static constexpr std::string_view name() { return "descent"; }
+
+  Summary solve(const System& given, Points& x) {
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+      const double most = 2 * node_stiffness(system).maxCoeff();
+      while (true) {
+        const Points g = gradient(system, x);
+        ++summary.gradient_evaluations;
+        if (session_.done(x, g, summary.iterations)) return Status::Converged;
+        if (summary.iterations == options.max_iterations) return Status::MaxIterations;
+        x -= options.share / most * g;
+        ++summary.iterations;
+      }
+    });
+  }
+
+ private:
+  Session<System> session_;
+};
+
+testing::RandomSystem<System> problem() {
+  testing::Rng rng(7);
+  return testing::random_system<System>(rng, Topology<>::full(5));
+}
+
+std::string refusal(std::string_view name, const std::vector<NamedOption>& options = {}) {
+  try {
+    make_solver<System>(name, options);
+  } catch (const std::invalid_argument& error) {
+    return error.what();
+  }
+  return "taken";
+}
+
+TEST(AnySolver, EveryNameSolvesAsItsTypeDoes) {
+  const auto [system, start] = problem();
+  for (const std::string& name : solver_registry<System>().names()) {
+    AnySolver<System> solver = make_solver<System>(name, {{"tolerance", 1e-6}});
+    Points x = start;
+    EXPECT_EQ(solver.solve(system, x).status, Status::Converged) << name;
+  }
+  AnySolver<System> any = make_solver<System>("newton");
+  Newton<System> newton;
+  Points by_any = start, by_newton = start;
+  EXPECT_EQ(any.solve(system, by_any).iterations, newton.solve(system, by_newton).iterations);
+  EXPECT_EQ(by_any, by_newton);
+  EXPECT_EQ(any.name(), Newton<System>::name());
+}
+
+TEST(AnySolver, BoundedSystemsHaveDenseMethodsAlone) {
+  const auto names = solver_registry<SpringSystem<double, 2, 4>>().names();
+  EXPECT_NE(std::find(names.begin(), names.end(), "newton"), names.end());
+  EXPECT_EQ(std::find(names.begin(), names.end(), "newton-sparse"), names.end());
+}
+
+TEST(AnySolver, OptionsByName) {
+  const auto [system, start] = problem();
+  Points x = start;
+  EXPECT_EQ(
+      make_solver<System>("ida", {{"max_iterations", 3}, {"relaxation", 1.5}}).solve(system, x).iterations,
+      3);
+  AnySolver<System> solver = make_solver<System>(
+      "multi-start", {{"starts", 2}, {"spread", 1}, {"seed", 5}, {"align", false}, {"tolerance", 1e-3}});
+  EXPECT_EQ(solver.options().tolerance, 1e-3);
+
+  EXPECT_NE(refusal("newtom").find("did you mean 'newton'?"), std::string::npos) << refusal("newtom");
+  EXPECT_EQ(refusal("newton", {{"max_iteration", 3}}),
+            "newton: unknown option 'max_iteration', did you mean 'max_iterations'?");
+  EXPECT_EQ(refusal("newton", {{"max_iterations", 2.5}}),
+            "newton: option 'max_iterations' must be an integer");
+  EXPECT_EQ(refusal("newton", {{"max_iterations", -1}}), "newton: option 'max_iterations' is out of range");
+  EXPECT_EQ(refusal("newton", {{"max_iterations", true}}),
+            "newton: option 'max_iterations' must be an integer");
+  EXPECT_EQ(refusal("newton", {{"tolerance", true}}), "newton: option 'tolerance' must be a number");
+  EXPECT_EQ(refusal("newton", {{"align", 1}}), "newton: option 'align' must be true or false");
+  EXPECT_EQ(refusal("multi-start", {{"seed", -1}}),
+            "multi-start: option 'seed' must be an integer that is not negative");
+}
+
+TEST(AnySolver, OfOnesOwn) {
+  const auto [system, start] = problem();
+  SolverRegistry<System> registry = solver_registry<System>();
+  registry.add<Descent>("descent");
+  EXPECT_THROW(registry.add<Descent>("descent"), std::invalid_argument);
+  EXPECT_EQ(registry.names().back(), "descent");
+
+  AnySolver<System> solver = registry.make({"descent", {{"share", 0.9}, {"max_iterations", 100000}}});
+  int iterations = 0;
+  auto count = [&iterations](const Iteration& at) {
+    iterations = at.number;
+    return true;
+  };
+  solver.options().on_iteration = count;
+  Points x = start, by_ida = start;
+  const Summary summary = solver.solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_EQ(summary.solver, "descent");
+  EXPECT_EQ(summary.iterations, iterations);
+  Ida<System>().solve(system, by_ida);
+  EXPECT_NEAR(summary.final_energy, energy(system, by_ida), 1e-9);
+  EXPECT_THROW(registry.make("descent", {{"share", 2.0}}), std::invalid_argument);
+  // Bad input is the session's.
+  System bad = system;
+  bad.anchors(0, 0) = std::numeric_limits<double>::quiet_NaN();
+  x = start;
+  EXPECT_EQ(solver.solve(bad, x).status, Status::InvalidInput);
+  EXPECT_EQ(x, start);
+}
+
+}  // namespace
+}  // namespace asterism
