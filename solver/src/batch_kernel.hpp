@@ -499,7 +499,6 @@ class LaneNewton {
     V decrement;  // Newton's, squared
     M definite;   // no pivot was repaired, no curvature clamped
     V flattest;   // a node's rounding over its least pivot, at most
-    V flattest;   // the rounding of a node's pivots over its least, at most
   };
 
   /// Energy, Hessian (clamped where `limit` is 1 and not where it is huge), its factors and Newton's step at
