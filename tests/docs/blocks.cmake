@@ -1,9 +1,6 @@
-# The blocks of README.md and docs/ that are code. Writes them, as they stand, below ${blocks}: PAGE_N.cpp is the N-th ```cpp block
-# of a page, a program, PAGE_N.txt the ```text block right after it, its output; PAGE_N.inc the N-th ```cpp fragment, which
-# fragments_test.cpp includes; PAGE_N.cmake the N-th ```cmake. Sets docs_programs, docs_fragments and docs_cmake to their names.
-set(docs_programs "")
+# The blocks of README.md and docs/ that are code but no program. Writes them, as they stand, below ${blocks}: PAGE_N.inc is the
+# N-th ```cpp fragment of a page, which fragments_test.cpp includes; PAGE_N.cmake the N-th ```cmake. Sets docs_fragments to their names.
 set(docs_fragments "")
-set(docs_cmake "")
 
 # write_blocks(PAGE TEXT FENCE ENDING LIST): all blocks of one kind.
 function(write_blocks page text fence ending list)
@@ -24,32 +21,8 @@ function(write_blocks page text fence ending list)
     set(name ${page}_${number})
     file(CONFIGURE OUTPUT ${blocks}/${name}.${ending} CONTENT "${block}" @ONLY NEWLINE_STYLE UNIX) # touched only if it changes
     list(APPEND ${list} ${name})
-
-    if(fence STREQUAL "cpp" AND text MATCHES "^```\n+```text\n")
-      write_output(${name} "${text}")
-    endif()
-    # An example of README.md is one screen: 12 lines beside blank ones and includes.
-    if(fence STREQUAL "cpp" AND page STREQUAL "README")
-      string(REGEX REPLACE "[][;]" "," lines "${block}")
-      string(REGEX REPLACE "\n+$" "" lines "${lines}")
-      string(REPLACE "\n" ";" lines "${lines}")
-      list(FILTER lines EXCLUDE REGEX "^[ \t]*(#include.*)?$")
-      list(LENGTH lines count)
-      if(count GREATER 12)
-        message(FATAL_ERROR "README.md: example ${number} has ${count} lines, more than 12")
-      endif()
-    endif()
   endwhile()
   set(${list} ${${list}} PARENT_SCOPE)
-endfunction()
-
-# write_output(NAME TEXT): the first block of TEXT is what the program NAME prints.
-function(write_output name text)
-  string(REGEX REPLACE "^```\n+```text\n" "" text "${text}")
-  string(FIND "${text}" "\n```" end)
-  math(EXPR end "${end} + 1")
-  string(SUBSTRING "${text}" 0 ${end} block)
-  file(CONFIGURE OUTPUT ${blocks}/${name}.txt CONTENT "${block}" @ONLY NEWLINE_STYLE UNIX)
 endfunction()
 
 file(GLOB pages CONFIGURE_DEPENDS ${PROJECT_SOURCE_DIR}/docs/*.md ${PROJECT_SOURCE_DIR}/docs/results/*.md)
@@ -59,7 +32,6 @@ foreach(page IN LISTS pages ITEMS ${PROJECT_SOURCE_DIR}/README.md)
   string(REGEX REPLACE "[.]md$" "" name "${name}")
   string(REPLACE "/" "_" name "${name}")
   file(READ ${page} text)
-  write_blocks(${name} "${text}" "cpp" cpp docs_programs)
   write_blocks(${name} "${text}" "cpp fragment" inc docs_fragments)
   write_blocks(${name} "${text}" "cmake" cmake docs_cmake)
 endforeach()

@@ -13,7 +13,7 @@ NAME = re.compile(r'(?<![\w./<>*$}-])((?:[\w.-]+/)*[\w-]+\.(?:hpp|cpp|py|pyi|sh|
 COMMENT = {'.hpp': r'//.*', '.cpp': r'//.*', '.py': r'(?<!\S)# [^\n]*|""".*?"""', '.sh': r'(?<!\S)# .*', '.cmake': r'(?<!\S)# .*', '.txt': r'(?<!\S)# .*', '.md': r'.*'}
 OTHERS = set('''
 multistart.py supervised.py vot/analysis/supervised.py vot/analysis/multistart.py vot.py
-bench/laboratory/solvers/spectral.cpp gray_patch.cpp readme.cpp my_tracker.py
+bench/laboratory/solvers/spectral.cpp my_tracker.py
 '''.split())
 
 

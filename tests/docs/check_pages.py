@@ -1,14 +1,18 @@
 #!/usr/bin/env python3
-"""check_pages.py PROJECT TOOL...: what is wrong with README.md and docs/, a line each; no output if nothing is.
+"""check_pages.py [--update] PROJECT TOOL...: what is wrong with README.md and docs/, a line each; no output if nothing is.
 
-- Every block of code is fenced, at the left margin, in a language that a test knows. A ```cpp is compiled (and run), a
-  ```cpp fragment included by fragments_test.cpp, a ```text right after a ```cpp compared with its output, a ```cmake configured,
-  a ```python run by tests/python; here, ```json is parsed and ```sh read: its commands are known, scripts are there, and our programs' options exist.
+- Every block of code is fenced, at the left margin, in a language that a test knows. A ```cpp is a file of docs/examples, which is
+  compiled (and run), a ```cpp fragment is included by fragments_test.cpp, a ```text right after a ```cpp compared with its output, a
+  ```cmake configured, a ```python is a file of docs/examples or run by tests/python; here, ```json is parsed and ```sh read: its
+  commands are known, scripts are there, and our programs' options exist.
   Anything else says why not, on the line before: <!-- not run: REASON -->
+- A block that is a file has its name on the line before, <!-- file: docs/examples/NAME -->, and is the same, line by line. --update
+  first copies the files into the pages. Every file of docs/examples is on a page, and every C++ file is built.
 - Every link to a file, and every anchor in a page of ours, is there; URLs of others are well formed.
 
 TOOL: the built programs, to be asked for their help; commands of others of ours are not read.
 """
+import itertools
 import json
 import pathlib
 import re
@@ -25,8 +29,17 @@ INTERPRETERS = {'bash', 'python3'}
 KEYWORDS = {'do', 'done', 'then', 'fi', 'else', '(', ')', '{', '}'}
 
 
+SHOWN = re.compile(r'<!-- file: (\S+) -->')
+MAX_README_LINES = 12  # of a program, beside blank lines and includes: one screen
+
+
+def pages_of(root):
+    return [root / 'README.md', *(page for page in sorted((root / 'docs').rglob('*.md')) if page.parent.name != 'site')]
+
+
 def problems_of(root, tools):
-    pages = [root / 'README.md', *(page for page in sorted((root / 'docs').rglob('*.md')) if page.parent.name != 'site')]
+    pages = pages_of(root)
+    yield from example_problems(root, [page.read_text(encoding='utf-8') for page in pages])
     help_of = Help({pathlib.Path(tool).name: tool for tool in tools})
     fragments = root / 'tests/docs/fragments_test.cpp'
     included = fragments.read_text() if fragments.exists() else ''
@@ -35,6 +48,8 @@ def problems_of(root, tools):
         text = page.read_text(encoding='utf-8')
         lines = text.split('\n')
         for line, problem in block_problems(root, name, lines, help_of, included):
+            yield f'{name}:{line}: {problem}'
+        for line, problem in shown_problems(root, name, lines):
             yield f'{name}:{line}: {problem}'
         for line, problem in link_problems(root, page, lines):
             yield f'{name}:{line}: {problem}'
@@ -56,6 +71,66 @@ def blocks(lines):
                    last_language if before == last_end else None)
             last_end, last_language = number, lines[begin][3:]
         number += 1
+
+
+def shown_files(lines):
+    """(line of the marker, file, line of the fence right after it or None, line of the closing fence)"""
+    for number, line in list(outside_of_blocks(lines)):
+        shown = SHOWN.fullmatch(line)
+        if shown:
+            begin = number + 1
+            if re.match(r'```\w', lines[begin] if begin < len(lines) else '') and '```' in lines[begin + 1:]:
+                yield number, shown[1], begin, lines.index('```', begin + 1)
+            else:
+                yield number, shown[1], None, None
+
+
+def update(root):
+    """Copies the files that pages show into their blocks."""
+    for page in pages_of(root):
+        lines = page.read_text(encoding='utf-8').split('\n')
+        before = list(lines)
+        for _, file, begin, end in reversed(list(shown_files(lines))):
+            if begin is not None and (root / file).is_file():
+                lines[begin + 1:end] = file_lines(root / file)
+        if lines != before:
+            page.write_text('\n'.join(lines), encoding='utf-8')
+
+
+def file_lines(path):
+    return path.read_text(encoding='utf-8').removesuffix('\n').split('\n')
+
+
+def shown_problems(root, name, lines):
+    """Of blocks that are files."""
+    for number, file, begin, end in shown_files(lines):
+        if begin is None:
+            yield number + 1, f'no block follows that could be {file}'
+        elif not (root / file).is_file():
+            yield number + 1, f'{file} is not in the project'
+        else:
+            block, wanted = lines[begin + 1:end], file_lines(root / file)
+            differ = [at for at, pair in enumerate(itertools.zip_longest(block, wanted)) if pair[0] != pair[1]]
+            if differ:
+                yield begin + 2 + differ[0], f'not line {differ[0] + 1} of {file}; check_pages.py --update copies the file'
+            code = [line for line in block if line.strip() and not line.startswith('#include')]
+            if name == 'README.md' and lines[begin] == '```cpp' and len(code) > MAX_README_LINES:
+                yield begin + 1, f'{len(code)} lines of code, more than the {MAX_README_LINES} of an example of README.md'
+
+
+def example_problems(root, pages):
+    """Of files that no page shows, or that are not built."""
+    built = root / 'docs/examples/CMakeLists.txt'
+    built = built.read_text(encoding='utf-8') if built.exists() else ''
+    for path in sorted((root / 'docs/examples').glob('*')):
+        file = path.relative_to(root).as_posix()
+        if path.suffix == '.cpp':
+            if not any(f'<!-- file: {file} -->' in text for text in pages):
+                yield f'{file}:1: no page shows it'
+            if not re.search(rf'\b{path.stem}\b', re.sub(r'#.*', '', built)):
+                yield f'{file}:1: docs/examples/CMakeLists.txt does not build it'
+        elif path.suffix == '.py' and not any(path.name in text for text in pages):
+            yield f'{file}:1: no page names it'
 
 
 def outside_of_blocks(lines):
@@ -95,10 +170,13 @@ def block_problems(root, name, lines, help_of, included):
         elif language == 'sh':
             for problem in shell_problems(root, text, help_of):
                 yield number + 1, problem
+        elif language == 'cpp':
+            if not SHOWN.fullmatch(before):
+                yield number + 1, 'a program that is no file; name it on the line before: <!-- file: docs/examples/NAME.cpp -->'
         elif language == 'python':
-            if name not in python_tests:
-                yield number + 1, 'tests/python does not run the blocks of this page'
-        elif language not in ('cpp', 'cmake'):
+            if not SHOWN.fullmatch(before) and name not in python_tests:
+                yield number + 1, 'neither a file of docs/examples nor does tests/python run the blocks of this page'
+        elif language != 'cmake':
             yield number + 1, f'a block in {language or "no language"}, which no test knows; say why: <!-- not run: REASON -->'
 
 
@@ -263,7 +341,11 @@ def link_problems(root, page, lines):
 
 
 def main():
-    problems = list(problems_of(pathlib.Path(sys.argv[1]).resolve(), sys.argv[2:]))
+    arguments = sys.argv[1:]
+    if arguments[:1] == ['--update']:
+        arguments.pop(0)
+        update(pathlib.Path(arguments[0]).resolve())
+    problems = list(problems_of(pathlib.Path(arguments[0]).resolve(), arguments[1:]))
     print('\n'.join(problems))
     return 1 if problems else 0
 

@@ -12,7 +12,10 @@ GOOD = '''# A page
 
 See [below](#what-it-is-for), [the other](docs/other.md#its-heading) and [a host](https://example.org/x).
 
+<!-- file: docs/examples/good.cpp -->
 ```cpp
+#include <iostream>
+
 int main() {}
 ```
 
@@ -33,12 +36,18 @@ whatever
 ## What it is for
 '''
 
+PROGRAM = '#include <iostream>\n\nint main() {}\n'
+SHOWN = f'<!-- file: docs/examples/good.cpp -->\n```cpp\n{PROGRAM}```\n'
+
 BAD = {
     'an indented block': '    int x;\n',
     'not at the left margin': '  ```cpp\n',
     'output that nothing': '```text\nx\n```\n',
     'not JSON': '```json\n{\n```\n',
-    'does not run the blocks': '```python\nx\n```\n',
+    'a program that is no file': '```cpp\nint main() {}\n```\n',
+    'docs/examples/none.cpp is not in the project': '<!-- file: docs/examples/none.cpp -->\n```cpp\nint main() {}\n```\n',
+    'no block follows': '<!-- file: docs/examples/good.cpp -->\n\nA sentence.\n',
+    'nor does tests/python run the blocks': '```python\nx\n```\n',
     'which no test knows': '```perl\nx\n```\n',
     'does not include README_1.inc once': '```cpp fragment\nf();\n```\n',
     'knows no option --unknown': '```sh\nasterism-fake run --unknown\n```\n',
@@ -58,10 +67,11 @@ class CheckPages(unittest.TestCase):
     def setUp(self):
         self.folder = tempfile.TemporaryDirectory()
         self.root = pathlib.Path(self.folder.name).resolve()
-        for file, text in {'docs/other.md': '# Other\n\n## Its `heading`\n', 'bench/draw.py': "'--size'\n",
+        for file, text in {'docs/other.md': '# Other\n\n## Its `heading`\n\n' + SHOWN, 'bench/draw.py': "'--size'\n",
+                           'docs/examples/good.cpp': PROGRAM, 'docs/examples/CMakeLists.txt': 'example(good x)  # bad\n',
                            'CMakePresets.json': '{"configurePresets": [{"name": "release"}]}',
                            'CMakeLists.txt': 'option(ASTERISM_KNOWN "known" ON)\n'}.items():
-            (self.root / file).parent.mkdir(exist_ok=True)
+            (self.root / file).parent.mkdir(parents=True, exist_ok=True)
             (self.root / file).write_text(text)
         self.tool = self.root / 'asterism-fake'
         self.tool.write_text('#!/bin/sh\necho "  --help"\n[ "$1" != run ] || echo "  --known INT"\n')
@@ -84,6 +94,38 @@ class CheckPages(unittest.TestCase):
                 self.assertEqual(len(found), 1, found)
                 self.assertIn(problem, found[0])
                 self.assertTrue(found[0].startswith('README.md:'))
+
+    def test_block_that_is_not_its_file(self):
+        before = 'A page.\n\n'
+        for change in (('main()', 'main(int)'), ('\nint main', '\nint x;\nint main'), ('int main() {}\n', '')):
+            with self.subTest(change):
+                found = self.problems(before + SHOWN.replace(*change))
+                self.assertEqual(len(found), 1, found)
+                self.assertRegex(found[0], r'^README.md:7: not line 3 of docs/examples/good.cpp')
+
+    def test_update(self):
+        page = 'A page.\n\n' + SHOWN.replace('{}', '{ return 1; }') + '\nAfter it.\n\n' + SHOWN.replace('\nint', '\n\nint') + 'End.\n'
+        self.assertEqual(len(self.problems(page)), 2)
+        check_pages.update(self.root)
+        self.assertEqual((self.root / 'README.md').read_text(), 'A page.\n\n' + SHOWN + '\nAfter it.\n\n' + SHOWN + 'End.\n')
+        self.assertEqual(list(check_pages.problems_of(self.root, [])), [])
+
+    def test_long_example_of_the_readme(self):
+        (self.root / 'docs/examples/good.cpp').write_text(PROGRAM + '\nint x;\n' * 12)
+        (self.root / 'README.md').write_text(SHOWN)
+        check_pages.update(self.root)
+        found = list(check_pages.problems_of(self.root, []))
+        self.assertEqual(found, ['README.md:2: 13 lines of code, more than the 12 of an example of README.md'])
+
+    def test_example_without_page_or_target(self):
+        for file in ('bad.cpp', 'bad.py'):
+            (self.root / 'docs/examples' / file).write_text('')
+        found = self.problems(GOOD)
+        self.assertEqual(found, ['docs/examples/bad.cpp:1: no page shows it',
+                                 'docs/examples/bad.cpp:1: docs/examples/CMakeLists.txt does not build it',
+                                 'docs/examples/bad.py:1: no page names it'])
+        (self.root / 'docs/other.md').write_text('# Other\n\n## Its heading\n\n`bad.py` draws.\n')
+        self.assertEqual(self.problems(GOOD)[2:], [])
 
 
 if __name__ == '__main__':

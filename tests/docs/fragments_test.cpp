@@ -16,7 +16,7 @@
 #include <span>
 #include <vector>
 
-#include "docs_own-part_1.cpp"
+#include "own_part.cpp"
 #include "statistics.hpp"
 #include "supervised_measures.hpp"
 #include "trax_client.hpp"

@@ -1,5 +1,5 @@
-# Each ```cmake block of the pages (files in BLOCKS) configures with the installed package; the targets that it links to, and
-# that it does not make itself, are made for it.
+# Each ```cmake block of the pages (files in BLOCKS) configures and builds with the installed package; the targets that it links to,
+# and that it does not make itself, are made for it. Sources are empty: examples.cmake compiles those of the pages.
 cmake_minimum_required(VERSION 3.25)
 include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
 file(GLOB files ${BLOCKS}/*.cmake)
@@ -14,6 +14,10 @@ foreach(file IN LISTS files)
   endif()
   file(WRITE ${dir}/CMakeLists.txt "${block}")
   file(WRITE ${dir}/main.cpp "int main() {}\n")
-  file(WRITE ${dir}/gray_patch.cpp "")
+  file(WRITE ${dir}/own_part.cpp "")
   must(${configure} -S ${dir} -B ${dir}/build -DCMAKE_PREFIX_PATH=${WORK}/moved/prefix)
+  must(${CMAKE_COMMAND} --build ${dir}/build --config ${CONFIG})
+  if(block MATCHES "gray_patch" AND NOT EXISTS ${dir}/build/gray_patch.so)
+    fail("the page loads build/gray_patch.so, which is not made")
+  endif()
 endforeach()

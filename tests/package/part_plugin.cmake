@@ -1,17 +1,15 @@
-# The plugin of docs/own-part.md (PROJECT), built by its own CMakeLists.txt with the installed package alone, is the part model
-# that asterism-track (TRACK) follows an object with, in the video that VIDEO makes.
+# The plugin of docs/own-part.md, as examples.cmake built it with the installed package alone, is the part model that asterism-track
+# (TRACK) follows an object with, in the video that VIDEO makes.
 cmake_minimum_required(VERSION 3.25)
 include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
 set(dir ${WORK}/part_plugin)
 fresh(${dir})
-must(${configure} -S ${PROJECT} -B ${dir} -DCMAKE_PREFIX_PATH=${WORK}/moved/prefix)
-must(${CMAKE_COMMAND} --build ${dir} --config ${CONFIG})
 must(${VIDEO} ${dir}/video.avi)
 if(NOT out MATCHES "^frames ([0-9]+), ")
   fail("no video was made")
 endif()
 math(EXPR lines "${CMAKE_MATCH_1} + 1")
-set(model ${dir}/gray_patch.so:gray_patch)
+set(model ${WORK}/examples/own_part.so:gray_patch)
 must(${TRACK} ${dir}/video.avi --box 100,80,48,64 --out ${dir}/boxes.csv --tracker "dpt+${model}{\"noise\": 12}")
 file(STRINGS ${dir}/boxes.csv boxes)
 list(LENGTH boxes count)

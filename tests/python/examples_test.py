@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
-"""The examples as a user runs them, small: examples_test.py FOLDER."""
+"""The examples as a user runs them, small: examples_test.py PROJECT."""
 
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -12,7 +13,8 @@ import numpy as np
 from moving_square import BOX, draw_frame, write_png
 from PIL import Image
 
-EXAMPLES = pathlib.Path(sys.argv.pop())
+PROJECT = pathlib.Path(sys.argv.pop())
+EXAMPLES = PROJECT / "docs/examples"
 
 
 class ExamplesTest(unittest.TestCase):
@@ -53,6 +55,13 @@ class ExamplesTest(unittest.TestCase):
         out = self.run_example("track_video.py", self.folder, "--box", box, "--frames", 10, "--out", self.figure)
         self.assertIn("dpt: 9 frames", out)
         self.assert_drawn(1000)
+
+    def test_programs_of_pages(self):
+        """Each prints what its page shows, if that shows its output; the README's says in a comment what x is."""
+        self.assertIn("converged", self.run_example("solve.py"))
+        page = (PROJECT / "docs/python.md").read_text()
+        shown = re.search(r"examples/constellation.py -->\n```python\n.*?^```\n\n```text\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+        self.assertEqual(self.run_example("constellation.py"), shown[1])
 
     def test_help(self):
         for name in ("solve_and_draw.py", "compare_solvers.py", "track_video.py"):

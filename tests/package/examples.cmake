@@ -1,0 +1,12 @@
+# docs/examples, configured and built as a project of its own with the package as installed and moved.
+cmake_minimum_required(VERSION 3.25)
+include(${CMAKE_CURRENT_LIST_DIR}/common.cmake)
+set(dir ${WORK}/examples)
+fresh(${dir})
+must(${configure} -S ${SOURCE_DIR}/docs/examples -B ${dir} -DCMAKE_PREFIX_PATH=${WORK}/moved/prefix)
+if("json" IN_LIST BUILT AND "trackers" IN_LIST BUILT AND out MATCHES "left out")
+  fail("an example is left out")
+endif()
+must(${CMAKE_COMMAND} --build ${dir} --config ${CONFIG})
+must(${dir}/solve)
+must_match("${out}" "converged, energy 26[.]3261\n$" "the first example found something else")
