@@ -19,7 +19,7 @@ struct BarzilaiBorwein {
       last_gradient = gradient;
       x -= step * gradient;
       objective(x.data(), gradient.data());
-      ++summary.iterations;
+      objective.iterated();
       const double curvature = (x - last_x).dot(gradient - last_gradient);
       step = curvature > 0 ? (x - last_x).squaredNorm() / curvature : 1;
     }
