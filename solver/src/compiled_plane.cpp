@@ -5,6 +5,8 @@ inline namespace ASTERISM_ABI {
 
 ASTERISM_COMPILE_SOLVERS(detail::PlaneSystem)
 ASTERISM_COMPILE_SPARSE_SOLVERS(detail::PlaneSystem)
+template ASTERISM_API detail::FreeMotion detail::RigidMotion<2>::find(const RigidNodes<2>&, const int*,
+                                                                      const int*);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -5,6 +5,8 @@ inline namespace ASTERISM_ABI {
 
 ASTERISM_COMPILE_SOLVERS(detail::SpaceSystem)
 ASTERISM_COMPILE_SPARSE_SOLVERS(detail::SpaceSystem)
+template ASTERISM_API detail::FreeMotion detail::RigidMotion<3>::find(const RigidNodes<3>&, const int*,
+                                                                      const int*);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -4,12 +4,12 @@
 #include <algorithm>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/run/solver.hpp>
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
 
 #include "../../bench/laboratory/comparison_solvers.hpp"
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

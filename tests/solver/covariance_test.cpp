@@ -1,7 +1,7 @@
 // The covariance at the solution: against dense inverses, against samples, and where it is refused.
 #include <gtest/gtest.h>
 
-#include <Eigen/Dense>
+#include <Eigen/SparseCholesky>
 #include <algorithm>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/energy/energy.hpp>
@@ -12,8 +12,6 @@
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <asterism/testing/random_system.hpp>
-#include <asterism/testing/sparse_system.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstdint>
@@ -22,14 +20,18 @@
 #include <string_view>
 #include <vector>
 
+#include "covariance_samples.hpp"
+#include "matrices.hpp"
+#include "test_systems.hpp"
+
 namespace asterism {
 namespace {
 
 using testing::Kind;
 using testing::Rng;
 
-using Fixed2 = SpringSystem<double, 2, 4>;
-using Dynamic2 = SpringSystem<double, 2>;
+using Fixed2 = testing::Fixed2;
+using Dynamic2 = testing::Plane;
 
 /// A random system with x at a strict local minimum.
 template <typename System>
@@ -61,8 +63,7 @@ testing::RandomSystem<Dynamic2> sparse_at_minimum(std::uint64_t seed, int n) {
 
 template <typename System>
 Eigen::MatrixXd dense_inverse(const System& system, const typename System::Points& x) {
-  const Eigen::MatrixXd matrix = hessian(system, x).template cast<double>();
-  return matrix.fullPivLu().inverse();
+  return testing::inverse(hessian(system, x).template cast<double>());
 }
 
 template <typename System, typename Make>
@@ -74,15 +75,16 @@ void expect_inverse(Make&& make, int n, double accuracy) {
     ASSERT_TRUE(all) << all.message;
     EXPECT_EQ(all.status, CovarianceStatus::Computed);
     EXPECT_TRUE(all.message.empty());
-    const Eigen::MatrixXd expected = dense_inverse(system, x);
-    EXPECT_LT((all.matrix.template cast<double>() - expected).norm(), accuracy * expected.norm());
-    EXPECT_EQ(all.matrix, all.matrix.transpose());
+    const Eigen::MatrixXd matrix = all.matrix.template cast<double>();
+    EXPECT_TRUE(testing::is_near(matrix, dense_inverse(system, x), accuracy));
+    EXPECT_TRUE(testing::is_same(matrix, matrix.transpose()));
 
     const auto nodes = node_covariances(system, x);
     ASSERT_TRUE(nodes) << nodes.message;
     ASSERT_EQ(nodes.blocks.cols(), kDim * n);
     for (int i = 0; i < n; ++i) {
-      EXPECT_EQ(nodes.of(i), (all.matrix.template block<kDim, kDim>(kDim * i, kDim * i)));
+      EXPECT_TRUE(testing::is_same(nodes.of(i).template cast<double>(),
+                                   matrix.block(kDim * i, kDim * i, kDim, kDim)));
     }
   }
 }
@@ -92,23 +94,20 @@ TEST(Covariance, IsTheInverseOfTheHessian) {
   expect_inverse<Dynamic2>(minimum, 4, 1e-9);
   expect_inverse<Dynamic2>(minimum, 9, 1e-9);
   expect_inverse<Fixed2>(stretched<Fixed2>, 4, 1e-9);
-  using Bounded3 = SpringSystem<double, 3, Eigen::Dynamic, 8>;
-  expect_inverse<Bounded3>(stretched<Bounded3>, 6, 1e-9);
-  using Fixed2f = SpringSystem<float, 2, 4>;
-  expect_inverse<Fixed2f>(stretched<Fixed2f>, 4, 1e-2);
-  using Line = SpringSystem<double, 1>;
-  expect_inverse<Line>(stretched<Line>, 5, 1e-9);
-  using Single = SpringSystem<double, 2, 1>;
-  expect_inverse<Single>(stretched<Single>, 1, 1e-9);
+  expect_inverse<testing::Bounded3>(stretched<testing::Bounded3>, 6, 1e-9);
+  expect_inverse<testing::Fixed2f>(stretched<testing::Fixed2f>, 4, 1e-2);
+  expect_inverse<testing::Line>(stretched<testing::Line>, 5, 1e-9);
+  expect_inverse<Dynamic2>(stretched<Dynamic2>, 1, 1e-9);
 }
 
 // One node on an anchor: the anchor's own variance, in px^2 for stiffness in 1/px^2.
 TEST(Covariance, OfOneNodeIsItsAnchors) {
-  SpringSystem<double, 2, 1> system(Topology<1>::full());
+  Dynamic2 system(Topology<>::full(1));
   system.anchors << 3, 5;
   system.anchor_stiffness << 0.25;
-  EXPECT_EQ(covariance(system, system.anchors).matrix, 4 * Eigen::Matrix2d::Identity());
-  EXPECT_EQ(node_covariances(system, system.anchors).of(0), 4 * Eigen::Matrix2d::Identity());
+  EXPECT_TRUE(testing::is_same(covariance(system, system.anchors).matrix, 4 * Eigen::Matrix2d::Identity()));
+  EXPECT_TRUE(
+      testing::is_same(node_covariances(system, system.anchors).of(0), 4 * Eigen::Matrix2d::Identity()));
 }
 
 // Two nodes at rest, along the spring: stiffness k_i + k_ij of their difference's half, by hand.
@@ -156,42 +155,6 @@ TEST(Covariance, SelectedInverseIsTheInverse) {
   }
 }
 
-// E = -log p: the deviations of p itself, by random walk Metropolis, whose proposals know nothing of H.
-struct Samples {
-  Eigen::Vector4d deviations;
-  double acceptance;
-};
-
-Samples sample(const Fixed2& system, const Fixed2::Points& start, std::uint64_t seed, int count) {
-  Rng rng(seed);
-  const Eigen::Vector4d scale = 2.38 / std::sqrt(8.0) * node_stiffness(system).cwiseSqrt().cwiseInverse();
-  Fixed2::Points x = start;
-  double here = energy(system, x);
-  Fixed2::Points sum = Fixed2::Points::Zero();
-  Fixed2::Points squares = Fixed2::Points::Zero();
-  int accepted = 0;
-  for (int s = -count / 20; s < count; ++s) {  // some to forget the start
-    Fixed2::Points proposal = x;
-    for (int i = 0; i < 4; ++i) {
-      for (int d = 0; d < 2; ++d) {
-        const double step = rng.normal();
-        proposal(d, i) += scale[i] * step;
-      }
-    }
-    const double there = energy(system, proposal);
-    if (rng.uniform(0, 1) < std::exp(here - there)) {
-      x = proposal;
-      here = there;
-      ++accepted;
-    }
-    if (s < 0) continue;
-    sum += x - start;
-    squares += (x - start).cwiseAbs2();
-  }
-  const Fixed2::Points variance = squares / count - (sum / count).cwiseAbs2();
-  return {variance.colwise().sum().cwiseSqrt().transpose(), static_cast<double>(accepted) / count};
-}
-
 struct Ratios {
   double mean = 0;
   double least = std::numeric_limits<double>::infinity();
@@ -226,8 +189,8 @@ void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
       K(link.i, link.j) -= k;
       K(link.j, link.i) -= k;
     }
-    const Eigen::Matrix4d K_inverse = K.inverse();
-    const Samples samples = sample(system, x, seed, kSamples);
+    const Eigen::MatrixXd K_inverse = testing::inverse(K);
+    const testing::Samples samples = testing::sample(system, x, seed, kSamples);
     EXPECT_GT(samples.acceptance, 0.1);
     EXPECT_LT(samples.acceptance, 0.6);
     for (int i = 0; i < 4; ++i) {
@@ -235,7 +198,7 @@ void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
       by_ida.add(std::sqrt(2 * K_inverse(i, i)) / samples.deviations[i]);
       // K_dyn lies above H, so its inverse below H^-1, in every direction.
       const Eigen::Matrix2d missing = nodes.of(i) - K_inverse(i, i) * Eigen::Matrix2d::Identity();
-      EXPECT_GT(missing.selfadjointView<Eigen::Lower>().eigenvalues().minCoeff(), -1e-12);
+      EXPECT_GT(testing::eigenvalues(missing)[0], -1e-12);
     }
   }
   std::printf("T = %g, %d systems, %d samples each: H^-1 %.3f (%.3f to %.3f, %d of %d within 10 %%), ",
@@ -334,7 +297,7 @@ TEST(Covariance, RefusesBadInput) {
   EXPECT_TRUE(overflow.matrix.array().isNaN().all());
   EXPECT_TRUE(node_covariances(system, x).blocks.array().isNaN().all());
 
-  SpringSystem<double, 2, 1> loose(Topology<1>::full());  // its variance is beyond the scalar's range
+  Dynamic2 loose(Topology<>::full(1));  // its variance is beyond the scalar's range
   loose.anchors.setZero();
   loose.anchor_stiffness << 1e-310;
   EXPECT_EQ(covariance(loose, loose.anchors).status, CovarianceStatus::NumericalFailure);
@@ -385,7 +348,7 @@ TEST(Covariance, OfFixedNodesIsZeroAndConditionsTheOthers) {
     }
     auto unfixed = system;
     for (const int node : {1, n - 2}) unfixed.release(node);
-    const Eigen::MatrixXd conditioned = hessian(unfixed, x)(free, free).inverse();
+    const Eigen::MatrixXd conditioned = testing::inverse(hessian(unfixed, x)(free, free));
     const auto all = covariance(system, x);
     const auto nodes = node_covariances(system, x);
     ASSERT_TRUE(all && nodes);
@@ -403,7 +366,7 @@ TEST(Covariance, OfFixedNodesIsZeroAndConditionsTheOthers) {
 
 // Other models: the same Hessian, seen through the same function.
 TEST(Covariance, OfOtherModels) {
-  using System = SpringSystem<double, 2, 4, 4, Model<Hooke, Huber, AnchorShape::Anisotropic>>;
+  using System = testing::FixedEllipses;
   System system(Topology<4>::full());
   system.anchors << 0, 10, 0, 10, 0, 0, 10, 10;
   system.set_rest_lengths(system.anchors);
@@ -416,7 +379,9 @@ TEST(Covariance, OfOtherModels) {
   x.col(2) += Eigen::Vector2d(0.5, -0.25);
   const auto result = covariance(system, x);
   ASSERT_TRUE(result) << result.message;
-  EXPECT_LT((result.matrix * hessian(system, x) - Eigen::Matrix<double, 8, 8>::Identity()).norm(), 1e-12);
+  const Eigen::MatrixXd covariance_matrix = result.matrix;
+  const Eigen::MatrixXd product = covariance_matrix * hessian(system, x);
+  EXPECT_LT((product - Eigen::MatrixXd::Identity(8, 8)).norm(), 1e-12);
 }
 
 TEST(Covariance, OfAHundredThousandNodes) {

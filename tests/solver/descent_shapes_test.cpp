@@ -5,9 +5,10 @@
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
-#include <asterism/testing/random_system.hpp>
 #include <cstdint>
 #include <limits>
+
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {
@@ -45,9 +46,10 @@ void expect_products_of_hessian(int n) {
 }
 
 TEST(HessianProduct, IsTheHessians) {
-  expect_products_of_hessian<SpringSystem<double, 1>>(5);
-  expect_products_of_hessian<SpringSystem<double, 2, 1>>(1);
-  expect_products_of_hessian<SpringSystem<float, 3, Eigen::Dynamic, 8>>(8);
+  expect_products_of_hessian<testing::Line>(5);
+  expect_products_of_hessian<testing::Plane>(1);
+  expect_products_of_hessian<testing::Fixed2>(4);
+  expect_products_of_hessian<testing::Bounded3f>(8);
   expect_products_of_hessian<SpringSystem<double, 5>>(4);
 }
 
@@ -66,8 +68,8 @@ void expect_solved(int n) {
 }
 
 TEST(DescentOfOddShapes, OneNodeOneDimensionAndMany) {
-  expect_solved<SpringSystem<double, 1, 1>>(1);
-  expect_solved<SpringSystem<double, 1>>(7);
+  expect_solved<testing::Line>(1);
+  expect_solved<testing::Line>(7);
   expect_solved<SpringSystem<float, 4, Eigen::Dynamic, 5>>(5);
 }
 

@@ -8,10 +8,10 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/testing/random_system.hpp>
-#include <asterism/testing/sparse_system.hpp>
 #include <cmath>
 #include <cstdint>
+
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

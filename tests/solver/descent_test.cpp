@@ -7,7 +7,6 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -16,6 +15,7 @@
 #include <string_view>
 
 #include "solver_fixture.hpp"
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

@@ -3,12 +3,13 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <limits>
 #include <string>
 #include <utility>
 #include <vector>
+
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

@@ -9,12 +9,13 @@
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <functional>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {
@@ -73,17 +74,28 @@ void expect_covariance(const Held<System>& held, const System& system, const typ
   EXPECT_NE(std::string_view(all.message).find(held.motion), std::string_view::npos) << all.message;
 }
 
-template <typename Solver, typename System>
-void expect_verdict(const std::vector<Held<System>>& table, double tolerance) {
+template <typename System>
+using Solve = std::function<Summary(const System& system, typename System::Points& x)>;
+
+/// The solver with this tolerance.
+template <typename Solver>
+auto with(double tolerance) {
+  return [tolerance](const auto& system, auto& x) {
+    Solver solver;
+    solver.options.tolerance = tolerance;
+    return solver.solve(system, x);
+  };
+}
+
+template <typename System>
+void expect_verdict(const std::vector<Held<System>>& table, const Solve<System>& solve) {
   for (const Held<System>& held : table) {
     for (std::uint64_t seed = 1; seed <= 10; ++seed) {
-      SCOPED_TRACE(std::string(held.name) + ", " + std::string(Solver::name()) + ", seed " +
-                   std::to_string(seed));
       auto [system, x] = unheld<System>(seed, held.links);
       held.hold(system, x);
-      Solver solver;
-      solver.options.tolerance = tolerance;
-      const Summary summary = solver.solve(system, x);
+      const Summary summary = solve(system, x);
+      SCOPED_TRACE(std::string(held.name) + ", " + std::string(summary.solver) + ", seed " +
+                   std::to_string(seed));
       ASSERT_TRUE(summary.usable()) << summary;
       if (summary.positive_definite >= 0) {
         EXPECT_EQ(summary.positive_definite, held.motion.empty()) << summary;
@@ -207,44 +219,44 @@ std::vector<Held<System>> in_space() {
   };
 }
 
-using Dynamic2 = SpringSystem<double, 2>;
-using Dynamic3 = SpringSystem<double, 3>;
-using Fixed2 = SpringSystem<double, 2, kNodes>;
+using Dynamic2 = testing::Plane;
+using Dynamic3 = testing::Space;
 using Fixed2f = SpringSystem<float, 2, kNodes>;
 
 TEST(FreeMotion, IsNoStrictMinimumInThePlane) {
   const auto table = in_the_plane<Dynamic2>();
   for (const double tolerance : {1e-4, 1e-8, 1e-12}) {
-    expect_verdict<Newton<Dynamic2>>(table, tolerance);
-    expect_verdict<Ida<Dynamic2>>(table, tolerance);
-    expect_verdict<Auto<Dynamic2>>(table, tolerance);
+    expect_verdict<Dynamic2>(table, with<Newton<Dynamic2>>(tolerance));
+    expect_verdict<Dynamic2>(table, with<Ida<Dynamic2>>(tolerance));
+    expect_verdict<Dynamic2>(table, with<Auto<Dynamic2>>(tolerance));
   }
   // Where these stop short of a minimum, weak anchors have not turned the constellation yet.
-  expect_verdict<SparseNewton<Dynamic2>>(table, 1e-12);
-  expect_verdict<Schwarz<Dynamic2, SparseNewton<Dynamic2>>>(table, 1e-12);
+  expect_verdict<Dynamic2>(table, with<SparseNewton<Dynamic2>>(1e-12));
+  expect_verdict<Dynamic2>(table, with<Schwarz<Dynamic2, SparseNewton<Dynamic2>>>(1e-12));
 }
 
 TEST(FreeMotion, IsNoStrictMinimumInSpace) {
   const auto table = in_space<Dynamic3>();
   for (const double tolerance : {1e-4, 1e-8, 1e-12}) {
-    expect_verdict<Newton<Dynamic3>>(table, tolerance);
+    expect_verdict<Dynamic3>(table, with<Newton<Dynamic3>>(tolerance));
   }
-  expect_verdict<SparseNewton<Dynamic3>>(table, 1e-12);
+  expect_verdict<Dynamic3>(table, with<SparseNewton<Dynamic3>>(1e-12));
 }
 
-TEST(FreeMotion, IsNoStrictMinimumOfFixedSize) {
-  expect_verdict<Newton<Fixed2>>(in_the_plane<Fixed2>(), 1e-8);
-  expect_verdict<Newton<Fixed2f>>(in_the_plane<Fixed2f>(), 1e-5);
+TEST(FreeMotion, IsNoStrictMinimumOfBoundedOrFixedSize) {
+  using Bounded2 = testing::Bounded2;
+  expect_verdict<Bounded2>(in_the_plane<Bounded2>(), with<Newton<Bounded2>>(1e-8));
+  expect_verdict<Fixed2f>(in_the_plane<Fixed2f>(), with<Newton<Fixed2f>>(1e-5));
 }
 
 TEST(FreeMotion, IsNoStrictMinimumInABatch) {
-  for (const auto& held : in_the_plane<Fixed2>()) {
+  for (const auto& held : in_the_plane<Dynamic2>()) {
     if (!held.links.empty()) continue;
     constexpr int kSystems = 40;
-    SpringBatch<double, 2, kNodes> batch(Topology<kNodes>::full(), kSystems);
+    SpringBatch<double, 2> batch(Topology<>::full(kNodes), kSystems);
     bool has_fixed = false;
     for (int s = 0; s < kSystems; ++s) {
-      auto [system, x] = unheld<Fixed2>(static_cast<std::uint64_t>(s) + 1, {});
+      auto [system, x] = unheld<Dynamic2>(static_cast<std::uint64_t>(s) + 1, {});
       held.hold(system, x);
       has_fixed |= system.fixed_count() > 0;
       batch.set(s, system, x);
@@ -319,7 +331,7 @@ TEST(FreeMotion, OfOtherModels) {
          s.set_anchor_information(3, along_y);
        }},
   };
-  expect_verdict<Newton<Along>>(table, 1e-10);
+  expect_verdict<Along>(table, with<Newton<Along>>(1e-10));
 
   using Robust = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic, Model<Hooke, Huber>>;
   const std::vector<Held<Robust>> robust = {
@@ -329,7 +341,7 @@ TEST(FreeMotion, OfOtherModels) {
          hold_by_anchors(s, {4, 1});
        }},
   };
-  expect_verdict<Newton<Robust>>(robust, 1e-10);
+  expect_verdict<Robust>(robust, with<Newton<Robust>>(1e-10));
 }
 
 // One node, or all nodes on one point, cannot turn.

@@ -7,11 +7,11 @@
 
 #include <gtest/gtest.h>
 
-#include <Eigen/Eigenvalues>
-#include <Eigen/LU>
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <utility>
+
+#include "matrices.hpp"
+#include "test_systems.hpp"
 
 // Read by AddressSanitizer, which would rather abort than let an allocation fail.
 extern "C" __attribute__((visibility("default"), used)) const char* __asan_default_options() {
@@ -62,7 +62,8 @@ class LiteralIda {
         ++l;
       }
       const Eigen::VectorXd x_stat = system_.anchors.row(dimension).transpose();
-      next.row(dimension) = (K_dyn_.inverse() * (C_dyn_ * L - K_stat_ * x_stat)).transpose();  // Eq. 19
+      next.row(dimension) =
+          (testing::inverse(K_dyn_) * (C_dyn_ * L - K_stat_ * x_stat)).transpose();  // Eq. 19
     }
     x = next;
   }
@@ -186,7 +187,7 @@ TEST(Ida, SizesAgree) {
     return Eigen::Matrix2Xd(x);
   };
   using Dynamic = SpringSystem<double, 2>;
-  using Bounded = SpringSystem<double, 2, Eigen::Dynamic, 9>;
+  using Bounded = testing::Bounded2;
   using LargelyBounded = SpringSystem<double, 2, Eigen::Dynamic, 40>;
   const auto expected = solved(fixed);
   EXPECT_LT((solved(Dynamic(Topology<>::full(4))) - expected).norm(), 1e-9);
@@ -217,8 +218,7 @@ TEST(Ida, TwoMinimaOfThreeNodes) {
     const Summary summary = solve_ida(system, x);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     EXPECT_NEAR(summary.final_energy, expected, 5e-9);
-    const auto H = hessian(system, x);
-    EXPECT_GT(Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues()[0], 0.2);
+    EXPECT_GT(testing::eigenvalues(hessian(system, x))[0], 0.2);
   }
 }
 

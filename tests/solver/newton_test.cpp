@@ -1,7 +1,5 @@
 #include <gtest/gtest.h>
 
-#include <Eigen/Cholesky>
-#include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <asterism/solver/detail/newton_matrix.hpp>
 #include <asterism/solver/energy/energy.hpp>
@@ -12,20 +10,21 @@
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <limits>
 #include <vector>
 
+#include "matrices.hpp"
+#include "test_systems.hpp"
+
 namespace asterism {
 namespace {
 
-using Fixed = SpringSystem<double, 2, 4>;
+using Fixed = testing::Fixed2;
 
 template <typename System>
 double least_eigenvalue(const System& system, const typename System::Points& x) {
-  const Eigen::MatrixXd H = hessian(system, x).template cast<double>();
-  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues()[0];
+  return testing::eigenvalues(hessian(system, x).template cast<double>())[0];
 }
 
 TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
@@ -39,14 +38,14 @@ TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
     EXPECT_EQ(matrix.assemble(system, x, false, gradient), energy_and_gradient(system, x, expected_gradient));
     EXPECT_EQ(gradient, expected_gradient);
     const auto H = hessian(system, x);
-    const bool is_definite = Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(H).eigenvalues()[0] > 0;
+    const bool is_definite = testing::eigenvalues(H)[0] > 0;
     EXPECT_EQ(matrix.factorize(), is_definite);
     Fixed::Points direction;
     if (is_definite) {
       ++definite;
       const double decrement = matrix.solve(step);
       const Eigen::Map<const Eigen::Matrix<double, 8, 1>> g(gradient.data());
-      const Eigen::Matrix<double, 8, 1> p = H.ldlt().solve(g);
+      const Eigen::VectorXd p = testing::inverse(H) * g;
       EXPECT_LT((Eigen::Map<const Eigen::Matrix<double, 8, 1>>(step.data()) - p).norm(), 1e-9 * p.norm());
       EXPECT_NEAR(decrement, g.dot(p), 1e-9 * decrement);
       EXPECT_EQ(matrix.negative_curvature(direction), 0);
@@ -81,8 +80,8 @@ TEST(NewtonMatrix, SizesAgree) {
       Newton<Other>().solve(other, y);
       EXPECT_LT((x - y).norm(), 1e-7);
     };
-    check(std::type_identity<SpringSystem<double, 2>>());
-    check(std::type_identity<SpringSystem<double, 2, Eigen::Dynamic, 16>>());
+    check(std::type_identity<testing::Plane>());
+    check(std::type_identity<testing::Bounded2>());
   }
 }
 
@@ -173,8 +172,8 @@ TEST(Newton, EnergyFallsFromIterationToIteration) {
 
 template <typename System>
 class NewtonOf : public ::testing::Test {};
-using Systems = ::testing::Types<SpringSystem<float, 2, 4>, SpringSystem<double, 3, 4>,
-                                 SpringSystem<double, 2>, SpringSystem<float, 3, Eigen::Dynamic, 8>>;
+using Systems =
+    ::testing::Types<testing::Fixed2f, SpringSystem<double, 3, 4>, testing::Plane, testing::Bounded3f>;
 TYPED_TEST_SUITE(NewtonOf, Systems);
 
 TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {

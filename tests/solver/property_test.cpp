@@ -41,8 +41,7 @@
 #include <asterism/solver/linear/cholmod.hpp>
 #endif
 
-#include <asterism/testing/random_system.hpp>
-#include <asterism/testing/sparse_system.hpp>
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

@@ -5,8 +5,6 @@
 #include <asterism/solver.hpp>
 #include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
-#include <asterism/testing/random_system.hpp>
-#include <asterism/testing/sparse_system.hpp>
 #include <atomic>
 #include <chrono>
 #include <cmath>
@@ -17,6 +15,7 @@
 #include <vector>
 
 #include "solver_fixture.hpp"
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

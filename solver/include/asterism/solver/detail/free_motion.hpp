@@ -118,6 +118,261 @@ Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
   }
 }
 
+/// The nodes of a system at some x as the search for their rigid motions sees them: in double, whatever the
+/// scalar, the storage and the models, so that this search is compiled once a dimension.
+template <int kDim>
+class RigidNodes {
+ public:
+  using Vector = Eigen::Matrix<double, kDim, 1>;
+  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
+
+  virtual ~RigidNodes() = default;
+  virtual Vector place(int i) const = 0;      ///< of node i in x
+  virtual Vector anchor(int i) const = 0;     ///< where node i's anchor is
+  virtual double stiffness(int i) const = 0;  ///< of node i's anchor
+  virtual bool is_fixed(int i) const = 0;     ///< whether node i is
+  virtual bool has_plain_anchors() const = 0;
+  /// Curvature and gradient of the energy of node i's anchor.
+  virtual void anchor_spring(int i, Matrix& curvature, Vector& gradient) const = 0;
+  virtual double rounding() const = 0;  ///< the share of a coordinate that is rounding alone
+
+  /// The stiffness that holds a node of a body: its anchor's, or for a fixed node `fixed`.
+  double stiffness_of(int i, double fixed) const { return is_fixed(i) ? fixed : stiffness(i); }
+};
+
+/// Looks for motions of one rigid body that neither anchors nor fixed nodes hold.
+template <int kDim>
+class RigidMotion {
+ public:
+  /// One such motion of the nodes begin to end, or none. The links' energy does not change along a rigid
+  /// motion, so where x is stationary the second derivative of the anchors' energy along it is that of all: a
+  /// matrix of the size of the motions.
+  static FreeMotion find(const RigidNodes<kDim>& nodes, const int* begin, const int* end);
+
+ private:
+  using Nodes = RigidNodes<kDim>;
+  static constexpr int kModes = kDim * (kDim + 1) / 2;  // translations, then rotations
+  using Vector = typename Nodes::Vector;
+  using Matrix = typename Nodes::Matrix;
+  using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
+  using ModeVector = Eigen::Matrix<double, kModes, 1>;
+  using Velocities = Eigen::Matrix<double, kDim, kModes, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor>;
+
+  // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
+  // space, and another node is not. None of their anchors notices, wherever x is.
+  static FreeMotion about_hull(const Nodes& nodes, const int* begin, const int* end, double extent) {
+    const auto place = [&](int i) { return nodes.place(i); };
+    const auto is_held = [&](int i) { return nodes.stiffness_of(i, 1) > 0; };
+    const int* const first = std::find_if(begin, end, is_held);
+    if (first == end) return {};
+    // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
+    const Vector origin = place(*first);
+    const double rounding = nodes.rounding() * extent;
+    Matrix basis = Matrix::Zero();
+    int rank = 0;
+    const auto outside = [&](const Vector& point) {
+      Vector d = point - origin;
+      for (int a = 0; a < rank; ++a) d -= basis.col(a).dot(d) * basis.col(a);
+      return d;
+    };
+    while (true) {
+      Vector farthest_out = Vector::Zero();
+      for (const int* m = begin; m != end; ++m) {
+        if (!is_held(*m)) continue;
+        const Vector d = outside(place(*m));
+        if (d.squaredNorm() > farthest_out.squaredNorm()) farthest_out = d;
+      }
+      if (!(farthest_out.norm() > rounding)) break;
+      if (rank >= kDim - 2) return {};
+      basis.col(rank++) = farthest_out.normalized();
+    }
+    if (rank > kDim - 2) return {};  // on a line, where there is no rotation
+
+    const auto distance = [&](int i) { return outside(place(i)).norm(); };
+    FreeMotion result;
+    double farthest = rounding;
+    for (const int* m = begin; m != end; ++m) {
+      if (nodes.is_fixed(*m) || !(distance(*m) > farthest)) continue;
+      farthest = distance(*m);
+      result.node = *m;
+    }
+    if (!result) return {};
+    name_rest(nodes, begin, end, rounding, farthest, distance, place, result);
+    return result;
+  }
+
+  // The held nodes that a motion hardly moves, beside the fastest.
+  template <typename Speed, typename Place>
+  static void name_rest(const Nodes& nodes, const int* begin, const int* end, double rounding, double fastest,
+                        Speed&& speed, Place&& place, FreeMotion& result) {
+    constexpr double kRest = 1e-2;
+    for (const int* m = begin; m != end; ++m) {
+      if (!(nodes.stiffness_of(*m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
+      if (result.about < 0) {
+        result.about = *m;
+      } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > rounding) {
+        result.axis = *m;
+      }
+    }
+    if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
+  }
+
+  // The velocities of a point p for each motion of unit speed: translations by `unit`, rotations by one
+  // radian in the plane of two axes.
+  static Velocities velocities(const Vector& p, double unit) {
+    Velocities v = Velocities::Zero();
+    for (int c = 0; c < kDim; ++c) v(c, c) = unit;
+    for (int a = 0, mode = kDim; a < kDim; ++a) {
+      for (int b = a + 1; b < kDim; ++b, ++mode) {
+        v(b, mode) = p[a];
+        v(a, mode) = -p[b];
+      }
+    }
+    return v;
+  }
+
+  // W v for the rotation of a mode, whose velocity at p is W p; zero for translations.
+  static Vector turned(int wanted, const Vector& v) {
+    Vector result = Vector::Zero();
+    for (int a = 0, mode = kDim; a < kDim; ++a) {
+      for (int b = a + 1; b < kDim; ++b, ++mode) {
+        if (mode != wanted) continue;
+        result[b] = v[a];
+        result[a] = -v[b];
+      }
+    }
+    return result;
+  }
+
+  // What moves by a motion, and what it turns about.
+  template <typename Place>
+  static FreeMotion described(const Nodes& nodes, const int* begin, const int* end, double extent,
+                              const ModeVector& motion, Place&& place) {
+    const auto speed = [&](int i) { return (velocities(place(i), extent) * motion).norm(); };
+    FreeMotion result;
+    double fastest = -1;
+    for (const int* m = begin; m != end; ++m) {
+      if (!nodes.is_fixed(*m) && speed(*m) > fastest) {
+        fastest = speed(*m);
+        result.node = *m;
+      }
+    }
+    name_rest(nodes, begin, end, nodes.rounding() * extent, fastest, speed, place, result);
+    result.slides = result.about < 0 && motion.template tail<kModes - kDim>().norm() * extent <=
+                                            1e-5 * motion.template head<kDim>().norm() * extent;
+    return result;
+  }
+};
+
+template <int kDim>
+FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* begin, const int* end) {
+  const auto at = [&](int i) { return nodes.place(i); };
+  const double rounding = nodes.rounding();
+  double largest = 0;  // stiffness
+  double extent = 0;   // of coordinates, whose rounding is a share of it
+  for (const int* m = begin; m != end; ++m) {
+    extent = std::max(extent, at(*m).cwiseAbs().maxCoeff());
+    const double k = nodes.stiffness_of(*m, 0);
+    if (!(k > 0)) continue;
+    largest = std::max(largest, k);
+    extent = std::max(extent, nodes.anchor(*m).cwiseAbs().maxCoeff());
+  }
+  if (!(largest > 0)) largest = 1;
+  if (!(extent > 0)) extent = 1;
+  if constexpr (kDim == 2 || kDim == 3) {
+    const auto anchor = [&](int m, int c) {
+      return nodes.is_fixed(begin[m]) ? nodes.place(begin[m])[c] : nodes.anchor(begin[m])[c];
+    };
+    if (nodes.has_plain_anchors() && hold_of_body<kDim, double, double>(
+                                         static_cast<int>(end - begin), anchor,
+                                         [&](int m) { return nodes.stiffness_of(begin[m], largest); },
+                                         [&](int m, int c) { return nodes.place(begin[m])[c]; }) > 0)
+      return {};
+  }
+  if (const FreeMotion motion = about_hull(nodes, begin, end, extent)) return motion;
+  double total = 0;
+  Vector centre = Vector::Zero();
+  for (const int* m = begin; m != end; ++m) {
+    const double k = nodes.stiffness_of(*m, largest);
+    total += k;
+    centre += k * at(*m);
+  }
+  if (total > 0) centre /= total;
+
+  // Axes along which rotations that move no node, as those about the line that all are on, stand out.
+  Matrix spread = Matrix::Zero();
+  for (const int* m = begin; m != end; ++m) spread += (at(*m) - centre) * (at(*m) - centre).transpose();
+  Matrix axes;
+  diagonalise(spread, axes);
+
+  ModeMatrix curvature = ModeMatrix::Zero();
+  ModeVector slope = ModeVector::Zero();
+  ModeVector scale = ModeVector::Zero();
+  ModeVector speed = ModeVector::Zero();
+  for (const int* m = begin; m != end; ++m) {
+    const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
+    speed = speed.cwiseMax(v.colwise().norm().transpose());
+    const double k = nodes.stiffness_of(*m, largest);
+    if (!(k > 0)) continue;
+    Matrix block = k * Matrix::Identity();
+    Vector force = Vector::Zero();
+    if (!nodes.is_fixed(*m)) {
+      nodes.anchor_spring(*m, block, force);
+      block = (axes.transpose() * block * axes).eval();
+      force = (axes.transpose() * force).eval();
+    }
+    for (int a = 0; a < kModes; ++a) {
+      slope[a] += force.dot(v.col(a));
+      scale[a] += k * v.col(a).squaredNorm() + force.norm() * turned(a, v.col(a)).norm();
+      for (int b = 0; b <= a; ++b) {
+        curvature(a, b) +=
+            v.col(a).dot(block * v.col(b)) + force.dot(turned(a, v.col(b)) + turned(b, v.col(a))) / 2;
+      }
+    }
+  }
+
+  // In units of what each motion's rounding is a share of.
+  double imbalance = 0;
+  for (int a = 0; a < kModes; ++a) {
+    scale[a] += extent * std::sqrt(total * scale[a]) + rounding * total * extent * extent;
+    if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
+  }
+  for (int a = 0; a < kModes; ++a) {
+    if (!(speed[a] > rounding * extent)) {  // a rotation that moves no node
+      for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
+      curvature(a, a) = 1;
+      scale[a] = 0;
+      continue;
+    }
+    for (int b = 0; b <= a; ++b) {
+      curvature(a, b) = scale[a] > 0 && scale[b] > 0 ? curvature(a, b) / std::sqrt(scale[a] * scale[b]) : 0;
+    }
+  }
+  ModeMatrix motions;
+  diagonalise(curvature, motions);
+  int flattest = 0;
+  for (int a = 1; a < kModes; ++a) {
+    if (std::abs(curvature(a, a)) < std::abs(curvature(flattest, flattest))) flattest = a;
+  }
+  // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
+  // free motion beside one of curvature c to s^2 / c.
+  double next = 1;
+  for (int a = 0; a < kModes; ++a)
+    if (a != flattest) next = std::min(next, std::abs(curvature(a, a)));
+  const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
+  if (!(std::abs(curvature(flattest, flattest)) <= rounding + coupled)) return {};
+  for (int a = 0; a < kModes; ++a) {
+    motions(a, flattest) = scale[a] > 0 ? motions(a, flattest) / std::sqrt(scale[a]) : motions(a, flattest);
+  }
+  return described(nodes, begin, end, extent, motions.col(flattest),
+                   [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
+}
+
+#ifdef ASTERISM_SOLVER_COMPILED
+extern template ASTERISM_API FreeMotion RigidMotion<2>::find(const RigidNodes<2>&, const int*, const int*);
+extern template ASTERISM_API FreeMotion RigidMotion<3>::find(const RigidNodes<3>&, const int*, const int*);
+#endif
+
 /// Looks for rigid motions that neither anchors nor fixed nodes hold: of a connected component, and of what
 /// hangs on the rest by a single node. The energy is the same all along such a motion, so x is no strict
 /// minimum, whatever the rounding of a factorisation, or the tension that a solver's tolerance leaves in the
@@ -138,19 +393,36 @@ class FreeMotions {
 
  private:
   static constexpr int kDim = System::kDim;
-  static constexpr int kModes = kDim * (kDim + 1) / 2;  // translations, then rotations
   static constexpr int kMaxNodes = System::kMaxNodes;
   static constexpr int kMaxLinks = System::TopologyType::kMaxLinks;
   template <int kMax>
   using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
   using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
-  using Vector = Eigen::Matrix<double, kDim, 1>;
-  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
-  using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
-  using ModeVector = Eigen::Matrix<double, kModes, 1>;
-  using Velocities = Eigen::Matrix<double, kDim, kModes, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor>;
   static constexpr bool kSprings = std::is_same_v<typename System::Model::LinkPotential, Hooke>;
-  static constexpr double kRounding = 64 * double(std::numeric_limits<Scalar>::epsilon());
+
+  // The system's nodes in double.
+  class Nodes final : public RigidNodes<kDim> {
+   public:
+    using Vector = typename RigidNodes<kDim>::Vector;
+    using Matrix = typename RigidNodes<kDim>::Matrix;
+
+    Nodes(const System& system, const Points& x) : system_(system), x_(x) {}
+    Vector place(int i) const override { return x_.col(i).template cast<double>(); }
+    Vector anchor(int i) const override { return system_.anchors.col(i).template cast<double>(); }
+    double stiffness(int i) const override { return static_cast<double>(system_.anchor_stiffness[i]); }
+    bool is_fixed(int i) const override { return system_.is_fixed(i); }
+    bool has_plain_anchors() const override { return System::kPlainAnchors; }
+    void anchor_spring(int i, Matrix& curvature, Vector& gradient) const override {
+      const typename System::Point d = x_.col(i) - system_.anchors.col(i);
+      curvature = anchor_curvature(system_, i, d, false).template cast<double>();
+      gradient = anchor_force(system_, i, d).gradient.template cast<double>();
+    }
+    double rounding() const override { return 64 * double(std::numeric_limits<Scalar>::epsilon()); }
+
+   private:
+    const System& system_;
+    const Points& x_;
+  };
 
   // The common case, in nanoseconds: one body, all of whose nodes hang on anchors.
   bool is_clearly_held(const System& system, const Points& x) {
@@ -209,10 +481,11 @@ class FreeMotions {
       });
     };
     group(n, for_each_member);
+    const Nodes nodes(system, x);
     for (int r = 0; r < n; ++r) {
       if (first_[r] == first_[r + 1]) continue;
       if (const FreeMotion motion =
-              of_body(system, x, &entries_[first_[r]], &entries_[first_[r + 1] - 1] + 1))
+              RigidMotion<kDim>::find(nodes, &entries_[first_[r]], &entries_[first_[r + 1] - 1] + 1))
         return motion;
     }
     return {};
@@ -230,222 +503,6 @@ class FreeMotions {
     for_each([this](int key, int value) { entries_[first_[key]++] = value; });
     for (int k = keys; k > 0; --k) first_[k] = first_[k - 1];
     first_[0] = 0;
-  }
-
-  // Of one rigid body. The links' energy does not change along a rigid motion, so where x is stationary the
-  // second derivative of the anchors' energy along it is that of all: a matrix of the size of the motions.
-  FreeMotion of_body(const System& system, const Points& x, const int* begin, const int* end) {
-    const auto at = [&](int i) { return Vector(x.col(i).template cast<double>()); };
-    double largest = 0;  // stiffness
-    double extent = 0;   // of coordinates, whose rounding is a share of it
-    for (const int* m = begin; m != end; ++m) {
-      extent = std::max(extent, at(*m).cwiseAbs().maxCoeff());
-      const double k = stiffness_of(system, *m, 0);
-      if (!(k > 0)) continue;
-      largest = std::max(largest, k);
-      extent = std::max(extent, system.anchors.col(*m).template cast<double>().cwiseAbs().maxCoeff());
-    }
-    if (!(largest > 0)) largest = 1;
-    if (!(extent > 0)) extent = 1;
-    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3)) {
-      const auto anchor = [&](int m, int c) {
-        return static_cast<double>(system.is_fixed(begin[m]) ? x(c, begin[m]) : system.anchors(c, begin[m]));
-      };
-      if (hold_of_body<kDim, double, double>(
-              static_cast<int>(end - begin), anchor,
-              [&](int m) { return stiffness_of(system, begin[m], largest); },
-              [&](int m, int c) { return static_cast<double>(x(c, begin[m])); }) > 0)
-        return {};
-    }
-    if (const FreeMotion motion = about_hull(system, x, begin, end, extent)) return motion;
-    double total = 0;
-    Vector centre = Vector::Zero();
-    for (const int* m = begin; m != end; ++m) {
-      const double k = stiffness_of(system, *m, largest);
-      total += k;
-      centre += k * at(*m);
-    }
-    if (total > 0) centre /= total;
-
-    // Axes along which rotations that move no node, as those about the line that all are on, stand out.
-    Matrix spread = Matrix::Zero();
-    for (const int* m = begin; m != end; ++m) spread += (at(*m) - centre) * (at(*m) - centre).transpose();
-    Matrix axes;
-    diagonalise(spread, axes);
-
-    ModeMatrix curvature = ModeMatrix::Zero();
-    ModeVector slope = ModeVector::Zero();
-    ModeVector scale = ModeVector::Zero();
-    ModeVector speed = ModeVector::Zero();
-    for (const int* m = begin; m != end; ++m) {
-      const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
-      speed = speed.cwiseMax(v.colwise().norm().transpose());
-      const double k = stiffness_of(system, *m, largest);
-      if (!(k > 0)) continue;
-      Matrix block = k * Matrix::Identity();
-      Vector force = Vector::Zero();
-      if (!system.is_fixed(*m)) {
-        const typename System::Point d = x.col(*m) - system.anchors.col(*m);
-        block = anchor_curvature(system, *m, d, false).template cast<double>();
-        block = (axes.transpose() * block * axes).eval();
-        force = axes.transpose() * anchor_force(system, *m, d).gradient.template cast<double>();
-      }
-      for (int a = 0; a < kModes; ++a) {
-        slope[a] += force.dot(v.col(a));
-        scale[a] += k * v.col(a).squaredNorm() + force.norm() * turned(a, v.col(a)).norm();
-        for (int b = 0; b <= a; ++b) {
-          curvature(a, b) +=
-              v.col(a).dot(block * v.col(b)) + force.dot(turned(a, v.col(b)) + turned(b, v.col(a))) / 2;
-        }
-      }
-    }
-
-    // In units of what each motion's rounding is a share of.
-    double imbalance = 0;
-    for (int a = 0; a < kModes; ++a) {
-      scale[a] += extent * std::sqrt(total * scale[a]) + kRounding * total * extent * extent;
-      if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
-    }
-    for (int a = 0; a < kModes; ++a) {
-      if (!(speed[a] > kRounding * extent)) {  // a rotation that moves no node
-        for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
-        curvature(a, a) = 1;
-        scale[a] = 0;
-        continue;
-      }
-      for (int b = 0; b <= a; ++b) {
-        curvature(a, b) = scale[a] > 0 && scale[b] > 0 ? curvature(a, b) / std::sqrt(scale[a] * scale[b]) : 0;
-      }
-    }
-    ModeMatrix motions;
-    diagonalise(curvature, motions);
-    int flattest = 0;
-    for (int a = 1; a < kModes; ++a) {
-      if (std::abs(curvature(a, a)) < std::abs(curvature(flattest, flattest))) flattest = a;
-    }
-    // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
-    // free motion beside one of curvature c to s^2 / c.
-    double next = 1;
-    for (int a = 0; a < kModes; ++a)
-      if (a != flattest) next = std::min(next, std::abs(curvature(a, a)));
-    const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
-    if (!(std::abs(curvature(flattest, flattest)) <= kRounding + coupled)) return {};
-    for (int a = 0; a < kModes; ++a) {
-      motions(a, flattest) = scale[a] > 0 ? motions(a, flattest) / std::sqrt(scale[a]) : motions(a, flattest);
-    }
-    return described(system, begin, end, extent, motions.col(flattest),
-                     [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
-  }
-
-  // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
-  // space, and another node is not. None of their anchors notices, wherever x is.
-  static FreeMotion about_hull(const System& system, const Points& x, const int* begin, const int* end,
-                               double extent) {
-    const auto place = [&](int i) { return Vector(x.col(i).template cast<double>()); };
-    const auto is_held = [&](int i) { return stiffness_of(system, i, 1) > 0; };
-    const int* const first = std::find_if(begin, end, is_held);
-    if (first == end) return {};
-    // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
-    const Vector origin = place(*first);
-    const double rounding = kRounding * extent;
-    Matrix basis = Matrix::Zero();
-    int rank = 0;
-    const auto outside = [&](const Vector& point) {
-      Vector d = point - origin;
-      for (int a = 0; a < rank; ++a) d -= basis.col(a).dot(d) * basis.col(a);
-      return d;
-    };
-    while (true) {
-      Vector farthest_out = Vector::Zero();
-      for (const int* m = begin; m != end; ++m) {
-        if (!is_held(*m)) continue;
-        const Vector d = outside(place(*m));
-        if (d.squaredNorm() > farthest_out.squaredNorm()) farthest_out = d;
-      }
-      if (!(farthest_out.norm() > rounding)) break;
-      if (rank >= kDim - 2) return {};
-      basis.col(rank++) = farthest_out.normalized();
-    }
-    if (rank > kDim - 2) return {};  // on a line, where there is no rotation
-
-    const auto distance = [&](int i) { return outside(place(i)).norm(); };
-    FreeMotion result;
-    double farthest = rounding;
-    for (const int* m = begin; m != end; ++m) {
-      if (system.is_fixed(*m) || !(distance(*m) > farthest)) continue;
-      farthest = distance(*m);
-      result.node = *m;
-    }
-    if (!result) return {};
-    name_rest(system, begin, end, rounding, farthest, distance, place, result);
-    return result;
-  }
-
-  // The held nodes that a motion hardly moves, beside the fastest.
-  template <typename Speed, typename Place>
-  static void name_rest(const System& system, const int* begin, const int* end, double rounding,
-                        double fastest, Speed&& speed, Place&& place, FreeMotion& result) {
-    constexpr double kRest = 1e-2;
-    for (const int* m = begin; m != end; ++m) {
-      if (!(stiffness_of(system, *m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
-      if (result.about < 0) {
-        result.about = *m;
-      } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > rounding) {
-        result.axis = *m;
-      }
-    }
-    if (result.axis >= 0 && result.axis < result.about) std::swap(result.about, result.axis);
-  }
-
-  // The stiffness that holds a node of a body: its anchor's, or for a fixed node `fixed`.
-  static double stiffness_of(const System& system, int i, double fixed) {
-    return system.is_fixed(i) ? fixed : static_cast<double>(system.anchor_stiffness[i]);
-  }
-
-  // The velocities of a point p for each motion of unit speed: translations by `unit`, rotations by one
-  // radian in the plane of two axes.
-  static Velocities velocities(const Vector& p, double unit) {
-    Velocities v = Velocities::Zero();
-    for (int c = 0; c < kDim; ++c) v(c, c) = unit;
-    for (int a = 0, mode = kDim; a < kDim; ++a) {
-      for (int b = a + 1; b < kDim; ++b, ++mode) {
-        v(b, mode) = p[a];
-        v(a, mode) = -p[b];
-      }
-    }
-    return v;
-  }
-
-  // W v for the rotation of a mode, whose velocity at p is W p; zero for translations.
-  static Vector turned(int wanted, const Vector& v) {
-    Vector result = Vector::Zero();
-    for (int a = 0, mode = kDim; a < kDim; ++a) {
-      for (int b = a + 1; b < kDim; ++b, ++mode) {
-        if (mode != wanted) continue;
-        result[b] = v[a];
-        result[a] = -v[b];
-      }
-    }
-    return result;
-  }
-
-  // What moves by a motion, and what it turns about.
-  template <typename Place>
-  static FreeMotion described(const System& system, const int* begin, const int* end, double extent,
-                              const ModeVector& motion, Place&& place) {
-    const auto speed = [&](int i) { return (velocities(place(i), extent) * motion).norm(); };
-    FreeMotion result;
-    double fastest = -1;
-    for (const int* m = begin; m != end; ++m) {
-      if (!system.is_fixed(*m) && speed(*m) > fastest) {
-        fastest = speed(*m);
-        result.node = *m;
-      }
-    }
-    name_rest(system, begin, end, kRounding * extent, fastest, speed, place, result);
-    result.slides = result.about < 0 && motion.template tail<kModes - kDim>().norm() * extent <=
-                                            1e-5 * motion.template head<kDim>().norm() * extent;
-    return result;
   }
 
   // Of what hangs on a single node of the rest and has no anchor: whatever that node does, it can turn about

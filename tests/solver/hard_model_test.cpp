@@ -1,0 +1,45 @@
+// Every solver on models that are hard.
+#include <gtest/gtest.h>
+
+#include <asterism/solver.hpp>
+
+#include "matrices.hpp"
+#include "model_kits.hpp"
+#include "test_systems.hpp"
+
+namespace asterism {
+namespace {
+
+using testing::Cables;
+using testing::Everything;
+using testing::Gemans;
+
+template <typename System>
+using PlainLbfgs = Lbfgs<System>;
+template <typename System>
+using PlainNewtonCg = NewtonCg<System>;
+template <typename System>
+using PlainNonlinearCg = NonlinearCg<System>;
+template <typename System>
+using PlainSparseNewton = SparseNewton<System>;
+
+// A potential that bends, a loss that is not convex, and both with anchors that are ellipses.
+template <typename K>
+class HardModel : public ::testing::Test {};
+using HardKits = ::testing::Types<Cables, Gemans, Everything>;
+TYPED_TEST_SUITE(HardModel, HardKits);
+
+TYPED_TEST(HardModel, SolversAgree) {
+  testing::finds_minimum<TypeParam, PlainLbfgs>();
+  testing::finds_minimum<TypeParam, PlainNewtonCg>();
+  testing::finds_minimum<TypeParam, PlainSparseNewton>();
+  testing::finds_minimum<TypeParam, PlainNonlinearCg>();
+}
+
+TYPED_TEST(HardModel, FixedNodesStayAndTheOthersFindTheirMinimum) {
+  using System = typename TypeParam::System;
+  testing::expect_fixed_nodes_to_stay<TypeParam, Lbfgs<System, JacobiMetric<System>>>();
+}
+
+}  // namespace
+}  // namespace asterism

@@ -1,0 +1,9 @@
+#include "test_systems.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+ASTERISM_TEST_BOUNDED()
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
