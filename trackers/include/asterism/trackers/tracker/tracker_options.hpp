@@ -55,7 +55,6 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("spring_rate", options.spring_rate, option_ranges::kShare);
   visit("response_gate", options.response_gate, {-1e9, 1e9});
   visit("mask_gate", options.mask_gate, {-1e9, 1e9});
-  visit("smoothness", options.smoothness, {0, 1e9});
   visit("transform", options.transform, {"translation", "euclidean", "similarity"});
   visit("scale_share", options.scale_share, option_ranges::kShare);
   visit("scale", options.scale);
