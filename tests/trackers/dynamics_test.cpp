@@ -43,8 +43,7 @@ Eigen::Vector3d followed(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& t
 
 TEST(FitJacobian, IsTheDerivativeOfTheFit) {
   std::mt19937 random(1);
-  for (const TransformModel model :
-       {TransformModel::Translation, TransformModel::Euclidean, TransformModel::Similarity})
+  for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity})
     for (const int n : {2, 4, 9}) {
       const Eigen::Matrix2Xd from = 20 * gaussian(random, 2, n);
       const Eigen::Matrix2Xd to = 1.2 * from + 5 * gaussian(random, 2, n);

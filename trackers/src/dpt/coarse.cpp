@@ -143,8 +143,8 @@ cv::Rect2d CoarseLayer::search_window(const Point2& around) const {
                       static_cast<double>(response->values.rows()));
     return box_around(around, response->spacing.cwiseProduct(cells));
   }
-  return box_around(around,
-                    pose_.size() + Size2::Constant(KcfOptions().padding * std::sqrt(pose_.size().prod())));
+  return box_around(
+      around, pose_.size() + Size2::Constant(KcfOptions().window.padding * std::sqrt(pose_.size().prod())));
 }
 
 void CoarseLayer::move(const ObjectPose& pose) {

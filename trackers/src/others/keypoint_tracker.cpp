@@ -128,8 +128,9 @@ TrackResult KeypointTracker::follow(const Frame& frame) {
 }
 
 KeypointTracker::Detection KeypointTracker::detect(const Frame& frame) const {
-  const ObjectWindow window(pose_.centre(), pose_.size(), padding_, options_.flow.min_template_side,
-                            options_.flow.max_template_side);
+  TemplateWindow searched = options_.flow.window;
+  searched.padding = padding_;
+  const ObjectWindow window(pose_.centre(), pose_.size(), searched);
   // One scale, as the window has the object's, and up to the window's border, which ORB continues by itself.
   const auto orb = cv::ORB::create(options_.max_points, 1.2f, 1, 0, 0, 2, cv::ORB::HARRIS_SCORE, 31,
                                    options_.fast_threshold);

@@ -25,9 +25,7 @@ constexpr double kNewWeight = 0.5;
 
 AnyPart histogram_part() {
   return ColorHistogram({.space = ColorHistogramOptions::Space::Rgb,
-                         .padding = 2 * kReach,
-                         .min_template_side = 8,
-                         .max_template_side = 10});
+                         .window = {.padding = 2 * kReach, .min_template_side = 8, .max_template_side = 10}});
 }
 
 Lgt::Lgt(const LgtOptions& options)

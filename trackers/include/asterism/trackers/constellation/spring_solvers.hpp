@@ -41,8 +41,10 @@ class ASTERISM_API SolverWorkspace {
   std::unique_ptr<Solvers> solvers_;
 };
 
-struct DptSolvers;
-struct ElasticSolvers;
+struct ASTERISM_API DptSolvers;
+struct ASTERISM_API ElasticSolvers;
+extern template class ASTERISM_API SolverWorkspace<DptSolvers>;
+extern template class ASTERISM_API SolverWorkspace<ElasticSolvers>;
 
 /// SpringSystem::set_anchor_information, compiled once for these systems as their solvers are.
 ASTERISM_API void set_anchor(DptSystem& system, int node, const Eigen::Matrix2d& information);

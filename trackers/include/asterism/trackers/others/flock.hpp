@@ -9,7 +9,7 @@ inline namespace ASTERISM_ABI {
 
 /// Options of Flock.
 struct FlockOptions {
-  PointFlowOptions flow = {.padding = 1.5};
+  PointFlowOptions flow = {.window = {.padding = 1.5, .min_template_side = 48, .max_template_side = 128}};
   /// Points a side of the grid on the object's box, in [2, 50].
   int grid = 10;
   /// Each point is linked to as many nearest ones, in [1, 100].
