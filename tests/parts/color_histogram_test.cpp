@@ -141,9 +141,9 @@ TEST(ColorHistogram, RefusesBadOptions) {
   refused([](ColorHistogramOptions& o) { o.bins = 65; });
   refused([](ColorHistogramOptions& o) { o.sharpness = 0; });
   refused([](ColorHistogramOptions& o) { o.learning_rate = 2; });
-  refused([](ColorHistogramOptions& o) { o.padding = std::nan(""); });
-  refused([](ColorHistogramOptions& o) { o.min_template_side = 0; });
-  refused([](ColorHistogramOptions& o) { o.max_template_side = 10; });
+  refused([](ColorHistogramOptions& o) { o.window.padding = std::nan(""); });
+  refused([](ColorHistogramOptions& o) { o.window.min_template_side = 0; });
+  refused([](ColorHistogramOptions& o) { o.window.max_template_side = 10; });
 }
 
 }  // namespace

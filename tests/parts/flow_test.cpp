@@ -137,9 +137,9 @@ TEST(Flow, RefusesBadOptions) {
   refused([](FlowOptions& o) { o.lk_window = 10001; });
   refused([](FlowOptions& o) { o.lk_levels = -1; });
   refused([](FlowOptions& o) { o.lk_levels = 17; });
-  refused([](FlowOptions& o) { o.padding = 0; });
-  refused([](FlowOptions& o) { o.min_template_side = 4; });
-  refused([](FlowOptions& o) { o.max_template_side = 10; });
+  refused([](FlowOptions& o) { o.window.padding = 0; });
+  refused([](FlowOptions& o) { o.window.min_template_side = 4; });
+  refused([](FlowOptions& o) { o.window.max_template_side = 10; });
 }
 
 }  // namespace

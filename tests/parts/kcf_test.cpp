@@ -130,8 +130,8 @@ TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
   options.lambda = 1e-2;  // well conditioned, so that the dense solve is exact enough to compare with
   options.separate_update = false;
   options.learning_rate = 0.3;
-  options.min_template_side = options.max_template_side = 16;
-  options.padding = 1;
+  options.window.min_template_side = options.window.max_template_side = 16;
+  options.window.padding = 1;
   const cv::Mat image = texture(100, 120), next = shifted(image, 3, 2);
   const Frame frame(image), later(next);
   const Point2 centre(60, 50);
@@ -264,7 +264,7 @@ TEST(Kcf, SmallLargeAndThinTargets) {
     const Evidence evidence = kcf.localize(frame, {320, 240});
     EXPECT_LT((evidence.position - Point2(320, 240)).norm(), 0.1 * size.norm() + 0.5) << size.transpose();
     // All of the target is seen, with about the room around it that was asked for.
-    const double margin = options.padding * std::sqrt(size.prod());
+    const double margin = options.window.padding * std::sqrt(size.prod());
     EXPECT_GE(kcf.window().x(), size.x() + 0.6 * margin) << size.transpose();
     EXPECT_GE(kcf.window().y(), size.y() + 0.6 * margin) << size.transpose();
     kcf.adapt(frame, evidence.position);
@@ -295,17 +295,17 @@ TEST(Kcf, RefusesBadOptions) {
     EXPECT_THROW(Kcf{options}, std::invalid_argument);
   };
   refused([](KcfOptions& o) { o.features = {false, false, false}; });
-  refused([](KcfOptions& o) { o.padding = 1e308; });
+  refused([](KcfOptions& o) { o.window.padding = 1e308; });
   refused([](KcfOptions& o) { o.kernel = {.type = Kernel::Type::Polynomial, .exponent = 2.5}; });
   refused([](KcfOptions& o) { o.kernel = {.type = Kernel::Type::Polynomial, .offset = 1e50}; });
   refused([](KcfOptions& o) { o.kernel = {.type = Kernel::Type::Polynomial, .offset = std::nan("")}; });
   refused([](KcfOptions& o) { o.lambda = 0; });
   refused([](KcfOptions& o) { o.learning_rate = 1.5; });
   refused([](KcfOptions& o) { o.label_sigma = 0; });
-  refused([](KcfOptions& o) { o.padding = -1; });
+  refused([](KcfOptions& o) { o.window.padding = -1; });
   refused([](KcfOptions& o) { o.kernel.sigma = 0; });
   refused([](KcfOptions& o) { o.cell_size = 0; });
-  refused([](KcfOptions& o) { o.max_template_side = 10; });
+  refused([](KcfOptions& o) { o.window.max_template_side = 10; });
 }
 
 }  // namespace

@@ -120,9 +120,9 @@ TEST(Keypoints, RefusesBadOptions) {
   refused([](KeypointsOptions& o) { o.max_ratio = 1.1; });
   refused([](KeypointsOptions& o) { o.vote_radius = 0; });
   refused([](KeypointsOptions& o) { o.vote_radius = INFINITY; });
-  refused([](KeypointsOptions& o) { o.padding = 0; });
-  refused([](KeypointsOptions& o) { o.min_template_side = 8; });
-  refused([](KeypointsOptions& o) { o.max_template_side = 32; });
+  refused([](KeypointsOptions& o) { o.window.padding = 0; });
+  refused([](KeypointsOptions& o) { o.window.min_template_side = 8; });
+  refused([](KeypointsOptions& o) { o.window.max_template_side = 32; });
 }
 
 }  // namespace

@@ -149,9 +149,9 @@ TEST(Mosse, RefusesBadOptions) {
   refused([](MosseOptions& o) { o.perturbations = -1; });
   refused([](MosseOptions& o) { o.perturbations = 2'000'000'000; });
   refused([](MosseOptions& o) { o.perturbation = 1; });
-  refused([](MosseOptions& o) { o.padding = -1; });
-  refused([](MosseOptions& o) { o.min_template_side = 10; });
-  refused([](MosseOptions& o) { o.max_template_side = 20; });
+  refused([](MosseOptions& o) { o.window.padding = -1; });
+  refused([](MosseOptions& o) { o.window.min_template_side = 10; });
+  refused([](MosseOptions& o) { o.window.max_template_side = 20; });
 }
 
 }  // namespace

@@ -59,7 +59,7 @@ TEST(PartRegistry, MakesEveryModelWithItsDefaults) {
 TEST(PartRegistry, SetsOptions) {
   KcfOptions options;
   options.kernel.type = Kernel::Type::Linear;
-  options.padding = 1;
+  options.window.padding = 1;
   options.sub_pixel = false;
   options.cell_size = 2;
   Kcf expected(options);

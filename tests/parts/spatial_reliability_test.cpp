@@ -17,13 +17,6 @@ using testing::texture;
 
 TEST(SpatialReliability, FulfilsThePartAxioms) { testing::check_part_axioms(SpatialReliability()); }
 TEST(SpatialReliability, WithstandsFaults) { testing::check_part_faults(SpatialReliability()); }
-TEST(SpatialReliability, FulfilsThePartAxiomsWithDetectionWeights) {
-  SpatialReliabilityOptions options;
-  options.detection_weights = true;
-  testing::check_part_axioms(SpatialReliability(options));
-  testing::check_part_faults(SpatialReliability(options));
-}
-
 TEST(SpatialReliability, FulfilsThePartAxiomsWithColorChannels) {
   SpatialReliabilityOptions options;
   options.color_channels = true;
@@ -180,7 +173,7 @@ TEST(MaskedRegression, RefiningConverges) {
 TEST(SpatialReliability, FindsAShiftedTexture) {
   const cv::Mat image = texture(240, 320);
   SpatialReliabilityOptions fine;
-  fine.max_template_side = 50;
+  fine.window.max_template_side = 50;
   for (const auto& [part, size, tolerance] :
        {std::tuple{SpatialReliability(fine), Size2(60, 48), 0.05},  // 0.93 template pixels an image pixel
         std::tuple{SpatialReliability(), Size2(32, 32), 0.08},
@@ -353,8 +346,8 @@ TEST(SpatialReliability, RefusesBadOptions) {
   refused([](SpatialReliabilityOptions& o) { o.weight_rate = -0.1; });
   refused([](SpatialReliabilityOptions& o) { o.label_sigma = 0; });
   refused([](SpatialReliabilityOptions& o) { o.cell_size = 0; });
-  refused([](SpatialReliabilityOptions& o) { o.padding = -1; });
-  refused([](SpatialReliabilityOptions& o) { o.max_template_side = 10; });
+  refused([](SpatialReliabilityOptions& o) { o.window.padding = -1; });
+  refused([](SpatialReliabilityOptions& o) { o.window.max_template_side = 10; });
   refused([](SpatialReliabilityOptions& o) { o.max_mask_area = 0.1; });
   refused([](SpatialReliabilityOptions& o) { o.color.surrounding = 1; });
 }

@@ -229,9 +229,9 @@ TEST(Superpixels, RefuseBadOptions) {
   refused([](SuperpixelsOptions& o) { o.confidence_weight = HUGE_VAL; });
   refused([](SuperpixelsOptions& o) { o.sharpness = std::nan(""); });
   refused([](SuperpixelsOptions& o) { o.learning_rate = 1.1; });
-  refused([](SuperpixelsOptions& o) { o.padding = 0; });
-  refused([](SuperpixelsOptions& o) { o.min_template_side = 0; });
-  refused([](SuperpixelsOptions& o) { o.max_template_side = 16; });
+  refused([](SuperpixelsOptions& o) { o.window.padding = 0; });
+  refused([](SuperpixelsOptions& o) { o.window.min_template_side = 0; });
+  refused([](SuperpixelsOptions& o) { o.window.max_template_side = 16; });
 }
 
 }  // namespace

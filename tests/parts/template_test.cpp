@@ -151,11 +151,11 @@ TEST(Template, RefusesBadOptions) {
     EXPECT_THROW(Template{options}, std::invalid_argument);
   };
   refused([](TemplateOptions& o) { o.sigma = 0; });
-  refused([](TemplateOptions& o) { o.padding = 1e308; });
+  refused([](TemplateOptions& o) { o.window.padding = 1e308; });
   refused([](TemplateOptions& o) { o.learning_rate = std::nan(""); });
-  refused([](TemplateOptions& o) { o.padding = 0; });
-  refused([](TemplateOptions& o) { o.min_template_side = 0; });
-  refused([](TemplateOptions& o) { o.max_template_side = 10; });
+  refused([](TemplateOptions& o) { o.window.padding = 0; });
+  refused([](TemplateOptions& o) { o.window.min_template_side = 0; });
+  refused([](TemplateOptions& o) { o.window.max_template_side = 10; });
 }
 
 }  // namespace

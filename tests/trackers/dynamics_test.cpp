@@ -1,4 +1,4 @@
-// The covariance of the box, the Kalman filter over it, and the smoothness prior over parts.
+// The covariance of the box, and the Kalman filter over it.
 
 #include <gtest/gtest.h>
 
@@ -43,8 +43,7 @@ Eigen::Vector3d followed(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& t
 
 TEST(FitJacobian, IsTheDerivativeOfTheFit) {
   std::mt19937 random(1);
-  for (const TransformModel model :
-       {TransformModel::Translation, TransformModel::Euclidean, TransformModel::Similarity})
+  for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity})
     for (const int n : {2, 4, 9}) {
       const Eigen::Matrix2Xd from = 20 * gaussian(random, 2, n);
       const Eigen::Matrix2Xd to = 1.2 * from + 5 * gaussian(random, 2, n);
@@ -127,8 +126,8 @@ TEST(BoxCovariance, IsThatOfBoxesOfSampledConstellations) {
   Evidence evidence{Point2::Zero(), 0.8, Eigen::Matrix2d(Eigen::Vector2d(0.1, 0.4).asDiagonal())};
   DptOptions options = stub_options(wobbling, evidence);
   options.anchor_law = AnchorLaw::Covariance;
-  std::optional<Dpt::Springs> solved;
-  options.on_solve = [&](const Dpt::Springs& system, const Dpt::Placement&, const Summary&) {
+  std::optional<Dpt::System> solved;
+  options.on_solve = [&](const Dpt::System& system, const Dpt::Placement&, const Summary&) {
     solved = system;
   };
   for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {
@@ -179,55 +178,6 @@ TEST(BoxCovariance, IsNotThereWhereThePlacementIsNoMinimum) {
   Dpt saddle(options);
   saddle.init(any_image(), kBox);
   EXPECT_FALSE(saddle.update(any_image()).covariance);
-}
-
-// The energy with the prior is that without it and of the prior, up to a constant, for any placement.
-TEST(Smoothness, IsAGaussianAboutTheConstantVelocity) {
-  const Evidence evidence{Point2::Zero(), 0.8, Eigen::Matrix2d(Eigen::Vector2d(3, 9).asDiagonal())};
-  for (const AnchorLaw law : {AnchorLaw::Variance, AnchorLaw::Covariance}) {
-    DptOptions options = stub_options(wobbling, evidence);
-    options.anchor_law = law;
-    options.smoothness = 20;
-    std::optional<Dpt::Springs> solved;
-    options.on_solve = [&](const Dpt::Springs& system, const Dpt::Placement&, const Summary&) {
-      solved = system;
-    };
-    Dpt tracker(options);
-    tracker.init(any_image(), kBox);
-    TrackResult earlier = tracker.update(any_image()), last = tracker.update(any_image());
-    std::mt19937 random(4);
-    for (int t = 0; t < 4; ++t) {
-      const TrackResult result = tracker.update(any_image());
-      const Eigen::Matrix2Xd predicted = 2 * positions(last) - positions(earlier);
-      Dpt::Springs plain = *solved;
-      for (int i = 0; i < 4; ++i) {
-        plain.anchors.col(i) = result.parts[static_cast<std::size_t>(i)].visual_best;
-        plain.set_anchor_information(
-            i, Eigen::Matrix2d(law == AnchorLaw::Variance
-                                   ? 0.8 / 12 * Eigen::Matrix2d::Identity()
-                                   : Eigen::Matrix2d(0.4 * evidence.covariance.inverse())));
-      }
-      const double information = 20 / (last.box.area() / 4);
-      double offset = 0;
-      for (int k = 0; k < 10; ++k) {
-        const Dpt::Placement x = positions(result) + 10 * gaussian(random, 2, 4);
-        const double difference =
-            energy(*solved, x) - energy(plain, x) - information / 2 * (x - predicted).squaredNorm();
-        if (k == 0) offset = difference;
-        EXPECT_NEAR(difference, offset, 1e-9 * (1 + std::abs(offset)));
-      }
-      earlier = last;
-      last = result;
-    }
-  }
-}
-
-TEST(Smoothness, OutOfRangeIsRefused) {
-  for (const double value : {-1.0, std::nan(""), std::numeric_limits<double>::infinity()}) {
-    DptOptions options;
-    options.smoothness = value;
-    EXPECT_THROW(Dpt{options}, std::invalid_argument);
-  }
 }
 
 // All frames at once: the joint Gaussian of every state, as one linear least-squares problem, of which the

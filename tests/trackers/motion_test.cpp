@@ -203,7 +203,10 @@ TEST_F(Motion, DoesNotDependOnWhatTheThreadDidBefore) {
     std::thread([&] {
       const Point2 object(150, 120);
       for (const cv::Size2d& size : {before, cv::Size2d(48, 36)}) {
-        MotionModel model({.padding = size.width < 10 ? 1.0 : 3.0, .min_template_side = 8});
+        MotionOptions options;
+        options.window.padding = size.width < 10 ? 1.0 : 3.0;
+        options.window.min_template_side = 8;
+        MotionModel model(options);
         for (int i = 0; i < 4; ++i) {
           const cv::Mat image = scene.image(i, object + Point2(2 * i, 0));
           const cv::Rect2d box = box_around(object + Point2(2 * i, 0), {size.width, size.height});
@@ -267,10 +270,10 @@ TEST(MotionOptionsTest, OutOfRangeAreRefused) {
     coarse.motion_share = wrong;
     EXPECT_THROW(CoarseLayer{coarse}, std::invalid_argument);
   }
-  refused([&](MotionOptions& o) { o.padding = 0.5; });
-  refused([&](MotionOptions& o) { o.padding = nan; });
-  refused([&](MotionOptions& o) { o.min_template_side = 4; });
-  refused([&](MotionOptions& o) { o.max_template_side = 8; });
+  refused([&](MotionOptions& o) { o.window.padding = 0.5; });
+  refused([&](MotionOptions& o) { o.window.padding = nan; });
+  refused([&](MotionOptions& o) { o.window.min_template_side = 4; });
+  refused([&](MotionOptions& o) { o.window.max_template_side = 8; });
 }
 
 }  // namespace

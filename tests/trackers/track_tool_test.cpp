@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <asterism/solver/method/ida.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <chrono>
 #include <cmath>
@@ -351,20 +352,20 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
   const std::string images = make_images("images").string() + kBox + " --tracker dpt";
   ASSERT_EQ(run(images + csv() + " --record-systems " + path("systems.jsonl"), false), 0) << err_;
-  const auto systems = read_systems<Dpt::Springs>(path("systems.jsonl"));
+  const auto systems = read_systems<Dpt::System>(path("systems.jsonl"));
   ASSERT_EQ(systems.size(), static_cast<size_t>(kFrames - 1)) << "none in the first frame";
   for (int frame = 2; frame <= kFrames; ++frame) {
     const auto& [system, start, name, origin] = systems[static_cast<size_t>(frame - 2)];
     EXPECT_EQ(name, "images/frame " + std::to_string(frame));
     EXPECT_EQ(origin.at("tracker"), "dpt");
     EXPECT_EQ(origin.at("frame"), frame);
-    EXPECT_EQ(origin.at("solver"), Ida<Dpt::Springs>::name());
+    EXPECT_EQ(origin.at("solver"), Ida<Dpt::System>::name());
     EXPECT_EQ(origin.at("status"), "converged");
     EXPECT_EQ(system.nodes(), 4);
     EXPECT_NE(start, system.anchors);
     // Solved from its start again, it ends as it did.
     Dpt::Placement x = start;
-    const Summary summary = Ida<Dpt::Springs>(system, DptOptions().solver).solve(system, x);
+    const Summary summary = Ida<Dpt::System>(system, DptOptions().solver).solve(system, x);
     EXPECT_NEAR(summary.iterations, origin.at("iterations").get<int>(), 1);
     EXPECT_NEAR(summary.initial_energy, origin.at("initial_energy").get<double>(), 1e-12);
     EXPECT_NEAR(summary.final_energy, origin.at("final_energy").get<double>(), 1e-12);
@@ -384,11 +385,11 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
 TEST_F(TrackTool, NamesRecordedSystemsAfterTheInput) {
   const std::string file = path("systems.jsonl"), record = " --tracker dpt --record-systems " + file;
   ASSERT_EQ(run(make_sequence().string() + "/ --start 6 --frames 3" + record, false), 0) << err_;
-  ASSERT_EQ(read_systems<Dpt::Springs>(file).size(), 2u);
-  EXPECT_EQ(read_systems<Dpt::Springs>(file)[0].name, "sequence/frame 7");
+  ASSERT_EQ(read_systems<Dpt::System>(file).size(), 2u);
+  EXPECT_EQ(read_systems<Dpt::System>(file)[0].name, "sequence/frame 7");
   ASSERT_EQ(run(make_video().string() + kBox + " --frames 2" + record, false), 0) << err_;
-  ASSERT_EQ(read_systems<Dpt::Springs>(file).size(), 1u) << "a former file is replaced";
-  EXPECT_EQ(read_systems<Dpt::Springs>(file)[0].name, "video.avi/frame 2");
+  ASSERT_EQ(read_systems<Dpt::System>(file).size(), 1u) << "a former file is replaced";
+  EXPECT_EQ(read_systems<Dpt::System>(file)[0].name, "video.avi/frame 2");
 }
 
 TEST_F(TrackTool, RecordsTheSystemsOfADptWithOptions) {
@@ -398,7 +399,7 @@ TEST_F(TrackTool, RecordsTheSystemsOfADptWithOptions) {
           false),
       0)
       << err_;
-  const auto systems = read_systems<Dpt::Springs>(file);
+  const auto systems = read_systems<Dpt::System>(file);
   ASSERT_EQ(systems.size(), 2u);
   EXPECT_EQ(systems[0].origin.at("tracker"), tracker);
   EXPECT_EQ(systems[0].system.nodes(), 6);

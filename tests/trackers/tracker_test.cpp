@@ -2,6 +2,8 @@
 
 #include <algorithm>
 #include <array>
+#include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/newton.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
@@ -458,13 +460,13 @@ TEST(Dpt, OverlappingPartsCoverTheBox) {
 
 TEST(Dpt, ShowsWhatItSolves) {
   struct Solve {
-    Dpt::Springs system;
+    Dpt::System system;
     Dpt::Placement start;
     Summary summary;
   };
   std::vector<Solve> solves;
   DptOptions options;
-  options.on_solve = [&](const Dpt::Springs& system, const Dpt::Placement& start, const Summary& summary) {
+  options.on_solve = [&](const Dpt::System& system, const Dpt::Placement& start, const Summary& summary) {
     solves.push_back({system, start, summary});
   };
   const Scene scene;
@@ -478,7 +480,7 @@ TEST(Dpt, ShowsWhatItSolves) {
     ASSERT_EQ(solves.size(), static_cast<std::size_t>(t));
     const Solve& last = solves.back();
     Dpt::Placement x = last.start;
-    Ida<Dpt::Springs> solver(last.system, options.solver);
+    Ida<Dpt::System> solver(last.system, options.solver);
     const Summary summary = solver.solve(last.system, x);
     EXPECT_EQ(summary.iterations, last.summary.iterations);
     EXPECT_EQ(summary.initial_energy, last.summary.initial_energy);
@@ -633,8 +635,8 @@ TEST(Dpt, NewtonFindsThePlacementsOfIda) {
   DptOptions options;
   options.spring_solver = SpringSolver::Newton;
   int solves = 0;
-  options.on_solve = [&](const Dpt::Springs& springs, const Dpt::Placement& start, const Summary& summary) {
-    EXPECT_EQ(summary.solver, Newton<Dpt::Springs>::name());
+  options.on_solve = [&](const Dpt::System& springs, const Dpt::Placement& start, const Summary& summary) {
+    EXPECT_EQ(summary.solver, Newton<Dpt::System>::name());
     Dpt::Placement newton = start, ida = start;
     EXPECT_EQ(Newton(springs, options.solver).solve(springs, newton).final_energy, summary.final_energy);
     Ida(springs, options.solver).solve(springs, ida);

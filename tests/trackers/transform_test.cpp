@@ -47,14 +47,12 @@ TEST(FitTransform, IsTheLeastSquaresFit) {
     peer_residual +=
         (peer.topLeftCorner<2, 2>() * from.col(i) + peer.topRightCorner<2, 1>() - to.col(i)).squaredNorm();
   EXPECT_NEAR(residual(found), peer_residual, 1e-9);
-  for (const TransformModel model :
-       {TransformModel::Translation, TransformModel::Euclidean, TransformModel::Similarity}) {
+  for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {
     const PlaneTransform best = fit_transform(from, to, model);
     for (const double d : {-1e-3, 1e-3}) {
       PlaneTransform other = best;
       other.translation.x() += d;
       EXPECT_GT(residual(other), residual(best));
-      if (model == TransformModel::Translation) continue;
       other = best;  // turned about the centroid
       other.angle += d;
       other.translation += best(from.rowwise().mean()) - other(from.rowwise().mean());
@@ -108,8 +106,7 @@ TEST(FitRobustTransform, KeepsWhatThePointsDoNotDetermine) {
     EXPECT_NEAR(found.support, 1, 1e-12);
     EXPECT_LT((found.transform(a.col(0)) - b.col(0)).norm(), 1e-12);
   };
-  for (const TransformModel model :
-       {TransformModel::Translation, TransformModel::Euclidean, TransformModel::Similarity}) {
+  for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {
     expect_moved(from.leftCols(1), to.leftCols(1), Eigen::VectorXd::Ones(1), model);
     expect_moved(from, to, Eigen::Vector3d(0.7, 0, 0), model);
     // Coincident ones, whose mean is rounded.

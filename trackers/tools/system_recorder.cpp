@@ -32,7 +32,7 @@ std::optional<Dpt> SolveWatch::make_tracker(const std::string& description) {
   const Dpt* const dpt = tracker.target<Dpt>();
   if (dpt == nullptr) return {};
   DptOptions options = dpt->options();
-  options.on_solve = [this](const Dpt::Springs& system, const Dpt::Placement& start, const Summary& summary) {
+  options.on_solve = [this](const Dpt::System& system, const Dpt::Placement& start, const Summary& summary) {
     last_.emplace(Solve{system, start, summary});
   };
   return Dpt(options);

@@ -11,7 +11,7 @@ namespace asterism::tools {
 class SolveWatch {
  public:
   struct Solve {
-    Dpt::Springs system;
+    Dpt::System system;
     Dpt::Placement start;
     Summary summary;
   };

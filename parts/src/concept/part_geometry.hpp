@@ -29,9 +29,13 @@ inline void require(bool holds, const char* what) {
 }
 
 /// Of the range that a target's side in the template is brought to.
-inline void require_ordered(double min_template_side, double max_template_side, const char* of) {
-  require(min_template_side <= max_template_side,
-          std::string(of).append(": template sides must satisfy min <= max").c_str());
+inline void require_ordered(const TemplateWindow& window, const char* of) {
+  require(window.ordered(), std::string(of).append(": template sides must satisfy min <= max").c_str());
+}
+/// Of cells, none of which is larger than the target.
+inline void require_ordered(const TemplateWindow& window, int cell_size, const char* of) {
+  require(window.ordered() && window.min_template_side >= cell_size,
+          std::string(of).append(": template sides must satisfy cell_size <= min <= max").c_str());
 }
 
 /// The contract of PartModel::resize, and of PartModel::init.
@@ -47,12 +51,13 @@ inline void require_target(const Point2& centre, const Size2& size) {
 /// Geometric mean of the sides, of any size that is finite.
 inline double mean_side(const Size2& size) { return std::sqrt(size.x()) * std::sqrt(size.y()); }
 
-/// Template pixels an image pixel: the mean side of the target is min_side .. max_side in the template, and
-/// unscaled between; no side of a window that adds `padding` x the mean side to both exceeds `longest`.
-inline double template_scale(const Size2& size, double padding, double min_side, double max_side,
+/// Template pixels an image pixel: the mean side of the target is in the window's range, and unscaled
+/// between; no side of the window exceeds `longest`.
+inline double template_scale(const Size2& size, const TemplateWindow& window,
                              double longest = kMaxWindowSide) {
   const double side = mean_side(size);
-  return std::min(std::clamp(side, min_side, max_side) / side, longest / (size.maxCoeff() + padding * side));
+  return std::min(std::clamp(side, window.min_template_side, window.max_template_side) / side,
+                  longest / (size.maxCoeff() + window.padding * side));
 }
 
 /// Template and search window of a model that is matched at every whole shift within `reach`.
@@ -62,14 +67,15 @@ struct MatchGeometry {
   int reach;             ///< of the search to each side [template pixels]
   ResponseMap response;  ///< of all shifts
 };
-inline MatchGeometry match_geometry(const Size2& size, double padding, double min_side, double max_side,
+inline MatchGeometry match_geometry(const Size2& size, const TemplateWindow& window,
                                     double longest = kMaxWindowSide) {
-  const double to_template = template_scale(size, padding, min_side, max_side, longest);
-  MatchGeometry result{.spacing = 1 / to_template,
-                       .cols = std::max(1, static_cast<int>(std::lround(size.x() * to_template))),
-                       .rows = std::max(1, static_cast<int>(std::lround(size.y() * to_template))),
-                       .reach = static_cast<int>(std::ceil(padding / 2 * mean_side(size) * to_template)),
-                       .response = {}};
+  const double to_template = template_scale(size, window, longest);
+  MatchGeometry result{
+      .spacing = 1 / to_template,
+      .cols = std::max(1, static_cast<int>(std::lround(size.x() * to_template))),
+      .rows = std::max(1, static_cast<int>(std::lround(size.y() * to_template))),
+      .reach = static_cast<int>(std::ceil(window.padding / 2 * mean_side(size) * to_template)),
+      .response = {}};
   result.response.values.setZero(2 * result.reach + 1, 2 * result.reach + 1);
   result.response.spacing = Size2::Constant(result.spacing);
   result.response.periodic = false;
@@ -85,15 +91,14 @@ inline void settle_ties(decltype(ResponseMap::values)& values, float rounding) {
   values.rowwise() *= weight.transpose();
 }
 
-/// A target with its surroundings, `padding` times its mean side more on both axes.
+/// A target with its surroundings.
 struct WindowGeometry {
   double to_template;  ///< template pixels an image pixel
   int cols, rows;      ///< [template pixels], at least `least`
 };
-inline WindowGeometry window_geometry(const Size2& size, double padding, double min_side, double max_side,
-                                      int least) {
-  const double to_template = template_scale(size, padding, min_side, max_side);
-  const double margin = padding * mean_side(size);
+inline WindowGeometry window_geometry(const Size2& size, const TemplateWindow& window, int least) {
+  const double to_template = template_scale(size, window);
+  const double margin = window.padding * mean_side(size);
   return {to_template, std::max(least, static_cast<int>(std::lround((size.x() + margin) * to_template))),
           std::max(least, static_cast<int>(std::lround((size.y() + margin) * to_template)))};
 }

@@ -10,7 +10,7 @@ inline namespace ASTERISM_ABI {
 
 ColorHistogram::ColorHistogram(const ColorHistogramOptions& options)
     : options_(check_options("ColorHistogramOptions", options)) {
-  require_ordered(options.min_template_side, options.max_template_side, "ColorHistogramOptions");
+  require_ordered(options.window, "ColorHistogramOptions");
 }
 
 void ColorHistogram::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -21,8 +21,7 @@ void ColorHistogram::init(const Frame& frame, const Point2& centre, const Size2&
 
 void ColorHistogram::prepare(const Size2& size, Space space) {
   size_ = size, space_ = space;
-  const auto [spacing, cols, rows, reach, response] =
-      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  const auto [spacing, cols, rows, reach, response] = match_geometry(size, options_.window);
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
 

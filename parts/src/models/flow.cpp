@@ -43,7 +43,7 @@ Point2 difference(const cv::Point2f& a, const cv::Point2f& b) {
 
 Flow::Flow(const FlowOptions& options) : options_(check_options("FlowOptions", options)) {
   require(options.lk_window % 2 == 1, "FlowOptions: lk_window must be odd");
-  require_ordered(options.min_template_side, options.max_template_side, "FlowOptions");
+  require_ordered(options.window, "FlowOptions");
 }
 
 void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -55,8 +55,7 @@ void Flow::init(const Frame& frame, const Point2& centre, const Size2& size) {
 void Flow::prepare(const Size2& size) {
   size_ = size;
   response_ = {};
-  const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
-                                                         options_.max_template_side, kMinWindowSide);
+  const auto [to_template, cols, rows] = window_geometry(size, options_.window, kMinWindowSide);
   spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
 
   // The points are the centres of grid x grid cells of the target.

@@ -46,9 +46,7 @@ Kcf::Kcf(const KcfOptions& options)
   channels_ = (features.hog ? Fhog::kChannels : 0) + (features.gray ? 1 : 0) + (features.color ? 2 : 0);
   constexpr int kLanes = part_kernels_v0_1::kMaxLanes;
   padded_channels_ = (channels_ + kLanes - 1) / kLanes * kLanes;
-  require(options.min_template_side >= options.cell_size &&
-              options.max_template_side >= options.min_template_side,
-          "KcfOptions: template sides must satisfy cell_size <= min <= max");
+  require_ordered(options.window, options.cell_size, "KcfOptions");
   if (options.kernel.type == Kernel::Type::Gaussian) kernel_base_ = 1;
   if (options.kernel.type == Kernel::Type::Polynomial) {
     const auto [type, sigma, offset, exponent] = options.kernel;
@@ -67,10 +65,10 @@ void Kcf::init(const Frame& frame, const Point2& centre, const Size2& size) {
 
 void Kcf::prepare(const Size2& size) {
   const double side = std::sqrt(size.prod());
-  const Size2 margin = options_.proportional_window ? Size2(options_.padding * size)
-                                                    : Size2::Constant(options_.padding * side);
+  const Size2 margin = options_.proportional_window ? Size2(options_.window.padding * size)
+                                                    : Size2::Constant(options_.window.padding * side);
   const double to_template =
-      std::min(std::clamp(side, options_.min_template_side, options_.max_template_side) / side,
+      std::min(std::clamp(side, options_.window.min_template_side, options_.window.max_template_side) / side,
                max_window_side(options_.cell_size) / (size + margin).maxCoeff());
   const Size2 cells = (size + margin) * to_template / options_.cell_size;
   cols_ = fast_cells(cells.x());

@@ -19,15 +19,14 @@ constexpr int kDescriptorBits = 256;
 }  // namespace
 
 Keypoints::Keypoints(const KeypointsOptions& options) : options_(check_options("KeypointsOptions", options)) {
-  require_ordered(options.min_template_side, options.max_template_side, "KeypointsOptions");
+  require_ordered(options.window, "KeypointsOptions");
 }
 
 void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
   prepare(size);
   const Detection all = detect(frame, centre);
-  const double to_template =
-      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  const double to_template = template_scale(size, options_.window);
   const Size2 half = size * to_template / 2;
   offsets_.clear();
   descriptors_ = cv::Mat();
@@ -41,8 +40,7 @@ void Keypoints::init(const Frame& frame, const Point2& centre, const Size2& size
 void Keypoints::prepare(const Size2& size) {
   size_ = size;
   response_ = {};
-  const auto [to_template, cols, rows] = window_geometry(size, options_.padding, options_.min_template_side,
-                                                         options_.max_template_side, kDescriptorSide);
+  const auto [to_template, cols, rows] = window_geometry(size, options_.window, kDescriptorSide);
   spacing_ = 1 / to_template, cols_ = cols, rows_ = rows;
 }
 

@@ -64,14 +64,13 @@ struct Sidelobe {
 }  // namespace
 
 Mosse::Mosse(const MosseOptions& options) : options_(check_options("MosseOptions", options)) {
-  require_ordered(options.min_template_side, options.max_template_side, "MosseOptions");
+  require_ordered(options.window, "MosseOptions");
 }
 
 void Mosse::prepare(const Size2& size) {
   size_ = size;
-  const double to_template =
-      template_scale(size, options_.padding, options_.min_template_side, options_.max_template_side);
-  const double margin = options_.padding * mean_side(size);
+  const double to_template = template_scale(size, options_.window);
+  const double margin = options_.window.padding * mean_side(size);
   spacing_ = 1 / to_template;
   cols_ = fast_side((size.x() + margin) * to_template);
   rows_ = fast_side((size.y() + margin) * to_template);

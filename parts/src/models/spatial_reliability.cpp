@@ -49,27 +49,6 @@ Point2 offset_at(const Map& map, Eigen::Index row, Eigen::Index col) {
           gaussian_vertex(map((row + rows - 1) % rows, col), middle, map((row + 1) % rows, col))};
 }
 
-// 1 - the second highest local maximum of a periodic map / the highest, the ratio at most one half (Lukezic
-// et al., Sec. 3.3).
-float detection_reliability(const float* map, int rows, int cols) {
-  float first = 0, second = 0;
-  for (int r = 0; r < rows; ++r) {
-    const float *line = map + r * cols, *above = map + (r + rows - 1) % rows * cols,
-                *below = map + (r + 1) % rows * cols;
-    for (int c = 0; c < cols; ++c) {
-      const float value = line[c];
-      if (value <= second) continue;
-      const int left = (c + cols - 1) % cols, right = (c + 1) % cols;
-      if (value < std::max({line[left], line[right], above[left], above[c], above[right], below[left],
-                            below[c], below[right]}))
-        continue;
-      second = std::min(first, value);
-      first = std::max(first, value);
-    }
-  }
-  return first > 0 ? 1 - std::min(second / first, 0.5f) : 0;
-}
-
 }  // namespace
 
 MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options)
@@ -139,9 +118,7 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
         return color;
       }()) {
   const MaskedRegression checks_its_penalties(4, 4, options.regression);
-  require(options.min_template_side >= options.cell_size &&
-              options.max_template_side >= options.min_template_side,
-          "SpatialReliabilityOptions: template sides must satisfy cell_size <= min <= max");
+  require_ordered(options.window, options.cell_size, "SpatialReliabilityOptions");
   require(options.max_mask_area > options.min_mask_area,
           "SpatialReliabilityOptions: mask areas must satisfy min < max");
 }
@@ -156,9 +133,8 @@ void SpatialReliability::init(const Frame& frame, const Point2& centre, const Si
 }
 
 void SpatialReliability::prepare(const Size2& size) {
-  const double to_template = template_scale(size, options_.padding, options_.min_template_side,
-                                            options_.max_template_side, max_window_side(options_.cell_size));
-  const double margin = options_.padding * mean_side(size);
+  const double to_template = template_scale(size, options_.window, max_window_side(options_.cell_size));
+  const double margin = options_.window.padding * mean_side(size);
   cols_ = multiple_of_eight((size.x() + margin) * to_template / options_.cell_size);
   rows_ = multiple_of_eight((size.y() + margin) * to_template / options_.cell_size);
   size_ = initial_size_ = size;
@@ -170,7 +146,6 @@ void SpatialReliability::prepare(const Size2& size) {
   const Eigen::Index plane = Eigen::Index{rows_} * cols_,
                      half = Eigen::Index{rows_} * plane_fft_.spectrum_cols();
   features_.resize(Fhog::kChannels * plane);
-  responses_.resize(channels_ * plane);
   plane_.resize(plane);
   sample_.resize(channels_ * half);
   template_.setZero(channels_ * half);
@@ -233,10 +208,7 @@ void SpatialReliability::resize(const Size2& size) {
 
 Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) {
   transform_patch(frame, around);
-  if (options_.detection_weights)
-    respond_reliably();
-  else
-    respond(sample_);
+  respond(sample_);
   // Zero shift to the middle of the map, so that it is a picture of the search window.
   for (int r = 0; r < rows_; ++r) {
     const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
@@ -262,18 +234,6 @@ void SpatialReliability::respond(const Spectrum& sample) {
   for (int k = 0; k < channels_; ++k)
     spectrum_ += weights_(k) * (sample.segment(k * half, half) * filter_.segment(k * half, half).conjugate());
   plane_fft_.inverse(spectrum_.data(), plane_.data());
-}
-
-void SpatialReliability::respond_reliably() {
-  const Eigen::Index plane = plane_.size();
-  sample_ *= filter_.conjugate();
-  channels_fft_.inverse(sample_.data(), responses_.data());
-  for (int k = 0; k < channels_; ++k)
-    reliability_(k) = weights_(k) * detection_reliability(responses_.data() + k * plane, rows_, cols_);
-  const float sum = reliability_.sum();
-  if (sum > 0) reliability_ *= weights_.sum() / sum;
-  plane_.setZero();
-  for (int k = 0; k < channels_; ++k) plane_ += reliability_(k) * responses_.segment(k * plane, plane);
 }
 
 void SpatialReliability::adapt(const Frame& frame, const Point2& at) {

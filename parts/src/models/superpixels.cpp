@@ -18,7 +18,7 @@ constexpr float kFarthestColor = 200;
 
 Superpixels::Superpixels(const SuperpixelsOptions& options)
     : options_(check_options("SuperpixelsOptions", options)) {
-  require_ordered(options.min_template_side, options.max_template_side, "SuperpixelsOptions");
+  require_ordered(options.window, "SuperpixelsOptions");
 }
 
 void Superpixels::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -31,8 +31,7 @@ void Superpixels::init(const Frame& frame, const Point2& centre, const Size2& si
 void Superpixels::prepare(const Size2& size) {
   size_ = size;
   const auto [spacing, cols, rows, reach, response] =
-      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side,
-                     max_superpixel_window_side(options_.slic.side));
+      match_geometry(size, options_.window, max_superpixel_window_side(options_.slic.side));
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
   learned_.setZero(Eigen::Index{rows_ + 2 * reach_} * (cols_ + 2 * reach_), 3);

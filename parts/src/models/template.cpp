@@ -18,7 +18,7 @@ constexpr float kSame = 1e-3f;
 }  // namespace
 
 Template::Template(const TemplateOptions& options) : options_(check_options("TemplateOptions", options)) {
-  require_ordered(options.min_template_side, options.max_template_side, "TemplateOptions");
+  require_ordered(options.window, "TemplateOptions");
 }
 
 void Template::init(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -29,8 +29,7 @@ void Template::init(const Frame& frame, const Point2& centre, const Size2& size)
 
 void Template::prepare(const Size2& size, int channels) {
   size_ = size, channels_ = channels;
-  const auto [spacing, cols, rows, reach, response] =
-      match_geometry(size, options_.padding, options_.min_template_side, options_.max_template_side);
+  const auto [spacing, cols, rows, reach, response] = match_geometry(size, options_.window);
   spacing_ = spacing, cols_ = cols, rows_ = rows, reach_ = reach;
   response_ = likelihood_ = response;
   template_.setZero(Eigen::Index{rows_} * cols_ * channels_);

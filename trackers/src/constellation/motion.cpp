@@ -59,8 +59,7 @@ cv::Rect2d pixels_of(const Point2& centre, const Size2& size) {
 }  // namespace
 
 MotionModel::MotionModel(const MotionOptions& options) : options_(check_options("MotionOptions", options)) {
-  require(options.min_template_side <= options.max_template_side,
-          "MotionOptions: template sides must satisfy min <= max");
+  require(options.window.ordered(), "MotionOptions: template sides must satisfy min <= max");
 }
 
 bool MotionModel::available() {
@@ -73,8 +72,7 @@ bool MotionModel::available() {
 
 void MotionModel::place(const Point2& centre, const Size2& size) {
   centre_ = centre, size_ = size;
-  window_ =
-      ObjectWindow(centre, size, options_.padding, options_.min_template_side, options_.max_template_side);
+  window_ = ObjectWindow(centre, size, options_.window);
   bins_.release();
 }
 

@@ -14,12 +14,12 @@ constexpr int kMinWindow = 16;
 
 }  // namespace
 
-ObjectWindow::ObjectWindow(const Point2& centre, const Size2& size, double padding, double min_side,
-                           double max_side)
+ObjectWindow::ObjectWindow(const Point2& centre, const Size2& size, const TemplateWindow& window)
     : centre_(centre) {
   const double side = std::sqrt(size.x()) * std::sqrt(size.y());
-  const Size2 whole = size + Size2::Constant(padding * side);
-  const double scale = std::min(std::clamp(side, min_side, max_side) / side, kMaxWindow / whole.maxCoeff());
+  const Size2 whole = size + Size2::Constant(window.padding * side);
+  const double scale = std::min(std::clamp(side, window.min_template_side, window.max_template_side) / side,
+                                kMaxWindow / whole.maxCoeff());
   spacing_ = 1 / scale;
   grid_ = {std::max(kMinWindow, static_cast<int>(std::lround(whole.x() * scale))),
            std::max(kMinWindow, static_cast<int>(std::lround(whole.y() * scale)))};

@@ -57,7 +57,7 @@ Moments moments_of(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
 // points do not determine, or the model does not change, is that of `otherwise`.
 PlaneTransform transform_of(const Moments& sums, TransformModel model, const PlaneTransform& otherwise = {}) {
   PlaneTransform transform = otherwise;
-  if (model != TransformModel::Translation && sums.determined()) {
+  if (sums.determined()) {
     transform.angle = std::atan2(sums.cross, sums.dot);
     if (model == TransformModel::Similarity) transform.scale = sums.aligned() / sums.spread;
   }
@@ -98,7 +98,7 @@ void fit_jacobian(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
   // scale (cos, sin) = (dot, cross) / spread, both linear in `to`.
   const Moments sums = moments_of(from, to);
   const double aligned = sums.aligned();
-  const bool turns = model != TransformModel::Translation && sums.determined();
+  const bool turns = sums.determined();
   const double scale = turns && model == TransformModel::Similarity ? aligned / sums.spread : 1;
   const Eigen::Vector2d direction =
       turns ? Eigen::Vector2d(sums.dot, sums.cross) / aligned : Eigen::Vector2d(1, 0);

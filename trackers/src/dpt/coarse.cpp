@@ -6,26 +6,9 @@
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
-#include "../tracker/update_from_image.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
-
-void check_start(const Frame& frame, const cv::Rect2d& box) {
-  if (!(std::isfinite(box.x) && std::isfinite(box.y) && std::isfinite(box.width) &&
-        std::isfinite(box.height)))
-    throw std::invalid_argument("the start box is not finite");
-  if (!(box.width >= 1 && box.height >= 1))
-    throw std::invalid_argument("the start box must be at least one pixel wide and high");
-  if (!(box.x < frame.size().width && box.y < frame.size().height && box.x + box.width > 0 &&
-        box.y + box.height > 0))
-    throw std::invalid_argument("the start box lies outside the image");
-}
-
-Point2 kept_in_image(const Frame& frame, const Point2& centre) {
-  const Point2 last(frame.size().width - 1, frame.size().height - 1);
-  return centre.cwiseMax(0).cwiseMin(last);
-}
 
 AnyPart paper_filter() { return Kcf(); }
 
@@ -40,8 +23,7 @@ CoarseLayer::CoarseLayer(const CoarseOptions& options)
 
 void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
   root_.init(frame, centre_of(box), {box.width, box.height});
-  centre_ = centre_of(box);
-  size_ = {box.width, box.height};
+  pose_ = ObjectPose(box);
   if (options_.use_color) color_.init(frame, box);
   if (options_.motion_share > 0) motion_.init(frame, box);
   moving_ = {};
@@ -51,17 +33,17 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   StageClock clock;
   if (options_.motion_share > 0) moving_ = motion_.segment(frame);
   const double motion_milliseconds = clock.lap();
-  Estimate estimate = localize_around(frame, centre_);
+  Estimate estimate = localize_around(frame, pose_.centre());
   estimate.motion_milliseconds = motion_milliseconds;
   if (!waits(estimate)) return estimate;
 
   // The neighbour with the highest response, if that is one of the object.
-  const cv::Rect2d window = search_window(centre_);
-  Point2 best = centre_;
+  const cv::Rect2d window = search_window(pose_.centre());
+  Point2 best = pose_.centre();
   double highest = options_.lost_below;
   for (const int row : {-1, 0, 1})
     for (const int col : {-1, 0, 1}) {
-      const Point2 around = centre_ + Point2(col * window.width, row * window.height) / 2;
+      const Point2 around = pose_.centre() + Point2(col * window.width, row * window.height) / 2;
       const bool inside = around.x() >= 0 && around.y() >= 0 && around.x() < frame.size().width &&
                           around.y() < frame.size().height;
       if ((row == 0 && col == 0) || !inside) continue;
@@ -70,7 +52,7 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
       highest = peak;
       best = around;
     }
-  return best == centre_ ? estimate : localize_around(frame, best);
+  return best == pose_.centre() ? estimate : localize_around(frame, best);
 }
 
 CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Point2& around) {
@@ -84,7 +66,7 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   if (response != nullptr && (options_.use_color || options_.motion_share > 0)) density_ = *response;
   if (options_.use_color && color_.enabled()) {
     const Segmentation& segmentation = estimate.segmentation =
-        color_.segment(frame, search_window(around), size_);
+        color_.segment(frame, search_window(around), pose_.size());
     const bool adds = options_.color_share > 0;
     if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
       if (adds)
@@ -107,6 +89,14 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   evidence_ = estimate.evidence;
   estimate.lost = !(estimate.similarity >= options_.lost_below);
   return estimate;
+}
+
+void CoarseLayer::report(const Estimate& estimate, TrackResult& result) const {
+  result.confidence = std::clamp(estimate.similarity, 0.0, 1.0);
+  result.lost = estimate.lost;
+  result.times.push_back({"root", estimate.root_milliseconds});
+  result.times.push_back({"color", estimate.color_milliseconds});
+  if (options_.motion_share > 0) result.times.push_back({"motion", estimate.motion_milliseconds});
 }
 
 void CoarseLayer::multiply_color(const Segmentation& segmentation) {
@@ -132,7 +122,7 @@ void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight)
     const double fx = x - col, fy = y - row;
     return (1 - fy) * ((1 - fx) * upper[0] + fx * upper[1]) + fy * ((1 - fx) * lower[0] + fx * lower[1]);
   };
-  const Size2 half = size_.cwiseQuotient(segmentation.spacing) / 2;  // [cells]
+  const Size2 half = pose_.size().cwiseQuotient(segmentation.spacing) / 2;  // [cells]
   const auto share = static_cast<float>(weight);
   for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
     for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
@@ -153,64 +143,47 @@ cv::Rect2d CoarseLayer::search_window(const Point2& around) const {
                       static_cast<double>(response->values.rows()));
     return box_around(around, response->spacing.cwiseProduct(cells));
   }
-  return box_around(around, size_ + Size2::Constant(KcfOptions().padding * std::sqrt(size_.prod())));
+  return box_around(
+      around, pose_.size() + Size2::Constant(KcfOptions().window.padding * std::sqrt(pose_.size().prod())));
 }
 
-void CoarseLayer::move(const cv::Rect2d& box) {
-  centre_ = centre_of(box);
-  size_ = {box.width, box.height};
-  root_.resize(size_);
+void CoarseLayer::move(const ObjectPose& pose) {
+  pose_ = pose;
+  pose_.settle();
+  root_.resize(pose_.size());
 }
 
 void CoarseLayer::adapt(const Frame& frame, bool informative) {
-  root_.adapt(frame, centre_);
-  if (informative) color_.adapt(frame, box());
-  if (options_.motion_share > 0) motion_.adapt(frame, box());
+  root_.adapt(frame, pose_.centre());
+  if (informative) color_.adapt(frame, pose_.box());
+  if (options_.motion_share > 0) motion_.adapt(frame, pose_.box());
 }
 
 CoarseTracker::CoarseTracker(const CoarseOptions& options) : layer_(options) {}
 
-void CoarseTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
-
-void CoarseTracker::init(const Frame& frame, const cv::Rect2d& box) {
-  check_start(frame, box);
-  layer_.init(frame, box);
-  gate_.init(frame, box);
-  initialized_ = true;
-}
-
-TrackResult CoarseTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
-
-TrackResult CoarseTracker::update(const Frame& frame) {
-  if (!initialized_) throw std::logic_error("CoarseTracker: update before init");
-  return gate_.update(*this, frame, &CoarseTracker::follow, &CoarseTracker::standing);
-}
+void CoarseTracker::start(const Frame& frame, const cv::Rect2d& box) { layer_.init(frame, box); }
 
 TrackResult CoarseTracker::standing() const {
   TrackResult result;
-  result.box = layer_.box();
+  result.box = layer_.pose().box();
   return result;
 }
 
 TrackResult CoarseTracker::follow(const Frame& frame) {
-  StageClock clock;
   TrackResult result;
-
   const CoarseLayer::Estimate estimate = layer_.localize(frame);
-  result.times.push_back({"root", estimate.root_milliseconds});
-  result.times.push_back({"color", estimate.color_milliseconds});
-  if (layer_.options().motion_share > 0) result.times.push_back({"motion", estimate.motion_milliseconds});
-  clock.lap();
+  layer_.report(estimate, result);
 
+  StageClock clock;
   if (!layer_.waits(estimate)) {
-    layer_.move(box_around(kept_in_image(frame, estimate.evidence.position), layer_.size()));
+    ObjectPose pose = layer_.pose();
+    pose.move_to(estimate.evidence.position);
+    pose.keep_in(frame);
+    layer_.move(pose);
     layer_.adapt(frame, estimate.segmentation.informative);
   }
   result.times.push_back({"update", clock.lap()});
-
-  result.box = layer_.box();
-  result.confidence = std::clamp(estimate.similarity, 0.0, 1.0);
-  result.lost = estimate.lost;
+  result.box = layer_.pose().box();
   return result;
 }
 

@@ -1,4 +1,3 @@
-#include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/others/flock.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -6,7 +5,6 @@
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
-#include "../tracker/update_from_image.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -14,10 +12,7 @@ inline namespace ASTERISM_ABI {
 Flock::Flock(const FlockOptions& options)
     : options_(check_options("FlockOptions", options)), flow_(options.flow), points_(options.springs) {}
 
-void Flock::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
-
-void Flock::init(const Frame& frame, const cv::Rect2d& box) {
-  check_start(frame, box);
+void Flock::start(const Frame& frame, const cv::Rect2d& box) {
   pose_ = ObjectPose(box);
   const int n = options_.grid;
   ElasticConstellation::Points layout(2, n * n);
@@ -25,30 +20,19 @@ void Flock::init(const Frame& frame, const cv::Rect2d& box) {
     const int row = i / n, col = i % n;
     layout.col(i) = pose_.first_size().cwiseProduct(Point2(col + 0.5, row + 0.5) / n - Point2(0.5, 0.5));
   }
-  points_.assign(layout, Topology<>::k_nearest(layout, options_.neighbours));
-  placement_ = points_.posed(pose_);
+  points_.assign(layout, layout.colwise() + pose_.centre(),
+                 Topology<>::k_nearest(layout, options_.neighbours));
   flow_.learn(frame, pose_.centre(), pose_.size());
-  gate_.init(frame, box);
-  initialized_ = true;
 }
 
-TrackResult Flock::update(const cv::Mat& image) { return update_from_image(*this, image); }
-
-TrackResult Flock::update(const Frame& frame) {
-  if (!initialized_) throw std::logic_error("Flock: update before init");
-  return gate_.update(*this, frame, &Flock::follow, &Flock::standing);
-}
-
-TrackResult Flock::standing() const {
-  return standing_result(pose_, points_, placement_, pose_.size() / options_.grid);
-}
+TrackResult Flock::standing() const { return points_.standing(pose_, pose_.size() / options_.grid); }
 
 TrackResult Flock::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
 
   // Each point by itself.
-  const std::vector<Evidence> evidence = flow_.follow(frame, placement_);
+  const std::vector<Evidence> evidence = flow_.follow(frame, points_.placement());
   result.times.push_back({"parts", clock.lap()});
 
   // The motion that most of them agree with sets lengths and start of the springs.
@@ -67,15 +51,16 @@ TrackResult Flock::follow(const Frame& frame) {
   const RobustTransform agreed = fit_pose(points_.layout(), seen, weights, pose_, reach);
   const double confidence = agreed.support * mean_peak;
   const bool lost = confidence < options_.lost_below;
-  if (!lost) pose_.move(agreed.transform);
-  ElasticConstellation::Points placement = points_.posed(pose_);
+  if (!lost) pose_.move_to(agreed.transform);
+  ElasticConstellation::Points& placement = points_.placement();
+  placement = points_.posed(pose_);
   result.times.push_back({"motion", clock.lap()});
 
-  points_.place(pose_, evidence, placement);
+  points_.place(pose_, evidence);
   result.times.push_back({"springs", clock.lap()});
 
   // The object moves as the MAP placement does; points that do not begin anew where it puts them.
-  if (!lost) pose_.move(fit_pose(points_.layout(), placement, weights, pose_, reach).transform);
+  if (!lost) pose_.move_to(fit_pose(points_.layout(), placement, weights, pose_, reach).transform);
   pose_.keep_in(frame);
   const double spacing = pose_.mean_side() / options_.grid;
   const ElasticConstellation::Points expected = points_.posed(pose_);
@@ -91,14 +76,13 @@ TrackResult Flock::follow(const Frame& frame) {
                             .weight = part.peak,
                             .updated = works});
   }
-  points_.relax(pose_, placement, options_.layout_rate);
-  placement_ = placement;
+  points_.relax(pose_, options_.layout_rate);
   result.links = points_.links();
   flow_.learn(frame, pose_.centre(), pose_.size());
   result.times.push_back({"part update", clock.lap()});
 
   result.box = pose_.box();
-  result.angle = pose_.transform().angle;
+  result.angle = pose_.angle();
   result.confidence = std::clamp(confidence, 0.0, 1.0);
   result.lost = lost;
   return result;

@@ -1,12 +1,10 @@
 #include <Eigen/Cholesky>
-#include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
-#include "../tracker/update_from_image.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -69,18 +67,14 @@ Eigen::Matrix3d KalmanTracker::covariance_of(const TrackResult& result) const {
          Eigen::Vector3d(centre, centre, options_.size_deviation).cwiseAbs2().asDiagonal().toDenseMatrix();
 }
 
-void KalmanTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
-
-void KalmanTracker::init(const Frame& frame, const cv::Rect2d& box) {
+void KalmanTracker::start(const Frame& frame, const cv::Rect2d& box) {
   tracker_.init(frame, box);
   const double side = std::exp(log_mean_side(box));
   // The first box is the object.
   filter_.start(measured(box), Eigen::Matrix3d::Zero(), {kVelocity * side, kVelocity * side, kSizeVelocity});
 }
 
-TrackResult KalmanTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
-
-TrackResult KalmanTracker::update(const Frame& frame) {
+TrackResult KalmanTracker::follow(const Frame& frame) {
   TrackResult result = tracker_.update(frame);
   StageClock clock;
   if (!result.interrupted) {  // otherwise no motion is predicted: the box stays where it is

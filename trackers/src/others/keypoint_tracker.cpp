@@ -1,4 +1,3 @@
-#include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/others/keypoint_tracker.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -7,7 +6,6 @@
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
-#include "../tracker/update_from_image.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -29,33 +27,20 @@ KeypointTracker::KeypointTracker(const KeypointTrackerOptions& options)
           "KeypointTrackerOptions: padding must be at most max_padding");
 }
 
-void KeypointTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
-
-void KeypointTracker::init(const Frame& frame, const cv::Rect2d& box) {
-  check_start(frame, box);
+void KeypointTracker::start(const Frame& frame, const cv::Rect2d& box) {
   pose_ = ObjectPose(box);
   padding_ = options_.padding;
-  parts_.assign(Points(2, 0), Topology<>::full(0));
-  placement_.resize(2, 0);
+  parts_.clear();
   descriptors_ = cv::Mat();
   unseen_.clear();
   flow_.learn(frame, pose_.centre(), pose_.size());
   const Detection seen = detect(frame);
   learn_background(seen);
   renew(seen);
-  gate_.init(frame, box);
-  initialized_ = true;
-}
-
-TrackResult KeypointTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
-
-TrackResult KeypointTracker::update(const Frame& frame) {
-  if (!initialized_) throw std::logic_error("KeypointTracker: update before init");
-  return gate_.update(*this, frame, &KeypointTracker::follow, &KeypointTracker::standing);
 }
 
 TrackResult KeypointTracker::standing() const {
-  return standing_result(pose_, parts_, placement_, Size2::Constant(31 * flow_.window().spacing()));
+  return parts_.standing(pose_, Size2::Constant(31 * flow_.window().spacing()));
 }
 
 TrackResult KeypointTracker::follow(const Frame& frame) {
@@ -65,7 +50,7 @@ TrackResult KeypointTracker::follow(const Frame& frame) {
   // Where each part that was seen went, and where each looks as it did.
   const int n = parts_.size();
   const auto at = [](int i) { return static_cast<std::size_t>(i); };
-  std::vector<Evidence> followed = flow_.follow(frame, placement_);
+  std::vector<Evidence> followed = flow_.follow(frame, parts_.placement());
   for (int i = 0; i < n; ++i)
     if (unseen_[at(i)] > 0) followed[at(i)].peak = 0;
   result.times.push_back({"flow", clock.lap()});
@@ -98,16 +83,16 @@ TrackResult KeypointTracker::follow(const Frame& frame) {
     if (part.peak > 0) agreeing += 1 / (1 + error(part) * error(part));
   }
   const bool lost = agreeing < options_.min_agreeing || agreeing < options_.lost_below * n;
-  if (!lost) pose_.move(agreed.transform);
+  if (!lost) pose_.move_to(agreed.transform);
   result.times.push_back({"motion", clock.lap()});
 
   // The MAP placement, and the object's motion by it.
-  placement_ = parts_.posed(pose_);
-  if (!lost) parts_.place(pose_, evidence, placement_);
+  parts_.placement() = parts_.posed(pose_);
+  if (!lost) parts_.place(pose_, evidence);
   result.times.push_back({"springs", clock.lap()});
   if (!lost) {
     const Eigen::VectorXd either = weights.head(n).cwiseMax(weights.tail(n));
-    pose_.move(fit_pose(parts_.layout(), placement_, either, pose_, reach).transform);
+    pose_.move_to(fit_pose(parts_.layout(), parts_.placement(), either, pose_, reach).transform);
     pose_.keep_in(frame);
   }
 
@@ -115,11 +100,11 @@ TrackResult KeypointTracker::follow(const Frame& frame) {
   const double near = reach * pose_.mean_side();
   for (int i = 0; i < n; ++i) {
     const Evidence& part = evidence[at(i)];
-    const bool works = !lost && part.peak > 0 && (placement_.col(i) - part.position).norm() <= near &&
-                       (placement_.col(i) - expected.col(i)).norm() <= near;
+    const bool works = !lost && part.peak > 0 && (parts_.placement().col(i) - part.position).norm() <= near &&
+                       (parts_.placement().col(i) - expected.col(i)).norm() <= near;
     if (!lost) unseen_[at(i)] = works ? 0 : unseen_[at(i)] + 1;
-    if (!works) placement_.col(i) = expected.col(i);
-    result.parts.push_back({.position = placement_.col(i),
+    if (!works) parts_.placement().col(i) = expected.col(i);
+    result.parts.push_back({.position = parts_.placement().col(i),
                             .size = Size2::Constant(31 * flow_.window().spacing()),
                             .visual_best = part.position,
                             .weight = part.peak,
@@ -127,7 +112,7 @@ TrackResult KeypointTracker::follow(const Frame& frame) {
   }
   result.links = parts_.links();
   result.box = pose_.box();
-  result.angle = pose_.transform().angle;
+  result.angle = pose_.angle();
   result.confidence = n > 0 ? std::clamp(agreeing / n, 0.0, 1.0) : 0;
   result.lost = lost;
   if (lost) {
@@ -143,8 +128,9 @@ TrackResult KeypointTracker::follow(const Frame& frame) {
 }
 
 KeypointTracker::Detection KeypointTracker::detect(const Frame& frame) const {
-  const ObjectWindow window(pose_.centre(), pose_.size(), padding_, options_.flow.min_template_side,
-                            options_.flow.max_template_side);
+  TemplateWindow searched = options_.flow.window;
+  searched.padding = padding_;
+  const ObjectWindow window(pose_.centre(), pose_.size(), searched);
   // One scale, as the window has the object's, and up to the window's border, which ORB continues by itself.
   const auto orb = cv::ORB::create(options_.max_points, 1.2f, 1, 0, 0, 2, cv::ORB::HARRIS_SCORE, 31,
                                    options_.fast_threshold);
@@ -160,7 +146,7 @@ KeypointTracker::Detection KeypointTracker::detect(const Frame& frame) const {
 std::vector<Evidence> KeypointTracker::match(const Detection& seen) const {
   std::vector<Evidence> result(unseen_.size());
   for (std::size_t i = 0; i < result.size(); ++i)
-    result[i].position = placement_.col(static_cast<Eigen::Index>(i));
+    result[i].position = parts_.placement().col(static_cast<Eigen::Index>(i));
   if (descriptors_.empty() || seen.descriptors.empty()) return result;
   cv::Mat known = descriptors_.clone();
   if (!background_.empty()) known.push_back(background_);
@@ -193,7 +179,7 @@ void KeypointTracker::renew(const Detection& seen) {
   };
   for (int i = 0; i < parts_.size(); ++i)
     if (const int frames = unseen_[static_cast<std::size_t>(i)]; frames < options_.forget_after)
-      keep(parts_.layout().col(i), placement_.col(i), descriptors_.row(i), frames);
+      keep(parts_.layout().col(i), parts_.placement().col(i), descriptors_.row(i), frames);
   const std::size_t kept = layout.size();
 
   const double spacing = kLeastDistance * flow_.window().spacing();
@@ -205,13 +191,12 @@ void KeypointTracker::renew(const Detection& seen) {
   }
   if (layout.size() == kept && static_cast<int>(kept) == parts_.size()) return;
 
-  Points points(2, static_cast<Eigen::Index>(layout.size()));
-  placement_.resize(2, points.cols());
+  Points points(2, std::ssize(layout)), placed(2, std::ssize(layout));
   for (std::size_t i = 0; i < layout.size(); ++i) {
     points.col(static_cast<Eigen::Index>(i)) = layout[i];
-    placement_.col(static_cast<Eigen::Index>(i)) = placement[i];
+    placed.col(static_cast<Eigen::Index>(i)) = placement[i];
   }
-  parts_.assign(points, Topology<>::k_nearest(points, options_.neighbours));
+  parts_.assign(points, placed, Topology<>::k_nearest(points, options_.neighbours));
   descriptors_ = descriptors, unseen_ = unseen;
 }
 

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <asterism/parts/models/color_histogram.hpp>
-#include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -8,7 +7,6 @@
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
-#include "../tracker/update_from_image.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -27,37 +25,22 @@ constexpr double kNewWeight = 0.5;
 
 AnyPart histogram_part() {
   return ColorHistogram({.space = ColorHistogramOptions::Space::Rgb,
-                         .padding = 2 * kReach,
-                         .min_template_side = 8,
-                         .max_template_side = 10});
+                         .window = {.padding = 2 * kReach, .min_template_side = 8, .max_template_side = 10}});
 }
 
 Lgt::Lgt(const LgtOptions& options)
     : options_(check_options("LgtOptions", options)), parts_(options.springs), color_(options.color) {}
 
-void Lgt::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
-
-void Lgt::init(const Frame& frame, const cv::Rect2d& box) {
-  check_start(frame, box);
+void Lgt::start(const Frame& frame, const cv::Rect2d& box) {
   pose_ = ObjectPose(box);
   color_.init(frame, box);
-  parts_.assign(Points(2, 0), Topology<>::full(0));
-  placement_.resize(2, 0);
+  parts_.clear();
   models_.clear(), weights_.clear();
   renew(frame, color_.segment(frame, box, pose_.size()), options_.max_parts);
-  gate_.init(frame, box);
-  initialized_ = true;
-}
-
-TrackResult Lgt::update(const cv::Mat& image) { return update_from_image(*this, image); }
-
-TrackResult Lgt::update(const Frame& frame) {
-  if (!initialized_) throw std::logic_error("Lgt: update before init");
-  return gate_.update(*this, frame, &Lgt::follow, &Lgt::standing);
 }
 
 TrackResult Lgt::standing() const {
-  return standing_result(pose_, parts_, placement_, Size2::Constant(options_.part_side * pose_.mean_side()));
+  return parts_.standing(pose_, Size2::Constant(options_.part_side * pose_.mean_side()));
 }
 
 TrackResult Lgt::follow(const Frame& frame) {
@@ -71,48 +54,49 @@ TrackResult Lgt::follow(const Frame& frame) {
   result.times.push_back({"color", clock.lap()});
   const std::size_t n = models_.size();
   for (std::size_t i = 0; i < n; ++i)
-    models_[i].localize(frame, placement_.col(static_cast<Eigen::Index>(i)));
+    models_[i].localize(frame, parts_.placement().col(static_cast<Eigen::Index>(i)));
   result.times.push_back({"parts", clock.lap()});
 
   // The motion that they have in common, then each by itself near there.
-  placement_.colwise() += common_displacement(segmentation);
+  parts_.placement().colwise() += common_displacement(segmentation);
   std::vector<Evidence> evidence(n);
   for (std::size_t i = 0; i < n; ++i)
-    evidence[i] = evidence_near(i, segmentation, placement_.col(static_cast<Eigen::Index>(i)));
+    evidence[i] = evidence_near(i, segmentation, parts_.placement().col(static_cast<Eigen::Index>(i)));
   result.times.push_back({"motion", clock.lap()});
 
-  parts_.place(pose_, evidence, placement_);
+  parts_.place(pose_, evidence);
   result.times.push_back({"springs", clock.lap()});
 
   // The object moves as the weighted placement does; a part does well that fits where it now is.
   Eigen::VectorXd weights(static_cast<Eigen::Index>(n));
   for (std::size_t i = 0; i < n; ++i) weights[static_cast<Eigen::Index>(i)] = weights_[i] * evidence[i].peak;
   const double near = options_.springs.reach * pose_.mean_side();
-  pose_.move(fit_pose(parts_.layout(), placement_, weights, pose_, options_.springs.reach).transform);
+  pose_.move_to(
+      fit_pose(parts_.layout(), parts_.placement(), weights, pose_, options_.springs.reach).transform);
   pose_.keep_in(frame);
   const Points expected = parts_.posed(pose_);
   double confidence = 0;
   for (std::size_t i = 0; i < n; ++i) {
     const auto col = static_cast<Eigen::Index>(i);
-    const double strain = (placement_.col(col) - expected.col(col)).norm() / near;
-    const double success = likelihood(i, segmentation, placement_.col(col)) / (1 + strain * strain);
+    const double strain = (parts_.placement().col(col) - expected.col(col)).norm() / near;
+    const double success = likelihood(i, segmentation, parts_.placement().col(col)) / (1 + strain * strain);
     weights_[i] += options_.weight_rate * (success - weights_[i]);
-    confidence +=
-        models_[i].similarity_at(placement_.col(col)) / (1 + strain * strain) / static_cast<double>(n);
-    result.parts.push_back({.position = placement_.col(col),
+    confidence += models_[i].similarity_at(parts_.placement().col(col)) / (1 + strain * strain) /
+                  static_cast<double>(n);
+    result.parts.push_back({.position = parts_.placement().col(col),
                             .size = Size2::Constant(options_.part_side * pose_.mean_side()),
                             .visual_best = evidence[i].position,
                             .weight = success,
                             .updated = success > weights_[i]});
-    if (result.parts.back().updated) models_[i].adapt(frame, placement_.col(col));
+    if (result.parts.back().updated) models_[i].adapt(frame, parts_.placement().col(col));
   }
   result.links = parts_.links();
   result.box = pose_.box();
-  result.angle = pose_.transform().angle;
+  result.angle = pose_.angle();
   result.confidence = std::clamp(confidence, 0.0, 1.0);
   result.lost = confidence < options_.lost_below;
 
-  parts_.relax(pose_, placement_, options_.layout_rate);
+  parts_.relax(pose_, options_.layout_rate);
   if (!result.lost) {
     renew(frame, segmentation, 1);
     if (segmentation.informative) color_.adapt(frame, pose_.box());
@@ -137,8 +121,8 @@ Point2 Lgt::common_displacement(const Segmentation& segmentation) const {
       const Point2 displacement = step * Point2(col, row);
       double sum = 0;
       for (std::size_t i = 0; i < models_.size(); ++i)
-        sum += weights_[i] *
-               likelihood(i, segmentation, placement_.col(static_cast<Eigen::Index>(i)) + displacement);
+        sum += weights_[i] * likelihood(i, segmentation,
+                                        parts_.placement().col(static_cast<Eigen::Index>(i)) + displacement);
       sum *= std::exp(-displacement.squaredNorm() / (kSteps * kSteps * step * step));  // nearer is likelier
       if (sum > most) most = sum, best = displacement;
     }
@@ -174,9 +158,10 @@ void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_pa
   std::vector<double> weights;
   for (int i = 0; i < parts_.size(); ++i) {
     const auto part = static_cast<std::size_t>(i);
-    const bool stays = weights_[part] >= options_.remove_below && pose_.covers(to_object(placement_.col(i)));
+    const bool stays =
+        weights_[part] >= options_.remove_below && pose_.covers(to_object(parts_.placement().col(i)));
     if (!stays) continue;
-    layout.push_back(parts_.layout().col(i)), placement.push_back(placement_.col(i));
+    layout.push_back(parts_.layout().col(i)), placement.push_back(parts_.placement().col(i));
     models.push_back(std::move(models_[part])), weights.push_back(weights_[part]);
   }
 
@@ -203,14 +188,13 @@ void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_pa
     models.back().init(frame, placement.back(), Size2::Constant(side));
   }
 
-  Points points(2, std::ssize(layout));
-  placement_.resize(2, points.cols());
+  Points points(2, std::ssize(layout)), placed(2, std::ssize(layout));
   for (std::size_t i = 0; i < layout.size(); ++i) {
     points.col(static_cast<Eigen::Index>(i)) = layout[i];
-    placement_.col(static_cast<Eigen::Index>(i)) = placement[i];
+    placed.col(static_cast<Eigen::Index>(i)) = placement[i];
   }
   models_ = std::move(models), weights_ = std::move(weights);
-  parts_.assign(points, delaunay(points));
+  parts_.assign(points, placed, delaunay(points));
 }
 
 }  // namespace ASTERISM_ABI

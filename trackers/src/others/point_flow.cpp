@@ -31,8 +31,7 @@ double correlation(const cv::Mat& a, const cv::Point2f& at, const cv::Mat& b, co
 
 PointFlow::PointFlow(const PointFlowOptions& options) : options_(check_options("PointFlowOptions", options)) {
   require(options.lk_window % 2 == 1, "PointFlowOptions: lk_window must be odd");
-  require(options.min_template_side <= options.max_template_side,
-          "PointFlowOptions: template sides must satisfy min <= max");
+  require(options.window.ordered(), "PointFlowOptions: template sides must satisfy min <= max");
 }
 
 void PointFlow::learn(const Frame& frame, const Point2& centre, const Size2& size) {
@@ -48,7 +47,7 @@ void PointFlow::visit_state(StateArchive& archive, const Point2& centre, const S
 }
 
 ObjectWindow PointFlow::window_of(const Point2& centre, const Size2& size) const {
-  return {centre, size, options_.padding, options_.min_template_side, options_.max_template_side};
+  return {centre, size, options_.window};
 }
 
 std::vector<cv::Mat> PointFlow::pyramid(const cv::Mat& window) const {

@@ -1,6 +1,5 @@
 #include <algorithm>
 #include <asterism/parts/features/patch.hpp>
-#include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/others/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -9,7 +8,6 @@
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
-#include "../tracker/update_from_image.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -28,31 +26,18 @@ constexpr double kMatch = 0.3;
 SuperpixelTracker::SuperpixelTracker(const SuperpixelTrackerOptions& options)
     : options_(check_options("SuperpixelTrackerOptions", options)), parts_(options.springs) {}
 
-void SuperpixelTracker::init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
-
-void SuperpixelTracker::init(const Frame& frame, const cv::Rect2d& box) {
-  check_start(frame, box);
+void SuperpixelTracker::start(const Frame& frame, const cv::Rect2d& box) {
   color_ = frame.has_color();
   pose_ = ObjectPose(box);
-  parts_.assign(Points(2, 0), Topology<>::full(0));
-  placement_.resize(2, 0);
+  parts_.clear();
   colors_.resize(0, 3), background_.resize(0, 3);
   unseen_.clear();
   spacing_ = pose_.mean_side() / options_.template_side;
   renew(cut(frame));
-  gate_.init(frame, box);
-  initialized_ = true;
-}
-
-TrackResult SuperpixelTracker::update(const cv::Mat& image) { return update_from_image(*this, image); }
-
-TrackResult SuperpixelTracker::update(const Frame& frame) {
-  if (!initialized_) throw std::logic_error("SuperpixelTracker: update before init");
-  return gate_.update(*this, frame, &SuperpixelTracker::follow, &SuperpixelTracker::standing);
 }
 
 TrackResult SuperpixelTracker::standing() const {
-  return standing_result(pose_, parts_, placement_, Size2::Constant(options_.slic.side * spacing_));
+  return parts_.standing(pose_, Size2::Constant(options_.slic.side * spacing_));
 }
 
 TrackResult SuperpixelTracker::follow(const Frame& frame) {
@@ -65,13 +50,13 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
 
   // The motion that most parts have in common, then each part's candidates near there.
   const int n = parts_.size();
-  placement_.colwise() += common_displacement(seen, likeness);
+  parts_.placement().colwise() += common_displacement(seen, likeness);
   const double sigma = options_.slic.side * spacing_;
   std::vector<Evidence> evidence(static_cast<std::size_t>(n));
   Eigen::ArrayX3f matched(n, 3);
   for (int i = 0; i < n; ++i) {
     Evidence& part = evidence[static_cast<std::size_t>(i)];
-    const Point2 expected = placement_.col(i);
+    const Point2 expected = parts_.placement().col(i);
     double total = 0;
     Point2 mean = Point2::Zero();
     Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
@@ -99,19 +84,19 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
   }
   result.times.push_back({"matching", clock.lap()});
 
-  parts_.place(pose_, evidence, placement_);
+  parts_.place(pose_, evidence);
   result.times.push_back({"springs", clock.lap()});
 
   Eigen::VectorXd weights(n);
   for (int i = 0; i < n; ++i) weights[i] = evidence[static_cast<std::size_t>(i)].peak;
   const double reach = options_.springs.reach;
-  pose_.move(fit_pose(parts_.layout(), placement_, weights, pose_, reach).transform);
+  pose_.move_to(fit_pose(parts_.layout(), parts_.placement(), weights, pose_, reach).transform);
   pose_.keep_in(frame);
   const Points expected = parts_.posed(pose_);
   double confidence = 0;
   for (int i = 0; i < n; ++i) {
     const Evidence& part = evidence[static_cast<std::size_t>(i)];
-    const double strain = (placement_.col(i) - expected.col(i)).norm() / (reach * pose_.mean_side());
+    const double strain = (parts_.placement().col(i) - expected.col(i)).norm() / (reach * pose_.mean_side());
     const double success = part.peak / (1 + strain * strain);
     const bool works = success > kMatch;
     confidence += success / n;
@@ -120,8 +105,8 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
     if (works)
       colors_.row(i) += static_cast<float>(options_.learning_rate) * (matched.row(i) - colors_.row(i));
     else
-      placement_.col(i) = expected.col(i);
-    result.parts.push_back({.position = placement_.col(i),
+      parts_.placement().col(i) = expected.col(i);
+    result.parts.push_back({.position = parts_.placement().col(i),
                             .size = Size2::Constant(sigma),
                             .visual_best = part.position,
                             .weight = success,
@@ -129,7 +114,7 @@ TrackResult SuperpixelTracker::follow(const Frame& frame) {
   }
   result.links = parts_.links();
   result.box = pose_.box();
-  result.angle = pose_.transform().angle;
+  result.angle = pose_.angle();
   result.confidence = std::clamp(confidence, 0.0, 1.0);
   result.lost = confidence < options_.lost_below;
   if (!result.lost) renew(seen);
@@ -193,7 +178,7 @@ Point2 SuperpixelTracker::common_displacement(const Candidates& seen, const Eige
   cv::Mat votes = cv::Mat::zeros(2 * reach + 1, 2 * reach + 1, CV_32F);
   for (int i = 0; i < parts_.size(); ++i)
     for (int c = 0; c < seen.areas.size(); ++c) {
-      const Point2 d = (seen.positions.col(c) - placement_.col(i)) / cell;
+      const Point2 d = (seen.positions.col(c) - parts_.placement().col(i)) / cell;
       const int col = static_cast<int>(std::lround(d.x())) + reach,
                 row = static_cast<int>(std::lround(d.y())) + reach;
       if (col < 0 || row < 0 || col >= votes.cols || row >= votes.rows) continue;
@@ -221,7 +206,7 @@ void SuperpixelTracker::renew(const Candidates& seen) {
   for (int i = 0; i < parts_.size(); ++i) {
     const int frames = unseen_[static_cast<std::size_t>(i)];
     if (frames >= options_.forget_after) continue;
-    layout.push_back(parts_.layout().col(i)), placement.push_back(placement_.col(i));
+    layout.push_back(parts_.layout().col(i)), placement.push_back(parts_.placement().col(i));
     colors.push_back(colors_.row(i).transpose()), unseen.push_back(frames);
   }
   const double spacing = 0.7 * options_.slic.side * spacing_;
@@ -237,19 +222,18 @@ void SuperpixelTracker::renew(const Candidates& seen) {
     colors.push_back(seen.colors.row(c).transpose()), unseen.push_back(0);
   }
 
-  Points points(2, std::ssize(layout));
-  placement_.resize(2, points.cols());
+  Points points(2, std::ssize(layout)), placed(2, std::ssize(layout));
   colors_.resize(points.cols(), 3);
   background_.resize(std::ssize(background), 3);
   for (Eigen::Index i = 0; i < points.cols(); ++i) {
     const auto part = static_cast<std::size_t>(i);
-    points.col(i) = layout[part], placement_.col(i) = placement[part];
+    points.col(i) = layout[part], placed.col(i) = placement[part];
     colors_.row(i) = colors[part].transpose();
   }
   for (std::size_t c = 0; c < background.size(); ++c)
     background_.row(static_cast<Eigen::Index>(c)) = background[c].transpose();
   unseen_ = unseen;
-  parts_.assign(points, Topology<>::k_nearest(points, options_.neighbours));
+  parts_.assign(points, placed, Topology<>::k_nearest(points, options_.neighbours));
 }
 
 }  // namespace ASTERISM_ABI

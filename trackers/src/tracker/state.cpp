@@ -59,11 +59,10 @@ void visit_descriptors(StateArchive& archive, cv::Mat& descriptors, int count) {
 
 void CoarseLayer::visit_state(StateArchive& archive) {
   archive.begin("coarse layer", options_);
-  archive.position(centre_);
-  archive.size(size_);
+  pose_.visit_state(archive);
   root_.visit_state(archive);
   color_.visit_state(archive);
-  if (options_.motion_share > 0) motion_.visit_state(archive, centre_, size_);
+  if (options_.motion_share > 0) motion_.visit_state(archive, pose_.centre(), pose_.size());
 }
 
 void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const Size2& size) {
@@ -78,36 +77,20 @@ void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const
     }
 }
 
-void CoarseTracker::visit_state(StateArchive& archive) {
-  if (!archive.loading() && !initialized_) throw std::logic_error("CoarseTracker: to be saved before init");
-  layer_.visit_state(archive);
-  gate_.visit_state(archive);
-  initialized_ = true;
-}
+void CoarseTracker::visit_learned(StateArchive& archive) { layer_.visit_state(archive); }
 
-void Dpt::visit_state(StateArchive& archive) {
-  if (!archive.loading() && !initialized_) throw std::logic_error("Dpt: to be saved before init");
+void Dpt::visit_learned(StateArchive& archive) {
   DptOptions same = options_;
   same.threads = 1;  // of no influence on results
   archive.begin("dpt", same);
   coarse_.visit_state(archive);
-  if (options_.scale_share > 0) scale_.visit_state(archive);
-  archive.size(initial_size_);
+  scale_.visit_state(archive);
   archive.size(part_size_);
-  archive(angle_);
-  placement_.resize(2, part_count());
-  for (int i = 0; i < part_count(); ++i) {
-    Point2 position = placement_.col(i);
-    archive.position(position);
-    placement_.col(i) = position;
-    parts_[static_cast<std::size_t>(i)].visit_state(archive);
-  }
-  velocity_.resize(2, part_count());
-  archive(velocity_);
-  archive(springs_.rest_length);
-  archive.require((springs_.rest_length.array() >= 0).all());
-  gate_.visit_state(archive);
-  initialized_ = true;
+  constellation_.visit_placement(archive);
+  for (AnyPart& part : parts_) part.visit_state(archive);
+  auto& rest_length = constellation_.system().rest_length;
+  archive(rest_length);
+  archive.require((rest_length.array() >= 0).all());
 }
 
 void ConstantVelocityFilter::visit_state(StateArchive& archive) {
@@ -125,7 +108,7 @@ void ConstantVelocityFilter::visit_state(StateArchive& archive) {
           -kRounding);
 }
 
-void KalmanTracker::visit_state(StateArchive& archive) {
+void KalmanTracker::visit_learned(StateArchive& archive) {
   archive.begin("kalman", options_);
   tracker_.visit_state(archive);
   filter_.visit_state(archive);
@@ -135,25 +118,13 @@ void KalmanTracker::visit_state(StateArchive& archive) {
                   (filter_.velocity().cwiseAbs().array() <= 2 * most.array()).all());
 }
 
-void ObjectPose::visit_state(StateArchive& archive) {
-  archive.size(first_size_);
-  archive.position(transform_.translation);
-  archive(transform_.angle);
-  archive(transform_.scale);
-  archive.require(transform_.scale >= kMinScale && transform_.scale <= kMaxScale);
-}
-
-void ElasticConstellation::visit_state(StateArchive& archive, Points& x) {
-  int parts = size(), links = springs_.link_count();
-  bool full = springs_.topology().is_full();  // solvers are faster for it, and round otherwise
+void ElasticConstellation::visit_state(StateArchive& archive) {
+  int parts = size(), links = system().link_count();
+  bool full = system().topology().is_full();  // solvers are faster for it, and round otherwise
   archive.count(parts, 2 * sizeof(Point2));
-  layout_.resize(2, parts), x.resize(2, parts);
-  for (Points* const points : {&layout_, &x})
-    for (int i = 0; i < parts; ++i) {
-      Point2 position = points->col(i);
-      archive.position(position);
-      points->col(i) = position;
-    }
+  layout_.resize(2, parts), placement().resize(2, parts);
+  visit_points(archive, layout_);
+  visit_points(archive, placement());
   archive(full);
   archive.count(links, sizeof(Link));
   std::vector<Link> list = this->links();
@@ -163,60 +134,49 @@ void ElasticConstellation::visit_state(StateArchive& archive, Points& x) {
   Topology<> topology = Topology<>::from_links(parts, list);
   archive.require(!topology.defect() &&
                   (!full || std::int64_t{2} * links == std::int64_t{parts} * (parts - 1)));
-  springs_ = Springs(full ? Topology<>::full(parts) : std::move(topology));
+  system() = System(full ? Topology<>::full(parts) : std::move(topology));
 }
 
-void Lgt::visit_state(StateArchive& archive) {
-  if (!archive.loading() && !initialized_) throw std::logic_error("Lgt: to be saved before init");
+void Lgt::visit_learned(StateArchive& archive) {
   archive.begin("lgt", options_);
   pose_.visit_state(archive);
   color_.visit_state(archive);
-  parts_.visit_state(archive, placement_);
+  parts_.visit_state(archive);
   archive.require(parts_.size() <= options_.max_parts);
   const auto count = static_cast<std::size_t>(parts_.size());
   visit_all(archive, weights_, count, 2.0);  // up to 1, but for rounding
   models_.resize(count, options_.part);
   for (AnyPart& model : models_) model.visit_state(archive);
-  gate_.visit_state(archive);
-  initialized_ = true;
 }
 
-void SuperpixelTracker::visit_state(StateArchive& archive) {
-  if (!archive.loading() && !initialized_)
-    throw std::logic_error("SuperpixelTracker: to be saved before init");
+void SuperpixelTracker::visit_learned(StateArchive& archive) {
   archive.begin("superpixel tracker", options_);
   archive(color_);
   pose_.visit_state(archive);
   spacing_ = pose_.mean_side() / options_.template_side;
-  parts_.visit_state(archive, placement_);
+  parts_.visit_state(archive);
   visit_unseen(archive, unseen_, parts_.size());
   visit_colors(archive, colors_, parts_.size());
   auto around = static_cast<int>(background_.rows());
   archive.count(around, 3 * sizeof(float));
   visit_colors(archive, background_, around);
-  gate_.visit_state(archive);
-  initialized_ = true;
 }
 
 #ifdef ASTERISM_TRACKERS_FLOW
-void Flock::visit_state(StateArchive& archive) {
-  if (!archive.loading() && !initialized_) throw std::logic_error("Flock: to be saved before init");
+void Flock::visit_learned(StateArchive& archive) {
   archive.begin("flock", options_);
   pose_.visit_state(archive);
-  points_.visit_state(archive, placement_);
+  points_.visit_state(archive);
   archive.require(points_.size() == options_.grid * options_.grid);
   flow_.visit_state(archive, pose_.centre(), pose_.size());
-  gate_.visit_state(archive);
-  initialized_ = true;
 }
 #endif
 
 #ifdef ASTERISM_TRACKERS_KEYPOINTS
-void KeypointTracker::visit_state(StateArchive& archive) {
-  if (!archive.loading() && !initialized_) throw std::logic_error("KeypointTracker: to be saved before init");
+void KeypointTracker::visit_learned(StateArchive& archive) {
   archive.begin("keypoint tracker", options_);
   pose_.visit_state(archive);
-  parts_.visit_state(archive, placement_);
+  parts_.visit_state(archive);
   archive.require(parts_.size() <= options_.max_parts);
   visit_unseen(archive, unseen_, parts_.size());
   visit_descriptors(archive, descriptors_, parts_.size());
@@ -226,8 +186,6 @@ void KeypointTracker::visit_state(StateArchive& archive) {
   archive(padding_);
   archive.require(padding_ >= options_.padding && padding_ <= options_.max_padding);
   flow_.visit_state(archive, pose_.centre(), pose_.size());
-  gate_.visit_state(archive);
-  initialized_ = true;
 }
 #endif
 

@@ -4,6 +4,7 @@
 /// PartRegistry and for options that contain them. Where the comment of an option says > 0, it is in [1e-9,
 /// 1e9].
 
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/parts/models/mosse.hpp>
@@ -38,6 +39,14 @@ inline constexpr double kMostPadding = 100;
 inline constexpr OptionRange kSearchPadding{1e-9, kMostPadding};
 }  // namespace option_ranges
 
+/// The options of a model's window, which stand among its own, and their ranges.
+inline void visit_window(OptionVisitor& visit, TemplateWindow& window, const OptionRange& padding,
+                         const OptionRange& side) {
+  visit("padding", window.padding, padding);
+  visit("min_template_side", window.min_template_side, side);
+  visit("max_template_side", window.max_template_side, side);
+}
+
 inline void visit_options(OptionVisitor& visit, Kernel& kernel) {
   visit("type", kernel.type, {"gaussian", "polynomial", "linear"});
   visit("sigma", kernel.sigma, option_ranges::kPositive);
@@ -58,10 +67,8 @@ inline void visit_options(OptionVisitor& visit, KcfOptions& options) {
   visit("learning_rate", options.learning_rate, option_ranges::kShare);
   visit("label_sigma", options.label_sigma, option_ranges::kPositive);
   visit("cell_size", options.cell_size, {1, option_ranges::kLongestSide});
-  visit("padding", options.padding, {0, option_ranges::kMostPadding});
+  visit_window(visit, options.window, {0, option_ranges::kMostPadding}, option_ranges::kSide);
   visit("proportional_window", options.proportional_window);
-  visit("min_template_side", options.min_template_side, option_ranges::kSide);
-  visit("max_template_side", options.max_template_side, option_ranges::kSide);
   visit("separate_update", options.separate_update);
   visit("sub_pixel", options.sub_pixel);
 }
@@ -72,9 +79,7 @@ inline void visit_options(OptionVisitor& visit, MosseOptions& options) {
   visit("regularisation", options.regularisation, {1e-30, 1e30});
   visit("perturbations", options.perturbations, {0, 100});
   visit("perturbation", options.perturbation, {0, 0.99});
-  visit("padding", options.padding, {0, option_ranges::kMostPadding});
-  visit("min_template_side", options.min_template_side, {16, option_ranges::kLongestSide});
-  visit("max_template_side", options.max_template_side, {16, option_ranges::kLongestSide});
+  visit_window(visit, options.window, {0, option_ranges::kMostPadding}, {16, option_ranges::kLongestSide});
 }
 
 inline void visit_options(OptionVisitor& visit, MrfOptions& options) {
@@ -110,15 +115,12 @@ inline void visit_options(OptionVisitor& visit, SpatialReliabilityOptions& optio
   visit("label_sigma", options.label_sigma, option_ranges::kPositive);
   visit("cell_size", options.cell_size, {1, option_ranges::kLongestSide});
   visit("color_channels", options.color_channels);
-  visit("padding", options.padding, {0, option_ranges::kMostPadding});
-  visit("min_template_side", options.min_template_side, option_ranges::kSide);
-  visit("max_template_side", options.max_template_side, option_ranges::kSide);
+  visit_window(visit, options.window, {0, option_ranges::kMostPadding}, option_ranges::kSide);
   visit("segmentation", options.segmentation);
   visit("min_mask_area", options.min_mask_area, {0, 1e9});
   visit("max_mask_area", options.max_mask_area, {0, 1e9});
   visit("color", options.color);
   visit("channel_weights", options.channel_weights);
-  visit("detection_weights", options.detection_weights);
 }
 
 inline void visit_options(OptionVisitor& visit, ScaleFilterOptions& options) {
@@ -137,9 +139,7 @@ inline void visit_options(OptionVisitor& visit, ColorHistogramOptions& options) 
   visit("bins", options.bins, {2, 64});
   visit("sharpness", options.sharpness, option_ranges::kPositive);
   visit("learning_rate", options.learning_rate, option_ranges::kShare);
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("min_template_side", options.min_template_side, option_ranges::kSide);
-  visit("max_template_side", options.max_template_side, option_ranges::kSide);
+  visit_window(visit, options.window, option_ranges::kSearchPadding, option_ranges::kSide);
 }
 
 inline void visit_options(OptionVisitor& visit, SlicOptions& options) {
@@ -154,9 +154,7 @@ inline void visit_options(OptionVisitor& visit, SuperpixelsOptions& options) {
   visit("confidence_weight", options.confidence_weight, {0, 1e9});
   visit("sharpness", options.sharpness, option_ranges::kPositive);
   visit("learning_rate", options.learning_rate, option_ranges::kShare);
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("min_template_side", options.min_template_side, option_ranges::kSide);
-  visit("max_template_side", options.max_template_side, option_ranges::kSide);
+  visit_window(visit, options.window, option_ranges::kSearchPadding, option_ranges::kSide);
 }
 
 inline void visit_options(OptionVisitor& visit, TemplateOptions& options) {
@@ -164,9 +162,7 @@ inline void visit_options(OptionVisitor& visit, TemplateOptions& options) {
   visit("color", options.color);
   visit("sigma", options.sigma, option_ranges::kPositive);
   visit("learning_rate", options.learning_rate, option_ranges::kShare);
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("min_template_side", options.min_template_side, option_ranges::kSide);
-  visit("max_template_side", options.max_template_side, option_ranges::kSide);
+  visit_window(visit, options.window, option_ranges::kSearchPadding, option_ranges::kSide);
 }
 
 #if __has_include(<asterism/parts/models/flow.hpp>)
@@ -175,9 +171,7 @@ inline void visit_options(OptionVisitor& visit, FlowOptions& options) {
   visit("max_error", options.max_error, option_ranges::kPositive);
   visit("lk_window", options.lk_window, {3, 101});
   visit("lk_levels", options.lk_levels, {0, 16});
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
-  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
+  visit_window(visit, options.window, option_ranges::kSearchPadding, {8, option_ranges::kLongestSide});
 }
 #endif
 
@@ -188,9 +182,7 @@ inline void visit_options(OptionVisitor& visit, KeypointsOptions& options) {
   visit("max_distance", options.max_distance, {1e-9, 1});
   visit("max_ratio", options.max_ratio, {1e-9, 1});
   visit("vote_radius", options.vote_radius, {1e-9, option_ranges::kLongestSide});
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("min_template_side", options.min_template_side, {16, option_ranges::kLongestSide});
-  visit("max_template_side", options.max_template_side, {16, option_ranges::kLongestSide});
+  visit_window(visit, options.window, option_ranges::kSearchPadding, {16, option_ranges::kLongestSide});
 }
 #endif
 

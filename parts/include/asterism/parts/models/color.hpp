@@ -22,8 +22,7 @@ struct ColorOptions {
   /// in Eq. 6.
   double min_area_ratio = 0.2;
   double max_area_ratio = 2.0;
-  /// Weight of the uniform component when the segmentation is informative: alpha_col in Eq.
-  /// uniform_component.
+  /// Weight of the uniform component when the segmentation is informative: alpha_col in Eq. 6.
   double uniform_weight = 0.1;
   /// The Markov random field that smooths the posterior; `enabled = false` leaves the raw posterior.
   MrfOptions mrf;

@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <vector>
 
@@ -24,13 +25,8 @@ struct ColorHistogramOptions {
   double sharpness = 20;
   /// Rate of the histogram's autoregressive update, in [0, 1]; the paper's alpha_hist.
   double learning_rate = 0.05;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// (0, 100].
-  double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [1, 1024]].
-  double min_template_side = 12;
-  double max_template_side = 24;
+  /// The search window: padding in (0, 100], sides in [1, 1024].
+  TemplateWindow window = {.padding = 1.5, .min_template_side = 12, .max_template_side = 24};
 };
 
 /// Histogram of the target's box, as a part of LGT is (Cehovin et al., PAMI 2013). A PartModel; copies are

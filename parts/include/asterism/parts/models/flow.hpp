@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <vector>
 
@@ -18,13 +19,8 @@ struct FlowOptions {
   /// in [0, 16].
   int lk_window = 11;
   int lk_levels = 3;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// (0, 100].
-  double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [8, 1024]].
-  double min_template_side = 32;
-  double max_template_side = 64;
+  /// The search window: padding in (0, 100], sides in [8, 1024].
+  TemplateWindow window = {.padding = 1.5, .min_template_side = 32, .max_template_side = 64};
 };
 
 /// Median flow (Kalal, Mikolajczyk and Matas, ICPR 2010): a grid of points, each followed by pyramidal

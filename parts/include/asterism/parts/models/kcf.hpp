@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/detail/aligned.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>
@@ -49,16 +50,11 @@ struct KcfOptions {
   double label_sigma = 0.1;
   /// HOG cell [template pixels]. A window has no more than 256 cells on each axis.
   int cell_size = 4;
-  /// The search window adds this much around the target, in [0, 100]: `padding` x each side if
-  /// `proportional_window` (Henriques), else `padding` x the geometric mean of the sides on both axes, which
-  /// gives elongated targets room across. Equal for square targets.
-  double padding = 1.5;
+  /// The search window: padding in [0, 100], sides in [cell_size, 1024].
+  TemplateWindow window = {.padding = 1.5, .min_template_side = 40, .max_template_side = 64};
+  /// The window's padding is x each side (Henriques) instead of x the geometric mean of the sides on both
+  /// axes, which gives elongated targets room across. Equal for square targets.
   bool proportional_window = false;
-  /// Small and large targets: the window is resampled so that the geometric mean of the target's sides in the
-  /// template is in this range [template pixels, in [cell_size, 1024]]. Between the two the image is used as
-  /// it is.
-  double min_template_side = 40;
-  double max_template_side = 64;
   /// Update of the model. The paper (Sec. 2.1): numerator and denominator of A apart; otherwise A itself is
   /// interpolated (Henriques).
   bool separate_update = true;

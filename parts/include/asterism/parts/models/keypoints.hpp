@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <vector>
 
@@ -20,13 +21,8 @@ struct KeypointsOptions {
   double max_ratio = 0.8;
   /// Votes within this distance agree [template pixels, in (0, 1024]].
   double vote_radius = 10;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// (0, 100].
-  double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [16, 1024]]. The descriptors see 31 of them.
-  double min_template_side = 64;
-  double max_template_side = 96;
+  /// The search window: padding in (0, 100], sides in [16, 1024]. The descriptors see 31 template pixels.
+  TemplateWindow window = {.padding = 1.5, .min_template_side = 64, .max_template_side = 96};
 };
 
 /// Binary key-points (ORB at one scale) that vote for the target's position, as in CMT. A PartModel; copies

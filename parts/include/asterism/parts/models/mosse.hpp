@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/fft.hpp>
 #include <asterism/parts/features/patch.hpp>
 
@@ -20,13 +21,8 @@ struct MosseOptions {
   int perturbations = 8;
   /// ... whose matrices differ from the identity by up to this in each entry, in [0, 0.99].
   double perturbation = 0.05;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// [0, 100].
-  double padding = 1;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [16, 1024]].
-  double min_template_side = 24;
-  double max_template_side = 32;
+  /// The search window: padding in [0, 100], sides in [16, 1024].
+  TemplateWindow window = {.padding = 1, .min_template_side = 24, .max_template_side = 32};
 };
 
 /// The minimum output sum of squared error filter on gray levels (Bolme et al., CVPR 2010), the fastest part.

@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/fft.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>
@@ -79,14 +80,9 @@ struct SpatialReliabilityOptions {
   /// Eleven more channels: how much of a cell has each of the basic colors, black to yellow. The paper has
   /// learned color names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
   bool color_channels = false;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// [0, 100].
-  double padding = 3;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels, >=
-  /// cell_size]; with `padding` 3 and 32 px the window is 128 px, where the FFT is fastest. The paper allows
-  /// 50 px, and takes smaller cells for small targets.
-  double min_template_side = 32;
-  double max_template_side = 32;
+  /// The search window: padding in [0, 100], sides in [cell_size, 1024]. With padding 3 and 32 px it is 128
+  /// px, where the FFT is fastest. The paper allows 50 px, and takes smaller cells for small targets.
+  TemplateWindow window = {.padding = 3, .min_template_side = 32, .max_template_side = 32};
   /// Constrain the filter to the segmented target; otherwise, and for gray video, to its box.
   bool segmentation = true;
   /// The box also where the segmented area is not between these fractions of the box's. The paper has 0.05
@@ -100,10 +96,8 @@ struct SpatialReliabilityOptions {
     result.surrounding = 2;
     return result;
   }();
-  /// Weigh each channel by its response to the target when learned, otherwise all alike, ...
+  /// Weigh each channel by its response to the target when learned, otherwise all alike.
   bool channel_weights = true;
-  /// ... and also by how far the highest peak of its response stands above the second when searched.
-  bool detection_weights = false;
 };
 
 /// Correlation filter with channel and spatial reliability (Lukezic et al., *Discriminative correlation
@@ -164,8 +158,6 @@ class ASTERISM_API SpatialReliability {
   bool segment(const Frame& frame, const Point2& at);
   // Responses to spectra of all channels, weighted and summed, in `plane_`.
   void respond(const Spectrum& sample);
-  // Those to `sample_`, which is overwritten, with detection weights.
-  void respond_reliably();
   // Train on the sample in `sample_`; the first one starts the averages and the filters.
   void train(bool first);
 
@@ -195,7 +187,7 @@ class ASTERISM_API SpatialReliability {
   PatchSampler sampler_;
   Scratch patch_, color_patch_, dilated_;
   std::vector<int> cell_sums_;
-  Eigen::ArrayXf features_, responses_, plane_, reliability_;
+  Eigen::ArrayXf features_, plane_, reliability_;
   Spectrum sample_, spectrum_;
 };
 

@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/features/slic.hpp>
 #include <vector>
@@ -22,13 +23,8 @@ struct SuperpixelsOptions {
   double sharpness = 40;
   /// Rate of the appearance's autoregressive update, in [0, 1].
   double learning_rate = 0.1;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// (0, 100].
-  double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [1, 1024]].
-  double min_template_side = 32;
-  double max_template_side = 40;
+  /// The search window: padding in (0, 100], sides in [1, 1024].
+  TemplateWindow window = {.padding = 1.5, .min_template_side = 32, .max_template_side = 40};
 };
 
 /// SLIC superpixels that vote with their colors, after DGT (Cai et al., TIP 2014) and superpixel tracking

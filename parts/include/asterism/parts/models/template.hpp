@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/patch.hpp>
 
 namespace asterism {
@@ -23,13 +24,8 @@ struct TemplateOptions {
   double sigma = 0.25;
   /// Rate of the template's autoregressive update, in [0, 1]; that of Kcf.
   double learning_rate = 0.02;
-  /// The search window adds this much around the target, x the geometric mean of its sides on both axes, in
-  /// (0, 100].
-  double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [1, 1024]].
-  double min_template_side = 16;
-  double max_template_side = 48;
+  /// The search window: padding in (0, 100], sides in [1, 1024].
+  TemplateWindow window = {.padding = 1.5, .min_template_side = 16, .max_template_side = 48};
 };
 
 /// Template matching, the generative baseline. A PartModel; copies are independent.

@@ -2,6 +2,7 @@
 
 #include <array>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/models/color.hpp>
 #include <asterism/trackers/constellation/object_window.hpp>
 #include <cstdint>
@@ -19,12 +20,8 @@ struct MotionOptions {
   double background_novelty = 0.02;
   /// Prior probability of the foreground in Bayes' rule, in (0, 1).
   double foreground_prior = 0.5;
-  /// The window adds this much around the object, x the geometric mean of its sides on both axes, in
-  /// [1, 100].
-  double padding = 3;
-  /// The object is resampled so that the geometric mean of its sides is in this range [window pixels, >= 8].
-  double min_template_side = 16;
-  double max_template_side = 32;
+  /// The window about the object: padding in [1, 100], sides in [8, 1024].
+  TemplateWindow window = {.padding = 3, .min_template_side = 16, .max_template_side = 32};
 };
 
 /// What moves otherwise than the camera: histograms of the speed of the object and of what is around it, as

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/parts/concept/frame.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/features/patch.hpp>
 
 namespace asterism {
@@ -10,10 +11,9 @@ inline namespace ASTERISM_ABI {
 class ASTERISM_API ObjectWindow {
  public:
   ObjectWindow() = default;
-  /// The window of an object of `size` [px] at `centre` [px]: `padding` x the geometric mean of the object's
-  /// sides more on both axes, that mean resampled into `min_side` .. `max_side` [window pixels]. However thin
-  /// the object is, a window has at most 1024 and at least 16 pixels on each axis.
-  ObjectWindow(const Point2& centre, const Size2& size, double padding, double min_side, double max_side);
+  /// The window of an object of `size` [px] at `centre` [px]. However thin the object is, a window has at
+  /// most 1024 and at least 16 pixels on each axis.
+  ObjectWindow(const Point2& centre, const Size2& size, const TemplateWindow& window);
 
   /// The frame's gray values in it.
   cv::Mat sample(const Frame& frame) const;

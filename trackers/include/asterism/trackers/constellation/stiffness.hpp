@@ -8,9 +8,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Stiffness of the spring between a part and its visually best position, k = w / sigma^2 (Eq.
-/// stiffness_static) [1/px^2]. Never below 1e-12 / sigma^2, so that a constellation without any response
-/// stays where it is.
+/// Stiffness of the spring between a part and its visually best position, k = w / sigma^2 (Eq. 11)
+/// [1/px^2]. Never below 1e-12 / sigma^2, so that a constellation without any response stays where it is.
 inline double static_stiffness(const Evidence& evidence) {
   return std::max(evidence.peak, 1e-12) / evidence.covariance.trace();
 }

@@ -20,7 +20,6 @@ struct ASTERISM_API PlaneTransform {
 
 /// What a transform may change.
 enum class TransformModel {
-  Translation,
   Euclidean,  ///< rotation and translation, the paper's words (Sec. 2.5.2)
   Similarity  ///< with a uniform scale, which Algorithm 2's "position and size" needs
 };

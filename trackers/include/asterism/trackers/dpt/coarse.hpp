@@ -3,9 +3,10 @@
 #include <asterism/parts/concept/any_part.hpp>
 #include <asterism/parts/models/color.hpp>
 #include <asterism/parts/models/kcf.hpp>
-#include <asterism/trackers/constellation/interruption.hpp>
 #include <asterism/trackers/constellation/motion.hpp>
+#include <asterism/trackers/constellation/pose.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -70,19 +71,19 @@ class ASTERISM_API CoarseLayer {
   Estimate localize(const Frame& frame);
   /// The estimate is not to be followed: the object is lost, and to be waited for (CoarseOptions::redetect).
   bool waits(const Estimate& estimate) const { return options_.redetect && estimate.lost; }
+  /// Confidence, lost flag and stages of a tracker's result, as the estimate has them.
+  void report(const Estimate& estimate, TrackResult& result) const;
 
-  /// Move the object to a box without learning; a root that can follows its size.
-  void move(const cv::Rect2d& box);
+  /// Move the object to a pose without learning; a root that can follows its size.
+  void move(const ObjectPose& pose);
   /// Update the root filter, the model of motion and, where the segmentation was informative, the histograms
-  /// at the object's box.
+  /// at the object's box: line 6 of Algorithm 2.
   void adapt(const Frame& frame, bool informative);
 
   void visit_state(StateArchive& archive);
 
-  /// The object's centre, size and box after the last frame [px].
-  const Point2& centre() const { return centre_; }
-  const Size2& size() const { return size_; }
-  cv::Rect2d box() const { return box_around(centre_, size()); }
+  /// The object's pose after the last frame, x^(0).
+  const ObjectPose& pose() const { return pose_; }
   const CoarseOptions& options() const { return options_; }
   /// That of the last `localize`.
   const Evidence& evidence() const { return evidence_; }
@@ -101,38 +102,29 @@ class ASTERISM_API CoarseLayer {
   ColorModel color_;
   MotionModel motion_;
   Segmentation moving_;  // of the last frame
-  Point2 centre_ = Point2::Zero();
-  Size2 size_ = Size2::Zero();
+  ObjectPose pose_;
   Evidence evidence_;
   ResponseMap density_;  // Eq. 4 on the root's response grid
 };
 
 /// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos
 /// without color. The box keeps its size.
-class ASTERISM_API CoarseTracker {
+class ASTERISM_API CoarseTracker : public TrackerBase<CoarseTracker> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-  void visit_state(StateArchive& archive);
 
  private:
+  friend TrackerBase<CoarseTracker>;
+  static constexpr std::string_view kName = "CoarseTracker";
+
+  void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
+  void visit_learned(StateArchive& archive);
 
   CoarseLayer layer_;
-  InterruptionGate gate_;
-  bool initialized_ = false;
 };
-
-/// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
-ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
-
-/// The position nearest to `centre` that the centre of a tracker's box may have: in the image.
-ASTERISM_API Point2 kept_in_image(const Frame& frame, const Point2& centre);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

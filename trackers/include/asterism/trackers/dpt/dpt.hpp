@@ -1,16 +1,16 @@
 #pragma once
 
-#include <asterism/parts/models/scale_filter.hpp>
-#include <asterism/solver/method/ida.hpp>
-#include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/problem/spring_system.hpp>
+#include <array>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/trackers/constellation/spring_constellation.hpp>
+#include <asterism/trackers/constellation/spring_solvers.hpp>
 #include <asterism/trackers/constellation/transform.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
+#include <asterism/trackers/dpt/scale_share.hpp>
 #include <functional>
-#include <span>
-#include <variant>
+#include <optional>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -24,19 +24,12 @@ enum class AnchorLaw {
   Covariance  ///< static_information
 };
 
-/// What finds the placement of the parts.
-enum class SpringSolver {
-  Ida,    ///< the paper's
-  Newton  ///< the same minimum in a fraction of the iterations
-};
-
 /// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. What the paper leaves open is said so.
 struct DptOptions {
   /// Parts at most, grid_rows x grid_cols.
-  static constexpr int kMaxParts = 16;
+  static constexpr int kMaxParts = DptSystem::kMaxNodes;
   /// The type of its spring system.
-  using Springs =
-      SpringSystem<double, 2, Eigen::Dynamic, kMaxParts, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
+  using System = DptSystem;
 
   /// The coarse layer: root and color.
   CoarseOptions coarse;
@@ -60,10 +53,6 @@ struct DptOptions {
   /// ... and at least this fraction of its pixels are on the object according to the segmentation
   /// (Sec. 2.5.2).
   double mask_gate = 0.2;
-  /// Smoothness of the parts' motion: each has a Gaussian prior about where its velocity of the last frame
-  /// takes it, of this information in units of 1 / area of a part, >= 0. 0, the paper's, is none; 1 is a
-  /// deviation of a part's mean side.
-  double smoothness = 0;
   /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
@@ -89,75 +78,78 @@ struct DptOptions {
   /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)
   /// and its summary, to look at or to record them; none if empty. What it throws leaves `update`, and the
   /// next one goes on from the frame before.
-  std::function<void(const Springs& system, const Springs::Points& start, const Summary& summary)> on_solve;
+  std::function<void(const System& system, const System::Points& start, const Summary& summary)> on_solve;
 };
 
 /// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a color model,
 /// and a mid level of parts whose MAP constellation is the equilibrium of a spring system. `update` is the
-/// paper's Algorithm 2.
-class ASTERISM_API Dpt {
+/// paper's Algorithm 2. Of the options `threads` may differ between a saved tracker and the one that it is
+/// restored to.
+class ASTERISM_API Dpt : public TrackerBase<Dpt> {
  public:
   /// Parts at most.
   static constexpr int kMaxParts = DptOptions::kMaxParts;
-  /// The box keeps to this range of its first size, whatever a collapsed or burst constellation says.
-  static constexpr double kMinScale = 0.1, kMaxScale = 10;
   /// The type of its spring system.
-  using Springs = DptOptions::Springs;
-  using Placement = Springs::Points;  ///< 2 x N_p, a part is a column
+  using System = DptOptions::System;
+  using Placement = System::Points;  ///< 2 x N_p, a part is a column
 
   /// Throws std::invalid_argument for options out of range.
   explicit Dpt(const DptOptions& options = DptOptions());
 
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-
-  /// For save_state; of the options `threads` may differ.
-  void visit_state(StateArchive& archive);
-
   /// The spring system of the last frame and how its solver stopped.
-  const Springs& springs() const { return springs_; }
+  const System& springs() const { return constellation_.system(); }
   const Summary& summary() const { return summary_; }
   /// The coarse layer after the last frame.
   const CoarseLayer& coarse() const { return coarse_; }
   const DptOptions& options() const { return options_; }
 
  private:
+  friend TrackerBase<Dpt>;
+  static constexpr std::string_view kName = "Dpt";
+  using Evidences = std::array<Evidence, kMaxParts>;
+
+  void start(const Frame& frame, const cv::Rect2d& box);
   /// Algorithm 2.
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
+  void visit_learned(StateArchive& archive);
+
+  /// The result of a tracker that waits for its object, which was not seen.
+  TrackResult waiting(TrackResult seen) const;
+
+  /// Line 1: the parts go along with the root, whose centre is at `position` now.
+  Placement displaced_parts(const Point2& position) const;
+  /// Line 2 (Sec. 2.3.3): anchors, static and dynamic stiffness from the responses of the parts near x;
+  /// nominal lengths are kept.
+  Evidences form_spring_system(const Frame& frame, const Placement& x);
+  /// Line 3: moves x, the start, to the MAP constellation. Returns the box's covariance
+  /// (TrackResult::covariance).
+  std::optional<Eigen::Matrix3d> estimate_map_constellation(Placement& x);
+  /// Line 4: root position and size, by the transform from the last constellation to x. x becomes the last
+  /// constellation; it is scaled to the size that a scale filter has a say in, if there is one.
+  void update_root(const Frame& frame, Placement& x);
+  /// Line 5 (Sec. 2.5.2): nominal lengths, and the models of those parts that may learn, which it marks.
+  void update_constellation(const Frame& frame, const Segmentation& segmentation, TrackResult& result);
+  /// Line 6: color model and root filter.
+  void update_coarse_models(const Frame& frame, const Segmentation& segmentation);
+
+  int part_count() const { return constellation_.size(); }
   /// f(i) for every part i, on `threads` threads; throws what the first part threw that did.
   template <typename F>
   void for_each_part(F&& f);
-  int part_count() const { return options_.grid_rows * options_.grid_cols; }
-  /// Line 4 of Algorithm 2: root position and size by the transform from the last constellation to
-  /// `placement`, which is scaled to the size that the scale filter has a say in, if there is one.
-  void move(const Frame& frame, Placement& placement);
-  /// Sec. 2.3.3: anchors, static and dynamic stiffness from the parts' evidence; nominal lengths are kept.
-  void set_springs(std::span<const Evidence> evidence);
-  /// The smoothness prior: the anchors become the products of evidence and prediction.
-  void smooth_motion();
-  /// Laplace's covariance of the placement, taken to the box (TrackResult::covariance); none where the
-  /// placement is no strict minimum.
-  std::optional<Eigen::Matrix3d> box_covariance(const Placement& placement) const;
-  /// Sec. 2.5.2: which parts may learn from this frame; returns the least response that may.
-  double gate_updates(const Segmentation& segmentation, std::vector<PartState>& states) const;
+  /// Each part at its place in the constellation, with its response there.
+  void report_parts(const Evidences& evidence, TrackResult& result) const;
+  /// Laplace's covariance of the placement x, taken to the box; none where x is no strict minimum.
+  std::optional<Eigen::Matrix3d> box_covariance(const Placement& x) const;
 
   DptOptions options_;
   CoarseLayer coarse_;
-  ScaleFilter scale_;
+  ScaleShare scale_;
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
-  Springs springs_;
-  std::variant<Ida<Springs>, Newton<Springs>> solver_;
+  SpringConstellation<System> constellation_;
+  DptSolver solver_;
   Summary summary_;
-  Placement placement_;  // X_{t-1}
-  Placement velocity_;   // X_{t-1} - X_{t-2}
-  Size2 initial_size_ = Size2::Zero();
-  double angle_ = 0;  // since init [rad]
-  InterruptionGate gate_;
-  bool initialized_ = false;
 };
 
 }  // namespace ASTERISM_ABI

@@ -1,15 +1,15 @@
 #pragma once
 
 #include <asterism/trackers/constellation/elastic.hpp>
-#include <asterism/trackers/constellation/interruption.hpp>
 #include <asterism/trackers/others/point_flow.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// Options of Flock.
 struct FlockOptions {
-  PointFlowOptions flow = {.padding = 1.5};
+  PointFlowOptions flow = {.window = {.padding = 1.5, .min_template_side = 48, .max_template_side = 128}};
   /// Points a side of the grid on the object's box, in [2, 50].
   int grid = 10;
   /// Each point is linked to as many nearest ones, in [1, 100].
@@ -29,29 +29,26 @@ struct FlockOptions {
 /// al., ICPR 2010, is its ancestor) as a constellation: a grid of points, each followed by optical flow, on
 /// springs to its nearest neighbours. The object moves as most of the MAP placement does; points that failed
 /// begin anew where this motion puts them.
-class ASTERISM_API Flock {
+class ASTERISM_API Flock : public TrackerBase<Flock> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Flock(const FlockOptions& options = {});
 
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-  void visit_state(StateArchive& archive);
-
   const FlockOptions& options() const { return options_; }
 
  private:
+  friend TrackerBase<Flock>;
+  static constexpr std::string_view kName = "Flock";
+
+  void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
+  void visit_learned(StateArchive& archive);
+
   FlockOptions options_;
   PointFlow flow_;
   ElasticConstellation points_;
   ObjectPose pose_;
-  ElasticConstellation::Points placement_;
-  InterruptionGate gate_;
-  bool initialized_ = false;
 };
 
 }  // namespace ASTERISM_ABI

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <asterism/trackers/tracker/tracker.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 #include <optional>
 
 namespace asterism {
@@ -54,18 +55,19 @@ struct KalmanOptions {
 /// but for white acceleration; the tracker's box measures them, with TrackResult::covariance where it has
 /// one. The result is the tracker's with box and covariance filtered; the box keeps its aspect. The tracker
 /// itself goes on from its own box.
-class ASTERISM_API KalmanTracker {
+class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker, NoGate> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});
 
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-  void visit_state(StateArchive& archive);
-
  private:
+  friend TrackerBase<KalmanTracker, NoGate>;
+  static constexpr std::string_view kName = "KalmanTracker";
+
+  void start(const Frame& frame, const cv::Rect2d& box);
+  TrackResult follow(const Frame& frame);
+  void visit_learned(StateArchive& archive);
+
   // Of a box as a measurement, in px and logarithms.
   Eigen::Matrix3d covariance_of(const TrackResult& result) const;
   // Of the filtered box [px].

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <asterism/trackers/constellation/elastic.hpp>
-#include <asterism/trackers/constellation/interruption.hpp>
 #include <asterism/trackers/others/point_flow.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -39,22 +39,22 @@ struct KeypointTrackerOptions {
 /// where it is; what most of them agree with is the object's motion, and springs to the nearest neighbours
 /// with robust anchors the placement. Parts that are not seen any more are replaced by new ones; few that
 /// agree are an occlusion, and the object is lost.
-class ASTERISM_API KeypointTracker {
+class ASTERISM_API KeypointTracker : public TrackerBase<KeypointTracker> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KeypointTracker(const KeypointTrackerOptions& options = {});
 
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-  void visit_state(StateArchive& archive);
-
   const KeypointTrackerOptions& options() const { return options_; }
 
  private:
+  friend TrackerBase<KeypointTracker>;
+  static constexpr std::string_view kName = "KeypointTracker";
+
+  void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
+  void visit_learned(StateArchive& archive);
+
   using Points = ElasticConstellation::Points;
   // Key-points of a window: positions in the image, descriptors row by row.
   struct Detection {
@@ -74,12 +74,9 @@ class ASTERISM_API KeypointTracker {
   PointFlow flow_;
   ElasticConstellation parts_;
   ObjectPose pose_;
-  Points placement_;
   cv::Mat descriptors_, background_;  // of the parts, and of what was around them; copies share, never write
   std::vector<int> unseen_;           // frames since each part was seen
   double padding_ = 0;
-  InterruptionGate gate_;
-  bool initialized_ = false;
 };
 
 }  // namespace ASTERISM_ABI

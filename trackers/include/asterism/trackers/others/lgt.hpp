@@ -3,7 +3,7 @@
 #include <asterism/parts/concept/any_part.hpp>
 #include <asterism/parts/models/color.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
-#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 #include <vector>
 
 namespace asterism {
@@ -37,22 +37,22 @@ struct LgtOptions {
 /// coupled-layer visual model", PAMI 2013). The local layer is a constellation of small histogram parts on a
 /// Delaunay triangulation of springs; parts that do badly fade and leave. The global layer, the color model,
 /// says where on the object new ones are needed, and weighs what the parts see.
-class ASTERISM_API Lgt {
+class ASTERISM_API Lgt : public TrackerBase<Lgt> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit Lgt(const LgtOptions& options = LgtOptions());
 
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-  void visit_state(StateArchive& archive);
-
   const LgtOptions& options() const { return options_; }
 
  private:
+  friend TrackerBase<Lgt>;
+  static constexpr std::string_view kName = "Lgt";
+
+  void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
+  void visit_learned(StateArchive& archive);
+
   using Points = ElasticConstellation::Points;
 
   // What the part model says of a position, times the global layer's probability.
@@ -70,9 +70,6 @@ class ASTERISM_API Lgt {
   ElasticConstellation parts_;
   ColorModel color_;
   ObjectPose pose_;
-  Points placement_;
-  InterruptionGate gate_;
-  bool initialized_ = false;
 };
 
 }  // namespace ASTERISM_ABI

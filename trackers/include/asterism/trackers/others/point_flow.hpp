@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/part_model.hpp>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/concept/template_window.hpp>
 #include <asterism/trackers/constellation/object_window.hpp>
 #include <vector>
 
@@ -16,13 +17,8 @@ struct PointFlowOptions {
   /// [3, 101]], and number of halvings of the image, in [0, 16].
   int lk_window = 11;
   int lk_levels = 4;
-  /// The window adds this much around the object, x the geometric mean of its sides on both axes, in
-  /// (0, 100].
-  double padding = 2;
-  /// The object is resampled so that the geometric mean of its sides is in this range [template pixels,
-  /// in [8, 1024]].
-  double min_template_side = 48;
-  double max_template_side = 128;
+  /// The window about the object: padding in (0, 100], sides in [8, 1024].
+  TemplateWindow window = {.padding = 2, .min_template_side = 48, .max_template_side = 128};
 };
 
 /// Many points of one object, each followed from frame to frame by pyramidal Lucas-Kanade and back (Kalal,

@@ -2,7 +2,7 @@
 
 #include <asterism/parts/features/slic.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
-#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 #include <vector>
 
 namespace asterism {
@@ -34,22 +34,22 @@ struct SuperpixelTrackerOptions {
 /// whose color is rather the object's than its surroundings'. Matching is by color and place; springs to
 /// the nearest neighbours are the geometric term. The graph is dynamic: parts that are not matched any more
 /// leave, candidates on the object that are no parts join.
-class ASTERISM_API SuperpixelTracker {
+class ASTERISM_API SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit SuperpixelTracker(const SuperpixelTrackerOptions& options = {});
 
-  void init(const cv::Mat& image, const cv::Rect2d& box);
-  TrackResult update(const cv::Mat& image);
-  void init(const Frame& frame, const cv::Rect2d& box);
-  TrackResult update(const Frame& frame);
-  void visit_state(StateArchive& archive);
-
   const SuperpixelTrackerOptions& options() const { return options_; }
 
  private:
+  friend TrackerBase<SuperpixelTracker>;
+  static constexpr std::string_view kName = "SuperpixelTracker";
+
+  void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
   TrackResult standing() const;
+  void visit_learned(StateArchive& archive);
+
   using Points = ElasticConstellation::Points;
   // The superpixels of a window: positions in the image, colors, areas of which the mean is about 1, and
   // how much of the object's color rather than its surroundings', in [0, 1].
@@ -68,13 +68,10 @@ class ASTERISM_API SuperpixelTracker {
   SuperpixelTrackerOptions options_;
   ElasticConstellation parts_;
   ObjectPose pose_;
-  Points placement_;
   Eigen::ArrayX3f colors_, background_;  // of the parts, and of what is around the object
   std::vector<int> unseen_;              // frames since each part was matched
   double spacing_ = 1;                   // image pixels a template pixel, in the last frame
   bool color_ = false;                   // learned in color
-  InterruptionGate gate_;
-  bool initialized_ = false;
 };
 
 }  // namespace ASTERISM_ABI

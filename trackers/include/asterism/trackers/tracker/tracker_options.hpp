@@ -23,9 +23,7 @@ inline void visit_options(OptionVisitor& visit, MotionOptions& options) {
   visit("novelty", options.novelty, option_ranges::kProbability);
   visit("background_novelty", options.background_novelty, option_ranges::kProbability);
   visit("foreground_prior", options.foreground_prior, option_ranges::kProbability);
-  visit("padding", options.padding, {1, option_ranges::kMostPadding});
-  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
-  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
+  visit_window(visit, options.window, {1, option_ranges::kMostPadding}, {8, option_ranges::kLongestSide});
 }
 
 inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
@@ -50,8 +48,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("spring_rate", options.spring_rate, option_ranges::kShare);
   visit("response_gate", options.response_gate, {-1e9, 1e9});
   visit("mask_gate", options.mask_gate, {-1e9, 1e9});
-  visit("smoothness", options.smoothness, {0, 1e9});
-  visit("transform", options.transform, {"translation", "euclidean", "similarity"});
+  visit("transform", options.transform, {"euclidean", "similarity"});
   visit("scale_share", options.scale_share, option_ranges::kShare);
   visit("scale", options.scale);
   visit("resize_parts", options.resize_parts);
@@ -80,9 +77,7 @@ inline void visit_options(OptionVisitor& visit, PointFlowOptions& options) {
   visit("max_error", options.max_error, option_ranges::kPositive);
   visit("lk_window", options.lk_window, {3, 101});
   visit("lk_levels", options.lk_levels, {0, 16});
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("min_template_side", options.min_template_side, {8, option_ranges::kLongestSide});
-  visit("max_template_side", options.max_template_side, {8, option_ranges::kLongestSide});
+  visit_window(visit, options.window, option_ranges::kSearchPadding, {8, option_ranges::kLongestSide});
 }
 
 inline void visit_options(OptionVisitor& visit, FlockOptions& options) {

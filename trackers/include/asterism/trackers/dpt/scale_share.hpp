@@ -1,0 +1,35 @@
+#pragma once
+
+#include <asterism/parts/models/scale_filter.hpp>
+#include <asterism/trackers/constellation/pose.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// A scale filter's share in the object's size, beside the constellation's, which alone has it in the paper:
+/// an addition to lines 4 and 6 of Algorithm 2.
+class ASTERISM_API ScaleShare {
+ public:
+  /// share: weight of the filter in the logarithm of the size, in [0, 1]. 0: there is no filter, and nothing
+  /// below does anything.
+  ScaleShare(const ScaleFilterOptions& options, double share) : filter_(options), share_(share) {}
+  bool enabled() const { return share_ > 0; }
+
+  /// Learn the object.
+  void init(const Frame& frame, const ObjectPose& pose);
+  /// By how much the object at `centre` has grown in this frame, of which the constellation says
+  /// `by_constellation`.
+  double growth(const Frame& frame, const Point2& centre, double by_constellation);
+  /// The covariance of centre and logarithm of the size (TrackResult::covariance), which was the
+  /// constellation's, becomes that of the shared size.
+  void share(Eigen::Matrix3d& covariance) const;
+  void adapt(const Frame& frame, const ObjectPose& pose);
+  void visit_state(StateArchive& archive);
+
+ private:
+  ScaleFilter filter_;
+  double share_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,89 @@
+#pragma once
+
+#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/tracker/tracker.hpp>
+#include <concepts>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
+ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
+
+/// For TrackerBase: no InterruptionGate; the tracker follows every frame.
+struct NoGate {};
+
+namespace detail {
+
+/// An image as a frame, and how long that took.
+struct TimedFrame {
+  Frame frame;
+  StageTime stage;
+};
+ASTERISM_API TimedFrame timed_frame(const cv::Mat& image);
+/// Throws std::logic_error: "TRACKER: WHAT before init".
+[[noreturn]] ASTERISM_API void throw_before_init(std::string_view tracker, std::string_view what);
+
+}  // namespace detail
+
+/// What a tracker is around its own work: it takes images and frames, checks the start box, refuses `update`
+/// before `init`, keeps out of interruptions (InterruptionGate, or NoGate), and can be saved. T derives from
+/// TrackerBase<T>, makes it a friend, and has
+///
+/// - `kName`, a string for messages;
+/// - `start(frame, box)`: learn the object in this box, which has been checked;
+/// - `follow(frame)`: the TrackResult in the next frame;
+/// - `standing()`, with a gate: the result of a tracker that stays where it is;
+/// - `visit_learned(archive)`: what it has learned, for `visit_state`.
+template <class T, class Gate = InterruptionGate>
+class TrackerBase {
+ public:
+  /// See Tracker.
+  void init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
+  void init(const Frame& frame, const cv::Rect2d& box) {
+    check_start(frame, box);
+    self().start(frame, box);
+    if constexpr (kGated) gate_.init(frame, box);
+    initialized_ = true;
+  }
+  /// See Tracker; the conversion of an image is the first stage.
+  TrackResult update(const cv::Mat& image) {
+    const detail::TimedFrame converted = detail::timed_frame(image);
+    TrackResult result = update(converted.frame);
+    result.times.insert(result.times.begin(), converted.stage);
+    return result;
+  }
+  TrackResult update(const Frame& frame) {
+    if (!initialized_) detail::throw_before_init(T::kName, "update");
+    if constexpr (kGated)
+      return gate_.update(self(), frame, &T::follow, &T::standing);
+    else
+      return self().follow(frame);
+  }
+  /// For save_state, which throws std::logic_error before `init`.
+  void visit_state(StateArchive& archive) {
+    if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "to be saved");
+    self().visit_learned(archive);
+    if constexpr (kGated) gate_.visit_state(archive);
+    initialized_ = true;
+  }
+
+ protected:
+  TrackerBase() = default;
+  TrackerBase(const TrackerBase&) = default;
+  TrackerBase(TrackerBase&&) = default;
+  TrackerBase& operator=(const TrackerBase&) = default;
+  TrackerBase& operator=(TrackerBase&&) = default;
+  ~TrackerBase() = default;
+
+ private:
+  static constexpr bool kGated = !std::same_as<Gate, NoGate>;
+  T& self() { return static_cast<T&>(*this); }
+
+  [[no_unique_address]] Gate gate_;
+  bool initialized_ = false;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,37 @@
+#include <asterism/trackers/tracker/tracker_base.hpp>
+#include <cmath>
+#include <stdexcept>
+#include <string>
+
+#include "stage_clock.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+void check_start(const Frame& frame, const cv::Rect2d& box) {
+  if (!(std::isfinite(box.x) && std::isfinite(box.y) && std::isfinite(box.width) &&
+        std::isfinite(box.height)))
+    throw std::invalid_argument("the start box is not finite");
+  if (!(box.width >= 1 && box.height >= 1))
+    throw std::invalid_argument("the start box must be at least one pixel wide and high");
+  if (!(box.x < frame.size().width && box.y < frame.size().height && box.x + box.width > 0 &&
+        box.y + box.height > 0))
+    throw std::invalid_argument("the start box lies outside the image");
+}
+
+namespace detail {
+
+TimedFrame timed_frame(const cv::Mat& image) {
+  StageClock clock;
+  Frame frame(image);
+  return {std::move(frame), {"frame", clock.lap()}};
+}
+
+void throw_before_init(std::string_view tracker, std::string_view what) {
+  throw std::logic_error(std::string(tracker).append(": ").append(what).append(" before init"));
+}
+
+}  // namespace detail
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
