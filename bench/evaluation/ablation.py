@@ -85,7 +85,7 @@ VARIANTS = {
         "larger templates": ("dpt", filters(max_template_side=80)),
         "5 iterations of IDA": ("dpt", {"solver": {"max_iterations": 5}}),
         "anchors by covariance": ("dpt", {"anchor_law": "covariance"}),
-        "Newton": ("dpt", {"spring_solver": "newton"}),
+        "Newton": ("dpt", {"solver": "newton"}),
     },
     # First what is added to dpt, one after the other, then what dpt_plus loses without each, then what it could have.
     "dpt_plus": {

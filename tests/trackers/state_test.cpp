@@ -80,7 +80,7 @@ std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
       options.coarse.root = options.part = part;
       options.grid_rows = 3;
       options.constellation = Constellation::Local;
-      options.spring_solver = SpringSolver::Newton;
+      options.solver = {"newton", {}};
       return AnyTracker(Dpt(options));
     });
   return result;

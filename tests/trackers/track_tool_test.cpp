@@ -365,7 +365,7 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
     EXPECT_NE(start, system.anchors);
     // Solved from its start again, it ends as it did.
     Dpt::Placement x = start;
-    const Summary summary = Ida<Dpt::System>(system, DptOptions().solver).solve(system, x);
+    const Summary summary = Ida<Dpt::System>(system).solve(system, x);
     EXPECT_NEAR(summary.iterations, origin.at("iterations").get<int>(), 1);
     EXPECT_NEAR(summary.initial_energy, origin.at("initial_energy").get<double>(), 1e-12);
     EXPECT_NEAR(summary.final_energy, origin.at("final_energy").get<double>(), 1e-12);

@@ -480,7 +480,7 @@ TEST(Dpt, ShowsWhatItSolves) {
     ASSERT_EQ(solves.size(), static_cast<std::size_t>(t));
     const Solve& last = solves.back();
     Dpt::Placement x = last.start;
-    Ida<Dpt::System> solver(last.system, options.solver);
+    Ida<Dpt::System> solver;
     const Summary summary = solver.solve(last.system, x);
     EXPECT_EQ(summary.iterations, last.summary.iterations);
     EXPECT_EQ(summary.initial_energy, last.summary.initial_energy);
@@ -633,13 +633,13 @@ TEST(Dpt, EveryGridAndTopologyTracks) {
 TEST(Dpt, NewtonFindsThePlacementsOfIda) {
   const Scene scene;
   DptOptions options;
-  options.spring_solver = SpringSolver::Newton;
+  options.solver = {"newton", {}};
   int solves = 0;
   options.on_solve = [&](const Dpt::System& springs, const Dpt::Placement& start, const Summary& summary) {
     EXPECT_EQ(summary.solver, Newton<Dpt::System>::name());
     Dpt::Placement newton = start, ida = start;
-    EXPECT_EQ(Newton(springs, options.solver).solve(springs, newton).final_energy, summary.final_energy);
-    Ida(springs, options.solver).solve(springs, ida);
+    EXPECT_EQ(Newton(springs).solve(springs, newton).final_energy, summary.final_energy);
+    Ida(springs).solve(springs, ida);
     EXPECT_LT((newton - ida).colwise().norm().maxCoeff(), 1e-3);
     ++solves;
   };
@@ -706,7 +706,9 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 65536; });  // a product of 0 in 32 bits
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
-  refused([](DptOptions& o) { o.solver.tolerance = -1; });
+  refused([](DptOptions& o) { o.solver.options = {{"tolerance", -1.0}}; });
+  refused([](DptOptions& o) { o.solver.options = {{"tolerence", 1e-3}}; });
+  refused([](DptOptions& o) { o.solver.name = "newtom"; });
   refused([](DptOptions& o) { o.overlap = 1; });
   refused([](DptOptions& o) { o.overlap = -0.1; });
   refused([](DptOptions& o) { o.scale_share = 1.5; });

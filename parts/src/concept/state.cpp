@@ -1,5 +1,6 @@
 #include <array>
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -153,6 +154,17 @@ void StateArchive::name(std::string_view what) {
   const auto quoted = [](const std::string& part) { return part.empty() ? "an end" : "'" + part + "'"; };
   throw std::invalid_argument("state: of something else: it has " + quoted(found) + " where " +
                               quoted(expected) + " is");
+}
+
+// A part's options are checked with the state of its own.
+void StateArchive::OptionCheck::made_by_name(std::string_view name, MemberReference member,
+                                             std::string_view made) {
+  const SolverDescription* const solver = member.as<SolverDescription>();
+  if (solver == nullptr) return;
+  archive_.name(name);
+  archive_.name(made);
+  for (const NamedOption& option : solver->options)
+    check(option.name, std::visit([](auto value) { return static_cast<double>(value); }, option.value));
 }
 
 void StateArchive::OptionCheck::check(std::string_view name, double value) {

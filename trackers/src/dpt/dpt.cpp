@@ -53,7 +53,8 @@ Dpt::Dpt(const DptOptions& options)
       coarse_(options.coarse),
       scale_(options.scale, options.scale_share),
       parts_(parts_of_grid(options), options.part),
-      constellation_(make_topology(options)) {}
+      constellation_(make_topology(options)),
+      solver_(options.solver) {}
 
 template <typename F>
 void Dpt::for_each_part(F&& f) {
@@ -166,7 +167,7 @@ Dpt::Evidences Dpt::form_spring_system(const Frame& frame, const Placement& x) {
 }
 
 std::optional<Eigen::Matrix3d> Dpt::estimate_map_constellation(Placement& x) {
-  summary_ = solver_.solve(springs(), x, options_.spring_solver, options_.solver);
+  summary_ = solver_.solve(springs(), x);
   return box_covariance(x);
 }
 

@@ -79,7 +79,7 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     options.scale.scales = 17;
     options.scale.step = 1.04;
     options.scale.label_sigma = 0.17;
-    options.spring_solver = SpringSolver::Newton;
+    options.solver = {"newton", {}};
     return options;
   }
 #endif

@@ -113,7 +113,7 @@ class ASTERISM_API StateArchive {
     }
 
    private:
-    void made_by_name(std::string_view, MemberReference, std::string_view) override {}
+    void made_by_name(std::string_view name, MemberReference member, std::string_view made) override;
     std::size_t choose(std::string_view name, std::size_t value,
                        std::initializer_list<std::string_view>) override {
       check(name, static_cast<double>(value));

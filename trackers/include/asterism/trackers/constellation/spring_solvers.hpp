@@ -3,6 +3,7 @@
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <memory>
@@ -18,12 +19,6 @@ using DptSystem =
 /// ElasticConstellation's: any number of parts on anchors that let go of what is far.
 using ElasticSystem = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
                                    Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
-
-/// What finds the placement of Dpt's parts.
-enum class SpringSolver {
-  Ida,    ///< the paper's
-  Newton  ///< the same minimum in a fraction of the iterations
-};
 
 namespace detail {
 
@@ -41,9 +36,7 @@ class ASTERISM_API SolverWorkspace {
   std::unique_ptr<Solvers> solvers_;
 };
 
-struct ASTERISM_API DptSolvers;
 struct ASTERISM_API ElasticSolvers;
-extern template class ASTERISM_API SolverWorkspace<DptSolvers>;
 extern template class ASTERISM_API SolverWorkspace<ElasticSolvers>;
 
 /// SpringSystem::set_anchor_information, compiled once for these systems as their solvers are.
@@ -56,14 +49,23 @@ void set_anchor(System& system, int node, const Eigen::Matrix2d& information) {
 
 }  // namespace detail
 
-/// The solvers of Dpt's systems.
+/// The solver of Dpt's systems that a description names. A copy has a workspace of its own.
 class ASTERISM_API DptSolver {
  public:
-  /// Moves x (2 x N), the start, to a stationary point of the energy; statuses are those of Ida and Newton.
-  Summary solve(const DptSystem& system, DptSystem::Points& x, SpringSolver by, const SolverOptions& options);
+  /// Throws std::invalid_argument for an unknown name or option, and for a value that an option cannot have.
+  explicit DptSolver(const SolverDescription& description);
+  DptSolver(const DptSolver& other) : DptSolver(other.description_) {}
+  DptSolver& operator=(const DptSolver& other) { return *this = DptSolver(other); }
+  DptSolver(DptSolver&&) = default;
+  DptSolver& operator=(DptSolver&&) = default;
+  ~DptSolver() = default;
+
+  /// Moves x (2 x N), the start, to a stationary point of the energy; statuses are the solver's.
+  Summary solve(const DptSystem& system, DptSystem::Points& x) { return solver_.solve(system, x); }
 
  private:
-  detail::SolverWorkspace<detail::DptSolvers> workspace_;
+  SolverDescription description_;
+  AnySolver<DptSystem> solver_;
 };
 
 /// A 3 x 2N matrix.
@@ -99,10 +101,13 @@ class Newton;
 template <typename System>
 class Auto;
 template <typename System>
+SolverRegistry<System> solver_registry();
+template <typename System>
 struct Covariance;
 template <typename System>
 Covariance<System> covariance(const System& system, const typename System::Points& x);
 
+extern template ASTERISM_API SolverRegistry<DptSystem> solver_registry();
 extern template ASTERISM_API Summary detail::Compiled::solve(Ida<DptSystem, DenseCholesky<DptSystem>>&,
                                                              const DptSystem&, DptSystem::Points&);
 extern template ASTERISM_API Summary detail::Compiled::solve(Newton<DptSystem>&, const DptSystem&,

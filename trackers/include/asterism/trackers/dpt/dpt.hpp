@@ -66,10 +66,10 @@ struct DptOptions {
 
   /// What an anchor's stiffness is made of.
   AnchorLaw anchor_law = AnchorLaw::Variance;
-  /// What finds the placement of the parts.
-  SpringSolver spring_solver = SpringSolver::Ida;
-  /// The solver's stopping rule. Open in the paper; see docs/tracker.md.
-  SolverOptions solver;
+  /// What finds the placement of the parts, by its name in solver_registry<DptSystem>(), with its options:
+  /// the paper's, or "newton", which finds the same minimum in a fraction of the iterations. Its stopping
+  /// rule is open in the paper; see docs/tracker.md.
+  SolverDescription solver = {"ida", {}};
 
   /// Threads that the parts are searched and trained on, the calling one among them; 0: as many as the
   /// machine runs at once, at most 256. Results are the same, bit for bit, for any number.

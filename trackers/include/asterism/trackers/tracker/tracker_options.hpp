@@ -53,8 +53,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("scale", options.scale);
   visit("resize_parts", options.resize_parts);
   visit("anchor_law", options.anchor_law, {"variance", "covariance"});
-  visit("spring_solver", options.spring_solver, {"ida", "newton"});
-  visit("solver", options.solver);
+  visit("solver", options.solver, options.solver.name);
   visit("threads", options.threads, {0, 256});
 }
 
