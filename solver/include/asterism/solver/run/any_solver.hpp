@@ -77,19 +77,22 @@ class AnySolver {
 
 /// An option by its name, such as {"max_iterations", 50}.
 struct NamedOption {
-  std::string name;  ///< As visit_options has it.
-  std::variant<bool, std::int64_t, double> value;
+  std::string name;                                ///< As visit_options has it.
+  std::variant<bool, std::int64_t, double> value;  ///< A switch, an integer or a number.
 
+  /// A switch.
   NamedOption(std::string n, bool v) : name(std::move(n)), value(v) {}
+  /// A number.
   NamedOption(std::string n, double v) : name(std::move(n)), value(v) {}
+  /// An integer, which is also a number.
   template <std::integral T>
   NamedOption(std::string n, T v) : name(std::move(n)), value(static_cast<std::int64_t>(v)) {}
 };
 
 /// A solver by its name, with options beside its defaults.
 struct SolverDescription {
-  std::string name;
-  std::vector<NamedOption> options;
+  std::string name;                  ///< As SolverRegistry has it.
+  std::vector<NamedOption> options;  ///< Those that differ from the defaults.
 };
 
 namespace detail {
@@ -208,6 +211,7 @@ class SolverRegistry {
     return solver;
   }
 
+  /// The solver that a description names. Throws as above.
   AnySolver<System> make(const SolverDescription& solver) const { return make(solver.name, solver.options); }
 
   /// In the order in which they were added.

@@ -26,6 +26,7 @@ struct OptionRange {
 /// A member of some type that this room does not know, for a visitor that does.
 class MemberReference {
  public:
+  /// Of this member.
   template <typename T>
   explicit MemberReference(T& member) : member_(&member), type_(&kType<T>) {}
 

@@ -20,8 +20,8 @@ class SpringConstellation {
  public:
   /// Of the springs.
   using System = System_;
-  using Points = typename System::Points;  ///< 2 x N, a part is a column
-  using Links = typename System::TopologyType;
+  using Points = typename System::Points;       ///< 2 x N, a part is a column
+  using Links = typename System::TopologyType;  ///< who is linked to whom
 
   /// Parts and who is linked to whom.
   explicit SpringConstellation(Links topology) : system_(std::move(topology)) {

@@ -70,11 +70,11 @@ class TrackerBase {
   }
 
  protected:
-  TrackerBase() = default;
-  TrackerBase(const TrackerBase&) = default;
-  TrackerBase(TrackerBase&&) = default;
-  TrackerBase& operator=(const TrackerBase&) = default;
-  TrackerBase& operator=(TrackerBase&&) = default;
+  TrackerBase() = default;                               ///< For trackers alone, as what follows.
+  TrackerBase(const TrackerBase&) = default;             ///< A copy.
+  TrackerBase(TrackerBase&&) = default;                  ///< Moved.
+  TrackerBase& operator=(const TrackerBase&) = default;  ///< A copy.
+  TrackerBase& operator=(TrackerBase&&) = default;       ///< Moved.
   ~TrackerBase() = default;
 
  private:
