@@ -1,17 +1,12 @@
 // L-BFGS and Newton-CG on larger, sparse and oddly shaped systems, and the Hessian product against the
 // assembled Hessian.
-#include <asterism/solver.hpp>
-
-#ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
-#endif
-
 #include <gtest/gtest.h>
 
+#include <asterism/solver.hpp>
 #include <cmath>
 #include <cstdint>
 
-#include "test_systems.hpp"
+#include "descent_cases.hpp"
 
 namespace asterism {
 namespace {

@@ -1,12 +1,7 @@
 // L-BFGS and Newton-CG with every policy: same minima as IDA, energy that never rises, robustness.
-#include <asterism/solver.hpp>
-
-#ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
-#endif
-
 #include <gtest/gtest.h>
 
+#include <asterism/solver.hpp>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -14,35 +9,11 @@
 #include <string>
 #include <string_view>
 
+#include "descent_cases.hpp"
 #include "solver_fixture.hpp"
-#include "test_systems.hpp"
 
 namespace asterism {
 namespace {
-
-template <typename Solver_, typename System_>
-struct Case {
-  using Solver = Solver_;
-  using System = System_;
-};
-
-template <template <typename, typename> typename Method, template <typename> typename Policy, typename System>
-using With = Case<Method<System, Policy<System>>, System>;
-
-using Fixed2 = SpringSystem<double, 2, 4>;
-using Dynamic2 = SpringSystem<double, 2>;
-using Dynamic3 = SpringSystem<double, 3>;
-using Bounded3f = SpringSystem<float, 3, Eigen::Dynamic, 8>;
-
-using Cases = ::testing::Types<
-#ifdef ASTERISM_TEST_CHOLMOD
-    With<Lbfgs, CholmodCholesky, Dynamic2>, With<NewtonCg, CholmodCholesky, Dynamic2>,
-#endif
-    With<Lbfgs, DenseCholesky, Fixed2>, With<Lbfgs, DenseCholesky, Bounded3f>,
-    With<Lbfgs, SparseCholesky, Dynamic2>, With<Lbfgs, JacobiMetric, Dynamic3>,
-    With<Lbfgs, JacobiMetric, Bounded3f>, With<NewtonCg, JacobiPreconditioner, Dynamic3>,
-    With<NewtonCg, JacobiPreconditioner, Bounded3f>, With<NewtonCg, DenseCholesky, Fixed2>,
-    With<NewtonCg, SparseCholesky, Dynamic3>>;
 
 template <typename C>
 class Descent : public SolverFixture<C> {
@@ -71,7 +42,7 @@ class Descent : public SolverFixture<C> {
     EXPECT_NEAR(a, b, (kDouble ? 1e-9 : 1e-4) * std::abs(b));
   }
 };
-TYPED_TEST_SUITE(Descent, Cases);
+TYPED_TEST_SUITE(Descent, descent::Cases);
 
 TYPED_TEST(Descent, FindsIdasMinimumFromItsBasin) {
   ASTERISM_USE_FIXTURE;

@@ -341,7 +341,7 @@ TEST(SharedMemory, IsFoundWhereverItOverlaps) {
     if constexpr (std::decay_t<decltype(system)>::kAnisotropic) expect_part(system.anchor_shape);
     EXPECT_FALSE(shares(apart.data(), apart.size()));
   };
-  Points apart(2, 5);
+  const Points apart = Points::Zero(2, 5);
   System dynamic(Topology<>::full(5));
   expect_found(dynamic, apart);
   SpringSystem<double, 2, 4> fixed(Topology<4>::full());

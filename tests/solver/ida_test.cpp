@@ -196,10 +196,10 @@ TEST(Ida, SizesAgree) {
 }
 
 TEST(Ida, OneNodeGoesToItsAnchor) {
-  SpringSystem<double, 3, 1> system(Topology<1>::full());
+  testing::Space system(Topology<>::full(1));
   system.anchors << 1, 2, 3;
   system.anchor_stiffness << 7;
-  Eigen::Vector3d x(4, 5, 6);
+  Eigen::Matrix3Xd x = Eigen::Vector3d(4, 5, 6);
   const Summary summary = solve_ida(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   EXPECT_EQ(summary.iterations, 1);

@@ -109,7 +109,7 @@ void expect_fixed_nodes_to_stay() {
 
 }  // namespace asterism::testing
 
-// In model_test.cpp.
+// In model_kits.cpp.
 namespace asterism {
 inline namespace ASTERISM_ABI {
 

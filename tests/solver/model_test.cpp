@@ -11,12 +11,6 @@
 #include "test_systems.hpp"
 
 namespace asterism {
-inline namespace ASTERISM_ABI {
-
-ASTERISM_TEST_KITS()
-
-}  // namespace ASTERISM_ABI
-
 namespace {
 
 using testing::Cable;

@@ -1,13 +1,8 @@
 // Newton's method with a sparse factorisation: Ida's minima, weak anchors, and the sparse Hessian itself.
-#include <asterism/solver.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
-
-#ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
-#endif
-
 #include <gtest/gtest.h>
 
+#include <asterism/solver.hpp>
+#include <asterism/solver/method/sparse_newton.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -16,6 +11,7 @@
 
 #include "matrices.hpp"
 #include "solver_fixture.hpp"
+#include "sparse_newton_cases.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -25,21 +21,9 @@ using testing::Plane;
 using testing::Planef;
 using testing::Space;
 
-template <typename System_, template <typename> typename Factorization>
-struct Case {
-  using System = System_;
-  using Solver = SparseNewton<System, Factorization<System>>;
-};
-
-using Cases = ::testing::Types<
-#ifdef ASTERISM_TEST_CHOLMOD
-    Case<Plane, CholmodLlt>, Case<Planef, CholmodLlt>,
-#endif
-    Case<Plane, SparseLdlt>, Case<Space, SparseLdlt>, Case<Planef, SparseLdlt>>;
-
 template <typename C>
 class SparseNewtonTest : public SolverFixture<C> {};
-TYPED_TEST_SUITE(SparseNewtonTest, Cases);
+TYPED_TEST_SUITE(SparseNewtonTest, sparse_newton::Cases);
 
 template <typename System>
 class SparseNewtonMatrix : public ::testing::Test {};

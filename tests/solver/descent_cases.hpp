@@ -1,0 +1,65 @@
+#pragma once
+
+// Methods of descent with their policies on types of systems; those that neither asterism::solver_compiled
+// nor test_systems.hpp have are compiled in descent_cases.cpp.
+#include <asterism/solver.hpp>
+
+#ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
+#endif
+
+#include <gtest/gtest.h>
+
+#include "test_systems.hpp"
+
+namespace asterism {
+namespace descent {
+
+template <typename Solver_, typename System_>
+struct Case {
+  using Solver = Solver_;
+  using System = System_;
+};
+
+template <template <typename, typename> typename Method, template <typename> typename Policy, typename System>
+using With = Case<Method<System, Policy<System>>, System>;
+
+using Fixed2 = testing::Fixed2;
+using Dynamic2 = testing::Plane;
+using Dynamic3 = testing::Space;
+using testing::Bounded3f;
+
+using Cases = ::testing::Types<
+#ifdef ASTERISM_TEST_CHOLMOD
+    With<Lbfgs, CholmodCholesky, Dynamic2>, With<NewtonCg, CholmodCholesky, Dynamic2>,
+#endif
+    With<Lbfgs, DenseCholesky, Fixed2>, With<Lbfgs, DenseCholesky, Bounded3f>,
+    With<Lbfgs, SparseCholesky, Dynamic2>, With<Lbfgs, JacobiMetric, Dynamic3>,
+    With<Lbfgs, JacobiMetric, Bounded3f>, With<NewtonCg, JacobiPreconditioner, Dynamic3>,
+    With<NewtonCg, JacobiPreconditioner, Bounded3f>, With<NewtonCg, DenseCholesky, Fixed2>,
+    With<NewtonCg, SparseCholesky, Dynamic3>>;
+
+}  // namespace descent
+
+inline namespace ASTERISM_ABI {
+
+#ifdef ASTERISM_TEST_CHOLMOD
+#define ASTERISM_DESCENT_CHOLMOD(Extern)                                                               \
+  ASTERISM_TEST_SOLVER(Extern, testing::Plane, Lbfgs<testing::Plane, CholmodCholesky<testing::Plane>>) \
+  ASTERISM_TEST_SOLVER(Extern, testing::Plane, NewtonCg<testing::Plane, CholmodCholesky<testing::Plane>>)
+#else
+#define ASTERISM_DESCENT_CHOLMOD(Extern)
+#endif
+#define ASTERISM_DESCENT_CASES(Extern)                                                                     \
+  ASTERISM_DESCENT_CHOLMOD(Extern)                                                                         \
+  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f, Lbfgs<testing::Bounded3f>)                              \
+  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f,                                                         \
+                       Lbfgs<testing::Bounded3f, JacobiMetric<testing::Bounded3f>>)                        \
+  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f, NewtonCg<testing::Bounded3f>)                           \
+  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2, NewtonCg<testing::Fixed2, DenseCholesky<testing::Fixed2>>) \
+  ASTERISM_TEST_SOLVER(Extern, testing::Space, NewtonCg<testing::Space, SparseCholesky<testing::Space>>)
+
+ASTERISM_DESCENT_CASES(extern)
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
