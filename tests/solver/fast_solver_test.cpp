@@ -9,7 +9,7 @@ using DenseLbfgs = Lbfgs<System>;
 template <typename System>
 using JacobiNewtonCg = NewtonCg<System>;
 
-const bool kRegistered = [] {
+const bool kFastRegistered = [] {
   register_solvers<Fixed2>("4 nodes", {solver_kind<Newton, Fixed2>(), solver_kind<DenseLbfgs, Fixed2>()});
   register_solvers<Dynamic2>("plane",
                              {solver_kind<DenseLbfgs, Dynamic2>(), solver_kind<JacobiNewtonCg, Dynamic2>()});

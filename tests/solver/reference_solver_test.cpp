@@ -33,7 +33,7 @@ template <typename System>
 using CeresCg = reference::Ceres<System, reference::CeresMethod::NonlinearCg>;
 #endif
 
-const bool kRegistered = [] {
+const bool kReferencesRegistered = [] {
 #ifdef ASTERISM_TEST_CERES
   register_solvers<Fixed2>("4 nodes", {solver_kind<CeresDense, Fixed2>()});
   register_solvers<Dynamic2>("plane", {solver_kind<CeresLbfgs, Dynamic2>()});
