@@ -219,7 +219,7 @@ class LaneNewton {
       strongest = L::max(counted[i], strongest);
     });
     // SpringWeight
-    const V full = L::select(no_links, L::set(T(1)), L::set(T(1e-4))) * strongest;
+    const V full = L::set(T(1e-4)) * strongest;
     const V inverse_full = L::inverse(full);
     const auto weight_of = [&](V kl) ASTERISM_INLINED {
       return L::select(L::less(zero, kl), L::select(L::at_most(full, kl), one, kl * inverse_full), zero);

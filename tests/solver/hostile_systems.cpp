@@ -297,7 +297,9 @@ Problem weak_anchors(Rng& rng) {
   return problem;
 }
 Problem far_weak_anchor(Rng& rng) {
-  Problem problem = plain(rng, any_dimension(rng));
+  // With links: nodes that have none are measured by all anchors.
+  Problem problem =
+      plain(rng, any_dimension(rng), integer(rng, 2, 8), chance(rng, 0.5) ? Shape::Full : Shape::Tree);
   const int n = problem.nodes();
   problem.anchors.conservativeResize(Eigen::NoChange, n + 1);
   problem.start.conservativeResize(Eigen::NoChange, n + 1);

@@ -47,7 +47,7 @@ bool has_weak_anchors(const System& system) {
 template <typename Scalar>
 class SpringWeight {
  public:
-  explicit SpringWeight(Scalar strongest, Scalar share = Scalar(1e-4)) : full_(share * strongest) {}
+  explicit SpringWeight(Scalar strongest) : full_(Scalar(1e-4) * strongest) {}
   Scalar operator()(Scalar stiffness) const {
     if (!(stiffness > 0)) return 0;
     return stiffness >= full_ ? Scalar(1) : stiffness / full_;
@@ -70,8 +70,7 @@ typename System::Scalar mean_square_length(const System& system,
   };
   Scalar strongest = system.link_count() > 0 ? system.link_stiffness.maxCoeff() : Scalar(0);
   for (int i = 0; i < system.nodes(); ++i) strongest = std::max(strongest, anchor_stiffness(i));
-  // Nodes without links have nothing in common: of these, each anchor counts for what it holds.
-  const SpringWeight<Scalar> weight_of(strongest, all ? Scalar(1) : Scalar(1e-4));
+  const SpringWeight<Scalar> weight_of(strongest);
   Scalar total = 0;
   centroid.setZero();
   for (int i = 0; i < system.nodes(); ++i) {

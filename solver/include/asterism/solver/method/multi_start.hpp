@@ -10,7 +10,6 @@
 #include <asterism/solver/run/summary.hpp>
 #include <chrono>
 #include <cstdint>
-#include <limits>
 #include <new>
 #include <string_view>
 #include <utility>
@@ -42,7 +41,7 @@ struct MultiStartOptions : Options {
 template <typename Options>
 void visit_options(OptionVisitor& visit, MultiStartOptions<Options>& options) {
   visit_options(visit, static_cast<Options&>(options));
-  visit("starts", options.starts, {1, std::numeric_limits<int>::max()});
+  visit("starts", options.starts, {1, 1e9});
   visit("spread", options.spread, {0, 1e6});
   visit("seed", options.seed);
 }

@@ -5,7 +5,6 @@
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
-#include <limits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -52,8 +51,8 @@ struct SolverOptions {
 
 /// Their names.
 inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
-  visit("tolerance", options.tolerance, {0, std::numeric_limits<double>::max()});
-  visit("max_iterations", options.max_iterations, {0, std::numeric_limits<int>::max()});
+  visit("tolerance", options.tolerance, {0, 1e9});
+  visit("max_iterations", options.max_iterations, {0, 1e9});
   visit("ground_components", options.ground_components);
 }
 

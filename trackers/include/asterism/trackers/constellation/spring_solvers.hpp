@@ -43,7 +43,7 @@ extern template class ASTERISM_API SolverWorkspace<ElasticSolvers>;
 ASTERISM_API void set_anchor(DptSystem& system, int node, const Eigen::Matrix2d& information);
 ASTERISM_API void set_anchor(ElasticSystem& system, int node, const Eigen::Matrix2d& information);
 template <typename System>
-void set_anchor(System& system, int node, const Eigen::Matrix2d& information) {
+ASTERISM_API void set_anchor(System& system, int node, const Eigen::Matrix2d& information) {
   system.set_anchor_information(node, information);
 }
 
