@@ -18,9 +18,9 @@ class Descent {
  public:
   struct Options : SolverOptions {
     double share = 1;
-    friend void visit_options(OptionVisitor& visit, Options& options) {
-      visit_options(visit, static_cast<SolverOptions&>(options));
-      visit("share", options.share, {0.01, 1});
+    friend void visit_options(OptionVisitor& visit, Options& all) {
+      visit_options(visit, static_cast<SolverOptions&>(all));
+      visit("share", all.share, {0.01, 1});
     }
   };
 

@@ -37,7 +37,9 @@ class IterationCallback {
       : callable_(const_cast<std::remove_cv_t<F>*>(std::addressof(callable))),
   call_([](void* f, const Iteration& at) -> bool { return (*static_cast<F*>(f))(at); }) {}
 
+  /// Whether there is one.
   constexpr explicit operator bool() const { return call_ != nullptr; }
+  /// Calls it.
   bool operator()(const Iteration& at) const { return call_(callable_, at); }
 
  private:

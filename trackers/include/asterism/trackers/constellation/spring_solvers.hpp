@@ -92,6 +92,9 @@ class ASTERISM_API ElasticSolver {
 // What takes a compiler tens of seconds is compiled once, in dpt_solver.cpp and elastic_solver.cpp, as
 // asterism::solver_compiled has it for its systems, and only declared for all that include this header. The
 // solvers' classes need not be complete for that.
+
+/// @cond
+
 template <typename System>
 class DenseCholesky;
 template <typename System, typename Factorization>
@@ -115,6 +118,8 @@ extern template ASTERISM_API Summary detail::Compiled::solve(Newton<DptSystem>&,
 extern template ASTERISM_API Covariance<DptSystem> covariance(const DptSystem&, const DptSystem::Points&);
 extern template ASTERISM_API Summary detail::Compiled::solve(Auto<ElasticSystem>&, const ElasticSystem&,
                                                              ElasticSystem::Points&);
+
+/// @endcond
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
