@@ -167,6 +167,7 @@ class ReportCommand {
     app_.add_option("DIR", folder_, "folder of the results")->required();
     app_.add_option("--out", out_, "folder of the report; by default DIR/report");
     app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
+    app_.add_option("--sequences", only_, "only these")->delimiter(',');
     app_.add_option(
         "--interval", interval_,
         "LOW:HIGH, lengths that the supervised EAO is the mean over; by default by the density of "
@@ -180,7 +181,8 @@ class ReportCommand {
   int run() const {
     AnalysisOptions options;
     if (!interval_.empty()) options.interval = parse_interval(interval_);
-    const Campaign campaign = read_campaign(folder_, dataset_);
+    Campaign campaign = read_campaign(folder_, dataset_);
+    if (!only_.empty()) keep_sequences(campaign);
     const Analysis analysis = analyse(campaign, options);
     write_report(campaign, analysis, out_.empty() ? std::filesystem::path(folder_) / "report" : out_,
                  options_);
@@ -190,6 +192,15 @@ class ReportCommand {
   }
 
  private:
+  void keep_sequences(Campaign& campaign) const {
+    for (const std::string& name : only_)
+      if (std::ranges::find(campaign.sequences, name, &Sequence::name) == campaign.sequences.end())
+        throw std::invalid_argument("--sequences " + name + ": the results are not of such a sequence");
+    std::erase_if(campaign.sequences, [this](const Sequence& sequence) {
+      return std::ranges::find(only_, sequence.name) == only_.end();
+    });
+  }
+
   static LengthInterval parse_interval(const std::string& text) {
     LengthInterval interval;
     const char* const end = text.data() + text.size();
@@ -204,6 +215,7 @@ class ReportCommand {
 
   CLI::App& app_;
   std::string folder_, interval_;
+  std::vector<std::string> only_;
   std::filesystem::path out_, dataset_;
   ReportOptions options_;
 };

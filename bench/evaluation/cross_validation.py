@@ -1,0 +1,183 @@
+#!/usr/bin/env python3
+"""Chooses among declared variants of a tracker by nested cross-validation, and scores the choice where it was not made.
+
+    bench/evaluation/cross_validation.py CANDIDATES EVAL DATASET FOLDS OUT [OPTION...]
+
+CANDIDATES is a JSON file, {"candidates": {NAME: DESCRIPTION, ...}}: descriptions of trackers as `asterism-eval run --tracker` takes
+them, the published setting first, then from the simplest to the least simple. EVAL is the program asterism-eval. FOLDS has a line
+FOLD<tab>SEQUENCE... for each sequence; lines that begin with # are comments. Further options go to `asterism-eval run`, such as
+--starts 3 --workers 2. What OUT has is not run again; interrupt and repeat the command to go on.
+
+All candidates are run on all sequences, supervised and in one pass. Then, for each fold in turn, the choice is made on the other
+folds: the published setting stays unless a candidate is better in both the supervised EAO and the one-pass AO beyond the 95 %
+interval of a paired bootstrap over sequences and starts; a later candidate replaces an earlier one only by the same rule. The
+choice of each fold is scored on that fold alone. Together these results, which nothing was chosen on, are the tracker
+`out-of-fold`, whose figures are the ones to print.
+
+OUT/tried.json lists every candidate ever declared for this folder. It only grows: candidates that are taken out of the file again
+still count as tried, and one whose description changes needs another name.
+
+Prints a table in Markdown, with the number of candidates tried; OUT/cross_validation.json has all of it.
+"""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+OUT_OF_FOLD = "out-of-fold"
+RULE = ("EAO", "AO")  # a choice has to be better in both
+SHOWN = (("EAO", 3), ("A", 3), ("F", 1), ("AO", 3))
+
+
+class BadInput(Exception):
+    """What is wrong with the input, in one line."""
+
+
+def read_candidates(path):
+    try:
+        candidates = json.loads(Path(path).read_text(encoding="utf-8"))["candidates"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise BadInput(f"{path}: not a JSON object with \"candidates\": {error}") from error
+    if not isinstance(candidates, dict) or len(candidates) < 2:
+        raise BadInput(f"{path}: \"candidates\" must have two descriptions or more by name")
+    for name, description in candidates.items():
+        if not isinstance(description, str) or name == OUT_OF_FOLD:
+            raise BadInput(f"{path}: {name}: not a name with a tracker's description")
+    return candidates
+
+
+def read_folds(path):
+    """{fold: [sequence, ...]}"""
+    folds = {}
+    try:
+        lines = Path(path).read_text(encoding="utf-8").splitlines()
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}") from error
+    for number, line in enumerate(lines, 1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        cells = line.split("\t")
+        if len(cells) < 2 or not cells[1].strip():
+            raise BadInput(f"{path}:{number}: expected FOLD<tab>SEQUENCE")
+        if any(cells[1] in sequences for sequences in folds.values()):
+            raise BadInput(f"{path}:{number}: {cells[1]} is there twice")
+        folds.setdefault(cells[0], []).append(cells[1])
+    if len(folds) < 2:
+        raise BadInput(f"{path}: two folds at least are needed")
+    return folds
+
+
+def declare(candidates, out):
+    """Writes down what is tried, before it is; all that ever was."""
+    path = out / "tried.json"
+    tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    for name, description in candidates.items():
+        if tried.setdefault(name, description) != description:
+            raise BadInput(f"{path}: {name} was {tried[name]}: give the changed candidate another name")
+    out.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(tried, indent=1) + "\n", encoding="utf-8")
+    return tried
+
+
+def run(command):
+    try:
+        result = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
+    except OSError as error:
+        raise BadInput(f"{command[0]}: {error.strerror}") from error
+    if result.returncode != 0:
+        sys.exit(result.returncode)
+
+
+def report(program, out, sequences, to):
+    """The summary by tracker, and {(measure, a, b): (value, low, high)} of a - b."""
+    run([program, "report", str(out), "--out", str(to), "--sequences", ",".join(sequences)])
+
+    def rows(name):
+        with open(to / name, newline="", encoding="utf-8") as file:
+            return list(csv.DictReader(file))
+
+    differences = {}
+    for row in rows("differences.csv"):
+        value, low, high = (float(row[key]) for key in ("value", "low", "high"))
+        differences[row["measure"], row["a"], row["b"]] = value, low, high
+        differences[row["measure"], row["b"], row["a"]] = -value, -high, -low
+    return {row["tracker"]: row for row in rows("summary.csv")}, differences
+
+
+def choose(names, differences):
+    """The published setting, which is the first, unless another is better beyond doubt."""
+    choice = names[0]
+    for name in names[1:]:
+        if all(differences[measure, name, choice][1] > 0 for measure in RULE):
+            choice = name
+    return choice
+
+
+def copy_results(out, tracker, sequences):
+    """The results of `tracker` on these sequences become those of out-of-fold."""
+    for experiment in sorted((out / "results" / tracker).iterdir()):
+        for sequence in sequences:
+            source = experiment / sequence
+            if source.exists():
+                shutil.copytree(source, out / "results" / OUT_OF_FOLD / experiment.name / sequence)
+
+
+def table(summary, names):
+    yield "| | " + " | ".join(name for name, _ in SHOWN) + " |"
+    yield "|---" * (len(SHOWN) + 1) + "|"
+    for name in names:
+        row = summary[name]
+        yield f"| {name} | " + " | ".join(f"{float(row[key]):.{digits}f}" for key, digits in SHOWN) + " |"
+
+
+def cross_validate(candidates_file, program, dataset, folds_file, out, options):
+    candidates, folds, out = read_candidates(candidates_file), read_folds(folds_file), Path(out)
+    tried = declare(candidates, out)
+    sequences = [sequence for fold in folds.values() for sequence in fold]
+    command = [program, "run", dataset, "--out", str(out), "--protocol", "vot,otb", "--boxes", "--overlap", "exact",
+               "--sequences", ",".join(sequences), *options]
+    for name, description in candidates.items():
+        command += ["--tracker", f"{name}={description}"]
+    run(command)
+
+    names = list(candidates)
+    shutil.rmtree(out / "results" / OUT_OF_FOLD, ignore_errors=True)
+    choices = {}
+    for fold, held_out in folds.items():
+        _, differences = report(program, out, [s for s in sequences if s not in held_out], out / "folds" / fold)
+        choices[fold] = choose(names, differences)
+    for fold, held_out in folds.items():
+        copy_results(out, choices[fold], held_out)
+    summary, differences = report(program, out, sequences, out / "report")
+    # What to use from now on: chosen on all folds.
+    final = choose(names, differences)
+    result = {"tried": tried, "choices": choices, "chosen_on_all": final,
+              "figures": {name: {key: float(summary[name][key]) for key, _ in SHOWN} for name in [OUT_OF_FOLD, *names]},
+              "out_of_fold_minus_published": {measure: differences[measure, OUT_OF_FOLD, names[0]] for measure in RULE}}
+    (out / "cross_validation.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
+
+    print(f"{len(tried)} candidates tried on {len(sequences)} sequences in {len(folds)} folds.")
+    for fold, choice in choices.items():
+        print(f"Fold {fold}: chosen on the others, {choice}")
+    print(f"Chosen on all: {final}\n")
+    print("\n".join(table(summary, [OUT_OF_FOLD, *names])))
+    print()
+    for measure in RULE:
+        value, low, high = result["out_of_fold_minus_published"][measure]
+        print(f"{measure} out of fold, against {names[0]}: {value:+.3f} ({low:+.3f} to {high:+.3f})")
+
+
+def main():
+    if len(sys.argv) < 6:
+        sys.exit(__doc__)
+    try:
+        cross_validate(*sys.argv[1:6], sys.argv[6:])
+    except BadInput as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()
