@@ -70,11 +70,11 @@ class TrackerBase {
   }
 
  protected:
-  TrackerBase() = default;                               ///< For trackers alone, as what follows.
-  TrackerBase(const TrackerBase&) = default;             ///< A copy.
-  TrackerBase(TrackerBase&&) = default;                  ///< Moved.
-  TrackerBase& operator=(const TrackerBase&) = default;  ///< A copy.
-  TrackerBase& operator=(TrackerBase&&) = default;       ///< Moved.
+  TrackerBase() = default;                                   ///< For trackers alone, as what follows.
+  TrackerBase(const TrackerBase&) = default;                 ///< A copy.
+  TrackerBase(TrackerBase&&) noexcept = default;             ///< Moved.
+  TrackerBase& operator=(const TrackerBase&) = default;      ///< A copy.
+  TrackerBase& operator=(TrackerBase&&) noexcept = default;  ///< Moved.
   ~TrackerBase() = default;
 
  private:
