@@ -73,7 +73,10 @@ def read_folds(path):
 def declare(candidates, out):
     """Writes down what is tried, before it is; all that ever was."""
     path = out / "tried.json"
-    tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    try:
+        tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+    except ValueError as error:
+        raise BadInput(f"{path}: damaged: {error}") from error
     for name, description in candidates.items():
         if tried.setdefault(name, description) != description:
             raise BadInput(f"{path}: {name} was {tried[name]}: give the changed candidate another name")
@@ -101,7 +104,8 @@ def report(program, out, sequences, to):
 
     differences = {}
     for row in rows("differences.csv"):
-        value, low, high = (float(row[key]) for key in ("value", "low", "high"))
+        # Of a single sequence there is no interval, and nothing is favored.
+        value, low, high = (float(row[key] or "nan") for key in ("value", "low", "high"))
         differences[row["measure"], row["a"], row["b"]] = value, low, high
         differences[row["measure"], row["b"], row["a"]] = -value, -high, -low
     return {row["tracker"]: row for row in rows("summary.csv")}, differences

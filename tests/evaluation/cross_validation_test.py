@@ -38,6 +38,10 @@ class ChoiceTest(unittest.TestCase):
         both = [("simple", "published", 0.01, 0.01), ("complex", "published", 0.02, 0.02), ("complex", "simple", -0.01, 0.3)]
         self.assertEqual(cv.choose(self.names, differences_of(both)), "simple")
 
+    def test_without_an_interval_nothing_is_favored(self):
+        nan = float("nan")
+        self.assertEqual(cv.choose(self.names[:2], differences_of([("simple", "published", nan, nan)])), "published")
+
     def test_a_later_one_that_is_better_than_the_choice(self):
         best = [("simple", "published", 0.01, 0.01), ("complex", "published", 0.02, 0.02), ("complex", "simple", 0.01, 0.01)]
         self.assertEqual(cv.choose(self.names, differences_of(best)), "complex")
@@ -77,6 +81,8 @@ class InputTest(Files):
         cv.declare({"a": "kcf", "b": "dpt"}, self.folder)
         self.assertEqual(cv.declare({"a": "kcf", "c": "dpt_plus"}, self.folder), {"a": "kcf", "b": "dpt", "c": "dpt_plus"})
         self.refused("b was dpt", cv.declare, {"a": "kcf", "b": "dpt_crs"}, self.folder)
+        self.write("tried.json", "{")
+        self.refused("tried.json: damaged", cv.declare, {"a": "kcf", "b": "dpt"}, self.folder)
 
 
 class RunTest(Files):
