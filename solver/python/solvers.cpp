@@ -34,12 +34,6 @@ class OptionLister final : public OptionVisitor {
   void list(std::string_view name, T value) {
     values[py::str(name)] = py::cast(value);
   }
-  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
-  std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
-    return value;
-  }
-  void enter(std::string_view) override {}
-  void leave() override {}
 };
 
 // Sets one option to a Python value.
@@ -80,12 +74,6 @@ class OptionSetter final : public OptionVisitor {
     throw py::type_error("option " + name_ + ": expected " + expected + ", found " +
                          py::repr(given_).cast<std::string>());
   }
-  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
-  std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
-    return value;
-  }
-  void enter(std::string_view) override {}
-  void leave() override {}
 
   std::string name_;
   py::handle given_;

@@ -45,15 +45,11 @@ class Walk final : public OptionVisitor {
   void operator()(std::string_view, std::uint64_t&) override {}
 
  private:
-  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
   template <typename T>
   void see(std::string_view name, T& value, const OptionRange& range, bool whole) {
     const std::string path = prefix_ + std::string(name);
     numbers.push_back({path, range, whole});
     if (path == path_) value = static_cast<T>(value_);
-  }
-  std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
-    return value;
   }
   void enter(std::string_view name) override { prefix_ += std::string(name) + '.'; }
   void leave() override { prefix_.erase(prefix_.find_last_of('.', prefix_.size() - 2) + 1); }

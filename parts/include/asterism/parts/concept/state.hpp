@@ -120,7 +120,6 @@ class ASTERISM_API StateArchive {
       return value;
     }
     void enter(std::string_view name) override { archive_.name(name); }
-    void leave() override {}
     void check(std::string_view name, double value);
 
     StateArchive& archive_;

@@ -31,7 +31,7 @@ struct IdaOptions : AlignedOptions {
   }
 };
 
-/// Their names.
+/// The names of these options, for an OptionVisitor.
 inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
   visit_options(visit, static_cast<AlignedOptions&>(options));
   visit("relaxation", options.relaxation, {1e-9, 2 - 1e-9});

@@ -37,7 +37,7 @@ struct MultiStartOptions : Options {
   }
 };
 
-/// Their names.
+/// The names of these options, for an OptionVisitor.
 template <typename Options>
 void visit_options(OptionVisitor& visit, MultiStartOptions<Options>& options) {
   visit_options(visit, static_cast<Options&>(options));

@@ -30,7 +30,7 @@ struct NewtonOptions : AlignedOptions {
   constexpr NewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
 };
 
-/// Their names.
+/// The names of these options, for an OptionVisitor.
 inline void visit_options(OptionVisitor& visit, NewtonOptions& options) {
   visit_options(visit, static_cast<AlignedOptions&>(options));
   visit("escape_saddles", options.escape_saddles);

@@ -132,7 +132,7 @@ struct SparseNewtonOptions : AlignedOptions {
   constexpr SparseNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
 };
 
-/// Their names.
+/// The names of these options, for an OptionVisitor.
 inline void visit_options(OptionVisitor& visit, SparseNewtonOptions& options) {
   visit_options(visit, static_cast<AlignedOptions&>(options));
   visit("escape_saddles", options.escape_saddles);

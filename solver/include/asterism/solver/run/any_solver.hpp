@@ -159,8 +159,6 @@ class OptionSetter final : public OptionVisitor {
     if (is_named(name)) refuse("cannot be set by a value");
     return value;
   }
-  void enter(std::string_view) override {}
-  void leave() override {}
   [[noreturn]] void refuse(std::string_view what) const {
     raise(std::invalid_argument(std::string(of_) + ": option '" + option_.name + "' " + std::string(what)));
   }

@@ -95,11 +95,13 @@ class OptionVisitor {
   OptionVisitor& operator=(const OptionVisitor&) = default;
 
  private:
-  virtual void made_by_name(std::string_view name, MemberReference member, std::string_view made) = 0;
-  virtual std::size_t choose(std::string_view name, std::size_t value,
-                             std::initializer_list<std::string_view> names) = 0;
-  virtual void enter(std::string_view name) = 0;
-  virtual void leave() = 0;
+  // Of what a visitor does not look at, nothing changes.
+  virtual void made_by_name(std::string_view, MemberReference, std::string_view) {}
+  virtual std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) {
+    return value;
+  }
+  virtual void enter(std::string_view) {}
+  virtual void leave() {}
 };
 
 namespace detail {
@@ -120,10 +122,6 @@ class RangeCheck final : public OptionVisitor {
   void operator()(std::string_view, std::uint64_t&) override {}
 
  private:
-  void made_by_name(std::string_view, MemberReference, std::string_view) override {}
-  std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) override {
-    return value;
-  }
   void enter(std::string_view name) override { path_.push_back(name); }
   void leave() override { path_.pop_back(); }
 

@@ -49,7 +49,7 @@ struct SolverOptions {
   }
 };
 
-/// Their names.
+/// The names of these options, for an OptionVisitor.
 inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("tolerance", options.tolerance, {0, 1e9});
   visit("max_iterations", options.max_iterations, {0, 1e9});
@@ -70,7 +70,7 @@ struct AlignedOptions : SolverOptions {
   constexpr AlignedOptions(const SolverOptions& options) : SolverOptions(options) {}
 };
 
-/// Their names.
+/// The names of these options, for an OptionVisitor.
 inline void visit_options(OptionVisitor& visit, AlignedOptions& options) {
   visit_options(visit, static_cast<SolverOptions&>(options));
   visit("align", options.align);
