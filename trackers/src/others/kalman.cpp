@@ -11,7 +11,7 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-using State = Eigen::Matrix<double, 6, 6>;
+using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
 // Before anything is known of its motion the object may move by its mean side in a frame, and grow by e^0.1.
 constexpr double kVelocity = 1, kSizeVelocity = 0.1;
@@ -34,7 +34,7 @@ void ConstantVelocityFilter::start(const Vector& position, const Matrix& covaria
 }
 
 void ConstantVelocityFilter::predict(const Vector& density) {
-  State motion = State::Identity();
+  Matrix6 motion = Matrix6::Identity();
   motion.topRightCorner<3, 3>().setIdentity();
   state_ = motion * state_;
   covariance_ = motion * covariance_ * motion.transpose();
@@ -50,7 +50,7 @@ void ConstantVelocityFilter::update(const Vector& measured, const Matrix& covari
   const Eigen::Matrix<double, 6, 3> gain = innovation.ldlt().solve(covariance_.topRows<3>()).transpose();
   state_ += gain * (measured - position());
   // Joseph's form: symmetric and positive whatever the rounding.
-  State rest = State::Identity();
+  Matrix6 rest = Matrix6::Identity();
   rest.leftCols<3>() -= gain;
   covariance_ = rest * covariance_ * rest.transpose() + gain * covariance * gain.transpose();
 }

@@ -94,17 +94,17 @@ void Dpt::visit_learned(StateArchive& archive) {
 }
 
 void ConstantVelocityFilter::visit_state(StateArchive& archive) {
-  using State = Eigen::Matrix<double, 6, 6>;
+  using Correlation = Eigen::Matrix<double, 6, 6>;
   archive(state_);
   archive(covariance_);
   // Of correlations, not variances: the units of the coordinates differ.
   const auto variance = covariance_.diagonal().array();
   archive.require((variance >= 0).all());
   const Eigen::Vector<double, 6> weight = variance.max(std::numeric_limits<double>::min()).rsqrt();
-  const State correlation = weight.asDiagonal() * covariance_ * weight.asDiagonal();
+  const Correlation correlation = weight.asDiagonal() * covariance_ * weight.asDiagonal();
   archive.require(
       (correlation - correlation.transpose()).cwiseAbs().maxCoeff() <= kRounding &&
-      Eigen::SelfAdjointEigenSolver<State>(correlation, Eigen::EigenvaluesOnly).eigenvalues()[0] >=
+      Eigen::SelfAdjointEigenSolver<Correlation>(correlation, Eigen::EigenvaluesOnly).eigenvalues()[0] >=
           -kRounding);
 }
 
