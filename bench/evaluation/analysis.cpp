@@ -202,7 +202,7 @@ class Reader {
     OnePassSequence read;
     for (const Run& run : runs)
       with(tracker, sequence, run, [&](const Trajectory& trajectory) {
-        read.runs.push_back(one_pass_run(trajectory, sequence));
+        read.runs.push_back(one_pass_run(trajectory, sequence, campaign_.options));
         if (protocol != Protocol::Otb) return;
         tracker.timing += timing(trajectory);
         if (!scores.overlaps.empty()) return;

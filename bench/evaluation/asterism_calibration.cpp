@@ -41,7 +41,7 @@ std::vector<Search> searches(AnyPart part, const Sequence& sequence) {
     }
     const cv::Mat image = reader(t);
     const Frame frame(image);
-    const cv::Rect2d box = sequence.truth[t]->box();
+    const cv::Rect2d box = sequence.truth[t]->equal_area_box();
     const Point2 truth = centre_of(box);
     if (!started) {
       part.init(frame, truth, {box.width, box.height});

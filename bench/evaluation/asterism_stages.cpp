@@ -27,7 +27,7 @@ struct Diagnostics {
 Start told(const std::string& name, Diagnostics& diagnostics) {
   return [name, &diagnostics](const Image& image, const Region& object) -> Step {
     auto tracker = std::make_shared<asterism::AnyTracker>(asterism::make_tracker(name));
-    tracker->init(image.pixels, object.box());
+    tracker->init(image.pixels, object);
     return [tracker, &diagnostics](const Image& frame) {
       const asterism::TrackResult result = tracker->update(frame.pixels);
       for (const asterism::StageTime& time : result.times)

@@ -58,7 +58,7 @@ struct Outcome {
 Begin ours(const std::string& name) {
   return [name](const bench::Image& image, const Region& object) -> Track {
     auto tracker = std::make_shared<AnyTracker>(make_tracker(name));
-    tracker->init(image.pixels, object.box());
+    tracker->init(image.pixels, object);
     return [tracker](const bench::Image& next) {
       const TrackResult result = tracker->update(next.pixels);
       return Answer{
@@ -144,8 +144,9 @@ Track candidates(const bench::Image& image, const Region& object) {
   DptOptions options;
   options.coarse.root = WatchedRoot(run->seen);
   run->tracker.emplace(options);
-  run->tracker->init(image.pixels, object.box());
-  run->first.init(Frame(image.pixels), centre_of(object.box()), {object.box().width, object.box().height});
+  run->tracker->init(image.pixels, object);
+  const cv::Rect2d box = object.equal_area_box();
+  run->first.init(Frame(image.pixels), centre_of(box), {box.width, box.height});
   return [run](const bench::Image& next) {
     TrackResult result = run->tracker->update(next.pixels);
     double parts = 0, weakest = 1, stretch = 0;
@@ -195,7 +196,7 @@ std::vector<Outcome> outcomes(const Begin& begin, const Sequence& sequence) {
     Answer answer = track(bench::Image(reader(t)));
     if (answer.region) last = *answer.region;
     if (!sequence.truth[t]) continue;
-    const cv::Rect2d truth = sequence.truth[t]->box(), box = last.box();
+    const cv::Rect2d truth = sequence.truth[t]->equal_area_box(), box = last.box();
     Outcome& outcome = result.emplace_back();
     outcome.overlap = overlap(Region::rectangle(box), Region::rectangle(truth), bench::OverlapRule::Exact);
     outcome.signals = std::move(answer.signals);

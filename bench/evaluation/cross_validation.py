@@ -141,7 +141,7 @@ def cross_validate(candidates_file, program, dataset, folds_file, out, options):
     candidates, folds, out = read_candidates(candidates_file), read_folds(folds_file), Path(out)
     tried = declare(candidates, out)
     sequences = [sequence for fold in folds.values() for sequence in fold]
-    command = [program, "run", dataset, "--out", str(out), "--protocol", "vot,otb", "--boxes", "--overlap", "exact",
+    command = [program, "run", dataset, "--out", str(out), "--protocol", "vot,otb", "--overlap", "exact",
                "--sequences", ",".join(sequences), *options]
     for name, description in candidates.items():
         command += ["--tracker", f"{name}={description}"]

@@ -21,7 +21,7 @@ constexpr std::string_view kTrax = "trax:";
 Start our_tracker(const std::string& name) {
   return [name](const Image& image, const Region& object) -> Step {
     auto tracker = std::make_shared<AnyTracker>(make_tracker(name));
-    tracker->init(image.pixels, object.box());
+    tracker->init(image.pixels, object);
     return [tracker](const Image& next) {
       const TrackResult result = tracker->update(next.pixels);
       return Report{Region::rectangle(result.box), result.confidence};  // also where it is not sure of it

@@ -33,7 +33,7 @@ struct Report {
 
 /// A running tracker, at the next frame. May throw whatever the tracker throws.
 using Step = std::function<Report(const Image&)>;
-/// Starts a new tracker on an object; those that track boxes take a polygon's bounding box.
+/// Starts a new tracker on an object; those that track boxes take its equal_area_box.
 using Start = std::function<Step(const Image&, const Region&)>;
 
 /// A tracker of another program that cannot be used at all: it could not be started, or ended or was silent

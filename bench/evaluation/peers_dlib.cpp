@@ -10,7 +10,7 @@ namespace asterism::bench {
 void add_dlib_peers(std::map<std::string, Start>& peers) {
   // Its rectangles are from the first to the last pixel, both included.
   peers["dlib"] = [](const Image& image, const Region& object) -> Step {
-    const cv::Rect2d& b = object.box();
+    const cv::Rect2d b = object.equal_area_box();
     auto tracker = std::make_shared<dlib::correlation_tracker>();
     tracker->start_track(dlib::cv_image<dlib::bgr_pixel>(image.pixels),
                          dlib::drectangle(b.x, b.y, b.x + b.width - 1, b.y + b.height - 1));

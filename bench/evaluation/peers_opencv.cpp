@@ -16,7 +16,7 @@ constexpr int kSeed = 1;
 template <class Tracker>
 Step start(const Image& image, const Region& object) {
   cv::setRNGSeed(kSeed);
-  const cv::Rect2d& b = object.box();
+  const cv::Rect2d b = object.equal_area_box();
   auto tracker = Tracker::create();
   tracker->init(image.pixels, {cvRound(b.x), cvRound(b.y), cvRound(b.width), cvRound(b.height)});
   return [tracker](const Image& next) {
@@ -30,8 +30,9 @@ template <class Tracker>
 Step start_legacy(const Image& image, const Region& object) {
   cv::setRNGSeed(kSeed);
   auto tracker = Tracker::create();
-  if (!tracker->init(image.pixels, object.box())) throw std::runtime_error("the tracker refuses to start");
-  return [tracker, last = object.box()](const Image& next) mutable {
+  const cv::Rect2d box = object.equal_area_box();
+  if (!tracker->init(image.pixels, box)) throw std::runtime_error("the tracker refuses to start");
+  return [tracker, last = box](const Image& next) mutable {
     Report report;
     if (tracker->update(next.pixels, last)) report.region = Region::rectangle(last);
     return report;

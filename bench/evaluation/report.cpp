@@ -110,7 +110,7 @@ std::string overlap_text(const ProtocolOptions& options) {
   return std::string(to_string(options.overlap)) + " (" + meaning() + "), " +
          (options.bounded ? "bounded to the image" : "not bounded to the image") + "; ground truth " +
          (options.boxes ? "as axis-aligned boxes" : "as annotated") +
-         ". One-pass figures: exact overlap of axis-aligned boxes.";
+         ". One-pass figures: exact overlap of upright boxes, of a polygon's area.";
 }
 
 std::string list_entry(const std::string& name, const std::string& value) {

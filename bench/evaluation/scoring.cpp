@@ -29,7 +29,7 @@ double overlap_in(const TrajectoryFrame& frame, const Sequence& sequence, std::s
 
 OtbBox otb_box(const std::optional<Region>& region) {
   if (!region) return {kNone, kNone, kNone, kNone};
-  const cv::Rect2d& box = region->box();
+  const cv::Rect2d box = region->equal_area_box();
   return {box.x, box.y, box.width, box.height};
 }
 
@@ -50,7 +50,8 @@ SupervisedRun supervised_run(const Trajectory& trajectory, const Sequence& seque
   return run;
 }
 
-OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence) {
+OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
+                        const ProtocolOptions& options) {
   check_length(trajectory, sequence.length(), sequence);
   // Before its start a run has frames of no region and the code 0.
   const auto first =
@@ -62,7 +63,7 @@ OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence) 
   std::vector<OtbBox> result, truth;
   for (std::size_t t = first; t < trajectory.frames.size(); ++t) {
     result.push_back(otb_box(trajectory.frames[t].region));
-    truth.push_back(otb_box(sequence.truth[t]));
+    truth.push_back(otb_box(truth_of(sequence, t, options)));
   }
   // A started tracker has no region of its own, but it may be asked for when the next one is missing.
   if (!result.empty() && !trajectory.frames[first].region) result.front() = truth.front();

@@ -18,9 +18,10 @@ namespace asterism::bench {
 SupervisedRun supervised_run(const Trajectory& trajectory, const Sequence& sequence,
                              const ProtocolOptions& options, std::optional<cv::Size> image = {});
 
-/// Of a run of Protocol::Otb, Tre or Sre, from the frame on that it starts on: axis-aligned bounding boxes
-/// and their exact overlap, whatever the options say.
-OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence);
+/// Of a run of Protocol::Otb, Tre or Sre, from the frame on that it starts on: the exact overlap of boxes,
+/// polygons being replaced by their equal_area_box.
+OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
+                        const ProtocolOptions& options);
 
 /// Of a run of Protocol::MultiStart from an anchor.
 AnchorRun anchor_run(const Trajectory& trajectory, const Sequence& sequence, const Run& run,

@@ -178,7 +178,7 @@ TEST_F(ProtocolsTest, TemporalAndSpatialStartsAndAnchors) {
   const auto from_there = run(start, moving, later);
   EXPECT_EQ(started.back().first, static_cast<int>(later.first));
   EXPECT_EQ(codes(from_there->trajectory)[later.first], TrajectoryFrame::kStarted);
-  EXPECT_EQ(one_pass_run(from_there->trajectory, moving).overlaps.size(), 120 - later.first);
+  EXPECT_EQ(one_pass_run(from_there->trajectory, moving, {}).overlaps.size(), 120 - later.first);
 
   const std::vector<bench::Run> shifts = runs_of(moving, Protocol::Sre, {});
   ASSERT_EQ(shifts.size(), 12u);
@@ -241,7 +241,7 @@ TEST_F(ProtocolsTest, ResultsThatDoNotFitTheSequenceAreRefused) {
   Trajectory shorter;
   shorter.frames.resize(4);
   EXPECT_THROW(supervised_run(shorter, moving, {}), std::runtime_error);
-  EXPECT_THROW(one_pass_run(shorter, moving), std::runtime_error);
+  EXPECT_THROW(one_pass_run(shorter, moving, {}), std::runtime_error);
 }
 
 TEST_F(ProtocolsTest, NamesOfProtocols) {

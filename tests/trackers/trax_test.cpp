@@ -349,12 +349,13 @@ class Trax : public Test {
     const auto middle = [](const cv::Rect2d& box) {
       return Complex(box.x + box.width / 2, box.y + box.height / 2);
     };
-    const Complex factor = std::polar(result.box.width / start.box().width, result.angle);
-    EXPECT_NEAR(std::abs(factor), result.box.height / start.box().height, 1e-9);
+    const cv::Rect2d first = start.equal_area_box();
+    const Complex factor = std::polar(result.box.width / first.width, result.angle);
+    EXPECT_NEAR(std::abs(factor), result.box.height / first.height, 1e-9);
     ASSERT_EQ(region.points().size(), start.points().size());
     for (size_t i = 0; i < start.points().size(); ++i) {
       const cv::Point2d &p = start.points()[i], &q = region.points()[i];
-      const Complex expected = middle(result.box) + factor * (Complex(p.x, p.y) - middle(start.box()));
+      const Complex expected = middle(result.box) + factor * (Complex(p.x, p.y) - middle(first));
       EXPECT_LT(std::abs(Complex(q.x, q.y) - expected), 1e-9);
     }
   }
@@ -373,8 +374,8 @@ class Trax : public Test {
         TrackResult expected;
         if (frame == 0) {
           trackers.push_back(make_tracker(name));
-          trackers[i].init(image, objects[i].box());
-          expected.box = objects[i].box();
+          trackers[i].init(image, objects[i].equal_area_box());
+          expected.box = objects[i].equal_area_box();
           expected.confidence = 1;
         } else {
           expected = trackers[i].update(image);

@@ -59,8 +59,33 @@ std::optional<PixelRange> range_of(const Range& range) {
   return found;
 }
 
-using Box = std::array<double, 4>;
-cv::Rect2d rect_of(const Box& box) { return {box[0], box[1], box[2], box[3]}; }
+/// Where an object is at the start: x, y, width, height; the corners of a polygon, flat or (N, 2); or a mask
+/// (height, width) of bool or uint8. ValueError for anything else.
+Region region_of(const py::object& object) {
+  const auto array = py::array::ensure(object);
+  if (!array) {
+    PyErr_Clear();
+    throw py::value_error("the object: expected numbers or a mask, found " +
+                          py::repr(object).cast<std::string>());
+  }
+  const bool corners = array.ndim() == 1 || (array.ndim() == 2 && array.shape(1) == 2);
+  if (array.ndim() == 2 && !corners &&
+      (array.dtype().kind() == 'b' || array.dtype().is(py::dtype::of<uint8_t>()))) {
+    auto mask = py::array_t<uint8_t, py::array::c_style | py::array::forcecast>(array);
+    return Region::mask(cv::Mat(static_cast<int>(mask.shape(0)), static_cast<int>(mask.shape(1)), CV_8UC1,
+                                mask.mutable_data()));
+  }
+  const auto numbers = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
+  if (!numbers) PyErr_Clear();
+  if (!numbers || !corners || (numbers.size() != 4 && (numbers.size() < 6 || numbers.size() % 2 != 0)))
+    throw py::value_error(
+        "the object: expected x, y, width, height, the corners of a polygon, or a mask of bool or uint8");
+  const double* v = numbers.data();
+  if (numbers.size() == 4) return Region::rectangle({v[0], v[1], v[2], v[3]});
+  std::vector<cv::Point2d> points;
+  for (py::ssize_t i = 0; i < numbers.size(); i += 2) points.emplace_back(v[i], v[i + 1]);
+  return Region::polygon(std::move(points));
+}
 
 AnyTracker made(const std::string& name, const py::object& options) {
   std::string description = name;
@@ -90,14 +115,15 @@ class Tracker {
 
   const std::string& name() const { return name_; }
 
-  void init(const py::object& image, const Box& box) {
+  void init(const py::object& image, const py::object& box) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
+    const Region region = region_of(box);
     run([&] {
       if (range_)
-        tracker_.init(Frame(mat, range_), rect_of(box));
+        tracker_.init(Frame(mat, range_), region);
       else
-        tracker_.init(mat, rect_of(box));
+        tracker_.init(mat, region);
     });
   }
 
@@ -139,17 +165,18 @@ class Objects {
  public:
   Objects(int threads, const Range& range) : objects_(threads), range_(range_of(range)) {}
 
-  void add(int id, const py::object& image, const Box& box, const std::string& name,
+  void add(int id, const py::object& image, const py::object& box, const std::string& name,
            const py::object& options) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
+    const Region region = region_of(box);
     AnyTracker tracker = made(name, options);
     const Exclusive use(busy_, "this asterism.MultiTracker");
     const py::gil_scoped_release release;
     if (range_)
-      objects_.add(id, std::move(tracker), Frame(mat, range_), rect_of(box));
+      objects_.add(id, std::move(tracker), Frame(mat, range_), region);
     else
-      objects_.add(id, std::move(tracker), mat, rect_of(box));
+      objects_.add(id, std::move(tracker), mat, region);
   }
 
   bool remove(int id) {
@@ -321,9 +348,12 @@ void bind_trackers(py::module_& m) {
           "are all 16: a first image of uint16 up to 255 alone is refused.\n"
           "ValueError names what is wrong.")
       .def("init", &Tracker::init, py::arg("image"), py::arg("box"),
-           "Start on an object; may be called again at any time. ValueError, and the former state, for a box "
-           "that\n"
-           "is not finite, smaller than 1 x 1 or off the image.")
+           "Start on an object; may be called again at any time. box: x, y, width, height; or the corners of "
+           "a\n"
+           "polygon, x1, y1, x2, y2, .. or (N, 2); or a mask, (height, width) of bool or uint8. Of a polygon "
+           "or\n"
+           "a mask the upright box of the same area and centre is followed.\n"
+           "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image.")
       .def("update", &Tracker::update, py::arg("image"),
            "The object in the next image. RuntimeError before init.")
       .def("save", &Tracker::save,

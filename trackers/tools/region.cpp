@@ -28,21 +28,6 @@ void append(std::string& text, double value) {
 
 }  // namespace
 
-Region Region::rectangle(const cv::Rect2d& b) {
-  const double right = b.x + b.width, bottom = b.y + b.height;
-  return {true, {{b.x, b.y}, {right, b.y}, {right, bottom}, {b.x, bottom}}, b};
-}
-
-Region Region::polygon(std::vector<cv::Point2d> points) {
-  if (points.size() < 3) throw std::invalid_argument("a polygon needs at least three corners");
-  cv::Point2d low = points[0], high = points[0];
-  for (const cv::Point2d& p : points) {
-    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
-    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
-  }
-  return {false, std::move(points), {low, high}};
-}
-
 std::optional<Region> to_region(std::span<const double> v) {
   if (!std::all_of(v.begin(), v.end(), [](double d) { return std::isfinite(d); })) return {};
   if (v.size() == 4) {

@@ -32,11 +32,12 @@ namespace {
 
 cv::Rect2d parse_box(const std::string& text) {
   const std::optional<Region> region = parse_region(text);
-  if (!region || !region->is_rectangle() || region->box().width < 1 || region->box().height < 1) {
+  if (!region || region->box().width < 1 || region->box().height < 1) {
     throw std::runtime_error("--box \"" + text +
-                             "\" is not x,y,width,height: four numbers, width and height at least 1");
+                             "\" is neither x,y,width,height nor the corners x1,y1,x2,y2,.. of a polygon, of "
+                             "width and height at least 1");
   }
-  return region->box();
+  return region->equal_area_box();
 }
 
 // The files that are to be written, with their options.
@@ -109,7 +110,7 @@ std::vector<cv::Rect2d> first_boxes(const Options& options, const std::vector<st
     return boxes;
   }
   const auto index = static_cast<size_t>(options.start - 1);
-  if (index < truth.size() && truth[index]) return {truth[index]->box()};
+  if (index < truth.size() && truth[index]) return {truth[index]->equal_area_box()};
   if (window != nullptr) {
     const cv::Rect2d box = window->select(image);
     if (box.empty()) throw std::runtime_error("no box was selected");

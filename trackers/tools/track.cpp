@@ -39,8 +39,8 @@ int run_command_line(int argc, char** argv) {
       ->required();
   const CLI::Range count(1, 1'000'000'000);
   app.add_option("--box", options.boxes,
-                 "x,y,w,h of the object in the first frame [px]; default: ground truth; again for each "
-                 "further object")
+                 "x,y,w,h of the object in the first frame [px], or the corners x1,y1,x2,y2,.. of a polygon; "
+                 "default: ground truth; again for each further object")
       ->allow_extra_args(false);
   add_tracker_options(app, options.tracker);
   app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");

@@ -59,11 +59,12 @@ TraxMessage hello(const TraxServerOptions& options) {
 Region region_of(const TrackResult& result, const Region& start) {
   if (start.is_rectangle()) return Region::rectangle(result.box);
   const std::array<cv::Point2d, 4> corners = result.corners();
+  const cv::Rect2d box = start.equal_area_box();
   std::vector<cv::Point2d> points = start.points();
   for (cv::Point2d& p : points) {
-    const cv::Point2d in_box = p - start.box().tl();
-    p = corners[0] + in_box.x / start.box().width * (corners[1] - corners[0]) +
-        in_box.y / start.box().height * (corners[3] - corners[0]);
+    const cv::Point2d in_box = p - box.tl();
+    p = corners[0] + in_box.x / box.width * (corners[1] - corners[0]) +
+        in_box.y / box.height * (corners[3] - corners[0]);
   }
   return Region::polygon(std::move(points));
 }
@@ -193,7 +194,7 @@ class Session {
       }
       for (const Region& start : starts_) {
         objects_.push_back({make_tracker(options_.tracker), start});
-        objects_.back().tracker.init(image, start.box());
+        objects_.back().tracker.init(image, start);
         TrackResult result;
         result.confidence = 1;
         send(state(result, start));

@@ -21,6 +21,13 @@ class ASTERISM_API MultiTracker {
   void add(int id, AnyTracker tracker, const cv::Mat& image, const cv::Rect2d& box);
   /// The same with a frame that further objects start on, too.
   void add(int id, AnyTracker tracker, const Frame& frame, const cv::Rect2d& box);
+  /// On the region's equal_area_box.
+  void add(int id, AnyTracker tracker, const cv::Mat& image, const Region& region) {
+    add(id, std::move(tracker), image, region.equal_area_box());
+  }
+  void add(int id, AnyTracker tracker, const Frame& frame, const Region& region) {
+    add(id, std::move(tracker), frame, region.equal_area_box());
+  }
   /// False where there is no object of that id.
   bool remove(int id) { return objects_.erase(id) > 0; }
   /// Number of objects.

@@ -4,6 +4,7 @@
 #include <asterism/parts/concept/frame.hpp>
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/trackers/tracker/region.hpp>
 #include <concepts>
 #include <memory>
 #include <optional>
@@ -116,6 +117,9 @@ class AnyTracker {
   void init(const cv::Mat& image, const cv::Rect2d& box) { self_->init(image, box); }
   TrackResult update(const cv::Mat& image) { return self_->update(image); }
   void init(const Frame& frame, const cv::Rect2d& box) { self_->init(frame, box); }
+  /// On the region's equal_area_box.
+  void init(const cv::Mat& image, const Region& region) { init(image, region.equal_area_box()); }
+  void init(const Frame& frame, const Region& region) { init(frame, region.equal_area_box()); }
   TrackResult update(const Frame& frame) { return self_->update(frame); }
 
   /// The tracker's state between two frames as bytes (save_state), and back into a tracker of the same

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/tracker/region.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <concepts>
 #include <string_view>
@@ -47,6 +48,9 @@ class TrackerBase {
     if constexpr (kGated) gate_.init(frame, box);
     initialized_ = true;
   }
+  /// On the region's equal_area_box.
+  void init(const cv::Mat& image, const Region& region) { init(image, region.equal_area_box()); }
+  void init(const Frame& frame, const Region& region) { init(frame, region.equal_area_box()); }
   /// See Tracker; the conversion of an image is the first stage.
   TrackResult update(const cv::Mat& image) {
     const detail::TimedFrame converted = detail::timed_frame(image);

@@ -1,0 +1,51 @@
+#pragma once
+
+#include <asterism/parts/concept/frame.hpp>
+#include <opencv2/core.hpp>
+#include <utility>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Where an object is in an image: an axis-aligned rectangle or a polygon [px].
+class ASTERISM_API Region {
+ public:
+  /// A box that covers x .. x + width and y .. y + height.
+  static Region rectangle(const cv::Rect2d& box);
+  /// At least three corners in either orientation; std::invalid_argument for fewer.
+  static Region polygon(std::vector<cv::Point2d> points);
+  /// A box turned about its centre; `angle` in degrees, as OpenCV has it.
+  static Region rotated(const cv::RotatedRect& box);
+  /// The pixels of an 8-bit image of one channel that are not 0, as a rectangle: that of their number and
+  /// mean position, with the shape of their bounding box. std::invalid_argument for another type or if all
+  /// pixels are 0.
+  static Region mask(const cv::Mat& pixels);
+
+  /// Whether it is a rectangle, by how it was made.
+  bool is_rectangle() const { return rectangle_; }
+  /// The corners; those of a rectangle from the left top one on, clockwise on the screen.
+  const std::vector<cv::Point2d>& points() const { return points_; }
+  /// The axis-aligned bounding box.
+  const cv::Rect2d& box() const { return box_; }
+  /// The box that a tracker of boxes starts on: axis-aligned, with the area and the centre of gravity of the
+  /// corners' convex hull and the shape of the bounding box (what VOT's participants make of its polygons).
+  /// The bounding box of a turned object is mostly background. Its sides are at least a pixel where those of
+  /// the bounding box are, so that trackers take it. Of a rectangle, and of corners on a line, it is the
+  /// bounding box.
+  cv::Rect2d equal_area_box() const;
+
+  /// The same corners and the same way of having been made.
+  friend bool operator==(const Region&, const Region&) = default;
+
+ private:
+  Region(bool rectangle, std::vector<cv::Point2d> points, const cv::Rect2d& box)
+      : rectangle_(rectangle), points_(std::move(points)), box_(box) {}
+
+  bool rectangle_;
+  std::vector<cv::Point2d> points_;
+  cv::Rect2d box_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,90 @@
+#include <algorithm>
+#include <array>
+#include <asterism/trackers/tracker/region.hpp>
+#include <cmath>
+#include <opencv2/imgproc.hpp>
+#include <stdexcept>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+double cross(const cv::Point2d& a, const cv::Point2d& b) { return a.x * b.y - a.y * b.x; }
+
+// Andrew's monotone chain, in double precision, which cv::convexHull does not have.
+std::vector<cv::Point2d> convex_hull(std::vector<cv::Point2d> points) {
+  std::sort(points.begin(), points.end(), [](const cv::Point2d& a, const cv::Point2d& b) {
+    return a.x < b.x || (a.x == b.x && a.y < b.y);
+  });
+  std::vector<cv::Point2d> hull;
+  const auto add = [&](const cv::Point2d& p, std::size_t fixed) {
+    while (hull.size() >= fixed + 2 && cross(hull.back() - hull[hull.size() - 2], p - hull.back()) <= 0)
+      hull.pop_back();
+    hull.push_back(p);
+  };
+  for (const cv::Point2d& p : points) add(p, 0);
+  const std::size_t fixed = hull.size() - 1;
+  for (auto p = points.rbegin() + 1; p != points.rend(); ++p) add(*p, fixed);
+  return hull;
+}
+
+cv::Rect2d box_of(const cv::Point2d& centre, double width, double height) {
+  return {centre.x - width / 2, centre.y - height / 2, width, height};
+}
+
+}  // namespace
+
+Region Region::rectangle(const cv::Rect2d& b) {
+  const double right = b.x + b.width, bottom = b.y + b.height;
+  return {true, {{b.x, b.y}, {right, b.y}, {right, bottom}, {b.x, bottom}}, b};
+}
+
+Region Region::polygon(std::vector<cv::Point2d> points) {
+  if (points.size() < 3) throw std::invalid_argument("a polygon needs at least three corners");
+  cv::Point2d low = points[0], high = points[0];
+  for (const cv::Point2d& p : points) {
+    low = {std::min(low.x, p.x), std::min(low.y, p.y)};
+    high = {std::max(high.x, p.x), std::max(high.y, p.y)};
+  }
+  return {false, std::move(points), {low, high}};
+}
+
+Region Region::rotated(const cv::RotatedRect& box) {
+  std::array<cv::Point2f, 4> corners;
+  box.points(corners.data());
+  return polygon({corners.begin(), corners.end()});
+}
+
+Region Region::mask(const cv::Mat& pixels) {
+  if (pixels.type() != CV_8UC1) throw std::invalid_argument("a mask is an 8-bit image of one channel");
+  const cv::Moments moments = cv::moments(pixels, true);
+  if (moments.m00 == 0) throw std::invalid_argument("a mask without a pixel");
+  const cv::Rect2d bounds = cv::boundingRect(pixels);
+  const double scale = std::sqrt(moments.m00 / bounds.area());
+  // Pixel (0, 0) covers 0 .. 1.
+  const cv::Point2d centre(moments.m10 / moments.m00 + 0.5, moments.m01 / moments.m00 + 0.5);
+  return rectangle(box_of(centre, scale * bounds.width, scale * bounds.height));
+}
+
+cv::Rect2d Region::equal_area_box() const {
+  if (rectangle_) return box_;
+  // Of triangles from one corner: near the origin nothing is lost to cancellation.
+  const std::vector<cv::Point2d> hull = convex_hull(points_);
+  double twice_area = 0;
+  cv::Point2d moment;
+  for (std::size_t i = 1; i + 1 < hull.size(); ++i) {
+    const cv::Point2d a = hull[i] - hull[0], b = hull[i + 1] - hull[0];
+    const double c = cross(a, b);
+    twice_area += c;
+    moment += c / 3 * (a + b);
+  }
+  const double scale = std::sqrt(twice_area / 2 / box_.area());
+  if (!(scale > 0) || !std::isfinite(scale)) return box_;
+  const auto side = [&](double length) { return std::max(scale * length, std::min(length, 1.0)); };
+  return box_of(hull[0] + moment / twice_area, side(box_.width), side(box_.height));
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
