@@ -28,7 +28,7 @@ constexpr const char* kFile = "campaign.json";
 // Of the ground truth's text: results are of these regions alone.
 std::string truth_digest(const Sequence& sequence) {
   std::string text;
-  for (const auto& truth : sequence.truth) text += truth ? tools::to_string(*truth) + "\n" : "-\n";
+  for (const auto& truth : sequence.truth) text += truth ? to_string(*truth) + "\n" : "-\n";
   return digest(text);
 }
 

@@ -4,9 +4,9 @@
     bench/evaluation/cross_validation.py CANDIDATES EVAL DATASET FOLDS OUT [OPTION...]
 
 CANDIDATES is a JSON file, {"candidates": {NAME: DESCRIPTION, ...}}: descriptions of trackers as `asterism-eval run --tracker` takes
-them, the published setting first, then from the simplest to the least simple. EVAL is the program asterism-eval. FOLDS has a line
+them, or as JSON objects {"tracker": "dpt", ...}; the published setting first, then from the simplest to the least simple. EVAL is the program asterism-eval. FOLDS has a line
 FOLD<tab>SEQUENCE... for each sequence; lines that begin with # are comments. Further options go to `asterism-eval run`, such as
---starts 3 --workers 2. What OUT has is not run again; interrupt and repeat the command to go on.
+--starts 3 --workers 2, but for --interval LOW:HIGH, the lengths that EAO averages over (166:377 by default, VOT2014's). What OUT has is not run again; interrupt and repeat the command to go on.
 
 All candidates are run on all sequences, supervised and in one pass. Then, for each fold in turn, the choice is made on the other
 folds: the published setting stays unless a candidate is better in both the supervised EAO and the one-pass AO beyond the 95 %
@@ -28,6 +28,7 @@ import sys
 from pathlib import Path
 
 OUT_OF_FOLD = "out-of-fold"
+INTERVAL = "166:377"  # of EAO: VOT2014's by the toolkit's rule. One for all folds, so that their figures compare.
 RULE = ("EAO", "AO")  # a choice has to be better in both
 SHOWN = (("EAO", 3), ("A", 3), ("F", 1), ("AO", 3))
 
@@ -44,9 +45,9 @@ def read_candidates(path):
     if not isinstance(candidates, dict) or len(candidates) < 2:
         raise BadInput(f"{path}: \"candidates\" must have two descriptions or more by name")
     for name, description in candidates.items():
-        if not isinstance(description, str) or name == OUT_OF_FOLD:
+        if not isinstance(description, (str, dict)) or name == OUT_OF_FOLD:
             raise BadInput(f"{path}: {name}: not a name with a tracker's description")
-    return candidates
+    return {name: json.dumps(d) if isinstance(d, dict) else d for name, d in candidates.items()}
 
 
 def read_folds(path):
@@ -94,9 +95,9 @@ def run(command):
         sys.exit(result.returncode)
 
 
-def report(program, out, sequences, to):
+def report(program, out, sequences, interval, to):
     """The summary by tracker, and {(measure, a, b): (value, low, high)} of a - b."""
-    run([program, "report", str(out), "--out", str(to), "--sequences", ",".join(sequences)])
+    run([program, "report", str(out), "--out", str(to), "--interval", interval, "--sequences", ",".join(sequences)])
 
     def rows(name):
         with open(to / name, newline="", encoding="utf-8") as file:
@@ -114,6 +115,8 @@ def report(program, out, sequences, to):
 def choose(names, differences):
     """The published setting, which is the first, unless another is better beyond doubt."""
     choice = names[0]
+    if any((measure, *names[:2]) not in differences for measure in RULE):
+        raise BadInput("there is no " + " or no ".join(RULE) + ": give --interval LOW:HIGH within the sequences' lengths")
     for name in names[1:]:
         if all(differences[measure, name, choice][1] > 0 for measure in RULE):
             choice = name
@@ -140,22 +143,27 @@ def table(summary, names):
 def cross_validate(candidates_file, program, dataset, folds_file, out, options):
     candidates, folds, out = read_candidates(candidates_file), read_folds(folds_file), Path(out)
     tried = declare(candidates, out)
+    options, interval = list(options), INTERVAL
+    if "--interval" in options:
+        at = options.index("--interval")
+        interval = options[at + 1] if at + 1 < len(options) else ""
+        del options[at:at + 2]
     sequences = [sequence for fold in folds.values() for sequence in fold]
     command = [program, "run", dataset, "--out", str(out), "--protocol", "vot,otb", "--overlap", "exact",
-               "--sequences", ",".join(sequences), *options]
+               "--sequences", ",".join(sequences)]
     for name, description in candidates.items():
         command += ["--tracker", f"{name}={description}"]
-    run(command)
+    run(command + options)
 
     names = list(candidates)
     shutil.rmtree(out / "results" / OUT_OF_FOLD, ignore_errors=True)
     choices = {}
     for fold, held_out in folds.items():
-        _, differences = report(program, out, [s for s in sequences if s not in held_out], out / "folds" / fold)
+        _, differences = report(program, out, [s for s in sequences if s not in held_out], interval, out / "folds" / fold)
         choices[fold] = choose(names, differences)
     for fold, held_out in folds.items():
         copy_results(out, choices[fold], held_out)
-    summary, differences = report(program, out, sequences, out / "report")
+    summary, differences = report(program, out, sequences, interval, out / "report")
     # What to use from now on: chosen on all folds.
     final = choose(names, differences)
     result = {"tried": tried, "choices": choices, "chosen_on_all": final,

@@ -64,7 +64,7 @@ bool receive_text(int socket, std::string& text) {
 
 /// An answer: an error's message, empty for none, then the region's text, empty for none, and the confidence.
 bool send_report(int socket, const std::string& error, const Report& report) {
-  return send_text(socket, error) && send_text(socket, report.region ? tools::to_string(*report.region) : "") &&
+  return send_text(socket, error) && send_text(socket, report.region ? to_string(*report.region) : "") &&
          send_all(socket, &report.confidence, sizeof report.confidence);
 }
 

@@ -236,7 +236,7 @@ void write_trajectory(const fs::path& file, const Trajectory& trajectory) {
   }
   std::string text;
   for (const TrajectoryFrame& frame : trajectory.frames) {
-    std::string line = frame.region ? tools::to_string(*frame.region) : std::to_string(frame.code);
+    std::string line = frame.region ? to_string(*frame.region) : std::to_string(frame.code);
     if (frame.region && !tools::parse_region(line)) line = std::to_string(TrajectoryFrame::kUnknown);
     text += line + '\n';
   }

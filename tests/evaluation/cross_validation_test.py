@@ -94,7 +94,7 @@ class RunTest(Files):
         candidates = self.write("candidates.json", json.dumps(
             {"candidates": {"stands": 'dpt_crs_nos{"root": {"model": "template", "padding": 1e-9}}', "kcf": "kcf"}}))
         out = self.folder / "out"
-        command = [sys.executable, SCRIPT, candidates, EXECUTABLE, self.folder / "data", folds, out, "--workers", "2"]
+        command = [sys.executable, SCRIPT, candidates, EXECUTABLE, self.folder / "data", folds, out, "--workers", "2", "--interval", "10:20"]
         first = subprocess.run(command, capture_output=True, text=True, check=False)
         self.assertEqual(first.returncode, 0, first.stderr)
         result = json.loads((out / "cross_validation.json").read_text())

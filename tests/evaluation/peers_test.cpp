@@ -59,11 +59,15 @@ TEST_P(EveryTracker, FollowsAnObjectAndStartsAnewEachTime) {
   EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(6)) > 0.3);
 }
 
-TEST_P(EveryTracker, TakesAPolygonByItsBoundingBox) {
+TEST_P(EveryTracker, TakesAPolygonByItsEqualAreaBox) {
   const cv::Rect2d b = true_box(0);
-  const Region diamond =
-      Region::polygon({{b.x, b.y + 20}, {b.x + 24, b.y}, {b.x + 48, b.y + 20}, {b.x + 24, b.y + 40}});
-  const Step step = evaluated_tracker(GetParam()).start(draw_smooth_frame(0), diamond);
+  const Region hexagon = Region::polygon({{b.x, b.y + 20},
+                                          {b.x + 6, b.y},
+                                          {b.x + 42, b.y},
+                                          {b.x + 48, b.y + 20},
+                                          {b.x + 42, b.y + 40},
+                                          {b.x + 6, b.y + 40}});
+  const Step step = evaluated_tracker(GetParam()).start(draw_smooth_frame(0), hexagon);
   const Report report = step(draw_smooth_frame(1));
   EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(1)) > 0.4);
 }

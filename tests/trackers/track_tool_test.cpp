@@ -213,7 +213,7 @@ TEST_F(TrackTool, FollowsSeveralObjects) {
   cv::VideoCapture video(path("overlay.mp4"));
   EXPECT_EQ(video.get(cv::CAP_PROP_FRAME_COUNT), kFrames);
   expect_error(path("images") + kBox + kBox + " --sheet " + path("sheet.png"), {"--sheet is for one object"});
-  expect_error(path("images") + kBox + " --box 1,2,3", {"--box \"1,2,3\" is not x,y,width,height"});
+  expect_error(path("images") + kBox + " --box 1,2,3", {"--box \"1,2,3\" is neither x,y,width,height"});
 }
 
 TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {

@@ -364,7 +364,7 @@ TEST(Coarse, FindsALostTargetAgain) {
   const Scene scene;
   for (const bool redetect : {false, true}) {
     DptOptions options;
-    options.coarse.redetect = redetect;
+    options.coarse.when_lost = redetect ? WhenLost::Wait : WhenLost::Follow;
     Dpt tracker(options);
     CoarseTracker coarse(options.coarse);
     tracker.init(scene.frame(0), Scene::box(0));

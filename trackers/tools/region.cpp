@@ -1,7 +1,6 @@
 #include "region.hpp"
 
 #include <algorithm>
-#include <array>
 #include <charconv>
 #include <cmath>
 #include <stdexcept>
@@ -19,13 +18,6 @@ std::string_view trim(std::string_view text) {
   return text.substr(first, text.find_last_not_of(kBlanks) - first + 1);
 }
 
-void append(std::string& text, double value) {
-  std::array<char, 32> buffer;
-  const auto [end, error] = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value);
-  if (!text.empty()) text += ',';
-  text.append(buffer.data(), end);
-}
-
 }  // namespace
 
 std::optional<Region> to_region(std::span<const double> v) {
@@ -41,20 +33,6 @@ std::optional<Region> to_region(std::span<const double> v) {
 }
 
 std::optional<Region> parse_region(std::string_view text) { return to_region(parse_numbers(text)); }
-
-std::string to_string(const Region& region) {
-  std::string text;
-  if (region.is_rectangle()) {
-    const cv::Rect2d& b = region.box();
-    for (const double value : {b.x, b.y, b.width, b.height}) append(text, value);
-  } else {
-    for (const cv::Point2d& p : region.points()) {
-      append(text, p.x);
-      append(text, p.y);
-    }
-  }
-  return text;
-}
 
 std::vector<double> parse_numbers(std::string_view text) {
   std::vector<double> values;

@@ -19,10 +19,6 @@ std::optional<Region> to_region(std::span<const double> numbers);
 /// A region as text, as `parse_numbers` and `to_region` read it; empty where it is none.
 std::optional<Region> parse_region(std::string_view text);
 
-/// The text that `parse_region` reads: numbers separated by commas, with the digits that make each come back
-/// exactly.
-std::string to_string(const Region& region);
-
 /// All of `text` as numbers in the notation of the C locale, separated by commas, semicolons or blanks; empty
 /// where something in it is not a number.
 std::vector<double> parse_numbers(std::string_view text);

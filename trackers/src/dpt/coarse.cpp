@@ -35,7 +35,8 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   const double motion_milliseconds = clock.lap();
   Estimate estimate = localize_around(frame, pose_.centre());
   estimate.motion_milliseconds = motion_milliseconds;
-  if (!waits(estimate)) return estimate;
+  const bool searches = options_.when_lost == WhenLost::Search || options_.when_lost == WhenLost::Wait;
+  if (!estimate.lost || !searches) return estimate;
 
   // The neighbour with the highest response, if that is one of the object.
   const cv::Rect2d window = search_window(pose_.centre());
@@ -180,7 +181,7 @@ TrackResult CoarseTracker::follow(const Frame& frame) {
     pose.move_to(estimate.evidence.position);
     pose.keep_in(frame);
     layer_.move(pose);
-    layer_.adapt(frame, estimate.segmentation.informative);
+    if (layer_.learns(estimate)) layer_.adapt(frame, estimate.segmentation.informative);
   }
   result.times.push_back({"update", clock.lap()});
   result.box = layer_.pose().box();

@@ -124,11 +124,12 @@ TrackResult Dpt::follow(const Frame& frame) {
 
   // 5: Update the spring system parameters and the constellation appearance models.
   report_parts(evidence, result);
-  update_constellation(frame, root.segmentation, result);
+  const bool learns = coarse_.learns(root);
+  if (learns) update_constellation(frame, root.segmentation, result);
   result.times.push_back({"part update", clock.lap()});
 
   // 6: Update the coarse color model and correlation filter.
-  update_coarse_models(frame, root.segmentation);
+  if (learns) update_coarse_models(frame, root.segmentation);
   result.times.push_back({"root update", clock.lap()});
 
   result.box = coarse_.pose().box();

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <array>
 #include <asterism/trackers/tracker/region.hpp>
+#include <charconv>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -32,6 +33,13 @@ std::vector<cv::Point2d> convex_hull(std::vector<cv::Point2d> points) {
 
 cv::Rect2d box_of(const cv::Point2d& centre, double width, double height) {
   return {centre.x - width / 2, centre.y - height / 2, width, height};
+}
+
+void append(std::string& text, double value) {
+  std::array<char, 32> buffer;
+  const auto [end, error] = std::to_chars(buffer.data(), buffer.data() + buffer.size(), value);
+  if (!text.empty()) text += ',';
+  text.append(buffer.data(), end);
 }
 
 }  // namespace
@@ -84,6 +92,20 @@ cv::Rect2d Region::equal_area_box() const {
   if (!(scale > 0) || !std::isfinite(scale)) return box_;
   const auto side = [&](double length) { return std::max(scale * length, std::min(length, 1.0)); };
   return box_of(hull[0] + moment / twice_area, side(box_.width), side(box_.height));
+}
+
+std::string to_string(const Region& region) {
+  std::string text;
+  if (region.is_rectangle()) {
+    const cv::Rect2d& b = region.box();
+    for (const double value : {b.x, b.y, b.width, b.height}) append(text, value);
+  } else {
+    for (const cv::Point2d& p : region.points()) {
+      append(text, p.x);
+      append(text, p.y);
+    }
+  }
+  return text;
 }
 
 }  // namespace ASTERISM_ABI

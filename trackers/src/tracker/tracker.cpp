@@ -72,9 +72,8 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     SpatialReliabilityOptions filter;
     filter.color_channels = true;
     options.coarse.root = SpatialReliability(filter);
-    options.coarse.color.foreground_prior = 0.375;
     options.coarse.motion_share = 0.45;
-    options.coarse.redetect = true;
+    options.coarse.when_lost = WhenLost::Wait;
     options.scale_share = 0.25;
     options.scale.scales = 17;
     options.scale.step = 1.04;

@@ -15,16 +15,23 @@ inline namespace ASTERISM_ABI {
 /// would compile it.
 ASTERISM_API AnyPart paper_filter();
 
+/// What a tracker does in a frame in which it is lost.
+enum class WhenLost {
+  Follow,  ///< goes on as always
+  Doubt,   ///< follows its evidence, but learns nothing
+  Search,  ///< as Doubt; also searches half a window farther in eight directions, and follows what is found
+  Wait     ///< searches as Search does; while the object is not found, its box stays where it was
+};
+
 /// Options of the coarse layer (Sec. 2.2).
 struct CoarseOptions {
   /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
   AnyPart root = paper_filter();
-  /// The color model of object and surroundings. Open in the paper: the foreground's prior, here between
-  /// the box's share of the search window, about 1/6, and that of the region that the histograms are taken
-  /// from, 3/8; the group's later code has 0.18. And when the random field stops: after three iterations the
-  /// posterior is smooth and still knows doubt; when it converges, nearly all of it is 0 or 1, which a
-  /// product with the response takes for certain.
-  ColorOptions color = {.foreground_prior = 0.2, .mrf = {.max_iterations = 3}};
+  /// The color model of object and surroundings. Open in the paper: the foreground's prior, here the box's
+  /// share of the region that the histograms are taken from, 1 / 1.6^2, about 3/8. And when the random field
+  /// stops: after three iterations the posterior is smooth and still knows doubt; when it converges, nearly
+  /// all of it is 0 or 1, which a product with the response takes for certain.
+  ColorOptions color = {.foreground_prior = 0.375, .mrf = {.max_iterations = 3}};
   /// Multiply the root's response with the color probability; otherwise, and for a root without a response
   /// map, the position is the root's alone.
   bool use_color = true;
@@ -42,9 +49,8 @@ struct CoarseOptions {
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
   /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
   double lost_below = 0.2;
-  /// A lost object is also searched half a window farther in eight directions. While it is not found the box
-  /// stays where it was and nothing is learned. The paper's tracker goes on.
-  bool redetect = false;
+  /// What is done while the object is lost. The paper's tracker goes on.
+  WhenLost when_lost = WhenLost::Follow;
 };
 
 /// The paper's coarse representation: the root correlation filter z^(0) and the global color model C_t,
@@ -69,8 +75,14 @@ class ASTERISM_API CoarseLayer {
   };
   /// The object's position near its last one: the maximum of Eq. 4.
   Estimate localize(const Frame& frame);
-  /// The estimate is not to be followed: the object is lost, and to be waited for (CoarseOptions::redetect).
-  bool waits(const Estimate& estimate) const { return options_.redetect && estimate.lost; }
+  /// The estimate is not to be followed: the object is lost, and to be waited for (WhenLost).
+  bool waits(const Estimate& estimate) const {
+    return estimate.lost && options_.when_lost == WhenLost::Wait;
+  }
+  /// The models may learn from the frame.
+  bool learns(const Estimate& estimate) const {
+    return !estimate.lost || options_.when_lost == WhenLost::Follow;
+  }
   /// Confidence, lost flag and stages of a tracker's result, as the estimate has them.
   void report(const Estimate& estimate, TrackResult& result) const;
 

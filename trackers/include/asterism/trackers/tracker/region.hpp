@@ -2,6 +2,7 @@
 
 #include <asterism/parts/concept/frame.hpp>
 #include <opencv2/core.hpp>
+#include <string>
 #include <utility>
 #include <vector>
 
@@ -46,6 +47,10 @@ class ASTERISM_API Region {
   std::vector<cv::Point2d> points_;
   cv::Rect2d box_;
 };
+
+/// x,y,width,height of a rectangle, else x1,y1,x2,y2,..: with the digits that make each number come back
+/// exactly.
+ASTERISM_API std::string to_string(const Region& region);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
