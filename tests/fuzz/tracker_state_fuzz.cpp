@@ -4,6 +4,7 @@
 #include <array>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/parts/models/mosse.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/template.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <cstring>
