@@ -26,7 +26,7 @@ std::pair<int, int> target_cells(int n, double side) {
 constexpr double kLeastShare = 1e-8;
 
 // Below this the filter has learned nothing that could be told from rounding.
-constexpr double kLeastFit = 1e-6;
+constexpr double kLeastFit = 1e-12;
 
 // Of a state that is read: numbers above may come to infinity in products of them.
 constexpr float kLargestFilter = 1e12F;
