@@ -52,6 +52,9 @@ std::vector<Saved> saved_trackers() {
     } catch (const std::invalid_argument&) {  // it cannot be saved
     }
   }
+  // Last, so that the corpus means what it meant.
+  coarse.root = Strcf();
+  add([=] { return AnyTracker(CoarseTracker(coarse)); });
   return all;
 }
 

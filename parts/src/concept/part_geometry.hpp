@@ -112,8 +112,8 @@ inline Eigen::ArrayXf hann(int n) {
 inline int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
 /// Vertex of a Gaussian through three values, the middle one the largest and positive: that of the parabola
-/// through their logarithms. Where the label is a Gaussian of about a cell, a parabola through the values would
-/// err by up to 0.1 cells.
+/// through their logarithms. Where the label is a Gaussian of about a cell, a parabola through the values
+/// would err by up to 0.1 cells.
 inline double gaussian_vertex(float before, float middle, float after) {
   const float least = 1e-3F * middle;
   const double left = std::log(std::max(before, least) / middle),

@@ -17,7 +17,7 @@ namespace {
 // Of n cells, which are even, those whose middle is within half the target's side [cells] of the window's
 // middle; two at least.
 std::pair<int, int> target_cells(int n, double side) {
-  const int half = std::clamp(static_cast<int>(side / 2 + 0.5), 1, n / 2);
+  const int half = std::clamp(static_cast<int>(std::lround(side / 2)), 1, n / 2);
   return {n / 2 - half, n / 2 + half};
 }
 
