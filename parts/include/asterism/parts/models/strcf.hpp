@@ -48,20 +48,19 @@ struct StrcfOptions {
 ///
 ///     1/(2T) |sum_d f_d * x_d - y|^2 + 1/2 sum_d |w f_d|^2 + mu/2 sum_d |f_d - f_d^prev|^2
 ///
-/// (the paper's Eq. 4; the mean over the T shifts is how the published weights are meant). The spatial weight
+/// (the mean over the T shifts is how the published weights are meant). The spatial weight
 /// w is next to nothing on the target and next to infinite elsewhere: the window can be several times as
 /// large as the target and train the filter with much background. The temporal term takes the place of a
 /// running average: a frame changes the filter as little as it has to. No sample is kept.
 ///
 /// A few rounds of the alternating direction method of multipliers, with f = g, multiplier h and penalty
-/// gamma, take f bin by bin in closed form, g cell by cell, and h += gamma (f - g) (the paper's Eqs. 6 to
-/// 10):
+/// gamma, take f bin by bin in closed form, g cell by cell, and h += gamma (f - g):
 ///
 ///     (x x^H + T (gamma + mu) I) f = x y + T (gamma g - h + mu f^prev),  g = (gamma f + h) / (w^2 + gamma)
 ///
 /// The filter is f after the last round, which is only nearly zero outside the target. So few rounds from
-/// zero fit the label only in part: the response is divided by a running average of what it was for the
-/// samples, so that the peak is about 1 for a perfect match.
+/// zero fit the label only in part: the response is divided by what it was for the samples (`fit`), so that
+/// the peak is about 1 for a perfect match.
 ///
 /// Once it has been initialised, `localize` and `adapt` do not allocate, but for color channels. One object
 /// is for one thread at a time, different ones are independent.
@@ -98,8 +97,9 @@ class ASTERISM_API Strcf {
   /// correlation with the sample is the response, but for the division by `fit`. Needs an `init` before;
   /// throws std::invalid_argument for a channel out of range.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> filter(int channel) const;
-  /// What the responses are divided by: the running average of the response to the samples at zero shift,
-  /// with weight 1 / (1 + mu) for the newest. Where it is not positive there is no response.
+  /// What the responses are divided by: the response to a sample that was learned, at zero shift. A larger
+  /// one takes its place at once; towards smaller ones it decays at the rate 1 / (1 + mu). Where it is not
+  /// positive there is no response.
   double fit() const { return fit_; }
 
   /// What has been learned, for save_state; the response of the last `localize` is not.
