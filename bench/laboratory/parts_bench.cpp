@@ -3,6 +3,7 @@
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/mrf.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <cstdio>
 #include <functional>
 #include <memory>
@@ -89,7 +90,7 @@ class Stages {
       : image_(texture(480, 640, CV_8UC3)), frame_(image_), target_(target), centre_(320, 240) {
     const Size2 size(target, target);
     kcf_.init(frame_, centre_, size);
-    cells_ = static_cast<int>(std::lround(kcf_.window().x() / 4));
+    cells_ = static_cast<int>(kcf_.response().values.cols());
     plan_ = FilterPlan::shared(cells_, cells_);
     const int plane = cells_ * cells_;
     features_.reset(kChannels * plane);
@@ -235,6 +236,18 @@ class Constellation {
   std::vector<Point2> places_;
 };
 
+/// A part that finds and learns a target of 100 pixels in a moving picture.
+template <typename Part>
+Item follow(std::string name, const std::vector<Frame>& frames, Part part) {
+  const Point2 start(320, 240);
+  part.init(frames.front(), start, {100, 100});
+  return {std::move(name), [&frames, part, at = start, t = std::size_t{0}]() mutable {
+            const Frame& frame = frames[++t % frames.size()];
+            at = part.localize(frame, at).position;
+            part.adapt(frame, at);
+          }};
+}
+
 /// A likelihood such as segmentations have: a blob of mostly foreground, noise, many cells of exactly 0 or 1.
 cv::Mat likelihood() {
   cv::Mat map(32, 32, CV_32FC1);
@@ -258,6 +271,14 @@ void parts_bench(bool quick) {
   Constellation constellation;
   Item five{"a root and four parts", [&] { constellation.step_on_next(); }};
   Item with_frame{"the same from a color image", [&] { constellation.step(); }};
+  Video large;
+  std::vector<Frame> frames;
+  for (int t = 0; t < 16; ++t) frames.emplace_back(large.next());
+  for (const Frame& frame : frames) frame.gray();
+  StrcfOptions without_color;
+  without_color.features.color = false;
+  Item roots[] = {follow("Kcf", frames, Kcf()), follow("Strcf, without color", frames, Strcf(without_color)),
+                  follow("Strcf", frames, Strcf())};
   const cv::Mat map = likelihood();
   Item mrf{"random field of 32 x 32 cells", [&] { regularize_posterior(map); }};
 
@@ -266,6 +287,7 @@ void parts_bench(bool quick) {
   items.push_back(&five);
   items.push_back(&with_frame);
   items.push_back(&mrf);
+  for (Item& item : roots) items.push_back(&item);
 #ifdef ASTERISM_BENCH_OPENCV_TRACKING
   Video video;
   const cv::Ptr<cv::TrackerKCF> peer = cv::TrackerKCF::create();
@@ -282,6 +304,8 @@ void parts_bench(bool quick) {
               part_kernels_v0_1::kernels().lanes, rounds);
   root.print();
   part.print();
+  std::printf("\nA target of 100 pixels, detect and train\n");
+  for (const Item& item : roots) std::printf("  %-30s %8.2f ms\n", item.name.c_str(), 1e3 * item.time());
 
   Bars bars(quick, "");
   std::printf("\n%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");

@@ -22,7 +22,7 @@ SAME_EVERYWHERE = [(re.compile(pattern), text) for pattern, text in [
     (r'static constexpr std::string_view (kName|kIdaName) = ', 'Its part in the name of a solver that has it.'),
     (r'static constexpr std::string_view name\(\)', 'Its name, as Summary::solver gives it.'),
     (r'\w*Options(<.*>)? options;', 'Used by the next solve.'),
-    (r'(\w+Options|KcfFeatures|Kernel) \w+( = \{.*\})?;', 'Options of their own; see their type.'),
+    (r'(\w+Options|CellFeatures|KcfFeatures|Kernel) \w+( = \{.*\})?;', 'Options of their own; see their type.'),
     (r'constexpr const char\* problem\(\) const', 'What is wrong with it, a null pointer for nothing.'),
     (r'const \w+Options& options\(\) const', 'The options that it was made with.'),
     (r'int nodes\(\) const', 'Number of nodes.'),

@@ -4,6 +4,7 @@
 #include <array>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/parts/models/mosse.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/template.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <cstring>
@@ -51,6 +52,9 @@ std::vector<Saved> saved_trackers() {
     } catch (const std::invalid_argument&) {  // it cannot be saved
     }
   }
+  // Last, so that the corpus means what it meant.
+  coarse.root = Strcf();
+  add([=] { return AnyTracker(CoarseTracker(coarse)); });
   return all;
 }
 

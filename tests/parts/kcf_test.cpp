@@ -1,12 +1,12 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
-#include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/testing/part_axioms.hpp>
 #include <cmath>
-#include <numbers>
 #include <opencv2/imgproc.hpp>
+
+#include "cell_features.hpp"
 
 namespace asterism {
 namespace {
@@ -18,32 +18,6 @@ using testing::texture;
 // matrices.
 class DenseKcf {
  public:
-  // Features as the class documentation describes them: one column of cells a channel, under a Hann window.
-  static Eigen::MatrixXd features(const Frame& frame, const Point2& centre, const Size2& window, int rows,
-                                  int cols, const KcfOptions& options) {
-    const int cell = options.cell_size;
-    cv::Mat patch, lab;
-    sample_patch(frame.gray(), centre, window, {cols * cell, rows * cell}, patch);
-    sample_patch(frame.bgr(), centre, window, {cols, rows}, lab);
-    cv::cvtColor(lab, lab, cv::COLOR_BGR2Lab);
-    Eigen::ArrayXf hog(Fhog::kChannels * rows * cols);
-    Fhog(cell).compute(patch, hog.data());
-    const auto& [has_hog, has_gray, has_color] = options.features;
-    Eigen::MatrixXd x(rows * cols, 31 * has_hog + has_gray + 2 * has_color);
-    for (int r = 0; r < rows; ++r)
-      for (int c = 0; c < cols; ++c) {
-        const double hann = (0.5 - 0.5 * std::cos(2 * std::numbers::pi * r / (rows - 1))) *
-                            (0.5 - 0.5 * std::cos(2 * std::numbers::pi * c / (cols - 1)));
-        int k = 0;
-        const auto add = [&](double value) { x(r * cols + c, k++) = hann * value; };
-        for (int h = 0; has_hog && h < Fhog::kChannels; ++h) add(hog(h * rows * cols + r * cols + c));
-        const double mean = cv::mean(patch(cv::Rect(c * cell, r * cell, cell, cell)))[0];
-        if (has_gray) add(std::nearbyint(mean) / 255 - 0.5);
-        for (int axis = 1; has_color && axis < 3; ++axis) add((lab.at<cv::Vec3b>(r, c)[axis] - 128) / 128.0);
-      }
-    return x;
-  }
-
   static Eigen::MatrixXd shift(const Eigen::MatrixXd& x, int rows, int cols, int dr, int dc) {
     Eigen::MatrixXd y(x.rows(), x.cols());
     for (int r = 0; r < rows; ++r)
@@ -142,7 +116,7 @@ TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
 
   DenseKcf dense(options, n, n, options.label_sigma * 16 / options.cell_size);
   const auto features = [&](const Frame& f, const Point2& at) {
-    return DenseKcf::features(f, at, kcf.window(), n, n, options);
+    return testing::cell_features(f, at, kcf.window(), n, n, options.cell_size, options.features);
   };
   const auto compare = [&](const Frame& f) {
     kcf.localize(f, centre);

@@ -4,6 +4,7 @@
 
 #include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/testing/part_axioms.hpp>
 
 #include "../solver/counting_allocator.hpp"
@@ -28,6 +29,29 @@ TEST(SpatialReliability, DoesNotAllocateOnceItHasBeenInitialisedWithoutSegmentat
               }
             }),
             0);
+}
+
+// Color channels do allocate.
+TEST(Strcf, DoesNotAllocateOnceItHasBeenInitialisedWithoutColor) {
+  const cv::Mat image = testing::texture(240, 320);
+  const Frame frame(image);
+  for (const int iterations : {1, 2, 5})
+    for (const Size2& size : {Size2(48, 40), Size2(23, 61), Size2(9, 7)}) {
+      StrcfOptions options;
+      options.features.color = false;
+      options.admm_iterations = iterations;
+      Strcf part(options);
+      EXPECT_GT(testing::allocations_in([&] { part.init(frame, {160, 120}, size); }), 0);  // counted at all
+      part.localize(frame, {160, 120});
+      EXPECT_EQ(testing::allocations_in([&] {
+                  for (const Point2& at : {Point2(160, 120), Point2(157.3, 121.9), Point2(20, 230)}) {
+                    const Evidence evidence = part.localize(frame, at);
+                    part.adapt(frame, evidence.position);
+                    part.resize(1.01 * part.size());
+                  }
+                }),
+                0);
+    }
 }
 
 TEST(ScaleFilter, DoesNotAllocateOnceItHasBeenInitialised) {

@@ -7,6 +7,7 @@
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/testing/part_axioms.hpp>
 #include <cmath>
 #include <complex>
@@ -251,41 +252,77 @@ TEST_P(PartKernels, SamplerIsSamplePatch) {
                std::invalid_argument);
 }
 
+TEST_P(PartKernels, MapsTimesWeights) {
+  for (const auto& [rows, cols] : kSizes) {
+    Spectra s(*set_, rows, cols, 1);
+    std::vector<float> weight = random_floats(rows * cols, 9);
+    std::fill(weight.begin() + cols, weight.begin() + 3 * cols, 0.0F);  // rows of zeros, too
+    std::vector<std::vector<std::complex<double>>> expected;
+    const auto plane = static_cast<std::size_t>(rows * cols);
+    for (int k = 0; k < kChannels; ++k)
+      for (std::size_t i = 0; i < plane; ++i) s.maps[static_cast<std::size_t>(k) * plane + i] *= weight[i];
+    for (int k = 0; k < kChannels; ++k) expected.push_back(s.expected(k));
+    set_->weigh(s.plan.transform, kChannels, weight.data(), s.spectra.data(), s.work.data());
+    for (int k = 0; k < kChannels; ++k)
+      for (int r = 0; r < rows; ++r)
+        for (int b = 0; b <= cols / 2; ++b)
+          ASSERT_LT(
+              std::abs(
+                  s.at(k, r, b) -
+                  expected[static_cast<std::size_t>(k)][static_cast<std::size_t>(r * (cols / 2 + 1) + b)]),
+              2e-6 * std::sqrt(rows * cols))
+              << rows << " x " << cols << ", channel " << k << ", bin " << r << ", " << b;
+  }
+}
+
 // All kernels give the same filter but for rounding.
 TEST_P(PartKernels, FiltersAgree) {
   const cv::Mat image = testing::texture(240, 320), moved = testing::shifted(image, 3, -2);
   const Frame frame(image), later(moved);
-  const auto run = [&] {
-    Kcf kcf;
-    kcf.init(frame, {160, 120}, {50, 42});
-    kcf.adapt(later, kcf.localize(later, {160, 120}).position);
-    kcf.localize(later, {160, 120});
-    return kcf.response().values;
+  const auto expect_agreement = [&](const auto& fresh) {
+    const auto run = [&] {
+      auto part = fresh;
+      part.init(frame, {160, 120}, {50, 42});
+      part.adapt(later, part.localize(later, {160, 120}).position);
+      part.localize(later, {160, 120});
+      return part.response().values;
+    };
+    part_kernels_v0_1::prefer(set_);
+    const auto values = run();
+    part_kernels_v0_1::prefer(part_kernels_v0_1::kernels(part_kernels_v0_1::kPortable));
+    EXPECT_LT((values - run()).abs().maxCoeff(), 1e-4);
   };
-  const auto values = run();
-  part_kernels_v0_1::prefer(part_kernels_v0_1::kernels(part_kernels_v0_1::kPortable));
-  EXPECT_LT((values - run()).abs().maxCoeff(), 1e-4);
+  expect_agreement(Kcf());
+  expect_agreement(Strcf());
+  StrcfOptions rounds;
+  rounds.admm_iterations = 5;
+  rounds.background_weight = 3;
+  expect_agreement(Strcf(rounds));
 }
 
 // A saved filter moves to kernels of another layout without a bit of it changed.
 TEST_P(PartKernels, ASavedFilterMovesToOthers) {
   const Frame frame(testing::texture(240, 320));
+  const auto expect_move = [&](const auto& fresh) {
+    part_kernels_v0_1::prefer(set_);
+    auto part = fresh;
+    part.init(frame, {160, 120}, {50, 42});
+    part.adapt(frame, {161, 121});
+    part.localize(frame, {158, 122});
+    part_kernels_v0_1::prefer(part_kernels_v0_1::kernels(part_kernels_v0_1::kPortable));
+    auto portable = fresh;
+    restore_state(portable, save_state(part));
+    EXPECT_EQ(save_state(portable), save_state(part));
+    portable.localize(frame, {158, 122});
+    EXPECT_LT((portable.response().values - part.response().values).abs().maxCoeff(), 1e-4);
+  };
   for (const bool separate : {true, false}) {
     KcfOptions options;
     options.separate_update = separate;
     options.features.color = true;
-    part_kernels_v0_1::prefer(set_);
-    Kcf kcf(options);
-    kcf.init(frame, {160, 120}, {50, 42});
-    kcf.adapt(frame, {161, 121});
-    kcf.localize(frame, {158, 122});
-    part_kernels_v0_1::prefer(part_kernels_v0_1::kernels(part_kernels_v0_1::kPortable));
-    Kcf portable(options);
-    restore_state(portable, save_state(kcf));
-    EXPECT_EQ(save_state(portable), save_state(kcf));
-    portable.localize(frame, {158, 122});
-    EXPECT_LT((portable.response().values - kcf.response().values).abs().maxCoeff(), 1e-4);
+    expect_move(Kcf(options));
   }
+  expect_move(Strcf());
 }
 
 }  // namespace

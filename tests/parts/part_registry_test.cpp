@@ -43,7 +43,8 @@ std::string not_loaded(const std::string& library) {
 
 TEST(PartRegistry, MakesEveryModelWithItsDefaults) {
   PartRegistry registry;
-  EXPECT_THAT(registry.names(), AllOf(Contains("kcf"), Contains("mosse"), Contains("template")));
+  EXPECT_THAT(registry.names(),
+              AllOf(Contains("kcf"), Contains("mosse"), Contains("strcf"), Contains("template")));
   const cv::Mat image = testing::texture(120, 160);
   const Frame frame(image);
   for (const std::string& name : registry.names()) {

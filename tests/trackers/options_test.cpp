@@ -135,6 +135,7 @@ const std::vector<Case>& cases() {
     part<Kcf, KcfOptions>("kcf"),
     part<Mosse, MosseOptions>("mosse"),
     part<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability"),
+    part<Strcf, StrcfOptions>("strcf"),
     part<Superpixels, SuperpixelsOptions>("superpixels_part"),
     part<Template, TemplateOptions>("template"),
     make_case("scale_filter", ScaleFilterOptions(), [](const auto& o) { run_scale(ScaleFilter(o)); }),

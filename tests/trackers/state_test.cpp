@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/parts/models/mosse.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/superpixels.hpp>
 #include <asterism/parts/models/template.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
@@ -64,6 +65,7 @@ std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
       result.emplace_back(name, [name] { return make_tracker(name); });
   result.emplace_back("kalman of lgt", [] { return KalmanTracker(make_tracker("lgt")); });
   const std::pair<const char*, AnyPart> parts[]{{"mosse", Mosse()},
+                                                {"strcf", Strcf()},
                                                 {"superpixel parts", Superpixels()},
                                                 {"template", Template()},
                                                 {"color_histogram", ColorHistogram()},

@@ -317,6 +317,7 @@ PartRegistry::PartRegistry() {
 #endif
   add<Mosse, MosseOptions>("mosse");
   add<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
+  add<Strcf, StrcfOptions>("strcf");
   add<Superpixels, SuperpixelsOptions>("superpixels");
   add<Template, TemplateOptions>("template");
 }

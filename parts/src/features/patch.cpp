@@ -91,15 +91,33 @@ void PatchSampler::box_filter_row(const cv::Mat& image, int y, const cv::Size& f
   }
   out.resize(static_cast<std::size_t>(limit));
   const float scale = 1 / static_cast<float>(filter.area());
-  const auto at = [&](int x) { return sum[std::clamp(x, 0, limit - 1)]; };
-  std::int64_t box = 0;
-  for (int x = first - half; x < first + half; ++x) box += at(x);
-  for (int x = first; x <= last; ++x) {
-    box += at(x + half);
+  const auto mean = [scale](auto box) {
     // NOLINTNEXTLINE(bugprone-incorrect-roundings): of what is not negative
-    out[static_cast<std::size_t>(x)] = static_cast<std::uint8_t>(static_cast<float>(box) * scale + 0.5F);
-    box -= at(x - half);
-  }
+    return static_cast<std::uint8_t>(static_cast<float>(box) * scale + 0.5F);
+  };
+  const auto running = [&](int from, int to) {
+    const auto at = [&](int x) { return sum[std::clamp(x, 0, limit - 1)]; };
+    std::int64_t box = 0;
+    for (int x = from - half; x < from + half; ++x) box += at(x);
+    for (int x = from; x <= to; ++x) {
+      box += at(x + half);
+      out[static_cast<std::size_t>(x)] = mean(box);
+      box -= at(x - half);
+    }
+  };
+  // Narrow boxes are added up pixel by pixel, all along the row at once; those at the border, and wide ones,
+  // are a running sum.
+  constexpr int kNarrow = 9;
+  const int inner = std::max(first, half), inner_end = std::min(last + 1, limit - half);
+  if (filter.width > kNarrow || filter.height > kNarrow || inner_end <= inner) return running(first, last);
+  running(first, inner - 1);
+  boxes_.assign(static_cast<std::size_t>(limit), 0);
+  std::int32_t* __restrict const box = boxes_.data();
+  for (int dx = -half; dx <= half; ++dx)
+    for (int x = inner; x < inner_end; ++x) box[x] += sum[x + dx];
+  std::uint8_t* __restrict const to = out.data();
+  for (int x = inner; x < inner_end; ++x) to[x] = mean(box[x]);
+  running(inner_end, last);
 }
 
 void PatchSampler::sample(const cv::Mat& image, const Point2& centre, const Size2& size, const cv::Size& grid,

@@ -78,12 +78,28 @@ struct SampledRow {
   std::uint8_t* out;
 };
 
+/// A round of the alternating direction method of multipliers for Strcf, whose header has its equations.
+/// Except for `label`, the real part of a split spectrum, pointers are to spectra of `channels` maps.
+struct RegressionRound {
+  int channels;
+  const float* label;     ///< y
+  const float* sample;    ///< x
+  const float* previous;  ///< f of the frame before
+  float* filter;          ///< f of the round before -> f
+  float* multiplier;      ///< h of the round before -> h
+  float* constrained;     ///< g of the round before -> penalty f + h, of which `weigh` makes g
+  float last_penalty;     ///< gamma of the round before; 0: there was none, g and h are 0
+  float penalty;          ///< gamma, > 0
+  float temporal;         ///< mu
+  bool last;              ///< f is all that is wanted: h and g are left as they are
+};
+
 /// One instruction set.
 struct KernelSet {
   int lanes;
 
   /// planes (channels x rows x cols, times `window`) -> spectra; returns the squared norm of what was
-  /// transformed. `channels` is a multiple of kMaxLanes.
+  /// transformed. `channels` is a multiple of lanes, here and below.
   double (*forward)(const Transform& t, int channels, const float* planes, const float* window,
                     float* spectra, float* work);
   /// sum over channels of z conj(x) -> split spectrum
@@ -92,6 +108,10 @@ struct KernelSet {
   /// templates += rate (sample - templates); returns the squared norm of templates' maps.
   double (*train)(const Transform& t, int channels, float rate, const float* sample, float* templates,
                   float* power);
+  /// The filter of a round; returns the response of the sample to it at zero shift.
+  double (*regress)(const Transform& t, const RegressionRound& round);
+  /// spectra -> those of the maps times `weight` (rows x cols). Rows of zeros cost little.
+  void (*weigh)(const Transform& t, int channels, const float* weight, float* spectra, float* work);
   /// Split spectrum -> plane; the spectrum's content is destroyed.
   void (*inverse_plane)(const Transform& t, float* split, float* plane, float* work);
   /// plane -> split spectrum

@@ -400,6 +400,137 @@ double train(const Transform& t, int channels, float rate, const float* sample, 
   return norm / (static_cast<double>(t.rows) * t.cols);
 }
 
+/// In each bin (x x^H + ridge I) f = x y + ridge b with b = (gamma g - h + mu f_prev) / (gamma + mu), by
+/// Sherman and Morrison: f = b + x (y - x^H b) / (|x|^2 + ridge).
+template <bool kFirst, bool kLast>
+double regress_as(const Transform& t, const RegressionRound& round) {
+  const std::ptrdiff_t block = std::ptrdiff_t{2} * kLanes * t.bins * t.rows;
+  const int blocks = round.channels / kLanes;
+  const float whole = round.penalty + round.temporal;
+  const float of_constrained = round.penalty / whole, of_multiplier = 1 / whole,
+              of_previous = round.temporal / whole;
+  const float ridge = whole * static_cast<float>(t.rows) * static_cast<float>(t.cols);
+  double response = 0;
+  for (int row = 0; row < t.rows; ++row) {
+    V all = {};
+    float ends = 0;
+    for (int bin = 0; bin < t.bins; bin += kLanes) {
+      V energy[kLanes] = {}, re[kLanes] = {}, im[kLanes] = {};
+      const int count = t.bins - bin < kLanes ? t.bins - bin : kLanes;
+      const std::ptrdiff_t first = 2 * kLanes * (std::ptrdiff_t{row} * t.bins + bin);
+      for (int b = 0; b < count; ++b) {
+        V sum = {}, sum_re = {}, sum_im = {};
+        for (int k = 0; k < blocks; ++k) {
+          const std::ptrdiff_t at = first + 2 * kLanes * b + block * k;
+          const float *const x = round.sample + at, *const old = round.previous + at;
+          float* const f = round.filter + at;
+          V b_re = of_previous * load(old), b_im = of_previous * load(old + kLanes);
+          if constexpr (!kFirst) {
+            const float* const g = round.constrained + at;
+            float* const h = round.multiplier + at;
+            const V g_re = load(g), g_im = load(g + kLanes);
+            const V h_re = load(h) + round.last_penalty * (load(f) - g_re);
+            const V h_im = load(h + kLanes) + round.last_penalty * (load(f + kLanes) - g_im);
+            if constexpr (!kLast) {
+              store(h, h_re);
+              store(h + kLanes, h_im);
+            }
+            b_re += of_constrained * g_re - of_multiplier * h_re;
+            b_im += of_constrained * g_im - of_multiplier * h_im;
+          }
+          store(f, b_re);
+          store(f + kLanes, b_im);
+          const V x_re = load(x), x_im = load(x + kLanes);
+          sum += x_re * x_re + x_im * x_im;
+          sum_re += x_re * b_re + x_im * b_im;
+          sum_im += x_re * b_im - x_im * b_re;
+        }
+        energy[b] = sum;
+        re[b] = sum_re;
+        im[b] = sum_im;
+      }
+      // One bin a lane: x^H b, and the factor of x in f.
+      const V power = sums(energy), fit_re = sums(re), fit_im = sums(im);
+      const V share = 1.0F / (power + ridge);
+      float factor_re[kLanes], factor_im[kLanes];
+      const V q_re = (load(round.label + std::ptrdiff_t{row} * t.padded_bins + bin) - fit_re) * share;
+      store(factor_re, q_re);
+      store(factor_im, -fit_im * share);
+      // The response's real part, x^H f; all columns but the first and the last stand for two.
+      const V reached = fit_re + power * q_re;
+      all += reached;
+      if (bin == 0) ends += reached[0];
+      if (bin + count == t.bins) ends += reached[count - 1];
+      for (int b = 0; b < count; ++b) {
+        const V by_re = set(factor_re[b]), by_im = set(factor_im[b]);
+        for (int k = 0; k < blocks; ++k) {
+          const std::ptrdiff_t at = first + 2 * kLanes * b + block * k;
+          const float* const x = round.sample + at;
+          float* const f = round.filter + at;
+          const V x_re = load(x), x_im = load(x + kLanes);
+          const V f_re = load(f) + (x_re * by_re - x_im * by_im);
+          const V f_im = load(f + kLanes) + (x_re * by_im + x_im * by_re);
+          store(f, f_re);
+          store(f + kLanes, f_im);
+          if constexpr (!kLast) {
+            float *const g = round.constrained + at, *const h = round.multiplier + at;
+            if constexpr (kFirst) {
+              store(h, V{});
+              store(h + kLanes, V{});
+              store(g, round.penalty * f_re);
+              store(g + kLanes, round.penalty * f_im);
+            } else {
+              store(g, round.penalty * f_re + load(h));
+              store(g + kLanes, round.penalty * f_im + load(h + kLanes));
+            }
+          }
+        }
+      }
+    }
+    response += 2 * sum(all) - static_cast<double>(ends);
+  }
+  return response / (static_cast<double>(t.rows) * t.cols);
+}
+
+double regress(const Transform& t, const RegressionRound& round) {
+  if (round.last_penalty == 0)
+    return round.last ? regress_as<true, true>(t, round) : regress_as<true, false>(t, round);
+  return round.last ? regress_as<false, true>(t, round) : regress_as<false, false>(t, round);
+}
+
+void weigh(const Transform& t, int channels, const float* weight, float* spectra, float* work) {
+  const Work buffers(t, work);
+  const std::ptrdiff_t row_stride = std::ptrdiff_t{2} * kLanes * t.bins;
+  for (int channel = 0; channel < channels; channel += kLanes) {
+    float* const block = spectra + row_stride * t.rows * (channel / kLanes);
+    for (int bin = 0; bin < t.bins; ++bin) {
+      float *const re = block + std::ptrdiff_t{2} * kLanes * bin, *const im = re + kLanes;
+      transform(t.down, {im, re, row_stride}, {im, re, row_stride}, buffers.passes);
+    }
+    for (int row = 0; row < t.rows; ++row) {
+      float* const bins = block + row_stride * row;
+      const float* const weights = weight + std::ptrdiff_t{row} * t.cols;
+      bool zero = true;
+      for (int col = 0; col < t.cols; ++col) zero = zero && weights[col] == 0;
+      if (zero) {
+        for (std::ptrdiff_t i = 0; i < row_stride; i += kLanes) store(bins + i, V{});
+        continue;
+      }
+      inverse_row(t, {bins, bins + kLanes, 2 * kLanes}, buffers.rows, buffers.z, buffers.passes);
+      for (int col = 0; col < t.cols; ++col) {
+        float* const at = buffers.rows + std::ptrdiff_t{kLanes} * col;
+        store(at, load(at) * weights[col]);
+      }
+      forward_row(t, buffers.rows, {bins, bins + kLanes, 2 * kLanes}, buffers.z, buffers.passes);
+    }
+    for (int bin = 0; bin < t.bins; ++bin) {
+      float* const column = block + std::ptrdiff_t{2} * kLanes * bin;
+      transform(t.down, {column, column + kLanes, row_stride}, {column, column + kLanes, row_stride},
+                buffers.passes);
+    }
+  }
+}
+
 /// Columns of a split spectrum, in place.
 ASTERISM_INLINE void transform_columns(const Transform& t, float* re, float* im, float* work) {
   for (int bin = 0; bin < t.padded_bins; bin += kLanes) {
@@ -662,6 +793,8 @@ constexpr KernelSet kKernels = {.lanes = kLanes,
                                 .forward = forward,
                                 .correlate = correlate,
                                 .train = train,
+                                .regress = regress,
+                                .weigh = weigh,
                                 .inverse_plane = inverse_plane,
                                 .forward_plane = forward_plane,
                                 .gaussian = gaussian,

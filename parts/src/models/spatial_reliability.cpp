@@ -30,25 +30,6 @@ Eigen::Map<Eigen::ArrayXf> parts_of(std::complex<float>* spectrum, Eigen::Index 
   return {reinterpret_cast<float*>(spectrum), 2 * bins};
 }
 
-// Vertex of a Gaussian through three values, the middle one the largest and positive: that of the parabola
-// through their logarithms. The label is a Gaussian; a parabola through the values would err by up to 0.05.
-double gaussian_vertex(float before, float middle, float after) {
-  const float least = 1e-3f * middle;
-  const double left = std::log(std::max(before, least) / middle),
-               right = std::log(std::max(after, least) / middle);
-  return left + right < 0 ? std::clamp(0.5 * (left - right) / (left + right), -0.5, 0.5) : 0;
-}
-
-// Offset (x, y) of a periodic map's maximum from the position (row, col) of its largest value [cells].
-template <class Map>
-Point2 offset_at(const Map& map, Eigen::Index row, Eigen::Index col) {
-  const Eigen::Index rows = map.rows(), cols = map.cols();
-  const float middle = map(row, col);
-  if (!(middle > 0)) return Point2::Zero();
-  return {gaussian_vertex(map(row, (col + cols - 1) % cols), middle, map(row, (col + 1) % cols)),
-          gaussian_vertex(map((row + rows - 1) % rows, col), middle, map((row + 1) % rows, col))};
-}
-
 }  // namespace
 
 MaskedRegression::MaskedRegression(int rows, int cols, const MaskedRegressionOptions& options)

@@ -10,6 +10,7 @@
 #include <asterism/parts/models/mosse.hpp>
 #include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/superpixels.hpp>
 #include <asterism/parts/models/template.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
@@ -54,7 +55,7 @@ inline void visit_options(OptionVisitor& visit, Kernel& kernel) {
   visit("exponent", kernel.exponent, {1, 100});
 }
 
-inline void visit_options(OptionVisitor& visit, KcfFeatures& features) {
+inline void visit_options(OptionVisitor& visit, CellFeatures& features) {
   visit("hog", features.hog);
   visit("gray", features.gray);
   visit("color", features.color);
@@ -140,6 +141,21 @@ inline void visit_options(OptionVisitor& visit, ColorHistogramOptions& options) 
   visit("sharpness", options.sharpness, option_ranges::kPositive);
   visit("learning_rate", options.learning_rate, option_ranges::kShare);
   visit_window(visit, options.window, option_ranges::kSearchPadding, option_ranges::kSide);
+}
+
+inline void visit_options(OptionVisitor& visit, StrcfOptions& options) {
+  visit("features", options.features);
+  visit("temporal_weight", options.temporal_weight, {0, 1e6});
+  visit("target_weight", options.target_weight, {0, 1e6});
+  visit("background_weight", options.background_weight, {0, 1e6});
+  visit("admm_iterations", options.admm_iterations, {1, 100});
+  visit("penalty", options.penalty, {1e-6, 1e6});
+  visit("penalty_growth", options.penalty_growth, {1, 1e6});
+  visit("max_penalty", options.max_penalty, {1e-6, 1e6});
+  visit("label_sigma", options.label_sigma, option_ranges::kPositive);
+  visit("cell_size", options.cell_size, {1, option_ranges::kLongestSide});
+  visit_window(visit, options.window, {0, option_ranges::kMostPadding}, option_ranges::kSide);
+  visit("sub_pixel", options.sub_pixel);
 }
 
 inline void visit_options(OptionVisitor& visit, SlicOptions& options) {

@@ -22,8 +22,8 @@ ASTERISM_API void check_nesting(const std::string& of, std::string_view json);
 class ASTERISM_API PartRegistry {
  public:
   /// Knows the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
-  /// "spatial_reliability", "superpixels", "template"; without "flow" or "keypoints" where they were not
-  /// built.
+  /// "spatial_reliability", "strcf", "superpixels", "template"; without "flow" or "keypoints" where they were
+  /// not built.
   PartRegistry();
 
   /// Adds a model, which is made of its options, under a name of letters, digits, '_' and '-'. Throws

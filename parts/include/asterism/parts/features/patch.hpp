@@ -46,7 +46,7 @@ class ASTERISM_API PatchSampler {
                       std::vector<std::uint8_t>& out);
 
   Axis x_, y_;
-  std::vector<std::int32_t> work_, sums_;
+  std::vector<std::int32_t> work_, sums_, boxes_;
   std::vector<std::uint8_t> above_, below_;
 };
 

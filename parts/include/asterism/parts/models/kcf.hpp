@@ -4,13 +4,7 @@
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/detail/aligned.hpp>
-#include <asterism/parts/features/fhog.hpp>
-#include <asterism/parts/features/patch.hpp>
-#include <memory>
-
-namespace asterism::part_kernels_v0_1 {
-struct FilterPlan;
-}
+#include <asterism/parts/features/cell_spectra.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -30,12 +24,8 @@ struct Kernel {
   double exponent = 9;         ///< of Polynomial, a whole number, in [1, 100]
 };
 
-/// What a Kcf sees of a cell, at least one of them; all feed one kernel, in this order.
-struct KcfFeatures {
-  bool hog = true;     ///< the 31 channels of Fhog
-  bool gray = true;    ///< the mean gray level, from -0.5 to 0.5
-  bool color = false;  ///< a and b of CIE Lab over 128, about -1 to 1; 0 in gray video
-};
+/// What a Kcf sees of a cell; all channels feed one kernel.
+using KcfFeatures = CellFeatures;
 
 /// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
 /// Sec. 3.1 asks for.
@@ -90,7 +80,9 @@ class ASTERISM_API Kcf {
 
   /// The target's size in the image [px], and that of its search window.
   const Size2& size() const { return size_; }
-  Size2 window() const { return scale_.cwiseProduct(Size2(cols_, rows_)) * options_.cell_size; }
+  Size2 window() const {
+    return scale_.cwiseProduct(Size2(sample_.cols(), sample_.rows())) * options_.cell_size;
+  }
   /// Let the target have another size in the image from now on: the window is stretched alike, the template
   /// stays.
   void resize(const Size2& size);
@@ -101,15 +93,10 @@ class ASTERISM_API Kcf {
   const KcfOptions& options() const { return options_; }
 
  private:
-  using Plan = part_kernels_v0_1::FilterPlan;
+  using Plan = CellSpectra::Plan;
 
   // All that follows from the target's size in the first frame: what `init` makes but the model itself.
   void prepare(const Size2& size);
-  // Features of the cells: the gray level of `patch_`, and the colors around `centre`.
-  void add_gray(float* plane);
-  void add_color(const Frame& frame, const Point2& centre, float* planes);
-  // Windowed features -> their spectra in `sample_`; returns their squared norm.
-  double transform_patch(const Frame& frame, const Point2& centre);
   // The cross spectrum in `split_` -> the spectrum of the kernel's map k^{xz} less `kernel_base_`. norms: of
   // z and x.
   void map_kernel(double norms);
@@ -120,15 +107,9 @@ class ASTERISM_API Kcf {
   double kernel_base_ = 0;  // of c = 0, or 0: about what the kernel's map is everywhere
   Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
   Size2 scale_ = Size2::Ones(), initial_scale_ = Size2::Ones();  // image pixels a template pixel
-  int rows_ = 0, cols_ = 0;                                      // cells
-  int channels_ = 0, padded_channels_ = 0;                       // the kernels' lanes want more, which are 0
-
-  PatchSampler sampler_;
-  Fhog fhog_;
-  std::shared_ptr<const Plan> plan_;
+  CellSpectra sample_;  // the windowed features of the last window, and their spectra
 
   // Spectra of real symmetric maps are real: those of the label, the kernel's autocorrelation, and so A.
-  AlignedFloats hann_;                              // one plane of the cosine window
   Eigen::ArrayXd label_;                            // Phi
   AlignedFloats template_;                          // z, the spectra of its channels
   double template_norm_ = 0;                        // |z|^2
@@ -137,9 +118,7 @@ class ASTERISM_API Kcf {
   ResponseMap response_;
 
   // Buffers of localize and adapt, sized by init; part_kernels.hpp has their layout.
-  Scratch patch_, cells_;
-  AlignedFloats features_, sample_, split_, plane_, work_;
-  Eigen::ArrayXi cell_work_, cell_sums_;
+  AlignedFloats split_, plane_;
 };
 
 }  // namespace ASTERISM_ABI
