@@ -34,15 +34,6 @@ class Scene {
     background_ += cv::Scalar(60, 0, 0);
   }
   static cv::Rect2d box(int t) { return {100.0 + 2 * t, 80.0 + t, 48, 64}; }
-  // The object and all around it behind a wall, shaded so that it is of many gray levels.
-  cv::Mat hidden(int t) const {
-    cv::Mat image = frame(t);
-    const cv::Rect wall = cv::Rect(box(t)) + cv::Point(-50, -50) + cv::Size(100, 100);
-    for (int x = wall.x; x < wall.br().x; ++x)
-      image(wall & cv::Rect({}, image.size()) & cv::Rect(x, 0, 1, image.rows))
-          .setTo(cv::Scalar::all(x % 256));
-    return image;
-  }
   cv::Mat frame(int t) const {
     cv::Mat image = background_.clone();
     object_.copyTo(image(cv::Rect(box(t))));
@@ -357,47 +348,6 @@ TEST(Coarse, ReportsALostTarget) {
   tracker.init(scene.frame(0), Scene::box(0));
   for (int t = 1; t <= 10; ++t) EXPECT_FALSE(tracker.update(scene.frame(t)).lost);
   EXPECT_TRUE(tracker.update(cv::Mat(240, 320, CV_8UC3, cv::Scalar(20, 200, 20))).lost);
-}
-
-// Hidden for a while, the object comes out where the search window does not reach.
-TEST(Coarse, FindsALostTargetAgain) {
-  const Scene scene;
-  for (const bool redetect : {false, true}) {
-    DptOptions options;
-    options.coarse.when_lost = redetect ? WhenLost::Wait : WhenLost::Follow;
-    Dpt tracker(options);
-    CoarseTracker coarse(options.coarse);
-    tracker.init(scene.frame(0), Scene::box(0));
-    coarse.init(scene.frame(0), Scene::box(0));
-    for (int t = 1; t <= 10; ++t) {
-      tracker.update(scene.frame(t));
-      coarse.update(scene.frame(t));
-    }
-    cv::Rect2d before = Scene::box(10);
-    for (int t = 0; t < 5; ++t) {
-      const TrackResult result = tracker.update(scene.hidden(10)),
-                        of_coarse = coarse.update(scene.hidden(10));
-      EXPECT_TRUE(result.lost);
-      EXPECT_TRUE(of_coarse.lost);
-      if (redetect) {
-        if (t > 0) {
-          EXPECT_EQ(result.box, before);
-        }
-        before = result.box;
-        ASSERT_EQ(result.parts.size(), 4u);
-        for (const PartState& part : result.parts) EXPECT_FALSE(part.updated);
-      }
-    }
-    // 85 px farther: the window reaches 66 px.
-    TrackResult result, of_coarse;
-    for (int t = 48; t < 52; ++t) {
-      result = tracker.update(scene.frame(t));
-      of_coarse = coarse.update(scene.frame(t));
-    }
-    const Point2 truth = centre_of(Scene::box(51));
-    EXPECT_EQ((centre_of(result.box) - truth).norm() < 3, redetect);
-    EXPECT_EQ((centre_of(of_coarse.box) - truth).norm() < 3, redetect);
-  }
 }
 
 // The mean posterior of the box leads to the object where its filter sees nothing.

@@ -30,36 +30,11 @@ void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
 }
 
 CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
-  StageClock clock;
-  if (options_.motion_share > 0) moving_ = motion_.segment(frame);
-  const double motion_milliseconds = clock.lap();
-  Estimate estimate = localize_around(frame, pose_.centre());
-  estimate.motion_milliseconds = motion_milliseconds;
-  const bool searches = options_.when_lost == WhenLost::Search || options_.when_lost == WhenLost::Wait;
-  if (!estimate.lost || !searches) return estimate;
-
-  // The neighbour with the highest response, if that is one of the object.
-  const cv::Rect2d window = search_window(pose_.centre());
-  Point2 best = pose_.centre();
-  double highest = options_.lost_below;
-  for (const int row : {-1, 0, 1})
-    for (const int col : {-1, 0, 1}) {
-      const Point2 around = pose_.centre() + Point2(col * window.width, row * window.height) / 2;
-      const bool inside = around.x() >= 0 && around.y() >= 0 && around.x() < frame.size().width &&
-                          around.y() < frame.size().height;
-      if ((row == 0 && col == 0) || !inside) continue;
-      const double peak = root_.localize(frame, around).peak;
-      if (peak < highest) continue;
-      highest = peak;
-      best = around;
-    }
-  return best == pose_.centre() ? estimate : localize_around(frame, best);
-}
-
-CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Point2& around) {
   Estimate estimate;
   StageClock clock;
-  estimate.evidence = root_.localize(frame, around);
+  if (options_.motion_share > 0) moving_ = motion_.segment(frame);
+  estimate.motion_milliseconds = clock.lap();
+  estimate.evidence = root_.localize(frame, pose_.centre());
   estimate.similarity = estimate.evidence.peak;
   estimate.root_milliseconds = clock.lap();
   const ResponseMap* const response = root_.response();
@@ -67,7 +42,7 @@ CoarseLayer::Estimate CoarseLayer::localize_around(const Frame& frame, const Poi
   if (response != nullptr && (options_.use_color || options_.motion_share > 0)) density_ = *response;
   if (options_.use_color && color_.enabled()) {
     const Segmentation& segmentation = estimate.segmentation =
-        color_.segment(frame, search_window(around), pose_.size());
+        color_.segment(frame, search_window(), pose_.size());
     const bool adds = options_.color_share > 0;
     if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
       if (adds)
@@ -138,14 +113,14 @@ void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight)
     }
 }
 
-cv::Rect2d CoarseLayer::search_window(const Point2& around) const {
+cv::Rect2d CoarseLayer::search_window() const {
   if (const ResponseMap* const response = root_.response()) {
     const Size2 cells(static_cast<double>(response->values.cols()),
                       static_cast<double>(response->values.rows()));
-    return box_around(around, response->spacing.cwiseProduct(cells));
+    return box_around(pose_.centre(), response->spacing.cwiseProduct(cells));
   }
-  return box_around(
-      around, pose_.size() + Size2::Constant(KcfOptions().window.padding * std::sqrt(pose_.size().prod())));
+  return box_around(pose_.centre(), pose_.size() + Size2::Constant(KcfOptions().window.padding *
+                                                                   std::sqrt(pose_.size().prod())));
 }
 
 void CoarseLayer::move(const ObjectPose& pose) {
@@ -176,13 +151,11 @@ TrackResult CoarseTracker::follow(const Frame& frame) {
   layer_.report(estimate, result);
 
   StageClock clock;
-  if (!layer_.waits(estimate)) {
-    ObjectPose pose = layer_.pose();
-    pose.move_to(estimate.evidence.position);
-    pose.keep_in(frame);
-    layer_.move(pose);
-    if (layer_.learns(estimate)) layer_.adapt(frame, estimate.segmentation.informative);
-  }
+  ObjectPose pose = layer_.pose();
+  pose.move_to(estimate.evidence.position);
+  pose.keep_in(frame);
+  layer_.move(pose);
+  layer_.adapt(frame, estimate.segmentation.informative);
   result.times.push_back({"update", clock.lap()});
   result.box = layer_.pose().box();
   return result;

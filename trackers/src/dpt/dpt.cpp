@@ -102,8 +102,6 @@ TrackResult Dpt::follow(const Frame& frame) {
   const CoarseLayer::Estimate root = coarse_.localize(frame);
   Placement x = displaced_parts(root.evidence.position);
   coarse_.report(root, result);
-  if (coarse_.waits(root))
-    return waiting(std::move(result));  // ours: the rest is for an object that is there
 
   // 2: Calculate the part correlation filter responses and form a spring system.
   StageClock clock;
@@ -124,24 +122,15 @@ TrackResult Dpt::follow(const Frame& frame) {
 
   // 5: Update the spring system parameters and the constellation appearance models.
   report_parts(evidence, result);
-  const bool learns = coarse_.learns(root);
-  if (learns) update_constellation(frame, root.segmentation, result);
+  update_constellation(frame, root.segmentation, result);
   result.times.push_back({"part update", clock.lap()});
 
   // 6: Update the coarse color model and correlation filter.
-  if (learns) update_coarse_models(frame, root.segmentation);
+  update_coarse_models(frame, root.segmentation);
   result.times.push_back({"root update", clock.lap()});
 
   result.box = coarse_.pose().box();
   result.angle = coarse_.pose().angle();
-  return result;
-}
-
-TrackResult Dpt::waiting(TrackResult seen) const {
-  TrackResult result = standing();
-  result.confidence = seen.confidence;
-  result.lost = true;
-  result.times = std::move(seen.times);
   return result;
 }
 

@@ -67,13 +67,10 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     options.overlap = name == "dpt_3x3_ov" ? 0.5 : 0;
     return options;
   }
-#ifdef ASTERISM_TRACKERS_FLOW
   if (name == "dpt_plus") {
     SpatialReliabilityOptions filter;
     filter.color_channels = true;
     options.coarse.root = SpatialReliability(filter);
-    options.coarse.motion_share = 0.45;
-    options.coarse.when_lost = WhenLost::Wait;
     options.scale_share = 0.25;
     options.scale.scales = 17;
     options.scale.step = 1.04;
@@ -81,7 +78,6 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     options.solver = {"newton", {}};
     return options;
   }
-#endif
   return {};
 }
 
@@ -136,9 +132,9 @@ std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
 
 std::vector<std::string> tracker_names() {
   std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",    "dpt_crs_nos",
-                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov"};
+                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus"};
 #ifdef ASTERISM_TRACKERS_FLOW
-  names.insert(names.end(), {"dpt_plus", "flock"});
+  names.push_back("flock");
 #endif
 #ifdef ASTERISM_TRACKERS_KEYPOINTS
   names.push_back("keypoints");

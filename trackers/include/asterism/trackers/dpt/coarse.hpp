@@ -15,14 +15,6 @@ inline namespace ASTERISM_ABI {
 /// would compile it.
 ASTERISM_API AnyPart paper_filter();
 
-/// What a tracker does in a frame in which it is lost.
-enum class WhenLost {
-  Follow,  ///< goes on as always
-  Doubt,   ///< follows its evidence, but learns nothing
-  Search,  ///< as Doubt; also searches half a window farther in eight directions, and follows what is found
-  Wait     ///< searches as Search does; while the object is not found, its box stays where it was
-};
-
 /// Options of the coarse layer (Sec. 2.2).
 struct CoarseOptions {
   /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
@@ -49,8 +41,6 @@ struct CoarseOptions {
   /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
   /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
   double lost_below = 0.2;
-  /// What is done while the object is lost. The paper's tracker goes on.
-  WhenLost when_lost = WhenLost::Follow;
 };
 
 /// The paper's coarse representation: the root correlation filter z^(0) and the global color model C_t,
@@ -75,14 +65,6 @@ class ASTERISM_API CoarseLayer {
   };
   /// The object's position near its last one: the maximum of Eq. 4.
   Estimate localize(const Frame& frame);
-  /// The estimate is not to be followed: the object is lost, and to be waited for (WhenLost).
-  bool waits(const Estimate& estimate) const {
-    return estimate.lost && options_.when_lost == WhenLost::Wait;
-  }
-  /// The models may learn from the frame.
-  bool learns(const Estimate& estimate) const {
-    return !estimate.lost || options_.when_lost == WhenLost::Follow;
-  }
   /// Confidence, lost flag and stages of a tracker's result, as the estimate has them.
   void report(const Estimate& estimate, TrackResult& result) const;
 
@@ -101,13 +83,12 @@ class ASTERISM_API CoarseLayer {
   const Evidence& evidence() const { return evidence_; }
 
  private:
-  Estimate localize_around(const Frame& frame, const Point2& around);
   // `density_` times the color probability, ...
   void multiply_color(const Segmentation& segmentation);
   // ... or its weighted sum with the mean posterior of the box.
   void add_posterior(const Segmentation& segmentation, double weight);
-  // What the root searches around a position, and the color model with it.
-  cv::Rect2d search_window(const Point2& around) const;
+  // What the root searches, and the color model with it.
+  cv::Rect2d search_window() const;
 
   CoarseOptions options_;
   AnyPart root_;

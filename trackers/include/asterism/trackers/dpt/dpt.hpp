@@ -114,9 +114,6 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   TrackResult standing() const;
   void visit_learned(StateArchive& archive);
 
-  /// The result of a tracker that waits for its object, which was not seen.
-  TrackResult waiting(TrackResult seen) const;
-
   /// Line 1: the parts go along with the root, whose centre is at `position` now.
   Placement displaced_parts(const Point2& position) const;
   /// Line 2 (Sec. 2.3.3): anchors, static and dynamic stiffness from the responses of the parts near x;

@@ -190,9 +190,9 @@ ASTERISM_API std::vector<std::string> tracker_names();
 /// - "dpt" (Dpt), and its variants in the paper's Table 1: "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov",
 ///   "dpt_crs" (the coarse layer alone, also "coarse") and "dpt_crs_nos" (its filter alone; "kcf" is that in
 ///   the window of Henriques' KCF);
-/// - "dpt_plus", the best that this library can make of a constellation (docs/tracker.md);
-/// - "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt), "superpixels" (SuperpixelTracker). Flock,
-///   dpt_plus and KeypointTracker are not known where OpenCV's libraries for them were not found;
+/// - "dpt_plus", DPT with a root that learns from its surroundings, and a scale filter (docs/tracker.md);
+/// - "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt), "superpixels" (SuperpixelTracker). Flock
+///   and KeypointTracker are not known where OpenCV's libraries for them were not found;
 /// - "kalman" (KalmanTracker of DPT, or of the tracker that its option "of" describes).
 ///
 /// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option

@@ -33,7 +33,6 @@ inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("color_share", options.color_share, option_ranges::kShare);
   visit("sub_pixel", options.sub_pixel);
   visit("lost_below", options.lost_below, {-1e9, 1e9});
-  visit("when_lost", options.when_lost, {"follow", "doubt", "search", "wait"});
   visit("motion", options.motion);
   visit("motion_share", options.motion_share, option_ranges::kShare);
 }
