@@ -123,6 +123,13 @@ TEST(InPractice, Range) {
   EXPECT_EQ(suggested_range(image), range);
 }
 
+TEST(InPractice, StartRegion) {
+  AnyTracker tracker = make_tracker("kcf");
+  const cv::Mat image = draw(0);
+#include "docs_in-practice_5.inc"
+  EXPECT_FALSE(tracker.update(draw(1)).lost);
+}
+
 TEST(InPractice, StateOfAModel) {
   Saved saved, later;
   saved.size_ << 3, 4;

@@ -55,6 +55,25 @@ class TrackersTest(unittest.TestCase):
                     ]
                     self.assertEqual(found, expected)
 
+    def test_starts_on_polygons_and_masks(self):
+        x, y, width, height = BOX
+        corners = [(x, y), (x + width, y), (x + width, y + height), (x, y + height)]
+        mask = np.zeros(self.frames[0].shape[:2], bool)
+        mask[y:y + height, x:x + width] = True
+        expected = follow(self.started("kcf"), self.frames[1:3])
+        for region in (corners, np.array(corners, float).ravel(), np.array(corners), mask, mask.astype(np.uint8)):
+            tracker = asterism.Tracker("kcf")
+            tracker.init(self.frames[0], region)
+            for result, other in zip(follow(tracker, self.frames[1:3]), expected):
+                np.testing.assert_allclose(result.box, other.box, atol=1e-6)
+        diamond = asterism.Tracker("kcf")
+        diamond.init(self.frames[0], [x + width / 2, y, x + width, y + height / 2, x + width / 2, y + height, x, y + height / 2])
+        result = diamond.update(self.frames[1])
+        self.assertAlmostEqual(result.box[2] * result.box[3], width * height / 2, delta=1e-6)
+        for bad in ((1, 2, 3), "box", np.zeros((3, 3)), np.ones((4, 5), np.uint8), 0 * mask, [[1, 2], [3, 4]], None, {}):
+            with self.assertRaises(ValueError, msg=repr(bad)):
+                asterism.Tracker("kcf").init(self.frames[0], bad)
+
     def test_results(self):
         for frame, result in enumerate(follow(self.started(), self.frames[1:]), 1):
             np.testing.assert_allclose(result.box, true_box(frame), atol=3)

@@ -60,8 +60,8 @@ std::optional<PixelRange> range_of(const Range& range) {
 }
 
 /// Where an object is at the start: x, y, width, height; the corners of a polygon, flat or (N, 2); or a mask
-/// (height, width) of bool or uint8. ValueError for anything else.
-Region region_of(const py::object& object) {
+/// of bool or uint8 of the image's size. ValueError for anything else.
+Region region_of(const py::object& object, const cv::Size& image) {
   const auto array = py::array::ensure(object);
   if (!array) {
     PyErr_Clear();
@@ -71,17 +71,19 @@ Region region_of(const py::object& object) {
   const bool corners = array.ndim() == 1 || (array.ndim() == 2 && array.shape(1) == 2);
   if (array.ndim() == 2 && !corners &&
       (array.dtype().kind() == 'b' || array.dtype().is(py::dtype::of<uint8_t>()))) {
-    auto mask = py::array_t<uint8_t, py::array::c_style | py::array::forcecast>(array);
-    return Region::mask(cv::Mat(static_cast<int>(mask.shape(0)), static_cast<int>(mask.shape(1)), CV_8UC1,
-                                mask.mutable_data()));
+    if (array.shape(0) != image.height || array.shape(1) != image.width)
+      throw py::value_error("the object: the mask has another size than the image");
+    const auto mask = py::array_t<uint8_t, py::array::c_style | py::array::forcecast>(array);
+    return Region::mask(cv::Mat(image, CV_8UC1, const_cast<uint8_t*>(mask.data())));
   }
   const auto numbers = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
   if (!numbers) PyErr_Clear();
-  if (!numbers || !corners || (numbers.size() != 4 && (numbers.size() < 6 || numbers.size() % 2 != 0)))
+  const bool rectangle = numbers && numbers.ndim() == 1 && numbers.size() == 4;
+  if (!numbers || !corners || (!rectangle && (numbers.size() < 6 || numbers.size() % 2 != 0)))
     throw py::value_error(
         "the object: expected x, y, width, height, the corners of a polygon, or a mask of bool or uint8");
   const double* v = numbers.data();
-  if (numbers.size() == 4) return Region::rectangle({v[0], v[1], v[2], v[3]});
+  if (rectangle) return Region::rectangle({v[0], v[1], v[2], v[3]});
   std::vector<cv::Point2d> points;
   for (py::ssize_t i = 0; i < numbers.size(); i += 2) points.emplace_back(v[i], v[i + 1]);
   return Region::polygon(std::move(points));
@@ -118,7 +120,7 @@ class Tracker {
   void init(const py::object& image, const py::object& box) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
-    const Region region = region_of(box);
+    const Region region = region_of(box, mat.size());
     run([&] {
       if (range_)
         tracker_.init(Frame(mat, range_), region);
@@ -169,7 +171,7 @@ class Objects {
            const py::object& options) {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
-    const Region region = region_of(box);
+    const Region region = region_of(box, mat.size());
     AnyTracker tracker = made(name, options);
     const Exclusive use(busy_, "this asterism.MultiTracker");
     const py::gil_scoped_release release;
