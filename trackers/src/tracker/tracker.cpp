@@ -71,10 +71,7 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     SpatialReliabilityOptions filter;
     filter.color_channels = true;
     options.coarse.root = SpatialReliability(filter);
-    options.scale_share = 0.25;
-    options.scale.scales = 17;
-    options.scale.step = 1.04;
-    options.scale.label_sigma = 0.17;
+    options.scale_share = 1;
     options.solver = {"newton", {}};
     return options;
   }
