@@ -53,6 +53,7 @@ constexpr double kHullMargin = 15, kMarginProbability = 0.7;
 // from splitmix64 (Steele, Lea and Flood 2014).
 class Normal {
  public:
+  explicit Normal(int seed) : state_(static_cast<std::uint64_t>(seed) << 32) {}
   double operator()() {
     double sum = -6;
     for (int i = 0; i < 12; ++i) {
@@ -65,7 +66,7 @@ class Normal {
   }
 
  private:
-  std::uint64_t state_ = 0;
+  std::uint64_t state_;
 };
 
 double median(std::vector<double>& values) {
@@ -146,6 +147,7 @@ void Lgt::start(const Frame& frame, const cv::Rect2d& box) {
   shape_.setZero();
   learn_shape();
   box_ = box;
+  frames_ = 0;
 }
 
 Size2 Lgt::spread() const {
@@ -192,6 +194,7 @@ TrackResult Lgt::follow(const Frame& frame) {
 
   // The motion that the parts have in common (Sec. 3.1, the first stage of Alg. 1) ...
   const PlaneTransform step = common_motion();
+  frames_ = (frames_ + 1) % kMostFrames;
   for (auto position : placement.colwise()) position = step(position);
   pose_.move_by(step, step.scale);
   result.times.push_back({"motion", clock.lap()});
@@ -201,10 +204,12 @@ TrackResult Lgt::follow(const Frame& frame) {
   for (std::size_t i = 0; i < parts_.size(); ++i)
     evidence.push_back(evidence_near(parts_[i], placement.col(static_cast<Eigen::Index>(i))));
   constellation_.place(pose_, evidence);
+  const Eigen::VectorXd old_weights = weights();
+  pose_.move_to(
+      fit_pose(constellation_.layout(), placement, old_weights, pose_, options_.springs.reach).transform);
   result.times.push_back({"springs", clock.lap()});
 
   // The centre is that of the parts, filtered; it stays in the image, and the parts with it.
-  const Eigen::VectorXd old_weights = weights();
   const Point2 middle = placement * old_weights / std::max(old_weights.sum(), 1e-12);
   const Point2 kept = kept_in_image(frame, middle);
   placement.colwise() += kept - middle;
@@ -268,19 +273,25 @@ PlaneTransform Lgt::common_motion() const {
     const Eigen::Matrix2d turn = std::exp(p[3]) * Eigen::Rotation2Dd(p[2]).toRotationMatrix();
     return (turn * offsets).colwise() + (pose_.centre() + p.head<2>().matrix());
   };
-  Normal normal;
+  Normal normal(frames_);  // other numbers in each frame, so that their error does not add up
   Parameters mean = Parameters::Zero();
   Parameters deviation(options_.translation * unit(), options_.translation * unit(), options_.rotation,
                        options_.scale);
+  // In pairs on both sides of the mean, so that they do not push it to one.
   const auto draw = [&](std::vector<Sample>& samples, int count) {
-    for (; count > 0; --count) {
-      Sample sample{mean, 0};
-      for (int k = 0; k < 4; ++k) sample.parameters[k] += normal() * deviation[k];
-      const Points positions = moved(sample.parameters);
-      for (std::size_t i = 0; i < parts_.size(); ++i)
-        sample.similarity +=
-            parts_[i].weight * parts_[i].model.similarity_at(positions.col(static_cast<Eigen::Index>(i)));
-      samples.push_back(sample);
+    for (int sample = 0; sample < count; sample += 2) {
+      Parameters offset;
+      for (double& value : offset) value = normal();
+      offset *= deviation;
+      for (const double side : {1.0, -1.0}) {
+        const Parameters parameters = mean + side * offset;
+        const Points positions = moved(parameters);
+        double similarity = 0;
+        for (std::size_t i = 0; i < parts_.size(); ++i)
+          similarity +=
+              parts_[i].weight * parts_[i].model.similarity_at(positions.col(static_cast<Eigen::Index>(i)));
+        samples.push_back({parameters, similarity});
+      }
     }
   };
 

@@ -155,6 +155,8 @@ void Lgt::visit_learned(StateArchive& archive) {
     archive.require(part.weight >= 0 && part.weight <= 1);
     part.model.visit_state(archive);
   }
+  archive(frames_);
+  archive.require(frames_ >= 0 && frames_ < kMostFrames);
   archive(box_.x), archive(box_.y), archive(box_.width), archive(box_.height);
   Point2 centre = centre_of(box_);
   Size2 size(box_.width, box_.height);

@@ -64,6 +64,7 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   friend TrackerBase<Lgt>;
   static constexpr std::string_view kName = "Lgt";
   static constexpr int kShapeCells = 50;  // of the shape model, on each axis
+  static constexpr int kMostFrames = 1'000'000'000;
 
   void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
@@ -114,6 +115,7 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   ConstantVelocityFilter filter_;  // of the centre [px]; the third coordinate is not used
   ObjectPose pose_;
   cv::Rect2d box_;  // of the last result
+  int frames_ = 0;  // seeds the cross-entropy method, less than kMostFrames
 };
 
 }  // namespace ASTERISM_ABI
