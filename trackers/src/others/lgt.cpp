@@ -183,7 +183,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   const double unit_variance = unit() * unit();
   const Eigen::Vector3d density(unit_variance, unit_variance, 0);
 
-  // What the Kalman filter expects of nearly constant velocity (Sec. 3.4).
+  // What the Kalman filter expects of nearly constant velocity.
   filter_.predict(density);
   const Point2 velocity = filter_.velocity().head<2>();
   placement.colwise() += velocity;
@@ -192,14 +192,14 @@ TrackResult Lgt::follow(const Frame& frame) {
     parts_[i].model.localize(frame, placement.col(static_cast<Eigen::Index>(i)));
   result.times.push_back({"parts", clock.lap()});
 
-  // The motion that the parts have in common (Sec. 3.1, the first stage of Alg. 1) ...
+  // The local layer: the motion that the parts have in common ...
   const PlaneTransform step = common_motion();
   frames_ = (frames_ + 1) % kMostFrames;
   for (auto position : placement.colwise()) position = step(position);
   pose_.move_by(step, step.scale);
   result.times.push_back({"motion", clock.lap()});
 
-  // ... and that of each by itself, coupled by the springs: in place of the second stage.
+  // ... and that of each by itself, coupled by the springs: these take the place of LGT's second stage.
   std::vector<Evidence> evidence;
   for (std::size_t i = 0; i < parts_.size(); ++i)
     evidence.push_back(evidence_near(parts_[i], placement.col(static_cast<Eigen::Index>(i))));
@@ -217,7 +217,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   pose_.move_to(Point2(filter_.position().head<2>()));
   pose_.keep_in(frame);
 
-  // How well the parts do (Sec. 3.3).
+  // How well the parts do.
   double similarity = 0;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const Point2 position = placement.col(static_cast<Eigen::Index>(i));
@@ -234,7 +234,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   result.lost = similarity < options_.lost_below;
   result.angle = pose_.angle();
 
-  // Parts that are one merge, bad ones leave, new ones join where the global layer has the object (Sec. 3.2).
+  // Parts that are one merge, bad ones leave, new ones join where the global layer has the object.
   const Segmentation moving = options_.use_motion ? motion_.segment(frame) : Segmentation();
   if (!result.lost) {
     reweight(frame);
