@@ -234,30 +234,31 @@ TrackResult Lgt::follow(const Frame& frame) {
   result.lost = similarity < options_.lost_below;
   result.angle = pose_.angle();
 
-  // Parts that are one merge, bad ones leave, new ones join where the global layer has the object.
   const Segmentation moving = options_.use_motion ? motion_.segment(frame) : Segmentation();
-  if (!result.lost) {
-    reweight(frame);
-    std::vector<Point2> positions = this->placement();
-    merge(frame, positions);
-    remove(positions);
-    assign(positions);
-    result.times.push_back({"part update", clock.lap()});
-
-    learn_shape();
-    const Size2 map_size = Size2::Constant(kMapSide * unit());
-    const Segmentation color = options_.use_color
-                                   ? color_.segment(frame, box_around(pose_.centre(), map_size), pose_.size())
-                                   : Segmentation();
-    add_likely(frame, positions, probability(color, moving));
-    capacity_ += kCapacityRate * (static_cast<double>(std::ssize(parts_)) - capacity_);
-    assign(positions);
-  }
+  if (!result.lost) renew(frame, moving);
   result.box = box_ = box_of_parts(frame);
   if (options_.use_color && !result.lost) color_.adapt(frame, box_);
   if (options_.use_motion) motion_.adapt(frame, box_);
-  result.times.push_back({"color", clock.lap()});
+  result.times.push_back({"part update", clock.lap()});
   return result;
+}
+
+void Lgt::renew(const Frame& frame, const Segmentation& moving) {
+  // Parts that are one merge, and bad ones leave.
+  reweight(frame);
+  std::vector<Point2> positions = placement();
+  merge(frame, positions);
+  remove(positions);
+  assign(positions);
+
+  // New ones join where the global layer has the object.
+  learn_shape();
+  const cv::Rect2d region = box_around(pose_.centre(), Size2::Constant(kMapSide * unit()));
+  const Segmentation color =
+      options_.use_color ? color_.segment(frame, region, pose_.size()) : Segmentation();
+  add_likely(frame, positions, probability(color, moving));
+  capacity_ += kCapacityRate * (static_cast<double>(std::ssize(parts_)) - capacity_);
+  assign(positions);
 }
 
 PlaneTransform Lgt::common_motion() const {

@@ -87,6 +87,9 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   // Of the parts; its centre is in the image.
   cv::Rect2d box_of_parts(const Frame& frame) const;
 
+  // Parts merge, leave and join. moving: the model of motion's posterior.
+  void renew(const Frame& frame, const Segmentation& moving);
+
   // The local layer.
   PlaneTransform common_motion() const;
   Evidence evidence_near(const Part& part, const Point2& expected) const;
