@@ -1,9 +1,14 @@
+#include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <asterism/parts/models/color_histogram.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
-#include <stdexcept>
+#include <cstdint>
+#include <numeric>
+#include <opencv2/imgproc.hpp>
+#include <utility>
 
 #include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
@@ -13,188 +18,452 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Parts search so far to each side, and places on the way [part's side].
-constexpr double kReach = 2;
-constexpr int kSteps = 16;
-// Window of the global layer: the box and as much around it, x the mean side.
-constexpr double kPadding = 1;
-// A new part's weight.
+// Lengths in units: the arithmetic mean of the sides of the object's first box has so many.
+constexpr double kObjectSide = 60;
+constexpr int kPartSide = 6;
+// How far a part is searched to each side: as far as the common motion takes it, and the local one.
+constexpr double kReach = 24;
+// First parts are so far apart.
+constexpr double kSpacing = 10;
 constexpr double kNewWeight = 0.5;
+// Parts of this weight or more are believed by the global layer.
+constexpr double kDefinite = 0.5;
+
+// The cross-entropy method: samples at first, how many more at a time, at most; the best of them that the
+// next distribution is fitted to; how often.
+constexpr int kSamples = 50, kMoreSamples = 10, kMostSamples = 300, kElite = 10, kIterations = 10;
+// Deviation of a part's own motion: LGT has the variance 10.
+constexpr double kLocalDeviation = 3.162;
+
+// A part's weight: how fast it falls with dissimilarity, and with its median distance from the others beyond
+// the largest one.
+constexpr double kSimilarityDecay = 3, kDistanceDecay = 3, kMostDistance = 40;
+constexpr double kMergeDistance = 3;
+// So many parts stay in any case, and at most as many leave in a frame.
+constexpr int kFewest = 3;
+
+// The map of probabilities: its side, and below which share of its maximum no part joins. Around a part it is
+// damped by a Gaussian of this variance.
+constexpr double kMapSide = 150, kLikely = 0.2, kDampingVariance = 20;
+constexpr double kCapacityRate = 0.2, kShapeRate = 0.3;
+// The shape: certainty between the parts' convex hull and the hull widened by so much.
+constexpr double kHullMargin = 15, kMarginProbability = 0.7;
+
+// Normally distributed but for the tails, and the same with every compiler: sums of twelve uniform numbers
+// from splitmix64 (Steele, Lea and Flood 2014).
+class Normal {
+ public:
+  explicit Normal(int seed) : state_(static_cast<std::uint64_t>(seed) << 32) {}
+  double operator()() {
+    double sum = -6;
+    for (int i = 0; i < 12; ++i) {
+      std::uint64_t z = state_ += 0x9e3779b97f4a7c15ULL;
+      z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ULL;
+      z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
+      sum += static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-53;
+    }
+    return sum;
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+double median(std::vector<double>& values) {
+  const auto middle = values.begin() + std::ssize(values) / 2;
+  std::nth_element(values.begin(), middle, values.end());
+  return *middle;
+}
 
 }  // namespace
 
 AnyPart histogram_part() {
-  return ColorHistogram({.space = ColorHistogramOptions::Space::Rgb,
-                         .window = {.padding = 2 * kReach, .min_template_side = 8, .max_template_side = 10}});
+  return ColorHistogram({.space = ColorHistogramOptions::Space::Gray,
+                         .window = {.padding = 2 * kReach / kPartSide,
+                                    .min_template_side = kPartSide,
+                                    .max_template_side = kPartSide}});
 }
 
 Lgt::Lgt(const LgtOptions& options)
-    : options_(check_options("LgtOptions", options)), parts_(options.springs), color_(options.color) {}
+    : options_(check_options("LgtOptions", options)),
+      constellation_(options.springs),
+      color_(options.color),
+      motion_(options.motion) {
+  options_.use_motion = options.use_motion && MotionModel::available();
+}
+
+double Lgt::unit() const { return pose_.first_size().mean() / kObjectSide; }
+
+Size2 Lgt::part_size() const { return Size2::Constant(kPartSide * unit()); }
+
+Point2 Lgt::cell(int row, int col) const {
+  constexpr double kMiddle = (kShapeCells - 1) / 2.0;
+  return pose_.centre() + kMapSide / kShapeCells * unit() * Point2(col - kMiddle, row - kMiddle);
+}
+
+Eigen::VectorXd Lgt::weights() const {
+  Eigen::VectorXd result(std::ssize(parts_));
+  for (Eigen::Index i = 0; i < result.size(); ++i) result[i] = parts_[static_cast<std::size_t>(i)].weight;
+  return result;
+}
+
+std::vector<Point2> Lgt::placement() const {
+  std::vector<Point2> result;
+  for (const auto& position : constellation_.placement().colwise()) result.emplace_back(position);
+  return result;
+}
+
+void Lgt::assign(const std::vector<Point2>& placement) {
+  Points placed(2, std::ssize(placement)), layout(2, std::ssize(placement));
+  const PlaneTransform to_object = pose_.transform().inverse();
+  for (Eigen::Index i = 0; i < placed.cols(); ++i) {
+    placed.col(i) = placement[static_cast<std::size_t>(i)];
+    layout.col(i) = to_object(placed.col(i));
+  }
+  constellation_.assign(layout, placed, delaunay(layout));
+}
 
 void Lgt::start(const Frame& frame, const cv::Rect2d& box) {
   pose_ = ObjectPose(box);
+  const double variance = unit() * unit();
+  filter_.start({pose_.centre().x(), pose_.centre().y(), 0},
+                Eigen::Vector3d(variance, variance, 0).asDiagonal(), {unit(), unit(), 0});
   color_.init(frame, box);
+  if (options_.use_motion) motion_.init(frame, box);
+
+  // Parts on a grid.
   parts_.clear();
-  models_.clear(), weights_.clear();
-  renew(frame, color_.segment(frame, box, pose_.size()), options_.max_parts);
+  std::vector<Point2> placement;
+  const double spacing = unit() * std::max(kSpacing, kObjectSide / std::sqrt(options_.max_parts));
+  const Eigen::Array2i cells = (pose_.size() / spacing).array().round().max(1).min(100).cast<int>();
+  for (int row = 0; row < cells.y(); ++row)
+    for (int col = 0; col < cells.x() && std::ssize(parts_) < options_.max_parts; ++col)
+      add(frame, placement,
+          pose_.centre() + pose_.size().cwiseProduct(Point2((col + 0.5) / cells.x() - 0.5,  //
+                                                            (row + 0.5) / cells.y() - 0.5)));
+  assign(placement);
+  capacity_ = static_cast<double>(std::ssize(parts_));
+  first_spread_ = spread();
+  shape_.setZero();
+  learn_shape();
+  box_ = box;
+  frames_ = 0;
+}
+
+Size2 Lgt::spread() const {
+  const Points& x = constellation_.placement();
+  const Eigen::VectorXd w = weights() / std::max(weights().sum(), 1e-12);
+  const Eigen::Array2d variance = (x.colwise() - x * w).array().square().matrix() * w;
+  return (variance + unit() * unit() * kPartSide * kPartSide / 12).sqrt();
+}
+
+cv::Rect2d Lgt::box_of_parts(const Frame& frame) const {
+  const Points& x = constellation_.placement();
+  Point2 low = x.rowwise().minCoeff() - part_size() / 2, high = x.rowwise().maxCoeff() + part_size() / 2;
+  if (options_.box == PartsBox::Spread) {
+    const Point2 middle = x * weights() / std::max(weights().sum(), 1e-12);
+    const Size2 half = pose_.first_size().cwiseProduct(spread().cwiseQuotient(first_spread_)) / 2;
+    low = middle - half, high = middle + half;
+  }
+  const Size2 size = (high - low).cwiseMax(ObjectPose::kMinScale * pose_.first_size());
+  return box_around(kept_in_image(frame, (low + high) / 2),
+                    size.cwiseMin(ObjectPose::kMaxScale * pose_.first_size()));
 }
 
 TrackResult Lgt::standing() const {
-  return parts_.standing(pose_, Size2::Constant(options_.part_side * pose_.mean_side()));
+  TrackResult result = constellation_.standing(pose_, part_size());
+  result.box = box_;
+  return result;
 }
 
 TrackResult Lgt::follow(const Frame& frame) {
   StageClock clock;
   TrackResult result;
+  Points& placement = constellation_.placement();
+  const double unit_variance = unit() * unit();
+  const Eigen::Vector3d density(unit_variance, unit_variance, 0);
 
-  // What both layers see.
-  const Segmentation segmentation = color_.segment(
-      frame, box_around(pose_.centre(), pose_.size() + Size2::Constant(kPadding * pose_.mean_side())),
-      pose_.size());
-  result.times.push_back({"color", clock.lap()});
-  const std::size_t n = models_.size();
-  for (std::size_t i = 0; i < n; ++i)
-    models_[i].localize(frame, parts_.placement().col(static_cast<Eigen::Index>(i)));
+  // What the Kalman filter expects of nearly constant velocity.
+  filter_.predict(density);
+  const Point2 velocity = filter_.velocity().head<2>();
+  placement.colwise() += velocity;
+  pose_.move_to(Point2(pose_.centre() + velocity));
+  for (std::size_t i = 0; i < parts_.size(); ++i)
+    parts_[i].model.localize(frame, placement.col(static_cast<Eigen::Index>(i)));
   result.times.push_back({"parts", clock.lap()});
 
-  // The motion that they have in common, then each by itself near there.
-  parts_.placement().colwise() += common_displacement(segmentation);
-  std::vector<Evidence> evidence(n);
-  for (std::size_t i = 0; i < n; ++i)
-    evidence[i] = evidence_near(i, segmentation, parts_.placement().col(static_cast<Eigen::Index>(i)));
+  // The local layer: the motion that the parts have in common ...
+  const PlaneTransform step = common_motion();
+  frames_ = (frames_ + 1) % kMostFrames;
+  for (auto position : placement.colwise()) position = step(position);
+  pose_.move_by(step, step.scale);
   result.times.push_back({"motion", clock.lap()});
 
-  parts_.place(pose_, evidence);
+  // ... and that of each by itself, coupled by the springs: these take the place of LGT's second stage.
+  std::vector<Evidence> evidence;
+  for (std::size_t i = 0; i < parts_.size(); ++i)
+    evidence.push_back(evidence_near(parts_[i], placement.col(static_cast<Eigen::Index>(i))));
+  constellation_.place(pose_, evidence);
+  const Eigen::VectorXd old_weights = weights();
+  pose_.move_to(
+      fit_pose(constellation_.layout(), placement, old_weights, pose_, options_.springs.reach).transform);
   result.times.push_back({"springs", clock.lap()});
 
-  // The object moves as the weighted placement does; a part does well that fits where it now is.
-  Eigen::VectorXd weights(static_cast<Eigen::Index>(n));
-  for (std::size_t i = 0; i < n; ++i) weights[static_cast<Eigen::Index>(i)] = weights_[i] * evidence[i].peak;
-  const double near = options_.springs.reach * pose_.mean_side();
-  pose_.move_to(
-      fit_pose(parts_.layout(), parts_.placement(), weights, pose_, options_.springs.reach).transform);
+  // The centre is that of the parts, filtered; it stays in the image, and the parts with it.
+  const Point2 middle = placement * old_weights / std::max(old_weights.sum(), 1e-12);
+  const Point2 kept = kept_in_image(frame, middle);
+  placement.colwise() += kept - middle;
+  filter_.update({kept.x(), kept.y(), 0}, unit_variance * Eigen::Matrix3d::Identity());
+  pose_.move_to(Point2(filter_.position().head<2>()));
   pose_.keep_in(frame);
-  const Points expected = parts_.posed(pose_);
-  double confidence = 0;
-  for (std::size_t i = 0; i < n; ++i) {
-    const auto col = static_cast<Eigen::Index>(i);
-    const double strain = (parts_.placement().col(col) - expected.col(col)).norm() / near;
-    const double success = likelihood(i, segmentation, parts_.placement().col(col)) / (1 + strain * strain);
-    weights_[i] += options_.weight_rate * (success - weights_[i]);
-    confidence += models_[i].similarity_at(parts_.placement().col(col)) / (1 + strain * strain) /
-                  static_cast<double>(n);
-    result.parts.push_back({.position = parts_.placement().col(col),
-                            .size = Size2::Constant(options_.part_side * pose_.mean_side()),
-                            .visual_best = evidence[i].position,
-                            .weight = success,
-                            .updated = success > weights_[i]});
-    if (result.parts.back().updated) models_[i].adapt(frame, parts_.placement().col(col));
-  }
-  result.links = parts_.links();
-  result.box = pose_.box();
-  result.angle = pose_.angle();
-  result.confidence = std::clamp(confidence, 0.0, 1.0);
-  result.lost = confidence < options_.lost_below;
 
-  parts_.relax(pose_, options_.layout_rate);
-  if (!result.lost) {
-    renew(frame, segmentation, 1);
-    if (segmentation.informative) color_.adapt(frame, pose_.box());
+  // How well the parts do.
+  double similarity = 0;
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    const Point2 position = placement.col(static_cast<Eigen::Index>(i));
+    const double here = parts_[i].model.similarity_at(position);
+    similarity += here / static_cast<double>(std::ssize(parts_));
+    result.parts.push_back({.position = position,
+                            .size = part_size(),
+                            .visual_best = evidence[i].position,
+                            .weight = here,
+                            .updated = false});
   }
+  result.links = constellation_.links();
+  result.confidence = std::clamp(similarity, 0.0, 1.0);
+  result.lost = similarity < options_.lost_below;
+  result.angle = pose_.angle();
+
+  const Segmentation moving = options_.use_motion ? motion_.segment(frame) : Segmentation();
+  if (!result.lost) renew(frame, moving);
+  result.box = box_ = box_of_parts(frame);
+  if (options_.use_color && !result.lost) color_.adapt(frame, box_);
+  if (options_.use_motion) motion_.adapt(frame, box_);
   result.times.push_back({"part update", clock.lap()});
   return result;
 }
 
-double Lgt::likelihood(std::size_t part, const Segmentation& segmentation, const Point2& position) const {
-  const double similarity = models_[part].similarity_at(position);
-  if (!(similarity > 0)) return 0;
-  return std::exp(options_.sharpness * std::min(0.0, similarity - 1)) *
-         color_.probability(segmentation, position);
+void Lgt::renew(const Frame& frame, const Segmentation& moving) {
+  // Parts that are one merge, and bad ones leave.
+  reweight(frame);
+  std::vector<Point2> positions = placement();
+  merge(frame, positions);
+  remove(positions);
+  assign(positions);
+
+  // New ones join where the global layer has the object.
+  learn_shape();
+  const cv::Rect2d region = box_around(pose_.centre(), Size2::Constant(kMapSide * unit()));
+  const Segmentation color =
+      options_.use_color ? color_.segment(frame, region, pose_.size()) : Segmentation();
+  add_likely(frame, positions, probability(color, moving));
+  capacity_ += kCapacityRate * (static_cast<double>(std::ssize(parts_)) - capacity_);
+  assign(positions);
 }
 
-Point2 Lgt::common_displacement(const Segmentation& segmentation) const {
-  const double step = kReach * options_.part_side * pose_.mean_side() / kSteps;
-  Point2 best = Point2::Zero();
-  double most = -1;
-  for (int row = -kSteps; row <= kSteps; ++row)
-    for (int col = -kSteps; col <= kSteps; ++col) {
-      const Point2 displacement = step * Point2(col, row);
-      double sum = 0;
-      for (std::size_t i = 0; i < models_.size(); ++i)
-        sum += weights_[i] * likelihood(i, segmentation,
-                                        parts_.placement().col(static_cast<Eigen::Index>(i)) + displacement);
-      sum *= std::exp(-displacement.squaredNorm() / (kSteps * kSteps * step * step));  // nearer is likelier
-      if (sum > most) most = sum, best = displacement;
+PlaneTransform Lgt::common_motion() const {
+  using Parameters = Eigen::Array4d;  // translation, rotation, logarithm of the scale
+  struct Sample {
+    Parameters parameters;
+    double similarity;
+  };
+  const Points& placement = constellation_.placement();
+  const Points offsets = placement.colwise() - pose_.centre();
+  // About the object's centre.
+  const auto moved = [&](const Parameters& p) -> Points {
+    const Eigen::Matrix2d turn = std::exp(p[3]) * Eigen::Rotation2Dd(p[2]).toRotationMatrix();
+    return (turn * offsets).colwise() + (pose_.centre() + p.head<2>().matrix());
+  };
+  Normal normal(frames_);  // other numbers in each frame, so that their error does not add up
+  Parameters mean = Parameters::Zero();
+  Parameters deviation(options_.translation * unit(), options_.translation * unit(), options_.rotation,
+                       options_.scale);
+  // In pairs on both sides of the mean, so that they do not push it to one.
+  const auto draw = [&](std::vector<Sample>& samples, int count) {
+    for (int sample = 0; sample < count; sample += 2) {
+      Parameters offset;
+      for (double& value : offset) value = normal();
+      offset *= deviation;
+      for (const double side : {1.0, -1.0}) {
+        const Parameters parameters = mean + side * offset;
+        const Points positions = moved(parameters);
+        double similarity = 0;
+        for (std::size_t i = 0; i < parts_.size(); ++i)
+          similarity +=
+              parts_[i].weight * parts_[i].model.similarity_at(positions.col(static_cast<Eigen::Index>(i)));
+        samples.push_back({parameters, similarity});
+      }
     }
-  return most > 0 ? best : Point2::Zero();
-}
+  };
 
-Evidence Lgt::evidence_near(std::size_t part, const Segmentation& segmentation,
-                            const Point2& expected) const {
-  const double sigma = options_.springs.reach * pose_.mean_side(), step = sigma / 2;
-  double total = 0;
-  Point2 mean = Point2::Zero();
-  Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
-  Evidence result{.position = expected};
-  for (int row = -4; row <= 4; ++row)
-    for (int col = -4; col <= 4; ++col) {
-      const Point2 offset = step * Point2(col, row);
-      const double value = likelihood(part, segmentation, expected + offset);
-      const double weight = value * std::exp(-offset.squaredNorm() / (2 * sigma * sigma));
-      result.peak = std::max(result.peak, value);
-      total += weight, mean += weight * offset, moments += weight * offset * offset.transpose();
+  double worst_elite = 0, best = 0;
+  for (int iteration = 0; iteration < kIterations; ++iteration) {
+    std::vector<Sample> samples;
+    draw(samples, kSamples);
+    const auto sort = [&] {
+      std::stable_sort(samples.begin(), samples.end(),
+                       [](const Sample& a, const Sample& b) { return a.similarity > b.similarity; });
+    };
+    sort();
+    // More samples where these are no better than the last ones.
+    while (samples[kElite - 1].similarity <= worst_elite && samples[0].similarity <= best &&
+           std::ssize(samples) < kMostSamples) {
+      draw(samples, kMoreSamples);
+      sort();
     }
-  if (!(total > 0)) return {.position = expected, .peak = 0};
-  mean /= total;
-  result.position = expected + mean;
-  result.covariance = moments / total - mean * mean.transpose() + step * step * Eigen::Matrix2d::Identity();
+    worst_elite = samples[kElite - 1].similarity, best = samples[0].similarity;
+    if (!(worst_elite > 0)) return {};  // there is nothing to follow
+    double total = 0;
+    mean.setZero();
+    for (int i = 0; i < kElite; ++i)
+      total += samples[i].similarity, mean += samples[i].similarity * samples[i].parameters;
+    mean /= total;
+    deviation.setZero();
+    for (int i = 0; i < kElite; ++i)
+      deviation += samples[i].similarity / total * (samples[i].parameters - mean).square();
+    deviation = deviation.sqrt();
+  }
+  PlaneTransform result{std::exp(mean[3]), mean[2], Point2::Zero()};
+  result.translation = pose_.centre() + mean.head<2>().matrix() - result(pose_.centre());
   return result;
 }
 
-void Lgt::renew(const Frame& frame, const Segmentation& segmentation, int new_parts) {
-  const PlaneTransform to_object = pose_.transform().inverse();
-  std::vector<Point2> layout, placement;
-  std::vector<AnyPart> models;
-  std::vector<double> weights;
-  for (int i = 0; i < parts_.size(); ++i) {
-    const auto part = static_cast<std::size_t>(i);
-    const bool stays =
-        weights_[part] >= options_.remove_below && pose_.covers(to_object(parts_.placement().col(i)));
-    if (!stays) continue;
-    layout.push_back(parts_.layout().col(i)), placement.push_back(parts_.placement().col(i));
-    models.push_back(std::move(models_[part])), weights.push_back(weights_[part]);
-  }
-
-  // Where the object is least covered, near its middle, and of its color.
-  const double side = options_.part_side * pose_.mean_side();
-  constexpr int kPlaces = 12;  // on each axis
-  for (; new_parts > 0 && std::ssize(layout) < options_.max_parts; --new_parts) {
-    double most = 0;
-    Point2 best = Point2::Zero();
-    for (int place = 0; place < kPlaces * kPlaces; ++place) {
-      const int row = place / kPlaces, col = place % kPlaces;
-      const Point2 u = 2 * Point2(col + 0.5, row + 0.5) / kPlaces - Point2(1, 1);
-      const Point2 in_object = u.cwiseProduct(pose_.first_size()) / 2;
-      const Point2 position = pose_.transform()(in_object);
-      double free = 4;
-      for (const Point2& other : placement) free = std::min(free, (other - position).norm() / side);
-      const double score =
-          free < 0.5 ? 0 : free * std::exp(-u.squaredNorm()) * color_.probability(segmentation, position);
-      if (score > most) most = score, best = in_object;
+Evidence Lgt::evidence_near(const Part& part, const Point2& expected) const {
+  const double sigma = kLocalDeviation * unit(), step = sigma / 2;
+  double total = 0, best = 0;
+  Point2 mean = Point2::Zero();
+  Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
+  for (int row = -4; row <= 4; ++row)
+    for (int col = -4; col <= 4; ++col) {
+      const Point2 offset = step * Point2(col, row);
+      const double similarity = part.model.similarity_at(expected + offset);
+      const double weight = std::exp(options_.sharpness * std::min(0.0, similarity - 1) -
+                                     offset.squaredNorm() / (2 * sigma * sigma));
+      best = std::max(best, similarity);
+      total += weight, mean += weight * offset, moments += weight * offset * offset.transpose();
     }
-    if (!(most > 0)) break;
-    layout.push_back(best), placement.push_back(pose_.transform()(best));
-    models.push_back(options_.part), weights.push_back(kNewWeight);
-    models.back().init(frame, placement.back(), Size2::Constant(side));
-  }
+  mean /= total;
+  return {
+      .position = expected + mean,
+      .peak = part.weight * best,
+      .covariance = moments / total - mean * mean.transpose() + step * step * Eigen::Matrix2d::Identity()};
+}
 
-  Points points(2, std::ssize(layout)), placed(2, std::ssize(layout));
-  for (std::size_t i = 0; i < layout.size(); ++i) {
-    points.col(static_cast<Eigen::Index>(i)) = layout[i];
-    placed.col(static_cast<Eigen::Index>(i)) = placement[i];
+void Lgt::reweight(const Frame& frame) {
+  const Points& placement = constellation_.placement();
+  std::vector<double> distances(parts_.size());
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    const Point2 position = placement.col(static_cast<Eigen::Index>(i));
+    for (std::size_t j = 0; j < parts_.size(); ++j)
+      distances[j] = (placement.col(static_cast<Eigen::Index>(j)) - position).norm();
+    const bool seen = position == kept_in_image(frame, position);
+    const double similarity = seen ? parts_[i].model.similarity_at(position) : 0;
+    const double success =
+        std::exp(kSimilarityDecay * (similarity - 1)) /
+        (1 + std::exp(std::min(500.0, kDistanceDecay * (median(distances) / unit() - kMostDistance))));
+    parts_[i].weight += options_.weight_rate * (success - parts_[i].weight);
   }
-  models_ = std::move(models), weights_ = std::move(weights);
-  parts_.assign(points, placed, delaunay(points));
+}
+
+void Lgt::add(const Frame& frame, std::vector<Point2>& placement, const Point2& position) {
+  placement.push_back(position);
+  parts_.push_back({options_.part, kNewWeight});
+  parts_.back().model.init(frame, position, part_size());
+}
+
+void Lgt::merge(const Frame& frame, std::vector<Point2>& placement) {
+  for (std::size_t i = 0; i < parts_.size(); ++i)
+    for (std::size_t j = i + 1; j < parts_.size();) {
+      if ((placement[i] - placement[j]).norm() >= kMergeDistance * unit()) {
+        ++j;
+        continue;
+      }
+      // The two become one between them, which looks as the image does there.
+      const double total = std::max(parts_[i].weight + parts_[j].weight, 1e-12);
+      placement[i] += parts_[j].weight / total * (placement[j] - placement[i]);
+      parts_[i].weight = std::max(parts_[i].weight, parts_[j].weight);
+      parts_[i].model = options_.part;
+      parts_[i].model.init(frame, placement[i], part_size());
+      parts_.erase(parts_.begin() + static_cast<std::ptrdiff_t>(j));
+      placement.erase(placement.begin() + static_cast<std::ptrdiff_t>(j));
+      j = i + 1;
+    }
+}
+
+void Lgt::remove(std::vector<Point2>& placement) {
+  for (int removed = 0; removed < kFewest && std::ssize(parts_) > kFewest; ++removed) {
+    const auto worst = std::min_element(parts_.begin(), parts_.end(),
+                                        [](const Part& a, const Part& b) { return a.weight < b.weight; });
+    if (worst->weight >= options_.remove_below) break;
+    placement.erase(placement.begin() + (worst - parts_.begin()));
+    parts_.erase(worst);
+  }
+}
+
+void Lgt::learn_shape() {
+  const Points& placement = constellation_.placement();
+  std::vector<cv::Point2f> definite, hull;
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    const Point2 x = (placement.col(static_cast<Eigen::Index>(i)) - pose_.centre()) / unit();
+    if (parts_[i].weight >= kDefinite)
+      definite.emplace_back(static_cast<float>(x.x()), static_cast<float>(x.y()));
+  }
+  if (definite.empty()) return;
+  cv::convexHull(definite, hull);
+  if (hull.size() < 3) return;
+  const cv::Point2f middle =
+      std::accumulate(hull.begin(), hull.end(), cv::Point2f()) / static_cast<float>(hull.size());
+  std::vector<cv::Point2f> wider = hull;
+  for (cv::Point2f& x : wider)
+    x += static_cast<float>(kHullMargin / std::max(cv::norm(x - middle), 1e-3)) * (x - middle);
+  for (int row = 0; row < kShapeCells; ++row)
+    for (int col = 0; col < kShapeCells; ++col) {
+      const Point2 x = (cell(row, col) - pose_.centre()) / unit();
+      const cv::Point2f point(static_cast<float>(x.x()), static_cast<float>(x.y()));
+      const double inside = cv::pointPolygonTest(hull, point, false) >= 0    ? 1
+                            : cv::pointPolygonTest(wider, point, false) >= 0 ? kMarginProbability
+                                                                             : 0;
+      shape_(row, col) += static_cast<float>(kShapeRate * (inside - shape_(row, col)));
+    }
+  if (shape_.maxCoeff() > 0) shape_ /= shape_.maxCoeff();
+}
+
+Lgt::Map Lgt::probability(const Segmentation& color, const Segmentation& moving) const {
+  Map result = Map::Ones();
+  for (int row = 0; row < kShapeCells; ++row)
+    for (int col = 0; col < kShapeCells; ++col) {
+      const Point2 x = cell(row, col);
+      float& value = result(row, col);
+      if (!color.posterior.empty()) value *= static_cast<float>(color.at(x));
+      if (!moving.posterior.empty()) value *= static_cast<float>(moving.at(x));
+      if (options_.use_shape) value *= shape_(row, col);
+    }
+  return result / std::max(result.maxCoeff(), 1e-12F);
+}
+
+void Lgt::add_likely(const Frame& frame, std::vector<Point2>& placement, Map probability) {
+  constexpr double kFar = 10 * kDampingVariance;  // e^-5 of the damping is left
+  const auto damp = [&](const Point2& part) {
+    for (int row = 0; row < kShapeCells; ++row)
+      for (int col = 0; col < kShapeCells; ++col) {
+        const double distance = (cell(row, col) - part).squaredNorm() / (unit() * unit());
+        if (distance < kFar)
+          probability(row, col) *= static_cast<float>(-std::expm1(-distance / (2 * kDampingVariance)));
+      }
+  };
+  for (int row = 0; row < kShapeCells; ++row)
+    for (int col = 0; col < kShapeCells; ++col)
+      if (cell(row, col) != kept_in_image(frame, cell(row, col))) probability(row, col) = 0;
+  for (const Point2& part : placement) damp(part);
+  auto places =
+      std::min(std::lround(capacity_) + 1, static_cast<long>(options_.max_parts)) - std::ssize(parts_);
+  for (; places > 0; --places) {
+    // LGT draws from the map; this takes the most likely place, and the same in every run.
+    Eigen::Index row = 0, col = 0;
+    if (probability.maxCoeff(&row, &col) < kLikely) break;
+    add(frame, placement, cell(static_cast<int>(row), static_cast<int>(col)));
+    damp(placement.back());
+  }
 }
 
 }  // namespace ASTERISM_ABI

@@ -140,13 +140,28 @@ void ElasticConstellation::visit_state(StateArchive& archive) {
 void Lgt::visit_learned(StateArchive& archive) {
   archive.begin("lgt", options_);
   pose_.visit_state(archive);
+  filter_.visit_state(archive);
   color_.visit_state(archive);
-  parts_.visit_state(archive);
-  archive.require(parts_.size() <= options_.max_parts);
-  const auto count = static_cast<std::size_t>(parts_.size());
-  visit_all(archive, weights_, count, 2.0);  // up to 1, but for rounding
-  models_.resize(count, options_.part);
-  for (AnyPart& model : models_) model.visit_state(archive);
+  archive(shape_);
+  archive.require((shape_ >= 0).all() && (shape_ <= 1).all());
+  constellation_.visit_state(archive);
+  archive.require(constellation_.size() >= 1 && constellation_.size() <= options_.max_parts);
+  archive(capacity_);
+  archive.require(capacity_ >= 0 && capacity_ <= options_.max_parts);
+  archive.size(first_spread_);
+  parts_.resize(static_cast<std::size_t>(constellation_.size()), {options_.part, 0});
+  for (Part& part : parts_) {
+    archive(part.weight);
+    archive.require(part.weight >= 0 && part.weight <= 1);
+    part.model.visit_state(archive);
+  }
+  archive(frames_);
+  archive.require(frames_ >= 0 && frames_ < kMostFrames);
+  archive(box_.x), archive(box_.y), archive(box_.width), archive(box_.height);
+  Point2 centre = centre_of(box_);
+  Size2 size(box_.width, box_.height);
+  archive.require(size.minCoeff() >= 1e-6 && size.maxCoeff() <= 1e6 && centre.cwiseAbs().maxCoeff() <= 1e6);
+  if (options_.use_motion) motion_.visit_state(archive, centre, size);
 }
 
 void SuperpixelTracker::visit_learned(StateArchive& archive) {

@@ -3,40 +3,56 @@
 #include <asterism/parts/concept/any_part.hpp>
 #include <asterism/parts/models/color.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/constellation/motion.hpp>
+#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Lgt's part model, a ColorHistogram that searches twice its size to each side.
+/// Lgt's part model: a histogram of 16 gray levels on 6 x 6 samples.
 ASTERISM_API AnyPart histogram_part();
 
-/// Options of Lgt.
+/// How Lgt makes a box of its parts.
+enum class PartsBox {
+  Bounds,  ///< the one that bounds them all, as in LGT
+  Spread   ///< the first box, each side scaled as the parts' weighted spread along it
+};
+
+/// Options of Lgt. Where LGT has a value, it is the default: that of the authors' later MATLAB code, which
+/// they recommend. Lengths in it are in units: the object's first box has a mean side (arithmetic) of 60.
 struct LgtOptions {
   /// The parts' model, not yet initialised.
   AnyPart part = histogram_part();
-  ColorOptions color;
-  /// Parts at most, in [1, 100], and their side [object's mean side, in [0.01, 10]].
-  int max_parts = 20;
-  double part_side = 0.25;
-  ElasticOptions springs = {.deformation = 0.1, .reach = 0.1};
+  /// Parts at most, in [1, 100].
+  int max_parts = 60;
+  /// The global layer: color, motion (without effect where MotionModel is not available), and shape. One that
+  /// is not used finds all places equally likely.
+  ColorOptions color = {.foreground_prior = 0.1, .mrf = {.enabled = false}};
+  MotionOptions motion;
+  bool use_color = true, use_motion = true, use_shape = true;
+  /// Deviations of the object's motion from what the Kalman filter predicts, where the cross-entropy method
+  /// begins: translation [units], rotation [rad] and logarithm of the scale, >= 0; at 0 there is none.
+  double translation = 6.3, rotation = 0.3, scale = 0.01;
+  /// The local layer. LGT has no springs but a deviation from the affine motion of a part's neighbours.
+  ElasticOptions springs = {.deformation = 0.3, .reach = 0.1};
   /// A part's similarity s, 1 for a perfect match, is the likelihood exp(sharpness (s - 1)), > 0.
-  double sharpness = 10;
+  double sharpness = 20;
   /// Rate at which a part's weight follows how well it does, in (0, 1]; below `remove_below`, in [0, 1], it
   /// is removed.
-  double weight_rate = 0.1;
+  double weight_rate = 0.5;
   double remove_below = 0.1;
-  /// Rate at which the layout follows the placement, in [0, 1].
-  double layout_rate = 0.1;
+  PartsBox box = PartsBox::Bounds;
   /// The object is lost where the parts' similarity is less than this on average, in [0, 1].
   double lost_below = 0.3;
 };
 
 /// Coupled layers, after LGT (Cehovin, Kristan and Leonardis, "Robust visual tracking using an adaptive
-/// coupled-layer visual model", PAMI 2013). The local layer is a constellation of small histogram parts on a
-/// Delaunay triangulation of springs; parts that do badly fade and leave. The global layer, the color model,
-/// says where on the object new ones are needed, and weighs what the parts see.
+/// coupled-layer visual model", PAMI 2013). The local layer is a set of small histogram parts: where they all
+/// are is found by the cross-entropy method, where each is by the MAP of springs on their Delaunay
+/// triangulation. Parts that do badly leave. The global layer, color, motion and shape, says where new ones
+/// join, and learns from those that do well.
 class ASTERISM_API Lgt : public TrackerBase<Lgt> {
  public:
   /// Throws std::invalid_argument for options out of range.
@@ -47,6 +63,8 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
  private:
   friend TrackerBase<Lgt>;
   static constexpr std::string_view kName = "Lgt";
+  static constexpr int kShapeCells = 50;  // of the shape model, on each axis
+  static constexpr int kMostFrames = 1'000'000'000;
 
   void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
@@ -54,22 +72,53 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   void visit_learned(StateArchive& archive);
 
   using Points = ElasticConstellation::Points;
+  using Map = Eigen::Array<float, kShapeCells, kShapeCells>;  // of cells about the pose's centre, row, column
+  struct Part {
+    AnyPart model;
+    double weight;
+  };
 
-  // What the part model says of a position, times the global layer's probability.
-  double likelihood(std::size_t part, const Segmentation& segmentation, const Point2& position) const;
-  // The displacement that is best for all parts together.
-  Point2 common_displacement(const Segmentation& segmentation) const;
-  // The likelihood's moments near where a part is expected.
-  Evidence evidence_near(std::size_t part, const Segmentation& segmentation, const Point2& expected) const;
-  // Parts that do badly leave, new ones join.
-  void renew(const Frame& frame, const Segmentation& segmentation, int new_parts);
+  double unit() const;  // [px]
+  Size2 part_size() const;
+  Point2 cell(int row, int col) const;  // position of a map's cell in the image
+  Eigen::VectorXd weights() const;
+  // Weighted deviation of the parts from their mean, on each axis, and at least that of one part.
+  Size2 spread() const;
+  // Of the parts; its centre is in the image.
+  cv::Rect2d box_of_parts(const Frame& frame) const;
+
+  // Parts merge, leave and join. moving: the model of motion's posterior.
+  void renew(const Frame& frame, const Segmentation& moving);
+
+  // The local layer.
+  PlaneTransform common_motion() const;
+  Evidence evidence_near(const Part& part, const Point2& expected) const;
+  void reweight(const Frame& frame);
+  void merge(const Frame& frame, std::vector<Point2>& placement);
+  void remove(std::vector<Point2>& placement);
+  void add(const Frame& frame, std::vector<Point2>& placement, const Point2& position);
+
+  // The global layer.
+  void learn_shape();
+  Map probability(const Segmentation& color, const Segmentation& moving) const;
+  void add_likely(const Frame& frame, std::vector<Point2>& placement, Map probability);
+
+  std::vector<Point2> placement() const;
+  // The parts are here now, and linked anew.
+  void assign(const std::vector<Point2>& placement);
 
   LgtOptions options_;
-  std::vector<AnyPart> models_;
-  std::vector<double> weights_;
-  ElasticConstellation parts_;
+  std::vector<Part> parts_;
+  ElasticConstellation constellation_;
+  double capacity_ = 0;  // running mean of the number of parts
+  Size2 first_spread_ = Size2::Ones();
   ColorModel color_;
+  MotionModel motion_;
+  Map shape_ = Map::Zero();
+  ConstantVelocityFilter filter_;  // of the centre [px]; the third coordinate is not used
   ObjectPose pose_;
+  cv::Rect2d box_;  // of the last result
+  int frames_ = 0;  // seeds the cross-entropy method, less than kMostFrames
 };
 
 }  // namespace ASTERISM_ABI

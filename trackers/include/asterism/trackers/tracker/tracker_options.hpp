@@ -111,14 +111,20 @@ inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options)
 
 inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
   visit("part", options.part, "color_histogram");
-  visit("color", options.color);
   visit("max_parts", options.max_parts, {1, 100});
-  visit("part_side", options.part_side, {0.01, 10});
+  visit("color", options.color);
+  visit("motion", options.motion);
+  visit("use_color", options.use_color);
+  visit("use_motion", options.use_motion);
+  visit("use_shape", options.use_shape);
+  visit("translation", options.translation, {0, 1e3});
+  visit("rotation", options.rotation, {0, 10});
+  visit("scale", options.scale, {0, 1});
   visit("springs", options.springs);
   visit("sharpness", options.sharpness, option_ranges::kPositive);
   visit("weight_rate", options.weight_rate, {1e-9, 1});
   visit("remove_below", options.remove_below, option_ranges::kShare);
-  visit("layout_rate", options.layout_rate, option_ranges::kShare);
+  visit("box", options.box, {"bounds", "spread"});
   visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 
