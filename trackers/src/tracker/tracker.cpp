@@ -128,7 +128,7 @@ std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
 }
 
 std::vector<std::string> tracker_names() {
-  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",    "dpt_crs_nos",
+  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",     "dpt_crs_nos",
                                  "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus"};
 #ifdef ASTERISM_TRACKERS_FLOW
   names.push_back("flock");
