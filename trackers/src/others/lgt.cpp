@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <numeric>
 #include <opencv2/imgproc.hpp>
+#include <span>
 #include <utility>
 
 #include "../tracker/require.hpp"
@@ -313,14 +314,15 @@ PlaneTransform Lgt::common_motion() const {
     }
     worst_elite = samples[kElite - 1].similarity, best = samples[0].similarity;
     if (!(worst_elite > 0)) return {};  // there is nothing to follow
+    const std::span<const Sample> elite(samples.data(), kElite);
     double total = 0;
     mean.setZero();
-    for (int i = 0; i < kElite; ++i)
-      total += samples[i].similarity, mean += samples[i].similarity * samples[i].parameters;
+    for (const Sample& sample : elite)
+      total += sample.similarity, mean += sample.similarity * sample.parameters;
     mean /= total;
     deviation.setZero();
-    for (int i = 0; i < kElite; ++i)
-      deviation += samples[i].similarity / total * (samples[i].parameters - mean).square();
+    for (const Sample& sample : elite)
+      deviation += sample.similarity / total * (sample.parameters - mean).square();
     deviation = deviation.sqrt();
   }
   PlaneTransform result{std::exp(mean[3]), mean[2], Point2::Zero()};
