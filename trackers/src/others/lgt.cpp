@@ -32,7 +32,7 @@ constexpr double kDefinite = 0.5;
 
 // The cross-entropy method: samples at first, how many more at a time, at most; the best of them that the
 // next distribution is fitted to; how often.
-constexpr int kSamples = 50, kMoreSamples = 10, kMostSamples = 300, kElite = 10, kIterations = 10;
+constexpr int kFirstSamples = 50, kMoreSamples = 10, kMostSamples = 300, kElite = 10, kIterations = 10;
 // Deviation of a part's own motion: LGT has the variance 10.
 constexpr double kLocalDeviation = 3.162;
 
@@ -300,7 +300,7 @@ PlaneTransform Lgt::common_motion() const {
   double worst_elite = 0, best = 0;
   for (int iteration = 0; iteration < kIterations; ++iteration) {
     std::vector<Sample> samples;
-    draw(samples, kSamples);
+    draw(samples, kFirstSamples);
     const auto sort = [&] {
       std::stable_sort(samples.begin(), samples.end(),
                        [](const Sample& a, const Sample& b) { return a.similarity > b.similarity; });

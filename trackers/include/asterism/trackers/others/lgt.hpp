@@ -27,14 +27,19 @@ struct LgtOptions {
   AnyPart part = histogram_part();
   /// Parts at most, in [1, 100].
   int max_parts = 60;
-  /// The global layer: color, motion (without effect where MotionModel is not available), and shape. One that
-  /// is not used finds all places equally likely.
+  /// The global layer: color and motion.
   ColorOptions color = {.foreground_prior = 0.1, .mrf = {.enabled = false}};
   MotionOptions motion;
-  bool use_color = true, use_motion = true, use_shape = true;
+  /// What the global layer consists of. What is not used finds all places equally likely. Motion has no
+  /// effect if MotionModel is not available.
+  bool use_color = true;
+  bool use_motion = true;  ///< See use_color.
+  bool use_shape = true;   ///< See use_color.
   /// Deviations of the object's motion from what the Kalman filter predicts, where the cross-entropy method
   /// begins: translation [units], rotation [rad] and logarithm of the scale, >= 0; at 0 there is none.
-  double translation = 6.3, rotation = 0.3, scale = 0.01;
+  double translation = 6.3;
+  double rotation = 0.3;  ///< See translation.
+  double scale = 0.01;    ///< See translation.
   /// The local layer. LGT has no springs but a deviation from the affine motion of a part's neighbours.
   ElasticOptions springs = {.deformation = 0.3, .reach = 0.1};
   /// A part's similarity s, 1 for a perfect match, is the likelihood exp(sharpness (s - 1)), > 0.
