@@ -82,6 +82,7 @@ TEST(Region, CornersOnALineHaveTheirBoundingBox) {
   const cv::Rect2d sliver = Region::polygon({{0, 0}, {100, 2}, {100, 2.001}, {0, 0.001}}).equal_area_box();
   EXPECT_GE(std::min(sliver.width, sliver.height), 1);
   const double infinity = std::numeric_limits<double>::infinity();
+  EXPECT_THROW(Region::polygon({{0, 0}, {std::nan(""), 0}, {5, 5}}), std::invalid_argument);
   EXPECT_THROW(make_tracker("kcf").init(draw_frame(0), Region::polygon({{0, 0}, {infinity, 0}, {5, 5}})),
                std::invalid_argument);
 }

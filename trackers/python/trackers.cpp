@@ -78,15 +78,14 @@ Region region_of(const py::object& object, const cv::Size& image) {
   }
   const auto numbers = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
   if (!numbers) PyErr_Clear();
-  const bool rectangle = numbers && numbers.ndim() == 1 && numbers.size() == 4;
-  if (!numbers || !corners || (!rectangle && (numbers.size() < 6 || numbers.size() % 2 != 0)))
+  std::optional<Region> region;
+  if (numbers && corners && (numbers.ndim() == 1 || numbers.shape(0) > 2))
+    region = to_region({numbers.data(), static_cast<std::size_t>(numbers.size())});
+  if (!region)
     throw py::value_error(
-        "the object: expected x, y, width, height, the corners of a polygon, or a mask of bool or uint8");
-  const double* v = numbers.data();
-  if (rectangle) return Region::rectangle({v[0], v[1], v[2], v[3]});
-  std::vector<cv::Point2d> points;
-  for (py::ssize_t i = 0; i < numbers.size(); i += 2) points.emplace_back(v[i], v[i + 1]);
-  return Region::polygon(std::move(points));
+        "the object: expected finite x, y, width, height, the corners of a polygon, or a mask of bool or "
+        "uint8");
+  return *region;
 }
 
 AnyTracker made(const std::string& name, const py::object& options) {

@@ -1,16 +1,11 @@
 #include "region.hpp"
 
-#include <algorithm>
 #include <charconv>
-#include <cmath>
-#include <stdexcept>
-#include <utility>
 
 namespace asterism::tools {
 namespace {
 
 constexpr std::string_view kBlanks = " \t\r";
-constexpr size_t kMostCorners = 10'000;
 
 std::string_view trim(std::string_view text) {
   const size_t first = text.find_first_not_of(kBlanks);
@@ -19,18 +14,6 @@ std::string_view trim(std::string_view text) {
 }
 
 }  // namespace
-
-std::optional<Region> to_region(std::span<const double> v) {
-  if (!std::all_of(v.begin(), v.end(), [](double d) { return std::isfinite(d); })) return {};
-  if (v.size() == 4) {
-    if (v[2] < 0 || v[3] < 0) return {};
-    return Region::rectangle({v[0], v[1], v[2], v[3]});
-  }
-  if (v.size() < 6 || v.size() % 2 != 0 || v.size() > 2 * kMostCorners) return {};
-  std::vector<cv::Point2d> points;
-  for (size_t i = 0; i < v.size(); i += 2) points.emplace_back(v[i], v[i + 1]);
-  return Region::polygon(std::move(points));
-}
 
 std::optional<Region> parse_region(std::string_view text) { return to_region(parse_numbers(text)); }
 

@@ -26,13 +26,12 @@ void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
   pose_ = ObjectPose(box);
   if (options_.use_color) color_.init(frame, box);
   if (options_.motion_share > 0) motion_.init(frame, box);
-  moving_ = {};
 }
 
 CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   Estimate estimate;
   StageClock clock;
-  if (options_.motion_share > 0) moving_ = motion_.segment(frame);
+  const Segmentation moving = options_.motion_share > 0 ? motion_.segment(frame) : Segmentation();
   estimate.motion_milliseconds = clock.lap();
   estimate.evidence = root_.localize(frame, pose_.centre());
   estimate.similarity = estimate.evidence.peak;
@@ -53,8 +52,8 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
     }
     estimate.color_milliseconds = clock.lap();
   }
-  if (response != nullptr && !moving_.posterior.empty()) {
-    add_posterior(moving_, options_.motion_share);
+  if (response != nullptr && !moving.posterior.empty()) {
+    add_posterior(moving, options_.motion_share);
     combined = true;
   }
   if (combined) {

@@ -146,7 +146,7 @@ void Lgt::start(const Frame& frame, const cv::Rect2d& box) {
   capacity_ = static_cast<double>(std::ssize(parts_));
   first_spread_ = spread();
   shape_.setZero();
-  learn_shape();
+  learn_shape(placement);
   box_ = box;
   frames_ = 0;
 }
@@ -250,10 +250,9 @@ void Lgt::renew(const Frame& frame, const Segmentation& moving) {
   std::vector<Point2> positions = placement();
   merge(frame, positions);
   remove(positions);
-  assign(positions);
 
   // New ones join where the global layer has the object.
-  learn_shape();
+  learn_shape(positions);
   const cv::Rect2d region = box_around(pose_.centre(), Size2::Constant(kMapSide * unit()));
   const Segmentation color =
       options_.use_color ? color_.segment(frame, region, pose_.size()) : Segmentation();
@@ -402,11 +401,10 @@ void Lgt::remove(std::vector<Point2>& placement) {
   }
 }
 
-void Lgt::learn_shape() {
-  const Points& placement = constellation_.placement();
+void Lgt::learn_shape(const std::vector<Point2>& placement) {
   std::vector<cv::Point2f> definite, hull;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
-    const Point2 x = (placement.col(static_cast<Eigen::Index>(i)) - pose_.centre()) / unit();
+    const Point2 x = (placement[i] - pose_.centre()) / unit();
     if (parts_[i].weight >= kDefinite)
       definite.emplace_back(static_cast<float>(x.x()), static_cast<float>(x.y()));
   }

@@ -12,22 +12,21 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
+constexpr std::size_t kMostCorners = 10'000;
+
 double cross(const cv::Point2d& a, const cv::Point2d& b) { return a.x * b.y - a.y * b.x; }
 
-// Andrew's monotone chain, in double precision, which cv::convexHull does not have.
-std::vector<cv::Point2d> convex_hull(std::vector<cv::Point2d> points) {
-  std::sort(points.begin(), points.end(), [](const cv::Point2d& a, const cv::Point2d& b) {
-    return a.x < b.x || (a.x == b.x && a.y < b.y);
-  });
+// The corners' convex hull, by OpenCV in single precision: it chooses among them in units of the bounding
+// box.
+std::vector<cv::Point2d> convex_hull(const std::vector<cv::Point2d>& points, const cv::Rect2d& bounds) {
+  std::vector<cv::Point2f> scaled;
+  for (const cv::Point2d& p : points)
+    scaled.emplace_back(static_cast<float>((p.x - bounds.x) / bounds.width),
+                        static_cast<float>((p.y - bounds.y) / bounds.height));
+  std::vector<int> chosen;
+  cv::convexHull(scaled, chosen);
   std::vector<cv::Point2d> hull;
-  const auto add = [&](const cv::Point2d& p, std::size_t fixed) {
-    while (hull.size() >= fixed + 2 && cross(hull.back() - hull[hull.size() - 2], p - hull.back()) <= 0)
-      hull.pop_back();
-    hull.push_back(p);
-  };
-  for (const cv::Point2d& p : points) add(p, 0);
-  const std::size_t fixed = hull.size() - 1;
-  for (auto p = points.rbegin() + 1; p != points.rend(); ++p) add(*p, fixed);
+  for (const int i : chosen) hull.push_back(points[static_cast<std::size_t>(i)]);
   return hull;
 }
 
@@ -51,6 +50,9 @@ Region Region::rectangle(const cv::Rect2d& b) {
 
 Region Region::polygon(std::vector<cv::Point2d> points) {
   if (points.size() < 3) throw std::invalid_argument("a polygon needs at least three corners");
+  for (const cv::Point2d& p : points)
+    if (!std::isfinite(p.x) || !std::isfinite(p.y))
+      throw std::invalid_argument("a polygon's corners must be finite");
   cv::Point2d low = points[0], high = points[0];
   for (const cv::Point2d& p : points) {
     low = {std::min(low.x, p.x), std::min(low.y, p.y)};
@@ -77,9 +79,9 @@ Region Region::mask(const cv::Mat& pixels) {
 }
 
 cv::Rect2d Region::equal_area_box() const {
-  if (rectangle_) return box_;
+  if (rectangle_ || box_.empty()) return box_;
   // Of triangles from one corner: near the origin nothing is lost to cancellation.
-  const std::vector<cv::Point2d> hull = convex_hull(points_);
+  const std::vector<cv::Point2d> hull = convex_hull(points_, box_);
   double twice_area = 0;
   cv::Point2d moment;
   for (std::size_t i = 1; i + 1 < hull.size(); ++i) {
@@ -88,10 +90,22 @@ cv::Rect2d Region::equal_area_box() const {
     twice_area += c;
     moment += c / 3 * (a + b);
   }
-  const double scale = std::sqrt(twice_area / 2 / box_.area());
+  const double scale = std::sqrt(std::abs(twice_area) / 2 / box_.area());
   if (!(scale > 0) || !std::isfinite(scale)) return box_;
   const auto side = [&](double length) { return std::max(scale * length, std::min(length, 1.0)); };
   return box_of(hull[0] + moment / twice_area, side(box_.width), side(box_.height));
+}
+
+std::optional<Region> to_region(std::span<const double> v) {
+  if (!std::all_of(v.begin(), v.end(), [](double d) { return std::isfinite(d); })) return {};
+  if (v.size() == 4) {
+    if (v[2] < 0 || v[3] < 0) return {};
+    return Region::rectangle({v[0], v[1], v[2], v[3]});
+  }
+  if (v.size() < 6 || v.size() % 2 != 0 || v.size() > 2 * kMostCorners) return {};
+  std::vector<cv::Point2d> points;
+  for (std::size_t i = 0; i < v.size(); i += 2) points.emplace_back(v[i], v[i + 1]);
+  return Region::polygon(std::move(points));
 }
 
 std::string to_string(const Region& region) {

@@ -94,7 +94,6 @@ class ASTERISM_API CoarseLayer {
   AnyPart root_;
   ColorModel color_;
   MotionModel motion_;
-  Segmentation moving_;  // of the last frame
   ObjectPose pose_;
   Evidence evidence_;
   ResponseMap density_;  // Eq. 4 on the root's response grid

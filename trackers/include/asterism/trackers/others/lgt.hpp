@@ -104,7 +104,7 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   void add(const Frame& frame, std::vector<Point2>& placement, const Point2& position);
 
   // The global layer.
-  void learn_shape();
+  void learn_shape(const std::vector<Point2>& placement);
   Map probability(const Segmentation& color, const Segmentation& moving) const;
   void add_likely(const Frame& frame, std::vector<Point2>& placement, Map probability);
 

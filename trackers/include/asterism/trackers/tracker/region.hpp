@@ -2,6 +2,8 @@
 
 #include <asterism/parts/concept/frame.hpp>
 #include <opencv2/core.hpp>
+#include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
@@ -14,7 +16,7 @@ class ASTERISM_API Region {
  public:
   /// A box that covers x .. x + width and y .. y + height.
   static Region rectangle(const cv::Rect2d& box);
-  /// At least three corners in either orientation; std::invalid_argument for fewer.
+  /// At least three finite corners in either orientation, or std::invalid_argument is thrown.
   static Region polygon(std::vector<cv::Point2d> points);
   /// A box turned about its centre; `angle` in degrees, as OpenCV has it.
   static Region rotated(const cv::RotatedRect& box);
@@ -47,6 +49,11 @@ class ASTERISM_API Region {
   std::vector<cv::Point2d> points_;
   cv::Rect2d box_;
 };
+
+/// Four numbers are a rectangle x, y, width, height; six, eight, .. are the corners x1, y1, x2, y2, .. of a
+/// polygon of up to 10,000 corners. Empty for any other count, for numbers that are not finite and for a
+/// negative width or height.
+ASTERISM_API std::optional<Region> to_region(std::span<const double> numbers);
 
 /// x,y,width,height of a rectangle, else x1,y1,x2,y2,..: with the digits that make each number come back
 /// exactly.
