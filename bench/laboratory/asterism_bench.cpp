@@ -29,6 +29,7 @@ int run_bars(bool quick, const std::string& group) {
   sparse_bars(bars);
   batch_bars(bars);
   robustness_bars(bars);
+  proof_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
 }
@@ -132,7 +133,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       app.add_subcommand("bars", "measures the solvers against what they ought to reach: a line a bar");
   bars->add_flag("--quick", quick, "fewer and smaller systems");
   bars->add_option("--group", group, "one group alone")
-      ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness"}));
+      ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness", "proof"}));
 
   CLI::App* crossovers = app.add_subcommand(
       "crossovers", "times what Auto chooses from, against size, linking and strength of the anchors");

@@ -52,5 +52,6 @@ void dense_bars(Bars& bars);
 void sparse_bars(Bars& bars);
 void batch_bars(Bars& bars);
 void robustness_bars(Bars& bars);
+void proof_bars(Bars& bars);
 
 }  // namespace asterism::bench

@@ -1,7 +1,12 @@
-// Large systems of nodes that are linked to their six nearest.
+// Large systems of nodes that are linked to their six nearest, and a floppy cloth.
 #include <sys/resource.h>
 
+#include <algorithm>
+#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
+#include <cstdint>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -17,6 +22,47 @@ double peak_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return 1024.0 * static_cast<double>(usage.ru_maxrss);
+}
+
+// A sheet of side x side nodes in space, linked to their four neighbours at distance 1, with nothing that
+// resists bending. Anchors have this share of the links' stiffness, and are up to 0.3 an axis off the sheet,
+// made so many times as large.
+testing::RandomSystem<SpringSystem<double, 3>> cloth(std::uint64_t seed, int side, double share,
+                                                     double extent) {
+  using Space = SpringSystem<double, 3>;
+  std::vector<Link> links;
+  Space::Points grid = Space::Points::Zero(3, side * side);
+  for (int i = 0; i < side * side; ++i) {
+    grid(0, i) = i % side;
+    grid(1, i) = i / side;
+    if (i % side > 0) links.push_back({i - 1, i});
+    if (i >= side) links.push_back({i - side, i});
+  }
+  testing::Rng rng(seed);
+  Space system(Topology<>::from_links(side * side, links));
+  system.anchors = extent * grid + testing::random_points<Space>(rng, side * side, -0.3, 0.3);
+  system.anchor_stiffness.setConstant(share);
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  return {system, grid + testing::random_points<Space>(rng, side * side, -0.3, 0.3)};
+}
+
+// The longest that SparseNewton takes to the default tolerance, infinity where it does not get there: flat or
+// crumpled cloths on weak and on very weak anchors.
+double cloth_seconds() {
+  double slowest = 0;
+  for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+    for (const double share : {1e-4, 1e-8}) {
+      for (const double extent : {0.8, 1.0, 1.2}) {
+        auto [system, x] = cloth(seed, 60, share, extent);
+        SparseNewton<SpringSystem<double, 3>> solver;
+        const Summary summary = solver.solve(system, x);
+        if (summary.status != Status::Converged) return std::numeric_limits<double>::infinity();
+        slowest = std::max(slowest, summary.seconds);
+      }
+    }
+  }
+  return slowest;
 }
 
 }  // namespace
@@ -52,6 +98,7 @@ void sparse_bars(Bars& bars) {
     bars.at_most(name + "anchors x 1e-3, Schwarz", "%.3g s",
                  times_to_gap("schwarz-direct", weak).median_seconds, 0.76, 0.38);
   }
+  bars.at_most("cloths of 60 x 60 nodes in space, SparseNewton, slowest", "%.3g s", cloth_seconds(), 1, 0.5);
 }
 
 }  // namespace asterism::bench

@@ -5,6 +5,7 @@
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/run/any_solver.hpp>
@@ -27,6 +28,10 @@ Covariance<System<Dim>> covariance_of(const System<Dim>& system, const typename 
 template <int Dim>
 NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>& system,
                                                  const typename System<Dim>::Points& x);
+
+template <int Dim>
+Certificate certificate_of(const System<Dim>& system, const typename System<Dim>::Points& x,
+                           const CertifyOptions& options);
 
 /// BatchNewton on `threads`. The calling thread asks `interrupted` after each of its tasks; once it is, what
 /// has not been begun is left as it was.

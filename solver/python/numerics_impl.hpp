@@ -49,6 +49,12 @@ NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>& system,
 }
 
 template <int Dim>
+Certificate certificate_of(const System<Dim>& system, const typename System<Dim>::Points& x,
+                           const CertifyOptions& options) {
+  return certify(system, x, options);
+}
+
+template <int Dim>
 BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd simd, int threads,
                          const std::function<bool()>& interrupted) {
   BatchNewton<Batch<Dim>> solver(batch, options);
@@ -69,6 +75,8 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
   template const SolverRegistry<System<Dim>>& solvers<Dim>();                                                \
   template Covariance<System<Dim>> covariance_of(const System<Dim>&, const System<Dim>::Points&);            \
   template NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>&, const System<Dim>::Points&); \
+  template Certificate certificate_of(const System<Dim>&, const System<Dim>::Points&,                        \
+                                      const CertifyOptions&);                                                \
   template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int,                            \
                                     const std::function<bool()>&)
 

@@ -264,6 +264,8 @@ void bind_solvers(py::module_& m) {
       .def_readonly("factorizations", &Summary::factorizations, "Of a matrix.")
       .def_readonly("initial_energy", &Summary::initial_energy, "E at the x given.")
       .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
+      .def_readonly("lower_bound", &Summary::lower_bound,
+                    "No x has less energy; where the option gap asks for it.")
       .def_readonly("gradient_norm", &Summary::gradient_norm, "|dE/dx| at the x returned.")
       .def_readonly("stationarity", &Summary::stationarity, "At the x returned; see stationarity().")
       .def_property_readonly(
@@ -279,8 +281,8 @@ void bind_solvers(py::module_& m) {
             py::dict result;
             for (const char* name :
                  {"solver", "status", "message", "iterations", "energy_evaluations", "gradient_evaluations",
-                  "linear_solves", "factorizations", "initial_energy", "final_energy", "gradient_norm",
-                  "stationarity", "positive_definite", "seconds", "usable"}) {
+                  "linear_solves", "factorizations", "initial_energy", "final_energy", "lower_bound",
+                  "gradient_norm", "stationarity", "positive_definite", "seconds", "usable"}) {
               result[name] = self.attr(name);
             }
             return result;

@@ -11,6 +11,9 @@
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <limits>
+#include <sstream>
+#include <string>
+#include <string_view>
 
 #include "bindings.hpp"
 
@@ -269,6 +272,48 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"),
       "How far x is from a stationary point, without units: what the solvers' tolerance is compared with.");
+  py::class_<Certificate>(
+      m, "Certificate",
+      "What certify() proves of a placement. Every number is rigorous: the rounding of its\n"
+      "computation is accounted for.")
+      .def_property_readonly("certified", &Certificate::certified, "x is proven to be a global minimum.")
+      .def_property_readonly(
+          "unique", [](const Certificate& c) { return c.proof == Proof::UniqueGlobalMinimum; },
+          "It is also proven to be the only one.")
+      .def_property_readonly(
+          "proof", [](const Certificate& c) { return std::string(to_string(c.proof)); },
+          "The verdict: 'unique global minimum', 'global minimum', 'not certified' or 'not applicable'.")
+      .def_property_readonly(
+          "reason", [](const Certificate& c) { return std::string(std::string_view(c.reason)); },
+          "Why no more is proven, or empty.")
+      .def_readonly("energy", &Certificate::energy, "E(x).")
+      .def_readonly("lower_bound", &Certificate::lower_bound, "No placement has less energy.")
+      .def_property_readonly("gap", &Certificate::relative_gap, "(energy - lower_bound) / energy.")
+      .def_readonly("least_eigenvalue", &Certificate::least_eigenvalue,
+                    "A bound of W's least eigenvalue: from below where W is positive definite, else from\n"
+                    "above; NaN if unknown.")
+      .def_readonly("distance", &Certificate::distance,
+                    "No global minimum has a node farther from x [px]; inf if unknown.")
+      .def("__bool__", &Certificate::certified, "`certified`.")
+      .def("__repr__", [](const Certificate& self) {
+        std::ostringstream text;
+        text << "<asterism.Certificate: " << self << ">";
+        return text.str();
+      });
+  m.def(
+      "certify",
+      [](AnySystem& system, const py::object& x, double gap) {
+        const CertifyOptions options{gap};
+        if (const char* problem = options.problem()) throw py::value_error(problem);
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          const auto points = points_of<Dim>(s, x);
+          const py::gil_scoped_release release;
+          return certificate_of<Dim>(s, points, options);
+        });
+      },
+      py::arg("system"), py::arg("x"), py::arg("gap") = CertifyOptions().gap,
+      "Whether x (N, dim) is proven to be a global minimum of the energy, and a lower bound of the energy.\n"
+      "x need not be what a solver returned. gap: a global minimum may lie below E(x) by this share of it.");
   m.def(
       "covariance",
       [](AnySystem& system, const py::object& x) {

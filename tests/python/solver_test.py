@@ -177,6 +177,43 @@ class FunctionsTest(unittest.TestCase):
                 with self.assertRaisesRegex(np.linalg.LinAlgError, motion):
                     function(system, x)
 
+    def test_a_certificate_bounds_what_many_starts_find(self):
+        rng = np.random.default_rng(1)
+        certified = 0
+        for dim in (2, 3):
+            for seed in range(20):
+                system, x = random_system(dim=dim, seed=seed)
+                asterism.solve(system, x)
+                certificate = asterism.certify(system, x)
+                self.assertAlmostEqual(certificate.energy, asterism.energy(system, x))
+                lowest = certificate.energy
+                for _ in range(20):
+                    start = x + rng.uniform(-1, 1, x.shape) * np.ptp(x)
+                    lowest = min(lowest, asterism.solve(system, start).final_energy)
+                self.assertLessEqual(certificate.lower_bound, lowest * (1 + 1e-12))
+                self.assertEqual(bool(certificate), certificate.certified)
+                if certificate.certified:
+                    certified += 1
+                    self.assertLess(certificate.gap, 1e-6)
+                    self.assertGreaterEqual(lowest, certificate.energy * (1 - 1e-6))
+                else:
+                    self.assertIn(certificate.proof, ("not certified", "not applicable"))
+                    self.assertTrue(certificate.reason)
+        self.assertGreater(certified, 0)
+
+    def test_a_solve_ends_at_the_gap_asked_for(self):
+        system, start = random_system()
+        x = start.copy()
+        asterism.solve(system, x)
+        self.assertTrue(asterism.certify(system, x), asterism.certify(system, x))
+        x = start.copy()
+        summary = asterism.solve(system, x, method="ida", gap=0.01)
+        self.assertEqual(summary.status, asterism.Status.CONVERGED)
+        self.assertLessEqual(summary.final_energy - summary.lower_bound, 0.01 * summary.final_energy)
+        self.assertEqual(asterism.solve(system, start.copy()).lower_bound, -1)
+        with self.assertRaisesRegex(ValueError, "gap"):
+            asterism.certify(system, x, gap=-1)
+
     def test_unset_values_are_errors(self):
         system = asterism.SpringSystem(asterism.Topology.full(3))
         for function in (asterism.energy, asterism.gradient, asterism.hessian, asterism.covariance):

@@ -236,5 +236,75 @@ TEST(SparseNewton, RobustAndAnisotropicAnchors) {
   EXPECT_EQ(summary.positive_definite, 1);
 }
 
+/// A crumpled sheet of springs in space that does not resist bending, on anchors of `share` of their
+/// strength.
+testing::RandomSystem<Space> crumpled_cloth(double share) {
+  constexpr int kSide = 16;
+  std::vector<Link> links;
+  Space::Points grid = Space::Points::Zero(3, kSide * kSide);
+  for (int i = 0; i < kSide * kSide; ++i) {
+    grid.col(i) << i % kSide, i / kSide, 0;
+    if (i % kSide > 0) links.push_back({i - 1, i});
+    if (i >= kSide) links.push_back({i - kSide, i});
+  }
+  testing::Rng rng(4);
+  Space system(Topology<>::from_links(kSide * kSide, links));
+  system.anchors = 0.8 * grid + testing::random_points<Space>(rng, kSide * kSide, -0.3, 0.3);
+  system.anchor_stiffness.setConstant(share);
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  return {system, grid + testing::random_points<Space>(rng, kSide * kSide, -0.3, 0.3)};
+}
+
+// Weaker anchors move its minimum hardly, and need hardly more steps, where straight steps from the start
+// take thousands.
+TEST(Continuation, FollowsTheMinimumAsAnchorsWeaken) {
+  for (const double share : {1e-4, 1e-6, 1e-8}) {
+    const auto [system, start] = crumpled_cloth(share);
+    SparseNewton<Space> solver;
+    auto x = start;
+    const Summary summary = solver.solve(system, x);
+    ASSERT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_LT(summary.iterations, 100) << share;
+    EXPECT_EQ(summary.positive_definite, 1);
+    // At its end it does not begin again.
+    auto again = x;
+    EXPECT_LE(solver.solve(system, again).iterations, 1);
+    EXPECT_EQ(again, x);
+    // Never worse than the start, with any limit.
+    for (const int limit : {0, 1, 2, 5}) {
+      solver.options.max_iterations = limit;
+      auto y = start;
+      const Summary few = solver.solve(system, y);
+      EXPECT_LE(few.final_energy, few.initial_energy);
+      EXPECT_LE(few.iterations, limit);
+    }
+    solver.options.max_iterations = 200;
+    solver.options.continuation = false;
+    auto straight = start;
+    const Summary without = solver.solve(system, straight);
+    if (share < 1e-5) {
+      EXPECT_GT(without.iterations, 2 * summary.iterations) << share;
+    }
+  }
+}
+
+// What is reported on the way are energies and gradients of the system that was given.
+TEST(Continuation, ReportsTheGivenSystem) {
+  const auto [system, start] = crumpled_cloth(1e-6);
+  SparseNewton<Space> solver;
+  int reports = 0;
+  solver.options.on_iteration = [&, &system = system](const Iteration& at) {
+    const Space::Points x = at.x;
+    EXPECT_NEAR(at.energy, energy(system, x), 1e-12 * at.energy);
+    EXPECT_NEAR(at.gradient_norm, gradient(system, x).norm(), 1e-9 * (1 + at.gradient_norm));
+    ++reports;
+    return true;
+  };
+  auto x = start;
+  const Summary summary = solver.solve(system, x);
+  EXPECT_GE(reports, summary.iterations);
+}
+
 }  // namespace
 }  // namespace asterism

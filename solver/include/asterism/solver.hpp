@@ -4,6 +4,7 @@
 // its own, and is included by itself: <asterism/solver/linear/cholmod.hpp>, the headers of reference/, io/
 // and batch/.
 #include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>

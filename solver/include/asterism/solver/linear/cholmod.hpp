@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/CholmodSupport>
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
@@ -38,6 +39,8 @@ class Cholmod {
     check_memory();
   }
   Eigen::ComputationInfo info() const { return cholesky_->info(); }
+  /// Entries in the longest column of the factor, after analyzePattern.
+  double longest_column() const { return cholesky_->longest_column(); }
 
   template <typename RightHandSide>
   RightHandSide solve(const RightHandSide& b) {
@@ -47,7 +50,13 @@ class Cholmod {
   }
 
  private:
-  using Cholesky = Eigen::CholmodDecomposition<Matrix>;
+  class Cholesky : public Eigen::CholmodDecomposition<Matrix> {
+   public:
+    double longest_column() const {
+      const int* counts = static_cast<const int*>(this->m_cholmodFactor->ColCount);
+      return *std::max_element(counts, counts + this->m_cholmodFactor->n);
+    }
+  };
 
   void check_memory() {
     if (cholesky_->cholmod().status == CHOLMOD_OUT_OF_MEMORY) raise(std::bad_alloc());
@@ -89,6 +98,28 @@ class CholmodCholesky {
   detail::Cholmod cholesky_;
   RightHandSide right_hand_side_;
   RightHandSide step_;
+};
+
+/// Factorisation policy of Certifier: CHOLMOD with its own choice of ordering, for very large systems. A W
+/// that is not positive definite has no bound of its least eigenvalue then. Needs target asterism::cholmod.
+class CholmodProof {
+ public:
+  using Matrix = detail::Cholmod::Matrix;
+
+  void analyze(const Matrix& lower) { cholesky_.analyzePattern(lower); }
+  double longest_column() const { return cholesky_.longest_column(); }
+  bool factorize_definite(const Matrix& lower) {
+    cholesky_.factorize(lower);
+    return cholesky_.info() == Eigen::Success;
+  }
+  bool negative_direction(Eigen::VectorXd&) const { return false; }
+  template <typename RightHandSide>
+  RightHandSide solve(const RightHandSide& b) {
+    return cholesky_.solve(b);
+  }
+
+ private:
+  detail::Cholmod cholesky_{true};
 };
 
 /// Factorisation policy of SparseNewton: CHOLMOD with its own choice of ordering, for very large systems.

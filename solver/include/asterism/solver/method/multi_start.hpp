@@ -48,7 +48,8 @@ void visit_options(OptionVisitor& visit, MultiStartOptions<Options>& options) {
 
 /// Any solver from many starts: the energy has more than one minimum, and this keeps the lowest that is
 /// found. The given x is the first start, so that the result is never worse than what `Solver` makes of it;
-/// ties are kept by the earlier start.
+/// ties are kept by the earlier start. With SolverOptions::gap, a minimum that is proven to be the lowest
+/// ends the search.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System, typename Solver>
@@ -95,7 +96,7 @@ class MultiStart {
     detail::node_stiffness(system, stiffness_);
     const Scalar reach =
         static_cast<Scalar>(options.spread) * detail::characteristic_length(system, given_, stiffness_);
-    for (int start = 1; start < options.starts; ++start) {
+    for (int start = 1; start < options.starts && !is_proven(best); ++start) {
       trial_ = given_;
       for (int i = 0; start % 2 == 1 && i < system.nodes(); ++i) {
         if (system.anchor_stiffness[i] > 0) trial_.col(i) = system.anchors.col(i);
@@ -126,7 +127,14 @@ class MultiStart {
     total.energy_evaluations = sum(a.energy_evaluations, b.energy_evaluations);
     total.gradient_evaluations = sum(a.gradient_evaluations, b.gradient_evaluations);
     total.linear_solves = sum(a.linear_solves, b.linear_solves);
+    total.lower_bound = std::max(a.lower_bound, b.lower_bound);
     total.factorizations = sum(a.factorizations, b.factorizations);
+  }
+
+  // Whether no start can find much less.
+  bool is_proven(const Summary& best) const {
+    return options.gap > 0 && best.usable() &&
+           best.final_energy - best.lower_bound <= options.gap * best.final_energy;
   }
 
   // splitmix64 (Steele, Lea & Flood 2014): portable, and all the randomness that this needs.

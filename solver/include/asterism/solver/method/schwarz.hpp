@@ -250,6 +250,8 @@ class Schwarz {
     if (options.on_iteration) global_.options.on_iteration = report;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
+    // After the sweeps, x is close to a minimum.
+    if constexpr (requires { global_.options.continuation; }) global_.options.continuation = false;
     local_.tolerance = kFirstTolerance;
     local_.max_iterations = 100;
     local_.stop = options.stop;

@@ -127,6 +127,9 @@ struct SparseNewtonOptions : AlignedOptions {
   /// (SparseLdlt does).
   bool escape_saddles = true;
 
+  /// Begins with strong anchors if they are weak and the start is far from a minimum.
+  bool continuation = true;
+
   constexpr SparseNewtonOptions() = default;
   constexpr SparseNewtonOptions(const SolverOptions& options) : AlignedOptions(options) {}
   constexpr SparseNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
@@ -136,6 +139,7 @@ struct SparseNewtonOptions : AlignedOptions {
 inline void visit_options(OptionVisitor& visit, SparseNewtonOptions& options) {
   visit_options(visit, static_cast<AlignedOptions&>(options));
   visit("escape_saddles", options.escape_saddles);
+  visit("continuation", options.continuation);
 }
 
 /// Newton's method with a sparse factorisation of the Hessian, for large constellations whose anchors are
@@ -148,9 +152,15 @@ inline void visit_options(OptionVisitor& visit, SparseNewtonOptions& options) {
 /// raised. The line search accepts lower energies alone; where it fails, the gradient scaled by the diagonal
 /// of K_dyn is tried, which fails for rounding alone.
 ///
-/// Such steps, and those that the line search cuts, are short: springs that fold or buckle bend the way down,
-/// and a factorisation is dear for so little. They take turns with L-BFGS (from the diagonal of K_dyn), whose
-/// steps cost a hundredth, and count as that; a turn is as long as it has paid so far.
+/// From a start where it is not, weak anchors are strong at first, and their minimum is followed as they
+/// weaken a hundredfold at a time: while anchors pull the nodes along a curved valley of the links' energy,
+/// steps are short, and their minimum hardly moves once they are weaker than the links by far. (Continuation;
+/// a floppy cloth needs tens of steps instead of thousands.)
+///
+/// Steps with a repaired Hessian, and those that the line search cuts, are short: springs that fold or buckle
+/// bend the way down, and a factorisation is dear for so little. They take turns with L-BFGS (from the
+/// diagonal of K_dyn), whose steps cost a hundredth, and count as that; a turn is as long as it has paid so
+/// far.
 ///
 /// Summary::positive_definite says what the Hessian is at the x returned. `Factorization` is SparseLdlt or
 /// CholmodLlt. The ordering is computed once a topology; an object holds its workspace, one thread at a time.
@@ -177,7 +187,46 @@ class SparseNewton {
 
   Summary run(const System& given, Points& x);
 
+  // Moves x to a stationary point of `system`, to `tolerance` if that is more than the stopping rule's.
+  Status descend(const System& system, Points& x, Scalar tolerance, Summary& summary);
+
+  // How many times stronger the anchors are at first: so much that they store as much energy at x as the
+  // links, but have no more than kStrongAnchors of the links' stiffness. 1 where the Hessian at x is positive
+  // definite, for x is close to a minimum then.
+  Scalar strengthening(const System& system, const Points& x, Summary& summary) {
+    const Scalar anchors = system.anchor_stiffness.sum();
+    const Scalar most = kStrongAnchors * system.link_stiffness.sum();
+    if (!(anchors > 0 && most > anchors)) return 1;
+    Scalar held = 0;
+    for (int i = 0; i < system.nodes(); ++i)
+      held += detail::anchor_force(system, i, detail::anchor_offset(system, i, x)).energy;
+    const Scalar stretched = energy(system, x) - held;
+    const Scalar factor =
+        stretched * anchors < most * held ? stretched / held : most / anchors;  // held may be 0
+    if (!(factor > 1)) return 1;
+    hessian_.assemble(system, x, false);
+    return factorize(summary) ? Scalar(1) : factor;
+  }
+
+  // Follows the minimum of the system with strong anchors as they weaken to those of `system`.
+  void continue_from_strong(const System& system, Points& x, Summary& summary) {
+    Scalar factor = strengthening(system, x, summary);
+    if (!(factor > 1)) return;
+    start_ = x;
+    const Scalar start_energy = energy(system, x);
+    System strong = system;
+    for (; factor > 1; factor /= kWeaken) {
+      strong.anchor_stiffness = factor * system.anchor_stiffness;
+      const Scalar share = strong.anchor_stiffness.sum() / system.link_stiffness.sum();
+      descend(strong, x, kRough * share, summary);
+    }
+    if (!(energy(system, x) <= start_energy)) x = start_;
+  }
+
   static constexpr std::string_view kMethod = "Newton";
+  static constexpr Scalar kStrongAnchors = Scalar(5e-3);
+  static constexpr Scalar kWeaken = 100;
+  static constexpr Scalar kRough = Scalar(1e-3);  // of the anchors' share of the links' stiffness
   static constexpr int kTurn = 100;  // iterations of L-BFGS at least, about a factorisation's cost
   static constexpr int kLongestTurn = 1 << 20;
   using Matrix = typename Factorization::Matrix;
@@ -225,6 +274,7 @@ class SparseNewton {
     lbfgs_.options = options;
     lbfgs_.options.align = lbfgs_.options.ground_components = false;
     lbfgs_.options.on_iteration = {};
+    lbfgs_.options.gap = 0;
     const int left = options.max_iterations - summary.iterations;
     lbfgs_.options.max_iterations = left < turn_ / kTurn ? left * kTurn : turn_;
     const Scalar before = state_.energy();
@@ -267,73 +317,85 @@ class SparseNewton {
   Vector step_;
   Points direction_;
   Points next_x_;
+  Points start_;
 };
 
 template <typename System, typename Factorization>
 Summary SparseNewton<System, Factorization>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-    const bool realign = options.align && detail::has_weak_anchors(system);
     hessian_.prepare(system, [this](const auto& pattern) { factorization_.analyze(pattern); });
-    state_.start(system, x, summary);
-    turn_ = kTurn;
-    bool turned = false;  // the last iteration was L-BFGS's
-    Scalar gain = 0;      // of the last step of Newton's method
-    while (true) {
+    if (options.continuation) continue_from_strong(system, x, summary);
+    return descend(system, x, 0, summary);
+  });
+}
+
+template <typename System, typename Factorization>
+Status SparseNewton<System, Factorization>::descend(const System& system, Points& x, Scalar tolerance,
+                                                    Summary& summary) {
+  const bool realign = options.align && detail::has_weak_anchors(system);
+  state_.start(system, x, summary);
+  turn_ = kTurn;
+  bool turned = false;  // the last iteration was L-BFGS's
+  Scalar gain = 0;      // of the last step of Newton's method
+  while (true) {
+    if (tolerance > 0) {  // the gradient is not that of the system that is solved
+      session_.report(x, summary.iterations);
+    } else {
       session_.report(x, state_.gradient(), summary.iterations);
-      const bool stationary = session_.stationary(state_.gradient());
-      const bool last = summary.iterations == options.max_iterations || session_.stopped();
-      if (last && !stationary) {
-        summary.positive_definite = -1;
-        return Status::MaxIterations;
-      }
-      if (!stationary && session_.stalls(x, state_.gradient(), summary.iterations)) {
-        summary.positive_definite = -1;
-        return Status::NoProgress;
-      }
-      bool definite = false;
-      if (stationary || !turned) {
+    }
+    const bool stationary = session_.stationary(state_.gradient(), tolerance);
+    const bool last = summary.iterations == options.max_iterations || session_.stopped();
+    if (last && !stationary) {
+      summary.positive_definite = -1;
+      return Status::MaxIterations;
+    }
+    if (!stationary && session_.stalls(x, state_.gradient(), summary.iterations)) {
+      summary.positive_definite = -1;
+      return Status::NoProgress;
+    }
+    bool definite = false;
+    if (stationary || !turned) {
+      hessian_.assemble(system, x, false);
+      definite = factorize(summary);
+      summary.positive_definite = definite;
+    }
+    if (last) return Status::Converged;
+    if (stationary && !definite) {
+      if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
+      continue;
+    }
+    if (!definite && !turned) {
+      take_turn(system, x, gain, summary);
+      turned = true;
+      continue;
+    }
+    const bool after_turn = turned;
+    turned = false;
+    const Scalar before = state_.energy();
+    // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
+    const Scalar slope = definite || repair(system, x, summary) ? newton_direction(summary) : Scalar(0);
+    if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
+    if (!search(system, x, slope, summary)) {
+      if (stationary) return Status::Converged;
+      if (after_turn) {  // which may have led to where the Hessian needs no repair
         hessian_.assemble(system, x, false);
         definite = factorize(summary);
         summary.positive_definite = definite;
       }
-      if (last) return Status::Converged;
-      if (stationary && !definite) {
-        if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
-        continue;
-      }
-      if (!definite && !turned) {
-        take_turn(system, x, gain, summary);
-        turned = true;
-        continue;
-      }
-      const bool after_turn = turned;
-      turned = false;
-      const Scalar before = state_.energy();
-      // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
-      const Scalar slope = definite || repair(system, x, summary) ? newton_direction(summary) : Scalar(0);
-      if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
-      if (!search(system, x, slope, summary)) {
-        if (stationary) return Status::Converged;
-        if (after_turn) {  // which may have led to where the Hessian needs no repair
-          hessian_.assemble(system, x, false);
-          definite = factorize(summary);
-          summary.positive_definite = definite;
-        }
-        if (!(after_turn && definite && search(system, x, newton_direction(summary), summary))) {
-          detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
-          const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
-          if (!search(system, x, steepest, summary)) return Status::NoProgress;
-        }
-      }
-      // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
-      // follow.
-      if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
-      gain = before - state_.energy();
-      if (definite && taken_ < 1 && summary.iterations < options.max_iterations) {
-        take_turn(system, x, gain, summary);
+      if (!(after_turn && definite && search(system, x, newton_direction(summary), summary))) {
+        detail::scaled_descent(session_.node_stiffness(), state_.gradient(), direction_);
+        const Scalar steepest = state_.gradient().cwiseProduct(direction_).sum();
+        if (!search(system, x, steepest, summary)) return Status::NoProgress;
       }
     }
-  });
+    // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+    // follow.
+    if (realign && detail::align(system, x, false)) state_.start(system, x, summary);
+    gain = before - state_.energy();
+    if (definite && taken_ < 1 && summary.iterations < options.max_iterations) {
+      take_turn(system, x, gain, summary);
+    }
+  }
 }
 
 ASTERISM_COMPILED_SPARSE_SOLVER(SparseNewton)

@@ -25,6 +25,9 @@ struct Derivatives {
 ///
 /// It may have parameters, which are the same for all links, and then says by `problem()` what is wrong with
 /// them, nullptr for nothing.
+///
+/// A potential that is convex as a function of r^2, phi(s) >= phi(r) + phi'(r) / (2 r) (s^2 - r^2) for all r
+/// and s, may say so by a `static constexpr bool kConvexInSquare = true`: its systems can be certified.
 template <typename P>
 concept LinkPotential = std::default_initializable<P> && requires(const P potential, double r, float s) {
   { potential(r, r) } -> std::same_as<Derivatives<double>>;
@@ -44,6 +47,9 @@ concept AnchorLoss = std::default_initializable<L> && requires(const L loss, dou
 
 /// The paper's link: a spring, phi = 1/2 (r - mu)^2.
 struct Hooke {
+  /// (s - mu)^2 / 2 is above (r - mu)^2 / 2 + (1 - mu / r) (s^2 - r^2) / 2 by mu (s - r)^2 / (2 r).
+  static constexpr bool kConvexInSquare = true;
+
   /// phi at length r and rest length mu, and its derivatives by r.
   template <typename Scalar>
   constexpr Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {

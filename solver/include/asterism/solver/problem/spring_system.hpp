@@ -113,6 +113,23 @@ class SpringSystem {
     }
   }
 
+  /// The same system in another scalar: of float in double, every value is the same.
+  template <typename Other>
+  SpringSystem<Other, Dim, N, MaxN, Model> cast() const {
+    SpringSystem<Other, Dim, N, MaxN, Model> other(topology_);
+    other.anchors = anchors.template cast<Other>();
+    other.anchor_stiffness = anchor_stiffness.template cast<Other>();
+    other.rest_length = rest_length.template cast<Other>();
+    other.link_stiffness = link_stiffness.template cast<Other>();
+    if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
+    other.anchor_loss = anchor_loss;
+    other.link_potential = link_potential;
+    for (int i = 0; i < nodes(); ++i) {
+      if (is_fixed(i)) other.fix(i);
+    }
+    return other;
+  }
+
   /// What is wrong with the topology or the fixed nodes.
   const Defect& defect() const { return topology_.defect() ? topology_.defect() : defect_; }
 

@@ -19,6 +19,11 @@ struct SolverOptions {
   /// the message says so; so may, below some 1e-7, methods that compare energies (Ceres).
   double tolerance = 1e-8;
 
+  /// Also stop when x is proven to have at most this share more energy than the least there is, see certify;
+  /// 0: not looked at. Judged at every iterate, at the cost of a certificate each. Where W is not positive
+  /// definite at the minimum, nothing is proven and the tolerance decides. BatchNewton does not look.
+  double gap = 0;
+
   /// Iterations at most; 0 evaluates the start.
   int max_iterations = 10000;
 
@@ -44,6 +49,7 @@ struct SolverOptions {
   constexpr const char* problem() const {
     if (!(tolerance >= 0) || !detail::is_finite(tolerance))
       return "option tolerance is negative or not finite";
+    if (!(gap >= 0) || !detail::is_finite(gap)) return "option gap is negative or not finite";
     if (max_iterations < 0) return "option max_iterations is negative";
     return nullptr;
   }
@@ -52,6 +58,7 @@ struct SolverOptions {
 /// The names of these options, for an OptionVisitor.
 inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("tolerance", options.tolerance, {0, 1e9});
+  visit("gap", options.gap, {0, 1e9});
   visit("max_iterations", options.max_iterations, {0, 1e9});
   visit("ground_components", options.ground_components);
 }

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/defect.hpp>
@@ -106,8 +108,13 @@ class Session {
   }
   /// The first half of it, for a method that asks `stationary` by itself. An iterate is reported once.
   void report(const Points& x, const Points& gradient, int iteration) {
-    if (!on_iteration_ || iteration == reported_) [[likely]]
+    if (!watches_ || iteration == reported_) [[likely]]
       return;
+    if (gap_ > 0) {
+      reported_ = iteration;
+      is_close_ = prove(x);
+      if (!on_iteration_) return;
+    }
     using View = Eigen::Map<const Eigen::MatrixXd>;
     const auto energy = static_cast<double>(asterism::energy(*system_, x));
     const double norm = gradient.template cast<double>().norm();
@@ -118,18 +125,27 @@ class Session {
       report({iteration, energy, norm, View(copy.data(), copy.rows(), copy.cols())});
     }
   }
+  /// The same with a gradient of its own, for a method that has none at x.
+  void report(const Points& x, int iteration) {
+    if (watches_ && iteration != reported_) report(x, asterism::gradient(*system_, x), iteration);
+  }
   /// Whether anyone wants to be told.
   bool reports() const { return static_cast<bool>(on_iteration_); }
   /// Of another solver's iterate, which this one's method runs.
   void report(const Iteration& at) {
-    if (!on_iteration_ || at.number == reported_) return;
-    reported_ = at.number;
+    if (!on_iteration_ || at.number == told_) return;
+    reported_ = told_ = at.number;
     is_stopped_ |= !on_iteration_(at);
   }
-  /// Whether this gradient is that of a stationary point by the stopping rule.
-  bool stationary(const Points& gradient) const { return rule_.reached(gradient); }
-  /// Whether the caller has asked to stop.
-  bool stopped() const { return is_stopped_ || (stop_ != nullptr && stop_->load(std::memory_order_relaxed)); }
+  /// Whether this gradient is that of a stationary point by the stopping rule, or to `tolerance` where that
+  /// is more.
+  bool stationary(const Points& gradient, Scalar tolerance = 0) const {
+    return rule_.reached(gradient, tolerance);
+  }
+  /// Whether the caller has asked to stop, or x is as close to the least energy as was asked for.
+  bool stopped() const {
+    return is_close_ || is_stopped_ || (stop_ != nullptr && stop_->load(std::memory_order_relaxed));
+  }
   /// Whether a method is to end short of the tolerance, as its steps are rounding alone: for methods that do
   /// not find that out by themselves, to be asked at every iterate. Every so many iterations the gradient is
   /// looked at: one that is rounding beside x is to be half of what it was.
@@ -188,8 +204,11 @@ class Session {
     looked_at_ = std::numeric_limits<Scalar>::infinity();
     stop_ = options.stop;
     on_iteration_ = options.on_iteration;
-    is_stopped_ = false;
-    reported_ = -1;
+    gap_ = options.gap;
+    watches_ = on_iteration_ || gap_ > 0;
+    is_stopped_ = is_close_ = false;
+    lower_bound_ = -1;
+    reported_ = told_ = -1;
     system_ = system;
 
     start_ = x;
@@ -214,9 +233,21 @@ class Session {
     return &*grounded_;
   }
 
+  // Whether x is within the gap asked for of the least energy; keeps the highest lower bound so far.
+  bool prove(const Points& x) {
+    if (!certifier_) certifier_.emplace();
+    certifier_->options.gap = gap_;
+    const Certificate certificate = certifier_->certify(*system_, x);
+    if (certificate.proof == Proof::NotApplicable) return false;
+    lower_bound_ = std::max(lower_bound_, certificate.lower_bound);
+    return certificate.energy - lower_bound_ <= gap_ * certificate.energy;
+  }
+
   // `reason` is what the method says; energy and gradient at x have the last word.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
+    const bool is_close = gap_ > 0 && prove(x);
+    is_close_ = false;
     if (!detail::is_finite(energy_) || !detail::all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
         energy_ > start_energy_ + detail::rounding_of_energy(system, start_energy_)) {
@@ -226,6 +257,9 @@ class Session {
       if (reason != Status::NumericalFailure) reason = Status::NoProgress;
     } else if (rule_.reached(gradient_)) {
       reason = Status::Converged;
+    } else if (is_close) {
+      reason = Status::Converged;
+      summary.message = "within the gap of the global minimum";
     } else if (stopped()) {
       reason = Status::Interrupted;
     } else if (reason == Status::Converged) {
@@ -246,6 +280,7 @@ class Session {
     if (summary.positive_definite == 1 &&
         (detail::peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
       summary.positive_definite = 0;
+    summary.lower_bound = lower_bound_;
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = gradient_.template cast<double>().norm();
     summary.stationarity = static_cast<double>(rule_.stationarity(gradient_));
@@ -257,8 +292,14 @@ class Session {
   detail::StoppingRule<System> rule_;
   const std::atomic<bool>* stop_ = nullptr;
   IterationCallback on_iteration_;
-  bool is_stopped_ = false;         // by on_iteration
-  int reported_ = -1;               // the last iteration that it was told of
+  bool watches_ = false;     // whether iterates are looked at
+  bool is_stopped_ = false;  // by on_iteration
+  int told_ = -1;            // the last iteration that it was told of
+  int reported_ = -1;        // the last iteration that was looked at
+  double gap_ = 0;
+  bool is_close_ = false;    // as close as gap_
+  double lower_bound_ = -1;  // of all iterates
+  std::optional<Certifier<System>> certifier_;
   const System* system_ = nullptr;  // that is solved
   std::optional<System> grounded_;
   detail::ComponentScratch<System> scratch_;

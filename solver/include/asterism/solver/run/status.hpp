@@ -10,7 +10,7 @@ inline namespace ASTERISM_ABI {
 /// Why a solver stopped, and what became of x.
 enum class Status {
   NotRun,         ///< solve was not called
-  Converged,      ///< x is a stationary point to the tolerance asked for
+  Converged,      ///< x is a stationary point to the tolerance asked for, or within SolverOptions::gap
   MaxIterations,  ///< the iterations ran out; x is the last iterate, its energy no higher than the start's
   NoProgress,  ///< the solver could not go on; x is its best iterate, its energy no higher than the start's
   NumericalFailure,  ///< overflow, or stiffness ratios beyond the scalar's digits; x is as it was, bit for

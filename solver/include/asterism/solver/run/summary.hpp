@@ -23,6 +23,7 @@ struct Summary {
   int factorizations = -1;                   ///< of a matrix
   double initial_energy = -1;                ///< E at the x given
   double final_energy = -1;                  ///< E at the x returned
+  double lower_bound = -1;                   ///< no x has less energy; where SolverOptions::gap asks for it
   double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
   double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
   int positive_definite = -1;  ///< 1: the Hessian at the x returned is, x is a strict local minimum if

@@ -1,0 +1,139 @@
+// The certificate of the global minimum: four nodes in the plane, fixed size.
+#include <algorithm>
+#include <asterism/solver/energy/certificate.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <cstdint>
+#include <limits>
+#include <string>
+#include <vector>
+
+#include "bars.hpp"
+
+namespace asterism::bench {
+
+namespace {
+
+/// Solves a system from its start, its anchors and further starts displaced by up to half its length, and
+/// calls found(x, energy) with what each ends in.
+template <typename System, typename Found>
+void search(const System& system, const typename System::Points& start, int starts, std::uint64_t seed,
+            Found&& found) {
+  testing::Rng rng(seed);
+  Newton<System> newton;
+  const double length = static_cast<double>(characteristic_length(system, start));
+  for (int i = 0; i < starts; ++i) {
+    typename System::Points x = i == 1 ? system.anchors : start;
+    for (auto& coordinate : x.reshaped()) {
+      if (i > 1) coordinate += static_cast<typename System::Scalar>(length * rng.uniform(-0.5, 0.5));
+    }
+    if (newton.solve(system, x).usable()) found(x);
+  }
+}
+
+struct Counts {
+  int systems = 0;
+  int certified = 0;        // of the lowest minimum found
+  int first_certified = 0;  // of what the start itself ends in
+  int points = 0;           // certificates, of minima and of points displaced from them
+  int false_certificates = 0;
+  int violated_bounds = 0;
+};
+
+template <typename System>
+void count_proofs(testing::Kind kind, int systems, Counts& counts) {
+  using Points = typename System::Points;
+  constexpr int kStarts = 30;
+  constexpr double kClose = 1e-6;
+  Certifier<System> certifier;
+  for (int index = 0; index < systems; ++index) {
+    const auto [system, start] = testing::numbered_system<System>(kind, System::TopologyType::full(),
+                                                                  static_cast<std::uint64_t>(index));
+    std::vector<Points> minima;
+    search(system, start, kStarts, static_cast<std::uint64_t>(index),
+           [&](const Points& x) { minima.push_back(x); });
+    if (minima.empty()) continue;
+    ++counts.systems;
+    counts.first_certified += certifier.certify(system, minima[0]).certified() ? 1 : 0;
+    const auto exact = system.template cast<double>();
+    const auto energy_of = [&exact](const Points& x) { return energy(exact, x.template cast<double>()); };
+    const Points lowest =
+        *std::min_element(minima.begin(), minima.end(),
+                          [&](const Points& a, const Points& b) { return energy_of(a) < energy_of(b); });
+    counts.certified += certifier.certify(system, lowest).certified() ? 1 : 0;
+    const double least = energy_of(lowest);
+    testing::Rng rng(~static_cast<std::uint64_t>(index));
+    const double length = static_cast<double>(characteristic_length(system, start));
+    const auto check = [&](const Points& x) {
+      const Certificate certificate = certifier.certify(system, x);
+      ++counts.points;
+      counts.false_certificates += certificate.certified() && certificate.energy > (1 + kClose) * least;
+      counts.violated_bounds += certificate.lower_bound > (1 + 1e-12) * least;
+    };
+    for (std::size_t i = 0; i < minima.size(); i += 6) {
+      check(minima[i]);
+      Points moved = minima[i];
+      const double share = rng.uniform(0, 0.3);
+      for (auto& coordinate : moved.reshaped())
+        coordinate += static_cast<typename System::Scalar>(share * length * rng.uniform(-1, 1));
+      check(moved);
+    }
+  }
+}
+
+void speed(Bars& bars, testing::Kind kind, const std::string& name) {
+  using System = SpringSystem<double, 2, 4>;
+  auto systems = samples<System>(1000, Topology<4>::full(), kind);
+  const auto starts = systems;
+  Newton<System> newton;
+  Certifier<System> certifier;
+  double solve = std::numeric_limits<double>::infinity(), certify = solve;
+  int certified = 0;
+  for (int round = 0; round < 20; ++round) {
+    for (std::size_t i = 0; i < systems.size(); ++i) systems[i].start = starts[i].start;
+    const double begin = cpu_seconds();
+    for (auto& [system, x] : systems) newton.solve(system, x);
+    const double solved = cpu_seconds();
+    for (auto& [system, x] : systems) certified += certifier.certify(system, x).certified() ? 1 : 0;
+    const double end = cpu_seconds();
+    const auto count = static_cast<double>(systems.size());
+    solve = std::min(solve, (solved - begin) / count);
+    certify = std::min(certify, (end - solved) / count);
+  }
+  bars.at_most(name + " certify, mean", "%.3g us", certified > 0 ? 1e6 * certify : -1, 0.2, 0.1);
+  bars.times_faster(name + " certify against Newton's solve, mean", certify, solve, 3, 6);
+}
+
+}  // namespace
+
+void proof_bars(Bars& bars) {
+  if (!bars.wanted("proof")) return;
+  speed(bars, testing::Kind::Lit, "N=4 LIT");
+  speed(bars, testing::Kind::Track, "N=4 TRACK");
+  const int systems = bars.quick() ? 500 : 100000;
+  Counts all;
+  for (const testing::Kind kind : testing::kKinds) {
+    Counts counts;
+    count_proofs<SpringSystem<double, 2, 4>>(kind, systems, counts);
+    const bool is_track = kind == testing::Kind::Track;
+    const std::string name = "N=4 " + std::string(to_string(kind));
+    const double share = 100.0 * counts.certified / counts.systems;
+    const double first = 100.0 * counts.first_certified / counts.systems;
+    if (is_track || kind == testing::Kind::Lit) {
+      bars.at_least(name + ", lowest of 30 starts certified", "%.1f %%", share, is_track ? 95 : 83, 100);
+    } else {
+      bars.line(name + ", lowest of 30 starts certified", format("%.1f %%", share), "-", "-", true, true);
+    }
+    bars.line(name + ", the start's own minimum certified", format("%.1f %%", first), "-", "-", true, true);
+    count_proofs<SpringSystem<float, 2, 4>>(kind, systems / 10, counts);
+    all.points += counts.points;
+    all.false_certificates += counts.false_certificates;
+    all.violated_bounds += counts.violated_bounds;
+  }
+  const std::string of = format("%d points: ", all.points);
+  bars.at_most(of + "false certificates", "%.0f", all.false_certificates, 0, 0);
+  bars.at_most(of + "lower bounds above an energy found", "%.0f", all.violated_bounds, 0, 0);
+}
+
+}  // namespace asterism::bench

@@ -1,0 +1,252 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/dense_minoriser.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/minoriser.hpp>
+#include <asterism/solver/detail/sparse_minoriser.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/message.hpp>
+#include <cmath>
+#include <limits>
+#include <new>
+#include <ostream>
+#include <string_view>
+#include <type_traits>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// What is proven of a placement.
+enum class Proof {
+  UniqueGlobalMinimum,  ///< its energy is the least there is, to the tolerance, and there is one minimum that
+                        ///< has it, within Certificate::distance
+  GlobalMinimum,        ///< its energy is the least there is, to the tolerance
+  ReweightedMinimum,    ///< the same of the system whose anchors are springs with the weights that their loss
+                        ///< has at x, and nothing of the system itself
+  NotCertified,         ///< nothing: x may be the global minimum or not
+  NotApplicable         ///< there is no certificate of such a system or x
+};
+
+constexpr std::string_view to_string(Proof proof) {
+  switch (proof) {
+    case Proof::UniqueGlobalMinimum:
+      return "unique global minimum";
+    case Proof::GlobalMinimum:
+      return "global minimum";
+    case Proof::ReweightedMinimum:
+      return "global minimum of the reweighted system";
+    case Proof::NotCertified:
+      return "not certified";
+    case Proof::NotApplicable:
+      return "not applicable";
+  }
+  return "unknown proof";
+}
+
+inline std::ostream& operator<<(std::ostream& out, Proof proof) { return out << to_string(proof); }
+
+/// What certify takes.
+struct CertifyOptions {
+  /// A global minimum may lie below E(x) by this share of E(x), or of 1e-10 sum k_ij (r_ij + mu_ij)^2 / 2 if
+  /// that is more, which is for placements without strain [ratio]. A solver's default tolerance leaves far
+  /// less.
+  double gap = 1e-6;
+
+  /// What is wrong with the options, nullptr for nothing.
+  constexpr const char* problem() const {
+    return gap >= 0 && detail::is_finite(gap) ? nullptr : "option gap is negative or not finite";
+  }
+};
+
+/// What certify finds. Every number is rigorous: the rounding of its computation is accounted for.
+struct Certificate {
+  Proof proof = Proof::NotApplicable;                        ///< the verdict
+  Message reason;                                            ///< why there is no more of it
+  double energy = std::numeric_limits<double>::quiet_NaN();  ///< E(x); NaN where it was not computed
+  double lower_bound = 0;                                    ///< E is no lower than this anywhere
+  /// A bound of W's least eigenvalue, see certify: from below where W is positive definite, else from above
+  /// (so that W is proven indefinite where it is negative), NaN if unknown.
+  double least_eigenvalue = std::numeric_limits<double>::quiet_NaN();
+  /// No global minimum has a node farther from x than this [px]; infinity where that is not known.
+  double distance = std::numeric_limits<double>::infinity();
+
+  /// Whether x is proven to be a global minimum.
+  bool certified() const { return proof == Proof::UniqueGlobalMinimum || proof == Proof::GlobalMinimum; }
+  /// E(x) is above the least energy by no more than this, and by this share of E(x).
+  double gap() const { return energy - lower_bound; }
+  double relative_gap() const { return energy > 0 ? gap() / energy : gap(); }
+};
+
+inline std::ostream& operator<<(std::ostream& out, const Certificate& certificate) {
+  out << certificate.proof;
+  if (certificate.proof != Proof::NotApplicable)
+    out << ", energy " << certificate.energy << " of at least " << certificate.lower_bound;
+  if (!certificate.reason.empty()) out << " (" << certificate.reason << ")";
+  return out;
+}
+
+/// Certifies placements, with a workspace: reuse it to certify without allocation, one thread at a time.
+/// `SparseFactor` is Eigen's or, from <asterism/solver/linear/cholmod.hpp>, CholmodProof; it serves systems
+/// of many nodes with few links each. See certify.
+template <typename System, typename SparseFactor = detail::SparseProofFactor>
+class Certifier {
+ public:
+  using Points = typename System::Points;
+
+  CertifyOptions options;
+
+  Certifier() = default;
+  /// For type deduction: Certifier(system).certify(system, x).
+  explicit Certifier(const System&, const CertifyOptions& o = {}) : options(o) {}
+
+  /// See asterism::certify.
+  Certificate certify(const System& system, const Points& x) {
+    Certificate result;
+    const auto work = [&] {
+      if (const char* problem = options.problem()) {
+        result.reason = problem;
+      } else if (const Defect defect = detail::validate_values(system, x)) {
+        result.reason = defect;
+      } else if constexpr (std::is_same_v<typename System::Scalar, double>) {
+        judge(system, x, result);
+      } else {
+        judge(system.template cast<double>(), x.template cast<double>(), result);
+      }
+    };
+    detail::attempt<std::bad_alloc>(work, [&result](const std::bad_alloc& error) {
+      result = Certificate();
+      result.reason = detail::memory_message(error);
+    });
+    return result;
+  }
+
+ private:
+  using Double =
+      SpringSystem<double, System::kDim, System::kNodes, System::kMaxNodes, typename System::Model>;
+  using Lower = detail::Minoriser<Double>;
+  static constexpr double kStrainless = 1e-10;
+
+  void judge(const Double& system, const typename Double::Points& x, Certificate& result) {
+    if constexpr (!detail::has_minoriser<typename Double::Model::LinkPotential>()) {
+      result.reason = "the links' potential is not declared to be convex in the square of the length";
+    } else {
+      judge_springs(system, x, result);
+    }
+  }
+
+  void judge_springs(const Double& system, const typename Double::Points& x, Certificate& result) {
+    constexpr bool kRobust = !std::is_same_v<typename Double::Model::AnchorLoss, asterism::Quadratic>;
+    held_.setConstant(system.nodes(), false);
+    bool floats = false;
+    detail::for_each_floating_component(system, scratch_, [&](int i) { held_[i] = floats = true; });
+
+    set(system, x, false);
+    result.energy = kRobust ? asterism::energy(system, x) : quadratic_.energy;
+    if (!detail::is_finite(quadratic_.energy_rounding) || !detail::all_finite(quadratic_.gradient) ||
+        !detail::all_finite(quadratic_.scale) || !detail::all_finite(quadratic_.gradient_scale) ||
+        !detail::is_finite(result.energy)) {
+      result.reason = "energy, gradient or curvature leave the range of the scalar";
+      return;
+    }
+    const double energy = quadratic_.energy;
+    const double rounding = Lower::kEpsilon * quadratic_.energy_rounding;
+    result.proof = Proof::NotCertified;
+    detail::MinoriserBound bound;
+    if (quadratic_.peaked_link >= 0) {
+      result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is no minimum"};
+    } else {
+      bound = factor(system);
+      result.least_eigenvalue = bound.least_eigenvalue;
+    }
+    const double lowest = std::max(0.0, energy - bound.gap - rounding);
+    const double negligible = options.gap * std::max(energy, kStrainless * quadratic_.stored) +
+                              quadratic_.coordinate_rounding + rounding;
+    if (bound.is_definite) {
+      if (!kRobust) result.lower_bound = lowest;
+      // Global minima and x are within sqrt(2 gap) of the minoriser's minimum, by the norm of W.
+      if (!kRobust && !floats)
+        result.distance = std::sqrt(8 * (bound.gap + 2 * rounding) / bound.least_eigenvalue);
+      if (energy - lowest > negligible) {
+        result.reason =
+            "the gap is above the tolerance: x is not stationary enough, or rounding is too large";
+      } else if (kRobust) {
+        result.proof = Proof::ReweightedMinimum;
+      } else if (!floats && quadratic_.stays_definite(result.distance, bound.least_eigenvalue)) {
+        result.proof = Proof::UniqueGlobalMinimum;
+      } else {
+        result.proof = Proof::GlobalMinimum;
+      }
+      return;
+    }
+    if (energy <= negligible) {  // no energy is below 0
+      result.proof = kRobust ? Proof::ReweightedMinimum : Proof::GlobalMinimum;
+      result.reason.clear();
+      return;
+    }
+    if (result.reason.empty()) {
+      result.reason = bound.least_eigenvalue < 0 ? "W has a negative eigenvalue: there may be a lower minimum"
+                                                 : "W is positive definite or not, by rounding alone";
+    }
+    if (kRobust) return;
+    set(system, x, true);
+    bound = factor(system);
+    if (bound.is_definite)
+      result.lower_bound =
+          std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
+  }
+
+  void set(const Double& system, const typename Double::Points& x, bool clamp) {
+    quadratic_.set(system, x, clamp, [this](int i) { return held_[i]; });
+  }
+
+  detail::MinoriserBound factor(const Double& system) {
+    if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+      if (detail::is_large_and_sparse(system)) return sparse_.bound(system, quadratic_);
+    }
+    return dense_.bound(system, quadratic_);
+  }
+
+  struct Nothing {};
+
+  Lower quadratic_;
+  detail::DenseMinoriser<Double> dense_;
+  [[no_unique_address]] std::conditional_t<System::kMaxNodes == Eigen::Dynamic,
+                                           detail::SparseMinoriser<Double, SparseFactor>, Nothing>
+      sparse_;
+  detail::ComponentScratch<Double> scratch_;
+  Eigen::Array<bool, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> held_;
+};
+
+/// Whether x (Dim x N) is a global minimum of E, proven, and a lower bound of E where it is not.
+///
+/// For any length r^ > 0 a link's energy is no less than that of a spring without rest length, (r - mu)^2 >=
+/// (1 - mu / r^) r^2 + mu^2 - mu r^, with equality at r = r^. So with w_ij = k_ij (1 - mu_ij / r_ij) there is
+/// a quadratic q below E that touches it at x, whose Hessian is, for each dimension,
+///   W(x) = diag(k_i) + sum_ij w_ij (e_i - e_j) (e_i - e_j)^T       (N x N).
+/// Where W is positive definite, no energy is below E(x) - 1/2 sum_d g_d^T W^-1 g_d, whether x is stationary
+/// or not, and if that gap is nothing, x is the one global minimum (with a gap, it is close to the only one
+/// if W stays positive definite as far as the gap allows a minimum to be). IDA's quadratic lies above E and
+/// touches it at the same place. Where W is not positive definite, the lower bound is that of the same
+/// quadratic without the links that push. docs/theory.md has more.
+///
+/// x need not be what a solver returned. Computed in double whatever the scalar, with the rounding of
+/// everything accounted for: nothing is certified because of it. O(N^3), or one sparse Cholesky factorisation
+/// of K_dyn's pattern; a fixed or bounded number of nodes uses no heap.
+///
+/// Fixed nodes stay where x has them. A component that nothing holds is held by its first node, which costs
+/// no energy, and its minimum is not unique. For anchors with an information matrix, W has a row a
+/// coordinate. For robust anchors, the reweighted system is looked at, which says nothing of the system
+/// itself. For links of another potential see LinkPotential. Bad input, lack of memory and what leaves the
+/// range of the scalar are NotApplicable, with the reason.
+template <typename System>
+Certificate certify(const System& system, const typename System::Points& x,
+                    const CertifyOptions& options = {}) {
+  return Certifier<System>(system, options).certify(system, x);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
