@@ -68,28 +68,39 @@ def minima(path):
     figure.savefig(path, metadata={'Date': None})
 
 
-def majoriser(path):
+class Line:
     """A node on the line (y, 0.4): its anchor is at (-0.4, 0.4), of stiffness 0.3, a spring holds it to the origin."""
-    system = spring_system([[-0.4, 0.4], [0, 0]], [0.3, 0], 1, 1)
-    system.fix(1)
-    stiffness = 0.3 + 1  # IDA's matrix
+    ida = 0.3 + 1  # IDA's matrix
 
-    def place(y):
-        return np.array([[y, 0.4], [0, 0]])
+    def __init__(self):
+        self.system = spring_system([[-0.4, 0.4], [0, 0]], [0.3, 0], 1, 1)
+        self.system.fix(1)
 
-    def e(y):
-        return asterism.energy(system, place(y))
+    def energy(self, y):
+        return asterism.energy(self.system, np.array([[y, 0.4], [0, 0]]))
 
-    def slope(y):
-        return asterism.gradient(system, place(y))[0, 0]
+    def slope(self, y):
+        return asterism.gradient(self.system, np.array([[y, 0.4], [0, 0]]))[0, 0]
 
+    def w(self, y):
+        """The matrix of the quadratic below."""
+        return 0.3 + 1 - 1 / np.hypot(y, 0.4)
+
+    def quadratic(self, x, curvature, y):
+        """That touches the energy at x."""
+        return self.energy(x) + self.slope(x) * (y - x) + curvature / 2 * (y - x) ** 2
+
+
+def majoriser(path):
+    line = Line()
+    e, slope, stiffness = line.energy, line.slope, line.ida
     y = np.linspace(-1.7, 1.9, 361)
     energies = np.array([e(at) for at in y])
     figure, axes = plt.subplots(figsize=(6.6, 3.1), layout='constrained')
     axes.plot(y, energies, color='black', label='E')
     for x, color in ((0.9, 'tab:orange'), (-0.15, 'tab:blue')):
         def bound(at):
-            return e(x) + slope(x) * (at - x) + stiffness / 2 * (at - x) ** 2
+            return line.quadratic(x, stiffness, at)
         following = x - slope(x) / stiffness
         if not (np.all(bound(y) >= energies - 1e-12) and e(following) < e(x)):
             sys.exit('theory_figures.py: not a majoriser')
@@ -97,6 +108,28 @@ def majoriser(path):
         axes.plot(x, e(x), 'o', color=color, markersize=5)
         axes.plot(following, bound(following), 'v', color=color, markersize=6)
     axes.set_ylim(0, 1)
+    axes.set_xlabel('y')
+    axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
+    figure.savefig(path, metadata={'Date': None})
+
+
+def minoriser(path):
+    """The quadratics on both sides of E at its two minima on the line."""
+    line = Line()
+    y = np.linspace(-1.7, 1.9, 361)
+    energies = np.array([line.energy(at) for at in y])
+    figure, axes = plt.subplots(figsize=(6.6, 3.1), layout='constrained')
+    axes.plot(y, energies, color='black', label='E')
+    for x, color, certified in ((-0.8, 'tab:blue', True), (0.5, 'tab:orange', False)):
+        while abs(line.slope(x)) > 1e-12:
+            x -= line.slope(x) / line.ida
+        above, below = line.quadratic(x, line.ida, y), line.quadratic(x, line.w(x), y)
+        if not (np.all(above >= energies - 1e-12) and np.all(below <= energies + 1e-12) and (line.w(x) > 0) == certified):
+            sys.exit('theory_figures.py: not a minoriser')
+        axes.plot(y, above, '--', color=color, linewidth=1, label=f'above, touching at {x:.2f}')
+        axes.plot(y, below, ':', color=color, linewidth=1.5, label=f'below, W = {line.w(x):.2f}')
+        axes.plot(x, line.energy(x), 'o', color=color, markersize=5)
+    axes.set_ylim(-0.1, 0.8)
     axes.set_xlabel('y')
     axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
     figure.savefig(path, metadata={'Date': None})
@@ -156,4 +189,5 @@ folder = pathlib.Path(sys.argv[1])
 folder.mkdir(parents=True, exist_ok=True)
 minima(folder / 'theory-minima.svg')
 majoriser(folder / 'theory-majoriser.svg')
+minoriser(folder / 'theory-minoriser.svg')
 covariance(folder / 'covariance.svg')

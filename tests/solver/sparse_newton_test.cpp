@@ -294,13 +294,14 @@ TEST(Continuation, ReportsTheGivenSystem) {
   const auto [system, start] = crumpled_cloth(1e-6);
   SparseNewton<Space> solver;
   int reports = 0;
-  solver.options.on_iteration = [&, &system = system](const Iteration& at) {
+  auto check = [&, &system = system](const Iteration& at) {
     const Space::Points x = at.x;
     EXPECT_NEAR(at.energy, energy(system, x), 1e-12 * at.energy);
     EXPECT_NEAR(at.gradient_norm, gradient(system, x).norm(), 1e-9 * (1 + at.gradient_norm));
     ++reports;
     return true;
   };
+  solver.options.on_iteration = check;
   auto x = start;
   const Summary summary = solver.solve(system, x);
   EXPECT_GE(reports, summary.iterations);
