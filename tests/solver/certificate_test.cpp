@@ -172,7 +172,10 @@ TEST(Certificate, IsThatOfTheStressMatrix) {
       const Certificate certificate = certify(system, x);
       if (std::abs(least) < 1e-9 * most) continue;
       if (least > 0) {
-        EXPECT_EQ(certificate.proof, Proof::UniqueGlobalMinimum) << certificate;
+        EXPECT_TRUE(certificate.certified()) << certificate;
+        if (n < 40) {
+          EXPECT_EQ(certificate.proof, Proof::UniqueGlobalMinimum) << certificate;
+        }
         EXPECT_GT(certificate.least_eigenvalue, 0);
         EXPECT_LE(certificate.least_eigenvalue, least * (1 + 1e-9));
         if (n <= 32) {
@@ -180,7 +183,7 @@ TEST(Certificate, IsThatOfTheStressMatrix) {
         }
         const Plane::Points g = gradient(system, x);
         const double gap = (g * W.ldlt().solve(g.transpose())).trace() / 2;
-        EXPECT_GE(certificate.gap(), gap);
+        EXPECT_GE(certificate.gap(), gap * (1 - 1e-9));
         EXPECT_LE(certificate.gap(), gap + 1e-9 * certificate.energy + 1e-12);
       } else {
         EXPECT_EQ(certificate.proof, Proof::NotCertified) << certificate;
