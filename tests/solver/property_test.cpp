@@ -284,6 +284,8 @@ void for_each_solver(Solvers& solvers, const System& system, const AlignedOption
     SCOPED_TRACE(solver.name());
     solver.options.tolerance = options.tolerance;
     if constexpr (requires { solver.options.align; }) solver.options.align = options.align;
+    // Of stronger anchors, the energy falls; that of the given system may rise on the way.
+    if constexpr (requires { solver.options.continuation; }) solver.options.continuation = false;
     // One type of them all, for visit to be compiled once.
     visit(std::function<Summary(int, typename System::Points&)>(
         [&](int max_iterations, typename System::Points& x) {

@@ -44,11 +44,11 @@ class DenseMinoriser {
     matrix_.template triangularView<Eigen::Lower>().solveInPlace(right_hand_side_);
     // The residual of this substitution is in proportion to its result.
     const double norm = right_hand_side_.norm() * (1 + std::sqrt(n * kEpsilon));
-    result.gap = gap_with_rounding(minoriser, norm, shift, [&](int i) {
-      return kEpsilon * (8 + minoriser.terms) * minoriser.gradient_scale[i];
-    });
     direction_.resize(n);
     result.least_eigenvalue = least_eigenvalue(minoriser, shift);
+    result.gap = gap_with_rounding(minoriser, norm, shift, result.least_eigenvalue, [&](int i) {
+      return kEpsilon * (8 + minoriser.terms) * minoriser.gradient_scale[i];
+    });
     return result;
   }
 

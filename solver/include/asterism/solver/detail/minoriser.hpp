@@ -191,15 +191,19 @@ struct MinoriserBound {
 };
 
 /// The gap of a gradient that is the sum of two: one with the norm `norm` in the inverse of the matrix
-/// factored, and a rounding of at most rounding(i) at node i, measured by W >= shift diag(scale).
+/// factored, and a rounding of at most rounding(i) at node i. The latter is measured by W >= shift
+/// diag(scale) or by W's least eigenvalue, whichever is better.
 template <typename System, typename Rounding>
-double gap_with_rounding(const Minoriser<System>& minoriser, double norm, double shift, Rounding&& rounding) {
-  double sum = 0;
+double gap_with_rounding(const Minoriser<System>& minoriser, double norm, double shift,
+                         double least_eigenvalue, Rounding&& rounding) {
+  double scaled = 0, plain = 0;
   for (int i = 0; i < minoriser.scale.size(); ++i) {
-    const double b = rounding(i);
-    if (b > 0) sum += b * b / (shift * minoriser.scale[i]);
+    const double square = rounding(i) * rounding(i);
+    if (!(square > 0)) continue;
+    scaled += square / (shift * minoriser.scale[i]);
+    plain += square / least_eigenvalue;
   }
-  const double total = norm + std::sqrt(sum);
+  const double total = norm + std::sqrt(std::min(scaled, plain));
   return total * total / 2;
 }
 

@@ -9,7 +9,6 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
-#include <memory>
 #include <vector>
 
 namespace asterism {
@@ -51,26 +50,26 @@ class SparseMinoriser {
     assemble(system, minoriser);
     const double n = static_cast<double>(matrix_.rows());
     // Columns are known once the matrix has been ordered, which takes its pattern alone.
-    factor_ = std::make_unique<Factor>();
-    factor_->analyze(matrix_);
-    const double least_shift = kEpsilon * (factor_->longest_column() * (n + 3) + minoriser.terms + 16);
+    Factor factor;
+    factor.analyze(matrix_);
+    const double least_shift = kEpsilon * (factor.longest_column() * (n + 3) + minoriser.terms + 16);
     // A large shift, if W has room for it, is a better bound of the eigenvalue, and measures rounding better.
     double shift = std::max(kLargeShift, least_shift);
     shift_diagonal(minoriser, 2 * shift);
     MinoriserBound result;
-    result.is_definite = factor_->factorize_definite(matrix_);
+    result.is_definite = factor.factorize_definite(matrix_);
     if (!result.is_definite && shift > least_shift) {
       assemble(system, minoriser);  // exact again
       shift_diagonal(minoriser, 2 * least_shift);
       shift = least_shift;
-      result.is_definite = factor_->factorize_definite(matrix_);
+      result.is_definite = factor.factorize_definite(matrix_);
     }
     if (!result.is_definite) {
-      if (factor_->negative_direction(direction_)) result.least_eigenvalue = bend(minoriser, 3 * shift);
+      if (factor.negative_direction(direction_)) result.least_eigenvalue = bend(minoriser, 3 * shift);
       return result;
     }
     right_hand_side_ = gradient(minoriser);
-    step_ = factor_->solve(right_hand_side_);
+    step_ = factor.solve(right_hand_side_);
     // g^T M^-1 g = z^T M z + 2 z . r + r^T M^-1 r with the residual r = g - M z, which counts as rounding.
     product_ = matrix_.selfadjointView<Eigen::Lower>() * step_;
     const double largest = step_.cwiseAbs().maxCoeff();
@@ -82,11 +81,12 @@ class SparseMinoriser {
     square += n * kEpsilon * (step_.array() * product_.array()).abs().sum();
     for (int i = 0; i < system.nodes(); ++i)
       square += step_.template middleRows<kBlock>(kBlock * i).norm() * product_rounding(i);
-    result.gap = gap_with_rounding(minoriser, std::sqrt(std::max(square, 0.0)), shift, [&](int i) {
+    result.least_eigenvalue = shift * minoriser.scale.minCoeff();
+    const double norm = std::sqrt(std::max(square, 0.0));
+    result.gap = gap_with_rounding(minoriser, norm, shift, result.least_eigenvalue, [&](int i) {
       const double residual = (right_hand_side_ - product_).template middleRows<kBlock>(kBlock * i).norm();
       return residual + unit * minoriser.gradient_scale[i] + product_rounding(i);
     });
-    result.least_eigenvalue = shift * minoriser.scale.minCoeff();
     return result;
   }
 
@@ -143,7 +143,6 @@ class SparseMinoriser {
   }
 
   Matrix matrix_;  // W, then M, the lower triangle
-  std::unique_ptr<Factor> factor_;
   RightHandSide right_hand_side_;
   RightHandSide step_;     // M^-1 g
   RightHandSide product_;  // M step
