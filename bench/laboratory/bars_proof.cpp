@@ -48,8 +48,10 @@ void count_proofs(testing::Kind kind, int systems, Counts& counts) {
   constexpr double kClose = 1e-6;
   Certifier<System> certifier;
   for (int index = 0; index < systems; ++index) {
-    const auto [system, start] = testing::numbered_system<System>(kind, System::TopologyType::full(),
-                                                                  static_cast<std::uint64_t>(index));
+    const auto problem = testing::numbered_system<System>(kind, System::TopologyType::full(),
+                                                          static_cast<std::uint64_t>(index));
+    const System& system = problem.system;
+    const Points& start = problem.start;
     std::vector<Points> minima;
     search(system, start, kStarts, static_cast<std::uint64_t>(index),
            [&](const Points& x) { minima.push_back(x); });
