@@ -20,12 +20,14 @@ double cross(const cv::Point2d& a, const cv::Point2d& b) { return a.x * b.y - a.
 // box.
 std::vector<cv::Point2d> convex_hull(const std::vector<cv::Point2d>& points, const cv::Rect2d& bounds) {
   std::vector<cv::Point2f> scaled;
+  scaled.reserve(points.size());
   for (const cv::Point2d& p : points)
     scaled.emplace_back(static_cast<float>((p.x - bounds.x) / bounds.width),
                         static_cast<float>((p.y - bounds.y) / bounds.height));
   std::vector<int> chosen;
   cv::convexHull(scaled, chosen);
   std::vector<cv::Point2d> hull;
+  hull.reserve(chosen.size());
   for (const int i : chosen) hull.push_back(points[static_cast<std::size_t>(i)]);
   return hull;
 }
