@@ -106,13 +106,18 @@ class CholmodProof {
  public:
   using Matrix = detail::Cholmod::Matrix;
 
+  /// Orders the pattern of a lower triangle.
   void analyze(const Matrix& lower) { cholesky_.analyzePattern(lower); }
+  /// Entries in the longest column of the factor, after analyze.
   double longest_column() const { return cholesky_.longest_column(); }
+  /// False where the matrix is not positive definite.
   bool factorize_definite(const Matrix& lower) {
     cholesky_.factorize(lower);
     return cholesky_.info() == Eigen::Success;
   }
+  /// False: CHOLMOD gives no direction of negative curvature.
   bool negative_direction(Eigen::VectorXd&) const { return false; }
+  /// matrix^-1 b.
   template <typename RightHandSide>
   RightHandSide solve(const RightHandSide& b) {
     return cholesky_.solve(b);
