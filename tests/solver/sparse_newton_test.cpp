@@ -308,5 +308,20 @@ TEST(Continuation, ReportsTheGivenSystem) {
   EXPECT_GE(reports, 10);
 }
 
+#ifdef ASTERISM_TEST_CHOLMOD
+TEST(CholmodProof, IsThatOfEigensFactor) {
+  for (const bool is_taut : {false, true}) {
+    auto [system, x] = testing::sparse_system<Plane>(1, 300);
+    if (is_taut) system.rest_length *= 0.2;
+    SparseNewton<Plane>().solve(system, x);
+    const Certificate expected = certify(system, x);
+    const Certificate certificate = Certifier<Plane, CholmodProof>(system).certify(system, x);
+    EXPECT_EQ(certificate.proof, expected.proof);
+    EXPECT_EQ(certificate.certified(), is_taut);
+    EXPECT_NEAR(certificate.lower_bound, expected.lower_bound, 1e-6 * expected.energy);
+  }
+}
+#endif
+
 }  // namespace
 }  // namespace asterism
