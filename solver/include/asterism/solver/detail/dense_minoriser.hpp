@@ -52,9 +52,6 @@ class DenseMinoriser {
     return result;
   }
 
-  /// A direction of W's negative curvature, a number an unknown, after bound() of a W that is not definite.
-  const auto& direction() const { return direction_; }
-
  private:
   static constexpr int kBlock = Quadratic::kBlock;
   static constexpr int kSmall = 32;

@@ -90,9 +90,6 @@ class SparseMinoriser {
     return result;
   }
 
-  /// A direction of W's negative curvature, a number an unknown, after bound() of a W that is not definite.
-  const Eigen::VectorXd& direction() const { return direction_; }
-
  private:
   static constexpr int kBlock = Quadratic::kBlock;
   static constexpr double kLargeShift = 1e-6;
