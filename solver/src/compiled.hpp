@@ -14,6 +14,8 @@
   ASTERISM_COMPILE(NewtonCg, System)                                                          \
   ASTERISM_COMPILE(NonlinearCg, System)                                                       \
   ASTERISM_COMPILE(Auto, System)                                                              \
+  template ASTERISM_API void detail::Prover<System, detail::SparseFactor<double>>::certify(   \
+      const System&, const System::Points&, double, Certificate&);                            \
   template ASTERISM_API SolverRegistry<System> solver_registry();                             \
   template ASTERISM_API Summary solve_ida(const System&, System::Points&, const IdaOptions&); \
   template ASTERISM_API Summary solve(const System&, System::Points&, const AlignedOptions&);

@@ -14,6 +14,7 @@
 #include <asterism/solver/run/solve_each.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <concepts>
 #include <limits>
@@ -24,7 +25,6 @@
 
 #include "counting_allocator.hpp"
 #include "matrices.hpp"
-#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

@@ -272,7 +272,7 @@ TEST(Certificate, OfLargeSparseSystemsIsThatOfTheDenseMatrix) {
     const Certificate sparse = certify(system, x);
     detail::Minoriser<Plane> minoriser;
     minoriser.set(system, x, false, [](int) { return false; });
-    const auto dense = detail::DenseMinoriser<Plane>().bound(system, minoriser);
+    const auto dense = detail::DenseBound<Eigen::Dynamic, Eigen::Dynamic>().bound(system, minoriser);
     EXPECT_EQ(sparse.certified(), dense.is_definite);
     EXPECT_EQ(dense.is_definite, is_taut);
     if (dense.is_definite) {

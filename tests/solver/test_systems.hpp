@@ -57,6 +57,9 @@ inline namespace ASTERISM_ABI {
 // SOLVER(Extern, System, type of the solver)
 #define ASTERISM_TEST_SOLVER(Extern, System, ...) \
   Extern template Summary detail::Compiled::solve(__VA_ARGS__&, const System&, System::Points&);
+#define ASTERISM_TEST_PROVER(Extern, System)                                          \
+  Extern template void detail::Prover<System, detail::SparseFactor<double>>::certify( \
+      const System&, const System::Points&, double, Certificate&);
 // NOLINTEND(bugprone-macro-parentheses)
 
 #define ASTERISM_TEST_PLANE(Extern)                                                                     \
@@ -73,12 +76,16 @@ inline namespace ASTERISM_ABI {
 
 #define ASTERISM_TEST_SPACE(Extern)                  \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Space)    \
+  ASTERISM_TEST_PROVER(Extern, testing::Line)        \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Line)     \
+  ASTERISM_TEST_PROVER(Extern, testing::Bounded3)    \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Bounded3) \
   ASTERISM_TEST_SOLVER(Extern, testing::Space, Lbfgs<testing::Space, JacobiMetric<testing::Space>>)
 
 #define ASTERISM_TEST_BOUNDED(Extern)                                     \
+  ASTERISM_TEST_PROVER(Extern, testing::Bounded2)                         \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Bounded2)                      \
+  ASTERISM_TEST_PROVER(Extern, testing::FixedEllipses)                    \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::FixedEllipses)                 \
   ASTERISM_TEST_SOLVER(Extern, testing::Bounded2, Ida<testing::Bounded2>) \
   ASTERISM_TEST_SOLVER(Extern, testing::Bounded2, Newton<testing::Bounded2>)

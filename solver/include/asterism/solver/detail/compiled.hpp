@@ -68,8 +68,20 @@ Summary Compiled::solve(Solver<System, Policies...>& solver, const System& syste
                                              const Options&);                                                \
   extern template ASTERISM_API Summary solve(const detail::FourPartSystem&, detail::FourPartSystem::Points&, \
                                              const Options&);
+/// Declares the proofs for these types, which those of other scalars use, too.
+#define ASTERISM_COMPILED_PROVER                                                             \
+  extern template ASTERISM_API void                                                          \
+  detail::Prover<detail::PlaneSystem, detail::SparseFactor<double>>::certify(                \
+      const detail::PlaneSystem&, const detail::PlaneSystem::Points&, double, Certificate&); \
+  extern template ASTERISM_API void                                                          \
+  detail::Prover<detail::SpaceSystem, detail::SparseFactor<double>>::certify(                \
+      const detail::SpaceSystem&, const detail::SpaceSystem::Points&, double, Certificate&); \
+  extern template ASTERISM_API void                                                          \
+  detail::Prover<detail::FourPartSystem, detail::SparseFactor<double>>::certify(             \
+      const detail::FourPartSystem&, const detail::FourPartSystem::Points&, double, Certificate&);
 #else
 #define ASTERISM_COMPILED_SOLVER(Solver)
 #define ASTERISM_COMPILED_SPARSE_SOLVER(Solver)
 #define ASTERISM_COMPILED_SOLVE(solve, Options)
+#define ASTERISM_COMPILED_PROVER
 #endif

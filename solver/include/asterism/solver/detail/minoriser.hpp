@@ -22,6 +22,43 @@ constexpr bool has_minoriser() {
   return false;
 }
 
+/// What a bound needs to know of a minoriser beside its W, whatever the type of its system. W has `block`
+/// unknowns a node.
+struct MinoriserView {
+  int nodes;
+  int block;
+  int columns;             ///< right-hand sides of W
+  int terms;               ///< as Minoriser's, from here on
+  const double* gradient;  ///< `columns` values an unknown
+  const double* scale;     ///< a value a node, and so has
+  const double* gradient_scale;
+};
+
+/// What the factorisation of a minoriser's W says.
+struct MinoriserBound {
+  bool is_definite = false;  ///< W is positive definite, whatever its rounding
+  double gap = 0;            ///< then q(x) - min q is at most this
+  /// Where W is definite, its least eigenvalue is at least this; elsewhere it is at most this.
+  double least_eigenvalue = std::numeric_limits<double>::quiet_NaN();
+};
+
+/// The gap of a gradient that is the sum of two: one with the norm `norm` in the inverse of the matrix
+/// factored, and a rounding of at most rounding(i) at node i. The latter is measured by W >= shift
+/// diag(scale) or by W's least eigenvalue, whichever is better.
+template <typename Rounding>
+double gap_with_rounding(const MinoriserView& minoriser, double norm, double shift, double least_eigenvalue,
+                         Rounding&& rounding) {
+  double scaled = 0, plain = 0;
+  for (int i = 0; i < minoriser.nodes; ++i) {
+    const double force = rounding(i);
+    if (!(force > 0)) continue;
+    scaled += force / (shift * minoriser.scale[i]) * force;
+    plain += force / least_eigenvalue * force;
+  }
+  const double total = norm + std::sqrt(std::min(scaled, plain));
+  return total * total / 2;
+}
+
 /// The quadratic below the energy that touches it at x, q(y) = E(x) + g . (y - x) + 1/2 (y - x)^T W (y - x):
 /// each link is replaced by 1/2 w |y_i - y_j|^2 plus a constant, with w = phi'(r) / r, for a spring
 /// k (1 - mu / r), its curvature across. So W has a row a node, for anisotropic anchors one a coordinate.
@@ -41,12 +78,9 @@ class Minoriser {
   /// Unknowns of a node in W, and columns of a right-hand side.
   static constexpr int kBlock = System::kAnisotropic ? kDim : 1;
   static constexpr int kColumns = kDim / kBlock;
-  static constexpr int kMaxSize = times<System::kMaxNodes>(kBlock);
   using Points = typename System::Points;
   using Point = typename System::Point;
   using NodeVector = typename System::NodeVector;
-  using Matrix = Eigen::Matrix<double, times<System::kNodes>(kBlock), times<System::kNodes>(kBlock),
-                               Eigen::ColMajor, kMaxSize, kMaxSize>;
 
   /// Of `system` at x. The nodes of `held`, beside the fixed ones, do not move.
   template <typename Held>
@@ -80,30 +114,32 @@ class Minoriser {
   }
 
   /// W without the rows and columns of nodes that do not move, on whose diagonal is 1: calls
-  /// diagonal(i, block) for every node, and couple(i, j, weight) for links between nodes that move, whose
-  /// block is -weight times the identity.
+  /// diagonal(i, row, column, value) for entries of node i's block, the lower triangle, and
+  /// couple(l, link, weight) for links between nodes that move, whose block is -weight times the identity.
+  /// Values for one entry are to be summed.
   template <typename Diagonal, typename Couple>
-  void for_each_block(const System& system, Diagonal&& diagonal, Couple&& couple) const {
-    using Block = Eigen::Matrix<double, kBlock, kBlock, Eigen::ColMajor>;
+  void for_each_entry(const System& system, Diagonal&& diagonal, Couple&& couple) const {
     for (int i = 0; i < system.nodes(); ++i) {
-      Block block = Block::Identity();
-      if (is_free_[i]) {
-        if constexpr (System::kAnisotropic) {
-          const Block shape = system.anchor_shape.template block<kDim, kDim>(0, kDim * i);
-          block = stiffness_[i] / 2 * (shape + shape.transpose());
-        } else {
-          block *= stiffness_[i];
-        }
+      for (int c = 0; c < kBlock; ++c) {
+        for (int r = c; r < kBlock; ++r) diagonal(i, r, c, anchor_entry(system, i, r, c));
       }
-      diagonal(i, block);
     }
     int l = 0;
     for (const Link& link : system.links()) {
-      const double w = weights_[l++];
-      if (is_free_[link.i]) diagonal(link.i, Block(w * Block::Identity()));
-      if (is_free_[link.j]) diagonal(link.j, Block(w * Block::Identity()));
-      if (is_free_[link.i] && is_free_[link.j]) couple(link.i, link.j, w);
+      const double w = weights_[l];
+      for (int d = 0; d < kBlock; ++d) {
+        if (is_free_[link.i]) diagonal(link.i, d, d, w);
+        if (is_free_[link.j]) diagonal(link.j, d, d, w);
+      }
+      if (is_free_[link.i] && is_free_[link.j]) couple(l, link, w);
+      ++l;
     }
+  }
+
+  /// What a bound needs beside W.
+  MinoriserView view() const {
+    return {static_cast<int>(scale.size()), kBlock, kColumns, terms, gradient.data(), scale.data(),
+            gradient_scale.data()};
   }
 
   /// Whether W(y) is positive definite at all y none of whose nodes is farther from x than `distance`, given
@@ -126,6 +162,16 @@ class Minoriser {
   int peaked_link = -1;            ///< the first link that pushes its coincident ends apart, or -1
 
  private:
+  double anchor_entry(const System& system, int i, int row, int column) const {
+    if (!is_free_[i]) return row == column;
+    if constexpr (System::kAnisotropic) {
+      return stiffness_[i] / 2 *
+             (system.anchor_shape(row, kDim * i + column) + system.anchor_shape(column, kDim * i + row));
+    } else {
+      return stiffness_[i];
+    }
+  }
+
   void add_anchor(const System& system, int i, const Point& offset) {
     const AnchorForce<System> force = anchor_force(system, i, offset);
     double k = system.anchor_stiffness[i];
@@ -139,7 +185,7 @@ class Minoriser {
     energy_rounding += 4 * std::abs(value);
     gradient.col(i) = force.gradient;
     stiffness_[i] = scale[i] = k;
-    gradient_scale[i] = k * offset.norm();
+    gradient_scale[i] = k * offset.cwiseAbs().sum();
   }
 
   template <typename Force, typename Spring>
@@ -181,31 +227,6 @@ class Minoriser {
   Eigen::Array<bool, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> is_free_;
   Eigen::Matrix<int, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> degree_;
 };
-
-/// What the factorisation of a minoriser's W says.
-struct MinoriserBound {
-  bool is_definite = false;  ///< W is positive definite, whatever its rounding
-  double gap = 0;            ///< then q(x) - min q is at most this
-  /// Where W is definite, its least eigenvalue is at least this; elsewhere it is at most this.
-  double least_eigenvalue = std::numeric_limits<double>::quiet_NaN();
-};
-
-/// The gap of a gradient that is the sum of two: one with the norm `norm` in the inverse of the matrix
-/// factored, and a rounding of at most rounding(i) at node i. The latter is measured by W >= shift
-/// diag(scale) or by W's least eigenvalue, whichever is better.
-template <typename System, typename Rounding>
-double gap_with_rounding(const Minoriser<System>& minoriser, double norm, double shift,
-                         double least_eigenvalue, Rounding&& rounding) {
-  double scaled = 0, plain = 0;
-  for (int i = 0; i < minoriser.scale.size(); ++i) {
-    const double square = rounding(i) * rounding(i);
-    if (!(square > 0)) continue;
-    scaled += square / (shift * minoriser.scale[i]);
-    plain += square / least_eigenvalue;
-  }
-  const double total = norm + std::sqrt(std::min(scaled, plain));
-  return total * total / 2;
-}
 
 }  // namespace detail
 }  // namespace ASTERISM_ABI

@@ -37,35 +37,37 @@ class SparseBlocks {
 
   void set_zero() { matrix_->coeffs().setZero(); }
 
+  /// An entry of the lower triangle of node i's block.
+  Scalar& at(int i, int row, int column) { return diagonal(kBlock * i + column)[row - column]; }
+  /// An entry of the block of link l, in the rows of its end of higher number and the columns of the lower.
+  Scalar& at_link(int l, int row, int column) {
+    const Link& link = links_[static_cast<std::size_t>(l)];
+    return diagonal(kBlock * std::min(link.i, link.j) +
+                    column)[kBlock - column + kBlock * rank_[static_cast<std::size_t>(l)] + row];
+  }
+
   /// Adds to the block of node i.
   template <typename Block>
   void add(int i, const Block& block) {
     for (int c = 0; c < kBlock; ++c) {
-      Scalar* const values = column(kBlock * i + c);
-      for (int r = c; r < kBlock; ++r) values[r - c] += static_cast<Scalar>(block(r, c));
+      for (int r = c; r < kBlock; ++r) at(i, r, c) += static_cast<Scalar>(block(r, c));
     }
   }
 
-  /// Adds to the block of link l, in the rows of its end of higher number and the columns of the lower.
+  /// Adds to the block of link l.
   template <typename Block>
   void add_link(int l, const Block& block) {
-    const Link& link = links_[static_cast<std::size_t>(l)];
     for (int c = 0; c < kBlock; ++c) {
-      Scalar* const values = column(kBlock * std::min(link.i, link.j) + c) + (kBlock - c) +
-                             kBlock * rank_[static_cast<std::size_t>(l)];
-      for (int r = 0; r < kBlock; ++r) values[r] += static_cast<Scalar>(block(r, c));
+      for (int r = 0; r < kBlock; ++r) at_link(l, r, c) += static_cast<Scalar>(block(r, c));
     }
   }
 
-  /// The c-th entry of the diagonal.
-  Scalar& diagonal(int c) { return *column(c); }
+  /// The c-th entry of the diagonal, with its column's below it in memory.
+  Scalar* diagonal(int c) { return matrix_->valuePtr() + matrix_->outerIndexPtr()[c]; }
 
   const Matrix& matrix() const { return *matrix_; }
 
  private:
-  // The values of a column, from the diagonal down.
-  Scalar* column(int c) { return matrix_->valuePtr() + matrix_->outerIndexPtr()[c]; }
-
   void make_pattern(int n, std::span<const Link> links) {
     require_entries(double{kBlock} * kBlock * (n + static_cast<double>(links.size())), sizeof(Scalar));
     links_.assign(links.begin(), links.end());

@@ -4,10 +4,19 @@
 #include <Eigen/SparseCore>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <limits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
+
+/// Whether the Cholesky factor of a matrix with the links' pattern is worth to be kept sparse.
+template <typename System>
+bool is_large_and_sparse(const System& system) {
+  if constexpr (System::kMaxNodes != Eigen::Dynamic) return false;  // a bound is a promise not to allocate
+  constexpr int kDenseUpTo = 64;
+  return system.nodes() > kDenseUpTo && system.link_count() < system.nodes() * (system.nodes() / 16.0);
+}
 
 /// Eigen's SimplicialLDLT with AMD ordering, which is refused before it takes more memory than there is.
 template <typename Scalar>
@@ -18,6 +27,26 @@ class SparseFactor : public Eigen::SimplicialLDLT<Eigen::SparseMatrix<Scalar>> {
     this->analyzePattern(lower);
     const double entries = this->m_nonZerosPerCol.template cast<double>().sum();
     require_entries(entries, sizeof(Scalar), copies);
+  }
+  /// Entries in the longest column of the factor, after analyze.
+  double longest_column() const { return 1 + this->m_nonZerosPerCol.template cast<double>().maxCoeff(); }
+  /// False where the matrix is not positive definite.
+  bool factorize_definite(const Eigen::SparseMatrix<Scalar>& lower) {
+    this->factorize(lower);
+    return this->info() == Eigen::Success && this->vectorD().minCoeff() > std::numeric_limits<Scalar>::min();
+  }
+  /// A direction v with v^T matrix v < 0 from the last factorisation: L^T v = e at the least pivot. Returns
+  /// v^T matrix v, 0 where no pivot is negative.
+  Scalar negative_curvature(Eigen::Matrix<Scalar, Eigen::Dynamic, 1>& v) const {
+    if (this->info() != Eigen::Success) return 0;
+    Eigen::Index least = 0;
+    const Scalar pivot = this->vectorD().minCoeff(&least);
+    if (!(pivot < 0)) return 0;
+    v.setZero(this->rows());
+    v[least] = 1;
+    this->matrixU().solveInPlace(v);
+    v = (this->permutationPinv() * v).eval();
+    return pivot;
   }
 };
 

@@ -1,12 +1,14 @@
 #pragma once
 
+#include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/dense_minoriser.hpp>
+#include <asterism/solver/detail/dense_bound.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/minoriser.hpp>
-#include <asterism/solver/detail/sparse_minoriser.hpp>
-#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/detail/sparse_bound.hpp>
+#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/message.hpp>
@@ -89,10 +91,110 @@ inline std::ostream& operator<<(std::ostream& out, const Certificate& certificat
   return out;
 }
 
+namespace detail {
+
+/// The certificates of systems in double, whose values are valid.
+template <typename System, typename SparseFactor>
+class Prover {
+ public:
+  using Points = typename System::Points;
+
+  /// See asterism::certify, for the tolerance `gap`.
+  void certify(const System& system, const Points& x, double gap, Certificate& result);
+
+ private:
+  using Lower = Minoriser<System>;
+  static constexpr double kStrainless = 1e-10;
+
+  void set(const System& system, const Points& x, bool clamp) {
+    quadratic_.set(system, x, clamp, [this](int i) { return held_[i]; });
+  }
+
+  MinoriserBound factor(const System& system) {
+    if constexpr (System::kMaxNodes == Eigen::Dynamic) {
+      if (is_large_and_sparse(system)) return sparse_.bound(system, quadratic_);
+    }
+    return dense_.bound(system, quadratic_);
+  }
+
+  struct Nothing {};
+
+  Lower quadratic_;
+  DenseBound<times<System::kNodes>(Lower::kBlock), times<System::kMaxNodes>(Lower::kBlock)> dense_;
+  [[no_unique_address]] std::conditional_t<System::kMaxNodes == Eigen::Dynamic,
+                                           SparseBound<SparseFactor, Lower::kBlock>, Nothing>
+      sparse_;
+  ComponentScratch<System> scratch_;
+  Eigen::Array<bool, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> held_;
+};
+
+template <typename System, typename SparseFactor>
+void Prover<System, SparseFactor>::certify(const System& system, const Points& x, double gap,
+                                           Certificate& result) {
+  constexpr bool kRobust = !std::is_same_v<typename System::Model::AnchorLoss, Quadratic>;
+  held_.setConstant(system.nodes(), false);
+  bool floats = false;
+  for_each_floating_component(system, scratch_, [&](int i) { held_[i] = floats = true; });
+
+  set(system, x, false);
+  result.energy = kRobust ? asterism::energy(system, x) : quadratic_.energy;
+  if (!is_finite(quadratic_.energy_rounding) || !all_finite(quadratic_.gradient) ||
+      !all_finite(quadratic_.scale) || !all_finite(quadratic_.gradient_scale) || !is_finite(result.energy)) {
+    result.reason = "energy, gradient or curvature leave the range of the scalar";
+    return;
+  }
+  const double energy = quadratic_.energy;
+  const double rounding = Lower::kEpsilon * quadratic_.energy_rounding;
+  result.proof = Proof::NotCertified;
+  MinoriserBound bound;
+  if (quadratic_.peaked_link >= 0) {
+    result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is no minimum"};
+  } else {
+    bound = factor(system);
+    result.least_eigenvalue = bound.least_eigenvalue;
+  }
+  const double lowest = std::max(0.0, energy - bound.gap - rounding);
+  const double negligible =
+      gap * std::max(energy, kStrainless * quadratic_.stored) + quadratic_.coordinate_rounding + rounding;
+  if (bound.is_definite) {
+    if (!kRobust) result.lower_bound = lowest;
+    // Global minima and x are within sqrt(2 gap) of the minoriser's minimum, by the norm of W.
+    if (!kRobust && !floats)
+      result.distance = std::sqrt(8 * (bound.gap + 2 * rounding) / bound.least_eigenvalue);
+    if (energy - lowest > negligible) {
+      result.reason = "the gap is above the tolerance: x is not stationary enough, or rounding is too large";
+    } else if (kRobust) {
+      result.proof = Proof::ReweightedMinimum;
+    } else if (!floats && quadratic_.stays_definite(result.distance, bound.least_eigenvalue)) {
+      result.proof = Proof::UniqueGlobalMinimum;
+    } else {
+      result.proof = Proof::GlobalMinimum;
+    }
+    return;
+  }
+  if (energy <= negligible) {  // no energy is below 0
+    result.proof = kRobust ? Proof::ReweightedMinimum : Proof::GlobalMinimum;
+    result.reason.clear();
+    return;
+  }
+  if (result.reason.empty()) {
+    result.reason = bound.least_eigenvalue < 0 ? "W has a negative eigenvalue: there may be a lower minimum"
+                                               : "W is positive definite or not, by rounding alone";
+  }
+  if (kRobust) return;
+  set(system, x, true);
+  bound = factor(system);
+  if (bound.is_definite)
+    result.lower_bound =
+        std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
+}
+
+}  // namespace detail
+
 /// Certifies placements, with a workspace: reuse it to certify without allocation, one thread at a time.
 /// `SparseFactor` is Eigen's or, from <asterism/solver/linear/cholmod.hpp>, CholmodProof; it serves systems
 /// of many nodes with few links each. See certify.
-template <typename System, typename SparseFactor = detail::SparseProofFactor>
+template <typename System, typename SparseFactor = detail::SparseFactor<double>>
 class Certifier {
  public:
   using Points = typename System::Points;
@@ -109,12 +211,19 @@ class Certifier {
     const auto work = [&] {
       if (const char* problem = options.problem()) {
         result.reason = problem;
-      } else if (const Defect defect = detail::validate_values(system, x)) {
+        return;
+      }
+      if (const Defect defect = detail::validate_values(system, x)) {
         result.reason = defect;
+        return;
+      }
+      if constexpr (System::kMaxNodes == Eigen::Dynamic) fit(system);
+      if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
+        result.reason = "the links' potential is not declared to be convex in the square of the length";
       } else if constexpr (std::is_same_v<typename System::Scalar, double>) {
-        judge(system, x, result);
+        prover_.certify(system, x, options.gap, result);
       } else {
-        judge(system.template cast<double>(), x.template cast<double>(), result);
+        prover_.certify(system.template cast<double>(), x.template cast<double>(), options.gap, result);
       }
     };
     detail::attempt<std::bad_alloc>(work, [&result](const std::bad_alloc& error) {
@@ -127,98 +236,18 @@ class Certifier {
  private:
   using Double =
       SpringSystem<double, System::kDim, System::kNodes, System::kMaxNodes, typename System::Model>;
-  using Lower = detail::Minoriser<Double>;
-  static constexpr double kStrainless = 1e-10;
 
-  void judge(const Double& system, const typename Double::Points& x, Certificate& result) {
-    if constexpr (!detail::has_minoriser<typename Double::Model::LinkPotential>()) {
-      result.reason = "the links' potential is not declared to be convex in the square of the length";
-    } else {
-      judge_springs(system, x, result);
-    }
+  // Starts anew for another size, for the reason that Compiled::solve has.
+  void fit(const System& system) {
+    if (nodes_ == system.nodes() && links_ == system.link_count()) return;
+    if (nodes_ >= 0) *this = Certifier(system, options);
+    nodes_ = system.nodes();
+    links_ = system.link_count();
   }
 
-  void judge_springs(const Double& system, const typename Double::Points& x, Certificate& result) {
-    constexpr bool kRobust = !std::is_same_v<typename Double::Model::AnchorLoss, asterism::Quadratic>;
-    held_.setConstant(system.nodes(), false);
-    bool floats = false;
-    detail::for_each_floating_component(system, scratch_, [&](int i) { held_[i] = floats = true; });
-
-    set(system, x, false);
-    result.energy = kRobust ? asterism::energy(system, x) : quadratic_.energy;
-    if (!detail::is_finite(quadratic_.energy_rounding) || !detail::all_finite(quadratic_.gradient) ||
-        !detail::all_finite(quadratic_.scale) || !detail::all_finite(quadratic_.gradient_scale) ||
-        !detail::is_finite(result.energy)) {
-      result.reason = "energy, gradient or curvature leave the range of the scalar";
-      return;
-    }
-    const double energy = quadratic_.energy;
-    const double rounding = Lower::kEpsilon * quadratic_.energy_rounding;
-    result.proof = Proof::NotCertified;
-    detail::MinoriserBound bound;
-    if (quadratic_.peaked_link >= 0) {
-      result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is no minimum"};
-    } else {
-      bound = factor(system);
-      result.least_eigenvalue = bound.least_eigenvalue;
-    }
-    const double lowest = std::max(0.0, energy - bound.gap - rounding);
-    const double negligible = options.gap * std::max(energy, kStrainless * quadratic_.stored) +
-                              quadratic_.coordinate_rounding + rounding;
-    if (bound.is_definite) {
-      if (!kRobust) result.lower_bound = lowest;
-      // Global minima and x are within sqrt(2 gap) of the minoriser's minimum, by the norm of W.
-      if (!kRobust && !floats)
-        result.distance = std::sqrt(8 * (bound.gap + 2 * rounding) / bound.least_eigenvalue);
-      if (energy - lowest > negligible) {
-        result.reason =
-            "the gap is above the tolerance: x is not stationary enough, or rounding is too large";
-      } else if (kRobust) {
-        result.proof = Proof::ReweightedMinimum;
-      } else if (!floats && quadratic_.stays_definite(result.distance, bound.least_eigenvalue)) {
-        result.proof = Proof::UniqueGlobalMinimum;
-      } else {
-        result.proof = Proof::GlobalMinimum;
-      }
-      return;
-    }
-    if (energy <= negligible) {  // no energy is below 0
-      result.proof = kRobust ? Proof::ReweightedMinimum : Proof::GlobalMinimum;
-      result.reason.clear();
-      return;
-    }
-    if (result.reason.empty()) {
-      result.reason = bound.least_eigenvalue < 0 ? "W has a negative eigenvalue: there may be a lower minimum"
-                                                 : "W is positive definite or not, by rounding alone";
-    }
-    if (kRobust) return;
-    set(system, x, true);
-    bound = factor(system);
-    if (bound.is_definite)
-      result.lower_bound =
-          std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
-  }
-
-  void set(const Double& system, const typename Double::Points& x, bool clamp) {
-    quadratic_.set(system, x, clamp, [this](int i) { return held_[i]; });
-  }
-
-  detail::MinoriserBound factor(const Double& system) {
-    if constexpr (System::kMaxNodes == Eigen::Dynamic) {
-      if (detail::is_large_and_sparse(system)) return sparse_.bound(system, quadratic_);
-    }
-    return dense_.bound(system, quadratic_);
-  }
-
-  struct Nothing {};
-
-  Lower quadratic_;
-  detail::DenseMinoriser<Double> dense_;
-  [[no_unique_address]] std::conditional_t<System::kMaxNodes == Eigen::Dynamic,
-                                           detail::SparseMinoriser<Double, SparseFactor>, Nothing>
-      sparse_;
-  detail::ComponentScratch<Double> scratch_;
-  Eigen::Array<bool, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> held_;
+  int nodes_ = -1;  // of the last system
+  int links_ = -1;
+  detail::Prover<Double, SparseFactor> prover_;
 };
 
 /// Whether x (Dim x N) is a global minimum of E, proven, and a lower bound of E where it is not.
@@ -247,6 +276,8 @@ Certificate certify(const System& system, const typename System::Points& x,
                     const CertifyOptions& options = {}) {
   return Certifier<System>(system, options).certify(system, x);
 }
+
+ASTERISM_COMPILED_PROVER
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

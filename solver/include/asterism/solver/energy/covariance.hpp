@@ -305,14 +305,6 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
   return CovarianceStatus::Computed;
 }
 
-/// Whether the factor of the Hessian is worth to be kept sparse.
-template <typename System>
-bool is_large_and_sparse(const System& system) {
-  if constexpr (System::kMaxNodes != Eigen::Dynamic) return false;  // a bound is a promise not to allocate
-  constexpr int kDenseUpTo = 64;
-  return system.nodes() > kDenseUpTo && system.link_count() < system.nodes() * (system.nodes() / 16.0);
-}
-
 }  // namespace detail
 
 /// The covariance of x by Laplace's approximation: for E = -log p, up to a constant, p is near its maximum x

@@ -39,6 +39,15 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   return energy;
 }
 
+/// The anchors' part of the energy.
+template <typename System>
+typename System::Scalar anchor_energy(const System& system, const typename System::Points& x) {
+  typename System::Scalar energy = 0;
+  for (int i = 0; i < system.nodes(); ++i)
+    energy += anchor_force(system, i, anchor_offset(system, i, x)).energy;
+  return energy;
+}
+
 }  // namespace detail
 
 // The functions below take x as Dim x N points of the same number of nodes as the system, and do not
@@ -51,17 +60,15 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
 /// curvature across its axis.
 template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
+  if (detail::SpringRows<System>::serve(system))
+    return detail::anchor_energy(system, x) + detail::SpringRows<System>::energy(system, x);
   typename System::Scalar energy = 0;
-  const auto on_anchor = [&](int i, const typename System::Point& offset) {
-    energy += detail::anchor_force(system, i, offset).energy;
-  };
-  if (detail::SpringRows<System>::serve(system)) {
-    for (int i = 0; i < system.nodes(); ++i) on_anchor(i, detail::anchor_offset(system, i, x));
-    return energy + detail::SpringRows<System>::energy(system, x);
-  }
-  detail::for_each_spring(system, x, on_anchor, [&energy](int, const Link&, const auto& force, const auto&) {
-    energy += force.energy;
-  });
+  detail::for_each_spring(
+      system, x,
+      [&](int i, const typename System::Point& offset) {
+        energy += detail::anchor_force(system, i, offset).energy;
+      },
+      [&](int, const Link&, const auto& force, const auto&) { energy += force.energy; });
   return energy;
 }
 

@@ -104,7 +104,9 @@ typename System::Scalar plain_mean_square_length(const System& system,
   const Scalar weakest = std::min(anchor_stiffness.minCoeff(), system.link_stiffness.minCoeff());
   const Scalar strongest = std::max(anchor_stiffness.maxCoeff(), system.link_stiffness.maxCoeff());
   if (!(weakest > 0 && SpringWeight<Scalar>(strongest)(weakest) == 1)) return 0;
-  if (!(node_stiffness.array() > anchor_stiffness.array()).all()) return 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (!(node_stiffness[i] > anchor_stiffness[i])) return 0;
+  }
   const typename System::Point centroid = system.anchors.rowwise().sum() / Scalar(system.nodes());
   return ((system.anchors.colwise() - centroid).squaredNorm() + system.rest_length.squaredNorm()) /
          Scalar(system.nodes() + system.link_count());
@@ -189,7 +191,10 @@ class StoppingRule {
       if (x.col(i) != x.col(0)) return false;
       if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
     }
-    return !(system.link_stiffness.array() > 0 && system.rest_length.array() > 0).any();
+    for (int l = 0; l < system.link_count(); ++l) {
+      if (system.link_stiffness[l] > 0 && system.rest_length[l] > 0) return false;
+    }
+    return true;
   }
 
   // NaN where the gradient has one.

@@ -115,8 +115,8 @@ class CholmodProof {
     cholesky_.factorize(lower);
     return cholesky_.info() == Eigen::Success;
   }
-  /// False: CHOLMOD gives no direction of negative curvature.
-  bool negative_direction(Eigen::VectorXd&) const { return false; }
+  /// 0: CHOLMOD gives no direction of negative curvature.
+  double negative_curvature(Eigen::VectorXd&) const { return 0; }
   /// matrix^-1 b.
   template <typename RightHandSide>
   RightHandSide solve(const RightHandSide& b) {

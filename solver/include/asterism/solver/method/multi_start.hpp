@@ -96,7 +96,8 @@ class MultiStart {
     detail::node_stiffness(system, stiffness_);
     const Scalar reach =
         static_cast<Scalar>(options.spread) * detail::characteristic_length(system, given_, stiffness_);
-    for (int start = 1; start < options.starts && !is_proven(best); ++start) {
+    for (int start = 1; start < options.starts && !(options.gap > 0 && best.is_within(options.gap));
+         ++start) {
       trial_ = given_;
       for (int i = 0; start % 2 == 1 && i < system.nodes(); ++i) {
         if (system.anchor_stiffness[i] > 0) trial_.col(i) = system.anchors.col(i);
@@ -129,12 +130,6 @@ class MultiStart {
     total.linear_solves = sum(a.linear_solves, b.linear_solves);
     total.lower_bound = std::max(a.lower_bound, b.lower_bound);
     total.factorizations = sum(a.factorizations, b.factorizations);
-  }
-
-  // Whether no start can find much less.
-  bool is_proven(const Summary& best) const {
-    return options.gap > 0 && best.usable() &&
-           best.final_energy - best.lower_bound <= options.gap * best.final_energy;
   }
 
   // splitmix64 (Steele, Lea & Flood 2014): portable, and all the randomness that this needs.

@@ -57,7 +57,7 @@ class SparseHessian {
   /// Adds factor * stiffness[i] to the diagonal of node i.
   void raise_diagonal(MatrixScalar factor, const typename System::NodeVector& stiffness) {
     for (int c = 0; c < matrix().cols(); ++c)
-      blocks_.diagonal(c) += factor * static_cast<MatrixScalar>(stiffness[c / kDim]);
+      *blocks_.diagonal(c) += factor * static_cast<MatrixScalar>(stiffness[c / kDim]);
   }
 
   const Eigen::SparseMatrix<MatrixScalar>& matrix() const { return blocks_.matrix(); }
@@ -102,19 +102,8 @@ class SparseLdlt {
   /// step = matrix^-1 gradient, both of the matrix's size.
   void solve(const Vector& gradient, Vector& step) { step = ldlt_->solve(gradient); }
 
-  /// A direction v with v^T matrix v < 0 from the last factorisation, of a matrix that is not positive
-  /// definite: L^T v = e at the least pivot. Returns v^T matrix v, 0 where no pivot is negative.
-  Scalar negative_curvature(Vector& v) const {
-    if (ldlt_->info() != Eigen::Success) return 0;
-    Eigen::Index least = 0;
-    const Scalar pivot = ldlt_->vectorD().minCoeff(&least);
-    if (!(pivot < 0)) return 0;
-    v.setZero(ldlt_->rows());
-    v[least] = 1;
-    ldlt_->matrixU().solveInPlace(v);
-    v = (ldlt_->permutationPinv() * v).eval();
-    return pivot;
-  }
+  /// A direction of negative curvature, see detail::SparseFactor.
+  Scalar negative_curvature(Vector& v) const { return ldlt_->negative_curvature(v); }
 
  private:
   using Ldlt = detail::SparseFactor<Scalar>;
@@ -155,7 +144,8 @@ inline void visit_options(OptionVisitor& visit, SparseNewtonOptions& options) {
 /// From a start where it is not, weak anchors are strong at first, and their minimum is followed as they
 /// weaken a hundredfold at a time: while anchors pull the nodes along a curved valley of the links' energy,
 /// steps are short, and their minimum hardly moves once they are weaker than the links by far. (Continuation;
-/// a floppy cloth needs tens of steps instead of thousands.)
+/// a floppy cloth needs tens of steps instead of thousands.) The energy of the given system may rise on the
+/// way; it starts again from the start if the way ends above that.
 ///
 /// Steps with a repaired Hessian, and those that the line search cuts, are short: springs that fold or buckle
 /// bend the way down, and a factorisation is dear for so little. They take turns with L-BFGS (from the
@@ -190,17 +180,15 @@ class SparseNewton {
   // Moves x to a stationary point of `system`, to `tolerance` if that is more than the stopping rule's.
   Status descend(const System& system, Points& x, Scalar tolerance, Summary& summary);
 
-  // How many times stronger the anchors are at first: so much that they store as much energy at x as the
-  // links, but have no more than kStrongAnchors of the links' stiffness. 1 where the Hessian at x is positive
-  // definite, for x is close to a minimum then.
-  Scalar strengthening(const System& system, const Points& x, Summary& summary) {
+  // How many times stronger the anchors are at first: so much that they store as much energy at x, where it
+  // is `here` in all, as the links, but have no more than kStrongAnchors of the links' stiffness. 1 where the
+  // Hessian at x is positive definite, for x is close to a minimum then.
+  Scalar strengthening(const System& system, const Points& x, Scalar here, Summary& summary) {
     const Scalar anchors = system.anchor_stiffness.sum();
     const Scalar most = kStrongAnchors * system.link_stiffness.sum();
     if (!(anchors > 0 && most > anchors)) return 1;
-    Scalar held = 0;
-    for (int i = 0; i < system.nodes(); ++i)
-      held += detail::anchor_force(system, i, detail::anchor_offset(system, i, x)).energy;
-    const Scalar stretched = energy(system, x) - held;
+    const Scalar held = detail::anchor_energy(system, x);
+    const Scalar stretched = here - held;
     const Scalar factor =
         stretched * anchors < most * held ? stretched / held : most / anchors;  // held may be 0
     if (!(factor > 1)) return 1;
@@ -210,10 +198,10 @@ class SparseNewton {
 
   // Follows the minimum of the system with strong anchors as they weaken to those of `system`.
   void continue_from_strong(const System& system, Points& x, Summary& summary) {
-    Scalar factor = strengthening(system, x, summary);
+    const Scalar start_energy = energy(system, x);
+    Scalar factor = strengthening(system, x, start_energy, summary);
     if (!(factor > 1)) return;
     start_ = x;
-    const Scalar start_energy = energy(system, x);
     System strong = system;
     for (; factor > 1; factor /= kWeaken) {
       strong.anchor_stiffness = factor * system.anchor_stiffness;

@@ -240,7 +240,7 @@ class Session {
     const Certificate certificate = certifier_->certify(*system_, x);
     if (certificate.proof == Proof::NotApplicable) return false;
     lower_bound_ = std::max(lower_bound_, certificate.lower_bound);
-    return certificate.energy - lower_bound_ <= gap_ * certificate.energy;
+    return Summary::is_within(gap_, certificate.energy, lower_bound_);
   }
 
   // `reason` is what the method says; energy and gradient at x have the last word.

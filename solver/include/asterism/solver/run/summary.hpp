@@ -31,6 +31,13 @@ struct Summary {
                                ///< one, against turning or sliding; -1: the method did not look
   double seconds = -1;         ///< wall-clock time in solve
 
+  /// No x has less energy than this one by more than this share of its energy: proven by lower_bound.
+  bool is_within(double gap) const { return usable() && is_within(gap, final_energy, lower_bound); }
+  /// The same rule for an energy and a lower bound, -1 if unknown.
+  static bool is_within(double gap, double energy, double lower_bound) {
+    return lower_bound >= 0 && energy - lower_bound <= gap * energy;
+  }
+
   /// x is finite and at least as good as the start.
   bool usable() const {
     return status == Status::Converged || status == Status::MaxIterations || status == Status::NoProgress ||
