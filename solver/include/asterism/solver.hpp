@@ -22,6 +22,7 @@
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>

@@ -50,6 +50,9 @@ class DenseBound {
     return bound(minoriser.view());
   }
 
+  /// Where that found W to be indefinite: a direction of negative curvature.
+  Eigen::VectorXd direction() const { return vector_; }
+
  private:
   static constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   static constexpr int kSmall = 32;
@@ -160,6 +163,7 @@ class DenseBound {
   // The Rayleigh quotient of W in the direction v that the factorisation stopped at, v^T M v being the pivot:
   // at most its value here, with `slack` times scale for the shift and all rounding.
   double bend(int row, const MinoriserView& minoriser, double slack) {
+    vector_.setZero();
     vector_[row] = 1;
     double rounding = 0, square = 0;
     for (int j = row; j >= 0; --j) {

@@ -102,12 +102,61 @@ class Prover {
   /// See asterism::certify, for the tolerance `gap`.
   void certify(const System& system, const Points& x, double gap, Certificate& result);
 
+  /// See Certifier.
+  double negative_direction(const System& system, const Points& x,
+                            Eigen::VectorXd& v) requires(!System::kAnisotropic) {
+    hold(system);
+    set(system, x, false);
+    if (quadratic_.peaked_link >= 0) return 0;
+    const MinoriserBound bound = factor(system);
+    if (bound.is_definite || !(bound.least_eigenvalue < 0)) return 0;
+    v = is_sparse(system) ? sparse_.direction() : dense_.direction();
+    return bound.least_eigenvalue;
+  }
+
+  /// A lower bound of E, the highest of those by minorisers that touch links at up to twice their length at
+  /// x: where W(x) is positive semi-definite and x stationary, they come close to E(x). 0 where the loss is
+  /// robust.
+  double stretched_bound(const System& system, const Points& x) {
+    double best = 0;
+    if (kRobust) return best;
+    hold(system);
+    for (double more = 1e-9; more <= 1; more *= 10) {
+      set(system, x, false, 1 + more);
+      const MinoriserBound bound = quadratic_.peaked_link < 0 ? factor(system) : MinoriserBound();
+      if (!bound.is_definite) continue;
+      const double lowest = this->lowest(bound);
+      if (!(lowest > best)) break;
+      best = lowest;
+    }
+    return best;
+  }
+
  private:
   using Lower = Minoriser<System>;
   static constexpr double kStrainless = 1e-10;
+  static constexpr bool kRobust = !std::is_same_v<typename System::Model::AnchorLoss, Quadratic>;
 
-  void set(const System& system, const Points& x, bool clamp) {
-    quadratic_.set(system, x, clamp, [this](int i) { return held_[i]; });
+  // Holds the first node of every component that nothing holds, and says whether there is one.
+  bool hold(const System& system) {
+    bool floats = false;
+    held_.setConstant(system.nodes(), false);
+    for_each_floating_component(system, scratch_, [&](int i) { held_[i] = floats = true; });
+    return floats;
+  }
+
+  void set(const System& system, const Points& x, bool clamp, double stretch = 1) {
+    quadratic_.set(system, x, clamp, stretch, [this](int i) { return held_[i]; });
+  }
+
+  bool is_sparse(const System& system) const {
+    if constexpr (System::kMaxNodes != Eigen::Dynamic) return false;
+    return is_large_and_sparse(system);
+  }
+
+  // What no energy is below, by the minoriser.
+  double lowest(const MinoriserBound& bound) const {
+    return std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
   }
 
   MinoriserBound factor(const System& system) {
@@ -117,7 +166,9 @@ class Prover {
     return dense_.bound(system, quadratic_);
   }
 
-  struct Nothing {};
+  struct Nothing {
+    Eigen::VectorXd direction() const { return {}; }
+  };
 
   Lower quadratic_;
   DenseBound<times<System::kNodes>(Lower::kBlock), times<System::kMaxNodes>(Lower::kBlock)> dense_;
@@ -131,11 +182,7 @@ class Prover {
 template <typename System, typename SparseFactor>
 void Prover<System, SparseFactor>::certify(const System& system, const Points& x, double gap,
                                            Certificate& result) {
-  constexpr bool kRobust = !std::is_same_v<typename System::Model::AnchorLoss, Quadratic>;
-  held_.setConstant(system.nodes(), false);
-  bool floats = false;
-  for_each_floating_component(system, scratch_, [&](int i) { held_[i] = floats = true; });
-
+  const bool floats = hold(system);
   set(system, x, false);
   result.energy = kRobust ? asterism::energy(system, x) : quadratic_.energy;
   if (!is_finite(quadratic_.energy_rounding) || !all_finite(quadratic_.gradient) ||
@@ -153,7 +200,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
     bound = factor(system);
     result.least_eigenvalue = bound.least_eigenvalue;
   }
-  const double lowest = std::max(0.0, energy - bound.gap - rounding);
+  const double lowest = this->lowest(bound);
   const double negligible =
       gap * std::max(energy, kStrainless * quadratic_.stored) + quadratic_.coordinate_rounding + rounding;
   if (bound.is_definite) {
@@ -184,9 +231,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
   if (kRobust) return;
   set(system, x, true);
   bound = factor(system);
-  if (bound.is_definite)
-    result.lower_bound =
-        std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
+  if (bound.is_definite) result.lower_bound = this->lowest(bound);
 }
 
 }  // namespace detail
@@ -231,6 +276,19 @@ class Certifier {
       result.reason = detail::memory_message(error);
     });
     return result;
+  }
+
+  /// A direction v, a number a node, in which W(x) is negative, for valid input: in a dimension that x does
+  /// not use, E falls along v. Returns v^T W v / |v|^2 or more, and 0, with v as it was, where none was
+  /// found. Uses the heap.
+  double negative_direction(const System& system, const Points& x, Eigen::VectorXd& v) requires(
+      !System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>()) {
+    if constexpr (System::kMaxNodes == Eigen::Dynamic) fit(system);
+    if constexpr (std::is_same_v<typename System::Scalar, double>) {
+      return prover_.negative_direction(system, x, v);
+    } else {
+      return prover_.negative_direction(system.template cast<double>(), x.template cast<double>(), v);
+    }
   }
 
  private:

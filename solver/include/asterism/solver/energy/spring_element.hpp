@@ -22,14 +22,15 @@ struct Spring {
   typename System::Point direction;
 };
 
-/// v / |v| without overflow or underflow; false and untouched for v = 0.
+/// v / |v| without overflow or underflow. Returns |v|; leaves v = 0 as it is.
 template <typename Point>
-bool normalise(Point& v) {
+typename Point::Scalar normalise(Point& v) {
   const auto largest = v.cwiseAbs().maxCoeff();
-  if (!(largest > 0)) return false;
+  if (!(largest > 0)) return 0;
   v /= largest;
-  v /= v.norm();
-  return true;
+  const auto norm = v.norm();
+  v /= norm;
+  return largest * norm;
 }
 
 /// A unit vector that depends on the two node numbers alone and changes sign when they are swapped.
@@ -57,11 +58,11 @@ Point fixed_direction(Link link) {
 template <typename System>
 Spring<System> coincident_spring(const System& system, Link link, const typename System::Point& d) {
   typename System::Point direction = d;
-  const auto length = direction.stableNorm();
-  if (!normalise(direction)) {
+  const auto length = normalise(direction);
+  if (!(length > 0)) {
     if (system.anchor_stiffness[link.i] > 0 && system.anchor_stiffness[link.j] > 0)
       direction = system.anchors.col(link.i) - system.anchors.col(link.j);
-    if (!normalise(direction)) direction = fixed_direction<typename System::Point>(link);
+    if (!(normalise(direction) > 0)) direction = fixed_direction<typename System::Point>(link);
   }
   return {length, 1 / length, direction};
 }

@@ -75,8 +75,11 @@ class SpdSolver {
  private:
   // The factor of the matrix; false where it is not positive definite.
   bool decompose() {
+    using Any = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
     factor_ = matrix_;
-    return Eigen::LLT<Eigen::Ref<Matrix>>(factor_).info() == Eigen::Success;
+    // Of no size's type, which would take seconds to compile for each.
+    Eigen::Map<Any> factor(factor_.data(), factor_.rows(), factor_.cols());
+    return Eigen::LLT<Eigen::Ref<Any>>(factor).info() == Eigen::Success;
   }
 
   // The inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so few nodes

@@ -13,6 +13,7 @@
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <string_view>
 #include <vector>
@@ -21,9 +22,10 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ncg-forward", "ncg-central" and "multi-start" (of Auto); for systems without a bound on their nodes also
-/// "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". The adapters of other
-/// packages add theirs: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
+/// "ncg-forward", "ncg-central", "multi-start" and, but for anisotropic anchors, "staircase" (both of Auto);
+/// for systems without a bound on their nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz"
+/// and "schwarz-direct". The adapters of other packages add theirs: add_cholmod, reference::add_ceres,
+/// reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -36,6 +38,8 @@ SolverRegistry<System> solver_registry() {
   registry.template add<NonlinearCg<System, ForwardDifferences<System>>>("ncg-forward");
   registry.template add<NonlinearCg<System, CentralDifferences<System>>>("ncg-central");
   registry.template add<MultiStart<System, Auto<System>>>("multi-start");
+  if constexpr (!System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>())
+    registry.template add<Staircase<System, Auto<System>>>("staircase");
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");

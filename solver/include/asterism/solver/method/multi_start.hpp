@@ -107,8 +107,9 @@ class MultiStart {
       const Summary summary = solver_.solve(system, trial_);
       const bool lower = summary.usable() && (!best.usable() || summary.final_energy < best.final_energy);
       Summary total = lower ? summary : best;
+      total.add_work(lower ? best : summary);
       total.initial_energy = best.initial_energy;
-      add_counts(total, best, summary);
+      total.lower_bound = std::max(best.lower_bound, summary.lower_bound);
       best = total;
       if (lower) x = trial_;
       if (summary.status == Status::Interrupted) {
@@ -122,16 +123,6 @@ class MultiStart {
   }
 
  private:
-  static void add_counts(Summary& total, const Summary& a, const Summary& b) {
-    const auto sum = [](int p, int q) { return std::max(p, 0) + std::max(q, 0); };
-    total.iterations = sum(a.iterations, b.iterations);
-    total.energy_evaluations = sum(a.energy_evaluations, b.energy_evaluations);
-    total.gradient_evaluations = sum(a.gradient_evaluations, b.gradient_evaluations);
-    total.linear_solves = sum(a.linear_solves, b.linear_solves);
-    total.lower_bound = std::max(a.lower_bound, b.lower_bound);
-    total.factorizations = sum(a.factorizations, b.factorizations);
-  }
-
   // splitmix64 (Steele, Lea & Flood 2014): portable, and all the randomness that this needs.
   static double uniform(std::uint64_t& state) {
     std::uint64_t z = state += 0x9e3779b97f4a7c15ULL;

@@ -193,7 +193,7 @@ class Newton {
                                     ? typename System::Point(next_x_.col(i) / A[i] - curvature * step_.col(i))
                                     : typename System::Point(System::Point::Zero());
       }
-      if (!normalise(next_gradient_)) break;
+      if (!(normalise(next_gradient_) > 0)) break;
       hessian_.apply(system, next_gradient_, next_x_);
       const Scalar mixed = step_.cwiseProduct(next_x_).sum();
       const Scalar other = next_gradient_.cwiseProduct(next_x_).sum();
@@ -202,7 +202,7 @@ class Newton {
       const Scalar lower = curvature + half - std::sqrt(half * half + mixed * mixed);
       if (!(lower < curvature)) break;
       step_ = mixed * step_ + (lower - curvature) * next_gradient_;
-      if (!normalise(step_)) break;
+      if (!(normalise(step_) > 0)) break;
       hessian_.apply(system, step_, next_x_);
       curvature = step_.cwiseProduct(next_x_).sum();
     }

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -36,6 +37,16 @@ struct Summary {
   /// The same rule for an energy and a lower bound, -1 if unknown.
   static bool is_within(double gap, double energy, double lower_bound) {
     return lower_bound >= 0 && energy - lower_bound <= gap * energy;
+  }
+
+  /// Adds what another solve took, of iterations to factorisations.
+  void add_work(const Summary& other) {
+    const auto add = [](int& to, int more) { to = std::max(to, 0) + std::max(more, 0); };
+    add(iterations, other.iterations);
+    add(energy_evaluations, other.energy_evaluations);
+    add(gradient_evaluations, other.gradient_evaluations);
+    add(linear_solves, other.linear_solves);
+    add(factorizations, other.factorizations);
   }
 
   /// x is finite and at least as good as the start.

@@ -1,0 +1,184 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/saddle.hpp>
+#include <asterism/solver/energy/certificate.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/method/newton_cg.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <chrono>
+#include <new>
+#include <optional>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// The same system in kExtra more dimensions: anchors stay where they are, nodes may leave. Its least energy
+/// is no higher, and it has fewer minima. In double, of any number of nodes, so that systems of all sizes and
+/// scalars share its solver.
+template <typename System, int kExtra>
+class Lift {
+ public:
+  using Lifted =
+      SpringSystem<double, System::kDim + kExtra, Eigen::Dynamic, Eigen::Dynamic, typename System::Model>;
+  using Points = typename Lifted::Points;
+
+  /// Moves `points`, of fewer rows, down from where they are: first along the direction v of negative
+  /// curvature in the first dimension that they lack, then to a minimum. False where rounding leaves no way
+  /// down. Adds to `total` what it took, and raises its lower bound by what is proven at the minimum.
+  bool descend(const System& system, const Eigen::VectorXd& v, double curvature, const SolverOptions& options,
+               Eigen::MatrixXd& points, Summary& total) {
+    assign(system);
+    x_.setZero(Lifted::kDim, points.cols());
+    x_.topRows(points.rows()) = points;
+    direction_.setZero(Lifted::kDim, points.cols());
+    direction_.row(points.rows()) = v.transpose();
+    const double t = step_off_saddle(*lifted_, x_, energy(*lifted_, x_), characteristic_length(*lifted_, x_),
+                                     curvature * v.squaredNorm(), direction_, trial_, total);
+    if (t == 0) return false;
+    x_ += t * direction_;
+    solver_.options = options;
+    solver_.options.align = false;
+    solver_.options.gap = 0;
+    solver_.options.on_iteration = {};
+    const Summary summary = solver_.solve(*lifted_, x_);
+    if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
+    total.add_work(summary);
+    if (!summary.usable()) return false;
+    points = x_;
+    total.lower_bound = std::max(total.lower_bound, prover_.stretched_bound(*lifted_, x_));
+    return true;
+  }
+
+  /// Prover::negative_direction at the minimum.
+  double negative_direction(Eigen::VectorXd& v) { return prover_.negative_direction(*lifted_, x_, v); }
+
+ private:
+  void assign(const System& system) {
+    const auto links = system.links();
+    lifted_.emplace(Lifted::TopologyType::from_links(system.nodes(), links));
+    lifted_->anchors.setZero(Lifted::kDim, system.nodes());
+    lifted_->anchors.template topRows<System::kDim>() = system.anchors.template cast<double>();
+    lifted_->anchor_stiffness = system.anchor_stiffness.template cast<double>();
+    lifted_->rest_length = system.rest_length.template cast<double>();
+    lifted_->link_stiffness = system.link_stiffness.template cast<double>();
+    lifted_->anchor_loss = system.anchor_loss;
+    lifted_->link_potential = system.link_potential;
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) lifted_->fix(i);
+    }
+  }
+
+  std::optional<Lifted> lifted_;
+  NewtonCg<Lifted> solver_;
+  Prover<Lifted, SparseFactor<double>> prover_;
+  Points x_, direction_, trial_;
+};
+
+}  // namespace detail
+
+/// The global minimum, or an interval that holds its energy: the Riemannian staircase of Boumal (2015), which
+/// CORA climbs for range-aided SLAM (Papalia et al. 2023).
+///
+/// `Solver` finds a minimum x. Where certify does not prove it to be the lowest, W has a negative direction
+/// v, and W is the Hessian of E in a dimension that x does not use: the same system with one dimension more
+/// goes down along v to a minimum that is no higher than any in Dim dimensions if W is positive semi-definite
+/// there; two more dimensions are added where it is not. Its energy is a lower bound of E, up to what is
+/// proven despite rounding. Without their last coordinates, its nodes are another start for `Solver`.
+///
+/// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
+/// final_energy the upper; where their distance is within SolverOptions::gap (1e-6 where that is 0), the
+/// message says that this is the global minimum. For robust anchors there is no lower bound but 0. Uses the
+/// heap; an object holds its workspace, one thread at a time. For systems with anisotropic anchors there is
+/// no Staircase.
+template <typename System, typename Solver>
+requires(!System::kAnisotropic) class Staircase {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  std::decay_t<decltype(std::declval<Solver&>().options)> options;
+
+  static constexpr std::string_view name() { return "staircase"; }
+
+  /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, but
+  /// iterations, evaluations, linear solves, factorisations and time are of all, and the initial energy is
+  /// that of the given x. Statuses are those of `Solver`.
+  Summary solve(const System& system, Points& x) {
+    const auto begin = std::chrono::steady_clock::now();
+    solver_.options = options;
+    Summary best = solver_.solve(system, x);
+    if (best.usable() && best.status != Status::Interrupted) {
+      detail::attempt<std::bad_alloc>(
+          [&] { climb(system, x, best); },
+          [&best](const std::bad_alloc& error) { best.message = detail::memory_message(error); });
+    }
+    best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return best;
+  }
+
+ private:
+  void climb(const System& system, Points& x, Summary& best) {
+    certifier_.options.gap = options.gap > 0 ? options.gap : CertifyOptions().gap;
+    if (is_proven(system, x, best)) return;
+    points_ = x.template cast<double>();
+    double curvature = certifier_.negative_direction(system, x, v_);
+    if (!(curvature < 0) || !first_.descend(system, v_, curvature, options, points_, best)) return;
+    if (ends_with(system, x, best)) return;
+    curvature = first_.negative_direction(v_);
+    if (!(curvature < 0) || !second_.descend(system, v_, curvature, options, points_, best)) return;
+    ends_with(system, x, best);
+  }
+
+  // Takes the minimum below points_ if it is lower. Whether nothing is left to be found.
+  bool ends_with(const System& system, Points& x, Summary& best) {
+    trial_ = points_.topRows(System::kDim).template cast<Scalar>();
+    Summary summary = solver_.solve(system, trial_);
+    if (summary.status == Status::OutOfMemory) detail::raise(std::bad_alloc());
+    const bool is_lower = summary.usable() && summary.final_energy < best.final_energy;
+    if (is_lower) {
+      x = trial_;
+      summary.initial_energy = best.initial_energy;
+      summary.lower_bound = best.lower_bound;
+      std::swap(summary, best);
+    }
+    best.add_work(summary);
+    if (best.status == Status::Interrupted) return true;
+    return is_lower ? is_proven(system, x, best) : says_so(best);
+  }
+
+  bool is_proven(const System& system, const Points& x, Summary& best) {
+    const Certificate certificate = certifier_.certify(system, x);
+    if (certificate.proof != Proof::NotApplicable)
+      best.lower_bound = std::max(best.lower_bound, certificate.lower_bound);
+    return says_so(best, certificate.certified());
+  }
+
+  bool says_so(Summary& best, bool is_certified = false) const {
+    if (!is_certified && !best.is_within(certifier_.options.gap)) return false;
+    best.message = "within the gap of the global minimum";
+    return true;
+  }
+
+  Solver solver_;
+  Certifier<System> certifier_;
+  detail::Lift<System, 1> first_;
+  detail::Lift<System, 3> second_;
+  Eigen::VectorXd v_;
+  Eigen::MatrixXd points_;
+  Points trial_;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
