@@ -197,7 +197,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
        "how often a system's own start, the anchors and their mirror image end above the lowest minimum",
        starts,
        {4, 9, 16, 36},
-       "auto,multi-start",
+       "auto,multi-start,staircase",
        200},
       {app, "pareto", "accuracy against time", pareto, {4, 16, 64}, "all", 20}};
 

@@ -2,6 +2,9 @@
 #include <algorithm>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/make_solver.hpp>
+#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cstdint>
@@ -107,12 +110,49 @@ void speed(Bars& bars, testing::Kind kind, const std::string& name) {
   bars.times_faster(name + " certify against Newton's solve, mean", certify, solve, 3, 6);
 }
 
+/// The staircase and several starts against the lowest minimum that 200 starts find.
+void search_bars(Bars& bars, testing::Kind kind, const std::string& name) {
+  using System = SpringSystem<double, 2, 4>;
+  constexpr int kStarts = 200;
+  constexpr double kClose = 1e-6;
+  detail::AutoStaircase<System> staircase;
+  MultiStart<System, Auto<System>> starts;
+  const int systems = bars.quick() ? 500 : 5000;
+  int staircase_lowest = 0, starts_lowest = 0, false_bounds = 0;
+  double staircase_seconds = 0, starts_seconds = 0;
+  for (int index = 0; index < systems; ++index) {
+    const auto [system, start] =
+        testing::numbered_system<System>(kind, Topology<4>::full(), static_cast<std::uint64_t>(index));
+    System::Points x = start, y = start;
+    double begin = cpu_seconds();
+    const Summary up = staircase.solve(system, x);
+    staircase_seconds += cpu_seconds() - begin;
+    begin = cpu_seconds();
+    const Summary several = starts.solve(system, y);
+    starts_seconds += cpu_seconds() - begin;
+    double lowest = std::min(up.final_energy, several.final_energy);
+    search(system, start, kStarts, static_cast<std::uint64_t>(index),
+           [&, &s = system](const System::Points& z) { lowest = std::min(lowest, energy(s, z)); });
+    staircase_lowest += up.final_energy <= (1 + kClose) * lowest ? 1 : 0;
+    starts_lowest += several.final_energy <= (1 + kClose) * lowest ? 1 : 0;
+    false_bounds += up.lower_bound > (1 + 1e-12) * lowest ? 1 : 0;
+  }
+  const auto share = [systems](int count) { return 100.0 * count / systems; };
+  bars.at_least(name + ", staircase ends in the lowest of 200 starts", "%.2f %%", share(staircase_lowest),
+                99.5, 100);
+  bars.line(name + ", multi-start of 8", format("%.2f %%", share(starts_lowest)), "-", "-", true, true);
+  bars.times_faster(name + " staircase against multi-start of 8", staircase_seconds, starts_seconds, 1, 2);
+  bars.at_most(name + ", intervals of the staircase that are wrong", "%.0f", false_bounds, 0, 0);
+}
+
 }  // namespace
 
 void proof_bars(Bars& bars) {
   if (!bars.wanted("proof")) return;
   speed(bars, testing::Kind::Lit, "N=4 LIT");
   speed(bars, testing::Kind::Track, "N=4 TRACK");
+  search_bars(bars, testing::Kind::Lit, "N=4 LIT");
+  search_bars(bars, testing::Kind::Track, "N=4 TRACK");
   const int systems = bars.quick() ? 500 : 100000;
   Counts all;
   for (const testing::Kind kind : testing::kKinds) {

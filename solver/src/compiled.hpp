@@ -14,6 +14,7 @@
   ASTERISM_COMPILE(NewtonCg, System)                                                          \
   ASTERISM_COMPILE(NonlinearCg, System)                                                       \
   ASTERISM_COMPILE(Auto, System)                                                              \
+  ASTERISM_COMPILE(detail::AutoStaircase, System)                                             \
   template ASTERISM_API void detail::Prover<System, detail::SparseFactor<double>>::certify(   \
       const System&, const System::Points&, double, Certificate&);                            \
   template ASTERISM_API SolverRegistry<System> solver_registry();                             \

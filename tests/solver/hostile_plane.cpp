@@ -34,7 +34,7 @@ using Adapters = std::tuple<
 #ifdef ASTERISM_TEST_LBFGS
     reference::Liblbfgs<Plane>,
 #endif
-    MultiStart<Plane, Newton<Plane>>>;
+    MultiStart<Plane, Newton<Plane>>, detail::AutoStaircase<Plane>>;
 
 // The batch has neither fixed nodes nor grounded components, and says no more than status and energy.
 void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {

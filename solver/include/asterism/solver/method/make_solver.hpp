@@ -21,6 +21,13 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
+namespace detail {
+
+template <typename System>
+using AutoStaircase = Staircase<System, Auto<System>>;
+
+}  // namespace detail
+
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
 /// "ncg-forward", "ncg-central", "multi-start" and, but for anisotropic anchors, "staircase" (both of Auto);
 /// for systems without a bound on their nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz"
@@ -39,7 +46,7 @@ SolverRegistry<System> solver_registry() {
   registry.template add<NonlinearCg<System, CentralDifferences<System>>>("ncg-central");
   registry.template add<MultiStart<System, Auto<System>>>("multi-start");
   if constexpr (!System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>())
-    registry.template add<Staircase<System, Auto<System>>>("staircase");
+    registry.template add<detail::AutoStaircase<System>>("staircase");
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");
@@ -56,6 +63,7 @@ AnySolver<System> make_solver(std::string_view name, const std::vector<NamedOpti
   return solver_registry<System>().make(name, options);
 }
 
+ASTERISM_COMPILED_SOLVER(detail::AutoStaircase)
 #ifdef ASTERISM_SOLVER_COMPILED
 extern template ASTERISM_API SolverRegistry<detail::PlaneSystem> solver_registry();
 extern template ASTERISM_API SolverRegistry<detail::SpaceSystem> solver_registry();

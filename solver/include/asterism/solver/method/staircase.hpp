@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/saddle.hpp>
@@ -115,20 +116,13 @@ requires(!System::kAnisotropic) class Staircase {
   /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, but
   /// iterations, evaluations, linear solves, factorisations and time are of all, and the initial energy is
   /// that of the given x. Statuses are those of `Solver`.
-  Summary solve(const System& system, Points& x) {
-    const auto begin = std::chrono::steady_clock::now();
-    solver_.options = options;
-    Summary best = solver_.solve(system, x);
-    if (best.usable() && best.status != Status::Interrupted) {
-      detail::attempt<std::bad_alloc>(
-          [&] { climb(system, x, best); },
-          [&best](const std::bad_alloc& error) { best.message = detail::memory_message(error); });
-    }
-    best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    return best;
-  }
+  Summary solve(const System& system, Points& x) { return detail::Compiled::solve(*this, system, x); }
 
  private:
+  friend detail::Compiled;
+
+  Summary run(const System& system, Points& x);
+
   void climb(const System& system, Points& x, Summary& best) {
     certifier_.options.gap = options.gap > 0 ? options.gap : CertifyOptions().gap;
     if (is_proven(system, x, best)) return;
@@ -178,7 +172,28 @@ requires(!System::kAnisotropic) class Staircase {
   Eigen::VectorXd v_;
   Eigen::MatrixXd points_;
   Points trial_;
+  int nodes_ = -1;  // of the last system
 };
+
+template <typename System, typename Solver>
+requires(!System::kAnisotropic) Summary Staircase<System, Solver>::run(const System& system, Points& x) {
+  const auto begin = std::chrono::steady_clock::now();
+  if (nodes_ != system.nodes()) {  // anew for another size, for the reason that Compiled::solve has
+    auto given = std::move(options);
+    *this = Staircase();
+    options = std::move(given);
+    nodes_ = system.nodes();
+  }
+  solver_.options = options;
+  Summary best = solver_.solve(system, x);
+  if (best.usable() && best.status != Status::Interrupted) {
+    detail::attempt<std::bad_alloc>(
+        [&] { climb(system, x, best); },
+        [&best](const std::bad_alloc& error) { best.message = detail::memory_message(error); });
+  }
+  best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return best;
+}
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

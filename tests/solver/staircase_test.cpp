@@ -1,0 +1,210 @@
+// The staircase: against many starts, the minima that are known, and what is to pass through it unchanged.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <asterism/solver/energy/certificate.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/method/make_solver.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/staircase.hpp>
+#include <atomic>
+#include <cstdint>
+#include <limits>
+#include <string_view>
+
+#include "test_systems.hpp"
+
+namespace asterism {
+namespace {
+
+using detail::AutoStaircase;
+using testing::Fixed2;
+using testing::Fixed2f;
+using testing::Kind;
+using testing::Line;
+using testing::Plane;
+using testing::Rng;
+using testing::Space;
+
+constexpr std::string_view kProven = "within the gap of the global minimum";
+
+/// The lowest energy that Newton finds from `starts` starts.
+template <typename System>
+double lowest_energy(const System& system, const typename System::Points& start, int starts,
+                     std::uint64_t seed) {
+  Rng rng(seed);
+  Newton<System> newton;
+  const auto length = static_cast<double>(characteristic_length(system, start));
+  double lowest = std::numeric_limits<double>::infinity();
+  for (int s = 0; s < starts; ++s) {
+    typename System::Points x = s == 1 ? system.anchors : start;
+    for (auto& coordinate : x.reshaped())
+      coordinate += static_cast<typename System::Scalar>(s > 1 ? length * rng.uniform(-0.5, 0.5) : 0);
+    const Summary summary = newton.solve(system, x);
+    if (summary.usable()) lowest = std::min(lowest, summary.final_energy);
+  }
+  return lowest;
+}
+
+template <typename System>
+void expect_lowest(Kind kind, int nodes, int systems, double share, double accuracy) {
+  AutoStaircase<System> staircase;
+  Auto<System> plain;
+  int lowest_found = 0, proven = 0, plain_certified = 0;
+  for (int index = 0; index < systems; ++index) {
+    const auto [system, start] = testing::numbered_system<System>(kind, System::TopologyType::full(nodes),
+                                                                  5000 + static_cast<std::uint64_t>(index));
+    typename System::Points x = start, y = start;
+    const Summary summary = staircase.solve(system, x);
+    ASSERT_TRUE(summary.usable()) << summary;
+    EXPECT_LE(summary.final_energy, plain.solve(system, y).final_energy);
+    EXPECT_NEAR(summary.final_energy, static_cast<double>(energy(system, x)),
+                accuracy * summary.final_energy);
+    const double lowest = lowest_energy(system, start, 60, static_cast<std::uint64_t>(index));
+    EXPECT_LE(summary.lower_bound, lowest * (1 + accuracy)) << index;
+    EXPECT_GT(summary.lower_bound, 0.5 * summary.final_energy) << index;
+    lowest_found += summary.final_energy <= lowest * (1 + accuracy) ? 1 : 0;
+    plain_certified += certify(system, y).certified() ? 1 : 0;
+    if (!(summary.message == kProven)) continue;
+    ++proven;
+    EXPECT_LE(summary.final_energy, lowest * (1 + accuracy)) << index;
+  }
+  EXPECT_GE(lowest_found, share * systems);
+  EXPECT_GE(proven, plain_certified);
+}
+
+TEST(Staircase, EndsInTheLowestMinimumThatManyStartsFind) {
+  expect_lowest<Fixed2>(Kind::Lit, 4, 400, 0.985, 1e-6);
+  expect_lowest<Plane>(Kind::Track, 9, 60, 0.99, 1e-6);
+  expect_lowest<Space>(Kind::Lit, 5, 60, 0.95, 1e-6);
+  expect_lowest<Fixed2f>(Kind::Lit, 4, 100, 0.97, 1e-4);
+}
+
+// Two nodes on a line that have changed places: they cannot pass each other, but in the plane they can.
+TEST(Staircase, LetsNodesPassEachOther) {
+  Line system(Topology<>::full(2));
+  system.anchors << 0, 1;
+  system.anchor_stiffness << 1, 1;
+  system.rest_length << 1;
+  system.link_stiffness << 50;
+  Line::Points x{{1, 0}};
+  Line::Points alone = x;
+  EXPECT_GT(Newton<Line>(system, AlignedOptions()).solve(system, alone).final_energy, 0.5);
+  const Summary summary = AutoStaircase<Line>().solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_LT(summary.final_energy, 1e-12);
+  EXPECT_EQ(summary.message, kProven);
+  EXPECT_TRUE(x.isApprox(system.anchors, 1e-6));
+}
+
+TEST(Staircase, KeepsFixedNodes) {
+  int moved = 0;
+  for (std::uint64_t index = 0; index < 60; ++index) {
+    auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(5), index);
+    system.fix(1);
+    Plane::Points x = start, alone = start;
+    const Summary summary = AutoStaircase<Plane>().solve(system, x);
+    ASSERT_TRUE(summary.usable());
+    EXPECT_EQ(x.col(1), start.col(1));
+    EXPECT_LE(summary.lower_bound, summary.final_energy * (1 + 1e-12));
+    moved += summary.final_energy < (1 - 1e-6) * Auto<Plane>().solve(system, alone).final_energy ? 1 : 0;
+  }
+  EXPECT_GT(moved, 0);
+}
+
+TEST(Staircase, TakesComponentsThatNothingHolds) {
+  auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(5), 1);
+  system.anchor_stiffness.setZero();
+  AutoStaircase<Plane> staircase;
+  Plane::Points x = start;
+  EXPECT_EQ(staircase.solve(system, x).status, Status::InvalidInput);
+  EXPECT_EQ(x, start);
+  staircase.options.ground_components = true;
+  const Summary summary = staircase.solve(system, x);
+  EXPECT_TRUE(summary.usable()) << summary;
+  EXPECT_EQ(x.col(0), start.col(0));
+  EXPECT_LE(summary.lower_bound, summary.final_energy * (1 + 1e-12));
+}
+
+TEST(Staircase, OfLargeSparseSystems) {
+  auto [system, start] = testing::sparse_system<Plane>(3, 400);
+  Plane::Points x = start, alone = start;
+  const Summary plain = Auto<Plane>().solve(system, alone);
+  const Summary summary = AutoStaircase<Plane>().solve(system, x);
+  EXPECT_TRUE(summary.usable());
+  EXPECT_LE(summary.final_energy, plain.final_energy);
+  EXPECT_LE(summary.lower_bound, summary.final_energy);
+  EXPECT_GT(summary.lower_bound, certify(system, alone).lower_bound);
+}
+
+TEST(Staircase, PassesOnWhatItsMethodSays) {
+  auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(6), 2);
+  AutoStaircase<Plane> staircase;
+  Plane::Points x = start;
+  staircase.options.tolerance = -1;
+  EXPECT_EQ(staircase.solve(system, x).status, Status::InvalidInput);
+  staircase.options = {};
+  std::atomic<bool> stop = true;
+  staircase.options.stop = &stop;
+  EXPECT_EQ(staircase.solve(system, x).status, Status::Interrupted);
+  EXPECT_EQ(x, start);
+  staircase.options = {};
+  staircase.options.max_iterations = 0;
+  EXPECT_EQ(staircase.solve(system, x).status, Status::MaxIterations);
+  // Another size, and the first again: the same to the last bit.
+  staircase.options = {};
+  const Summary first = staircase.solve(system, x);
+  auto [other, other_x] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(9), 3);
+  EXPECT_TRUE(staircase.solve(other, other_x).usable());
+  Plane::Points again = start;
+  EXPECT_EQ(staircase.solve(system, again).final_energy, first.final_energy);
+  EXPECT_EQ(again, x);
+}
+
+// Touching links beyond their length, a quadratic is still below the energy, wherever it is taken.
+TEST(Staircase, StretchedMinorisersAreBelowTheEnergy) {
+  Rng rng(5);
+  detail::Prover<Plane, detail::SparseFactor<double>> prover;
+  int positive = 0;
+  for (std::uint64_t index = 0; index < 100; ++index) {
+    const auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(6), index);
+    const double lowest = lowest_energy(system, start, 30, index);
+    Plane::Points x = start;
+    Newton<Plane>().solve(system, x);
+    for (const double share : {0.0, 0.01, 0.3}) {
+      Plane::Points y = x;
+      for (double& coordinate : y.reshaped())
+        coordinate += share * characteristic_length(system, x) * rng.uniform(-1, 1);
+      const double bound = prover.stretched_bound(system, y);
+      EXPECT_LE(bound, lowest * (1 + 1e-12));
+      positive += bound > 0 ? 1 : 0;
+    }
+  }
+  EXPECT_GT(positive, 100);
+}
+
+// Lower than a robust loss's weights allow to prove, and no lower bound.
+TEST(Staircase, ClaimsNothingOfRobustAnchors) {
+  using Robust = SpringSystem<double, 2, 4, 4, Model<Hooke, GemanMcClure>>;
+  for (std::uint64_t index = 0; index < 20; ++index) {
+    auto [system, start] = testing::numbered_system<Robust>(Kind::Lit, Topology<4>::full(), index);
+    system.anchor_loss.scale = 0.5 * characteristic_length(system, start);
+    Robust::Points x = start, alone = start;
+    const Summary plain = Newton<Robust>().solve(system, alone);
+    const Summary summary = Staircase<Robust, Newton<Robust>>().solve(system, x);
+    EXPECT_LE(summary.final_energy, plain.final_energy);
+    EXPECT_EQ(summary.lower_bound, 0);
+    EXPECT_NE(summary.message, kProven);
+  }
+}
+
+TEST(Staircase, IsMadeByName) {
+  auto solver = make_solver<Plane>("staircase", {{"gap", 1e-3}});
+  auto [system, x] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(4), 0);
+  const Summary summary = solver.solve(system, x);
+  EXPECT_TRUE(summary.is_within(1e-3));
+  EXPECT_EQ(summary.solver, "Newton, repaired LDL^T") << "that of the solve that found it";
+}
+
+}  // namespace
+}  // namespace asterism
