@@ -43,10 +43,9 @@ std::unique_ptr<Runner> make_relaxed(int) {
   return std::make_unique<RunnerOf<System>>(registry().make("ida", {{"relaxation", 1.7}}));
 }
 
-// Its own name says nothing of its method.
-SolverEntry multi_start() {
-  SolverEntry made = entry("multi-start", 200, 10000);
-  made.title = "auto from 8 starts";
+// Whose own name says nothing of its method.
+SolverEntry titled(SolverEntry made, const std::string& title) {
+  made.title = title;
   return made;
 }
 
@@ -61,7 +60,8 @@ const Registration kAll[] = {
     Registration(entry("lbfgs", 1000, 0, kForFour)),
     Registration(entry("lbfgs-jacobi", 1000, 100000)),
     Registration(entry("lbfgs-cholesky", 0, 10000)),
-    Registration(multi_start()),
+    Registration(titled(entry("multi-start", 200, 10000), "auto from 8 starts")),
+    Registration(titled(entry("staircase", 200, 10000, kForFour), "auto and the staircase")),
     Registration(entry("ncg", 1000, 10000)),
     Registration(entry("ncg-forward", 64, 0)),
     Registration(entry("ncg-central", 64, 0)),

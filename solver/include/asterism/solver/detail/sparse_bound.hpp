@@ -15,18 +15,10 @@ namespace detail {
 
 /// The same as DenseBound by a sparse factorisation, Eigen's or CHOLMOD's, with kBlock unknowns a node. Its
 /// rounding is bounded by the number of entries in the factor's longest column and in its rows, of which
-/// there are at most n. The ordering is computed once a topology; a copy computes it anew.
+/// there are at most n. The ordering is computed once a topology.
 template <typename Factor, int kBlock>
 class SparseBound {
  public:
-  SparseBound() = default;
-  SparseBound(const SparseBound&) {}
-  SparseBound& operator=(const SparseBound&) {
-    matrix_ = {};
-    factor_.reset();
-    return *this;
-  }
-
   /// Of the W of `system`, whose minoriser this is.
   template <typename System>
   MinoriserBound bound(const System& system, const Minoriser<System>& minoriser) {

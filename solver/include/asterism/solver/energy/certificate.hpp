@@ -6,6 +6,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/minoriser.hpp>
+#include <asterism/solver/detail/scratch.hpp>
 #include <asterism/solver/detail/sparse_bound.hpp>
 #include <asterism/solver/detail/sparse_factor.hpp>
 #include <asterism/solver/energy/energy.hpp>
@@ -262,13 +263,13 @@ class Certifier {
         result.reason = defect;
         return;
       }
-      if constexpr (System::kMaxNodes == Eigen::Dynamic) fit(system);
       if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
         result.reason = "the links' potential is not declared to be convex in the square of the length";
       } else if constexpr (std::is_same_v<typename System::Scalar, double>) {
-        prover_.certify(system, x, options.gap, result);
+        prover(system).certify(system, x, options.gap, result);
       } else {
-        prover_.certify(system.template cast<double>(), x.template cast<double>(), options.gap, result);
+        prover(system).certify(system.template cast<double>(), x.template cast<double>(), options.gap,
+                               result);
       }
     };
     detail::attempt<std::bad_alloc>(work, [&result](const std::bad_alloc& error) {
@@ -283,11 +284,10 @@ class Certifier {
   /// found. Uses the heap.
   double negative_direction(const System& system, const Points& x, Eigen::VectorXd& v) requires(
       !System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>()) {
-    if constexpr (System::kMaxNodes == Eigen::Dynamic) fit(system);
     if constexpr (std::is_same_v<typename System::Scalar, double>) {
-      return prover_.negative_direction(system, x, v);
+      return prover(system).negative_direction(system, x, v);
     } else {
-      return prover_.negative_direction(system.template cast<double>(), x.template cast<double>(), v);
+      return prover(system).negative_direction(system.template cast<double>(), x.template cast<double>(), v);
     }
   }
 
@@ -295,17 +295,16 @@ class Certifier {
   using Double =
       SpringSystem<double, System::kDim, System::kNodes, System::kMaxNodes, typename System::Model>;
 
-  // Starts anew for another size, for the reason that Compiled::solve has.
-  void fit(const System& system) {
-    if (nodes_ == system.nodes() && links_ == system.link_count()) return;
-    if (nodes_ >= 0) *this = Certifier(system, options);
+  detail::Prover<Double, SparseFactor>& prover(const System& system) {
+    if (nodes_ == system.nodes() && links_ == system.link_count()) return prover_.get();
     nodes_ = system.nodes();
     links_ = system.link_count();
+    return prover_.anew();
   }
 
   int nodes_ = -1;  // of the last system
   int links_ = -1;
-  detail::Prover<Double, SparseFactor> prover_;
+  detail::Scratch<detail::Prover<Double, SparseFactor>> prover_;
 };
 
 /// Whether x (Dim x N) is a global minimum of E, proven, and a lower bound of E where it is not.

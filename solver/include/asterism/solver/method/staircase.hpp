@@ -5,6 +5,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/saddle.hpp>
+#include <asterism/solver/detail/scratch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
@@ -126,23 +127,27 @@ requires(!System::kAnisotropic) class Staircase {
   void climb(const System& system, Points& x, Summary& best) {
     certifier_.options.gap = options.gap > 0 ? options.gap : CertifyOptions().gap;
     if (is_proven(system, x, best)) return;
-    points_ = x.template cast<double>();
-    double curvature = certifier_.negative_direction(system, x, v_);
-    if (!(curvature < 0) || !first_.descend(system, v_, curvature, options, points_, best)) return;
-    if (ends_with(system, x, best)) return;
-    curvature = first_.negative_direction(v_);
-    if (!(curvature < 0) || !second_.descend(system, v_, curvature, options, points_, best)) return;
-    ends_with(system, x, best);
+    if (nodes_ != system.nodes()) first_.anew(), second_.anew();
+    nodes_ = system.nodes();
+    Eigen::VectorXd v;
+    Eigen::MatrixXd lifted = x.template cast<double>();
+    double curvature = certifier_.negative_direction(system, x, v);
+    auto& first = first_.get();
+    if (!(curvature < 0) || !first.descend(system, v, curvature, options, lifted, best)) return;
+    if (ends_with(system, lifted, x, best)) return;
+    curvature = first.negative_direction(v);
+    if (!(curvature < 0) || !second_.get().descend(system, v, curvature, options, lifted, best)) return;
+    ends_with(system, lifted, x, best);
   }
 
-  // Takes the minimum below points_ if it is lower. Whether nothing is left to be found.
-  bool ends_with(const System& system, Points& x, Summary& best) {
-    trial_ = points_.topRows(System::kDim).template cast<Scalar>();
-    Summary summary = solver_.solve(system, trial_);
+  // Takes the minimum below the lifted points if it is lower. Whether nothing is left to be found.
+  bool ends_with(const System& system, const Eigen::MatrixXd& lifted, Points& x, Summary& best) {
+    Points trial = lifted.topRows(System::kDim).template cast<Scalar>();
+    Summary summary = solver_.solve(system, trial);
     if (summary.status == Status::OutOfMemory) detail::raise(std::bad_alloc());
     const bool is_lower = summary.usable() && summary.final_energy < best.final_energy;
     if (is_lower) {
-      x = trial_;
+      x = trial;
       summary.initial_energy = best.initial_energy;
       summary.lower_bound = best.lower_bound;
       std::swap(summary, best);
@@ -167,23 +172,14 @@ requires(!System::kAnisotropic) class Staircase {
 
   Solver solver_;
   Certifier<System> certifier_;
-  detail::Lift<System, 1> first_;
-  detail::Lift<System, 3> second_;
-  Eigen::VectorXd v_;
-  Eigen::MatrixXd points_;
-  Points trial_;
-  int nodes_ = -1;  // of the last system
+  detail::Scratch<detail::Lift<System, 1>> first_;
+  detail::Scratch<detail::Lift<System, 3>> second_;
+  int nodes_ = -1;  // of the last system that was lifted
 };
 
 template <typename System, typename Solver>
 requires(!System::kAnisotropic) Summary Staircase<System, Solver>::run(const System& system, Points& x) {
   const auto begin = std::chrono::steady_clock::now();
-  if (nodes_ != system.nodes()) {  // anew for another size, for the reason that Compiled::solve has
-    auto given = std::move(options);
-    *this = Staircase();
-    options = std::move(given);
-    nodes_ = system.nodes();
-  }
   solver_.options = options;
   Summary best = solver_.solve(system, x);
   if (best.usable() && best.status != Status::Interrupted) {

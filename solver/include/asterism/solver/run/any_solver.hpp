@@ -33,6 +33,9 @@ class AnySolver {
   template <typename S>
   requires(!std::same_as<S, AnySolver>) && Solver<S, System> explicit AnySolver(S solver)
       : model_(std::make_unique<ModelOf<S>>(std::move(solver))) {}
+  /// The same, made in place by its default constructor.
+  template <Solver<System> S>
+  explicit AnySolver(std::in_place_type_t<S>) : model_(std::make_unique<ModelOf<S>>()) {}
 
   /// The name that Summary::solver has, "Newton, repaired LDL^T".
   std::string_view name() const { return model_->name(); }
@@ -56,6 +59,7 @@ class AnySolver {
 
   template <typename S>
   struct ModelOf final : Model {
+    ModelOf() = default;
     explicit ModelOf(S&& given) : solver(std::move(given)) {}
     std::string_view name() const override { return S::name(); }
     Summary solve(const System& system, Points& x) override { return solver.solve(system, x); }
@@ -178,7 +182,7 @@ class SolverRegistry {
   /// Adds a solver, made by its default constructor. Throws std::invalid_argument for a name that is taken.
   template <Solver<System> S>
   void add(std::string name) {
-    add(std::move(name), [] { return AnySolver<System>(S()); });
+    add(std::move(name), [] { return AnySolver<System>(std::in_place_type<S>); });
   }
   /// Adds one by what makes it.
   void add(std::string name, std::function<AnySolver<System>()> make) {

@@ -5,6 +5,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/scratch.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
@@ -235,9 +236,9 @@ class Session {
 
   // Whether x is within the gap asked for of the least energy; keeps the highest lower bound so far.
   bool prove(const Points& x) {
-    if (!certifier_) certifier_.emplace();
-    certifier_->options.gap = gap_;
-    const Certificate certificate = certifier_->certify(*system_, x);
+    Certifier<System>& certifier = certifier_.get();
+    certifier.options.gap = gap_;
+    const Certificate certificate = certifier.certify(*system_, x);
     if (certificate.proof == Proof::NotApplicable) return false;
     lower_bound_ = std::max(lower_bound_, certificate.lower_bound);
     return Summary::is_within(gap_, certificate.energy, lower_bound_);
@@ -299,7 +300,7 @@ class Session {
   double gap_ = 0;
   bool is_close_ = false;    // as close as gap_
   double lower_bound_ = -1;  // of all iterates
-  std::optional<Certifier<System>> certifier_;
+  detail::Scratch<Certifier<System>> certifier_;
   const System* system_ = nullptr;  // that is solved
   std::optional<System> grounded_;
   detail::ComponentScratch<System> scratch_;
