@@ -110,6 +110,7 @@ requires(!System::kAnisotropic) class Staircase {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
+  /// Those of `Solver`.
   std::decay_t<decltype(std::declval<Solver&>().options)> options;
 
   static constexpr std::string_view name() { return "staircase"; }
