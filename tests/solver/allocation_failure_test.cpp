@@ -38,7 +38,8 @@ using Solvers = ::testing::Types<
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>>;
+    Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>,
+    detail::AutoStaircase<System>>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;
@@ -158,6 +159,40 @@ TEST(OutOfMemorySparse, WithSubdomains) {
   expect_out_of_memory<Schwarz<System>>(problem);
   const Problem other = testing::sparse_system<System>(1, 900);
   expect_out_of_memory<Schwarz<System>>(problem, &other);
+}
+
+// A certificate by a dense and by a sparse matrix, of a first system and of one after another.
+TEST(OutOfMemoryProof, IsTheReasonAndLeavesNothingBehind) {
+  testing::Rng rng(4);
+  const Problem dense = testing::random_system<System>(rng, System::TopologyType::full(17));
+  const Problem sparse = testing::sparse_system<System>(1, 300);
+  const Problem* const problems[] = {&dense, &sparse};
+  for (const Problem* problem : problems) {
+    const Certificate expected = certify(problem->system, problem->start);
+    for (const Problem* other : problems) {
+      std::optional<Certifier<System>> certifier;
+      Certificate certificate;
+      int out_of_memory = 0;
+      const auto renew = [&] {
+        certifier.emplace();
+        if (other != problem) certifier->certify(other->system, other->start);
+      };
+      renew();
+      testing::fail_each_allocation(
+          [&] { certificate = certifier->certify(problem->system, problem->start); },
+          [&](long k) {
+            SCOPED_TRACE(k);
+            ++out_of_memory;
+            EXPECT_EQ(certificate.proof, Proof::NotApplicable);
+            EXPECT_EQ(certificate.reason, "the workspace does not fit into memory");
+            certificate = certifier->certify(problem->system, problem->start);
+            EXPECT_EQ(certificate.lower_bound, expected.lower_bound);
+            renew();
+          });
+      EXPECT_EQ(certificate.lower_bound, expected.lower_bound);
+      EXPECT_GT(out_of_memory, 5);
+    }
+  }
 }
 
 // A batch of the workspace's size, another, and what its kernels leave to Newton.

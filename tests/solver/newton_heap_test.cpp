@@ -2,6 +2,7 @@
 // the program is counted.
 #include <gtest/gtest.h>
 
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
@@ -51,6 +52,20 @@ void expect_no_heap(int n) {
   x = random.start;
   EXPECT_EQ(allocations_in([&] { summary = solve(random.system, x); }), 0);
   EXPECT_TRUE(summary.usable()) << summary;
+  Certificate certificate;
+  for (const double stretch : {1.0, 1.5}) {  // where springs push, W is factored twice
+    x *= static_cast<typename System::Scalar>(stretch);
+    EXPECT_EQ(allocations_in([&] { certificate = certify(random.system, x); }), 0) << "n = " << n;
+    EXPECT_NE(certificate.proof, Proof::NotApplicable);
+  }
+  x = random.start;
+  EXPECT_EQ(allocations_in([&] {
+              SolverOptions options;
+              options.gap = 1e-3;
+              summary = Newton<System>(random.system, options).solve(random.system, x);
+            }),
+            0);
+  EXPECT_GE(summary.lower_bound, 0);
   x = random.start;
   EXPECT_EQ(allocations_in([&] { summary = MultiStart<System, Auto<System>>().solve(random.system, x); }), 0);
   EXPECT_TRUE(summary.usable()) << summary;
@@ -72,6 +87,9 @@ TEST(Heap, NewtonOfDynamicSizesUsesItOnce) {
   EXPECT_GT(allocations_in([&] { newton.solve(system, x); }), 0);
   x = random.start;
   EXPECT_EQ(allocations_in([&] { newton.solve(system, x); }), 0);
+  Certifier<System> certifier;
+  EXPECT_GT(allocations_in([&] { certifier.certify(system, x); }), 0);
+  EXPECT_EQ(allocations_in([&] { certifier.certify(system, random.start); }), 0);
 }
 
 }  // namespace

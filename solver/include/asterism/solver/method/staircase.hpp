@@ -128,8 +128,9 @@ requires(!System::kAnisotropic) class Staircase {
   void climb(const System& system, Points& x, Summary& best) {
     certifier_.options.gap = options.gap > 0 ? options.gap : CertifyOptions().gap;
     if (is_proven(system, x, best)) return;
-    if (nodes_ != system.nodes()) first_.anew(), second_.anew();
+    if (nodes_ != system.nodes() || links_ != system.link_count()) first_.anew(), second_.anew();
     nodes_ = system.nodes();
+    links_ = system.link_count();
     Eigen::VectorXd v;
     Eigen::MatrixXd lifted = x.template cast<double>();
     double curvature = certifier_.negative_direction(system, x, v);
@@ -176,6 +177,7 @@ requires(!System::kAnisotropic) class Staircase {
   detail::Scratch<detail::Lift<System, 1>> first_;
   detail::Scratch<detail::Lift<System, 3>> second_;
   int nodes_ = -1;  // of the last system that was lifted
+  int links_ = -1;
 };
 
 template <typename System, typename Solver>
