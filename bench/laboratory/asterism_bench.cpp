@@ -199,6 +199,13 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
        {4, 9, 16, 36},
        "auto,multi-start,staircase",
        200},
+      {app,
+       "proof",
+       "how often a solution is proven to be the global minimum, and what that costs",
+       proof,
+       {4, 9, 16, 36, 100},
+       "auto,multi-start,staircase",
+       200},
       {app, "pareto", "accuracy against time", pareto, {4, 16, 64}, "all", 20}};
 
   try {

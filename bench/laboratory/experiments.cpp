@@ -4,6 +4,8 @@
 #include <cstdio>
 #include <map>
 
+#include "measure.hpp"
+
 namespace asterism::bench {
 
 namespace {
@@ -80,6 +82,21 @@ std::vector<Cell> cells_of(const Selection& selection,
                          json.update(measure(*runner, chunk));
                          return json;
                        }});
+    }
+  }
+  return cells;
+}
+
+std::vector<Cell> cells_by_weakness(const Selection& selection, const std::vector<double>& weaknesses,
+                                    const std::function<Json(Runner&, const Chunk&, double)>& measure) {
+  std::vector<Cell> cells;
+  for (const double weakness : weaknesses) {
+    const auto measure_cell = [=](Runner& runner, const Chunk& chunk) {
+      return measure(runner, chunk, weakness);
+    };
+    for (Cell& cell : cells_of(selection, measure_cell)) {
+      cell.key = format("anchors x %g/", weakness) + cell.key;
+      cells.push_back(std::move(cell));
     }
   }
   return cells;

@@ -41,6 +41,8 @@ Experiment hard(const Selection& selection);
 Experiment minima(const Selection& selection);
 /// How often each start ends above the lowest minimum, without and with MultiStart.
 Experiment starts(const Selection& selection);
+/// How often a solution is proven to be the global minimum, and what that costs.
+Experiment proof(const Selection& selection);
 /// Accuracy against time.
 Experiment pareto(const Selection& selection);
 
@@ -63,6 +65,10 @@ std::vector<Chunk> chunks(const Selection& selection);
 /// measure(runner, problem after problem).
 std::vector<Cell> cells_of(const Selection& selection,
                            const std::function<Json(Runner&, const Chunk&)>& measure);
+
+/// The same once for each factor that the anchors' stiffness is to have, which measure gets too.
+std::vector<Cell> cells_by_weakness(const Selection& selection, const std::vector<double>& weaknesses,
+                                    const std::function<Json(Runner&, const Chunk&, double)>& measure);
 
 /// Cells by group and solver: report's view.
 std::vector<const Json*> cells_with(const Results& results, const std::string& group,

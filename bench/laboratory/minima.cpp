@@ -97,23 +97,6 @@ Json measure_starts(Runner& runner, const Chunk& chunk, double weakness) {
   return json;
 }
 
-// The cells of a selection once for each factor of the anchors' stiffness.
-template <typename Measure>
-std::vector<Cell> cells_by_weakness(const Selection& selection, const std::vector<double>& weaknesses,
-                                    Measure measure) {
-  std::vector<Cell> cells;
-  for (const double weakness : weaknesses) {
-    const auto measure_cell = [=](Runner& runner, const Chunk& chunk) {
-      return measure(runner, chunk, weakness);
-    };
-    for (Cell& cell : cells_of(selection, measure_cell)) {
-      cell.key = format("anchors x %g/", weakness) + cell.key;
-      cells.push_back(std::move(cell));
-    }
-  }
-  return cells;
-}
-
 // A field of all their results for a group and a solver, in order.
 std::vector<double> values_of(const Results& results, const std::string& group, const std::string& solver,
                               double weakness, const char* field) {
