@@ -143,6 +143,7 @@ Track candidates(const bench::Image& image, const Region& object) {
   auto run = std::make_shared<Run>();
   DptOptions options;
   options.coarse.root = WatchedRoot(run->seen);
+  options.certify = true;
   run->tracker.emplace(options);
   run->tracker->init(image.pixels, object);
   const cv::Rect2d box = object.equal_area_box();
@@ -178,7 +179,8 @@ Track candidates(const bench::Image& image, const Region& object) {
                       {"root x PSR", root * run->seen->psr},
                       {"first frame's root", first},
                       {"root x first", root * first},
-                      {"root x first x parts", root * first * parts}};
+                      {"root x first x parts", root * first * parts},
+                      {"certified", result.certified.value_or(false) ? 1.0 : 0.0}};
     if (answer.covariance)
       answer.signals["- ln det covariance"] = -std::log(answer.covariance->determinant());
     return answer;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
@@ -13,6 +14,7 @@
 #include <cstdio>
 #include <filesystem>
 #include <functional>
+#include <optional>
 #ifdef ASTERISM_TEST_JSON
 #include <asterism/parts/concept/part_registry.hpp>
 #endif
@@ -600,6 +602,31 @@ TEST(Dpt, NewtonFindsThePlacementsOfIda) {
   tracker.init(scene.frame(0), Scene::box(0));
   for (int t = 1; t <= 10; ++t) tracker.update(scene.frame(t));
   EXPECT_EQ(solves, 10);
+}
+
+TEST(Dpt, SaysWhetherThePlacementIsProven) {
+  const Scene scene;
+  DptOptions options;
+  options.certify = true;
+  std::optional<bool> expected;
+  options.on_solve = [&](const Dpt::System& springs, const Dpt::Placement& start, const Summary&) {
+    Dpt::Placement x = start;
+    Ida(springs).solve(springs, x);
+    expected = certify(springs, x).certified();
+  };
+  Dpt tracker(options), plain;
+  tracker.init(scene.frame(0), Scene::box(0));
+  plain.init(scene.frame(0), Scene::box(0));
+  int certified = 0;
+  for (int t = 1; t <= 10; ++t) {
+    const TrackResult result = tracker.update(scene.frame(t));
+    EXPECT_EQ(result.certified, expected);
+    certified += result.certified.value_or(false) ? 1 : 0;
+    const TrackResult other = plain.update(scene.frame(t));
+    EXPECT_EQ(other.certified, std::nullopt);
+    EXPECT_EQ(other.box, result.box);
+  }
+  EXPECT_GT(certified, 5);
 }
 
 TEST(Stiffness, BothLawsOfAnAnchorAreOneWhereNoDirectionIsSpecial) {

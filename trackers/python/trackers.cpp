@@ -267,6 +267,10 @@ void bind_trackers(py::module_& m) {
             return owned(*r.covariance, {3, 3});
           },
           "Of the box's centre x, y [px] and of the logarithm of its size, (3, 3); None where unknown.")
+      .def_readonly(
+          "certified", &TrackResult::certified,
+          "Whether the parts' placement is proven to be the one of least energy; None where the option "
+          "certify did not ask.")
       .def_readonly("parts", &TrackResult::parts, "The parts, empty for trackers without.")
       .def_readonly("update_threshold", &TrackResult::update_threshold,
                     "Parts of less weight are not updated; 0 where no weight is compared.")

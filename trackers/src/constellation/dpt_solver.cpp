@@ -1,5 +1,6 @@
 // The solvers of Dpt's systems, compiled here alone.
 
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/trackers/constellation/spring_solvers.hpp>
@@ -25,6 +26,10 @@ std::optional<Eigen::Matrix3d> propagated_covariance(const DptSystem& system, co
   const auto parts = covariance(system, x);
   if (!parts) return std::nullopt;
   return jacobian * parts.matrix * jacobian.transpose();
+}
+
+bool is_certified(const DptSystem& system, const DptSystem::Points& x) {
+  return certify(system, x).certified();
 }
 
 }  // namespace ASTERISM_ABI

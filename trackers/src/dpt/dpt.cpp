@@ -111,6 +111,7 @@ TrackResult Dpt::follow(const Frame& frame) {
   // 3: Estimate the MAP mid-level parts constellation by optimizing the energy of a dual spring system.
   const Placement start = x;
   result.covariance = estimate_map_constellation(x);
+  if (options_.certify) result.certified = is_certified(springs(), x);
   result.times.push_back({"springs", clock.lap()});
   if (options_.on_solve) options_.on_solve(springs(), start, summary_), clock.lap();
 

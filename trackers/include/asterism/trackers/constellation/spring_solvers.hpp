@@ -79,6 +79,9 @@ ASTERISM_API std::optional<Eigen::Matrix3d> propagated_covariance(const DptSyste
                                                                   const DptSystem::Points& x,
                                                                   const DptJacobian& jacobian);
 
+/// Whether a placement x that a DptSolver has found is proven to be the global minimum (certify).
+ASTERISM_API bool is_certified(const DptSystem& system, const DptSystem::Points& x);
+
 /// The solver of ElasticConstellation's systems, Auto. Components that no anchor holds stay where they are.
 class ASTERISM_API ElasticSolver {
  public:

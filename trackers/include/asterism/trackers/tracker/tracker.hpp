@@ -52,6 +52,9 @@ struct TrackResult {
   /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
   /// both sides are scaled alike. Positive semi-definite. Empty where the tracker cannot tell.
   std::optional<Eigen::Matrix3d> covariance;
+  /// Whether the placement of the parts is proven to be the one of least energy (certify), not one of several
+  /// minima. Empty where that was not asked for.
+  std::optional<bool> certified;
   /// Empty for trackers without parts.
   std::vector<PartState> parts;
   double update_threshold = 0;   ///< parts of less weight are not updated; 0 where no weight is compared

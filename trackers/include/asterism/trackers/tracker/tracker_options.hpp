@@ -53,6 +53,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("resize_parts", options.resize_parts);
   visit("anchor_law", options.anchor_law, {"variance", "covariance"});
   visit("solver", options.solver, options.solver.name);
+  visit("certify", options.certify);
   visit("threads", options.threads, {0, 256});
 }
 
