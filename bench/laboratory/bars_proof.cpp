@@ -1,5 +1,8 @@
 // The certificate of the global minimum: four nodes in the plane, fixed size.
 #include <algorithm>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/simd.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/auto.hpp>
@@ -145,12 +148,43 @@ void search_bars(Bars& bars, testing::Kind kind, const std::string& name) {
   bars.at_most(name + ", intervals of the staircase that are wrong", "%.0f", false_bounds, 0, 0);
 }
 
+/// What a proof in the lanes adds to the solve of a batch.
+void batch_bars(Bars& bars, testing::Kind kind, const std::string& name) {
+  using Batch = SpringBatch<double, 2, 4>;
+  const auto systems = samples<Batch::System>(20000, Topology<4>::full(), kind);
+  const double count = static_cast<double>(systems.size());
+  double seconds[2] = {std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity()};
+  Batch batch(Topology<4>::full(), static_cast<int>(systems.size()));
+  BatchNewton<Batch> newton;
+  for (int round = 0; round < 20; ++round) {
+    for (const bool prove : {false, true}) {
+      for (int s = 0; s < batch.size(); ++s) {
+        const auto& [system, start] = systems[static_cast<std::size_t>(s)];
+        batch.set(s, system, start);
+      }
+      newton.options.gap = prove ? 1e-6 : 0;
+      const double begin = cpu_seconds();
+      newton.solve(batch);
+      seconds[prove] = std::min(seconds[prove], cpu_seconds() - begin);
+    }
+  }
+  const double proof = 1e9 * (seconds[1] - seconds[0]) / count;
+  const std::string title = name + " proof in lanes of " + std::string(to_string(widest_simd()));
+  if (widest_simd() == Simd::Avx512) {
+    bars.at_most(title, "%.3g ns", proof, 25, 12);
+  } else {
+    bars.line(title, format("%.3g ns", proof), "-", "-", true, true);
+  }
+}
+
 }  // namespace
 
 void proof_bars(Bars& bars) {
   if (!bars.wanted("proof")) return;
   speed(bars, testing::Kind::Lit, "N=4 LIT");
   speed(bars, testing::Kind::Track, "N=4 TRACK");
+  batch_bars(bars, testing::Kind::Lit, "N=4 LIT");
+  batch_bars(bars, testing::Kind::Track, "N=4 TRACK");
   search_bars(bars, testing::Kind::Lit, "N=4 LIT");
   search_bars(bars, testing::Kind::Track, "N=4 TRACK");
   const int systems = bars.quick() ? 500 : 100000;

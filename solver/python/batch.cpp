@@ -151,22 +151,25 @@ void bind_batch(py::module_& m) {
   type.def(
           "solve",
           [](AnyBatch& self, int threads, const std::string& simd, double tolerance, int max_iterations,
-             bool align, bool allow_reflection, bool escape_saddles) {
+             bool align, bool allow_reflection, bool escape_saddles, double gap) {
             NewtonOptions options;
             options.tolerance = tolerance;
             options.max_iterations = max_iterations;
             options.align = align;
             options.allow_reflection = allow_reflection;
             options.escape_saddles = escape_saddles;
+            options.gap = gap;
             return solve(self, threads, simd, options);
           },
           py::arg("threads").noconvert() = 1, py::arg("simd") = "auto",
           py::arg("tolerance") = NewtonOptions().tolerance,
           py::arg("max_iterations").noconvert() = NewtonOptions().max_iterations, py::arg("align") = true,
           py::arg("allow_reflection") = false, py::arg("escape_saddles") = true,
+          py::arg("gap") = NewtonOptions().gap,
           "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the "
           "machine\n"
-          "runs at once. simd: auto, portable, avx2 or avx512. The GIL is released meanwhile; signals are\n"
+          "runs at once. simd: auto, portable, avx2 or avx512. gap: above 0, lower_bound is proven for each. "
+          "The GIL is released meanwhile; signals are\n"
           "looked at every few hundred systems, and after a KeyboardInterrupt some are solved, some are "
           "not.\n"
           "One thread at a time: RuntimeError else.")
@@ -193,6 +196,9 @@ void bind_batch(py::module_& m) {
       type, "final_energy", [](auto& b, int i) { return b.final_energy(i); }, "(M,), -1 until known.");
   def_verdict<double>(
       type, "stationarity", [](auto& b, int i) { return b.stationarity(i); }, "(M,), -1 until known.");
+  def_verdict<double>(
+      type, "lower_bound", [](auto& b, int i) { return b.lower_bound(i); },
+      "(M,), of the least energy; -1 where the option gap did not ask for it.");
 }
 
 }  // namespace asterism::python

@@ -68,6 +68,9 @@ class LaneNewton {
     for (std::ptrdiff_t s = first; s < last; s += kLanes) self.prepare(s);
     self.iterate(first, last);
     for (std::ptrdiff_t s = first; s < last; s += kLanes) self.judge(s);
+    if constexpr (sizeof(T) == sizeof(double)) {
+      for (std::ptrdiff_t s = first; settings.prove && s < last; s += kLanes) self.prove(s);
+    }
   }
 
  private:
@@ -789,6 +792,114 @@ class LaneNewton {
     L::store(planes_.initial_energy + s, initial);
     L::store(planes_.final_energy + s, energy);
     L::store(planes_.stationarity + s, ratio * L::set(tolerance_));
+  }
+
+  /// The lower bound of certificate.hpp at x, by W's factors L D L^T; 0 where W is not positive definite.
+  /// kSlack allows for inverses and roots that are a few epsilon off, and for any node to have every link.
+  [[gnu::noinline]] void prove(std::ptrdiff_t s) const {
+    constexpr T kSlack = 4 * R::kEpsilon;
+    const V zero = L::set(0), half = L::set(T(0.5));
+    const T n = static_cast<T>(nodes()), terms = static_cast<T>(links() + 2);
+    V x[kSize], g[kSize], scale[kNodes], force[kNodes];
+    V W[kNodes * (kNodes + 1) / 2];
+    const auto at = [](auto row, auto column) ASTERISM_INLINED { return row * (row + 1) / 2 + column; };
+    V energy = zero, rounding = zero;
+    M good = L::mask(kAll);
+    each_node([&](auto i) ASTERISM_INLINED {
+      const V k = plane(planes_.anchor_stiffness, i, s);
+      const M held = L::less(zero, k);
+      V reach = zero;
+      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
+        const int c = kDim * i + d;
+        x[c] = plane(planes_.x, c, s);
+        const V e = x[c] - L::select(held, plane(planes_.anchors, c, s), x[c]);
+        g[c] = k * e;
+        energy = L::fma(half * g[c], e, energy);
+        reach = reach + L::abs(e);
+      });
+      force[i] = k * reach;
+      scale[i] = k;
+      for (int j = 0; j < i; ++j) W[at(static_cast<int>(i), j)] = zero;
+      W[at(static_cast<int>(i), static_cast<int>(i))] = k;
+    });
+    rounding = L::set(4) * energy;
+    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
+      const V k = plane(planes_.link_stiffness, l, s);
+      const V mu = L::select(L::less(zero, k), plane(planes_.rest_length, l, s), zero);
+      V d[kDim];
+      V square = zero;
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        d[c] = x[kDim * i + c] - x[kDim * j + c];
+        square = L::fma(d[c], d[c], square);
+      });
+      good = L::both(good, L::less(L::set(R::kTiny), square));
+      const V inverse = L::inverse_sqrt(square);
+      const V length = square * inverse, reach = k * (length + mu);
+      const V pressure = k * (mu * inverse);
+      const V w = k - pressure;
+      const V stretch = length - mu;
+      const V tension = k * stretch;
+      energy = L::fma(half * tension, stretch, energy);
+      rounding = L::fma(L::set(8) * (L::abs(tension) + L::set(R::kEpsilon) * reach), length + mu, rounding);
+      const int low = i < j ? int(i) : int(j), high = i < j ? int(j) : int(i);
+      W[at(high, low)] = W[at(high, low)] - w;
+      const auto add = [&](int end) ASTERISM_INLINED {
+        W[at(end, end)] = W[at(end, end)] + w;
+        scale[end] = scale[end] + (k + pressure);
+        force[end] = force[end] + reach;
+      };
+      add(i), add(j);
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        g[kDim * i + c] = L::fma(w, d[c], g[kDim * i + c]);
+        g[kDim * j + c] = L::fnma(w, d[c], g[kDim * j + c]);
+      });
+    });
+    rounding = L::set(kSlack) * L::fma(L::set(n + static_cast<T>(links())), energy, rounding);
+
+    // The factors, with one over D on the diagonal, and g^T M^-1 g by the way.
+    const V shift = L::set(kSlack * (n * (n + 3) + terms + 16));
+    each_node([&](auto i) ASTERISM_INLINED {
+      V& pivot = W[at(static_cast<int>(i), static_cast<int>(i))];
+      pivot = L::fnma(shift + shift, scale[i], pivot);
+    });
+    V square = zero;
+    for (int j = 0; j < nodes(); ++j) {
+      good = L::both(good, L::less(L::set(R::kTiny), W[at(j, j)]));
+      const V inverse = W[at(j, j)] = L::inverse(W[at(j, j)]);
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+        square = L::fma(g[kDim * j + c] * inverse, g[kDim * j + c], square);
+      });
+      for (int k = j + 1; k < nodes(); ++k) {
+        const V factor = W[at(k, j)] * inverse;
+        for (int i = k; i < nodes(); ++i) W[at(i, k)] = L::fnma(factor, W[at(i, j)], W[at(i, k)]);
+        unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
+          g[kDim * k + c] = L::fnma(factor, g[kDim * j + c], g[kDim * k + c]);
+        });
+      }
+      for (int i = j + 1; i < nodes(); ++i) W[at(i, j)] = W[at(i, j)] * inverse;
+    }
+    V trace = zero;  // of M^-1
+    for (int column = 0; column < nodes(); ++column) {
+      V v[kNodes];
+      v[column] = L::set(1);
+      for (int i = column + 1; i < nodes(); ++i) v[i] = zero - W[at(i, column)];
+      trace = trace + W[at(column, column)];
+      for (int j = column + 1; j < nodes(); ++j) {
+        trace = L::fma(v[j] * W[at(j, j)], v[j], trace);
+        for (int i = j + 1; i < nodes(); ++i) v[i] = L::fnma(v[j], W[at(i, j)], v[i]);
+      }
+    }
+    // What the gradient's rounding adds, measured by W >= shift scale or by W >= 1 / trace.
+    V scaled = zero, plain = zero;
+    each_node([&](auto i) ASTERISM_INLINED {
+      const V f = L::set(kSlack * (8 + terms)) * force[i];
+      scaled = L::fma(f * L::inverse(shift * scale[i]), f, scaled);
+      plain = L::fma(f * (L::set(T(1.02)) * trace), f, plain);
+    });
+    const V norm = L::sqrt(square) * L::set(T(1) + T(1e-6)) + L::sqrt(L::min(scaled, plain));
+    const V bound = energy - half * norm * norm - rounding;
+    good = L::both(good, L::less(zero, bound));
+    L::store(planes_.lower_bound + s, L::select(good, bound, zero));
   }
 
   const Planes<T>& planes_;

@@ -587,6 +587,17 @@ class BatchTest(unittest.TestCase):
             self.assertTrue(np.all(batch.positive_definite == 1))
             self.assertTrue(np.all(batch.stationarity <= 1e-8))
 
+    def test_proves_what_one_system_does(self):
+        batch, systems = self.batch()
+        batch.solve()
+        self.assertTrue(np.all(batch.lower_bound == -1))
+        batch, systems = self.batch()
+        batch.solve(gap=1e-6)
+        proven = batch.final_energy - batch.lower_bound <= 1e-6 * batch.final_energy
+        certified = [asterism.certify(system, x).certified for (system, _), x in zip(systems, batch.x)]
+        np.testing.assert_array_equal(proven, certified)
+        self.assertTrue(0 < proven.sum() < batch.size)
+
     def test_arrays_are_the_batchs_memory(self):
         batch, _ = self.batch(count=5, nodes=3)
         for name, shape in {"anchors": (5, 3, 2), "anchor_stiffness": (5, 3), "rest_length": (5, 3), "x": (5, 3, 2)}.items():

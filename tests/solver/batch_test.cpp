@@ -5,10 +5,12 @@
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/executor.hpp>
 #include <asterism/solver/run/solve_each.hpp>
@@ -846,6 +848,73 @@ TEST(Executors, RunEveryTaskOnce) {
   check(ThreadExecutor{1});
   check(ThreadExecutor{7});
   static_assert(Executor<SerialExecutor> && Executor<ThreadExecutor> && Executor<Backwards>);
+}
+
+// The lanes prove what certify does, with somewhat wider margins for rounding.
+template <typename Batch>
+void expect_proofs(const typename Batch::TopologyType& topology, Kind kind, double stiffness, double offset) {
+  using System = typename Batch::System;
+  using Scalar = typename Batch::Scalar;
+  const bool is_hard = stiffness != 1 || offset != 0;
+  const double accuracy = std::is_same_v<Scalar, float> ? 1e-6 : 1e-9;
+  auto systems = samples<System>(is_hard ? 30 : 150, topology, kind);
+  for (auto& [system, start] : systems) {
+    system.link_stiffness *= Scalar(stiffness);
+    system.anchors.array() += Scalar(offset);
+    start.array() += Scalar(offset);
+  }
+  for (const Simd simd : available()) {
+    Batch batch = batch_of<Batch>(systems, topology);
+    BatchNewton<Batch> solver;
+    solver.simd = simd;
+    if (is_hard) solver.options.max_iterations = 100;
+    solver.solve(batch);
+    EXPECT_EQ(batch.lower_bound(0), -1);
+    batch = batch_of<Batch>(systems, topology);
+    solver.options.gap = 1e-6;
+    solver.solve(batch);
+    int definite = 0, proven = 0, same = 0;
+    System system(topology);
+    typename Batch::Points x;
+    for (int s = 0; s < batch.size(); ++s) {
+      batch.get(s, system, x);
+      const Certificate certificate = certify(system, x);
+      const auto bound = static_cast<double>(batch.lower_bound(s));
+      EXPECT_GE(bound, 0);
+      EXPECT_LE(bound, certificate.energy);
+      proven += certificate.energy - bound <= 1e-6 * certificate.energy ? 1 : 0;
+      if (!(certificate.least_eigenvalue > 0)) continue;
+      ++definite;
+      // Both are below the least energy, and above it less the gap.
+      EXPECT_LE(bound, certificate.energy) << s;
+      same += bound >= certificate.lower_bound - accuracy * certificate.energy ? 1 : 0;
+      if (!is_hard) {
+        typename System::Points y = systems[static_cast<std::size_t>(s)].system.anchors;
+        Newton<System>().solve(systems[static_cast<std::size_t>(s)].system, y);
+        const auto other = static_cast<double>(energy(systems[static_cast<std::size_t>(s)].system, y));
+        EXPECT_LE(bound, other * (1 + (std::is_same_v<Scalar, float> ? 1e-5 : 1e-12))) << s;
+      }
+    }
+    if (is_hard) continue;  // where it says less
+    EXPECT_GT(definite, 0);
+    EXPECT_GE(same, 0.99 * definite) << to_string(simd);
+    EXPECT_GE(proven, 0.99 * definite) << to_string(simd);
+  }
+}
+
+TEST(BatchProof, IsThatOfOneSystem) {
+  for (const double offset : {0.0, 1e6}) {
+    for (const double stiffness : {1.0, 1e12}) {
+      SCOPED_TRACE(::testing::Message() << "x " << stiffness << " + " << offset);
+      expect_proofs<SpringBatch<double, 2, 4>>(Topology<4>::full(), Kind::Lit, stiffness, offset);
+      expect_proofs<SpringBatch<double, 2>>(Topology<>::full(9), Kind::Track, stiffness, offset);
+      expect_proofs<SpringBatch<double, 3>>(Topology<>::star(6, 2), Kind::Lit, stiffness, offset);
+    }
+  }
+  expect_proofs<SpringBatch<double, 2>>(Topology<>::full(2), Kind::Lit, 1, 0);
+  expect_proofs<SpringBatch<double, 3>>(Topology<>::full(4), Kind::Track, 1, 0);
+  expect_proofs<SpringBatch<double, 2>>(Topology<>::full(17), Kind::Track, 1, 0);  // one by one
+  expect_proofs<SpringBatch<float, 2, 4>>(Topology<4>::full(), Kind::Track, 1, 0);
 }
 
 }  // namespace

@@ -176,6 +176,7 @@ class SpringBatch:
         align: bool = True,
         allow_reflection: bool = False,
         escape_saddles: bool = True,
+        gap: float = 0.0,
     ) -> BatchSummary: ...
     @property
     def size(self) -> int: ...
@@ -191,6 +192,8 @@ class SpringBatch:
     def final_energy(self) -> _Floats: ...
     @property
     def stationarity(self) -> _Floats: ...
+    @property
+    def lower_bound(self) -> _Floats: ...
 
 # Where the build had nlohmann-json:
 

@@ -8,6 +8,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -17,6 +18,7 @@
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
 #include <chrono>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
@@ -51,8 +53,10 @@ struct BatchSummary {
 /// x as it was where the input is invalid. Converged from the lanes means a positive definite Hessian.
 ///
 /// Sizes with kernels: 2 and 3 dimensions, up to 30 coordinates and 120 links, fastest for few nodes that are
-/// all linked. Others, and mirroring alignment, are solved one by one. Results do not depend on the executor,
-/// and on the instructions only by rounding, which where basins meet may choose another minimum.
+/// all linked. With SolverOptions::gap, SpringBatch::lower_bound has what is proven at the end of each, from
+/// lanes of double precision where W is positive definite (0 elsewhere), from single precision one by one.
+/// Others, and mirroring alignment, are solved one by one. Results do not depend on the executor, and on the
+/// instructions only by rounding, which where basins meet may choose another minimum.
 ///
 /// An object holds its workspace: reuse it to solve without allocation (by the executor excepted), one call
 /// at a time. It does not throw unless the executor does.
@@ -102,6 +106,7 @@ class BatchNewton {
     System system;
     Points x;
     Newton<System> newton;
+    Certifier<System> certifier;
     detail::FreeMotions<System> free_motions;
   };
 
@@ -123,7 +128,7 @@ class BatchNewton {
     });
     if (summary.status == Status::OutOfMemory) return;
     const Planes<Scalar> planes = batch.planes(work_.data());
-    const Settings settings{options.tolerance, options.max_iterations, options.align};
+    const Settings settings{options.tolerance, options.max_iterations, options.align, options.gap > 0};
     // Tasks are cut by the size of the batch alone.
     const int count = batch.size();
     const int chunk = kernel == nullptr ? 64 : std::clamp((count / 32 + 31) / 32 * 32, 512, 4096);
@@ -166,9 +171,15 @@ class BatchNewton {
         definite[s] = hold[(s - first) % kTogether] > 0 || is_held(batch, s, scalars) ? 1 : 0;
       } else if (outcome == kLeft) [[unlikely]] {
         ++left;
+        planes.lower_bound[s] = -1;
         status = solve_one(batch, planes, s, scalars, definite[s]);
       }
       planes.outcome[s] = static_cast<std::int32_t>(status);
+      if (!(options.gap > 0)) {
+        planes.lower_bound[s] = -1;
+      } else if (!std::is_same_v<Scalar, double> && outcome != kLeft) {
+        planes.lower_bound[s] = lower_bound(batch, s, scalars);
+      }
     }
     if (scalars) put_back(std::move(scalars));
     return left;
@@ -203,6 +214,23 @@ class BatchNewton {
     return held;
   }
 
+  // What the lanes of single precision do not prove.
+  Scalar lower_bound(const Batch& batch, int s, std::unique_ptr<Scalars>& scalars) {
+    double bound = 0;
+    const auto look = [&] {
+      if (!scalars) scalars = take_scalars(batch);
+      batch.get(s, scalars->system, scalars->x);
+      bound = scalars->certifier.certify(scalars->system, scalars->x).lower_bound;
+    };
+    detail::attempt<std::bad_alloc>(look, [](const std::bad_alloc&) {});
+    return rounded_down(bound);
+  }
+
+  static Scalar rounded_down(double number) {
+    const auto rounded = static_cast<Scalar>(number);
+    return static_cast<double>(rounded) > number ? std::nextafter(rounded, Scalar(-1)) : rounded;
+  }
+
   Status solve_one(Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int s,
                    std::unique_ptr<Scalars>& scalars, std::int32_t& definite) {
     bool is_there = true;
@@ -218,6 +246,7 @@ class BatchNewton {
     planes.initial_energy[s] = static_cast<Scalar>(one.initial_energy);
     planes.final_energy[s] = static_cast<Scalar>(one.final_energy);
     planes.stationarity[s] = static_cast<Scalar>(one.stationarity);
+    planes.lower_bound[s] = rounded_down(one.lower_bound);
     if (one.usable()) {
       Scalar* x = planes.x + s;
       for (int i = 0; i < batch.nodes(); ++i) {

@@ -82,12 +82,12 @@ class SpringBatch {
       return static_cast<std::size_t>(number) * static_cast<std::size_t>(stride_);
     };
     values_.resize(planes(value_planes()));
-    verdicts_.resize(planes(3));
+    verdicts_.resize(planes(4));
     counts_.resize(planes(3));
     origins_.resize(planes(Dim));
     constexpr Scalar kUnset = std::numeric_limits<Scalar>::quiet_NaN();
     for (int p = 0; p < value_planes(); ++p) std::fill_n(values_.data() + at(p), count_, kUnset);
-    for (int p = 0; p < 3; ++p) std::fill_n(verdicts_.data() + at(p), count_, Scalar(-1));
+    for (int p = 0; p < 4; ++p) std::fill_n(verdicts_.data() + at(p), count_, Scalar(-1));
     for (int p = 0; p < 3; ++p) std::fill_n(counts_.data() + at(p), count_, p == kStatus ? 0 : -1);
     for (const Link& link : topology_.links()) ends_.insert(ends_.end(), {link.i, link.j});
     Eigen::VectorXi scratch;
@@ -204,6 +204,8 @@ class SpringBatch {
   Scalar initial_energy(int index) const { return verdicts_.data()[at(0) + index]; }
   Scalar final_energy(int index) const { return verdicts_.data()[at(1) + index]; }
   Scalar stationarity(int index) const { return verdicts_.data()[at(2) + index]; }
+  /// Of the least energy, as Summary's: -1 where SolverOptions::gap did not ask for it.
+  Scalar lower_bound(int index) const { return verdicts_.data()[at(3) + index]; }
 
  private:
   template <typename Batch>
@@ -246,6 +248,7 @@ class SpringBatch {
     result.initial_energy = verdicts_.data();
     result.final_energy = verdicts_.data() + at(1);
     result.stationarity = verdicts_.data() + at(2);
+    result.lower_bound = verdicts_.data() + at(3);
     result.outcome = counts_.data() + at(kStatus);
     result.iterations = counts_.data() + at(kIterations);
     return result;

@@ -38,6 +38,7 @@ struct Planes {
   T* initial_energy;  ///< one plane each, written where the outcome is not kLeft
   T* final_energy;
   T* stationarity;
+  T* lower_bound;  ///< of the least energy; written, in double alone, where Settings::prove asks for it
   std::int32_t* iterations;
   std::int32_t* outcome;
 };
@@ -46,6 +47,7 @@ struct Settings {
   double tolerance;
   int max_iterations;
   bool align;
+  bool prove;
 };
 
 constexpr int kPadding = 32;  ///< lanes of the widest kernel

@@ -21,7 +21,7 @@ struct SolverOptions {
 
   /// Also stop when x is proven to have at most this share more energy than the least there is, see certify;
   /// 0: not looked at. Judged at every iterate, at the cost of a certificate each. Where W is not positive
-  /// definite at the minimum, nothing is proven and the tolerance decides. BatchNewton does not look.
+  /// definite at the minimum, nothing is proven and the tolerance decides. BatchNewton looks at its end.
   double gap = 0;
 
   /// Iterations at most; 0 evaluates the start.
