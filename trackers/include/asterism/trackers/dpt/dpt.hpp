@@ -70,8 +70,8 @@ struct DptOptions {
   /// the paper's, or "newton", which finds the same minimum in a fraction of the iterations. Its stopping
   /// rule is open in the paper; see docs/tracker.md.
   SolverDescription solver = {"ida", {}};
-  /// Looks whether the placement is proven to be the MAP: TrackResult::certified. Costs less than the solve and
-  /// changes nothing else.
+  /// Looks whether the placement is proven to be the MAP: TrackResult::certified. Costs less than the solve
+  /// and changes nothing else.
   bool certify = false;
 
   /// Threads that the parts are searched and trained on, the calling one among them; 0: as many as the
