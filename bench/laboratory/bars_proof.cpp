@@ -6,6 +6,7 @@
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
@@ -148,6 +149,36 @@ void search_bars(Bars& bars, testing::Kind kind, const std::string& name) {
   bars.at_most(name + ", intervals of the staircase that are wrong", "%.0f", false_bounds, 0, 0);
 }
 
+/// Branch and bound on systems of four nodes, to a gap, in 10 ms each.
+void interval_bars(Bars& bars, testing::Kind kind, const std::string& name, double gap) {
+  using System = SpringSystem<double, 2, 4>;
+  BranchAndBound<System> solver;
+  solver.options.gap = gap;
+  solver.options.max_nodes = std::numeric_limits<int>::max();
+  solver.options.max_seconds = 0.01;
+  detail::AutoStaircase<System> staircase;
+  const int systems = bars.quick() ? 500 : 5000;
+  int open = 0, narrowed = 0;
+  std::vector<double> seconds, nodes;
+  for (int index = 0; index < systems; ++index) {
+    const auto [system, start] =
+        testing::numbered_system<System>(kind, Topology<4>::full(), static_cast<std::uint64_t>(index));
+    System::Points x = start;
+    if (staircase.solve(system, x).is_within(gap)) continue;
+    ++open;
+    x = start;
+    const double begin = cpu_seconds();
+    const Summary summary = solver.solve(system, x);
+    seconds.push_back(cpu_seconds() - begin);
+    nodes.push_back(summary.iterations);
+    narrowed += summary.is_within(gap) ? 1 : 0;
+  }
+  bars.at_least(name + format(", within %g by staircase or branch and bound", gap), "%.2f %%",
+                100.0 * (systems - open + narrowed) / systems, 99, 100);
+  bars.line(name + format(", %d systems for branch and bound, median", open),
+            format("%.0f nodes, %.2g ms", median(nodes), 1e3 * median(seconds)), "-", "-", true, true);
+}
+
 /// What a proof in the lanes adds to the solve of a batch.
 void batch_bars(Bars& bars, testing::Kind kind, const std::string& name) {
   using Batch = SpringBatch<double, 2, 4>;
@@ -187,6 +218,10 @@ void proof_bars(Bars& bars) {
   batch_bars(bars, testing::Kind::Track, "N=4 TRACK");
   search_bars(bars, testing::Kind::Lit, "N=4 LIT");
   search_bars(bars, testing::Kind::Track, "N=4 TRACK");
+  interval_bars(bars, testing::Kind::Lit, "N=4 LIT", 1e-2);
+  interval_bars(bars, testing::Kind::Lit, "N=4 LIT", 1e-6);
+  interval_bars(bars, testing::Kind::Track, "N=4 TRACK", 1e-3);
+  interval_bars(bars, testing::Kind::Track, "N=4 TRACK", 1e-6);
   const int systems = bars.quick() ? 500 : 100000;
   Counts all;
   for (const testing::Kind kind : testing::kKinds) {

@@ -1,0 +1,208 @@
+// Branch and bound: its intervals against many starts, its cells and quadratics by their definitions, and
+// that its limits are kept.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/method/branch_and_bound.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <atomic>
+#include <cstdint>
+#include <limits>
+#include <string_view>
+#include <vector>
+
+namespace asterism {
+namespace {
+
+using testing::Kind;
+using testing::Rng;
+using Four = SpringSystem<double, 2, 4>;
+using Plane = SpringSystem<double, 2>;
+using Space = SpringSystem<double, 3>;
+
+template <typename System>
+double lowest_energy(const System& system, const typename System::Points& start, int starts,
+                     std::uint64_t seed) {
+  Rng rng(seed);
+  Newton<System> newton;
+  const auto length = static_cast<double>(characteristic_length(system, start));
+  double lowest = std::numeric_limits<double>::infinity();
+  for (int s = 0; s < starts; ++s) {
+    typename System::Points x = start;
+    for (int i = 0; s > 0 && i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) continue;
+      if (s == 1) x.col(i) = system.anchors.col(i);
+      for (int d = 0; s > 1 && d < System::kDim; ++d)
+        x(d, i) += static_cast<typename System::Scalar>(length * rng.uniform(-0.5, 0.5));
+    }
+    const Summary summary = newton.solve(system, x);
+    if (summary.usable()) lowest = std::min(lowest, summary.final_energy);
+  }
+  return lowest;
+}
+
+template <typename System>
+void expect_global(Kind kind, int nodes, int systems, double gap, double accuracy, int fixed = -1) {
+  BranchAndBound<System> solver;
+  solver.options.gap = gap;
+  solver.options.max_seconds = 20;
+  int searched = 0;
+  for (int index = 0; index < systems; ++index) {
+    auto [system, start] = testing::numbered_system<System>(kind, System::TopologyType::full(nodes),
+                                                            9000 + static_cast<std::uint64_t>(index));
+    if (fixed >= 0) system.fix(fixed);
+    typename System::Points x = start;
+    const Summary summary = solver.solve(system, x);
+    ASSERT_EQ(summary.status, Status::Converged) << index << " " << summary;
+    EXPECT_TRUE(summary.is_within(gap)) << index;
+    EXPECT_NEAR(static_cast<double>(energy(system, x)), summary.final_energy,
+                accuracy * summary.final_energy);
+    const double lowest = lowest_energy(system, start, 60, static_cast<std::uint64_t>(index));
+    EXPECT_LE(summary.lower_bound, lowest * (1 + accuracy)) << index;
+    EXPECT_LE(summary.final_energy, lowest * (1 + gap)) << index;
+    if (fixed >= 0) {
+      EXPECT_EQ(x.col(fixed), start.col(fixed));
+    }
+    searched += summary.message == std::string_view("within the gap of the global minimum") &&
+                        summary.solver == solver.name() && !certify(system, x).certified()
+                    ? 1
+                    : 0;
+  }
+  EXPECT_GT(searched, 0);
+}
+
+TEST(BranchAndBound, NarrowsTheIntervalToTheGap) {
+  expect_global<Four>(Kind::Lit, 4, 100, 1e-3, 1e-9);
+  expect_global<Plane>(Kind::Lit, 3, 100, 1e-3, 1e-9);
+  expect_global<Plane>(Kind::Lit, 5, 30, 1e-2, 1e-9);
+  expect_global<SpringSystem<float, 2, 4>>(Kind::Lit, 4, 60, 1e-2, 1e-4);
+  expect_global<Space>(Kind::Lit, 5, 30, 3e-2, 1e-9);
+  expect_global<Plane>(Kind::Lit, 4, 60, 1e-2, 1e-9, 2);
+}
+
+TEST(BranchAndBound, KeepsToItsLimits) {
+  int limited = 0;
+  for (std::uint64_t index = 0; index < 20; ++index) {
+    const auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(9), index);
+    BranchAndBound<Plane> solver;
+    solver.options.gap = 1e-9;
+    solver.options.max_nodes = 20;
+    Plane::Points x = start;
+    const Summary by_nodes = solver.solve(system, x);
+    EXPECT_LE(by_nodes.lower_bound, by_nodes.final_energy);
+    if (by_nodes.status != Status::MaxIterations) continue;
+    ++limited;
+    EXPECT_EQ(by_nodes.message, "the limit of nodes came before the gap");
+    EXPECT_LE(by_nodes.iterations, 20 + 4);
+    solver.options.max_seconds = 0;
+    const Summary by_time = solver.solve(system, x = start);
+    EXPECT_EQ(by_time.status, Status::MaxIterations);
+    EXPECT_EQ(by_time.iterations, 0);
+    EXPECT_EQ(by_time.message, "the limit of time came before the gap");
+    EXPECT_LE(by_time.lower_bound, by_nodes.lower_bound);
+    // Much better with time.
+    solver.options.max_nodes = 2000;
+    solver.options.max_seconds = 10;
+    EXPECT_GE(solver.solve(system, x = start).lower_bound, by_nodes.lower_bound);
+  }
+  EXPECT_GT(limited, 5);
+}
+
+TEST(BranchAndBound, RefusesBadOptionsAndPassesOnStatuses) {
+  auto [system, start] = testing::numbered_system<Four>(Kind::Lit, Topology<4>::full(), 1);
+  BranchAndBound<Four> solver;
+  Four::Points x = start;
+  solver.options.gap = 0;
+  EXPECT_EQ(solver.solve(system, x).message, "option gap is not positive");
+  solver.options = {};
+  solver.options.max_seconds = -1;
+  EXPECT_EQ(solver.solve(system, x).status, Status::InvalidInput);
+  solver.options = {};
+  std::atomic<bool> stop = true;
+  solver.options.stop = &stop;
+  EXPECT_EQ(solver.solve(system, x).status, Status::Interrupted);
+  solver.options = {};
+  system.anchor_stiffness.setZero();
+  EXPECT_EQ(solver.solve(system, x).status, Status::InvalidInput);
+  EXPECT_EQ(x, start);
+}
+
+template <int kDim>
+void expect_cells() {
+  using Cell = detail::DirectionCell<kDim>;
+  Rng rng(3);
+  const auto holds = [](const Cell& cell, const Eigen::Matrix<double, kDim, 1>& d) {
+    if (!(d[cell.axis] * cell.side > 0)) return false;
+    const Eigen::Matrix<double, kDim, 1> on_face = d / std::abs(d[cell.axis]);
+    for (int c = 0; c < kDim; ++c) {
+      if (c != cell.axis && (on_face[c] < cell.low[c] || on_face[c] > cell.high[c])) return false;
+    }
+    return true;
+  };
+  for (int trial = 0; trial < 300; ++trial) {
+    Eigen::Matrix<double, kDim, 1> d;
+    for (double& coordinate : d) coordinate = rng.uniform(-1, 1);
+    std::vector<Cell> cells = Cell::faces();
+    for (int depth = 0; depth < 12; ++depth) {
+      ASSERT_EQ(std::count_if(cells.begin(), cells.end(), [&](const Cell& cell) { return holds(cell, d); }),
+                1);
+      const Cell cell = *std::find_if(cells.begin(), cells.end(), [&](const Cell& c) { return holds(c, d); });
+      EXPECT_LE(d.norm(), d.dot(cell.reach()));
+      const auto halves = cell.halves();
+      cells.assign(halves.begin(), halves.end());
+    }
+    EXPECT_LT(cells[0].reach().norm(), 1.1);
+  }
+}
+
+TEST(DirectionCells, HoldEachDirectionOnceAndBoundItsLength) {
+  expect_cells<2>();
+  expect_cells<3>();
+}
+
+// Below the energy at every placement whose links' directions are in their cells.
+TEST(ConeMinoriser, IsBelowTheEnergy) {
+  Rng rng(4);
+  using Cones = detail::ConeSystem<2>;
+  using Cell = detail::DirectionCell<2>;
+  for (std::uint64_t index = 0; index < 200; ++index) {
+    const auto [system, y] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(4), index);
+    Cones cones;
+    cones.system = &system;
+    cones.shares.assign(6, 1);
+    cones.reaches.assign(6, Cones::Point::Zero());
+    for (std::size_t l = 0; l < 6; l += 2) {  // cells that hold the directions of y
+      const Link& link = system.links()[l];
+      const Eigen::Vector2d d = y.col(link.i) - y.col(link.j);
+      for (Cell cell : Cell::faces()) {
+        if (!(d[cell.axis] * cell.side > 0) || std::abs(d[1 - cell.axis]) > std::abs(d[cell.axis])) continue;
+        for (int depth = 0; depth < 3; ++depth) {
+          const auto halves = cell.halves();
+          cell = d[1 - cell.axis] / std::abs(d[cell.axis]) <= halves[0].high[1 - cell.axis] ? halves[0]
+                                                                                            : halves[1];
+        }
+        cones.reaches[l].head<2>() = cell.reach();
+      }
+      cones.shares[l] = rng.uniform(0, 1);
+    }
+    Cones::Points x(4, 4);
+    for (double& coordinate : x.reshaped()) coordinate = rng.uniform(-60, 60);
+    detail::Minoriser<Cones> quadratic;
+    ASSERT_TRUE(quadratic.set(cones, x, 1 + 0.5 * rng.uniform(0, 1)));
+    // q(y) = q(x) + g . (y - x) + 1/2 (y - x) W (y - x)
+    Cones::Points step = -x;
+    step.topRows<2>() += y;
+    double value = quadratic.energy + quadratic.gradient.cwiseProduct(step).sum();
+    quadratic.for_each_entry(
+        cones, [&](int i, int, int, double w) { value += w / 2 * step.col(i).squaredNorm(); },
+        [&](int, const Link& link, double w) { value -= w * step.col(link.i).dot(step.col(link.j)); });
+    EXPECT_LE(value, energy(system, y) * (1 + 1e-9)) << index;
+  }
+}
+
+}  // namespace
+}  // namespace asterism
