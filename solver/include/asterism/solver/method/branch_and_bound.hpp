@@ -7,10 +7,14 @@
 #include <asterism/solver/detail/dense_bound.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/minoriser.hpp>
+#include <asterism/solver/energy/certificate.hpp>
+#include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -266,7 +270,7 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     staircase_.options = options;
     summary = staircase_.solve(system, x);
     summary.solver = name();
-    if (!summary.usable() || summary.status == Status::Interrupted || summary.is_within(options.gap))
+    if (!summary.usable() || summary.status == Status::Interrupted || is_done(system, x, summary))
       return summary;
     detail::attempt<std::bad_alloc>(
         [&] { search(system, x, summary); },
@@ -309,6 +313,7 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     };
     const Plane system = plane(given);
     cones_.system = &system;
+    is_done_ = false;
     prepare(system);
     Part root;
     root.x.setZero(kDim + Cones::kExtra, system.nodes());
@@ -328,7 +333,7 @@ requires(std::is_same_v<typename System::Model, Springs> &&
       const double lowest =
           std::min(open.empty() ? summary.final_energy : open.top().bound, summary.final_energy);
       summary.lower_bound = std::max(summary.lower_bound, lowest);
-      if (summary.is_within(options.gap) || open.empty()) break;
+      if (is_done_ || summary.is_within(options.gap) || open.empty()) break;
       if (nodes >= options.max_nodes) limit = "the limit of nodes came before the gap";
       if (seconds() > options.max_seconds) limit = "the limit of time came before the gap";
       if (options.stopped()) limit = "asked to stop before the gap";
@@ -373,6 +378,9 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     for (int i = 0; i < given.nodes(); ++i) {
       if (given.is_fixed(i)) system.fix(i);
     }
+    // What nothing holds, ground_components does, by its first node.
+    detail::ComponentScratch<Plane> scratch;
+    detail::for_each_floating_component(system, scratch, [&system](int i) { system.fix(i); });
     return system;
   }
 
@@ -433,7 +441,8 @@ requires(std::is_same_v<typename System::Model, Springs> &&
       }
     }
     // How much lower each link counts than it would in the plane.
-    double most = -1;
+    double most = -std::numeric_limits<double>::infinity();
+    part.loosest = 0;
     int l = 0;
     for (const Link& link : system.links()) {
       const Direction d = part.x.col(link.i) - part.x.col(link.j);
@@ -469,12 +478,21 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     summary.gradient_norm = found.gradient_norm;
     summary.stationarity = found.stationarity;
     summary.positive_definite = found.positive_definite;
+    is_done_ = is_done(system, x, summary);
+  }
+
+  // Also where there is no energy to speak of, of which no share could be proven.
+  bool is_done(const System& system, const Points& x, const Summary& summary) {
+    certifier_.options.gap = options.gap;
+    return summary.is_within(options.gap) || certifier_.certify(system, x).certified();
   }
 
   static constexpr double kPromising = 0.05;
 
   Staircase<System, Auto<System>> staircase_;
   Auto<System> solver_;
+  Certifier<System> certifier_;
+  bool is_done_ = false;
   Cones cones_;
   detail::Minoriser<Cones> quadratic_;
   detail::DenseBound<Eigen::Dynamic, Eigen::Dynamic> dense_;
