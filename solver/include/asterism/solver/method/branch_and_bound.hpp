@@ -244,8 +244,9 @@ inline void visit_options(OptionVisitor& visit, BranchAndBoundOptions& options) 
 ///
 /// Summary::lower_bound and final_energy are the interval; Converged says that it is within options.gap,
 /// MaxIterations that a limit came first, which the message names. `iterations` are nodes of the tree. For
-/// few nodes, 8 or so: the tree grows as a power of the number of loose links. Springs alone, in 2 or 3
-/// dimensions; uses the heap; one thread at a time.
+/// few nodes, 8 or so: the tree grows as a power of the number of loose links, and without end where a
+/// component without anchors turns freely. Springs alone, in 2 or 3 dimensions; uses the heap; one thread at
+/// a time.
 template <typename System>
 requires(std::is_same_v<typename System::Model, Springs> &&
          (System::kDim == 2 || System::kDim == 3)) class BranchAndBound {
