@@ -594,7 +594,7 @@ class BatchTest(unittest.TestCase):
         batch, systems = self.batch()
         batch.solve(gap=1e-6)
         proven = batch.final_energy - batch.lower_bound <= 1e-6 * batch.final_energy
-        certified = [asterism.certify(system, x).certified for (system, _), x in zip(systems, batch.x)]
+        certified = [asterism.certify(system, np.ascontiguousarray(x)).certified for (system, _), x in zip(systems, batch.x)]
         np.testing.assert_array_equal(proven, certified)
         self.assertTrue(0 < proven.sum() < batch.size)
 

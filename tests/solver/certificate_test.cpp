@@ -421,7 +421,11 @@ TEST(Gap, EndsEverySolver) {
     auto solver = make_solver<Plane>(name);
     Plane::Points x = start;
     const Summary plain = solver.solve(system, x);
-    EXPECT_EQ(plain.lower_bound, -1) << name;
+    if (name == "staircase") {  // which always proves
+      EXPECT_GT(plain.lower_bound, 0);
+    } else {
+      EXPECT_EQ(plain.lower_bound, -1) << name;
+    }
     solver.options().gap = 0.01;
     x = start;
     const Summary summary = solver.solve(system, x);
