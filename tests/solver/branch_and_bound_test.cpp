@@ -84,6 +84,23 @@ TEST(BranchAndBound, NarrowsTheIntervalToTheGap) {
   expect_global<Plane>(Kind::Lit, 4, 60, 1e-2, 1e-9, 2);
 }
 
+// A loose gap leaves parts alone whose bounds are below the minimum found.
+TEST(BranchAndBound, ItsBoundIsThatOfThePartsLeftAlone) {
+  int searched = 0;
+  for (std::uint64_t index = 0; index < 300; ++index) {
+    const auto [system, start] = testing::numbered_system<Four>(Kind::Lit, Topology<4>::full(), index);
+    BranchAndBound<Four> loose, tight;
+    loose.options.gap = 0.03;
+    tight.options.gap = 1e-4;
+    Four::Points x = start, y = start;
+    const Summary summary = loose.solve(system, x), best = tight.solve(system, y);
+    ASSERT_LE(summary.lower_bound, best.final_energy * (1 + 1e-9)) << index;
+    ASSERT_LE(summary.lower_bound, summary.final_energy);
+    searched += summary.solver == loose.name() && summary.lower_bound < summary.final_energy ? 1 : 0;
+  }
+  EXPECT_GT(searched, 0);
+}
+
 TEST(BranchAndBound, KeepsToItsLimits) {
   int limited = 0;
   for (std::uint64_t index = 0; index < 20; ++index) {

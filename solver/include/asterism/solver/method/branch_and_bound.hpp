@@ -327,12 +327,11 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     std::priority_queue<Part> open;
     open.push(std::move(root));
     int nodes = 0;
-    double closed =
-        std::numeric_limits<double>::infinity();  // the lowest bound of parts that are close enough
+    double closed = std::numeric_limits<double>::infinity();  // the lowest bound of parts that are left alone
     std::string_view limit;
     while (true) {
       const double lowest =
-          std::min(open.empty() ? summary.final_energy : open.top().bound, summary.final_energy);
+          std::min({open.empty() ? closed : open.top().bound, closed, summary.final_energy});
       summary.lower_bound = std::max(summary.lower_bound, lowest);
       if (is_done_ || summary.is_within(options.gap) || open.empty()) break;
       if (nodes >= options.max_nodes) limit = "the limit of nodes came before the gap";
