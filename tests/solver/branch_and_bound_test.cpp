@@ -15,35 +15,17 @@
 #include <string_view>
 #include <vector>
 
+#include "lowest_energy.hpp"
+
 namespace asterism {
 namespace {
 
 using testing::Kind;
+using testing::lowest_energy;
 using testing::Rng;
 using Four = SpringSystem<double, 2, 4>;
 using Plane = SpringSystem<double, 2>;
 using Space = SpringSystem<double, 3>;
-
-template <typename System>
-double lowest_energy(const System& system, const typename System::Points& start, int starts,
-                     std::uint64_t seed) {
-  Rng rng(seed);
-  Newton<System> newton;
-  const auto length = static_cast<double>(characteristic_length(system, start));
-  double lowest = std::numeric_limits<double>::infinity();
-  for (int s = 0; s < starts; ++s) {
-    typename System::Points x = start;
-    for (int i = 0; s > 0 && i < system.nodes(); ++i) {
-      if (system.is_fixed(i)) continue;
-      if (s == 1) x.col(i) = system.anchors.col(i);
-      for (int d = 0; s > 1 && d < System::kDim; ++d)
-        x(d, i) += static_cast<typename System::Scalar>(length * rng.uniform(-0.5, 0.5));
-    }
-    const Summary summary = newton.solve(system, x);
-    if (summary.usable()) lowest = std::min(lowest, summary.final_energy);
-  }
-  return lowest;
-}
 
 template <typename System>
 void expect_global(Kind kind, int nodes, int systems, double gap, double accuracy, int fixed = -1) {

@@ -12,6 +12,7 @@
 #include <limits>
 #include <string_view>
 
+#include "lowest_energy.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -22,29 +23,12 @@ using testing::Fixed2;
 using testing::Fixed2f;
 using testing::Kind;
 using testing::Line;
+using testing::lowest_energy;
 using testing::Plane;
 using testing::Rng;
 using testing::Space;
 
 constexpr std::string_view kProven = "within the gap of the global minimum";
-
-/// The lowest energy that Newton finds from `starts` starts.
-template <typename System>
-double lowest_energy(const System& system, const typename System::Points& start, int starts,
-                     std::uint64_t seed) {
-  Rng rng(seed);
-  Newton<System> newton;
-  const auto length = static_cast<double>(characteristic_length(system, start));
-  double lowest = std::numeric_limits<double>::infinity();
-  for (int s = 0; s < starts; ++s) {
-    typename System::Points x = s == 1 ? system.anchors : start;
-    for (auto& coordinate : x.reshaped())
-      coordinate += static_cast<typename System::Scalar>(s > 1 ? length * rng.uniform(-0.5, 0.5) : 0);
-    const Summary summary = newton.solve(system, x);
-    if (summary.usable()) lowest = std::min(lowest, summary.final_energy);
-  }
-  return lowest;
-}
 
 template <typename System>
 void expect_lowest(Kind kind, int nodes, int systems, double share, double accuracy) {

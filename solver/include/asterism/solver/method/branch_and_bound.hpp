@@ -10,6 +10,7 @@
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/linear/dense_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -387,18 +388,8 @@ requires(std::is_same_v<typename System::Model, Springs> &&
   // The inverse of K_dyn.
   void prepare(const Plane& system) {
     const int n = system.nodes();
-    Eigen::MatrixXd K = system.anchor_stiffness.asDiagonal();
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const double k = system.link_stiffness[l++];
-      K(link.i, link.i) += k, K(link.j, link.j) += k;
-      K(link.i, link.j) -= k, K(link.j, link.i) -= k;
-    }
-    for (int i = 0; i < n; ++i) {
-      if (!system.is_fixed(i)) continue;
-      K.row(i).setZero(), K.col(i).setZero();
-      K(i, i) = 1;
-    }
+    Eigen::MatrixXd K;
+    detail::assemble_k_dyn(system, node_stiffness(system), 1.0, K);
     inverse_ = K.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
   }
 
