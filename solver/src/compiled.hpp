@@ -1,6 +1,8 @@
 #pragma once
 
-// What <asterism/solver/detail/compiled.hpp> declares, for one type of system.
+// What <asterism/solver/detail/compiled.hpp> declares, for one type of system. Declared here, too: what other
+// sources have is taken from there.
+#define ASTERISM_SOLVER_COMPILED
 #include <asterism/solver.hpp>
 
 // NOLINTBEGIN(bugprone-macro-parentheses): types have none

@@ -5,6 +5,9 @@ inline namespace ASTERISM_ABI {
 
 ASTERISM_COMPILE_SOLVERS(detail::SpaceSystem)
 ASTERISM_COMPILE_SPARSE_SOLVERS(detail::SpaceSystem)
+template ASTERISM_API void detail::GlobalSearch<3>::run(const detail::SpaceSystem&,
+                                                        detail::SpaceSystem::Points&,
+                                                        const BranchAndBoundOptions&, Summary&);
 template ASTERISM_API detail::FreeMotion detail::RigidMotion<3>::find(const RigidNodes<3>&, const int*,
                                                                       const int*);
 

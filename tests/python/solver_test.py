@@ -238,7 +238,7 @@ class SolveTest(unittest.TestCase):
     def test_methods(self):
         methods = asterism.methods()
         self.assertEqual(len(methods), len(set(methods)))
-        self.assertLessEqual({"auto", "ida", "newton", "lbfgs", "schwarz", "multi-start", "staircase"}, set(methods))
+        self.assertLessEqual({"auto", "ida", "newton", "lbfgs", "schwarz", "multi-start", "staircase", "branch-and-bound"}, set(methods))
         with self.assertRaisesRegex(ValueError, "unknown solver 'idas', did you mean 'ida'.* .known: auto, ida, "):
             asterism.Solver("idas")
 
@@ -280,7 +280,7 @@ class SolveTest(unittest.TestCase):
                     self.assertAlmostEqual(value, energy(system, at), places=9)
                     self.assertGreaterEqual(norm, 0)
                 self.assertLess(seen[-1][2], seen[0][2])
-                if method not in ("multi-start", "staircase"):
+                if method not in ("multi-start", "staircase", "branch-and-bound"):
                     self.assertEqual([s[0] for s in seen], sorted({s[0] for s in seen}))
                     np.testing.assert_allclose(seen[-1][1], x, atol=1e-4)
 

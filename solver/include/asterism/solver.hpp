@@ -13,6 +13,7 @@
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/make_solver.hpp>
@@ -21,6 +22,7 @@
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/solve_global.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/model.hpp>

@@ -1,9 +1,9 @@
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/SparseCore>
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/dense_factor.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
@@ -145,12 +145,12 @@ CovarianceStatus invert_hessian(const System& system, const typename System::Poi
   }
   inverse = hessian(system, x);
   if (!all_finite(inverse)) return CovarianceStatus::NumericalFailure;
-  const Eigen::LLT<DenseHessian<System>> cholesky(inverse);
-  if (cholesky.info() != Eigen::Success) return CovarianceStatus::NotPositiveDefinite;
-  const auto pivots = cholesky.matrixLLT().diagonal().array().square();
+  DenseHessian<System> factor = inverse;
+  if (!DenseFactor<Scalar>::factorize(factor.data(), factor.rows()))
+    return CovarianceStatus::NotPositiveDefinite;
+  const auto pivots = factor.diagonal().array().square();
   if (!(pivots > kRounding * inverse.diagonal().array()).all()) return CovarianceStatus::NotPositiveDefinite;
-  inverse.setIdentity();
-  cholesky.solveInPlace(inverse);
+  DenseFactor<Scalar>::invert(factor.data(), factor.rows(), inverse.data());
   inverse = Scalar(0.5) * (inverse + inverse.transpose().eval());
   if (!all_finite(inverse)) return CovarianceStatus::NumericalFailure;
   for (int i = 0; system.fixed_count() > 0 && i < system.nodes(); ++i) {
@@ -187,20 +187,7 @@ class SelectedInverse {
   using Vector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1>;
 
   /// `lower` holds L below its unit diagonal, rows in ascending order, compressed; it is to outlive this.
-  SelectedInverse(const Sparse& lower, const Vector& pivots)
-      : first_(lower.outerIndexPtr()),
-        rows_(lower.innerIndexPtr()),
-        factor_(lower.valuePtr()),
-        values_(static_cast<std::size_t>(lower.nonZeros())),
-        diagonal_(pivots.size()) {
-    int end = static_cast<int>(pivots.size());
-    while (end > 0) {
-      int begin = end - 1;
-      while (begin > 0 && continues(begin - 1)) --begin;
-      invert(begin, end, pivots);
-      end = begin;
-    }
-  }
+  SelectedInverse(const Sparse& lower, const Vector& pivots);
 
   /// Z_ij for i = j or an entry (i, j) of the pattern.
   Scalar operator()(int i, int j) const {
@@ -271,6 +258,27 @@ class SelectedInverse {
   Vector diagonal_;             // of Z
   Matrix triangle_, square_, inverse_, product_, block_, gathered_;
 };
+
+template <typename Scalar>
+SelectedInverse<Scalar>::SelectedInverse(const Sparse& lower, const Vector& pivots)
+    : first_(lower.outerIndexPtr()),
+      rows_(lower.innerIndexPtr()),
+      factor_(lower.valuePtr()),
+      values_(static_cast<std::size_t>(lower.nonZeros())),
+      diagonal_(pivots.size()) {
+  int end = static_cast<int>(pivots.size());
+  while (end > 0) {
+    int begin = end - 1;
+    while (begin > 0 && continues(begin - 1)) --begin;
+    invert(begin, end, pivots);
+    end = begin;
+  }
+}
+
+#ifdef ASTERISM_SOLVER_COMPILED
+extern template ASTERISM_API SelectedInverse<double>::SelectedInverse(const Sparse&, const Vector&);
+extern template ASTERISM_API SelectedInverse<float>::SelectedInverse(const Sparse&, const Vector&);
+#endif
 
 template <typename System>
 CovarianceStatus sparse_node_covariances(const System& system, const typename System::Points& x,

@@ -1,8 +1,9 @@
 #pragma once
 
-#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/dense_factor.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -75,11 +76,8 @@ class SpdSolver {
  private:
   // The factor of the matrix; false where it is not positive definite.
   bool decompose() {
-    using Any = Eigen::Matrix<Scalar, Eigen::Dynamic, Eigen::Dynamic, Eigen::ColMajor>;
     factor_ = matrix_;
-    // Of no size's type, which would take seconds to compile for each.
-    Eigen::Map<Any> factor(factor_.data(), factor_.rows(), factor_.cols());
-    return Eigen::LLT<Eigen::Ref<Any>>(factor).info() == Eigen::Success;
+    return DenseFactor<Scalar>::factorize(factor_.data(), factor_.rows());
   }
 
   // The inverse by sweeps (Goodnight 1979), whose pivots are the squares of Cholesky's; for so few nodes

@@ -2,11 +2,12 @@
 
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <array>
+#include <asterism/solver/detail/cast_system.hpp>
+#include <asterism/solver/detail/compiled.hpp>
+#include <asterism/solver/detail/cone_system.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/dense_bound.hpp>
 #include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/minoriser.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
@@ -22,198 +23,26 @@
 #include <asterism/solver/run/summary.hpp>
 #include <chrono>
 #include <cmath>
+#include <cstddef>
 #include <limits>
 #include <new>
 #include <queue>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-namespace detail {
-
-/// A set of directions in kDim dimensions: a box on a face of the cube around the origin.
-template <int kDim>
-struct DirectionCell {
-  using Point = Eigen::Matrix<double, kDim, 1>;
-
-  int axis = 0;  ///< the face is where this coordinate is `side`
-  double side = 1;
-  Point low = Point::Constant(-1), high = Point::Constant(1);  ///< of the others
-
-  /// The middle direction, a unit vector, over the cosine of the widest angle from it: d of this cell has
-  /// |d| <= d . reach().
-  Point reach() const {
-    Point middle = (low + high) / 2;
-    middle[axis] = side;
-    middle.normalize();
-    double cosine = 1;
-    for (int corner = 0; corner < (1 << kDim); ++corner) {
-      Point direction;
-      for (int d = 0; d < kDim; ++d) direction[d] = (corner >> d & 1) != 0 ? high[d] : low[d];
-      direction[axis] = side;
-      cosine = std::min(cosine, middle.dot(direction.normalized()));
-    }
-    return middle / (cosine * (1 - 8 * std::numeric_limits<double>::epsilon()));
-  }
-
-  /// The two halves, across the longest edge.
-  std::array<DirectionCell, 2> halves() const {
-    int longest = axis == 0 ? 1 : 0;
-    for (int d = 0; d < kDim; ++d) {
-      if (d != axis && high[d] - low[d] > high[longest] - low[longest]) longest = d;
-    }
-    std::array<DirectionCell, 2> result{*this, *this};
-    const double middle = (low[longest] + high[longest]) / 2;
-    result[0].high[longest] = result[1].low[longest] = middle;
-    return result;
-  }
-
-  /// All directions.
-  static std::vector<DirectionCell> faces() {
-    std::vector<DirectionCell> result;
-    for (int axis = 0; axis < kDim; ++axis) {
-      for (const double side : {-1.0, 1.0}) result.push_back({axis, side});
-    }
-    return result;
-  }
-};
-
-/// A system of springs in kExtra more dimensions, some of whose links have a direction, without these, in a
-/// cell. In kDim dimensions the length r of such a link is at most |d| and at most d . reach; it counts for
-/// k (|d|^2 - 2 mu (share |d| + (1 - share) d . reach) + mu^2) / 2 with any share in [0, 1]. The least energy
-/// is a lower bound of that of placements in kDim dimensions with such directions.
-template <int kDim_>
-struct ConeSystem {
-  static constexpr int kDim = kDim_;
-  static constexpr int kExtra = 2;
-  using Point = Eigen::Matrix<double, kDim + kExtra, 1>;
-  using Points = Eigen::Matrix<double, kDim + kExtra, Eigen::Dynamic>;
-
-  const SpringSystem<double, kDim>* system;
-  std::vector<Point> reaches;  ///< of the links' cells
-  std::vector<double> shares;  ///< 1 for a link without a cell
-
-  int nodes() const { return system->nodes(); }
-};
-
-/// The quadratic below the energy of a ConeSystem: as that of a SpringSystem.
-template <int kDim>
-class Minoriser<ConeSystem<kDim>> {
- public:
-  using System = ConeSystem<kDim>;
-  using Points = typename System::Points;
-  using Point = typename System::Point;
-  static constexpr int kBlock = 1;
-  static constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
-
-  /// At x, touching links without a cell at `stretch` times their length. False where one of these has none.
-  bool set(const System& cones, const Points& x, double stretch) {
-    const auto& system = *cones.system;
-    const int n = system.nodes();
-    energy = rounding_ = 0;
-    gradient.setZero(x.rows(), n);
-    stiffness_ = scale = system.anchor_stiffness;
-    gradient_scale.setZero(n);
-    weights_.resize(system.link_count());
-    for (int i = 0; i < n; ++i) {
-      if (!(system.anchor_stiffness[i] > 0)) continue;
-      Point offset = x.col(i);
-      offset.template head<kDim>() -= system.anchors.col(i);
-      gradient.col(i) = system.anchor_stiffness[i] * offset;
-      gradient_scale[i] = system.anchor_stiffness[i] * offset.cwiseAbs().sum();
-      add(gradient.col(i).dot(offset) / 2);
-    }
-    bool is_known = true;
-    int l = 0;
-    for (const Link& link : system.links()) {
-      const double k = system.link_stiffness[l];
-      const double mu = k > 0 ? system.rest_length[l] : 0;
-      const Point d = x.col(link.i) - x.col(link.j);
-      const double square = d.squaredNorm(), length = std::sqrt(square), touched = stretch * length;
-      const double share = cones.shares[static_cast<std::size_t>(l)];
-      is_known &= touched > 0 || !(share * mu > 0);
-      const double w = touched > 0 ? k * (1 - share * mu / touched) : k;
-      Point pull = w * d;
-      add(k * (touched * touched / 2 - share * mu * touched)), add(k * mu * mu / 2);
-      add(w * (square - touched * touched) / 2);
-      if (share < 1) {
-        const Point towards = (1 - share) * k * mu * cones.reaches[static_cast<std::size_t>(l)];
-        pull -= towards;
-        add(-d.dot(towards));
-      }
-      weights_[l] = w;
-      gradient.col(link.i) += pull;
-      gradient.col(link.j) -= pull;
-      for (const int i : {link.i, link.j}) {
-        stiffness_[i] += w;
-        scale[i] += k + std::abs(w - k);
-        gradient_scale[i] += k * (length + 2 * mu) + std::abs(w) * length;
-      }
-      ++l;
-    }
-    for (int i = 0; i < n; ++i) {
-      if (!system.is_fixed(i)) continue;
-      gradient.col(i).setZero();
-      gradient_scale[i] = 0;
-      scale[i] = 1;
-    }
-    return is_known;
-  }
-
-  template <typename Diagonal, typename Couple>
-  void for_each_entry(const System& cones, Diagonal&& diagonal, Couple&& couple) const {
-    const auto& system = *cones.system;
-    for (int i = 0; i < system.nodes(); ++i) diagonal(i, 0, 0, system.is_fixed(i) ? 1.0 : stiffness_[i]);
-    int l = 0;
-    for (const Link& link : system.links()) {
-      if (!system.is_fixed(link.i) && !system.is_fixed(link.j)) couple(l, link, weights_[l]);
-      ++l;
-    }
-  }
-
-  MinoriserView view() const {
-    const int n = static_cast<int>(scale.size());
-    return {n,
-            1,
-            static_cast<int>(gradient.rows()),
-            2 * static_cast<int>(weights_.size()) + 2,
-            gradient.data(),
-            scale.data(),
-            gradient_scale.data()};
-  }
-
-  /// The least value of the quadratic, given its bound.
-  double lowest(const MinoriserBound& bound) const {
-    return energy - bound.gap - kEpsilon * (16 + static_cast<double>(weights_.size())) * rounding_;
-  }
-
-  double energy = 0;
-  Points gradient;
-  Eigen::VectorXd scale, gradient_scale;
-
- private:
-  void add(double term) {
-    energy += term;
-    rounding_ += std::abs(term);
-  }
-
-  double rounding_ = 0;  // of the terms
-  Eigen::VectorXd stiffness_, weights_;
-};
-
-}  // namespace detail
-
-/// What BranchAndBound takes.
+/// What BranchAndBound takes: for its lower bound, and for the solver of its upper one.
 struct BranchAndBoundOptions : AlignedOptions {
   /// Nodes of the search tree at most.
   int max_nodes = 10000;
   /// Wall-clock time at most, after the Staircase's [s].
   double max_seconds = 1;
 
-  /// A gap of 1e-3.
+  /// A gap of 1e-3. It is that of the search; the solves in it end by the tolerance.
   constexpr BranchAndBoundOptions() { gap = 1e-3; }
 
   /// What is wrong with the options, nullptr for nothing.
@@ -232,64 +61,30 @@ inline void visit_options(OptionVisitor& visit, BranchAndBoundOptions& options) 
   visit("max_seconds", options.max_seconds, {0, 1e9});
 }
 
-/// The global minimum of a few parts to a gap asked for: narrows the interval of Staircase by branch and
-/// bound.
-///
-/// What keeps Staircase's lower bound from the least energy is that nodes leave the plane. A link whose
-/// direction in the plane is known up to a half angle h has |d| <= d . c / cos h, with c the middle
-/// direction: its energy is then above a convex quadratic, whose loss is of the order of h^2, and nothing is
-/// gained by leaving the plane; counted in part (ConeSystem), the loss is no more than is needed. So the
-/// search divides the directions of links, the loosest first, and bounds each part as Staircase bounds all:
-/// by the least energy in more dimensions (IDA's iterations, whose matrix is the same for all parts) and the
-/// quadratic that touches it there. The part of the lowest bound is divided next.
-///
-/// Summary::lower_bound and final_energy are the interval; Converged says that it is within options.gap,
-/// MaxIterations that a limit came first, which the message names. `iterations` are nodes of the tree. For
-/// few nodes, 8 or so: the tree grows as a power of the number of loose links, and without end where a
-/// component without anchors turns freely. Springs alone, in 2 or 3 dimensions; uses the heap; one thread at
-/// a time.
-template <typename System>
-requires(std::is_same_v<typename System::Model, Springs> &&
-         (System::kDim == 2 || System::kDim == 3)) class BranchAndBound {
+namespace detail {
+
+/// BranchAndBound in double, of any number of nodes.
+template <int kDim>
+class GlobalSearch {
  public:
-  using Scalar = typename System::Scalar;
+  using System = SpringSystem<double, kDim>;
   using Points = typename System::Points;
 
-  BranchAndBoundOptions options;
+  /// Nodes at most: matrices are dense.
+  static constexpr int kMostNodes = 64;
 
-  static constexpr std::string_view name() { return "branch and bound"; }
-
-  /// Moves x (Dim x N) to the lowest minimum found. Statuses beside those above are Staircase's.
-  Summary solve(const System& system, Points& x) {
-    const auto begin = std::chrono::steady_clock::now();
-    Summary summary;
-    if (const char* problem = options.problem()) {
-      summary.solver = name();
-      summary.status = Status::InvalidInput;
-      summary.message = problem;
-      return summary;
-    }
-    staircase_.options = options;
-    summary = staircase_.solve(system, x);
-    summary.solver = name();
-    if (!summary.usable() || summary.status == Status::Interrupted || is_done(system, x, summary))
-      return summary;
-    detail::attempt<std::bad_alloc>(
-        [&] { search(system, x, summary); },
-        [&summary](const std::bad_alloc& error) { summary.message = detail::memory_message(error); });
-    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    return summary;
-  }
+  /// Moves x to the lowest minimum found.
+  void run(const System& system, Points& x, const BranchAndBoundOptions& options, Summary& summary);
 
  private:
-  static constexpr int kDim = System::kDim;
   static constexpr int kTurns = 6;    // of the links' shares
   static constexpr int kRounds = 12;  // of IDA between them
   static constexpr double kFirstRest = 0.03;
   static constexpr double kLeastRest = 1e-6;
-  using Plane = SpringSystem<double, kDim>;
-  using Cell = detail::DirectionCell<kDim>;
-  using Cones = detail::ConeSystem<kDim>;
+  static constexpr double kPromising = 0.05;
+  static constexpr const char* kWithinGap = "within the gap of the global minimum";
+  using Cell = DirectionCell<kDim>;
+  using Cones = ConeSystem<kDim>;
   using Lifted = typename Cones::Points;
   using Direction = typename Cones::Point;
 
@@ -313,14 +108,17 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     const auto seconds = [begin] {
       return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     };
-    const Plane system = plane(given);
+    // What nothing holds, ground_components does, by its first node.
+    System system = given;
+    ComponentScratch<System> scratch;
+    for_each_floating_component(system, scratch, [&system](int i) { system.fix(i); });
     cones_.system = &system;
     is_done_ = false;
     prepare(system);
     Part root;
     root.x.setZero(kDim + Cones::kExtra, system.nodes());
-    root.x.template topRows<kDim>() = x.template cast<double>();
-    const double length = static_cast<double>(characteristic_length(given, x));
+    root.x.template topRows<kDim>() = x;
+    const double length = characteristic_length(given, x);
     for (int i = 0; i < system.nodes(); ++i) {
       if (!system.is_fixed(i)) root.x(kDim + i % Cones::kExtra, i) = (i % 3 - 1) * length / 10;
     }
@@ -334,10 +132,10 @@ requires(std::is_same_v<typename System::Model, Springs> &&
       const double lowest =
           std::min({open.empty() ? closed : open.top().bound, closed, summary.final_energy});
       summary.lower_bound = std::max(summary.lower_bound, lowest);
-      if (is_done_ || summary.is_within(options.gap) || open.empty()) break;
-      if (nodes >= options.max_nodes) limit = "the limit of nodes came before the gap";
-      if (seconds() > options.max_seconds) limit = "the limit of time came before the gap";
-      if (options.stopped()) limit = "asked to stop before the gap";
+      if (is_done_ || summary.is_within(options_.gap) || open.empty()) break;
+      if (nodes >= options_.max_nodes) limit = "the limit of nodes came before the gap";
+      if (seconds() > options_.max_seconds) limit = "the limit of time came before the gap";
+      if (options_.stopped()) limit = "asked to stop before the gap";
       if (!limit.empty()) break;
       const Part part = open.top();
       open.pop();
@@ -352,7 +150,7 @@ requires(std::is_same_v<typename System::Model, Springs> &&
         }
         bound(system, child, part.bound);
         ++nodes;
-        if (child.bound >= summary.final_energy * (1 - options.gap / 2)) {
+        if (child.bound >= summary.final_energy * (1 - options_.gap / 2)) {
           closed = std::min(closed, child.bound);
           continue;
         }
@@ -362,39 +160,23 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     }
     summary.iterations = nodes;
     if (limit.empty()) {
-      summary.status = Status::Converged;
-      summary.message = "within the gap of the global minimum";
+      summary.message = kWithinGap;
     } else {
-      summary.status = options.stopped() ? Status::Interrupted : Status::MaxIterations;
+      summary.status = options_.stopped() ? Status::Interrupted : Status::MaxIterations;
       summary.message = limit;
     }
   }
 
-  static Plane plane(const System& given) {
-    Plane system(Topology<>::from_links(given.nodes(), given.links()));
-    system.anchors = given.anchors.template cast<double>();
-    system.anchor_stiffness = given.anchor_stiffness.template cast<double>();
-    system.rest_length = given.rest_length.template cast<double>();
-    system.link_stiffness = given.link_stiffness.template cast<double>();
-    for (int i = 0; i < given.nodes(); ++i) {
-      if (given.is_fixed(i)) system.fix(i);
-    }
-    // What nothing holds, ground_components does, by its first node.
-    detail::ComponentScratch<Plane> scratch;
-    detail::for_each_floating_component(system, scratch, [&system](int i) { system.fix(i); });
-    return system;
-  }
-
   // The inverse of K_dyn.
-  void prepare(const Plane& system) {
+  void prepare(const System& system) {
     const int n = system.nodes();
     Eigen::MatrixXd K;
-    detail::assemble_k_dyn(system, node_stiffness(system), 1.0, K);
+    assemble_k_dyn(system, node_stiffness(system), 1.0, K);
     inverse_ = K.ldlt().solve(Eigen::MatrixXd::Identity(n, n));
   }
 
   // Bounds a part from below, and says which of its links is loosest.
-  void bound(const Plane& system, Part& part, double known) {
+  void bound(const System& system, Part& part, double known) {
     const auto links = static_cast<std::size_t>(system.link_count());
     cones_.shares.assign(links, 1);
     cones_.reaches.assign(links, Direction::Zero());
@@ -422,7 +204,7 @@ requires(std::is_same_v<typename System::Model, Springs> &&
     part.bound = known;
     for (double more = 1e-7; more <= 1; more *= 10) {
       if (!quadratic_.set(cones_, part.x, 1 + more)) break;
-      const detail::MinoriserBound result = dense_.bound(cones_, quadratic_);
+      const MinoriserBound result = dense_.bound(cones_, quadratic_);
       if (!result.is_definite) continue;
       const double lowest = quadratic_.lowest(result);
       if (lowest > part.bound) {
@@ -458,13 +240,13 @@ requires(std::is_same_v<typename System::Model, Springs> &&
 
   // A minimum from the part's placement, if that is promising.
   void improve(const System& system, const Part& part, Points& x, Summary& summary) {
-    Points trial = part.x.template topRows<kDim>().template cast<Scalar>();
-    const auto here = static_cast<double>(energy(system, trial));
-    if (!(here < summary.final_energy * (1 + kPromising))) return;
+    Points trial = part.x.template topRows<kDim>();
+    if (!(energy(system, trial) < summary.final_energy * (1 + kPromising))) return;
     const Summary found = solver_.solve(system, trial);
     summary.add_work(found);
     if (!found.usable() || !(found.final_energy < summary.final_energy)) return;
     x = trial;
+    summary.status = found.status;
     summary.final_energy = found.final_energy;
     summary.gradient_norm = found.gradient_norm;
     summary.stationarity = found.stationarity;
@@ -474,20 +256,132 @@ requires(std::is_same_v<typename System::Model, Springs> &&
 
   // Also where there is no energy to speak of, of which no share could be proven.
   bool is_done(const System& system, const Points& x, const Summary& summary) {
-    certifier_.options.gap = options.gap;
-    return summary.is_within(options.gap) || certifier_.certify(system, x).certified();
+    certifier_.options.gap = options_.gap;
+    return summary.is_within(options_.gap) || certifier_.certify(system, x).certified();
   }
 
-  static constexpr double kPromising = 0.05;
-
+  BranchAndBoundOptions options_;
   Staircase<System, Auto<System>> staircase_;
   Auto<System> solver_;
   Certifier<System> certifier_;
   bool is_done_ = false;
   Cones cones_;
-  detail::Minoriser<Cones> quadratic_;
-  detail::DenseBound<Eigen::Dynamic, Eigen::Dynamic> dense_;
+  Minoriser<Cones> quadratic_;
+  DenseBound<Eigen::Dynamic, Eigen::Dynamic> dense_;
   Eigen::MatrixXd inverse_;
+};
+
+template <int kDim>
+void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBoundOptions& options,
+                             Summary& summary) {
+  options_ = options;
+  staircase_.options = options;
+  staircase_.options.gap = 0;  // placements are to be minima: the gap is the search's
+  solver_.options = staircase_.options;
+  solver_.options.on_iteration = {};
+  summary = staircase_.solve(system, x);
+  if (!summary.usable() || summary.status == Status::Interrupted) return;
+  if (is_done(system, x, summary)) {
+    summary.message = kWithinGap;
+    return;
+  }
+  if (system.nodes() > kMostNodes) {
+    summary.status = Status::MaxIterations;
+    summary.message = "too many nodes to search: the interval is the staircase's";
+    return;
+  }
+  attempt<std::bad_alloc>([&] { search(system, x, summary); },
+                          [&summary](const std::bad_alloc& error) {
+                            summary.status = Status::MaxIterations;
+                            summary.message = memory_message(error);
+                          });
+}
+
+#ifdef ASTERISM_SOLVER_COMPILED
+extern template ASTERISM_API void GlobalSearch<2>::run(const PlaneSystem&, PlaneSystem::Points&,
+                                                       const BranchAndBoundOptions&, Summary&);
+extern template ASTERISM_API void GlobalSearch<3>::run(const SpaceSystem&, SpaceSystem::Points&,
+                                                       const BranchAndBoundOptions&, Summary&);
+#endif
+
+}  // namespace detail
+
+namespace detail {
+
+/// Whether BranchAndBound takes systems of this type.
+template <typename System>
+constexpr bool is_searchable() {
+  return std::is_same_v<typename System::Model, Springs> && (System::kDim == 2 || System::kDim == 3);
+}
+
+}  // namespace detail
+
+/// The global minimum of a few parts to a gap asked for: narrows the interval of Staircase by branch and
+/// bound.
+///
+/// What keeps Staircase's lower bound from the least energy is that nodes leave the plane. A link whose
+/// direction in the plane is known up to a half angle h has |d| <= d . c / cos h, with c the middle
+/// direction: its energy is then above a convex quadratic, whose loss is of the order of h^2, and nothing is
+/// gained by leaving the plane; counted in part (ConeSystem), the loss is no more than is needed. So the
+/// search divides the directions of links, the loosest first, and bounds each part as Staircase bounds all:
+/// by the least energy in more dimensions (IDA's iterations, whose matrix is the same for all parts) and the
+/// quadratic that touches it there. The part of the lowest bound is divided next.
+///
+/// Summary::lower_bound and final_energy are the interval; Converged says that x is stationary and the
+/// interval within options.gap, MaxIterations that a limit came first, which the message names. `iterations`
+/// are nodes of the tree. For few nodes, 8 or so: the tree grows as a power of the number of loose links, and
+/// without end where a component without anchors turns freely; more than 64 nodes are left to the Staircase.
+/// Springs alone, in 2 or 3 dimensions, in double whatever the scalar; uses the heap; one thread at a time.
+template <typename System>
+requires(detail::is_searchable<System>()) class BranchAndBound {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  BranchAndBoundOptions options;
+
+  static constexpr std::string_view name() { return "branch and bound"; }
+
+  /// Moves x (Dim x N) to the lowest minimum found. Statuses beside those above are Staircase's.
+  Summary solve(const System& system, Points& x) {
+    const auto begin = std::chrono::steady_clock::now();
+    Summary summary;
+    summary.status = Status::InvalidInput;
+    if (detail::shares_memory(system, x.data(), x.size())) {
+      summary.message = detail::kSharesMemory;
+    } else if (const char* problem = options.problem()) {
+      summary.message = problem;
+    } else {
+      detail::attempt<std::bad_alloc>([&] { search(system, x, summary); },
+                                      [&summary](const std::bad_alloc& error) {
+                                        summary.status = Status::OutOfMemory;
+                                        summary.message = detail::memory_message(error);
+                                      });
+    }
+    summary.solver = name();
+    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return summary;
+  }
+
+ private:
+  using Search = detail::GlobalSearch<System::kDim>;
+  using Plane = typename Search::System;
+
+  void search(const System& system, Points& x, Summary& summary) {
+    const auto plane = detail::cast_system<Plane>(system);
+    typename Plane::Points found = x.template cast<double>();
+    search_.run(plane, found, options, summary);
+    if (!summary.usable()) return;
+    x = found.template cast<Scalar>();
+    if constexpr (!std::is_same_v<Scalar, double>) {
+      found = x.template cast<double>();
+      summary.final_energy = energy(plane, found);
+      summary.gradient_norm = gradient(plane, found).norm();
+      summary.stationarity = stationarity(plane, found);
+    }
+  }
+
+  Search search_;
 };
 
 }  // namespace ASTERISM_ABI

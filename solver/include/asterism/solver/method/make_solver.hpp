@@ -5,6 +5,7 @@
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/multi_start.hpp>
@@ -29,10 +30,10 @@ using AutoStaircase = Staircase<System, Auto<System>>;
 }  // namespace detail
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ncg-forward", "ncg-central", "multi-start" and, but for anisotropic anchors, "staircase" (both of Auto);
-/// for systems without a bound on their nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz"
-/// and "schwarz-direct". The adapters of other packages add theirs: add_cholmod, reference::add_ceres,
-/// reference::add_liblbfgs.
+/// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, but for anisotropic anchors, "staircase" (of
+/// Auto); for springs alone in 2 or 3 dimensions "branch-and-bound"; for systems without a bound on their
+/// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". The adapters of
+/// other packages add theirs: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -45,8 +46,10 @@ SolverRegistry<System> solver_registry() {
   registry.template add<NonlinearCg<System, ForwardDifferences<System>>>("ncg-forward");
   registry.template add<NonlinearCg<System, CentralDifferences<System>>>("ncg-central");
   registry.template add<MultiStart<System, Auto<System>>>("multi-start");
-  if constexpr (!System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>())
+  if constexpr (detail::is_liftable<System>())
     registry.template add<detail::AutoStaircase<System>>("staircase");
+  if constexpr (detail::is_searchable<System>())
+    registry.template add<BranchAndBound<System>>("branch-and-bound");
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");

@@ -1,9 +1,11 @@
 #pragma once
 
 #include <algorithm>
+#include <asterism/solver/detail/cast_system.hpp>
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/minoriser.hpp>
 #include <asterism/solver/detail/saddle.hpp>
 #include <asterism/solver/detail/scratch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
@@ -26,6 +28,17 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
+/// Whether there is a Staircase for systems of this type.
+template <typename System>
+constexpr bool is_liftable() {
+  return !System::kAnisotropic && has_minoriser<typename System::Model::LinkPotential>();
+}
+
+// Where systems in the plane and in space, of all scalars and sizes, are lifted to.
+using TwiceLiftedPlane = SpringSystem<double, 5>;
+using LiftedSpace = SpringSystem<double, 4>;
+using TwiceLiftedSpace = SpringSystem<double, 6>;
+
 /// The same system in kExtra more dimensions: anchors stay where they are, nodes may leave. Its least energy
 /// is no higher, and it has fewer minima. In double, of any number of nodes, so that systems of all sizes and
 /// scalars share its solver.
@@ -41,7 +54,7 @@ class Lift {
   /// down. Adds to `total` what it took, and raises its lower bound by what is proven at the minimum.
   bool descend(const System& system, const Eigen::VectorXd& v, double curvature, const SolverOptions& options,
                Eigen::MatrixXd& points, Summary& total) {
-    assign(system);
+    lifted_.emplace(cast_system<Lifted>(system));
     x_.setZero(Lifted::kDim, points.cols());
     x_.topRows(points.rows()) = points;
     direction_.setZero(Lifted::kDim, points.cols());
@@ -67,21 +80,6 @@ class Lift {
   double negative_direction(Eigen::VectorXd& v) { return prover_.negative_direction(*lifted_, x_, v); }
 
  private:
-  void assign(const System& system) {
-    const auto links = system.links();
-    lifted_.emplace(Lifted::TopologyType::from_links(system.nodes(), links));
-    lifted_->anchors.setZero(Lifted::kDim, system.nodes());
-    lifted_->anchors.template topRows<System::kDim>() = system.anchors.template cast<double>();
-    lifted_->anchor_stiffness = system.anchor_stiffness.template cast<double>();
-    lifted_->rest_length = system.rest_length.template cast<double>();
-    lifted_->link_stiffness = system.link_stiffness.template cast<double>();
-    lifted_->anchor_loss = system.anchor_loss;
-    lifted_->link_potential = system.link_potential;
-    for (int i = 0; i < system.nodes(); ++i) {
-      if (system.is_fixed(i)) lifted_->fix(i);
-    }
-  }
-
   std::optional<Lifted> lifted_;
   NewtonCg<Lifted> solver_;
   Prover<Lifted, SparseFactor<double>> prover_;
@@ -102,10 +100,10 @@ class Lift {
 /// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
 /// final_energy the upper; where their distance is within SolverOptions::gap (1e-6 where that is 0), the
 /// message says that this is the global minimum. For robust anchors there is no lower bound but 0. Uses the
-/// heap; an object holds its workspace, one thread at a time. For systems with anisotropic anchors there is
-/// no Staircase.
+/// heap; an object holds its workspace, one thread at a time. For systems with anisotropic anchors, or with
+/// links that certify does not take, there is no Staircase.
 template <typename System, typename Solver>
-requires(!System::kAnisotropic) class Staircase {
+requires(detail::is_liftable<System>()) class Staircase {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
@@ -181,7 +179,8 @@ requires(!System::kAnisotropic) class Staircase {
 };
 
 template <typename System, typename Solver>
-requires(!System::kAnisotropic) Summary Staircase<System, Solver>::run(const System& system, Points& x) {
+requires(detail::is_liftable<System>()) Summary Staircase<System, Solver>::run(const System& system,
+                                                                               Points& x) {
   const auto begin = std::chrono::steady_clock::now();
   solver_.options = options;
   Summary best = solver_.solve(system, x);
@@ -193,6 +192,18 @@ requires(!System::kAnisotropic) Summary Staircase<System, Solver>::run(const Sys
   best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   return best;
 }
+
+#ifdef ASTERISM_SOLVER_COMPILED
+extern template ASTERISM_API Summary detail::Compiled::solve(NewtonCg<detail::TwiceLiftedPlane>&,
+                                                             const detail::TwiceLiftedPlane&,
+                                                             detail::TwiceLiftedPlane::Points&);
+extern template ASTERISM_API Summary detail::Compiled::solve(NewtonCg<detail::LiftedSpace>&,
+                                                             const detail::LiftedSpace&,
+                                                             detail::LiftedSpace::Points&);
+extern template ASTERISM_API Summary detail::Compiled::solve(NewtonCg<detail::TwiceLiftedSpace>&,
+                                                             const detail::TwiceLiftedSpace&,
+                                                             detail::TwiceLiftedSpace::Points&);
+#endif
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/energy/certificate.hpp>
+#include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/branch_and_bound.hpp>
+#include <asterism/solver/method/make_solver.hpp>
+#include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/run/summary.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// The lowest minimum that the library finds, by the method that goes furthest for this type of system:
+/// BranchAndBound, which takes up to options.max_seconds where the Staircase does not end it; Staircase where
+/// there are other models than Springs or other dimensions than 2 and 3; MultiStart for anisotropic anchors
+/// and links that certify does not take. Summary::lower_bound says what is proven; Summary::is_within(gap),
+/// whether that is the global minimum. Moves x (Dim x N), the start.
+template <typename System>
+Summary solve_global(const System& system, typename System::Points& x,
+                     const BranchAndBoundOptions& options = {}) {
+  const auto solve_by = [&](auto solver) {
+    static_cast<AlignedOptions&>(solver.options) = options;
+    return solver.solve(system, x);
+  };
+  if constexpr (detail::is_searchable<System>()) {
+    BranchAndBound<System> solver;
+    solver.options = options;
+    return solver.solve(system, x);
+  } else if constexpr (detail::is_liftable<System>()) {
+    return solve_by(detail::AutoStaircase<System>());
+  } else {
+    return solve_by(MultiStart<System, Auto<System>>());
+  }
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
