@@ -17,6 +17,8 @@
   ASTERISM_COMPILE(NonlinearCg, System)                                                       \
   ASTERISM_COMPILE(Auto, System)                                                              \
   ASTERISM_COMPILE(detail::AutoStaircase, System)                                             \
+  ASTERISM_COMPILE(detail::ForwardCg, System)                                                 \
+  ASTERISM_COMPILE(detail::CentralCg, System)                                                 \
   template ASTERISM_API void detail::Prover<System, detail::SparseFactor<double>>::certify(   \
       const System&, const System::Points&, double, Certificate&);                            \
   template ASTERISM_API SolverRegistry<System> solver_registry();                             \
@@ -24,6 +26,8 @@
   template ASTERISM_API Summary solve(const System&, System::Points&, const AlignedOptions&);
 
 #define ASTERISM_COMPILE_SPARSE_SOLVERS(System) \
+  ASTERISM_COMPILE(SparseIda, System)           \
+  ASTERISM_COMPILE(detail::JacobiLbfgs, System) \
   ASTERISM_COMPILE(SparseNewton, System)        \
   ASTERISM_COMPILE(Schwarz, System)             \
   ASTERISM_COMPILE(detail::FactoredSchwarz, System)

@@ -143,7 +143,7 @@ void expect_solves_globally(std::string_view method, int nodes) {
 
 TEST(SolveGlobal, TakesTheMethodThatGoesFurthest) {
   expect_solves_globally<Four>("branch and bound", 4);
-  expect_solves_globally<SpringSystem<double, 1>>("Newton, repaired LDL^T", 3);  // by the staircase
+  expect_solves_globally<SpringSystem<double, 1, 3>>("Newton, repaired LDL^T", 3);  // by the staircase
   // Anisotropic anchors: several starts, of which one is not across the other node.
   using Anisotropic = SpringSystem<double, 2, 2, 2, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
   Anisotropic system(Topology<2>::full());
@@ -162,7 +162,7 @@ TEST(SolverRegistry, HasBranchAndBoundWhereItIs) {
   };
   EXPECT_TRUE(has(solver_registry<Plane>()));
   EXPECT_TRUE(has(solver_registry<Space>()));
-  EXPECT_FALSE(has(solver_registry<SpringSystem<double, 1>>()));
+  EXPECT_FALSE(has(solver_registry<SpringSystem<double, 1, 3>>()));
   const auto [system, start] = testing::numbered_system<Four>(Kind::Lit, Topology<4>::full(), 3);
   auto solver = make_solver<Four>("branch-and-bound", {{"max_nodes", 50}, {"gap", 1e-6}});
   Four::Points x = start;

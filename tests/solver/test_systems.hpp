@@ -65,8 +65,6 @@ inline namespace ASTERISM_ABI {
 #define ASTERISM_TEST_PLANE(Extern)                                                                     \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Fixed2)                                                      \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Plane)                                                       \
-  ASTERISM_TEST_SOLVER(Extern, testing::Plane, SparseIda<testing::Plane>)                               \
-  ASTERISM_TEST_SOLVER(Extern, testing::Plane, Lbfgs<testing::Plane, JacobiMetric<testing::Plane>>)     \
   ASTERISM_TEST_SOLVER(Extern, testing::Plane, Lbfgs<testing::Plane, SparseCholesky<testing::Plane>>)   \
   ASTERISM_TEST_SOLVER(Extern, testing::Plane, NewtonCg<testing::Plane, DenseCholesky<testing::Plane>>) \
   Extern template CovarianceStatus detail::sparse_node_covariances(                                     \
@@ -74,13 +72,14 @@ inline namespace ASTERISM_ABI {
   Extern template CovarianceStatus detail::dense_node_covariances(                                      \
       const testing::Plane&, const testing::Plane::Points&, NodeCovariances<testing::Plane>::Blocks&);
 
-#define ASTERISM_TEST_SPACE(Extern)                  \
-  ASTERISM_TEST_FUNCTIONS(Extern, testing::Space)    \
-  ASTERISM_TEST_PROVER(Extern, testing::Line)        \
-  ASTERISM_TEST_FUNCTIONS(Extern, testing::Line)     \
-  ASTERISM_TEST_PROVER(Extern, testing::Bounded3)    \
-  ASTERISM_TEST_FUNCTIONS(Extern, testing::Bounded3) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Space, Lbfgs<testing::Space, JacobiMetric<testing::Space>>)
+#define ASTERISM_TEST_SPACE(Extern)                                  \
+  ASTERISM_TEST_FUNCTIONS(Extern, testing::Space)                    \
+  ASTERISM_TEST_PROVER(Extern, testing::Line)                        \
+  ASTERISM_TEST_FUNCTIONS(Extern, testing::Line)                     \
+  ASTERISM_TEST_PROVER(Extern, testing::Bounded3)                    \
+  ASTERISM_TEST_FUNCTIONS(Extern, testing::Bounded3)                 \
+  ASTERISM_TEST_SOLVER(Extern, testing::Line, Newton<testing::Line>) \
+  ASTERISM_TEST_SOLVER(Extern, testing::Line, Auto<testing::Line>)
 
 #define ASTERISM_TEST_BOUNDED(Extern)                                     \
   ASTERISM_TEST_PROVER(Extern, testing::Bounded2)                         \

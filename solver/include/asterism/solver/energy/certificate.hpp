@@ -111,7 +111,7 @@ class Prover {
     if (quadratic_.peaked_link >= 0) return 0;
     const MinoriserBound bound = factor(system);
     if (bound.is_definite || !(bound.least_eigenvalue < 0)) return 0;
-    v = is_sparse(system) ? sparse_.direction() : dense_.direction();
+    v = is_large_and_sparse(system) ? sparse_.direction() : dense_.direction();
     return bound.least_eigenvalue;
   }
 
@@ -148,11 +148,6 @@ class Prover {
 
   void set(const System& system, const Points& x, bool clamp, double stretch = 1) {
     quadratic_.set(system, x, clamp, stretch, [this](int i) { return held_[i]; });
-  }
-
-  bool is_sparse(const System& system) const {
-    if constexpr (System::kMaxNodes != Eigen::Dynamic) return false;
-    return is_large_and_sparse(system);
   }
 
   // What no energy is below, by the minoriser.

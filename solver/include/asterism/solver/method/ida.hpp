@@ -125,6 +125,7 @@ Summary solve_ida(const System& system, typename System::Points& x, const IdaOpt
 }
 
 ASTERISM_COMPILED_SOLVER(Ida)
+ASTERISM_COMPILED_SPARSE_SOLVER(SparseIda)
 ASTERISM_COMPILED_SOLVE(solve_ida, IdaOptions)
 
 }  // namespace ASTERISM_ABI

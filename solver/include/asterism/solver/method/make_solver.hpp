@@ -26,6 +26,14 @@ namespace detail {
 
 template <typename System>
 using AutoStaircase = Staircase<System, Auto<System>>;
+template <typename System>
+using AutoStarts = MultiStart<System, Auto<System>>;
+template <typename System>
+using ForwardCg = NonlinearCg<System, ForwardDifferences<System>>;
+template <typename System>
+using CentralCg = NonlinearCg<System, CentralDifferences<System>>;
+template <typename System>
+using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 
 }  // namespace detail
 
@@ -43,9 +51,9 @@ SolverRegistry<System> solver_registry() {
   registry.template add<NewtonCg<System>>("newton-cg");
   registry.template add<Lbfgs<System>>("lbfgs");
   registry.template add<NonlinearCg<System>>("ncg");
-  registry.template add<NonlinearCg<System, ForwardDifferences<System>>>("ncg-forward");
-  registry.template add<NonlinearCg<System, CentralDifferences<System>>>("ncg-central");
-  registry.template add<MultiStart<System, Auto<System>>>("multi-start");
+  registry.template add<detail::ForwardCg<System>>("ncg-forward");
+  registry.template add<detail::CentralCg<System>>("ncg-central");
+  registry.template add<detail::AutoStarts<System>>("multi-start");
   if constexpr (detail::is_liftable<System>())
     registry.template add<detail::AutoStaircase<System>>("staircase");
   if constexpr (detail::is_searchable<System>())
@@ -53,9 +61,9 @@ SolverRegistry<System> solver_registry() {
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");
-    registry.template add<Lbfgs<System, JacobiMetric<System>>>("lbfgs-jacobi");
+    registry.template add<detail::JacobiLbfgs<System>>("lbfgs-jacobi");
     registry.template add<Schwarz<System>>("schwarz");
-    registry.template add<Schwarz<System, SparseNewton<System>>>("schwarz-direct");
+    registry.template add<detail::FactoredSchwarz<System>>("schwarz-direct");
   }
   return registry;
 }
@@ -67,6 +75,9 @@ AnySolver<System> make_solver(std::string_view name, const std::vector<NamedOpti
 }
 
 ASTERISM_COMPILED_SOLVER(detail::AutoStaircase)
+ASTERISM_COMPILED_SOLVER(detail::ForwardCg)
+ASTERISM_COMPILED_SOLVER(detail::CentralCg)
+ASTERISM_COMPILED_SPARSE_SOLVER(detail::JacobiLbfgs)
 #ifdef ASTERISM_SOLVER_COMPILED
 extern template ASTERISM_API SolverRegistry<detail::PlaneSystem> solver_registry();
 extern template ASTERISM_API SolverRegistry<detail::SpaceSystem> solver_registry();

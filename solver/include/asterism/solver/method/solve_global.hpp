@@ -30,7 +30,7 @@ Summary solve_global(const System& system, typename System::Points& x,
   } else if constexpr (detail::is_liftable<System>()) {
     return solve_by(detail::AutoStaircase<System>());
   } else {
-    return solve_by(MultiStart<System, Auto<System>>());
+    return solve_by(detail::AutoStarts<System>());
   }
 }
 
