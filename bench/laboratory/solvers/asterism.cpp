@@ -62,6 +62,7 @@ const Registration kAll[] = {
     Registration(entry("lbfgs-cholesky", 0, 10000)),
     Registration(titled(entry("multi-start", 200, 10000), "auto from 8 starts")),
     Registration(titled(entry("staircase", 200, 10000, kForFour), "auto and the staircase")),
+    Registration(titled(entry("branch-and-bound", 8, 0, kForFour), "the staircase and branch and bound")),
     Registration(entry("ncg", 1000, 10000)),
     Registration(entry("ncg-forward", 64, 0)),
     Registration(entry("ncg-central", 64, 0)),
