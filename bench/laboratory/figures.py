@@ -3,8 +3,8 @@
 
     figures.py RESULTS_FOLDER --out docs/results/laboratory
 
-reads what `asterism-bench convergence`, `scaling`, `hard`, `minima` and `pareto` left in the folder; those
-that are not there are left out. Each figure goes into --out as SVG and PNG, the page beside that folder
+reads what `asterism-bench convergence`, `scaling`, `hard`, `minima`, `proof` and `pareto` left in the folder;
+those that are not there are left out. Each figure goes into --out as SVG and PNG, the page beside that folder
 (docs/results/laboratory.md). The same results give the same files, byte for byte. Needs python3-matplotlib.
 """
 
@@ -37,6 +37,7 @@ Cell = dict[str, Any]
 T = TypeVar("T")
 EFFORTS = ("loose_iterations", "iterations", "seconds")  # of scaling, a number a system
 MINIMA = ("minima", "lowest", "ends")  # of minima
+PROOF = ("energies", "bounds", "certified", "solve_seconds")  # of proof
 
 # ------------------------------------------------------------------------------------------------- reading
 
@@ -137,6 +138,10 @@ def parse(experiment: str, cell: Cell) -> Cell:
         for name in MINIMA:
             result[name] = numbers(cell[name], n)
         result["weakness"] = float(cell["weakness"])
+    elif experiment == "proof":
+        for name in PROOF:
+            result[name] = numbers(cell[name], n)
+        result["weakness"] = float(cell["weakness"])
     else:
         looks = len(cell["tolerances"])
         for name in ("gaps", "seconds"):
@@ -230,11 +235,14 @@ STYLES = {
     "ida-relaxed": Style("relaxed IDA", "#7a7a7a", (0, (3, 1.5)), "<"),
     "liblbfgs": Style("liblbfgs", "#a99a00", (0, (6, 1.5, 1, 1.5)), "*"),
     "ceres-dense": Style("Ceres LM", "#d684b5", (0, (2, 1.2)), "p"),
+    "multi-start": Style("several starts", "#8c2d5a", (0, (1, 1.5)), "d"),
+    "staircase": Style("staircase", "#3f7d20", (0, (7, 2)), ">"),
+    "branch-and-bound": Style("branch and bound", "#4a6fe3", (0, (3, 1, 1, 1)), "H"),
 }
 EXTRA_STYLES = (  # for others that --solvers names
-    Style("", "#3f7d20", (0, (7, 2)), ">"),
-    Style("", "#8c2d5a", (0, (1, 1.5)), "d"),
-    Style("", "#4a6fe3", (0, (3, 1, 1, 1)), "H"),
+    Style("", "#00788a", (0, (7, 2)), "4"),
+    Style("", "#5a4fcf", (0, (1, 1.5)), "1"),
+    Style("", "#8a6d6d", (0, (3, 1, 1, 1)), "2"),
     Style("", "#b86b00", (0, (5, 1)), "8"),
 )
 KINDS = {
@@ -946,6 +954,89 @@ the lowest."""
     return paragraph(note) + "\n" + table(["", "systems", "several", *(f"`{name}`" for name in names)], rows)
 
 
+# --------------------------------------------------------------------------------------------------- proof
+
+CLOSED = 1e-6  # a width of the interval, relative to the energy, from which on a minimum counts as proven
+PROOF_CAPTION = """Left: systems whose energy is within 1e-6 of its proven lower bound, so that the solution is
+the global minimum, but for that much. Right: of the others, the median width of the interval between the
+bound and the energy, relative to the energy; what the certificate alone gives where the solver proves
+nothing."""
+
+
+@dataclass
+class Proofs:
+    """How far a solver's energies are proven."""
+
+    systems: int
+    certified: float  # share
+    closed: float  # share
+    width: float  # median of the intervals that are not closed, relative; nan without any
+    seconds: float  # median of a solve
+
+    @staticmethod
+    def of(cells: list[Cell]) -> "Proofs":
+        energies, bounds, certified, seconds = (joined(cells, name) for name in PROOF)
+        # Without strain there is nothing that a bound could be below.
+        widths = np.where(energies > 0, (energies - bounds) / np.maximum(energies, 1e-300), 0)
+        rest = widths[widths > CLOSED]
+        width = float(np.median(rest)) if len(rest) else math.nan
+        share = float((widths <= CLOSED).mean())
+        return Proofs(len(energies), float(certified.mean()), share, width, float(np.median(seconds)))
+
+    @staticmethod
+    def by_weakness(cells: list[Cell]) -> dict[float, "Proofs"]:
+        return {w: Proofs.of([c for c in cells if c["weakness"] == w]) for w in {c["weakness"] for c in cells}}
+
+
+def draw_proof(results: Results, palette: Palette) -> list[Drawing]:
+    drawings = []
+    for kind, data in by_kind(results, Proofs.by_weakness):
+        weaknesses = sorted({w for proofs in data.values() for p in proofs.values() for w in p}, reverse=True)
+        title = proof_title(kind, data, weaknesses[0])
+        handles = legend_of(solvers_in(data), palette)
+        figure, axes = panels(2 * len(weaknesses), 2, 1.7, title, handles)
+        sizes = [nodes_of(group) for group in data]
+        for left, right, weakness in zip(axes[::2], axes[1::2], weaknesses):
+            for name in reversed(solvers_in(data)):
+                points = [(g, p[name][weakness]) for g, p in data.items() if weakness in p.get(name, {})]
+                nodes = [nodes_of(group) for group, _ in points]
+                left.plot(nodes, [100 * p.closed for _, p in points], clip_on=False, **palette(name))
+                right.plot(nodes, [p.width for _, p in points], **palette(name))
+            left.set(ylim=(0, 100), ylabel="proven [% of systems]")
+            right.set(yscale="log", ylabel="width of the rest")
+            for at in (left, right):
+                at.set(xscale="log", xlabel="nodes", xlim=(0.9 * min(sizes), 1.1 * max(sizes)))
+                at.set_title(f"anchors' stiffness × {short(weakness)}")
+                at.set_xticks(sizes, [str(size) for size in sizes])
+                at.minorticks_off()
+        drawings.append(Drawing(f"proof-{kind}", figure, title, PROOF_CAPTION))
+    return drawings
+
+
+def proof_title(kind: str, data: dict[str, dict[str, dict[float, Proofs]]], weakness: float) -> str:
+    group, proofs = next(iter(data.items()))
+    best = max((p[weakness].closed, name) for name, p in proofs.items() if weakness in p)
+    return f"{what(kind)}: {percent(best[0])} proven with {nodes_of(group)} nodes, by {label_of(best[1])}"
+
+
+def tabulate_proof(results: Results) -> str:
+    rows = []
+    for _, data in by_kind(results, Proofs.by_weakness):
+        for group, proofs in data.items():
+            for weakness in sorted({w for p in proofs.values() for w in p}, reverse=True):
+                for name in in_order(proofs):
+                    if weakness not in proofs[name]:
+                        continue
+                    p = proofs[name][weakness]
+                    width = "" if math.isnan(p.width) else f"{p.width:.2g}"
+                    row = [f"{group}, anchors × {short(weakness)}", f"`{name}`", str(p.systems)]
+                    rows.append(row + [percent(p.certified), percent(p.closed), width, time(p.seconds)])
+    note = """Systems; share whose solution is certified; share within 1e-6 of a proven lower bound; median width
+of the other intervals, relative to the energy; median CPU time of a solve."""
+    header = ["", "", "systems", "certified", "proven", "width of the rest", "time"]
+    return paragraph(note) + "\n" + table(header, rows)
+
+
 # -------------------------------------------------------------------------------------------------- pareto
 
 FINEST = 1e-11  # gaps below are one: a double's rounding is not far
@@ -1027,6 +1118,7 @@ EXPERIMENTS = {
     "scaling": Experiment("Effort against the number of nodes (Figure 9)", draw_scaling, tabulate_scaling),
     "hard": Experiment("Hard cases (Figure 8)", draw_hard, tabulate_hard),
     "minima": Experiment("Several minima", draw_minima, tabulate_minima),
+    "proof": Experiment("Proofs of the global minimum", draw_proof, tabulate_proof),
     "pareto": Experiment("Accuracy against time", draw_pareto, tabulate_pareto),
 }
 

@@ -26,7 +26,7 @@ specification.loader.exec_module(figures)
 
 MACHINE = {"cpu": "a CPU", "cores": 2, "compiler": "gcc 1", "build": "Release,  -O3", "packages": ["Eigen 3"]}
 SOLVERS = ("ida", "ncg", "ncg-forward", "a-new-one")
-PICTURES = ("convergence-lit", "scaling-lit", "hard", "hard-near-coincident", "minima-lit", "pareto-lit")
+PICTURES = ("convergence-lit", "scaling-lit", "hard", "hard-near-coincident", "minima-lit", "proof-lit", "pareto-lit")
 
 
 def run_record(number=0, command="asterism-bench x --systems 3 --results /some/folder"):
@@ -84,6 +84,18 @@ def cells(experiment, systems=3, first=0):
                     "minima": [1, 2, 3][:systems],
                     "lowest": [1.0] * systems,
                     "ends": [1.0, 1.0, 2.0][:systems],
+                }
+        elif experiment == "proof":
+            for weakness in (1, 0.01):
+                yield {
+                    **common,
+                    "key": f"anchors x {weakness}/{key}",
+                    "weakness": weakness,
+                    "energies": [1.0, 2.0, 0.0][:systems],
+                    "bounds": [1.0, 1.5, 0.0][:systems],
+                    "certified": [True, False, True][:systems],
+                    "solve_seconds": [1e-6 * k] * systems,
+                    "certify_seconds": [1e-6] * systems,
                 }
         else:
             yield {
@@ -143,6 +155,7 @@ class Figures(unittest.TestCase):
             "gcc 1",
             "    asterism-bench x --systems 3\n",
             "`a-new-one`",
+            "| lit/4, anchors × 1e-2 | `ida` | 3 | 67\N{NO-BREAK SPACE}% | 67\N{NO-BREAK SPACE}% | 0.25 | 1 us |",
         ):
             self.assertIn(text, page)
         self.assertNotIn("/some/folder", page)
