@@ -222,6 +222,22 @@ TEST(BranchAndBound, RefusesBadOptionsAndPassesOnStatuses) {
   EXPECT_EQ(system.anchors, anchors);
 }
 
+// What ends far from the minimum is not proven, and there are no directions to divide.
+TEST(BranchAndBound, EndsWithoutLinks) {
+  Plane system(Topology<>::from_links(3, {}));
+  system.anchors << 0, 1, 2, 0, 0, 1;
+  system.anchor_stiffness << 1, 2, 3;
+  BranchAndBound<Plane> solver;
+  solver.options.max_iterations = 0;
+  Plane::Points x = Plane::Points::Constant(2, 3, 1e6);
+  const Summary summary = solver.solve(system, x);
+  EXPECT_EQ(summary.status, Status::MaxIterations) << summary;
+  EXPECT_LE(summary.lower_bound, 1e-3);
+  solver.options.max_iterations = 100;
+  EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
+  EXPECT_EQ(x, system.anchors);
+}
+
 // Springs that contradict each other and may turn together mostly end by a limit: all directions are as good.
 TEST(BranchAndBound, TakesComponentsThatNothingHolds) {
   for (std::uint64_t index = 0; index < 30; ++index) {

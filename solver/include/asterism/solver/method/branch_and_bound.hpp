@@ -98,7 +98,7 @@ class GlobalSearch {
     double bound = 0;
     std::vector<Confined> links;
     Lifted x;
-    int loosest = -1;  // link
+    int loosest = -1;  // link, -1 where there is none to divide
 
     bool operator<(const Part& other) const { return bound > other.bound; }
   };
@@ -139,6 +139,10 @@ class GlobalSearch {
       if (!limit.empty()) break;
       const Part part = open.top();
       open.pop();
+      if (part.loosest < 0) {  // no links, or numbers that say nothing
+        closed = std::min(closed, part.bound);
+        continue;
+      }
       for (const Cell& cell : divided(part)) {
         Part child{part.bound, part.links, part.x, -1};
         const auto known = std::find_if(child.links.begin(), child.links.end(),
@@ -159,6 +163,7 @@ class GlobalSearch {
       }
     }
     summary.iterations = nodes;
+    if (limit.empty() && !is_done_ && !summary.is_within(options_.gap)) limit = "no link is left to divide";
     if (limit.empty()) {
       summary.message = kWithinGap;
     } else {
@@ -215,7 +220,7 @@ class GlobalSearch {
     }
     // How much lower each link counts than it would in the plane.
     double most = -std::numeric_limits<double>::infinity();
-    part.loosest = 0;
+    part.loosest = -1;
     int l = 0;
     for (const Link& link : system.links()) {
       const Direction d = part.x.col(link.i) - part.x.col(link.j);
