@@ -31,6 +31,14 @@ namespace {
 using System = SpringSystem<double, 2>;
 using Points = System::Points;
 
+// So many nodes of its tree are enough to allocate all that it allocates.
+struct ShortSearch : BranchAndBound<System> {
+  ShortSearch() {
+    options.max_nodes = 8;
+    options.max_seconds = 1e6;
+  }
+};
+
 template <typename Solver>
 class OutOfMemory : public ::testing::Test {};
 using Solvers = ::testing::Types<
@@ -39,7 +47,7 @@ using Solvers = ::testing::Types<
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
     Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>,
-    detail::AutoStaircase<System>>;
+    detail::AutoStaircase<System>, ShortSearch>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;

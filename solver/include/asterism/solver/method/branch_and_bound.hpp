@@ -112,6 +112,11 @@ class GlobalSearch {
     System system = given;
     ComponentScratch<System> scratch;
     for_each_floating_component(system, scratch, [&system](int i) { system.fix(i); });
+    // Anew, as Eigen 3.4 frees a matrix before it allocates it in another size, and once more at its end if
+    // that failed.
+    quadratic_ = {};
+    dense_ = {};
+    inverse_ = {};
     cones_.system = &system;
     is_done_ = false;
     prepare(system);
