@@ -57,32 +57,39 @@ Solved solved(Kind kind, int n, std::uint64_t index) {
   return {system, x};
 }
 
-// At N = 2 in one dimension a grid sees every minimum.
-TEST(Certificate, BoundsWhatExhaustiveSearchFinds) {
+// Two and three nodes in one dimension, where a grid sees every minimum.
+void expect_bounds_below_grid(int nodes, int trials, int steps) {
   using Line = testing::Line;
-  Rng rng(1);
+  Rng rng(static_cast<std::uint64_t>(nodes));
   int certified = 0;
-  for (int trial = 0; trial < 200; ++trial) {
-    auto [system, x] = testing::random_system<Line>(rng, Topology<>::full(2));
+  for (int trial = 0; trial < trials; ++trial) {
+    auto [system, x] = testing::random_system<Line>(rng, Topology<>::full(nodes));
     Newton<Line>().solve(system, x);
     const Certificate certificate = certify(system, x);
+    const Summary up = detail::AutoStaircase<Line>().solve(system, x);
     double lowest = std::numeric_limits<double>::infinity();
-    Line::Points y(1, 2);
     const double low = system.anchors.minCoeff() - 2, high = system.anchors.maxCoeff() + 2;
-    constexpr int kSteps = 200;
-    for (int a = 0; a <= kSteps; ++a) {
-      for (int b = 0; b <= kSteps; ++b) {
-        y << low + a * (high - low) / kSteps, low + b * (high - low) / kSteps;
-        lowest = std::min(lowest, energy(system, y));
-      }
+    std::vector<int> at(static_cast<std::size_t>(nodes), 0);
+    Line::Points y(1, nodes);
+    for (std::size_t i = 0; i < at.size();) {  // counts in base steps + 1
+      for (int node = 0; node < nodes; ++node)
+        y(0, node) = low + at[static_cast<std::size_t>(node)] * (high - low) / steps;
+      lowest = std::min(lowest, energy(system, y));
+      for (i = 0; i < at.size() && ++at[i] > steps; ++i) at[i] = 0;
     }
     EXPECT_LE(certificate.lower_bound, lowest);
+    EXPECT_LE(up.lower_bound, lowest);
     if (!certificate.certified()) continue;
     ++certified;
-    EXPECT_LE(energy(system, x), lowest);
+    EXPECT_LE(certificate.energy, lowest);
     EXPECT_LE(certificate.distance, 1e-3);
   }
-  EXPECT_GT(certified, 50);
+  EXPECT_GT(certified, trials / 4);
+}
+
+TEST(Certificate, BoundsWhatExhaustiveSearchFinds) {
+  expect_bounds_below_grid(2, 200, 200);
+  expect_bounds_below_grid(3, 40, 60);
 }
 
 template <typename System>

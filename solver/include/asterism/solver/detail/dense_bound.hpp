@@ -1,8 +1,9 @@
 #pragma once
 
-#include <Eigen/Cholesky>
+#include <Eigen/Core>
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/dense_factor.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/minoriser.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -128,8 +129,8 @@ class DenseBound {
       inverse_[j] = (*this)(j, j);
       for (int i = j + 1; i < n; ++i) (*this)(j, i) = (*this)(i, j);
     }
-    Eigen::Map<Eigen::MatrixXd> all(matrix_.data(), n, n);
-    const bool is_definite = Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>>(all).info() == Eigen::Success &&
+    const Eigen::Map<const Eigen::MatrixXd> all(matrix_.data(), n, n);
+    const bool is_definite = DenseFactor<double>::factorize(matrix_.data(), n) &&
                              all.diagonal().minCoeff() > std::sqrt(kLeastPivot);
     for (int j = 0; j < n; ++j) {
       double* const column = &(*this)(0, j);

@@ -19,14 +19,15 @@ namespace detail {
 template <typename Factor, int kBlock>
 class SparseBound {
  public:
-  /// Of the W of `system`, whose minoriser this is.
+  /// Of the W of `system`, whose minoriser this is. `is_clamped`: W is definite but for rounding, and its
+  /// least eigenvalue not wanted.
   template <typename System>
-  MinoriserBound bound(const System& system, const Minoriser<System>& minoriser) {
+  MinoriserBound bound(const System& system, const Minoriser<System>& minoriser, bool is_clamped) {
     matrix_.prepare(system.nodes(), system.links(), [this](const auto& pattern) {
       factor_.emplace();
       factor_->analyze(pattern);
     });
-    return bound(minoriser.view(), [&] {
+    return bound(minoriser.view(), is_clamped, [&] {
       matrix_.set_zero();
       minoriser.for_each_entry(
           system, [this](int i, int row, int column, double value) { matrix_.at(i, row, column) += value; },
@@ -44,16 +45,17 @@ class SparseBound {
   static constexpr double kLargeShift = 1e-6;
 
   template <typename Fill>
-  MinoriserBound bound(const MinoriserView& minoriser, Fill&& fill) {
+  MinoriserBound bound(const MinoriserView& minoriser, bool is_clamped, Fill&& fill) {
     const auto n = static_cast<double>(matrix_.matrix().rows());
     // Columns are known once the matrix has been ordered, which takes its pattern alone.
     const double least_shift = kEpsilon * (factor_->longest_column() * (n + 3) + minoriser.terms + 16);
     // A large shift, if W has room for it, is a better bound of the eigenvalue, and measures rounding better.
-    double shift = std::max(kLargeShift, least_shift);
+    double shift = is_clamped ? least_shift : std::max(kLargeShift, least_shift);
     fill();
     shift_diagonal(minoriser, 2 * shift);
     MinoriserBound result;
     result.is_definite = factor_->factorize_definite(matrix_.matrix());
+    if (!result.is_definite && is_bent(minoriser, shift, result)) return result;
     if (!result.is_definite && shift > least_shift) {
       fill();  // exact again
       shift_diagonal(minoriser, 2 * least_shift);
@@ -61,7 +63,7 @@ class SparseBound {
       result.is_definite = factor_->factorize_definite(matrix_.matrix());
     }
     if (!result.is_definite) {
-      if (factor_->negative_curvature(direction_) < 0) result.least_eigenvalue = bend(minoriser, 3 * shift);
+      is_bent(minoriser, shift, result);
       return result;
     }
     using RowMajor = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -90,6 +92,12 @@ class SparseBound {
   void shift_diagonal(const MinoriserView& minoriser, double shift) {
     for (int i = 0; i < matrix_.matrix().cols(); ++i)
       *matrix_.diagonal(i) -= shift * minoriser.scale[i / kBlock];
+  }
+
+  // Whether the last factorisation shows that W, not M alone, has a negative eigenvalue.
+  bool is_bent(const MinoriserView& minoriser, double shift, MinoriserBound& result) {
+    if (factor_->negative_curvature(direction_) < 0) result.least_eigenvalue = bend(minoriser, 3 * shift);
+    return result.least_eigenvalue < 0;
   }
 
   // As DenseBound's.

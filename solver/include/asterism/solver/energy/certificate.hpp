@@ -155,9 +155,9 @@ class Prover {
     return std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
   }
 
-  MinoriserBound factor(const System& system) {
+  MinoriserBound factor(const System& system, bool is_clamped = false) {
     if constexpr (System::kMaxNodes == Eigen::Dynamic) {
-      if (is_large_and_sparse(system)) return sparse_.bound(system, quadratic_);
+      if (is_large_and_sparse(system)) return sparse_.bound(system, quadratic_, is_clamped);
     }
     return dense_.bound(system, quadratic_);
   }
@@ -226,7 +226,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
   }
   if (kRobust) return;
   set(system, x, true);
-  bound = factor(system);
+  bound = factor(system, true);
   if (bound.is_definite) result.lower_bound = this->lowest(bound);
 }
 
