@@ -162,7 +162,8 @@ TEST(SolverRegistry, HasBranchAndBoundWhereItIs) {
   };
   EXPECT_TRUE(has(solver_registry<Plane>()));
   EXPECT_TRUE(has(solver_registry<Space>()));
-  EXPECT_FALSE(has(solver_registry<SpringSystem<double, 1, 3>>()));
+  static_assert(!detail::is_searchable<SpringSystem<double, 1>>());
+  static_assert(!detail::is_searchable<SpringSystem<double, 2, 4, 4, Model<Hooke, GemanMcClure>>>());
   const auto [system, start] = testing::numbered_system<Four>(Kind::Lit, Topology<4>::full(), 3);
   auto solver = make_solver<Four>("branch-and-bound", {{"max_nodes", 50}, {"gap", 1e-6}});
   Four::Points x = start;
