@@ -317,7 +317,6 @@ def label_of(name: str) -> str:
 
 
 @dataclass
-@dataclass
 class Drawing:
     """A figure, and what the page says of it."""
 

@@ -102,7 +102,7 @@ void expect_never_beaten(int n, Kind kind, int count, int at_least) {
     const Certificate certificate = certify(system, x);
     const auto exact = system.template cast<double>();
     const double lowest =
-        lowest_energy(exact, x.template cast<double>(), 30, static_cast<std::uint64_t>(index));
+        lowest_energy(exact, x.template cast<double>(), 30, static_cast<std::uint64_t>(index), 1);
     ASSERT_LE(certificate.lower_bound, lowest * (1 + 1e-12)) << to_string(kind) << " " << index;
     if (!certificate.certified()) continue;
     ++certified;
@@ -127,7 +127,7 @@ TEST(Certificate, HoldsAwayFromStationaryPoints) {
   int definite = 0;
   for (std::uint64_t index = 0; index < 300; ++index) {
     const auto [system, x] = solved(index % 2 == 0 ? Kind::Lit : Kind::Track, 4, index);
-    const double lowest = lowest_energy(system, x, 20, index);
+    const double lowest = lowest_energy(system, x, 20, index, 1);
     const double length = characteristic_length(system, x);
     for (const double share : {1e-3, 1e-1, 0.5}) {
       Plane::Points y = x;
@@ -230,7 +230,7 @@ TEST(Certificate, RoundingCertifiesNothing) {
     }
     Newton<Plane>().solve(system, x);
     const Certificate certificate = certify(system, x);
-    const double lowest = lowest_energy(system, x, 60, index);
+    const double lowest = lowest_energy(system, x, 60, index, 1);
     ASSERT_LE(certificate.lower_bound, lowest * (1 + 1e-9)) << index;
     if (!certificate.certified()) continue;
     ++certified;
@@ -287,7 +287,7 @@ TEST(Certificate, KnowsFixedNodesAndFloatingComponents) {
   system.fix(0), system.fix(1);
   ASSERT_EQ((Newton<Plane>().solve(system, x).status), Status::Converged);
   const Certificate certificate = certify(system, x);
-  const double lowest = lowest_energy(system, x, 30, 1);
+  const double lowest = lowest_energy(system, x, 30, 1, 1);
   EXPECT_LE(certificate.lower_bound, lowest * (1 + 1e-12));
   // It may lie on either side of the other two.
   EXPECT_NE(certificate.proof, Proof::UniqueGlobalMinimum);
@@ -389,7 +389,7 @@ TEST(Certificate, OfOtherModelsSaysWhatItCan) {
     }
     Newton<decltype(ellipses)>().solve(ellipses, x);
     const Certificate certificate = certify(ellipses, x);
-    const double lowest = lowest_energy(ellipses, x, 30, index);
+    const double lowest = lowest_energy(ellipses, x, 30, index, 1);
     ASSERT_LE(certificate.lower_bound, lowest * (1 + 1e-12));
     if (certificate.certified()) {
       ASSERT_LE(certificate.energy, lowest * (1 + 1e-6));

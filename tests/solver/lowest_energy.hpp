@@ -13,10 +13,10 @@
 namespace asterism::testing {
 
 /// The lowest energy that Newton finds from `starts` starts: `start`, the anchors, and then `start` with each
-/// coordinate displaced by up to half the characteristic length. Fixed nodes stay at `start`.
+/// coordinate displaced by up to `spread` characteristic lengths. Fixed nodes stay at `start`.
 template <typename System>
 double lowest_energy(const System& system, const typename System::Points& start, int starts,
-                     std::uint64_t seed) {
+                     std::uint64_t seed, double spread = 0.5) {
   Rng rng(seed);
   Newton<System> newton;
   const auto length = static_cast<double>(characteristic_length(system, start));
@@ -27,7 +27,7 @@ double lowest_energy(const System& system, const typename System::Points& start,
       if (system.is_fixed(i)) continue;
       if (s == 1) x.col(i) = system.anchors.col(i);
       for (int d = 0; s > 1 && d < System::kDim; ++d)
-        x(d, i) += static_cast<typename System::Scalar>(length * rng.uniform(-0.5, 0.5));
+        x(d, i) += static_cast<typename System::Scalar>(length * rng.uniform(-spread, spread));
     }
     const Summary summary = newton.solve(system, x);
     if (summary.usable()) lowest = std::min(lowest, summary.final_energy);
