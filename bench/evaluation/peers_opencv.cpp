@@ -1,8 +1,11 @@
+#include <filesystem>
+#include <initializer_list>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <opencv2/tracking.hpp>
 #include <opencv2/tracking/tracking_legacy.hpp>
 #include <stdexcept>
+#include <string>
 
 #include "isolated.hpp"
 #include "peers_internal.hpp"
@@ -39,6 +42,31 @@ Step start_legacy(const Image& image, const Region& object) {
   };
 }
 
+// A tracker of networks, where their files are, under the names that OpenCV gives them by default.
+template <class Tracker>
+void add_network(std::map<std::string, Start>& peers, const std::string& name,
+                 std::initializer_list<std::string> files) {
+  for (const std::string& file : files)
+    if (!std::filesystem::exists(file)) return;
+  peers[name] = start<Tracker>;
+}
+
+void add_networks(std::map<std::string, Start>& peers) {
+  const cv::TrackerGOTURN::Params goturn;
+  add_network<cv::TrackerGOTURN>(peers, "opencv-goturn", {goturn.modelTxt, goturn.modelBin});
+  const cv::TrackerDaSiamRPN::Params dasiamrpn;
+  add_network<cv::TrackerDaSiamRPN>(peers, "opencv-dasiamrpn",
+                                    {dasiamrpn.model, dasiamrpn.kernel_cls1, dasiamrpn.kernel_r1});
+#if CV_VERSION_MAJOR > 4 || CV_VERSION_MINOR >= 7
+  const cv::TrackerNano::Params nano;
+  add_network<cv::TrackerNano>(peers, "opencv-nano", {nano.backbone, nano.neckhead});
+#endif
+#if CV_VERSION_MAJOR > 4 || CV_VERSION_MINOR >= 9
+  const cv::TrackerVit::Params vit;
+  add_network<cv::TrackerVit>(peers, "opencv-vit", {vit.net});
+#endif
+}
+
 }  // namespace
 
 void add_opencv_peers(std::map<std::string, Start>& peers) {
@@ -50,6 +78,7 @@ void add_opencv_peers(std::map<std::string, Start>& peers) {
   peers["opencv-tld"] = start_legacy<cv::legacy::TrackerTLD>;
   // It reads through a null pointer where the object leaves the image.
   peers["opencv-boosting"] = isolated(start_legacy<cv::legacy::TrackerBoosting>);
+  add_networks(peers);
 }
 
 }  // namespace asterism::bench

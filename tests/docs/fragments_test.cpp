@@ -11,6 +11,7 @@
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
+#include <asterism/trackers/tracker/opencv_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <opencv2/imgproc.hpp>
 #include <span>
@@ -137,6 +138,21 @@ TEST(InPractice, StateOfAModel) {
   restore_state(later, save_state(saved));
   EXPECT_EQ(later.size_.y(), 4);
   EXPECT_EQ(later.learned_(2, 2), 5);
+}
+
+TEST(OpenCv, OurTracker) {
+  const cv::Mat image = draw(0), next = draw(1);
+  cv::Rect box(60, 50, 64, 64);
+#include "docs_opencv_1.inc"
+  EXPECT_TRUE(found);
+  EXPECT_NEAR(box.x, 62, 1);
+}
+
+TEST(OpenCv, ItsTracker) {
+  const cv::Mat image = draw(0), next = draw(1);
+#include "docs_opencv_2.inc"
+  EXPECT_FALSE(result.lost);
+  EXPECT_NEAR(result.box.x, 62, 8);
 }
 
 TEST(OwnPart, Page) {
