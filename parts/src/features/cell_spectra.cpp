@@ -2,6 +2,7 @@
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
+#include <stdexcept>
 #include <string>
 
 #include "../concept/part_geometry.hpp"
@@ -26,9 +27,10 @@ Eigen::ArrayXd gaussian_spectrum(int n, double sigma, int bins) {
 
 CellSpectra::CellSpectra(const CellFeatures& features, int cell_size, const char* of)
     : features_(features), cell_size_(cell_size), fhog_(cell_size) {
-  require(features.hog || features.gray || features.color,
+  require(features.hog || features.gray || features.color || features.own != nullptr,
           std::string(of).append(": at least one feature is needed").c_str());
   channels_ = (features.hog ? Fhog::kChannels : 0) + (features.gray ? 1 : 0) + (features.color ? 2 : 0);
+  if (features.own != nullptr) channels_ += features.own->channels();
 }
 
 int CellSpectra::fast_cells(double wanted) {
@@ -75,7 +77,11 @@ double CellSpectra::transform(const Frame& frame, const Point2& centre, const Si
     add_gray(planes);
     planes += plane;
   }
-  if (features_.color) add_color(frame, centre, window, planes);
+  if (features_.color) {
+    add_color(frame, centre, window, planes);
+    planes += 2 * plane;
+  }
+  if (features_.own != nullptr) add_own(frame, centre, window, planes);
   return plan_->kernels.forward(plan_->transform, padded_channels_, planes_.data(), hann_.data(),
                                 sample_.data(), work_.data());
 }
@@ -111,6 +117,22 @@ void CellSpectra::add_color(const Frame& frame, const Point2& centre, const Size
   }
 }
 
+void CellSpectra::add_own(const Frame& frame, const Point2& centre, const Size2& window, float* planes) {
+  cv::Mat& pixels = colored_.mat;
+  sample_patch(frame.bgr().empty() ? frame.gray() : frame.bgr(), centre, window,
+               {cols_ * cell_size_, rows_ * cell_size_}, pixels);
+  if (pixels.channels() == 1) {
+    cv::Mat bgr;
+    cv::cvtColor(pixels, bgr, cv::COLOR_GRAY2BGR);
+    pixels = bgr;
+  }
+  features_.own->compute(pixels, rows_, cols_, planes);
+  const float* const begin = planes;
+  const float* const end = planes + Eigen::Index{features_.own->channels()} * rows_ * cols_;
+  if (!std::all_of(begin, end, [](float value) { return std::isfinite(value); }))
+    throw std::runtime_error("CellChannels: a value is not finite");
+}
+
 bool CellSpectra::flat() const {
   if (features_.hog || features_.gray) {
     const std::uint8_t level = *patch_.mat.ptr<std::uint8_t>(0);
@@ -126,6 +148,11 @@ bool CellSpectra::flat() const {
         planes_.data() + plane * ((features_.hog ? Fhog::kChannels : 0) + (features_.gray ? 1 : 0));
     for (const float* const axis : {a, a + plane})
       if (!std::all_of(axis, axis + plane, [axis](float other) { return other == *axis; })) return false;
+  }
+  if (features_.own != nullptr) {
+    const auto first = colored_.mat.at<cv::Vec3b>(0, 0);
+    const auto begin = colored_.mat.begin<cv::Vec3b>(), end = colored_.mat.end<cv::Vec3b>();
+    if (!std::all_of(begin, end, [&first](const cv::Vec3b& other) { return other == first; })) return false;
   }
   return true;
 }

@@ -4,6 +4,7 @@
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/parts/detail/aligned.hpp>
+#include <asterism/parts/features/cell_channels.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <memory>
@@ -20,14 +21,17 @@ struct CellFeatures {
   bool hog = true;     ///< the 31 channels of Fhog
   bool gray = true;    ///< the mean gray level, from -0.5 to 0.5
   bool color = false;  ///< a and b of CIE Lab over 128, about -1 to 1; 0 in gray video
+  /// Channels of a program's own, or none; filters that are copied share them. They are no part of a saved
+  /// state's options: restore a state into a filter with the same ones.
+  std::shared_ptr<const CellChannels> own = nullptr;
 };
 
 /// The features of a search window's cells under a Hann window, and their spectra: the sample that Kcf and
 /// Strcf are trained on and searched with. Transforms are single precision and the library's own
 /// (docs/parts.md).
 ///
-/// Once it has been prepared, nothing is allocated, but for color channels. One object is for one thread at a
-/// time; copies are independent.
+/// Once it has been prepared, nothing is allocated, but for color channels and a program's own. One object is
+/// for one thread at a time; copies are independent.
 class ASTERISM_API CellSpectra {
  public:
   using Plan = part_kernels_v0_1::FilterPlan;  ///< sizes and tables of the transforms
@@ -46,7 +50,8 @@ class ASTERISM_API CellSpectra {
   bool prepared() const { return plan_ != nullptr; }
 
   /// The window of a size [px] around a centre [px] -> the spectra of its channels, in `data`; returns the
-  /// squared norm of what was transformed. Throws std::invalid_argument for a centre that is not finite.
+  /// squared norm of what was transformed. Throws std::invalid_argument for a centre that is not finite, and
+  /// std::runtime_error where a program's own channels are not.
   double transform(const Frame& frame, const Point2& centre, const Size2& window);
   /// Whether the window of the last `transform` had one gray level and one color: nothing can be found in it.
   bool flat() const;
@@ -77,6 +82,7 @@ class ASTERISM_API CellSpectra {
   // The gray level of `patch_`, and the colors around `centre`.
   void add_gray(float* plane);
   void add_color(const Frame& frame, const Point2& centre, const Size2& window, float* planes);
+  void add_own(const Frame& frame, const Point2& centre, const Size2& window, float* planes);
 
   CellFeatures features_;
   int cell_size_;
@@ -85,7 +91,7 @@ class ASTERISM_API CellSpectra {
   Fhog fhog_;
   std::shared_ptr<const Plan> plan_;
   AlignedFloats hann_;  // one plane of the cosine window
-  Scratch patch_, cells_;
+  Scratch patch_, cells_, colored_;
   AlignedFloats planes_, sample_, work_;
   Eigen::ArrayXi cell_work_, cell_sums_;
 };
