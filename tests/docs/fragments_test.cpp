@@ -2,8 +2,10 @@
 #include <gtest/gtest.h>
 
 #include <asterism/parts/concept/state.hpp>
+#include <asterism/parts/features/dnn_channels.hpp>
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/parts/models/scale_filter.hpp>
+#include <asterism/parts/models/strcf.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -153,6 +155,13 @@ TEST(OpenCv, ItsTracker) {
 #include "docs_opencv_2.inc"
   EXPECT_FALSE(result.lost);
   EXPECT_NEAR(result.box.x, 62, 8);
+}
+
+TEST(OpenCv, FeaturesOfANetwork) {
+  const std::string file = ASTERISM_TINY_NETWORK;
+#include "docs_opencv_3.inc"
+  tracker.init(draw(0), box);
+  EXPECT_NEAR(tracker.update(draw(1)).box.x, 62, 1);
 }
 
 TEST(OwnPart, Page) {
