@@ -8,6 +8,7 @@
 #include <cmath>
 #include <numbers>
 #include <opencv2/imgproc.hpp>
+#include <stdexcept>
 
 namespace asterism::testing {
 
@@ -21,7 +22,8 @@ inline Eigen::MatrixXd cell_features(const Frame& frame, const Point2& centre, c
   cv::cvtColor(lab, lab, cv::COLOR_BGR2Lab);
   Eigen::ArrayXf hog(Fhog::kChannels * rows * cols);
   Fhog(cell).compute(patch, hog.data());
-  const auto& [has_hog, has_gray, has_color] = features;
+  const auto& [has_hog, has_gray, has_color, own] = features;
+  if (own != nullptr) throw std::invalid_argument("cell_features: no channels of a program's own");
   Eigen::MatrixXd x(rows * cols, 31 * has_hog + has_gray + 2 * has_color);
   for (int r = 0; r < rows; ++r)
     for (int c = 0; c < cols; ++c) {

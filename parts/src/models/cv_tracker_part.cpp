@@ -12,7 +12,7 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 // Shortest side of a search window [window pixels]; OpenCV's trackers fail on less.
-constexpr int kMinWindowSide = 48;
+constexpr int kLeastSide = 48;
 }  // namespace
 
 void visit_options(OptionVisitor& visit, CvTrackerPartOptions& options) {
@@ -29,7 +29,7 @@ CvTrackerPart::CvTrackerPart(Factory create, const CvTrackerPartOptions& options
 
 void CvTrackerPart::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
-  const auto [to_window, cols, rows] = window_geometry(size, options_.window, kMinWindowSide);
+  const auto [to_window, cols, rows] = window_geometry(size, options_.window, kLeastSide);
   size_ = size, spacing_.setConstant(1 / to_window), cols_ = cols, rows_ = rows;
   response_ = {};
   const Size2 side = (size * to_window).array().round().max(1);

@@ -30,8 +30,8 @@ using KcfFeatures = CellFeatures;
 /// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
 /// Sec. 3.1 asks for.
 struct KcfOptions {
-  KcfFeatures features;
-  Kernel kernel;
+  KcfFeatures features = {};
+  Kernel kernel = {};
   /// Regularisation lambda of the ridge regression (the paper's Eq. 1), > 0.
   double lambda = 1e-4;
   /// Rate of the autoregressive model update (Sec. 2.1), in [0, 1].
