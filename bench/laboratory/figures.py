@@ -1,11 +1,12 @@
 #!/usr/bin/env python3
-"""Draws every figure of the solver laboratory from its stored results, and writes a page that shows them.
+"""Draws every figure of the solver laboratory from its stored results, and writes a page of figures and tables.
 
     figures.py RESULTS_FOLDER --out docs/results/laboratory
 
-reads what `asterism-bench convergence`, `scaling`, `hard`, `minima`, `proof` and `pareto` left in the folder;
-those that are not there are left out. Each figure goes into --out as SVG and PNG, the page beside that folder
-(docs/results/laboratory.md). The same results give the same files, byte for byte. Needs python3-matplotlib.
+reads what `asterism-bench convergence`, `scaling`, `hard`, `minima`, `proof` and `pareto` stored in the folder;
+an experiment without results is left out. Each figure goes into --out as SVG and PNG, and the page beside that
+folder (docs/results/laboratory-tables.md). The same results give the same files, byte for byte. Needs
+python3-matplotlib.
 """
 
 import argparse
@@ -487,9 +488,9 @@ def table_of_groups(kind: str, data: dict[str, dict[str, T]], text: Callable[[T]
 
 # --------------------------------------------------------------------------------------------- convergence
 
-CONVERGENCE_CAPTION = """Left: mean of the energy that remains, E / E_0, after each of the first iterations.
-Right: median of the gap, (E - E_end) / E_end, above the energy that the solver itself ends at; bands: 5 to 95
-% of the systems, for IDA and nonlinear CG."""
+CONVERGENCE_CAPTION = """Left: the mean share of the starting energy that remains, E / E_0, after each of the
+first iterations. Right: the median relative gap, (E - E_end) / E_end, to the energy at which the solver itself
+ends. Bands, for IDA and nonlinear CG only: 5 to 95 % of the systems."""
 
 
 @dataclass
@@ -580,17 +581,18 @@ def tabulate_convergence(results: Results) -> str:
                 row = [f"{group} `{name}`", *(at.get(k, "-") for k in (1, 3, 5, 10))]
                 row += [curve.iterations_to(gap) for gap in (1e-2, 1e-6, 1e-10)]
                 rows.append([*row, str(curve.systems)])
-    note = """Mean E / E_0 after 1, 3, 5 and 10 iterations; iterations until the median gap is below 1e-2,
-1e-6 and 1e-10; systems."""
+    note = """Columns: mean E / E_0 after 1, 3, 5 and 10 iterations; iterations until the median gap is below
+1e-2, 1e-6 and 1e-10; number of systems. Rows: kind of system, number of nodes, solver."""
     return paragraph(note) + "\n" + table(["", "1", "3", "5", "10", "1e-2", "1e-6", "1e-10", "systems"], rows)
 
 
 # ------------------------------------------------------------------------------------------------- scaling
 
-SCALING_CAPTION = """Iterations and CPU time, setup included, until the energy is within a relative gap of
-{gap} of that which the solver itself ends at{loose}. Bands (IDA and nonlinear CG) and bars (the others): the
-standard deviation of the iterations, 5 to 95 % of the times; of the systems that a solver arrives at."""
-LOOSE_CAPTION = ", and until an iteration lowers the energy by less than a hundredth of it"
+SCALING_CAPTION = """Iterations and CPU time (setup included) until the energy is within a relative gap of {gap}
+of the energy at which the solver itself ends{loose}. Bands (IDA and nonlinear CG) and bars (the others) show the
+standard deviation of the iterations and 5 to 95 % of the times. Systems in which a solver does not reach the gap
+are left out."""
+LOOSE_CAPTION = ", and iterations until one lowers the energy by less than 1 %"
 
 
 @dataclass
@@ -704,7 +706,8 @@ def tabulate_scaling(results: Results) -> str:
         return f"{mean:.0f} ± {deviation:.0f}, {time(percentile(effort.seconds, 0.5))}{failed}"
 
     gap = short(results.cells[0]["gap"])
-    note = f"Iterations to a gap of {gap}, mean ± standard deviation, and median CPU time, by nodes."
+    note = f"""Cells: iterations to a gap of {gap}, mean ± standard deviation, and median CPU time. Columns: number
+of nodes."""
     tables = [table_of_groups(kind, data, text) for kind, data in by_kind(results, Effort.of)]
     return "\n".join([paragraph(note), *tables])
 
@@ -719,12 +722,13 @@ LEVEL_NAMES = {
     "stiff-pair": "factor on a link's stiffness",
     "saddle": "factor on the anchors' stiffness",
 }
-HARD_CAPTION = """Excess of the energy where a solver ends over the lowest that any solver found of the same
-system (on the lowest line: 1e-16 or none), and the share of systems where it is above 1 %. Harder to the
-right; stopped at stationarity 1e-8 or after 10,000 iterations. Where anchors hold less than 1e-8 of what
-links do, that is met before the anchors are felt."""
-NEAR_COINCIDENT_CAPTION = """As the paper's Figure 8: the first of the near-coincident systems, rest length
-{level} between the first two nodes, before and after optimisation, with the energy that remains."""
+HARD_CAPTION = """The relative excess of a solver's final energy over the lowest energy that any solver found
+for the same system (the lowest line means 1e-16 or less), and the share of systems in which it is above 1 %.
+Systems become harder to the right. Solvers stop at stationarity 1e-8 or after 10,000 iterations. If anchors have
+less than 1e-8 of the links' stiffness, the tolerance is met before the anchors have any effect."""
+NEAR_COINCIDENT_CAPTION = """The first of the near-coincident systems, drawn as in the paper's Figure 8: the rest
+length between the first two nodes is {level}. Shown are the system before and after optimisation, and the energy
+that remains."""
 
 
 @dataclass
@@ -856,17 +860,16 @@ def tabulate_hard(results: Results) -> str:
     names = in_order(cell["solver"] for cell in results.cells)
     rows = [[f"`{name}`", *(text(levels, name) for levels in cases.values())] for name in names]
     count = max(cell["systems"] for cell in results.cells)
-    note = (
-        f"Share of {count} systems that end more than 1 % above the lowest energy found [%], level by level."
-    )
+    note = f"""Cells: share of {count} systems [%] that end more than 1 % above the lowest energy found, one number
+for each level of difficulty, in the order of the heading."""
     return paragraph(note) + "\n" + table(["", *header], rows)
 
 
 # -------------------------------------------------------------------------------------------------- minima
 
-MINIMA_CAPTION = """Left: systems for which random starts find two minima or more. The others: systems where a
-solver, from the problem's own start, ends more than 1e-4 above the lowest of them, be it in another minimum
-or on the way. Weaker anchors to the right."""
+MINIMA_CAPTION = """Left: the share of systems for which random starts find two minima or more. The other panels:
+the share of systems in which a solver, from the system's own start, ends more than 1e-4 above the lowest of these
+minima, in another minimum or before it reaches one. Anchors become weaker to the right."""
 
 
 @dataclass
@@ -948,18 +951,17 @@ def tabulate_minima(results: Results) -> str:
                 row = [f"{group}, anchors × {short(weakness)}", str(most.systems), percent(most.several)]
                 rows.append(row + [percent(here[name].missed) if name in here else "" for name in names])
     starts = max(cell.get("starts", 0) for cell in results.cells)
-    note = f"""Systems; share with two minima or more, of {starts} starts; share where each solver ends above
-the lowest."""
+    note = f"""Columns: number of systems; share in which {starts} random starts find two minima or more; share in
+which each solver ends above the lowest of them."""
     return paragraph(note) + "\n" + table(["", "systems", "several", *(f"`{name}`" for name in names)], rows)
 
 
 # --------------------------------------------------------------------------------------------------- proof
 
 CLOSED = 1e-6  # a width of the interval, relative to the energy, from which on a minimum counts as proven
-PROOF_CAPTION = """Left: systems whose energy is within 1e-6 of its proven lower bound, so that the solution is
-the global minimum, but for that much. Right: of the others, the median width of the interval between the
-bound and the energy, relative to the energy; what the certificate alone gives where the solver proves
-nothing."""
+PROOF_CAPTION = """Left: the share of systems whose energy is proven to be within 1e-6 of the global minimum.
+Right: for the other systems, the median width of the interval between the proven lower bound and the energy,
+relative to the energy. If a solver computes no bound, the certificate's bound is used."""
 
 
 @dataclass
@@ -1030,8 +1032,8 @@ def tabulate_proof(results: Results) -> str:
                     width = "" if math.isnan(p.width) else f"{p.width:.2g}"
                     row = [f"{group}, anchors × {short(weakness)}", f"`{name}`", str(p.systems)]
                     rows.append(row + [percent(p.certified), percent(p.closed), width, time(p.seconds)])
-    note = """Systems; share whose solution is certified; share within 1e-6 of a proven lower bound; median width
-of the other intervals, relative to the energy; median CPU time of a solve."""
+    note = """Columns: number of systems; share whose solution is certified; share within 1e-6 of a proven lower
+bound; median width of the other intervals, relative to the energy; median CPU time of a solve."""
     header = ["", "", "systems", "certified", "proven", "width of the rest", "time"]
     return paragraph(note) + "\n" + table(header, rows)
 
@@ -1039,9 +1041,9 @@ of the other intervals, relative to the energy; median CPU time of a solve."""
 # -------------------------------------------------------------------------------------------------- pareto
 
 FINEST = 1e-11  # gaps below are one: a double's rounding is not far
-PARETO_CAPTION = f"""Median CPU time of a solve, setup included, against the gap that nine in ten systems stay
-below, relative to the energy that the solver itself ends at; gaps below {short(FINEST)} are drawn there.
-Lower is faster, further right more accurate. Gray: the other solvers of the table."""
+PARETO_CAPTION = f"""Median CPU time of a solve (setup included) against the 90th percentile of the gap, relative
+to the energy at which the solver itself ends. Gaps below {short(FINEST)} are drawn at {short(FINEST)}. Lower is
+faster, and further right is more accurate. Gray: the other solvers of the table."""
 
 
 def trade_off(cells: list[Cell]) -> np.ndarray:
@@ -1097,7 +1099,8 @@ def tabulate_pareto(results: Results) -> str:
         times = (time_to(curve, gap) for gap in (1e-2, 1e-6))
         return " / ".join(time(t) if math.isfinite(t) else "-" for t in times)
 
-    note = "Median CPU time until nine systems in ten are within a relative gap of 1e-2 / 1e-6, by nodes."
+    note = """Cells: median CPU time until nine systems in ten are within a relative gap of 1e-2 / 1e-6. Columns:
+number of nodes."""
     tables = [table_of_groups(kind, data, text) for kind, data in by_kind(results, trade_off)]
     return "\n".join([paragraph(note), *tables])
 
@@ -1131,7 +1134,7 @@ def shown_command(command: str) -> str:
 def provenance(results: Results) -> str:
     """Commands, dates and machines of what was measured."""
     commands = dict.fromkeys(shown_command(run["command"]) for run in results.runs)
-    text = "".join(f"    {command}\n" for command in commands)
+    text = "\n".join(["```sh", *commands, "```", ""])
     by_machine: dict[str, list[dict]] = {}
     for run in results.runs:
         lasting = {name: value for name, value in run["machine"].items() if name != "clock_spread"}
@@ -1144,12 +1147,11 @@ def provenance(results: Results) -> str:
         packages = ", ".join(map(str, machine.get("packages", [])))
         quartiles = percent(max(run["machine"].get("clock_spread", math.nan) for run in runs))
         sentence = f"""{' to '.join(dict.fromkeys((days[0], days[-1])))}; {machine['cpu']}, {machine['cores']}
-cores; {machine['compiler']}, {build}; {packages}. The clock: quartiles of a fixed computation's time
-{quartiles} apart"""
+cores; {machine['compiler']}, {build}; {packages}. Steadiness of the clock: the quartiles of a fixed
+computation's time are {quartiles} apart"""
         if clocks:
-            sentence += (
-                f"; beside the cells it took {min(clocks):.2f} to {max(clocks):.2f} of that at the start"
-            )
+            sentence += f"""; during the measurements it took {min(clocks):.2f} to {max(clocks):.2f} times as long as
+at the start"""
         text += "\n" + paragraph(sentence + ".")
     return text
 
@@ -1157,19 +1159,22 @@ cores; {machine['compiler']}, {build}; {packages}. The clock: quartiles of a fix
 def page(found: list[tuple[Results, list[Drawing]]], folder: str) -> str:
     names = in_order(cell["solver"] for results, _ in found for cell in results.cells)
     labels = ", ".join(f"`{name}` is {label_of(name)}" for name in names if name in STYLES)
-    introduction = f"""What the experiments are, and how to run them: [laboratory.md](../laboratory.md);
-figures in brackets are the paper's. Solvers are named as `asterism-bench solvers` lists them, which says more
-of each; in the figures {labels}. Drawn and written, from stored results, by"""
-    command = "    python3 bench/laboratory/figures.py RESULTS_FOLDER --out docs/results/laboratory\n"
-    text = ["# The solver laboratory: results\n", paragraph(introduction), command]
+    introduction = f"""These are all figures and tables of the solver experiments. IDA is the paper's iterative
+direct approach, CG the method of conjugate gradients, LM that of Levenberg and Marquardt. Solvers have the names
+that `asterism-bench solvers` lists with a description of each; in the figures, {labels}. Kinds
+of systems: `lit`, `orig` and `disp` are the paper's random systems by three readings of its text, `track` are such as
+a tracker makes, `real` are recorded from a tracker, `sparse` are large with few links for each node. The numbers of
+figures in the headings are the paper's. This command writes the page and the figures from stored results:"""
+    command = "```sh\npython3 bench/laboratory/figures.py RESULTS_FOLDER --out docs/results/laboratory\n```\n"
+    text = ["# The solver laboratory: all tables\n", paragraph(introduction), command]
     for results, drawings in found:
-        text += [f"## {EXPERIMENTS[results.name].title}\n", provenance(results)]
+        text.append(f"## {EXPERIMENTS[results.name].title}\n")
         for drawing, following in zip(drawings, [*drawings[1:], None]):
             image = f"{folder}/{drawing.name}"
             text.append(f"[![{drawing.title}]({image}.png)]({image}.svg)\n")
             if following is None or following.caption != drawing.caption:  # once for all alike
                 text.append(paragraph(drawing.caption))
-        text.append(EXPERIMENTS[results.name].tabulate(results))
+        text += [EXPERIMENTS[results.name].tabulate(results), provenance(results)]
     return "\n".join(text)
 
 
@@ -1184,7 +1189,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
     parser.add_argument("results", type=pathlib.Path, help="folder of asterism-bench's --results")
     parser.add_argument(
-        "--out", type=pathlib.Path, required=True, help="folder of the figures; OUT.md is the page"
+        "--out", type=pathlib.Path, required=True, help="folder of the figures; the page is OUT-tables.md"
     )
     parser.add_argument("--solvers", help="those in color, separated by commas (default: the better known)")
     options = parser.parse_args()
@@ -1199,7 +1204,7 @@ def main() -> None:
             out.mkdir(parents=True, exist_ok=True)
             for drawing in (drawing for _, drawings in found for drawing in drawings):
                 save(drawing, out)
-            out.with_name(out.name + ".md").write_text(page(found, out.name), encoding="utf-8")
+            out.with_name(out.name + "-tables.md").write_text(page(found, out.name), encoding="utf-8")
         except OSError as error:
             raise BadInput(f"{error.filename}: {error.strerror}") from error
 

@@ -131,7 +131,7 @@ class Figures(unittest.TestCase):
     def files(self, out="docs/laboratory"):
         folder = self.folder / out
         found = {path.name: path.read_bytes() for path in folder.iterdir()}
-        return {**found, "page": folder.with_name(folder.name + ".md").read_bytes()}
+        return {**found, "page": folder.with_name(folder.name + "-tables.md").read_bytes()}
 
     def complaint(self):
         with self.assertRaises(figures.BadInput) as caught:
@@ -153,7 +153,7 @@ class Figures(unittest.TestCase):
             "2026-01-02",
             "a CPU",
             "gcc 1",
-            "    asterism-bench x --systems 3\n",
+            "```sh\nasterism-bench x --systems 3\n```\n",
             "`a-new-one`",
             "| lit/4, anchors × 1e-2 | `ida` | 3 | 67\N{NO-BREAK SPACE}% | 67\N{NO-BREAK SPACE}% | 0.25 | 1 us |",
         ):

@@ -1,4 +1,4 @@
-// Inputs with a defined answer however odd: what docs/solver.md promises under "Edges", on Ida, Newton,
+// Inputs with a defined answer however odd: what docs/solver.md promises under "Edge cases", on Ida, Newton,
 // Lbfgs, NewtonCg and Auto.
 #include <gtest/gtest.h>
 
