@@ -72,8 +72,8 @@ cv::Mat draw(int frame) {
   return image;
 }
 
-// The largest error of a tracker [px]. An AnyTracker holds FourParts like any other tracker, so whatever takes
-// an AnyTracker, such as MultiTracker, takes FourParts.
+// The largest error of a tracker [px]. An AnyTracker holds FourParts like any other tracker, so whatever
+// takes an AnyTracker, such as MultiTracker, takes FourParts.
 double worst_error(asterism::AnyTracker tracker) {
   tracker.init(draw(0), truth(0));
   double worst = 0;
