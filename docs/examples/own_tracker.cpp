@@ -15,10 +15,11 @@ class FourParts {
     const asterism::Frame frame(image);
     if (!(box.width >= 1 && box.height >= 1)) throw std::invalid_argument("FourParts: the box is too small");
     box_ = box;
+    const asterism::Point2 centre = asterism::centre_of(box);  // boxes have edges, parts have pixel centres
     const asterism::Size2 size(box.width / 2, box.height / 2);
     parts_.assign(kParts, asterism::Kcf());
     for (int i = 0; i < kParts; ++i) {
-      x_.col(i) << box.x + (i % 2 + 0.5) * size.x(), box.y + (i / 2 + 0.5) * size.y();
+      x_.col(i) << centre.x() + (i % 2 - 0.5) * size.x(), centre.y() + (i / 2 - 0.5) * size.y();
       parts_[static_cast<std::size_t>(i)].init(frame, x_.col(i), size);
     }
     springs_.set_rest_lengths(x_);
@@ -35,12 +36,10 @@ class FourParts {
       result.confidence += std::min(evidence.peak, 1.0) / kParts;
     }
     springs_.link_stiffness.setConstant(0.1);                         // [1/px^2]: lengths hold to about 3 px
-    const asterism::Summary summary = asterism::solve(springs_, x_);  // from the last placement on
+    const asterism::Summary summary = asterism::solve(springs_, x_);  // starts at the last placement
     result.lost = !summary.usable() || result.confidence < 0.2;
 
-    const Eigen::Vector2d centre = x_.rowwise().mean();
-    box_.x = centre.x() - box_.width / 2;
-    box_.y = centre.y() - box_.height / 2;
+    box_ = asterism::box_around(x_.rowwise().mean(), {box_.width, box_.height});
     if (!result.lost)
       for (int i = 0; i < kParts; ++i) parts_[static_cast<std::size_t>(i)].adapt(frame, x_.col(i));
     result.box = box_;
@@ -73,8 +72,8 @@ cv::Mat draw(int frame) {
   return image;
 }
 
-// The greatest error of a tracker [px]. FourParts is held as any other tracker: whatever takes an AnyTracker
-// takes it, MultiTracker too.
+// The largest error of a tracker [px]. An AnyTracker holds FourParts like any other tracker, so whatever
+// takes an AnyTracker, such as MultiTracker, takes FourParts.
 double worst_error(asterism::AnyTracker tracker) {
   tracker.init(draw(0), truth(0));
   double worst = 0;

@@ -71,6 +71,22 @@ TEST(Batch, Page) {
   EXPECT_EQ(used, count);
 }
 
+TEST(ComingFromVideo, Page) {
+  struct {
+    int frame = 0;
+    bool read(cv::Mat& next) { return next = draw(++frame), frame < 4; }
+  } video;
+  cv::Mat image = draw(0);
+  int shown = 0;
+  const auto show = [&](const cv::Rect2d& found, bool ok) {
+    EXPECT_TRUE(ok);
+    EXPECT_NEAR(found.x, 60 + 2 * video.frame, 1);
+    ++shown;
+  };
+#include "docs_coming-from-video_1.inc"
+  EXPECT_EQ(shown, 3);
+}
+
 TEST(EvaluationMeasures, Page) {
   using namespace asterism::bench;
   // Two trackers on four sequences of 400 frames: one overlaps by 0.8, the other by 0.3.
