@@ -349,6 +349,19 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
   EXPECT_TRUE(read(path("t.json")).starts_with("{"));
 }
 
+TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
+  ASSERT_EQ(run("--options dpt_plus", false), 0) << err_;
+  EXPECT_EQ(out_, tracker_options("dpt_plus") + '\n');
+  EXPECT_EQ(err_, "");
+  ASSERT_EQ(run("--options dpt_plus > " + path("options.json"), false), 0) << err_;
+  const std::string images = make_images("images").string() + kBox;
+  ASSERT_EQ(run(images + csv() + " --config " + path("options.json"), false), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  expect_error("--options dtp", {"unknown tracker 'dtp'"}, false);
+  expect_error("--options", {"--options"}, false);
+  expect_error("--options dpt > /dev/full", {"standard output cannot be written"}, false);
+}
+
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
   const std::string images = make_images("images").string() + kBox + " --tracker dpt";
   ASSERT_EQ(run(images + csv() + " --record-systems " + path("systems.jsonl"), false), 0) << err_;

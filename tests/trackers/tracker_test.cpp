@@ -303,6 +303,39 @@ TEST(MakeTracker, VariantsAreOptions) {
   }
 }
 
+// The options that are listed make the same tracker, and are listed alike.
+TEST(TrackerOptions, AreADescription) {
+  const Scene scene;
+  std::vector<std::string> descriptions = tracker_names();
+  descriptions.insert(
+      descriptions.end(),
+      {"dpt+mosse", R"(kalman{"of": "kcf", "lost_factor": 7})",
+       R"(dpt{"solver": {"method": "newton", "max_iterations": 7, "tolerance": 1e-3, "align": false}})",
+       R"({"tracker": "dpt", "grid_rows": 3, "part": {"model": "template", "distance": "ssd"}})"});
+  for (const std::string& description : descriptions) {
+    SCOPED_TRACE(description);
+    const std::string listed = tracker_options(description);
+    EXPECT_EQ(tracker_options(listed), listed);
+    AnyTracker first = make_tracker(description), second = make_tracker(listed);
+    for (AnyTracker* tracker : {&first, &second}) tracker->init(scene.frame(0), Scene::box(0));
+    for (int t = 1; t <= 3; ++t) expect_same(second.update(scene.frame(t)), first.update(scene.frame(t)));
+  }
+}
+
+TEST(TrackerOptions, AreThoseThatWereSet) {
+  const auto has = [](const std::string& description, const char* text) {
+    return tracker_options(description).find(text) != std::string::npos;
+  };
+  EXPECT_TRUE(has("dpt", R"("grid_rows": 2)"));
+  EXPECT_TRUE(has(R"(dpt{"grid_rows": 3})", R"("grid_rows": 3)"));
+  EXPECT_TRUE(has("dpt_plus", R"("model": "spatial_reliability")"));
+  EXPECT_TRUE(has("kcf", R"("proportional_window": true)"));
+  EXPECT_TRUE(has(R"(dpt{"solver": {"max_iterations": 7}})", R"("method": "ida",)"));
+  EXPECT_TRUE(has(R"(kalman{"of": "kcf"})", R"("tracker": "kcf")"));
+  EXPECT_THROW(tracker_options("ncc"), std::invalid_argument);
+  EXPECT_THROW(tracker_options(R"(dpt{"grid_row": 3})"), std::invalid_argument);
+}
+
 TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"grid_row": 3})"), "dpt: unknown option 'grid_row', did you mean 'grid_rows'?");
   EXPECT_EQ(refusal(R"(dpt{"coarse": {"color": {"mrf": {"on": true}}}})"),

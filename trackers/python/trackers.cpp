@@ -2,6 +2,9 @@
 
 #include <pybind11/stl.h>
 
+#ifdef ASTERISM_PYTHON_PARTS
+#include <asterism/parts/concept/part_registry.hpp>
+#endif
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <map>
@@ -88,33 +91,64 @@ Region region_of(const py::object& object, const cv::Size& image) {
   return *region;
 }
 
-AnyTracker made(const std::string& name, const py::object& options) {
-  std::string description = name;
-  if (!options.is_none()) {
-    if (!py::isinstance<py::dict>(options)) {
-      throw py::type_error("options: expected a dict or None, found " +
-                           py::repr(options).cast<std::string>());
-    }
-    const py::cpp_function number([](const py::object& value) {
-      const py::object result = plain(value);
-      if (!result.is(value)) return result;
-      throw py::type_error("options: expected numbers, bools, names and dicts, found " +
-                           py::repr(value).cast<std::string>());
-    });
-    description += py::module_::import("json")
-                       .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
-                       .cast<std::string>();
+/// What make_tracker and tracker_options take. TypeError for options that are no dict of numbers, bools,
+/// names and dicts.
+std::string description_of(const std::string& name, const py::object& options) {
+  if (options.is_none()) return name;
+  if (!py::isinstance<py::dict>(options)) {
+    throw py::type_error("options: expected a dict or None, found " + py::repr(options).cast<std::string>());
   }
-  return make_tracker(description);
+  const py::cpp_function number([](const py::object& value) {
+    const py::object result = plain(value);
+    if (!result.is(value)) return result;
+    throw py::type_error("options: expected numbers, bools, names and dicts, found " +
+                         py::repr(value).cast<std::string>());
+  });
+  return name + py::module_::import("json")
+                    .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
+                    .cast<std::string>();
+}
+
+AnyTracker made(const std::string& name, const py::object& options) {
+  return make_tracker(description_of(name, options));
+}
+
+py::dict dict_of(const std::string& json) { return py::module_::import("json").attr("loads")(json); }
+
+/// All options of a tracker that a description stands for.
+py::dict options_of(const std::string& description) {
+  py::dict options = dict_of(tracker_options(description));
+  options.attr("pop")("tracker");
+  return options;
+}
+
+std::vector<std::string> part_names() {
+#ifdef ASTERISM_PYTHON_PARTS
+  return PartRegistry().names();
+#else
+  return {};
+#endif
+}
+
+py::dict part_options(const std::string& name) {
+#ifdef ASTERISM_PYTHON_PARTS
+  return dict_of(PartRegistry().defaults(name));
+#else
+  throw py::value_error(name + ": options of part models need a build with nlohmann-json");
+#endif
 }
 
 /// asterism.Tracker.
 class Tracker {
  public:
   Tracker(const std::string& name, const py::object& options, const Range& range)
-      : name_(name), tracker_(made(name, options)), range_(range_of(range)) {}
+      : name_(name),
+        description_(description_of(name, options)),
+        tracker_(make_tracker(description_)),
+        range_(range_of(range)) {}
 
   const std::string& name() const { return name_; }
+  py::dict options() const { return options_of(description_); }
 
   void init(const py::object& image, const py::object& box) {
     py::array copy;
@@ -155,7 +189,7 @@ class Tracker {
     f();
   }
 
-  std::string name_;
+  std::string name_, description_;
   AnyTracker tracker_;
   std::optional<PixelRange> range_;
   bool busy_ = false;
@@ -316,6 +350,17 @@ void bind_trackers(py::module_& m) {
 
   m.def("tracker_names", &tracker_names, "The trackers of this build.");
   m.def(
+      "tracker_options",
+      [](const std::string& name, const py::object& options) {
+        return options_of(description_of(name, options));
+      },
+      py::arg("name") = "dpt", py::arg("options") = py::none(),
+      "All options of Tracker(name, options) with their values, as the dict that Tracker takes; for\n"
+      "`dpt+MODEL` as Tracker(\"dpt\", ..) takes it. ValueError as for Tracker.");
+  m.def("part_names", &part_names, "The part models of this build.");
+  m.def("part_options", &part_options, py::arg("name"),
+        "All options of a part model and their defaults, as a dict. ValueError for an unknown name.");
+  m.def(
       "suggested_range",
       [](const py::object& image) -> Range {
         py::array copy;
@@ -369,6 +414,8 @@ void bind_trackers(py::module_& m) {
            "same.\n"
            "RuntimeError for bytes that are no state, ValueError for the state of something else.")
       .def_property_readonly("name", &Tracker::name, "The tracker's name.")
+      .def("options", &Tracker::options,
+           "All options with their values, as tracker_options(name, options) has them.")
       .def("__repr__", [](const Tracker& self) { return "<asterism.Tracker: " + self.name() + ">"; });
 
   py::class_<Objects>(

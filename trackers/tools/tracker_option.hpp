@@ -3,10 +3,13 @@
 #include <CLI/CLI.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cstddef>
+#include <cstdio>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
 #include <string>
+
+#include "tool_main.hpp"
 
 namespace asterism::tools {
 
@@ -33,7 +36,8 @@ inline std::string read_tracker(const std::string& path) {
   return text;
 }
 
-/// The options --tracker and --config, which set the description of a tracker.
+/// The options --tracker and --config, which set the description of a tracker, and --options, which prints
+/// one and ends the program.
 inline void add_tracker_options(CLI::App& app, std::string& description) {
   std::string names;
   for (const std::string& name : tracker_names()) names += name + ", ";
@@ -45,6 +49,16 @@ inline void add_tracker_options(CLI::App& app, std::string& description) {
          "--config", [&description](const std::string& file) { description = read_tracker(file); },
          R"(file that describes the tracker: {"tracker": "dpt", "part": "mosse"})")
       ->excludes(tracker);
+  app.add_option_function<std::string>(
+         "--options",
+         [](const std::string& asked) {
+           std::printf("%s\n", tracker_options(asked).c_str());
+           flush_output();
+           throw CLI::Success();
+         },
+         "print all options of a tracker (NAME as for --tracker) with their values, as JSON that --config "
+         "takes, and exit")
+      ->type_name("NAME");
 }
 
 }  // namespace asterism::tools

@@ -150,6 +150,24 @@ class OptionReader : public OptionVisitor {
   std::vector<Level> levels_;
 };
 
+// Calls f.operator()<Model, Options>(NAME) for each of the library's models.
+template <typename F>
+void for_each_model(F&& f) {
+  f.template operator()<ColorHistogram, ColorHistogramOptions>("color_histogram");
+#ifdef ASTERISM_PARTS_FLOW
+  f.template operator()<Flow, FlowOptions>("flow");
+#endif
+  f.template operator()<Kcf, KcfOptions>("kcf");
+#ifdef ASTERISM_PARTS_KEYPOINTS
+  f.template operator()<Keypoints, KeypointsOptions>("keypoints");
+#endif
+  f.template operator()<Mosse, MosseOptions>("mosse");
+  f.template operator()<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
+  f.template operator()<Strcf, StrcfOptions>("strcf");
+  f.template operator()<Superpixels, SuperpixelsOptions>("superpixels");
+  f.template operator()<Template, TemplateOptions>("template");
+}
+
 // Writes down the values that options have.
 class OptionLister : public OptionVisitor {
  public:
@@ -161,8 +179,24 @@ class OptionLister : public OptionVisitor {
   void operator()(std::string_view name, std::uint64_t& value) override { set(name, value); }
 
  private:
-  void made_by_name(std::string_view name, MemberReference, std::string_view made) override {
-    set(name, std::string(made));
+  void made_by_name(std::string_view name, MemberReference member, std::string_view made) override {
+    Json json = std::string(made);
+    if (const AnyPart* part = member.as<AnyPart>()) {
+      for_each_model([&]<typename Model, typename Options>(const char* model) {
+        const Model* const known = part->target<Model>();
+        if (known == nullptr) return;
+        json = {{"model", model}};
+        OptionLister lister(json);
+        Options options = known->options();
+        visit_options(lister, options);
+      });
+    } else if (const SolverDescription* solver = member.as<SolverDescription>();
+               solver != nullptr && !solver->options.empty()) {
+      json = {{"method", solver->name}};
+      for (const NamedOption& option : solver->options)
+        std::visit([&](auto value) { json[option.name] = value; }, option.value);
+    }
+    set(name, json);
   }
   void set(std::string_view name, const Json& value) { (*levels_.back())[std::string(name)] = value; }
   std::size_t choose(std::string_view name, std::size_t value,
@@ -307,19 +341,7 @@ void detail::check_nesting(const std::string& of, std::string_view json) {
 }
 
 PartRegistry::PartRegistry() {
-  add<ColorHistogram, ColorHistogramOptions>("color_histogram");
-#ifdef ASTERISM_PARTS_FLOW
-  add<Flow, FlowOptions>("flow");
-#endif
-  add<Kcf, KcfOptions>("kcf");
-#ifdef ASTERISM_PARTS_KEYPOINTS
-  add<Keypoints, KeypointsOptions>("keypoints");
-#endif
-  add<Mosse, MosseOptions>("mosse");
-  add<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
-  add<Strcf, StrcfOptions>("strcf");
-  add<Superpixels, SuperpixelsOptions>("superpixels");
-  add<Template, TemplateOptions>("template");
+  for_each_model([this]<typename Model, typename Options>(const char* name) { add<Model, Options>(name); });
 }
 
 void PartRegistry::add(const std::string& name, Factory&& factory) {

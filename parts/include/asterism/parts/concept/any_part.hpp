@@ -43,6 +43,13 @@ class AnyPart {
   bool stateful() const { return self_->stateful(); }
   void visit_state(StateArchive& archive) { self_->visit_state(archive); }
 
+  /// The model that it holds if that is a P, else nullptr.
+  template <class P>
+  const P* target() const {
+    const auto* const model = dynamic_cast<const Model<P>*>(self_.get());
+    return model != nullptr ? &model->part : nullptr;
+  }
+
  private:
   struct Concept {
     virtual ~Concept() = default;

@@ -59,7 +59,8 @@ class ASTERISM_API PartRegistry {
   void read(const std::string& of, std::string_view json, Options& options) {
     read_json(of, json, [&](OptionVisitor& visit) { visit_options(visit, options); });
   }
-  /// Such options as a JSON object.
+  /// Such options as a JSON object, which `read` takes back: a part of the library's models with all of its
+  /// options, any other one by its name alone.
   template <typename Options>
   static std::string list(Options options) {
     return list_json([&](OptionVisitor& visit) { visit_options(visit, options); });

@@ -106,6 +106,8 @@ class ASTERISM_API CoarseTracker : public TrackerBase<CoarseTracker> {
   /// Throws std::invalid_argument for options out of range.
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
 
+  const CoarseOptions& options() const { return layer_.options(); }
+
  private:
   friend TrackerBase<CoarseTracker>;
   static constexpr std::string_view kName = "CoarseTracker";

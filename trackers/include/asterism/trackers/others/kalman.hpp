@@ -60,6 +60,8 @@ class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker, NoGate> {
   /// Throws std::invalid_argument for options out of range.
   explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});
 
+  const KalmanOptions& options() const { return options_; }
+
  private:
   friend TrackerBase<KalmanTracker, NoGate>;
   static constexpr std::string_view kName = "KalmanTracker";

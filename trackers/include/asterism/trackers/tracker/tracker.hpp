@@ -203,5 +203,11 @@ ASTERISM_API std::vector<std::string> tracker_names();
 /// also where the library was built without PartRegistry.
 ASTERISM_API AnyTracker make_tracker(std::string_view description);
 
+/// All options of a tracker with their values, as one JSON object that `make_tracker` takes back:
+/// `{"tracker": "dpt", "coarse": {..}, ..}`. description: as for `make_tracker`; of a name alone, these are
+/// its defaults. A part model of a plugin is listed by its name alone. Throws as `make_tracker`, and
+/// std::invalid_argument where the library was built without PartRegistry.
+ASTERISM_API std::string tracker_options(std::string_view description);
+
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
