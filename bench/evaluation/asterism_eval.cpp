@@ -131,7 +131,7 @@ class RunCommand {
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
     std::fprintf(stderr, "\n");
     if (!tally.damaged.empty())
-      std::fprintf(stderr, "images that are damaged and were taken as blank frames: %zu, the first is %s\n",
+      std::fprintf(stderr, "damaged images, treated as blank frames: %zu, the first is %s\n",
                    tally.damaged.size(), tally.damaged.begin()->c_str());
     if (tally.interrupted) {
       std::fprintf(stderr, "interrupted; the same command goes on%s\n",

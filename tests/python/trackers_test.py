@@ -224,6 +224,7 @@ class TrackersTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "kcf"):
             asterism.part_options("kfc")
 
+    @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
     def test_options_of_every_kind_of_number(self):
         part = {"model": "kcf", "separate_update": np.bool_(False), "lambda": np.float32(0.5)}
         options = {"grid_rows": np.int64(3), "grid_cols": np.array(2), "overlap": np.float32(0.5), "part": part}

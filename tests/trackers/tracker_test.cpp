@@ -342,7 +342,7 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
             "dpt: unknown option 'coarse.color.mrf.on', did you mean 'coarse.color.mrf.enabled'?");
   EXPECT_EQ(refusal(R"(dpt{"constellation": "ring"})"),
             R"(dpt: option 'constellation' must be one of "full", "local", "star", not "ring")");
-  EXPECT_EQ(refusal(R"(dpt{"part": "kfc"})"), "no part model 'kfc', did you mean 'kcf'?");
+  EXPECT_EQ(refusal(R"(dpt{"part": "kfc"})"), "unknown part model 'kfc', did you mean 'kcf'?");
   EXPECT_EQ(refusal(R"(dpt{"part": {"lambda": 1}})"),
             "dpt: option 'part' must be a part model's name or an object with it as \"model\", not "
             R"({"lambda":1})");
@@ -351,9 +351,10 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1], is 2");
   EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp'"), std::string::npos);
-  EXPECT_NE(refusal("dpt{").find("dpt: its options are no JSON object"), std::string::npos);
-  EXPECT_NE(refusal("{").find("no JSON object"), std::string::npos);
-  EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("no JSON object"), std::string::npos);
+  EXPECT_NE(refusal("dpt{").find("dpt: its options are not a JSON object"), std::string::npos);
+  EXPECT_NE(refusal("{").find("not a JSON object"), std::string::npos);
+  EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("not a JSON object"),
+            std::string::npos);
   const std::string deep(100000, '[');
   EXPECT_EQ(refusal("{\"tracker\": " + deep), "a tracker's description: options nested more than 100 deep");
   EXPECT_EQ(refusal("kalman{\"of\": " + deep), "kalman: options nested more than 100 deep");

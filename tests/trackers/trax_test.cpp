@@ -528,8 +528,7 @@ TEST_F(Trax, TakesDamagedImagesAsBlank) {
     input += message(Type::Frame, {image});
   const Answer answer = answer_to(input + "@@TRAX:quit\n");
   EXPECT_EQ(answer.code, 0) << answer.errors;
-  EXPECT_EQ(answer.errors,
-            "asterism-trax: note: images that are damaged and were taken as blank: 3, the first is 3\n");
+  EXPECT_EQ(answer.errors, "asterism-trax: note: damaged images, treated as blank: 3, the first is 3\n");
   ASSERT_EQ(answer.lines.size(), 8u);
 
   expect_error(message(Type::Initialize, {(folder_ / "half.jpg").string(), "60,50,48,40"}),

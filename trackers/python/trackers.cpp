@@ -271,7 +271,7 @@ py::array array_of(const std::array<cv::Point2d, 4>& corners) {
 }  // namespace
 
 void bind_trackers(py::module_& m) {
-  py::class_<PartState>(m, "PartState", "What became of one part in one frame.")
+  py::class_<PartState>(m, "PartState", "The state of one part after a frame.")
       .def_property_readonly(
           "position", [](const PartState& p) { return array_of(p.position); },
           "(x, y) in the MAP constellation [px].")
@@ -380,12 +380,11 @@ void bind_trackers(py::module_& m) {
       m, "Tracker",
       "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
       "red,\n"
-      "or (height, width, 4), of uint8, uint16 or of float32 in [0, 1] (to 1.5 it is clipped, an image with "
-      "values\n"
-      "beyond is refused); they are used as they are where the pixels of a row are next to each other. Boxes "
-      "are (x, y, width, height) [px]. The GIL is released "
-      "while\n"
-      "it computes. One thread at a time: RuntimeError else.")
+      "or (height, width, 4), of uint8, uint16, or float32 in [0, 1] (values up to 1.5 are clipped, an "
+      "image\n"
+      "with values beyond is refused). They are not copied if the pixels of a row are contiguous. Boxes are\n"
+      "(x, y, width, height) [px]. The GIL is released during computations. RuntimeError if two threads use\n"
+      "a tracker at once.")
       .def(
           py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt",
           py::arg("options") = py::none(), py::arg("pixel_range") = py::none(),
@@ -407,12 +406,11 @@ void bind_trackers(py::module_& m) {
       .def("update", &Tracker::update, py::arg("image"),
            "The object in the next image. RuntimeError before init.")
       .def("save", &Tracker::save,
-           "The state between two frames. RuntimeError before init, ValueError for trackers that cannot be "
-           "saved.")
+           "The state between two frames, as bytes. RuntimeError before init, ValueError for trackers that "
+           "cannot be saved.")
       .def("restore", &Tracker::restore, py::arg("state"),
-           "Goes on as the tracker that `state` was saved from, bit for bit; name and options are to be the "
-           "same.\n"
-           "RuntimeError for bytes that are no state, ValueError for the state of something else.")
+           "Continues as the tracker that `state` was saved from, bit for bit; name and options must be the\n"
+           "same. RuntimeError for bytes that are not a state, ValueError for the state of something else.")
       .def_property_readonly("name", &Tracker::name, "The tracker's name.")
       .def("options", &Tracker::options,
            "All options with their values, as tracker_options(name, options) has them.")
@@ -427,15 +425,13 @@ void bind_trackers(py::module_& m) {
            "threads: 0 for as many as the machine runs at once. pixel_range: as for Tracker.")
       .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"),
            py::arg("name") = "dpt", py::arg("options") = py::none(),
-           "Follow an object from this image on, by a tracker of this name and options. ValueError where "
+           "Follow an object from this image on, by a tracker of this name and options. ValueError if "
            "there is\n"
            "one of that id, and what Tracker and its init raise.")
-      .def("remove", &Objects::remove, py::arg("id").noconvert(),
-           "False where there is no object of that id.")
+      .def("remove", &Objects::remove, py::arg("id").noconvert(), "False if there is no object of that id.")
       .def("update", &Objects::update, py::arg("image"),
-           "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
-           "ended\n"
-           "with; the others do not notice.")
+           "A dict from ids to the TrackResult in the next image, or to the exception that the object's\n"
+           "tracker raised; it does not affect the other objects.")
       .def("__len__", &Objects::size);
 }
 

@@ -92,7 +92,7 @@ void check(const Options& options) {
   const auto check_picture = [&](const std::string& option, const std::string& path) {
     if (path.empty()) return;
     if (!cv::haveImageWriter(path))
-      throw std::runtime_error(option + " " + path + ": its ending is of no known image format");
+      throw std::runtime_error(option + " " + path + ": its extension is not that of a known image format");
   };
   check_picture("--sheet", options.sheet);
   check_picture("--timeline", options.timeline);
@@ -221,9 +221,8 @@ void print_notes(ImageSource& source) {
 
 void print_damaged(const ImageSource& source) {
   if (source.damaged().empty()) return;
-  std::fprintf(
-      stderr, "asterism-track: note: frames that are damaged and were taken as blank: %zu, the first is %s\n",
-      source.damaged().size(), source.damaged().front().c_str());
+  std::fprintf(stderr, "asterism-track: note: damaged frames, treated as blank: %zu, the first is %s\n",
+               source.damaged().size(), source.damaged().front().c_str());
 }
 
 void print_summary(const Options& options, const Score& score) {

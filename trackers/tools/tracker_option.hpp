@@ -25,9 +25,10 @@ inline std::string read_tracker(const std::string& path) {
   if (file.bad()) throw std::runtime_error("cannot read " + path);
   text.resize(static_cast<std::size_t>(file.gcount()));
   if (text.size() > kMost)
-    throw std::runtime_error(path + ": more than 1 MiB, which is no description of a tracker");
+    throw std::runtime_error(path + ": more than 1 MiB, too large for the description of a tracker");
   text.erase(0, text.find_first_not_of(" \t\r\n"));
-  if (!text.starts_with('{')) throw std::runtime_error(path + ": a tracker is described by a JSON object");
+  if (!text.starts_with('{'))
+    throw std::runtime_error(path + ": the description of a tracker must be a JSON object");
   try {
     make_tracker(text);
   } catch (const std::invalid_argument& error) {

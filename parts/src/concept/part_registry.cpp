@@ -63,7 +63,7 @@ class OptionReader : public OptionVisitor {
     const Level& level = levels_.back();
     for (const auto& [name, value] : level.json->items())
       if (level.visited.empty())
-        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', there are none");
+        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "': it has no options");
       else if (!level.visited.contains(name))
         throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', did you mean '" +
                                     level.path + *detail::nearest(name, level.visited) + "'?");
@@ -224,7 +224,7 @@ auto guarded(const std::string& name, F&& f) {
   } catch (const std::exception& error) {
     throw std::runtime_error(name + ": " + error.what());
   } catch (...) {
-    throw std::runtime_error(name + ": an exception that is no std::exception");
+    throw std::runtime_error(name + ": an exception that is not a std::exception");
   }
 }
 
@@ -302,13 +302,14 @@ std::optional<std::string> elf_section(const std::string& path, std::string_view
   return {};
 }
 
-// Refuses what is no library of part models for this program, without loading it.
+// Refuses what is not a library of part models for this program, without loading it.
 void check_plugin(const std::string& library, const std::string& path) {
-  const std::string is_none = library + " is no library of part models: ";
+  const std::string is_none = library + " is not a library of part models: ";
   std::error_code error;
   if (!std::filesystem::exists(path, error))
     throw std::runtime_error("cannot load a library of part models: there is no file " + library);
-  if (!std::filesystem::is_regular_file(path, error)) throw std::runtime_error(is_none + "it is no file");
+  if (!std::filesystem::is_regular_file(path, error))
+    throw std::runtime_error(is_none + "it is not a regular file");
   const std::optional<std::string> section = elf_section(path, ".asterism_part_plugin");
   if (!section)
     throw std::runtime_error(is_none +
@@ -347,8 +348,8 @@ PartRegistry::PartRegistry() {
 void PartRegistry::add(const std::string& name, Factory&& factory) {
   constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";
   if (name.empty() || name.find_first_not_of(kLetters) != std::string::npos)
-    throw std::invalid_argument("a part model's name has letters, digits, '_' and '-', unlike '" + name +
-                                "'");
+    throw std::invalid_argument("a part model's name must consist of letters, digits, '_' and '-', unlike '" +
+                                name + "'");
   if (!factories_.try_emplace(name, std::move(factory)).second)
     throw std::invalid_argument("there is a part model '" + name + "' already");
 }
@@ -364,7 +365,8 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
   auto* const add_models =
       reinterpret_cast<void (*)(PartRegistry&)>(dlsym(handle, "asterism_part_plugin_add"));
   if (add_models == nullptr)
-    throw std::runtime_error(library + " is no library of part models: it has no asterism_part_plugin_add");
+    throw std::runtime_error(library +
+                             " is not a library of part models: it has no asterism_part_plugin_add");
   PartRegistry models{Factories()};
   try {
     guarded(library, [&] { add_models(models); });
@@ -406,10 +408,10 @@ void PartRegistry::read_json(const std::string& of, std::string_view json, const
   try {
     object = Json::parse(json);
   } catch (const Json::exception& error) {  // also of a number beyond double's range
-    throw std::invalid_argument(of + ": its options are no JSON object: " + error.what());
+    throw std::invalid_argument(of + ": its options are not a JSON object: " + error.what());
   }
   if (!object.is_object())
-    throw std::invalid_argument(of + ": its options are no JSON object but " + object.dump());
+    throw std::invalid_argument(of + ": its options are not a JSON object but " + object.dump());
   OptionReader reader(of, object, *this);
   options(reader);
   reader.leave();
@@ -437,7 +439,7 @@ const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
     at = factories_.find(name);
   }
   if (at == factories_.end())
-    throw std::invalid_argument("no part model '" + std::string(name) + "', did you mean '" +
+    throw std::invalid_argument("unknown part model '" + std::string(name) + "', did you mean '" +
                                 *detail::nearest(name, names()) + "'?");
   return at->second;
 }

@@ -58,7 +58,7 @@ void Kcf::prepare(const Size2& size) {
 
 void Kcf::visit_state(StateArchive& archive) {
   archive.begin("kcf", options_);
-  if (!archive.loading() && !sample_.prepared()) throw std::logic_error("Kcf: to be saved before init");
+  if (!archive.loading() && !sample_.prepared()) throw std::logic_error("Kcf: save before init");
   archive.size(initial_size_);
   Size2 size = size_;
   archive.size(size);

@@ -155,7 +155,8 @@ Made make_described(std::string_view description, std::string& name) {
     try {
       object = parse(description);
     } catch (const nlohmann::json::exception& error) {  // also of a number beyond double's range
-      throw std::invalid_argument(std::string("a tracker's description is no JSON object: ") + error.what());
+      throw std::invalid_argument(std::string("a tracker's description is not a JSON object: ") +
+                                  error.what());
     }
     if (!object.contains("tracker") || !object["tracker"].is_string())
       throw std::invalid_argument("a tracker's description must have its name as \"tracker\"");

@@ -31,7 +31,7 @@ class LackOfMemory : public std::bad_alloc {
     append_gigabytes(needed);
     append(" of memory, and ");
     append_gigabytes(available);
-    append(" are available: take a method that needs less");
+    append(" are available: use a method that needs less");
   }
 
   const char* what() const noexcept override { return text_; }
@@ -124,7 +124,7 @@ inline void require_memory(double bytes) {
 /// copies of it.
 inline void require_entries(double entries, double bytes, int copies = 1) {
   if (entries > std::numeric_limits<int>::max()) {
-    raise(LackOfMemory("a sparse matrix has more entries than can be counted: take a method without one"));
+    raise(LackOfMemory("a sparse matrix has more entries than can be counted: use a method without one"));
   }
   require_memory(copies * entries * (bytes + sizeof(int)));
 }

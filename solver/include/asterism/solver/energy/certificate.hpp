@@ -191,7 +191,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
   result.proof = Proof::NotCertified;
   MinoriserBound bound;
   if (quadratic_.peaked_link >= 0) {
-    result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is no minimum"};
+    result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is not a minimum"};
   } else {
     bound = factor(system);
     result.least_eigenvalue = bound.least_eigenvalue;
@@ -222,7 +222,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
   }
   if (result.reason.empty()) {
     result.reason = bound.least_eigenvalue < 0 ? "W has a negative eigenvalue: there may be a lower minimum"
-                                               : "W is positive definite or not, by rounding alone";
+                                               : "rounding errors hide whether W is positive definite";
   }
   if (kRobust) return;
   set(system, x, true);

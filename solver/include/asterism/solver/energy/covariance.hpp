@@ -28,7 +28,7 @@ inline namespace ASTERISM_ABI {
 enum class CovarianceStatus {
   Computed,             ///< the only one with a covariance
   NotPositiveDefinite,  ///< the Hessian is not, to the digits of the scalar, or a rigid motion changes no
-                        ///< energy, which the message names: x is no strict local minimum
+                        ///< energy, which the message names: x is not a strict local minimum
   NumericalFailure,     ///< the Hessian leaves the range of the scalar
   InvalidInput,         ///< the message names the offending value
   OutOfMemory,
@@ -91,7 +91,7 @@ struct NodeCovariances {
 namespace detail {
 
 constexpr const char* kIndefinite =
-    "the Hessian is not positive definite to the digits of the scalar: x is no strict local minimum";
+    "the Hessian is not positive definite to the digits of the scalar: x is not a strict local minimum";
 
 /// No entries, or NaN where the size is fixed.
 template <typename Matrix>
@@ -115,7 +115,7 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
     if (const Defect defect = validate(system, x)) return refuse(CovarianceStatus::InvalidInput, defect);
     if (const int l = peaked_link(system, x); l >= 0) {
       return refuse(CovarianceStatus::NotPositiveDefinite,
-                    Defect{"link", l, "has ends that coincide: x is no local minimum"});
+                    Defect{"link", l, "has ends that coincide: x is not a local minimum"});
     }
     if (const FreeMotion motion = FreeMotions<System>().find(system, x)) {
       Message reason = "the Hessian is not positive definite: ";

@@ -118,7 +118,7 @@ inline const Json& array(const Json& value, const Place& place) {
   return value;
 }
 
-/// `unit` says why there must be as many: "one a node".
+/// `unit` says why there must be as many: "one for each node".
 inline const Json& array(const Json& value, const Place& place, std::ptrdiff_t count, const char* unit) {
   if (std::ssize(array(value, place)) != count) {
     refuse(place.text(), ": expected ", std::to_string(count), " (", unit, "), found ",
@@ -329,7 +329,7 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
     }
     refuse(std::string_view(Message(defect)));
   }
-  constexpr auto kNode = "one a node", kLink = "one a link";
+  constexpr auto kNode = "one for each node", kLink = "one for each link";
   read_points(object["anchors"], {"anchors"}, kNode, system.anchors);
   read_vector(member(object, "anchor_stiffness"), {"anchor_stiffness"}, kNode, system.anchor_stiffness);
   read_vector(member(object, "rest_length"), {"rest_length"}, kLink, system.rest_length);
@@ -352,7 +352,7 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
     for (const Json& entry : array(*fixed, {"fixed"})) {
       const Place place = Place{"fixed"}[i++];
       const int index = node(entry, place);
-      if (index < 0 || index >= nodes) refuse(place.text(), " is not a node");
+      if (index < 0 || index >= nodes) refuse(place.text(), " is out of range");
       system.fix(index);
     }
   }

@@ -138,9 +138,9 @@ class GlobalSearch {
           std::min({open.empty() ? closed : open.top().bound, closed, summary.final_energy});
       summary.lower_bound = std::max(summary.lower_bound, lowest);
       if (is_done_ || summary.is_within(options_.gap) || open.empty()) break;
-      if (nodes >= options_.max_nodes) limit = "the limit of nodes came before the gap";
-      if (seconds() > options_.max_seconds) limit = "the limit of time came before the gap";
-      if (options_.stopped()) limit = "asked to stop before the gap";
+      if (nodes >= options_.max_nodes) limit = "the limit of nodes was reached before the gap";
+      if (seconds() > options_.max_seconds) limit = "the limit of time was reached before the gap";
+      if (options_.stopped()) limit = "stopped on request before the gap was reached";
       if (!limit.empty()) break;
       const Part part = open.top();
       open.pop();
@@ -297,7 +297,7 @@ void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBou
   }
   if (system.nodes() > kMostNodes) {
     summary.status = Status::MaxIterations;
-    summary.message = "too many nodes to search: the interval is the staircase's";
+    summary.message = "too many nodes for the search: the interval is that of the Staircase";
     return;
   }
   attempt<std::bad_alloc>([&] { search(system, x, summary); },

@@ -96,7 +96,9 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     summary.factorizations = 1;
     if (!factorization_.factorize(system)) {  // Algorithm 1, line 1
-      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      summary.message =
+          "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+          "scalar";
       return Status::NumericalFailure;
     }
     while (true) {

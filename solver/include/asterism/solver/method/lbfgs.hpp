@@ -231,7 +231,9 @@ Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     ++summary.factorizations;
     if (!metric_.factorize(system)) {
-      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      summary.message =
+          "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+          "scalar";
       return Status::NumericalFailure;
     }
     state_.start(system, x, summary);

@@ -114,7 +114,7 @@ class MultiStart {
       if (lower) x = trial_;
       if (summary.status == Status::Interrupted) {
         best.status = Status::Interrupted;
-        best.message = "asked to stop, not all starts were tried";
+        best.message = "stopped on request: not all starts were tried";
         break;
       }
     }

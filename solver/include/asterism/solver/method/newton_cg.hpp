@@ -161,7 +161,8 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
       ++summary.factorizations;
       if (!preconditioner_.factorize(system)) {
         summary.message =
-            "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+            "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+            "scalar";
         return Status::NumericalFailure;
       }
     }

@@ -157,7 +157,7 @@ class SpringSystem {
  private:
   void set_fixed(int node, bool fixed) {
     if (node < 0 || node >= nodes()) {
-      if (!defect_) defect_ = {"fixed node", node, "is not a node"};
+      if (!defect_) defect_ = {"fixed node", node, "is out of range"};
     } else if (fixed_[node] != fixed) {
       fixed_[node] = fixed;
       fixed_count_ += fixed ? 1 : -1;

@@ -73,7 +73,7 @@ class Topology {
   static Topology star(int n, int centre) {
     Topology topology(n);
     if (centre < 0 || centre >= topology.nodes()) {
-      topology.note({"centre", centre, "is not a node"});
+      topology.note({"centre", centre, "is out of range"});
       return topology;
     }
     for (int j = 0; j < topology.nodes(); ++j) {
@@ -146,7 +146,7 @@ class Topology {
     if (defect_) return;
     const auto is_node = [this](int index) { return 0 <= index && index < nodes_; };
     if (!is_node(link.i) || !is_node(link.j))
-      return note({"link", link_count(), "has an end that is not a node"});
+      return note({"link", link_count(), "has an end that is out of range"});
     if (link.i == link.j) return note({"link", link_count(), "joins a node to itself"});
     if constexpr (kMaxLinks == Eigen::Dynamic) {
       links_.push_back(link);

@@ -117,11 +117,14 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   if (system.defect()) return system.defect();
   const int n = system.nodes();
   if (n == 0) return {"system", -1, "has no nodes"};
-  if (system.anchors.cols() != n) return {"anchors", -1, "are not one a node"};
-  if (system.anchor_stiffness.size() != n) return {"anchor stiffness", -1, "is not one a node"};
-  if (system.rest_length.size() != system.link_count()) return {"rest length", -1, "is not one a link"};
-  if (system.link_stiffness.size() != system.link_count()) return {"link stiffness", -1, "is not one a link"};
-  if (x.cols() != n) return {"x", -1, "is not one column a node"};
+  if (system.anchors.cols() != n) return {"anchors", -1, "must have one column for each node"};
+  if (system.anchor_stiffness.size() != n)
+    return {"anchor stiffness", -1, "must have one entry for each node"};
+  if (system.rest_length.size() != system.link_count())
+    return {"rest length", -1, "must have one entry for each link"};
+  if (system.link_stiffness.size() != system.link_count())
+    return {"link stiffness", -1, "must have one entry for each link"};
+  if (x.cols() != n) return {"x", -1, "must have one column for each node"};
 
   constexpr auto kNotFinite = "is not finite";
   constexpr auto kNotPositive = "is negative or not finite";
@@ -132,7 +135,8 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   if (const int l = first_bad_entry(system.link_stiffness); l >= 0)
     return {"link stiffness", l, kNotPositive};
   if constexpr (System::kAnisotropic) {
-    if (system.anchor_shape.cols() != System::kDim * n) return {"anchor shape", -1, "is not one a node"};
+    if (system.anchor_shape.cols() != System::kDim * n)
+      return {"anchor shape", -1, "must have one matrix for each node"};
     if (const int i = first_bad_shape(system); i >= 0)
       return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
   }

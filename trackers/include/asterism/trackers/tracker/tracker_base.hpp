@@ -67,7 +67,7 @@ class TrackerBase {
   }
   /// For save_state, which throws std::logic_error before `init`.
   void visit_state(StateArchive& archive) {
-    if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "to be saved");
+    if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "save");
     self().visit_learned(archive);
     if constexpr (kGated) gate_.visit_state(archive);
     initialized_ = true;
