@@ -48,7 +48,7 @@ inline void add_tracker_options(CLI::App& app, std::string& description) {
           ->capture_default_str();
   app.add_option_function<std::string>(
          "--config", [&description](const std::string& file) { description = read_tracker(file); },
-         R"(file that describes the tracker: {"tracker": "dpt", "part": "mosse"})")
+         R"(JSON file that describes the tracker: {"tracker": "dpt", "part": "mosse"})")
       ->excludes(tracker);
   app.add_option_function<std::string>(
          "--options",

@@ -158,14 +158,14 @@ class Session {
 
   static void check_count(const TraxMessage& message, size_t count, std::string_view what) {
     if (message.arguments.size() == count) return;
-    throw TraxError(std::string(to_string(message.type)) + " takes " + std::string(what) + ", " +
-                    std::to_string(message.arguments.size()) + " arguments came");
+    throw TraxError(std::string(to_string(message.type)) + " needs " + std::string(what) + ", but has " +
+                    std::to_string(message.arguments.size()) + " arguments");
   }
 
   static Region start_region(const std::string& text) {
     const std::optional<Region> region = parse_region(text);
     constexpr size_t kShown = 64;
-    if (!region) throw TraxError("neither a rectangle nor a polygon: '" + text.substr(0, kShown) + "'");
+    if (!region) throw TraxError("expected a rectangle or a polygon, found '" + text.substr(0, kShown) + "'");
     return *region;
   }
 
