@@ -13,9 +13,9 @@
 
 namespace asterism::tools {
 
-/// A tracker's description from a file, or from a pipe that a shell names, a JSON object as `make_tracker`
-/// takes it. Throws std::runtime_error that names the file where it cannot be read, has more than 1 MiB, or
-/// describes no tracker.
+/// A tracker's description, a JSON object as `make_tracker` takes it, from a file or a named pipe. Throws
+/// std::runtime_error that names the file if it cannot be read, has more than 1 MiB, or does not describe a
+/// tracker.
 inline std::string read_tracker(const std::string& path) {
   constexpr std::size_t kMost = std::size_t{1} << 20;
   std::ifstream file(path);
