@@ -358,6 +358,8 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   const std::string images = make_images("images").string() + kBox;
   ASSERT_EQ(run(images + csv() + " --config " + path("options.json"), false), 0) << err_;
   expect_boxes(path("boxes.csv"), 1, kFrames);
+  EXPECT_TRUE(err_.starts_with("{ \"tracker\": \"dpt_plus\",")) << err_;
+  EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
   expect_error("--options dtp", {"unknown tracker 'dtp'"}, false);
   expect_error("--options", {"--options"}, false);
   expect_error("--options dpt > /dev/full", {"standard output cannot be written"}, false);
