@@ -272,7 +272,7 @@ class PluginPart {
   AnyPart part_;
 };
 
-// A section of a file in this machine's ELF format; nothing where there is none, or the file is none.
+// A section of a file in this machine's ELF format; nothing if the file is not one, or has no such section.
 std::optional<std::string> elf_section(const std::string& path, std::string_view wanted) {
   constexpr std::uint64_t kMost = std::uint64_t{1} << 24;  // bytes of a table: 2^18 sections, and their names
   std::ifstream file(path, std::ios::binary);

@@ -252,7 +252,7 @@ Segmentation ColorModel::segment(const Frame& frame, const cv::Rect2d& region, c
     }
   }
 
-  // The random field is that of the cells in the image: what is outside has neither a say nor a posterior.
+  // The random field covers the cells in the image only: cells outside have no effect and no posterior.
   regularize_posterior(valid, {}, options_.mrf, mrf_, valid);
 
   // Eq. 6, with M_fg in pixels.

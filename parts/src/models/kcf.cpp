@@ -18,7 +18,7 @@ Kcf::Kcf(const KcfOptions& options)
   if (options.kernel.type == Kernel::Type::Gaussian) kernel_base_ = 1;
   if (options.kernel.type == Kernel::Type::Polynomial) {
     const auto [type, sigma, offset, exponent] = options.kernel;
-    // c may be negative: of a fractional power that is no number.
+    // c may be negative, and a fractional power of it is not a number.
     require(exponent == std::floor(exponent), "KcfOptions: the kernel's exponent must be a whole number");
     kernel_base_ = std::pow(offset, exponent);
     require(std::abs(kernel_base_) <= 1e6, "KcfOptions: the kernel's offset^exponent must be at most 1e6");
