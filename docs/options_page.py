@@ -82,6 +82,7 @@ def structs_of(header):
 
 
 STRUCTS = {name: struct for header in headers() for name, struct in structs_of(header).items()}
+ALIASES = dict(alias for header in headers() for alias in re.findall(r"^using (\w+) = (\w+);", header.read_text(encoding="utf-8"), re.MULTILINE))
 
 
 def members_of(struct):
@@ -116,8 +117,7 @@ def rows_of(struct_name, options, path=()):
     for name, value in options.items():
         type_name, comment = members.get(name, ("", NO_MEMBERS.get(name, "")))
         if isinstance(value, dict) and not {"model", "tracker"} & set(value):
-            aliased = type_name if type_name in STRUCTS else struct_of(value)
-            yield from rows_of(aliased, value, (*path, name))
+            yield from rows_of(ALIASES.get(type_name, type_name), value, (*path, name))
         else:
             yield (*path, name), value, comment
 
@@ -164,7 +164,8 @@ def values_of(path, value, ask):
             if names := re.search(r"must be one of (.*), not", str(error)):
                 return ", ".join(f"`{name}`" for name in names[1].split(", "))
             if ends := re.search(re.escape(path[-1]) + r" must be in \[(\S+), (\S+)\], is", str(error)):
-                return f"{ends[1].replace('e+', 'e')} to {ends[2].replace('e+', 'e')}"
+                least, most = (re.sub(r"e\+?(-?)0*", r"e\1", end) for end in ends.groups())
+                return f"{least} to {most}"
     return ""
 
 

@@ -33,8 +33,8 @@ struct CoarseOptions {
   double color_share = 0;
   /// The model of motion, which finds pixels that move differently from the camera. Not in the paper.
   MotionOptions motion;
-  /// Weight, in [0, 1], of its mean posterior in the object's box around each position, in a sum with the
-  /// response with color; 0: not used. Needs OpenCV's video module.
+  /// Weight, in [0, 1], of the mean posterior of motion in the object's box around each position, in a sum
+  /// with the response with color; 0: not used. Needs OpenCV's video module.
   double motion_share = 0;
   /// Refine the maximum below the spacing of the root's grid. The paper leaves this open.
   bool sub_pixel = true;
