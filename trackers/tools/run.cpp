@@ -292,8 +292,8 @@ void run(const Options& options) {
       try {
         call(at_work);
       } catch (const std::exception& e) {
-        throw std::runtime_error(shown(names[at_work]) + " in frame " + std::to_string(source.position()) + ": " +
-                                 e.what());
+        throw std::runtime_error(shown(names[at_work]) + " in frame " + std::to_string(source.position()) +
+                                 ": " + e.what());
       }
       return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };
