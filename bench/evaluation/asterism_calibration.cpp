@@ -120,12 +120,13 @@ int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> models = PartRegistry().names(), only;
   CLI::App app(
-      "Errors of part models on annotated sequences, and the same in units of the deviation that they claim: "
-      "of the covariance, then of the scalar variance.",
+      "Errors of part models on annotated sequences, in pixels and in units of the deviation that they "
+      "report: "
+      "first that of the covariance, then that of the scalar variance.",
       "asterism-calibration");
-  app.add_option("DATASET", dataset, "a sequence or a folder of them")->required();
-  app.add_option("--models", models, "of the registry, with options or without")->capture_default_str();
-  app.add_option("--sequences", only, "only these")->delimiter(',');
+  app.add_option("DATASET", dataset, "a sequence, or a folder of sequences")->required();
+  app.add_option("--models", models, "part models, with or without options")->capture_default_str();
+  app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
   return asterism::tools::run_tool(app, argc, argv, [&] {
     cv::setNumThreads(1);
     PartRegistry registry;

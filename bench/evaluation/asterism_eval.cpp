@@ -29,10 +29,11 @@ constexpr std::string_view kName = "asterism-eval";
 class RunCommand {
  public:
   explicit RunCommand(CLI::App& parent)
-      : app_(*parent.add_subcommand("run", "runs trackers on a data set and stores what they answer")) {
-    app_.add_option("DATASET", dataset_, "a sequence or a folder of them")->required();
+      : app_(*parent.add_subcommand("run", "runs trackers on a data set and stores their results")) {
+    app_.add_option("DATASET", dataset_, "a sequence, or a folder of sequences")->required();
     app_.add_option("--trackers", trackers_, "names as `asterism-eval trackers` lists them")->delimiter(',');
-    app_.add_option("--tracker", described_, "NAME=DESCRIPTION, one of ours with options; may be repeated")
+    app_.add_option("--tracker", described_,
+                    "NAME=DESCRIPTION, one of our trackers with options; may be repeated")
         ->allow_extra_args(false);
     app_.add_option("--external", external_, "NAME=COMMAND, a tracker that speaks TraX; may be repeated")
         ->allow_extra_args(false);
@@ -40,36 +41,36 @@ class RunCommand {
                     "vot (supervised), otb (one pass), tre, sre, multistart; several separated by commas")
         ->delimiter(',')
         ->capture_default_str();
-    app_.add_option("--out", folder_, "folder of the results; what it has is not run again")->required();
-    app_.add_option("--layout", layout_, "of the data set: " + layout_names())->capture_default_str();
-    app_.add_option("--sequences", only_, "only these")->delimiter(',');
+    app_.add_option("--out", folder_, "folder of the results; results in it are kept, not computed again")
+        ->required();
+    app_.add_option("--layout", layout_, "layout of the data set: " + layout_names())->capture_default_str();
+    app_.add_option("--sequences", only_, "only these, separated by commas")->delimiter(',');
     app_.add_option("--starts", options_.starts,
-                    "vot, otb: runs on each sequence, all but the first from a moved start box")
+                    "vot, otb: number of runs on each sequence; all but the first start on a moved box")
         ->check(CLI::Range(1, kMostStarts))
         ->capture_default_str();
-    app_.add_option("--jitter", options_.jitter, "the most that a start box is moved on each axis [px]")
+    app_.add_option("--jitter", options_.jitter, "greatest move of a start box on each axis [px]")
         ->check(CLI::Range(0.0, kMostJitter))
         ->capture_default_str();
-    app_.add_option("--seed", options_.seed, "of the moves")->capture_default_str();
+    app_.add_option("--seed", options_.seed, "seed of the moves")->capture_default_str();
     app_.add_option("--overlap", overlap_,
-                    "how failures are seen: vot-python, trax, trax-legacy (VOT2013-15), exact")
+                    "overlap that defines failures: vot-python, trax, trax-legacy (VOT2013-15), exact")
         ->capture_default_str();
-    app_.add_flag("--bounded", options_.bounded, "only what lies within the image overlaps");
+    app_.add_flag("--bounded", options_.bounded, "compute overlaps within the image only");
     app_.add_flag("--boxes", options_.boxes,
-                  "ground truth polygons are replaced by their axis-aligned bounding boxes");
+                  "replace ground truth polygons by their axis-aligned bounding boxes");
     asterism::tools::add_range_options(app_, options_.range);
-    app_.add_option("--workers", workers_, "runs at the same time; 1 for figures of speed")
+    app_.add_option("--workers", workers_, "number of runs at the same time; use 1 to measure speed")
         ->check(CLI::Range(1, 1024))
         ->capture_default_str();
-    app_.add_option("--timeout", timeout_, "of each answer of an external tracker [s]")
+    app_.add_option("--timeout", timeout_, "time limit for each answer of an external tracker [s]")
         ->check(CLI::Range(0.001, 1e6))
         ->capture_default_str();
     app_.add_option("--retries", retries_,
-                    "how often a run is made again in which an external tracker died or was silent")
+                    "how often to repeat a run in which an external tracker ended or did not answer")
         ->check(CLI::Range(0, 1000))
         ->capture_default_str();
-    app_.add_option("--rerun", rerun_, "of these trackers all results there are dropped first")
-        ->delimiter(',');
+    app_.add_option("--rerun", rerun_, "delete all results of these trackers first")->delimiter(',');
   }
 
   bool parsed() const { return app_.parsed(); }
@@ -131,7 +132,7 @@ class RunCommand {
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
     std::fprintf(stderr, "\n");
     if (!tally.damaged.empty())
-      std::fprintf(stderr, "images that are damaged and were taken as blank frames: %zu, the first is %s\n",
+      std::fprintf(stderr, "damaged images, treated as blank frames: %zu, the first is %s\n",
                    tally.damaged.size(), tally.damaged.begin()->c_str());
     if (tally.interrupted) {
       std::fprintf(stderr, "interrupted; the same command goes on%s\n",
@@ -163,17 +164,17 @@ class RunCommand {
 class ReportCommand {
  public:
   explicit ReportCommand(CLI::App& parent)
-      : app_(*parent.add_subcommand("report", "scores what `run` has stored: a page, JSON and CSV")) {
+      : app_(*parent.add_subcommand(
+            "report", "scores the results that `run` has stored; writes a page, JSON and CSV")) {
     app_.add_option("DIR", folder_, "folder of the results")->required();
     app_.add_option("--out", out_, "folder of the report; by default DIR/report");
-    app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
-    app_.add_option("--sequences", only_, "only these")->delimiter(',');
-    app_.add_option(
-        "--interval", interval_,
-        "LOW:HIGH, lengths that the supervised EAO is the mean over; by default by the density of "
-        "the lengths of the sequences");
-    app_.add_flag("--paper", options_.paper, "adds the figures that the DPT paper prints");
-    app_.add_option("--baseline", options_.baseline, "a tracker that the others are compared with");
+    app_.add_option("--dataset", dataset_, "path of the data set, if it has moved");
+    app_.add_option("--sequences", only_, "only these, separated by commas")->delimiter(',');
+    app_.add_option("--interval", interval_,
+                    "LOW:HIGH, interval of lengths of the supervised EAO; default: from the density of "
+                    "the lengths of the sequences");
+    app_.add_flag("--paper", options_.paper, "add the figures of the DPT paper");
+    app_.add_option("--baseline", options_.baseline, "tracker with which the others are compared");
   }
 
   bool parsed() const { return app_.parsed(); }
@@ -225,11 +226,11 @@ class ExportCommand {
  public:
   explicit ExportCommand(CLI::App& parent)
       : app_(*parent.add_subcommand("export-got10k",
-                                    "writes the passes of protocol otb as GOT-10k's server takes them")) {
+                                    "writes the results of protocol otb in the format of GOT-10k's server")) {
     app_.add_option("DIR", folder_, "folder of the results")->required();
-    app_.add_option("--out", out_, "folder of the files, a folder a tracker")->required();
-    app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
-    app_.add_option("--trackers", trackers_, "only these")->delimiter(',');
+    app_.add_option("--out", out_, "folder of the files, with a subfolder for each tracker")->required();
+    app_.add_option("--dataset", dataset_, "path of the data set, if it has moved");
+    app_.add_option("--trackers", trackers_, "only these, separated by commas")->delimiter(',');
   }
 
   bool parsed() const { return app_.parsed(); }

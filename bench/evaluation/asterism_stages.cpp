@@ -77,11 +77,15 @@ void report(const std::string& name, const std::vector<Sequence>& sequences) {
 int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> names = asterism::tracker_names(), only;
-  CLI::App app("Times of our trackers' stages and the worth of their lost flag, one pass over sequences.",
-               "asterism-stages");
-  app.add_option("DATASET", dataset, "a sequence or a folder of them")->required();
-  app.add_option("--trackers", names, "of asterism's own")->delimiter(',')->capture_default_str();
-  app.add_option("--sequences", only, "only these")->delimiter(',');
+  CLI::App app(
+      "Prints the times of our trackers' stages and how reliable their lost flag is, in one pass over "
+      "sequences.",
+      "asterism-stages");
+  app.add_option("DATASET", dataset, "a sequence, or a folder of sequences")->required();
+  app.add_option("--trackers", names, "trackers of asterism, separated by commas")
+      ->delimiter(',')
+      ->capture_default_str();
+  app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
   return asterism::tools::run_tool(app, argc, argv, [&] {
     cv::setNumThreads(1);
     for (const std::string& name : names)

@@ -320,20 +320,25 @@ int main(int argc, char** argv) {
   double threshold = 0.1;
   bool signals = false;
   CLI::App app(
-      "Whether trackers know how far off they are, one pass over sequences. First the area under the ROC "
-      "curve of their confidence, by which frames with and without overlap are told apart: of all frames "
-      "together with a 95 % interval of a bootstrap over sequences, the mean over the sequences that have "
-      "both, and for what else dpt could be judged by the difference to its confidence. Then how often the "
-      "truth is in the 95 % region of their covariance, and the factor by which its deviations should be "
-      "larger for half of the frames to be in the 50 % region.",
+      "Measures how well trackers estimate their own errors, in one pass over sequences. First the area "
+      "under "
+      "the ROC curve of their confidence, as a classifier of frames with and without overlap: for all frames "
+      "together, with a 95 % interval from a bootstrap over sequences; as a mean over the sequences that "
+      "have "
+      "both kinds of frames; and, for other signals of dpt, the difference from its confidence. Then how "
+      "often "
+      "the truth is in the 95 % region of their covariance, and the factor by which its deviations would "
+      "have "
+      "to be larger for half of the frames to be in the 50 % region.",
       "asterism-uncertainty");
-  app.add_option("DATASET", dataset, "a sequence or a folder of them")->required();
-  app.add_option("--trackers", names, "as asterism-eval knows them, or descriptions")->capture_default_str();
-  app.add_option("--overlap", threshold, "a frame with more is tracked")
+  app.add_option("DATASET", dataset, "a sequence, or a folder of sequences")->required();
+  app.add_option("--trackers", names, "names that asterism-eval knows, or descriptions")
+      ->capture_default_str();
+  app.add_option("--overlap", threshold, "a frame with a greater overlap counts as tracked")
       ->check(CLI::Range(0.0, 1.0))
       ->capture_default_str();
-  app.add_flag("--signals", signals, "also everything that dpt could be judged by");
-  app.add_option("--sequences", only, "only these")->delimiter(',');
+  app.add_flag("--signals", signals, "also print all other signals that could serve as dpt's confidence");
+  app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
   return asterism::tools::run_tool(app, argc, argv, [&] {
     cv::setNumThreads(1);
     const std::vector<std::string> own = tracker_names();

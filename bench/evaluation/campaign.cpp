@@ -83,9 +83,9 @@ T number(const Json& json, const char* key, T low, T high) {
 
 // What reports use of the entries of a record is of these types, or not there.
 void check_record(const Json& record) {
-  if (!record.is_array()) throw std::invalid_argument("the record is no list");
+  if (!record.is_array()) throw std::invalid_argument("the record is not a list");
   for (const Json& entry : record) {
-    if (!entry.is_object()) throw std::invalid_argument("an entry of the record is no object");
+    if (!entry.is_object()) throw std::invalid_argument("an entry of the record is not an object");
     for (const char* key : {"command", "started", "version"})
       if (entry.contains(key) && !entry[key].is_string())
         throw std::invalid_argument(std::string(key) + " in the record: no text");
@@ -117,7 +117,7 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
       throw std::invalid_argument("range: two numbers expected, not " + range.dump());
     campaign.options.range = PixelRange{range[0], range[1]};
   }
-  if (!json.at("protocols").is_array()) throw std::invalid_argument("protocols are no list");
+  if (!json.at("protocols").is_array()) throw std::invalid_argument("protocols are not a list");
   for (const auto& protocol : json["protocols"])
     campaign.protocols.push_back(parse_protocol(protocol.get<std::string>()));
   campaign.trackers = json.at("trackers").get<std::map<std::string, std::string>>();
@@ -129,7 +129,7 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
       throw std::invalid_argument(reason);
   campaign.record = json.at("record");
   check_record(campaign.record);
-  if (!json.at("sequences").is_object()) throw std::invalid_argument("sequences are no object");
+  if (!json.at("sequences").is_object()) throw std::invalid_argument("sequences are not an object");
   return campaign;
 } catch (const Json::exception& error) {
   throw std::runtime_error((folder / kFile).string() + ": " + error.what());

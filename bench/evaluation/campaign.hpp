@@ -28,7 +28,7 @@ struct Campaign {
 
   /// Where the result of a run is, or will be.
   std::filesystem::path file(const std::string& tracker, const Sequence& sequence, const Run& run) const;
-  /// What the tracker threw in a run, beside its result; there is no file where it threw nothing.
+  /// The file, beside a run's result, with the error that the tracker threw; absent if it threw none.
   std::filesystem::path errors_file(const std::string& tracker, const Sequence& sequence,
                                     const Run& run) const;
 };
@@ -36,7 +36,7 @@ struct Campaign {
 /// Whether the folder holds a campaign.
 bool has_campaign(const std::filesystem::path& folder);
 
-/// What speaks against a tracker's name, which becomes that of a folder; empty where nothing does.
+/// Why a tracker's name, which becomes that of a folder, cannot be used; empty if it can.
 std::string reason_against_name(const std::string& tracker);
 
 /// Reads FOLDER/campaign.json and the data set that it names, or the one at `dataset` if that is not empty.
@@ -67,8 +67,8 @@ struct CampaignTally {
   bool interrupted = false;  ///< runs at work were dropped, and are made again by the next call
 };
 /// Makes the runs of the given trackers and protocols on the campaign's sequences whose results are not there
-/// yet, each stored when it is whole, with progress on standard error. The results do not depend on the
-/// workers and shards, but for times. Throws for what cannot be read or written, and UnusableTracker.
+/// yet, each stored when it is complete, with progress on standard error. Apart from times, the results do
+/// not depend on the workers and shards. Throws for what cannot be read or written, and UnusableTracker.
 CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
                            const std::vector<Protocol>& protocols, const CampaignRun& how);
 

@@ -25,7 +25,7 @@ struct Image {
   std::filesystem::path file;  ///< for external trackers, which may take nothing else; empty if there is none
 };
 
-/// What a tracker says of one frame.
+/// A tracker's answer for one frame.
 struct Report {
   std::optional<Region> region;  ///< empty: the tracker reports that it has not found the object
   double confidence = std::numeric_limits<double>::quiet_NaN();  ///< on the tracker's own scale; NaN: none
@@ -37,7 +37,7 @@ using Step = std::function<Report(const Image&)>;
 using Start = std::function<Step(const Image&, const Region&)>;
 
 /// A tracker of another program that cannot be used at all: it could not be started, or ended or was silent
-/// before its first answer. Its failures are none of the object's.
+/// before its first answer. This does not count as losing the object.
 class UnusableTracker : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;

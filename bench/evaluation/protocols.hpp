@@ -40,7 +40,7 @@ std::string experiment_name(Protocol protocol);
 inline constexpr int kMostStarts = 999;      ///< of a sequence: files have numbers of three digits
 inline constexpr double kMostJitter = 1000;  ///< [px]
 
-/// What the results of an evaluation depend on beside tracker, sequence and protocol.
+/// Settings on which the results of an evaluation depend, besides tracker, sequence and protocol.
 struct ProtocolOptions {
   OverlapRule overlap = OverlapRule::VotPython;  ///< that failures are seen by
   bool bounded = false;                          ///< only what lies within the image overlaps

@@ -8,7 +8,7 @@ namespace asterism::bench {
 /// Whether a text is UTF-8, as JSON, CSV and HTML want it; names of files need not be.
 bool is_utf8(std::string_view text);
 
-/// The text with \\xHH for each byte that is no part of UTF-8: for messages.
+/// The text with \\xHH for each byte that is not part of valid UTF-8: for messages.
 std::string printable(std::string_view text);
 
 }  // namespace asterism::bench

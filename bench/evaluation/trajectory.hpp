@@ -13,7 +13,7 @@ namespace asterism::bench {
 
 using tools::Region;
 
-/// What a run has in one frame: a region, or else a code of the VOT toolkit.
+/// The entry of one frame of a run: a region, or a code of the VOT toolkit.
 struct TrajectoryFrame {
   static constexpr int kUnknown = 0;  ///< no region, and frames between a failure and the next start
   static constexpr int kStarted = 1;  ///< the tracker was given the ground truth

@@ -52,20 +52,22 @@ struct SelectionOptions {
         ->delimiter(',')
         ->check(CLI::IsMember(known))
         ->capture_default_str();
-    app.add_option("--sizes", sizes, "nodes of the fully connected systems")
+    app.add_option("--sizes", sizes, "numbers of nodes of the fully connected systems")
         ->delimiter(',')
         ->check(CLI::Range(1, 10000))
         ->capture_default_str();
-    app.add_option("--sparse", sparse_sizes, "nodes of the systems of local links, too")
+    app.add_option("--sparse", sparse_sizes,
+                   "also systems with local links only, with these numbers of nodes")
         ->delimiter(',')
         ->check(CLI::Range(10, 10000000));
     app.add_option("--solvers", solvers, "names as `asterism-bench solvers` lists them, or all")
         ->capture_default_str();
-    app.add_option("--systems", systems, "systems of each kind and size; a tenth beyond 100 nodes")
+    app.add_option("--systems", systems,
+                   "number of systems of each kind and size; a tenth of it beyond 100 nodes")
         ->check(CLI::Range(1, 100000000))
         ->capture_default_str();
     app.add_option("--recorded", recorded,
-                   "file of systems (asterism-track --record-systems), the kind real");
+                   "file of systems from asterism-track --record-systems; adds the kind real");
   }
 
   Selection selection() const {
@@ -99,7 +101,7 @@ struct ExperimentCommand {
       : make(experiment),
         app(parent.add_subcommand(name, what)),
         options(*app, std::move(sizes), std::move(solvers), systems) {
-    app->add_option("--results", folder, "folder of the results; what it has is not measured again")
+    app->add_option("--results", folder, "folder of the results; results in it are kept, not measured again")
         ->capture_default_str();
   }
 
@@ -124,42 +126,44 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   std::string command = "asterism-bench";
   for (int a = 1; a < argc; ++a) command += std::string(" ") + argv[a];
 
-  CLI::App app("The solver laboratory: what the solvers are measured by.", "asterism-bench");
+  CLI::App app("The solver laboratory: measures and compares solvers.", "asterism-bench");
   app.require_subcommand(1);
 
   bool quick = false;
   std::string group;
   CLI::App* bars =
-      app.add_subcommand("bars", "measures the solvers against what they ought to reach: a line a bar");
+      app.add_subcommand("bars", "measures the solvers against their targets, one line for each target");
   bars->add_flag("--quick", quick, "fewer and smaller systems");
-  bars->add_option("--group", group, "one group alone")
+  bars->add_option("--group", group, "one group only")
       ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness", "proof"}));
 
   CLI::App* crossovers = app.add_subcommand(
-      "crossovers", "times what Auto chooses from, against size, linking and strength of the anchors");
+      "crossovers", "times the methods that Auto chooses from, by size, linking and strength of the anchors");
   bool dense = false, sparse = false;
   crossovers->add_flag("--quick", quick, "sparse systems of up to 1e4 nodes");
-  crossovers->add_flag("--dense", dense, "fully connected systems alone");
-  crossovers->add_flag("--sparse", sparse, "sparse systems alone");
+  crossovers->add_flag("--dense", dense, "fully connected systems only");
+  crossovers->add_flag("--sparse", sparse, "sparse systems only");
 
 #ifdef ASTERISM_BENCH_PARTS
-  CLI::App* parts = app.add_subcommand(
-      "parts", "times a part's stages and a constellation's parts beside dlib's fHOG and OpenCV's tracker");
+  CLI::App* parts = app.add_subcommand("parts",
+                                       "times the stages of a part, and the parts of a constellation, beside "
+                                       "dlib's fHOG and OpenCV's tracker");
   parts->add_flag("--quick", quick, "fewer rounds");
 #endif
 
-  CLI::App* solver_list = app.add_subcommand("solvers", "lists the solvers that experiments can ask for");
+  CLI::App* solver_list = app.add_subcommand("solvers", "lists the solvers for --solvers");
 
-  CLI::App* solve = app.add_subcommand("solve", "every solver on the systems of a file: a table each");
+  CLI::App* solve =
+      app.add_subcommand("solve", "runs solvers on the systems of a file; prints a table for each system");
   std::string file, chosen = "all";
   Limits limits;
   solve->add_option("FILE", file, "JSON as in docs/system-json.md")->required();
   solve->add_option("--solver,--solvers", chosen, "names, separated by commas, or all")
       ->capture_default_str();
-  solve->add_option("--tolerance", limits.tolerance, "of the stopping rule")->capture_default_str();
-  solve->add_option("--iterations", limits.iterations, "at most")->capture_default_str();
+  solve->add_option("--tolerance", limits.tolerance, "tolerance of the stopping rule")->capture_default_str();
+  solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();
 
-  CLI::App* kind_table = app.add_subcommand("kinds", "what sets the kinds of systems apart");
+  CLI::App* kind_table = app.add_subcommand("kinds", "prints how the kinds of systems differ");
   const SelectionOptions of_kinds(*kind_table, {4}, "ida,newton", 1000);
 
   // From the paper's comparison outwards; what takes too long for a size is left out there.

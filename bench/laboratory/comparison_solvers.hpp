@@ -28,7 +28,9 @@ class GuardedIda {
   bool start(const System& system, const Points& x, Summary& summary) {
     ++summary.factorizations;
     if (!factorization_.factorize(system)) {
-      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      summary.message =
+          "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+          "scalar";
       return false;
     }
     energy_ = evaluate(system, x, gradient_, summary);

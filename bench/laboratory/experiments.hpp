@@ -12,7 +12,7 @@
 
 namespace asterism::bench {
 
-/// What an experiment is run on.
+/// The problems and solvers of an experiment.
 struct Selection {
   std::vector<testing::Kind> kinds;
   std::vector<int> sizes;  ///< nodes, fully connected

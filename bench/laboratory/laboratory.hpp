@@ -1,6 +1,6 @@
 #pragma once
 
-// What the experiments work on: problems, and solvers by name.
+// The material of the experiments: problems, and solvers by name.
 
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -46,11 +46,11 @@ class Runner {
   virtual double seconds(const Limits& limits, int repeats) = 0;
 };
 
-/// A solver that anyone can ask for by name.
+/// A solver that is available by its name.
 struct SolverEntry {
   std::string name;     ///< as in --solvers
-  std::string title;    ///< what it says of itself
-  std::string package;  ///< where it is from, with the version
+  std::string title;    ///< its own name for itself
+  std::string package;  ///< the package that it comes from, with the version
   /// Nodes beyond which the experiments do not ask it, as it would take minutes: fully connected systems, and
   /// systems of local links.
   int dense_nodes = 0;
@@ -107,9 +107,9 @@ std::unique_ptr<Runner> make_runner(int) {
   return std::make_unique<RunnerOf<System>>(AnySolver<System>(Solver()));
 }
 
-/// What it takes a solver to come close to a minimum.
+/// The cost for a solver to come close to a minimum.
 struct ToGap {
-  int iterations = 0;  ///< -1 where it does not arrive
+  int iterations = 0;  ///< -1 if it does not reach it
   double seconds = 0;  ///< CPU time of so many, setup included
   double minimum = 0;  ///< the energy that the gap is measured from
 };

@@ -155,7 +155,7 @@ def system_of(entry: Any, index: int) -> System:
         if result.shape != shape and not (result.size == 0 and 0 in shape):
             raise ValueError(f"{name} has the wrong size")
         if not np.isfinite(result).all():
-            raise ValueError(f"{name} has a value that is no number")
+            raise ValueError(f"{name} has a value that is not a number")
         return result.reshape(shape)
 
     dim, n, count = int(entry["dim"]), len(entry["anchors"]), len(entry["links"])

@@ -1,6 +1,6 @@
 #pragma once
 
-// Results of experiments, kept as they come.
+// Results of experiments, stored as soon as they are measured.
 
 #include <filesystem>
 #include <functional>
@@ -21,7 +21,7 @@ struct Cell {
 /// Measured cells by their keys, in the order of the experiment.
 using Results = std::vector<std::pair<std::string, Json>>;
 
-/// What an experiment runs with.
+/// The settings of a run of an experiment.
 struct RunOptions {
   std::filesystem::path folder;
   std::string command;  ///< as typed, for the record

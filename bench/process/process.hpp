@@ -1,6 +1,6 @@
 #pragma once
 
-// What long-running benchmarks need of their process: shares of the work, signals, and what machine it is.
+// Functions for long-running benchmarks: shares of the work, signals, and a description of the machine.
 
 #include <chrono>
 #include <filesystem>
@@ -13,8 +13,8 @@ namespace asterism::bench {
 
 using Json = nlohmann::ordered_json;
 
-/// The JSON of a text. Throws std::runtime_error for what is none, and for values that are nested deeper than
-/// any of ours: to copy or write them could end the process.
+/// The JSON of a text. Throws std::runtime_error if it is not JSON, and for values that are nested deeper
+/// than any of ours, because copying or writing them could overflow the stack.
 Json parse_json(std::string_view text);
 
 /// A share of the work: of its parts, those whose number leaves `index` when divided by `count`.
@@ -33,9 +33,9 @@ class Processes {
   Processes& operator=(const Processes&) = delete;
 
   Shard shard() const { return shard_; }
-  /// Ends all processes; does nothing where there is one. For errors, as the others would wait for this one.
+  /// Ends all processes; does nothing if there is only one. For errors: the others would wait for this one.
   void abort() const;
-  /// Waits for all processes; empty where there is one alone.
+  /// Waits for all processes; empty if there is only one.
   std::function<void()> barrier() const;
 
  private:
@@ -61,7 +61,7 @@ std::string digest(std::string_view text);
 
 /// From here on SIGINT and SIGTERM set stop_signal, a second one ends the process at once.
 void stop_on_signals();
-/// The signal that asked this process to stop, 0 for none.
+/// The signal that asked this process to stop, or 0.
 int stop_signal();
 
 /// Date and time of now, "2026-01-31T23:59:59Z".

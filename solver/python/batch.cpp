@@ -93,16 +93,17 @@ BatchSummary solve(AnyBatch& self, int threads, const std::string& simd, const N
 }  // namespace
 
 void bind_batch(py::module_& m) {
-  py::class_<BatchSummary>(m, "BatchSummary", "What became of a batch as a whole.")
+  py::class_<BatchSummary>(m, "BatchSummary", "The result of a batch as a whole.")
       .def_readonly("status", &BatchSummary::status,
-                    "CONVERGED if every system is, else the first other status of a system.")
+                    "CONVERGED if every system has converged, otherwise the first other status of a system.")
       .def_property_readonly(
           "message", [](const BatchSummary& s) { return std::string(std::string_view(s.message)); },
           "The reason in words.")
-      .def_readonly("first_failure", &BatchSummary::first_failure, "The system that `status` is of, or -1.")
-      .def_readonly("converged", &BatchSummary::converged, "Number of systems.")
+      .def_readonly("first_failure", &BatchSummary::first_failure,
+                    "The index of the system with `status`, or -1.")
+      .def_readonly("converged", &BatchSummary::converged, "Number of systems that have converged.")
       .def_readonly("by_scalar", &BatchSummary::by_scalar,
-                    "Systems that the lanes left to the scalar solver.")
+                    "Number of systems that the lanes left to the scalar solver.")
       .def_property_readonly(
           "simd", [](const BatchSummary& s) { return std::string(to_string(s.simd)); }, "Instructions used.")
       .def_readonly("seconds", &BatchSummary::seconds, "Wall-clock time of the solve.")
@@ -118,7 +119,7 @@ void bind_batch(py::module_& m) {
       m, "SpringBatch",
       "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
       "own\n"
-      "memory, a view of planes of M numbers: change them in place, nothing is copied. They start as NaN.");
+      "memory, views of planes of M numbers: assign to them in place. They start as NaN.");
   type.def(py::init(&make_batch), py::arg("topology"), py::arg("count").noconvert(),
            py::arg("dim").noconvert() = 2, "count: number of systems M. dim: 2 or 3.");
   const auto points = [](auto plane_of) {
@@ -166,13 +167,12 @@ void bind_batch(py::module_& m) {
           py::arg("max_iterations").noconvert() = NewtonOptions().max_iterations, py::arg("align") = true,
           py::arg("allow_reflection") = false, py::arg("escape_saddles") = true,
           py::arg("gap") = NewtonOptions().gap,
-          "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the "
-          "machine\n"
-          "runs at once. simd: auto, portable, avx2 or avx512. gap: above 0, lower_bound is proven for each. "
-          "The GIL is released meanwhile; signals are\n"
-          "looked at every few hundred systems, and after a KeyboardInterrupt some are solved, some are "
-          "not.\n"
-          "One thread at a time: RuntimeError else.")
+          "Moves x of every system to a local minimum by Newton's method. threads: 0 for as many as the\n"
+          "machine runs at once. simd: auto, portable, avx2 or avx512. gap: if above 0, a lower_bound is\n"
+          "proven for each system. The GIL is released during the solve; signals are handled every few "
+          "hundred\n"
+          "systems, and after a KeyboardInterrupt only some of them are solved. RuntimeError if two threads\n"
+          "use the batch at once.")
       .def_property_readonly(
           "size", [](AnyBatch& self) { return self.visit([](auto& b) { return b.size(); }); },
           "Number of systems M.")
@@ -189,7 +189,7 @@ void bind_batch(py::module_& m) {
       type, "iterations", [](auto& b, int i) { return b.iterations(i); }, "(M,), -1 until known.");
   def_verdict<int>(
       type, "positive_definite", [](auto& b, int i) { return b.positive_definite(i); },
-      "(M,): 1 where the Hessian is, 0 where not, -1 where nobody looked.");
+      "(M,): 1 if the Hessian is positive definite, 0 if not, -1 if it was not tested.");
   def_verdict<double>(
       type, "initial_energy", [](auto& b, int i) { return b.initial_energy(i); }, "(M,), -1 until known.");
   def_verdict<double>(
@@ -198,7 +198,7 @@ void bind_batch(py::module_& m) {
       type, "stationarity", [](auto& b, int i) { return b.stationarity(i); }, "(M,), -1 until known.");
   def_verdict<double>(
       type, "lower_bound", [](auto& b, int i) { return b.lower_bound(i); },
-      "(M,), of the least energy; -1 where the option gap did not ask for it.");
+      "(M,), lower bounds of the least energies; -1 without the option gap.");
 }
 
 }  // namespace asterism::python

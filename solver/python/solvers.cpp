@@ -214,29 +214,30 @@ py::object definite(const Summary& summary) {
 
 constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a stationary point of the system's energy and writes it back into x, a\n"
-    "float64, C-contiguous, writeable array: TypeError or ValueError else. What became of it is in the\n"
-    "Summary, also for values that a solver refuses, and for an x in the system's memory, such as its\n"
-    "anchors: pass a copy. Where `usable` is false, x is as it was. The GIL is\n"
-    "released meanwhile; KeyboardInterrupt ends the solve of a large system, and leaves x as it was.\n\n"
+    "float64, C-contiguous, writeable array (otherwise TypeError or ValueError). The Summary says how the\n"
+    "solve ended, also for values that a solver refuses, and for an x that shares the system's memory, such\n"
+    "as its anchors: pass a copy. If `usable` is false, x is unchanged. The GIL is released during the\n"
+    "solve; KeyboardInterrupt ends the solve of a large system, and leaves x unchanged.\n\n"
     "on_iteration(iteration, x, energy, gradient_norm), if given, is called at the start and after each\n"
     "iteration, with a copy of x; False ends the solve, with Status.INTERRUPTED, and so does an exception,\n"
     "which is raised.";
 
 void bind_status(py::module_& m) {
   py::dict members;
-  std::string doc = "Why a solver stopped, and what became of x; an int to NumPy.\n";
+  std::string doc = "Why a solver stopped, and what x is then; an int to NumPy.\n";
   const auto add = [&](const char* name, Status status, const char* text) {
     members[name] = static_cast<int>(status);
     doc.append("\n").append(name).append(": ").append(text);
   };
   add("NOT_RUN", Status::NotRun, "solve was not called");
-  add("CONVERGED", Status::Converged, "x is a stationary point to the tolerance asked for");
+  add("CONVERGED", Status::Converged, "x is a stationary point within the tolerance");
   add("MAX_ITERATIONS", Status::MaxIterations, "the iterations ran out; x is the last iterate");
   add("NO_PROGRESS", Status::NoProgress, "the solver could not go on; x is its best iterate");
-  add("NUMERICAL_FAILURE", Status::NumericalFailure, "x is as it was");
-  add("INVALID_INPUT", Status::InvalidInput, "the message names the offending value; x is as it was");
-  add("OUT_OF_MEMORY", Status::OutOfMemory, "x is as it was");
-  add("INTERRUPTED", Status::Interrupted, "a batch was; x is as it was or the last iterate");
+  add("NUMERICAL_FAILURE", Status::NumericalFailure,
+      "overflow, or stiffness ratios beyond float64's digits; x is unchanged");
+  add("INVALID_INPUT", Status::InvalidInput, "the message names the offending value; x is unchanged");
+  add("OUT_OF_MEMORY", Status::OutOfMemory, "a workspace could not be allocated; x is unchanged");
+  add("INTERRUPTED", Status::Interrupted, "on request; x is the last iterate or, in a batch, unchanged");
   const py::module_ enums = py::module_::import("enum");
   const py::object type = enums.attr("IntEnum")("Status", members, py::arg("module") = m.attr("__name__"));
   type.attr("__doc__") = doc;
@@ -250,7 +251,7 @@ void bind_status(py::module_& m) {
 void bind_solvers(py::module_& m) {
   bind_status(m);
 
-  py::class_<Summary>(m, "Summary", "What a solver returns. Numbers are -1 until they are known.")
+  py::class_<Summary>(m, "Summary", "The result of a solver. Numbers are -1 until they are known.")
       .def_readonly("status", &Summary::status, "Why it stopped.")
       .def_property_readonly(
           "message", [](const Summary& s) { return text_of(s.message); }, "The reason in words.")
@@ -264,14 +265,13 @@ void bind_solvers(py::module_& m) {
       .def_readonly("factorizations", &Summary::factorizations, "Of a matrix.")
       .def_readonly("initial_energy", &Summary::initial_energy, "E at the x given.")
       .def_readonly("final_energy", &Summary::final_energy, "E at the x returned.")
-      .def_readonly("lower_bound", &Summary::lower_bound,
-                    "No x has less energy; where the option gap asks for it.")
+      .def_readonly("lower_bound", &Summary::lower_bound, "No x has less energy; only with the option gap.")
       .def_readonly("gradient_norm", &Summary::gradient_norm, "|dE/dx| at the x returned.")
       .def_readonly("stationarity", &Summary::stationarity, "At the x returned; see stationarity().")
       .def_property_readonly(
           "positive_definite", &definite,
-          "Whether the Hessian at the x returned is; False, too, where nothing holds a component\n"
-          "against turning or sliding; None where the method did not look.")
+          "Whether the Hessian at the x returned is positive definite; also False if a component is free to\n"
+          "turn or slide; None if the method did not test it.")
       .def_readonly("seconds", &Summary::seconds, "Wall-clock time of the solve.")
       .def_property_readonly("usable", &Summary::usable, "x is finite and at least as good as the start.")
       .def("__bool__", &Summary::usable, "`usable`, so that `if not solve(...)` sees a failure.")
@@ -287,7 +287,7 @@ void bind_solvers(py::module_& m) {
             }
             return result;
           },
-          "All of it by name.")
+          "All attributes in a dict.")
       .def("__repr__", [](const Summary& self) {
         std::ostringstream text;
         text << "<asterism.Summary: " << self << ">";
@@ -297,12 +297,12 @@ void bind_solvers(py::module_& m) {
   m.def(
       "methods", [] { return solvers<2>().names(); }, "The methods of this build, for solve and Solver.");
 
-  py::class_<Solver>(
-      m, "Solver",
-      "A method that keeps its memory between solves, for systems of any size and dimension. One\n"
-      "thread at a time: RuntimeError else.")
+  py::class_<Solver>(m, "Solver",
+                     "A method that keeps its memory between solves, for systems of any size and dimension.\n"
+                     "RuntimeError if two threads use it at once.")
       .def(py::init<const std::string&, const py::kwargs&>(), py::arg("method") = "auto",
-           "method: one of methods(), ValueError else. options: as `options` lists them, TypeError else.")
+           "method: one of methods(), otherwise ValueError. options: those that `options` lists, otherwise "
+           "TypeError.")
       .def("solve", &Solver::solve, py::arg("system"), py::arg("x"), py::arg("on_iteration") = py::none(),
            kSolve)
       .def_property_readonly("method", &Solver::method, "The method's name.")
@@ -310,8 +310,8 @@ void bind_solvers(py::module_& m) {
       .def("__repr__", [](const Solver& self) { return "<asterism.Solver: " + self.method() + ">"; });
 
   const std::string doc = std::string(kSolve) +
-                          "\n\nmethod: one of methods(). options: those of Solver(method).options. Keep a "
-                          "Solver where\nsolves repeat.";
+                          "\n\nmethod: one of methods(). options: those of Solver(method).options.\n"
+                          "For repeated solves, keep a Solver.";
   m.def(
       "solve",
       [](AnySystem& system, const py::object& x, const std::string& method, const py::object& on_iteration,

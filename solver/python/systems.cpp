@@ -93,7 +93,8 @@ void def_values(py::class_<AnySystem>& type, const char* name, Member member, co
 int checked_node(const AnySystem& self, int node) {
   const int nodes = std::visit([](auto& system) { return system.nodes(); }, self.of_dim);
   if (node >= 0 && node < nodes) return node;
-  throw py::index_error("node " + std::to_string(node) + " is none of " + std::to_string(nodes));
+  throw py::index_error("node " + std::to_string(node) + " is out of range (" + std::to_string(nodes) +
+                        " nodes)");
 }
 
 /// f(system, x) of valid values, without the GIL.
@@ -120,9 +121,10 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
 }  // namespace
 
 void bind_systems(py::module_& m) {
-  py::class_<Topology<>>(m, "Topology",
-                         "Who is linked to whom: an immutable list of links over nodes 0 .. nodes - 1.\n\n"
-                         "Duplicated links act as springs in parallel. ValueError names a link that is none.")
+  py::class_<Topology<>>(
+      m, "Topology",
+      "Which nodes are linked: an immutable list of links between nodes 0 .. nodes - 1.\n\n"
+      "Duplicated links act as springs in parallel. ValueError names an invalid link.")
       .def_static(
           "full", [](int nodes) { return valid(Topology<>::full(nodes)); }, py::arg("nodes").noconvert(),
           "Every pair, in the order (0, 1), (0, 2), ..., (1, 2), ...")
@@ -137,14 +139,14 @@ void bind_systems(py::module_& m) {
                                [k](const auto& map) { return valid(Topology<>::k_nearest(map, k)); });
           },
           py::arg("points"), py::arg("k").noconvert(),
-          "Each node linked to its k nearest others, and the other way round. points: (N, 2) or (N, 3).")
+          "Nodes are linked if one is among the k nearest of the other. points: (N, 2) or (N, 3).")
       .def_static(
           "from_links",
           [](int nodes, const py::object& links) {
             return valid(Topology<>::from_links(nodes, links_of(links)));
           },
           py::arg("nodes").noconvert(), py::arg("links"),
-          "The links as given: pairs of nodes, or an array (L, 2).")
+          "The given links: pairs of nodes, or an array (L, 2).")
       .def_property_readonly("nodes", &Topology<>::nodes, "Number of nodes N.")
       .def_property_readonly("link_count", &Topology<>::link_count, "Number of links L.")
       .def_property_readonly(
@@ -164,18 +166,18 @@ void bind_systems(py::module_& m) {
 
   py::class_<AnySystem> type(
       m, "SpringSystem",
-      "A constellation as a spring system: node i hangs on its anchor by a spring of stiffness k_i, linked\n"
-      "nodes are joined by springs of stiffness k_ij and rest length mu_ij. Its energy is\n"
+      "A constellation as a spring system: a spring of stiffness k_i ties node i to its anchor, and springs\n"
+      "of stiffness k_ij and rest length mu_ij join linked nodes. Its energy is\n"
       "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2.\n\n"
-      "The arrays are the system's own memory: change them in place, nothing is copied. They start as NaN,\n"
-      "so that a forgotten value is an error. Do not change them while another thread solves the system.");
+      "The arrays are the system's own memory: assign to them in place. They start as NaN, so that a\n"
+      "forgotten value is an error. Do not change them while another thread solves the system.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
            "dim: coordinates of a point, 2 or 3.");
   def_values(
       type, "anchors", [](auto& s) -> auto& { return s.anchors; }, "a_i, (N, dim) [px].");
   def_values(
       type, "anchor_stiffness", [](auto& s) -> auto& { return s.anchor_stiffness; },
-      "k_i >= 0, (N,); each connected component needs one that is positive.");
+      "k_i >= 0, (N,); at least one > 0 in each connected component.");
   def_values(
       type, "rest_length", [](auto& s) -> auto& { return s.rest_length; },
       "mu_ij >= 0, (L,), in the order of the topology's links [px].");
@@ -195,7 +197,8 @@ void bind_systems(py::module_& m) {
           [](AnySystem& self, int node) {
             self.visit([n = checked_node(self, node)](auto& system) { system.fix(n); });
           },
-          py::arg("node").noconvert(), "Holds a node where the start of a solve has it. IndexError for none.")
+          py::arg("node").noconvert(),
+          "Holds a node where the start of a solve has it. IndexError if it is out of range.")
       .def(
           "release",
           [](AnySystem& self, int node) {
@@ -255,8 +258,8 @@ void bind_systems(py::module_& m) {
             {size, size});
       },
       py::arg("system"), py::arg("x"),
-      "d2E/dx2, (dim N, dim N), symmetric; coordinate d of node i is row dim i + d. Fixed nodes are coupled\n"
-      "to none.");
+      "d2E/dx2, (dim N, dim N), symmetric; coordinate d of node i is row dim i + d. Fixed nodes are not\n"
+      "coupled to others.");
   m.def(
       "sparse_hessian",
       [](AnySystem& system, const py::object& x) {
@@ -271,10 +274,10 @@ void bind_systems(py::module_& m) {
                          [](const auto& s, const auto& points) { return stationarity(s, points); });
       },
       py::arg("system"), py::arg("x"),
-      "How far x is from a stationary point, without units: what the solvers' tolerance is compared with.");
+      "How far x is from a stationary point, without units. The solvers' tolerance applies to it.");
   py::class_<Certificate>(
       m, "Certificate",
-      "What certify() proves of a placement. Every number is rigorous: the rounding of its\n"
+      "What certify() proves about a placement. Every number is rigorous: the rounding of its\n"
       "computation is accounted for.")
       .def_property_readonly("certified", &Certificate::certified, "x is proven to be a global minimum.")
       .def_property_readonly(
@@ -290,8 +293,8 @@ void bind_systems(py::module_& m) {
       .def_readonly("lower_bound", &Certificate::lower_bound, "No placement has less energy.")
       .def_property_readonly("gap", &Certificate::relative_gap, "(energy - lower_bound) / energy.")
       .def_readonly("least_eigenvalue", &Certificate::least_eigenvalue,
-                    "A bound of W's least eigenvalue: from below where W is positive definite, else from\n"
-                    "above; NaN if unknown.")
+                    "A bound of W's least eigenvalue: from below if W is positive definite, otherwise\n"
+                    "from above; NaN if unknown.")
       .def_readonly("distance", &Certificate::distance,
                     "No global minimum has a node farther from x [px]; inf if unknown.")
       .def("__bool__", &Certificate::certified, "`certified`.")
@@ -313,7 +316,7 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"), py::arg("gap") = CertifyOptions().gap,
       "Whether x (N, dim) is proven to be a global minimum of the energy, and a lower bound of the energy.\n"
-      "x need not be what a solver returned. gap: a global minimum may lie below E(x) by this share of it.");
+      "x need not come from a solver. gap: a global minimum may lie below E(x) by this share of it.");
   m.def(
       "covariance",
       [](AnySystem& system, const py::object& x) {
@@ -329,8 +332,8 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"),
       "The covariance of the solution x by Laplace's approximation, (dim N, dim N) [px^2 for stiffness in\n"
-      "1/px^2]. numpy.linalg.LinAlgError where x is no strict local minimum, which names a free rotation or\n"
-      "translation, ValueError for what a solver would refuse, MemoryError where it does not fit.");
+      "1/px^2]. numpy.linalg.LinAlgError if x is not a strict local minimum; it names a free rotation or\n"
+      "translation. ValueError for values that a solver would refuse, MemoryError if memory runs out.");
   m.def(
       "node_covariances",
       [](AnySystem& system, const py::object& x) {

@@ -224,7 +224,7 @@ class Evaluation(unittest.TestCase):
         image.write_bytes(image.read_bytes()[:5000])
         done = self.evaluate("--range", "0,200", data="damaged")
         self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn(f"images that are damaged and were taken as blank frames: 1, the first is {image}\n", done.stderr)
+        self.assertIn(f"damaged images, treated as blank frames: 1, the first is {image}\n", done.stderr)
         self.assertEqual(json.loads((self.out / "campaign.json").read_text())["options"]["range"], [0, 200])
         image.write_bytes(b"no image")
         done = self.evaluate("--range", "0,200", data="damaged", trackers=("--trackers", "coarse"))

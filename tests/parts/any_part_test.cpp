@@ -67,5 +67,14 @@ TEST(AnyPart, CopiesAreDeepAndMovesAreNot) {
   EXPECT_TRUE(mixed[0].localize(frame, {1, 1}).position.allFinite());
 }
 
+TEST(AnyPart, ShowsTheModelThatItHolds) {
+  KcfOptions options;
+  options.cell_size = 2;
+  const AnyPart part = Kcf(options);
+  ASSERT_NE(part.target<Kcf>(), nullptr);
+  EXPECT_EQ(part.target<Kcf>()->options().cell_size, 2);
+  EXPECT_EQ(part.target<Counter>(), nullptr);
+}
+
 }  // namespace
 }  // namespace asterism

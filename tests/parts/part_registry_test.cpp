@@ -74,7 +74,7 @@ TEST(PartRegistry, SetsOptions) {
 }
 
 TEST(PartRegistry, SaysWhatIsWrong) {
-  EXPECT_EQ(refused("mose"), "no part model 'mose', did you mean 'mosse'?");
+  EXPECT_EQ(refused("mose"), "unknown part model 'mose', did you mean 'mosse'?");
   EXPECT_EQ(refused(R"(kcf{"lamda": 1})"), "kcf: unknown option 'lamda', did you mean 'lambda'?");
   EXPECT_EQ(refused(R"(kcf{"kernel": {"sigmas": 1}})"),
             "kcf: unknown option 'kernel.sigmas', did you mean 'kernel.sigma'?");
@@ -87,9 +87,9 @@ TEST(PartRegistry, SaysWhatIsWrong) {
   EXPECT_EQ(
       refused(R"(kcf{"kernel": {"type": "gauss"}})"),
       "kcf: option 'kernel.type' must be one of \"gaussian\", \"polynomial\", \"linear\", not \"gauss\"");
-  EXPECT_THAT(refused(R"(kcf{"lambda": })"), StartsWith("kcf: its options are no JSON object: "));
-  EXPECT_THAT(refused(R"(kcf{"lambda": 1} x)"), StartsWith("kcf: its options are no JSON object: "));
-  EXPECT_THAT(refused(R"(kcf{"lambda": 1e999})"), StartsWith("kcf: its options are no JSON object: "));
+  EXPECT_THAT(refused(R"(kcf{"lambda": })"), StartsWith("kcf: its options are not a JSON object: "));
+  EXPECT_THAT(refused(R"(kcf{"lambda": 1} x)"), StartsWith("kcf: its options are not a JSON object: "));
+  EXPECT_THAT(refused(R"(kcf{"lambda": 1e999})"), StartsWith("kcf: its options are not a JSON object: "));
   EXPECT_EQ(refused("kcf{\"lambda\": " + std::string(100000, '[')), "kcf: options nested more than 100 deep");
   EXPECT_THAT(refused(R"(kcf{"lambda": -1})"), AllOf(StartsWith("kcf: "), HasSubstr("lambda")));
   EXPECT_EQ(refused(""), refused("{}"));
@@ -112,7 +112,7 @@ TEST(PartRegistry, TakesModelsOfOnesOwn) {
   EXPECT_EQ(registry.defaults("mute"), "{}");
   registry.make("mute");
   EXPECT_EQ(message<std::invalid_argument>([&] { registry.make(R"(mute{"a": 1})"); }),
-            "mute: unknown option 'a', there are none");
+            "mute: unknown option 'a': it has no options");
   const auto add = [&](const char* name) {
     return message<std::invalid_argument>([&] { registry.add<Mute, Mute::Options>(name); });
   };
@@ -131,15 +131,15 @@ TEST(PartPlugin, IsAPartLikeAnother) {
   testing::check_part_faults(part);
   const std::string nearest = "', did you mean '" + library + ":gray_patch";
   EXPECT_THAT(refused(library + ":grey_patch"),
-              StartsWith("no part model '" + library + ":grey_patch" + nearest));
+              StartsWith("unknown part model '" + library + ":grey_patch" + nearest));
   EXPECT_THAT(refused(library + R"(:gray_patch{"nose": 1})"),
               HasSubstr("unknown option 'nose', did you mean 'noise'?"));
   EXPECT_THAT(refused(library + R"(:gray_patch{"noise": 0})"),
               HasSubstr("gray_patch: GrayPatch: noise must be in [0.001, 1000], is 0"));
 }
 
-// Every way that we know of in which a file is no library of part models for this program; the constructors
-// of those that are for another one end the process.
+// Every way that we know of in which a file is not a library of part models for this program; the
+// constructors of those that are for another one end the process.
 TEST(PartPlugin, IsRefusedInOneLineThatSaysWhy) {
   struct Case {
     const char *library, *part;
@@ -147,17 +147,17 @@ TEST(PartPlugin, IsRefusedInOneLineThatSaysWhy) {
   const Case cases[] = {
       {ASTERISM_FOREIGN_PLUGIN, " was built for Asterism v0_0_align16, "},
       {ASTERISM_FOREIGN_PLUGIN, ", this program for Asterism v"},
-      {ASTERISM_EMPTY_PLUGIN, " is no library of part models: it has no section .asterism_part_plugin, "},
-      {ASTERISM_OLD_PLUGIN, " is no library of part models: it has no section .asterism_part_plugin, "},
+      {ASTERISM_EMPTY_PLUGIN, " is not a library of part models: it has no section .asterism_part_plugin, "},
+      {ASTERISM_OLD_PLUGIN, " is not a library of part models: it has no section .asterism_part_plugin, "},
       {ASTERISM_GARBLED_PLUGIN, " was built for A???[2J, this program for "},
-      {ASTERISM_WITHOUT_ADD_PLUGIN, " is no library of part models: it has no asterism_part_plugin_add"},
+      {ASTERISM_WITHOUT_ADD_PLUGIN, " is not a library of part models: it has no asterism_part_plugin_add"},
       {ASTERISM_THROWS_PLUGIN, ": no GPU"},
-      {ASTERISM_THROWS_INT_PLUGIN, ": an exception that is no std::exception"},
+      {ASTERISM_THROWS_INT_PLUGIN, ": an exception that is not a std::exception"},
       {ASTERISM_NAME_PLUGIN, "a part model's name has letters"},
       {ASTERISM_TWICE_PLUGIN, "there is a part model 'nothing' already"},
       {"/proc/self/exe", "it has no section"},
-      {"/dev/zero", " is no library of part models: it is no file"},
-      {"/", " is no library of part models: it is no file"},
+      {"/dev/zero", " is not a library of part models: it is not a regular file"},
+      {"/", " is not a library of part models: it is not a regular file"},
   };
   for (const auto& [library, part] : cases) {
     PartRegistry registry;
@@ -225,7 +225,7 @@ TEST(PartPlugin, ThrowsWithItsName) {
   EXPECT_EQ(message<std::runtime_error>([&] {
               part.adapt(frame, {40, 30});
             }),
-            library + ":hostile: an exception that is no std::exception");
+            library + ":hostile: an exception that is not a std::exception");
   EXPECT_EQ(message<std::runtime_error>([&] {
               part.similarity_at({40, 30});
             }),
@@ -241,7 +241,7 @@ TEST(PartPlugin, ThrowsWithItsName) {
 }
 
 TEST(PartPlugin, ThrowsWithItsNameBeforeItIsAPart) {
-  const std::string library = ASTERISM_HOSTILE_PLUGIN, reason = ": an exception that is no std::exception";
+  const std::string library = ASTERISM_HOSTILE_PLUGIN, reason = ": an exception that is not a std::exception";
   PartRegistry registry;
   for (const std::string model : {":options", ":constructor"})
     EXPECT_EQ(message<std::runtime_error>([&] { registry.make(library + model); }), library + model + reason);

@@ -64,9 +64,9 @@ class TopologyTest(unittest.TestCase):
 
     def test_refuses_what_is_no_topology(self):
         for links, error, message in [
-            ([(0, 9)], ValueError, "link 0 has an end that is not a node"),
+            ([(0, 9)], ValueError, "link 0 has an end that is out of range"),
             ([(0, 1), (2, 2)], ValueError, "link 1 joins a node to itself"),
-            ([(0, 2**40)], ValueError, "link 0 has an end that is not a node"),
+            ([(0, 2**40)], ValueError, "link 0 has an end that is out of range"),
             ([(0, 1, 2)], ValueError, r"shape \(count, 2\), found \(1, 3\)"),
             ([(0.5, 1)], TypeError, "expected integers, found float64"),
         ]:
@@ -130,7 +130,7 @@ class SystemTest(unittest.TestCase):
         system.release(2)
         asterism.solve(system, x)
         self.assertFalse(np.array_equal(x[2], start[2]))
-        with self.assertRaisesRegex(IndexError, "node 6 is none of 6"):
+        with self.assertRaisesRegex(IndexError, r"node 6 is out of range \(6 nodes\)"):
             system.fix(6)
 
 

@@ -203,6 +203,28 @@ class TrackersTest(unittest.TestCase):
             asterism.Tracker("dpt", {"grid_row": 3})
 
     @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
+    def test_all_options_of_a_tracker(self):
+        options = asterism.tracker_options()
+        self.assertEqual((options["grid_rows"], options["part"]["model"]), (2, "kcf"))
+        self.assertEqual(options, asterism.Tracker().options())
+        self.assertNotIn("tracker", options)
+        for name, given in (("dpt_plus", None), ("kcf", {"use_color": True}), ("kalman", {"of": "coarse"})):
+            with self.subTest(name):
+                tracker = self.started(name, given)
+                self.assertEqual(tracker.options(), asterism.tracker_options(name, given))
+                again = self.started(name, tracker.options())
+                self.assertEqual(again.options(), tracker.options())
+                self.assertEqual(boxes(follow(again, self.frames[1:3])), boxes(follow(tracker, self.frames[1:3])))
+        self.assertEqual(asterism.Tracker("dpt+mosse").options()["part"], {"model": "mosse", **asterism.part_options("mosse")})
+        self.assertEqual(asterism.tracker_options("dpt", {"grid_rows": 3})["grid_rows"], 3)
+        self.assertIn("kcf", asterism.part_names())
+        for bad in ("dtp", 'dpt{"grid_row": 3}'):
+            with self.assertRaises(ValueError):
+                asterism.tracker_options(bad)
+        with self.assertRaisesRegex(ValueError, "kcf"):
+            asterism.part_options("kfc")
+
+    @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
     def test_options_of_every_kind_of_number(self):
         part = {"model": "kcf", "separate_update": np.bool_(False), "lambda": np.float32(0.5)}
         options = {"grid_rows": np.int64(3), "grid_cols": np.array(2), "overlap": np.float32(0.5), "part": part}

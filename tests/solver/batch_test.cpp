@@ -714,7 +714,7 @@ TEST(Batch, RefusesWhatItCannotDo) {
   SpringBatch<double, 2> defective(Topology<>::from_links(3, bad), 2);
   summary = BatchNewton(defective).solve(defective);
   EXPECT_EQ(summary.status, Status::InvalidInput);
-  EXPECT_EQ(summary.message, "link 0 has an end that is not a node");
+  EXPECT_EQ(summary.message, "link 0 has an end that is out of range");
 
   SpringBatch<double, 2> forgotten(Topology<>::full(3), 5);
   summary = BatchNewton(forgotten).solve(forgotten);

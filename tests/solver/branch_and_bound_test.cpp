@@ -104,7 +104,7 @@ TEST(BranchAndBound, LeavesManyNodesToTheStaircase) {
   const Summary up = staircase.solve(system, y);
   ASSERT_FALSE(up.is_within(solver.options.gap));
   EXPECT_EQ(summary.status, Status::MaxIterations);
-  EXPECT_EQ(summary.message, "too many nodes to search: the interval is the staircase's");
+  EXPECT_EQ(summary.message, "too many nodes for the search: the interval is that of the Staircase");
   EXPECT_NEAR(summary.lower_bound, up.lower_bound, 1e-6 * up.lower_bound);
   EXPECT_NEAR(summary.final_energy, up.final_energy, 1e-6 * up.final_energy);
 }
@@ -182,13 +182,13 @@ TEST(BranchAndBound, KeepsToItsLimits) {
     EXPECT_LE(by_nodes.lower_bound, by_nodes.final_energy);
     if (by_nodes.status != Status::MaxIterations) continue;
     ++limited;
-    EXPECT_EQ(by_nodes.message, "the limit of nodes came before the gap");
+    EXPECT_EQ(by_nodes.message, "the limit of nodes was reached before the gap");
     EXPECT_LE(by_nodes.iterations, 20 + 4);
     solver.options.max_seconds = 0;
     const Summary by_time = solver.solve(system, x = start);
     EXPECT_EQ(by_time.status, Status::MaxIterations);
     EXPECT_EQ(by_time.iterations, 0);
-    EXPECT_EQ(by_time.message, "the limit of time came before the gap");
+    EXPECT_EQ(by_time.message, "the limit of time was reached before the gap");
     EXPECT_LE(by_time.lower_bound, by_nodes.lower_bound);
     // Much better with time.
     solver.options.max_nodes = 2000;

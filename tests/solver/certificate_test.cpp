@@ -303,7 +303,7 @@ TEST(Certificate, NamesTheLinkWhoseEndsCoincide) {
   system.rest_length.setOnes(), system.link_stiffness.setOnes();
   const Certificate certificate = certify(system, Plane::Points::Zero(2, 2));
   EXPECT_EQ(certificate.proof, Proof::NotCertified);
-  EXPECT_EQ(certificate.reason, "link 0 has ends that coincide: x is no minimum");
+  EXPECT_EQ(certificate.reason, "link 0 has ends that coincide: x is not a minimum");
   EXPECT_LE(certificate.lower_bound, 0);
 }
 

@@ -247,7 +247,7 @@ TEST(Covariance, RefusesASaddle) {
   x.setZero();  // a peak, though the Hessian by its convention is positive definite
   const auto peak = covariance(system, x);
   EXPECT_EQ(peak.status, CovarianceStatus::NotPositiveDefinite);
-  EXPECT_EQ(peak.message, "link 0 has ends that coincide: x is no local minimum");
+  EXPECT_EQ(peak.message, "link 0 has ends that coincide: x is not a local minimum");
   system.rest_length << 0;  // a spring that wants them there
   EXPECT_TRUE(covariance(system, x));
 }
@@ -280,7 +280,7 @@ TEST(Covariance, RefusesBadInput) {
   expect_refused([](auto&, auto& x) { x(0, 2) = kNan; }, "x of node 2 is not finite");
   expect_refused([](auto& s, auto&) { s.link_stiffness[4] = -1; },
                  "link stiffness 4 is negative or not finite");
-  expect_refused([](auto&, auto& x) { x.conservativeResize(2, 4); }, "x is not one column a node");
+  expect_refused([](auto&, auto& x) { x.conservativeResize(2, 4); }, "x must have one column for each node");
   expect_refused([](auto& s, auto&) { s.anchor_stiffness.setZero(); },
                  "node 0 is in a connected component without anchor stiffness");
   expect_refused(

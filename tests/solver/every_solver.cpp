@@ -451,24 +451,25 @@ class EverySolver : public ::testing::Test {
     const auto from_list = [](std::vector<Link> links) {
       return [links](System& s, Points&) { s = System(System::TopologyType::from_links(kNodes, links)); };
     };
-    table.push_back({"link 1 has an end that is not a node", from_list({{0, 1}, {1, kNodes}})});
-    table.push_back({"link 0 has an end that is not a node", from_list({{-1, 1}})});
+    table.push_back({"link 1 has an end that is out of range", from_list({{0, 1}, {1, kNodes}})});
+    table.push_back({"link 0 has an end that is out of range", from_list({{-1, 1}})});
     table.push_back({"link 2 joins a node to itself", from_list({{0, 1}, {1, 2}, {3, 3}})});
     if constexpr (System::kNodes == Eigen::Dynamic) {
-      table.push_back({"x is not one column a node",
+      table.push_back({"x must have one column for each node",
                        [](System&, Points& x) { x.conservativeResize(Eigen::NoChange, 5); }});
-      table.push_back(
-          {"anchors are not one a node", [](System& s, Points&) { s.anchors.setZero(System::kDim, 3); }});
-      table.push_back(
-          {"anchor stiffness is not one a node", [](System& s, Points&) { s.anchor_stiffness.setOnes(7); }});
+      table.push_back({"anchors must have one column for each node",
+                       [](System& s, Points&) { s.anchors.setZero(System::kDim, 3); }});
+      table.push_back({"anchor stiffness must have one entry for each node",
+                       [](System& s, Points&) { s.anchor_stiffness.setOnes(7); }});
       table.push_back({"system has no nodes", [](System& s, Points& x) {
                          s = System(System::TopologyType::full(0));
                          x.resize(Eigen::NoChange, 0);
                        }});
     }
-    table.push_back({"rest length is not one a link", [](System& s, Points&) { s.rest_length.setOnes(1); }});
-    table.push_back(
-        {"link stiffness is not one a link", [](System& s, Points&) { s.link_stiffness.setOnes(2); }});
+    table.push_back({"rest length must have one entry for each link",
+                     [](System& s, Points&) { s.rest_length.setOnes(1); }});
+    table.push_back({"link stiffness must have one entry for each link",
+                     [](System& s, Points&) { s.link_stiffness.setOnes(2); }});
 
     auto solver = kind_.make();  // reused: bad input must not spoil it
     for (const auto& [message, spoil] : table) {

@@ -206,22 +206,23 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(error_with("anchors", {{0, "0"}, {1, 2}}), "anchors[0][1]: expected a number, found string");
   EXPECT_EQ(error_with("anchors", {{0, 0}, {std::nan(""), 2}}), "anchors[1][0] is not finite");
 
-  EXPECT_EQ(error_with("anchor_stiffness", {1, 2, 3}), "anchor_stiffness: expected 2 (one a node), found 3");
+  EXPECT_EQ(error_with("anchor_stiffness", {1, 2, 3}),
+            "anchor_stiffness: expected 2 (one for each node), found 3");
   EXPECT_EQ(error_with("anchor_stiffness", {1, -2}), "anchor_stiffness[1] is negative");
   EXPECT_EQ(error_with("anchor_stiffness", {true, 2}),
             "anchor_stiffness[0]: expected a number, found boolean");
-  EXPECT_EQ(error_with("rest_length", json::array()), "rest_length: expected 1 (one a link), found 0");
+  EXPECT_EQ(error_with("rest_length", json::array()), "rest_length: expected 1 (one for each link), found 0");
   EXPECT_EQ(error_with("rest_length", {-1}), "rest_length[0] is negative");
-  EXPECT_EQ(error_with("link_stiffness", {1, 2}), "link_stiffness: expected 1 (one a link), found 2");
+  EXPECT_EQ(error_with("link_stiffness", {1, 2}), "link_stiffness: expected 1 (one for each link), found 2");
   EXPECT_EQ(error_with("link_stiffness", {HUGE_VAL}), "link_stiffness[0] is not finite");
   EXPECT_EQ(error_with("link_stiffness", 1), "link_stiffness: expected an array, found number");
 
   const auto links = [](const json& second) { return error_with("links", json::array({{0, 1}, second})); };
-  EXPECT_EQ(links({0, 2}), "links[1] has an end that is not a node");
-  EXPECT_EQ(links({-1, 0}), "links[1] has an end that is not a node");
-  EXPECT_EQ(links({4294967296, 0}), "links[1] has an end that is not a node");
-  EXPECT_EQ(links({0, 18446744073709551615u}), "links[1] has an end that is not a node");
-  EXPECT_EQ(links({-4294967296, 0}), "links[1] has an end that is not a node");
+  EXPECT_EQ(links({0, 2}), "links[1] has an end that is out of range");
+  EXPECT_EQ(links({-1, 0}), "links[1] has an end that is out of range");
+  EXPECT_EQ(links({4294967296, 0}), "links[1] has an end that is out of range");
+  EXPECT_EQ(links({0, 18446744073709551615u}), "links[1] has an end that is out of range");
+  EXPECT_EQ(links({-4294967296, 0}), "links[1] has an end that is out of range");
   EXPECT_EQ(links({1, 1}), "links[1] joins a node to itself");
   EXPECT_EQ(links({0, 1, 1}), "links[1]: expected 2 (nodes), found 3");
   EXPECT_EQ(links({0, 0.5}), "links[1][1]: expected a node's index, found number");
@@ -229,11 +230,11 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(links("01"), "links[1]: expected an array, found string");
 
   EXPECT_EQ(error_with("fixed", 1), "fixed: expected an array, found number");
-  EXPECT_EQ(error_with("fixed", {0, 2}), "fixed[1] is not a node");
-  EXPECT_EQ(error_with("fixed", {-1}), "fixed[0] is not a node");
+  EXPECT_EQ(error_with("fixed", {0, 2}), "fixed[1] is out of range");
+  EXPECT_EQ(error_with("fixed", {-1}), "fixed[0] is out of range");
   EXPECT_EQ(error_with("fixed", {false}), "fixed[0]: expected a node's index, found boolean");
   EXPECT_EQ(error_with("start", nullptr), "start: expected an array, found null");
-  EXPECT_EQ(error_with("start", json::array({{0, 0}})), "start: expected 2 (one a node), found 1");
+  EXPECT_EQ(error_with("start", json::array({{0, 0}})), "start: expected 2 (one for each node), found 1");
   EXPECT_EQ(error_with("start", {{0, 0}, {0}}), "start[1]: expected 2 (dim), found 1");
   EXPECT_EQ(error_with("name", 7), "name: expected a string, found number");
   EXPECT_EQ(error_with("origin", "here"), "origin: expected an object, found string");
@@ -254,7 +255,7 @@ TEST(Json, NamesTheShapeThatIsWrong) {
   };
   const json unit = {{1, 0}, {0, 1}};
   EXPECT_EQ(error({unit, unit}), "(none)");
-  EXPECT_EQ(error(json::array({unit})), "anchor_shape: expected 2 (one a node), found 1");
+  EXPECT_EQ(error(json::array({unit})), "anchor_shape: expected 2 (one for each node), found 1");
   EXPECT_EQ(error({unit, {{1, 0}}}), "anchor_shape[1]: expected 2 (dim), found 1");
   EXPECT_EQ(error({unit, {{1, 0}, {0}}}), "anchor_shape[1][1]: expected 2 (dim), found 1");
   EXPECT_EQ(error({unit, {{1, 0}, {nullptr, 1}}}), "anchor_shape[1][1][0]: expected a number, found null");
@@ -297,7 +298,7 @@ TEST(Json, NamesSourceLineAndSystem) {
   const std::string good = pair().dump();
   json object = pair();
   object["links"][0][1] = 2;
-  const std::string bad = object.dump(), reason = "links[0] has an end that is not a node";
+  const std::string bad = object.dump(), reason = "links[0] has an end that is out of range";
   EXPECT_EQ(error(bad), "f:1: " + reason);
   EXPECT_EQ(error(object.dump(2)), "f: " + reason);
   EXPECT_EQ(error(good + "\n\n" + bad + "\n" + good), "f:3: " + reason);
@@ -402,10 +403,10 @@ TEST(Json, WritesNothingThatCannotBeRead) {
   EXPECT_EQ(error(bad), prefix + "x of node 0 is not finite");
   bad = stored;
   bad.start.resize(2, 1);
-  EXPECT_EQ(error(bad), prefix + "x is not one column a node");
+  EXPECT_EQ(error(bad), prefix + "x must have one column for each node");
   bad = stored;
   bad.system.fix(9);
-  EXPECT_EQ(error(bad), prefix + "fixed node 9 is not a node");
+  EXPECT_EQ(error(bad), prefix + "fixed node 9 is out of range");
   bad = stored;
   bad.name = "\xff";
   EXPECT_EQ(error(bad), prefix + "its name or origin is not UTF-8");

@@ -66,7 +66,7 @@ TEST(FixedNodes, ThatDoNotExistAreRefused) {
   auto x = system.anchors;
   const Summary summary = Newton<decltype(system)>().solve(system, x);
   EXPECT_EQ(summary.status, Status::InvalidInput);
-  EXPECT_EQ(summary.message, "fixed node 7 is not a node");
+  EXPECT_EQ(summary.message, "fixed node 7 is out of range");
 }
 
 TEST(FixedNodes, HoldAComponentWithoutAnchors) {

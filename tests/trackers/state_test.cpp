@@ -164,8 +164,8 @@ TEST(State, EveryFlippedByteAndEveryLengthIsRefused) {
   EXPECT_THROW(target.restore(damaged), std::runtime_error);
   // It is as it was.
   for (int t = 1; t <= 3; ++t) expect_same(target.update(draw_frame(t)), reference.update(draw_frame(t)));
-  EXPECT_EQ(refusal(target, {}), "state: these bytes are no saved state");
-  EXPECT_EQ(refusal(target, Bytes(100)), "state: these bytes are no saved state");
+  EXPECT_EQ(refusal(target, {}), "state: these bytes are not a saved state");
+  EXPECT_EQ(refusal(target, Bytes(100)), "state: these bytes are not a saved state");
   damaged = state;
   damaged[8] = std::byte(99);
   EXPECT_EQ(refusal(target, damaged), "state: of format version 99, this is version 1");

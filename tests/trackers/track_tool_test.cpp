@@ -340,13 +340,29 @@ TEST_F(TrackTool, TakesATrackerFromAFile) {
   expect_error(images + " --config " + path("none.json"), {path("none.json")}, false);
   expect_error(images + " --config " + path("images"), {"cannot read " + path("images")}, false);
   expect_error(images + " --config /dev/zero", {"/dev/zero: more than 1 MiB"}, false);
-  expect_error(images + " --config /dev/null", {"/dev/null: a tracker is described by a JSON object"}, false);
+  expect_error(images + " --config /dev/null",
+               {"/dev/null: the description of a tracker must be a JSON object"}, false);
   write("{\"tracker\": \"kcf\",\n\n    \"use_color\": false\n}\n");
   ASSERT_EQ(run(images + config, false), 0) << err_;
   EXPECT_TRUE(err_.starts_with("{\"tracker\": \"kcf\", \"use_color\": false }: 20 frames, ")) << err_;
   EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 1) << err_;
   expect_error(images + config + " --out " + path("t.json"), {"--out", "--config"}, false);
   EXPECT_TRUE(read(path("t.json")).starts_with("{"));
+}
+
+TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
+  ASSERT_EQ(run("--options dpt_plus", false), 0) << err_;
+  EXPECT_EQ(out_, tracker_options("dpt_plus") + '\n');
+  EXPECT_EQ(err_, "");
+  ASSERT_EQ(run("--options dpt_plus > " + path("options.json"), false), 0) << err_;
+  const std::string images = make_images("images").string() + kBox;
+  ASSERT_EQ(run(images + csv() + " --config " + path("options.json"), false), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  EXPECT_TRUE(err_.starts_with("{ \"tracker\": \"dpt_plus\",")) << err_;
+  EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
+  expect_error("--options dtp", {"unknown tracker 'dtp'"}, false);
+  expect_error("--options", {"--options"}, false);
+  expect_error("--options dpt > /dev/full", {"standard output cannot be written"}, false);
 }
 
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
@@ -574,8 +590,8 @@ TEST_F(TrackTool, TakesDamagedFramesAsBlank) {
   ASSERT_EQ(run(images + kBox + csv() + " --sheet " + path("sheet.png")), 0) << err_;
   EXPECT_EQ(lines_of(path("boxes.csv")).size(), kFrames + 1u);
   const std::string note =
-      "asterism-track: note: frames that are damaged and were taken as blank: 2, the first is frame 8, " +
-      images + "/img_8.png\n";
+      "asterism-track: note: damaged frames, treated as blank: 2, the first is frame 8, " + images +
+      "/img_8.png\n";
   EXPECT_TRUE(err_.starts_with(note)) << err_;
   EXPECT_EQ(std::count(err_.begin(), err_.end(), '\n'), 2)
       << "and the summary, nothing of the codecs: " << err_;

@@ -303,13 +303,46 @@ TEST(MakeTracker, VariantsAreOptions) {
   }
 }
 
+// The options that are listed make the same tracker, and are listed alike.
+TEST(TrackerOptions, AreADescription) {
+  const Scene scene;
+  std::vector<std::string> descriptions = tracker_names();
+  descriptions.insert(
+      descriptions.end(),
+      {"dpt+mosse", R"(kalman{"of": "kcf", "lost_factor": 7})",
+       R"(dpt{"solver": {"method": "newton", "max_iterations": 7, "tolerance": 1e-3, "align": false}})",
+       R"({"tracker": "dpt", "grid_rows": 3, "part": {"model": "template", "distance": "ssd"}})"});
+  for (const std::string& description : descriptions) {
+    SCOPED_TRACE(description);
+    const std::string listed = tracker_options(description);
+    EXPECT_EQ(tracker_options(listed), listed);
+    AnyTracker first = make_tracker(description), second = make_tracker(listed);
+    for (AnyTracker* tracker : {&first, &second}) tracker->init(scene.frame(0), Scene::box(0));
+    for (int t = 1; t <= 3; ++t) expect_same(second.update(scene.frame(t)), first.update(scene.frame(t)));
+  }
+}
+
+TEST(TrackerOptions, AreThoseThatWereSet) {
+  const auto has = [](const std::string& description, const char* text) {
+    return tracker_options(description).find(text) != std::string::npos;
+  };
+  EXPECT_TRUE(has("dpt", R"("grid_rows": 2)"));
+  EXPECT_TRUE(has(R"(dpt{"grid_rows": 3})", R"("grid_rows": 3)"));
+  EXPECT_TRUE(has("dpt_plus", R"("model": "spatial_reliability")"));
+  EXPECT_TRUE(has("kcf", R"("proportional_window": true)"));
+  EXPECT_TRUE(has(R"(dpt{"solver": {"max_iterations": 7}})", R"("method": "ida",)"));
+  EXPECT_TRUE(has(R"(kalman{"of": "kcf"})", R"("tracker": "kcf")"));
+  EXPECT_THROW(tracker_options("ncc"), std::invalid_argument);
+  EXPECT_THROW(tracker_options(R"(dpt{"grid_row": 3})"), std::invalid_argument);
+}
+
 TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"grid_row": 3})"), "dpt: unknown option 'grid_row', did you mean 'grid_rows'?");
   EXPECT_EQ(refusal(R"(dpt{"coarse": {"color": {"mrf": {"on": true}}}})"),
             "dpt: unknown option 'coarse.color.mrf.on', did you mean 'coarse.color.mrf.enabled'?");
   EXPECT_EQ(refusal(R"(dpt{"constellation": "ring"})"),
             R"(dpt: option 'constellation' must be one of "full", "local", "star", not "ring")");
-  EXPECT_EQ(refusal(R"(dpt{"part": "kfc"})"), "no part model 'kfc', did you mean 'kcf'?");
+  EXPECT_EQ(refusal(R"(dpt{"part": "kfc"})"), "unknown part model 'kfc', did you mean 'kcf'?");
   EXPECT_EQ(refusal(R"(dpt{"part": {"lambda": 1}})"),
             "dpt: option 'part' must be a part model's name or an object with it as \"model\", not "
             R"({"lambda":1})");
@@ -318,9 +351,10 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1], is 2");
   EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
   EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp'"), std::string::npos);
-  EXPECT_NE(refusal("dpt{").find("dpt: its options are no JSON object"), std::string::npos);
-  EXPECT_NE(refusal("{").find("no JSON object"), std::string::npos);
-  EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("no JSON object"), std::string::npos);
+  EXPECT_NE(refusal("dpt{").find("dpt: its options are not a JSON object"), std::string::npos);
+  EXPECT_NE(refusal("{").find("not a JSON object"), std::string::npos);
+  EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("not a JSON object"),
+            std::string::npos);
   const std::string deep(100000, '[');
   EXPECT_EQ(refusal("{\"tracker\": " + deep), "a tracker's description: options nested more than 100 deep");
   EXPECT_EQ(refusal("kalman{\"of\": " + deep), "kalman: options nested more than 100 deep");

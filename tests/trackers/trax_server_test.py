@@ -213,7 +213,7 @@ class Server(unittest.TestCase):
         for messages, reason in (
             ([("frame", image)], "before an object"),
             ([("initialize", image + "x", self.region())], "no such image"),
-            ([("initialize", image, "1,2,3")], "neither a rectangle nor a polygon"),
+            ([("initialize", image, "1,2,3")], "expected a rectangle or a polygon"),
             ([("initialize", image, self.region()), ("frame",)], "0 arguments"),
             ([("bogus",)], "unknown message"),
         ):

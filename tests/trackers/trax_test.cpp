@@ -528,8 +528,7 @@ TEST_F(Trax, TakesDamagedImagesAsBlank) {
     input += message(Type::Frame, {image});
   const Answer answer = answer_to(input + "@@TRAX:quit\n");
   EXPECT_EQ(answer.code, 0) << answer.errors;
-  EXPECT_EQ(answer.errors,
-            "asterism-trax: note: images that are damaged and were taken as blank: 3, the first is 3\n");
+  EXPECT_EQ(answer.errors, "asterism-trax: note: damaged images, treated as blank: 3, the first is 3\n");
   ASSERT_EQ(answer.lines.size(), 8u);
 
   expect_error(message(Type::Initialize, {(folder_ / "half.jpg").string(), "60,50,48,40"}),
@@ -622,11 +621,11 @@ TEST_F(Trax, EndsASessionThatGoesWrong) {
   expect_error("@@TRAX:state \"1,2,3,4\"\n", "state is for the tracker");
   expect_error(frame, "before an object");
   expect_error(initialize() + frame, "no such image: ");
-  expect_error(initialize() + "@@TRAX:frame\n", "frame takes an image, 0 arguments");
+  expect_error(initialize() + "@@TRAX:frame\n", "frame needs an image, but has 0 arguments");
   expect_error("@@TRAX:initialize\n", "an image and a region, 0 arguments");
   expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\" \"y\"\n", "3 arguments");
   for (const std::string region : {"", "1,2,3", "1,2,3,4,5", "1,2,-3,4", "nan,2,3,4", "m0,0,3,3,1,2", "0"}) {
-    expect_error("@@TRAX:initialize \"x\" \"" + region + "\"\n", "neither a rectangle nor a polygon");
+    expect_error("@@TRAX:initialize \"x\" \"" + region + "\"\n", "expected a rectangle or a polygon");
   }
   expect_error("@@TRAX:initialize \"file://" + folder_.string() + "/in\" \"1,2,3,4\"\n", "cannot decode");
   const std::string image = encode_trax_image(images_[0], {"memory"});
@@ -634,7 +633,7 @@ TEST_F(Trax, EndsASessionThatGoesWrong) {
   expect_error("@@TRAX:initialize \"image:100000;100000;rgb;AAAA\" \"1,2,3,4\"\n", "100000 x 100000");
 
   const std::string four = "--tracker kcf --trax-version 4";
-  expect_error("@@TRAX:initialize \"1,2,3\"\n", "neither a rectangle nor a polygon", four);
+  expect_error("@@TRAX:initialize \"1,2,3\"\n", "expected a rectangle or a polygon", four);
   expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\"\n", "initialize takes a region, 2 arguments", four);
   expect_error("@@TRAX:initialize\n" + frame, "before an object", four);
 }

@@ -2,6 +2,9 @@
 
 #include <pybind11/stl.h>
 
+#ifdef ASTERISM_PYTHON_PARTS
+#include <asterism/parts/concept/part_registry.hpp>
+#endif
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <map>
@@ -88,33 +91,64 @@ Region region_of(const py::object& object, const cv::Size& image) {
   return *region;
 }
 
-AnyTracker made(const std::string& name, const py::object& options) {
-  std::string description = name;
-  if (!options.is_none()) {
-    if (!py::isinstance<py::dict>(options)) {
-      throw py::type_error("options: expected a dict or None, found " +
-                           py::repr(options).cast<std::string>());
-    }
-    const py::cpp_function number([](const py::object& value) {
-      const py::object result = plain(value);
-      if (!result.is(value)) return result;
-      throw py::type_error("options: expected numbers, bools, names and dicts, found " +
-                           py::repr(value).cast<std::string>());
-    });
-    description += py::module_::import("json")
-                       .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
-                       .cast<std::string>();
+/// What make_tracker and tracker_options take. TypeError for options that are no dict of numbers, bools,
+/// names and dicts.
+std::string description_of(const std::string& name, const py::object& options) {
+  if (options.is_none()) return name;
+  if (!py::isinstance<py::dict>(options)) {
+    throw py::type_error("options: expected a dict or None, found " + py::repr(options).cast<std::string>());
   }
-  return make_tracker(description);
+  const py::cpp_function number([](const py::object& value) {
+    const py::object result = plain(value);
+    if (!result.is(value)) return result;
+    throw py::type_error("options: expected numbers, bools, names and dicts, found " +
+                         py::repr(value).cast<std::string>());
+  });
+  return name + py::module_::import("json")
+                    .attr("dumps")(options, py::arg("allow_nan") = false, py::arg("default") = number)
+                    .cast<std::string>();
+}
+
+AnyTracker made(const std::string& name, const py::object& options) {
+  return make_tracker(description_of(name, options));
+}
+
+py::dict dict_of(const std::string& json) { return py::module_::import("json").attr("loads")(json); }
+
+/// All options of a tracker that a description stands for.
+py::dict options_of(const std::string& description) {
+  py::dict options = dict_of(tracker_options(description));
+  options.attr("pop")("tracker");
+  return options;
+}
+
+std::vector<std::string> part_names() {
+#ifdef ASTERISM_PYTHON_PARTS
+  return PartRegistry().names();
+#else
+  return {};
+#endif
+}
+
+py::dict part_options(const std::string& name) {
+#ifdef ASTERISM_PYTHON_PARTS
+  return dict_of(PartRegistry().defaults(name));
+#else
+  throw py::value_error(name + ": options of part models need a build with nlohmann-json");
+#endif
 }
 
 /// asterism.Tracker.
 class Tracker {
  public:
   Tracker(const std::string& name, const py::object& options, const Range& range)
-      : name_(name), tracker_(made(name, options)), range_(range_of(range)) {}
+      : name_(name),
+        description_(description_of(name, options)),
+        tracker_(make_tracker(description_)),
+        range_(range_of(range)) {}
 
   const std::string& name() const { return name_; }
+  py::dict options() const { return options_of(description_); }
 
   void init(const py::object& image, const py::object& box) {
     py::array copy;
@@ -155,7 +189,7 @@ class Tracker {
     f();
   }
 
-  std::string name_;
+  std::string name_, description_;
   AnyTracker tracker_;
   std::optional<PixelRange> range_;
   bool busy_ = false;
@@ -237,7 +271,7 @@ py::array array_of(const std::array<cv::Point2d, 4>& corners) {
 }  // namespace
 
 void bind_trackers(py::module_& m) {
-  py::class_<PartState>(m, "PartState", "What became of one part in one frame.")
+  py::class_<PartState>(m, "PartState", "The state of one part after a frame.")
       .def_property_readonly(
           "position", [](const PartState& p) { return array_of(p.position); },
           "(x, y) in the MAP constellation [px].")
@@ -316,6 +350,17 @@ void bind_trackers(py::module_& m) {
 
   m.def("tracker_names", &tracker_names, "The trackers of this build.");
   m.def(
+      "tracker_options",
+      [](const std::string& name, const py::object& options) {
+        return options_of(description_of(name, options));
+      },
+      py::arg("name") = "dpt", py::arg("options") = py::none(),
+      "All options of Tracker(name, options) with their values, as the dict that Tracker takes; for\n"
+      "`dpt+MODEL` as Tracker(\"dpt\", ..) takes it. ValueError as for Tracker.");
+  m.def("part_names", &part_names, "The part models of this build.");
+  m.def("part_options", &part_options, py::arg("name"),
+        "All options of a part model and their defaults, as a dict. ValueError for an unknown name.");
+  m.def(
       "suggested_range",
       [](const py::object& image) -> Range {
         py::array copy;
@@ -335,12 +380,11 @@ void bind_trackers(py::module_& m) {
       m, "Tracker",
       "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
       "red,\n"
-      "or (height, width, 4), of uint8, uint16 or of float32 in [0, 1] (to 1.5 it is clipped, an image with "
-      "values\n"
-      "beyond is refused); they are used as they are where the pixels of a row are next to each other. Boxes "
-      "are (x, y, width, height) [px]. The GIL is released "
-      "while\n"
-      "it computes. One thread at a time: RuntimeError else.")
+      "or (height, width, 4), of uint8, uint16, or float32 in [0, 1] (values up to 1.5 are clipped, an "
+      "image\n"
+      "with values beyond is refused). They are not copied if the pixels of a row are contiguous. Boxes are\n"
+      "(x, y, width, height) [px]. The GIL is released during computations. RuntimeError if two threads use\n"
+      "a tracker at once.")
       .def(
           py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt",
           py::arg("options") = py::none(), py::arg("pixel_range") = py::none(),
@@ -362,13 +406,14 @@ void bind_trackers(py::module_& m) {
       .def("update", &Tracker::update, py::arg("image"),
            "The object in the next image. RuntimeError before init.")
       .def("save", &Tracker::save,
-           "The state between two frames. RuntimeError before init, ValueError for trackers that cannot be "
-           "saved.")
+           "The state between two frames, as bytes. RuntimeError before init, ValueError for trackers that "
+           "cannot be saved.")
       .def("restore", &Tracker::restore, py::arg("state"),
-           "Goes on as the tracker that `state` was saved from, bit for bit; name and options are to be the "
-           "same.\n"
-           "RuntimeError for bytes that are no state, ValueError for the state of something else.")
+           "Continues as the tracker that `state` was saved from, bit for bit; name and options must be the\n"
+           "same. RuntimeError for bytes that are not a state, ValueError for the state of something else.")
       .def_property_readonly("name", &Tracker::name, "The tracker's name.")
+      .def("options", &Tracker::options,
+           "All options with their values, as tracker_options(name, options) has them.")
       .def("__repr__", [](const Tracker& self) { return "<asterism.Tracker: " + self.name() + ">"; });
 
   py::class_<Objects>(
@@ -380,15 +425,13 @@ void bind_trackers(py::module_& m) {
            "threads: 0 for as many as the machine runs at once. pixel_range: as for Tracker.")
       .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"),
            py::arg("name") = "dpt", py::arg("options") = py::none(),
-           "Follow an object from this image on, by a tracker of this name and options. ValueError where "
+           "Follow an object from this image on, by a tracker of this name and options. ValueError if "
            "there is\n"
            "one of that id, and what Tracker and its init raise.")
-      .def("remove", &Objects::remove, py::arg("id").noconvert(),
-           "False where there is no object of that id.")
+      .def("remove", &Objects::remove, py::arg("id").noconvert(), "False if there is no object of that id.")
       .def("update", &Objects::update, py::arg("image"),
-           "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
-           "ended\n"
-           "with; the others do not notice.")
+           "A dict from ids to the TrackResult in the next image, or to the exception that the object's\n"
+           "tracker raised; it does not affect the other objects.")
       .def("__len__", &Objects::size);
 }
 

@@ -37,7 +37,7 @@ void Timeline::add(const cv::Mat& frame, const TrackResult& result, int number) 
   if (frames_++ == 0 && result.parts.empty()) return;  // the start
   if (result.parts.empty() || result.parts.size() > kMostParts ||
       (!moments_.empty() && moments_.front().weights.size() != result.parts.size()))
-    throw std::runtime_error("--timeline: it is for trackers of 1 to 16 parts that do not come and go");
+    throw std::runtime_error("--timeline: needs a tracker with 1 to 16 parts whose number does not change");
   Moment& moment = moments_.emplace_back();
   moment.number = number;
   moment.threshold = result.update_threshold;

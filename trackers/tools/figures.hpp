@@ -11,7 +11,7 @@
 namespace asterism::tools {
 
 /// The parts' weights over a run, a strip of time for each, with the threshold of the update gate (gray);
-/// above them frames of the run, each at its time. Where a part was not updated it is red.
+/// above them frames of the run, each at its time. A part's strip is red while it is not updated.
 class Timeline {
  public:
   /// `result` has no parts at the run's start. Throws std::runtime_error where a tracker has none in a later

@@ -11,7 +11,7 @@
 namespace asterism::tools {
 
 /// The lines of a text file as any system writes it: they end in LF, CR LF or CR alone, and a byte order mark
-/// before the first is passed over. Throws std::runtime_error "file: reason" where it is no readable file.
+/// before the first is skipped. Throws std::runtime_error "file: reason" if the file cannot be read.
 std::vector<std::string> read_lines(const std::filesystem::path& path);
 
 /// What a data set says about the object, one entry a frame [px, as published: nothing is shifted]: lines of
@@ -25,12 +25,12 @@ std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path
 /// four more, and not the corners of polygons. The frames are whole and begin with 0 or 1, the ids are whole,
 /// and each id's frames increase. Empty lines are passed over.
 bool are_mot_lines(std::span<const std::vector<double>> lines);
-/// What to tell a user whose file has them.
+/// The advice for a user whose file has such lines.
 inline constexpr const char* kMotAdvice =
     "lines of MOTChallenge (frame, id, x, y, width, height, ..): keep x,y,width,height of one object, a line "
     "a frame";
 
-/// Intersection over union of the areas, in [0, 1]; 0 where a box is empty or not finite.
+/// Intersection over union of the areas, in [0, 1]; 0 if a box is empty or not finite.
 double overlap(const cv::Rect2d& a, const cv::Rect2d& b);
 
 }  // namespace asterism::tools

@@ -16,7 +16,7 @@ namespace asterism::tools {
 /// gigabytes. Those of 16K video (15360 x 8640) are below.
 inline constexpr std::int64_t kMostPixels = std::int64_t{1} << 27;
 
-/// What the bytes of an image file say before it is decoded.
+/// The properties of an image file that are known before it is decoded.
 struct ImageHeader {
   cv::Size size = {};     ///< [px] of the largest page; empty where the file ends before it is told
   bool whole = true;      ///< false for a JPEG that ends before its end marker; decoders notice all others
@@ -26,7 +26,7 @@ struct ImageHeader {
 };
 
 /// Of a JPEG, PNG, BMP, TIFF, WebP, JPEG 2000, portable anymap (PBM, PGM, PPM, PAM, PFM) or Sun raster file;
-/// empty for what is none of them.
+/// empty for any other file.
 std::optional<ImageHeader> read_image_header(std::span<const unsigned char> bytes);
 
 /// A frame read from a file, BGR.
@@ -51,8 +51,8 @@ FrameImage decode_frame(std::span<const unsigned char> bytes, const std::string&
 /// Makes a TIFF's page, one of ImageHeader::pages, the first of the file.
 void make_first_page(std::span<unsigned char> tiff, std::uint64_t page);
 
-/// The bytes of a file. Throws std::runtime_error, with its name, where it cannot be read, is no file or is
-/// above 2 GiB.
+/// The bytes of a file. Throws std::runtime_error, with its name, if it cannot be read, is not a file, or has
+/// more than 2 GiB.
 std::vector<unsigned char> read_bytes(const std::filesystem::path& file);
 
 /// An image of any depth in 8 bits and BGR: by the range, or as Frame has it without one.

@@ -36,10 +36,10 @@ class ImageSource {
   /// `read_frame`. Throws std::runtime_error that names the image where it can be no frame at all.
   bool next(cv::Mat& image);
 
-  /// Passes over `count` frames without decoding images; false where there are not as many.
+  /// Skips `count` frames without decoding images; false if there are fewer.
   bool skip(int count);
 
-  /// The number, from 1, of the frame that `next` gave last; 0 before the first.
+  /// The number, from 1, of the last frame that `next` returned; 0 before the first.
   int position() const { return position_; }
   /// Frames of the whole input, an estimate for some video files; 0 where unknown.
   int frame_count() const { return frame_count_; }
@@ -54,10 +54,10 @@ class ImageSource {
   const std::vector<std::filesystem::path>& images() const { return images_; }
   /// The frames that were damaged, as "frame 11, images/img_11.png".
   const std::vector<std::string>& damaged() const { return damaged_; }
-  /// What the user should know, a line each, since the last call.
+  /// Notes for the user since the last call, one line each.
   std::vector<std::string> take_notes() { return std::exchange(notes_, {}); }
-  /// Whether a file is one that this source reads, or would be a frame of the same input if it were made;
-  /// links to such a file are.
+  /// Whether this source reads a file, or would read it as a frame if it were created; also true for links to
+  /// such a file.
   bool reads(const std::filesystem::path& path) const;
   /// The annotation file of a sequence folder; see `read_ground_truth`.
   const std::optional<std::filesystem::path>& ground_truth() const { return ground_truth_; }

@@ -35,7 +35,8 @@ class VideoFile {
   VideoFile(std::filesystem::path path, double fps) : path_(std::move(path)), fps_(fps) {}
   /// Throws std::runtime_error where the file cannot be opened for writing.
   void add(const cv::Mat& frame);
-  /// Completes the file; throws std::runtime_error where it cannot be played then, as after a full disk.
+  /// Completes the file; throws std::runtime_error if it cannot be played, for example because the disk is
+  /// full.
   void close();
 
  private:
@@ -48,11 +49,11 @@ class VideoFile {
 /// The reason in errno as ": reason", empty where it is 0.
 std::string why();
 
-/// Throws std::runtime_error, which names `option`, where a file cannot be made at `path` since there is no
-/// such folder.
+/// Throws std::runtime_error, which names `option`, if a file cannot be created at `path` because its folder
+/// does not exist.
 void check_output(const std::string& option, const std::filesystem::path& path);
 
-/// Writes an image; throws std::runtime_error where that fails.
+/// Writes an image; throws std::runtime_error if that fails.
 void write_image(const std::filesystem::path& path, const cv::Mat& image);
 
 }  // namespace asterism::tools

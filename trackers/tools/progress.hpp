@@ -4,7 +4,8 @@
 
 namespace asterism::tools {
 
-/// How far a run is, on the standard error: one refreshed line on a terminal, else a line every five seconds.
+/// The progress of a run, on standard error: one updated line on a terminal, otherwise a line every 5
+/// seconds.
 class Progress {
  public:
   /// total: frames to come, 0 where unknown.

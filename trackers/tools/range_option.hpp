@@ -13,7 +13,7 @@ namespace asterism::tools {
 inline void add_range_options(CLI::App& app, std::optional<PixelRange>& range) {
   CLI::Option* const bits = app.add_option_function<int>(
                                    "--bits", [&range](int count) { range = PixelRange::of_bits(count); },
-                                   "bits that the pixels use, for 10, 12 or 14 in images of 16")
+                                   "bits that the pixels use, such as 10, 12 or 14 in 16-bit images")
                                 ->check(CLI::Range(1, 16));
   app.add_option_function<std::string>(
          "--range",
@@ -24,7 +24,7 @@ inline void add_range_options(CLI::App& app, std::optional<PixelRange>& range) {
              throw CLI::ValidationError("--range", error.what());
            }
          },
-         "LOW,HIGH, the values of pixels that are black and white")
+         "LOW,HIGH: the pixel values of black and of white")
       ->excludes(bits);
 }
 

@@ -11,7 +11,7 @@ namespace asterism::tools {
 using asterism::Region;
 using asterism::to_region;
 
-/// A region as text, as `parse_numbers` and `to_region` read it; empty where it is none.
+/// The region that a text describes, as `parse_numbers` and `to_region` read it; empty if it is not one.
 std::optional<Region> parse_region(std::string_view text);
 
 /// All of `text` as numbers in the notation of the C locale, separated by commas, semicolons or blanks; empty

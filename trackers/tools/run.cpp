@@ -92,7 +92,7 @@ void check(const Options& options) {
   const auto check_picture = [&](const std::string& option, const std::string& path) {
     if (path.empty()) return;
     if (!cv::haveImageWriter(path))
-      throw std::runtime_error(option + " " + path + ": its ending is of no known image format");
+      throw std::runtime_error(option + " " + path + ": its extension is not that of a known image format");
   };
   check_picture("--sheet", options.sheet);
   check_picture("--timeline", options.timeline);
@@ -221,13 +221,20 @@ void print_notes(ImageSource& source) {
 
 void print_damaged(const ImageSource& source) {
   if (source.damaged().empty()) return;
-  std::fprintf(
-      stderr, "asterism-track: note: frames that are damaged and were taken as blank: %zu, the first is %s\n",
-      source.damaged().size(), source.damaged().front().c_str());
+  std::fprintf(stderr, "asterism-track: note: damaged frames, treated as blank: %zu, the first is %s\n",
+               source.damaged().size(), source.damaged().front().c_str());
+}
+
+// A tracker's description as its name in a message: on one line, and cut if it is long.
+std::string shown(const std::string& description) {
+  constexpr std::size_t kMost = 120;
+  std::string line = one_line(description);
+  if (line.size() > kMost) line.replace(kMost, std::string::npos, "...");
+  return line;
 }
 
 void print_summary(const Options& options, const Score& score) {
-  std::fprintf(stderr, "%s: ", one_line(options.tracker).c_str());
+  std::fprintf(stderr, "%s: ", shown(options.tracker).c_str());
   if (options.boxes.size() > 1) std::fprintf(stderr, "%zu objects, ", options.boxes.size());
   std::fprintf(stderr, "%d frames", score.updates + 1);
   if (score.milliseconds > 0) std::fprintf(stderr, ", %.1f fps", 1000 * score.updates / score.milliseconds);
@@ -285,8 +292,8 @@ void run(const Options& options) {
       try {
         call(at_work);
       } catch (const std::exception& e) {
-        throw std::runtime_error(names[at_work] + " in frame " + std::to_string(source.position()) + ": " +
-                                 e.what());
+        throw std::runtime_error(shown(names[at_work]) + " in frame " + std::to_string(source.position()) +
+                                 ": " + e.what());
       }
       return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };

@@ -7,7 +7,7 @@
 
 namespace asterism::tools {
 
-/// Keeps what a Dpt solved last.
+/// Keeps the last system that a Dpt solved.
 class SolveWatch {
  public:
   struct Solve {

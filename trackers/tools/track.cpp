@@ -31,8 +31,7 @@ int run_command_line(int argc, char** argv) {
   silence_libraries();
 
   Options options;
-  CLI::App app("Follows objects through a video; writes their boxes as CSV and an overlay to look at.",
-               kProgram);
+  CLI::App app("Tracks objects in a video; writes their boxes as CSV, and an overlay video.", kProgram);
   app.add_option(
          "INPUT", options.input,
          "video file, camera index, image folder, image pattern (img_%05d.jpg, '*.jpg') or VOT sequence")
@@ -40,14 +39,15 @@ int run_command_line(int argc, char** argv) {
   const CLI::Range count(1, 1'000'000'000);
   app.add_option("--box", options.boxes,
                  "x,y,w,h of the object in the first frame [px], or the corners x1,y1,x2,y2,.. of a polygon; "
-                 "default: ground truth; again for each further object")
+                 "default: from the ground truth; repeat it for each further object")
       ->allow_extra_args(false);
   add_tracker_options(app, options.tracker);
-  app.add_option("--out", options.out, "CSV file of the boxes, one line a frame; - for standard output");
+  app.add_option("--out", options.out,
+                 "CSV file of the boxes, one line for each frame; - for standard output");
   app.add_option("--save", options.save, "overlay video (.mp4)");
   app.add_option("--sheet", options.sheet, "contact sheet of eight frames (.png)");
   app.add_option("--compare", options.compare,
-                 "another tracker whose box is drawn on the sheet; may be given again")
+                 "another tracker whose box is drawn on the sheet; may be repeated")
       ->expected(1)
       ->multi_option_policy(CLI::MultiOptionPolicy::TakeAll);
   app.add_option("--timeline", options.timeline, "the parts' weights and the update gate over time (.png)");
@@ -56,15 +56,15 @@ int run_command_line(int argc, char** argv) {
   app.add_option("--record-systems", options.systems,
                  "file of the spring systems that dpt solves, with their starts, as JSON lines (.jsonl)");
   app.add_flag("--show", options.show,
-               "show the overlay; q stops, space pauses; also to select the first box");
+               "show the overlay; q stops, space pauses; without --box, select the first box with the mouse");
   app.add_option("--start", options.start, "number of the first frame, from 1")->check(count);
   app.add_option("--frames", options.frames, "stop after this many frames")->check(count);
   add_range_options(app, options.source.range);
   app.add_option("--rotate", options.source.rotate,
-                 "degrees by which frames are turned clockwise; default: as the video says")
+                 "degrees to rotate frames clockwise; default: from the video")
       ->check(CLI::IsMember({0, 90, 180, 270}));
   app.add_option("--fps", options.source.fps,
-                 "frames a second of the overlay; default: as the video says, 25 for images")
+                 "frames per second of the overlay; default: from the video, 25 for images")
       ->check(CLI::Range(1.0, 1000.0));
   app.set_version_flag("--version", ASTERISM_VERSION);
   try {

@@ -93,10 +93,11 @@ int main(int argc, char** argv) {
   std::signal(SIGPIPE, SIG_IGN);  // a client that goes is a failed write like another
 
   TraxServerOptions options;
-  CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or TRAX_SOCKET.",
+  CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or on TRAX_SOCKET.",
                kProgram);
   add_tracker_options(app, options.tracker);
-  app.add_option("--trax-version", options.version, "version of the protocol; 4 for several objects")
+  app.add_option("--trax-version", options.version,
+                 "version of the protocol; 4 is needed for several objects")
       ->check(CLI::Range(1, 4))
       ->capture_default_str();
   add_range_options(app, options.range);

@@ -47,7 +47,7 @@ int to_size(std::string_view text) {
   int value = 0;
   const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
   if (error != std::errc{} || end != text.data() + text.size() || value < 1) {
-    throw TraxError("the width or height of an image is no positive number");
+    throw TraxError("the width or height of an image is not a positive number");
   }
   return value;
 }

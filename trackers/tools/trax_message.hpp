@@ -10,7 +10,7 @@
 
 namespace asterism::tools {
 
-/// What is not of the TraX protocol, or of it in the wrong place; `what` is the reason.
+/// An error in the TraX protocol, such as a message in the wrong place; `what` is the reason.
 class TraxError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
@@ -26,7 +26,7 @@ struct TraxMessage {
   friend bool operator==(const TraxMessage&, const TraxMessage&) = default;
 };
 
-/// The message's name, as it stands in its line.
+/// The message's name in its line.
 std::string_view to_string(TraxMessage::Type type);
 
 /// True for a line that begins as a message does; all others are what a tracker happens to print.
@@ -71,7 +71,7 @@ class LineReader {
 
 /// Base64 with padding (RFC 4648, section 4).
 std::string to_base64(std::string_view bytes);
-/// The bytes of a base64 text; empty where it is none.
+/// The bytes of a base64 text; empty if it is not one.
 std::optional<std::string> from_base64(std::string_view text);
 
 }  // namespace asterism::tools

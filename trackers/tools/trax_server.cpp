@@ -29,7 +29,7 @@ void write_all(int descriptor, std::string_view bytes) {
     if (count >= 0) {
       bytes.remove_prefix(static_cast<size_t>(count));
     } else if (errno == EPIPE || errno == ECONNRESET) {
-      throw TraxError("the client has gone without a quit");
+      throw TraxError("the client closed the connection without sending quit");
     } else if (errno != EINTR) {
       throw std::system_error(errno, std::generic_category(), "cannot write");
     }
@@ -101,7 +101,7 @@ class Session {
         } else if (message.type == Type::Frame) {
           frame(message);
         } else {
-          throw TraxError(std::string(to_string(message.type)) + " is for the tracker to say");
+          throw TraxError(std::string(to_string(message.type)) + " is a message that only trackers send");
         }
       }
     } catch (const std::exception& e) {
@@ -117,7 +117,7 @@ class Session {
     while (const std::optional<std::string> line = reader_.next()) {
       if (is_trax_message(*line)) return parse_trax_message(*line);
     }
-    throw TraxError("the client has gone without a quit");
+    throw TraxError("the client closed the connection without sending quit");
   }
 
   void send(const TraxMessage& message) { write_all(out_, format_trax_message(message) + '\n'); }
@@ -158,23 +158,21 @@ class Session {
 
   static void check_count(const TraxMessage& message, size_t count, std::string_view what) {
     if (message.arguments.size() == count) return;
-    throw TraxError(std::string(to_string(message.type)) + " takes " + std::string(what) + ", " +
-                    std::to_string(message.arguments.size()) + " arguments came");
+    throw TraxError(std::string(to_string(message.type)) + " needs " + std::string(what) + ", but has " +
+                    std::to_string(message.arguments.size()) + " arguments");
   }
 
   static Region start_region(const std::string& text) {
     const std::optional<Region> region = parse_region(text);
     constexpr size_t kShown = 64;
-    if (!region) throw TraxError("neither a rectangle nor a polygon: '" + text.substr(0, kShown) + "'");
+    if (!region) throw TraxError("expected a rectangle or a polygon, found '" + text.substr(0, kShown) + "'");
     return *region;
   }
 
   void print_damaged() const {
     if (damaged_ > 0)
-      std::fprintf(
-          stderr,
-          "asterism-trax: note: images that are damaged and were taken as blank: %d, the first is %d\n",
-          damaged_, first_damaged_);
+      std::fprintf(stderr, "asterism-trax: note: damaged images, treated as blank: %d, the first is %d\n",
+                   damaged_, first_damaged_);
   }
 
   // One state an object, in the order in which they came.

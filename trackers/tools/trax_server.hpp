@@ -7,7 +7,7 @@
 
 namespace asterism::tools {
 
-/// What asterism-trax runs.
+/// Options of asterism-trax.
 struct TraxServerOptions {
   std::string tracker = "dpt";
   /// Of the protocol, 1 to 4. The default is the highest that clients of all ages speak: 4 has another way to

@@ -9,16 +9,16 @@ class Window {
  public:
   enum class Key { kNone, kPause, kQuit };
 
-  /// Throws std::runtime_error where there is no display to open it on.
+  /// Throws std::runtime_error if there is no display.
   Window();
   ~Window();
   Window(const Window&) = delete;
   Window& operator=(const Window&) = delete;
 
   void show(const cv::Mat& image);
-  /// What the user pressed within `milliseconds`; closing the window quits.
+  /// The key that the user pressed within `milliseconds`; closing the window quits.
   Key key(int milliseconds);
-  /// The box that the user draws with the mouse; empty where they give up.
+  /// The box that the user draws with the mouse; empty if they cancel.
   cv::Rect2d select(const cv::Mat& image);
 };
 

@@ -47,7 +47,7 @@ PixelRange range_of(const cv::Mat& image, const std::optional<PixelRange>& range
     const double span = range->white - range->black;
     if (!(span >= 1e-6 && span <= 1e30 && std::abs(range->black) <= 1e30))
       throw std::invalid_argument("Frame: the range from " + text(range->black) + " to " +
-                                  text(range->white) + " is none; black must be below white");
+                                  text(range->white) + " is invalid: black must be below white");
     return *range;
   }
   if (image.depth() == CV_32F) {

@@ -63,7 +63,7 @@ class OptionReader : public OptionVisitor {
     const Level& level = levels_.back();
     for (const auto& [name, value] : level.json->items())
       if (level.visited.empty())
-        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', there are none");
+        throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "': it has no options");
       else if (!level.visited.contains(name))
         throw std::invalid_argument(of_ + ": unknown option '" + level.path + name + "', did you mean '" +
                                     level.path + *detail::nearest(name, level.visited) + "'?");
@@ -150,6 +150,24 @@ class OptionReader : public OptionVisitor {
   std::vector<Level> levels_;
 };
 
+// Calls f.operator()<Model, Options>(NAME) for each of the library's models.
+template <typename F>
+void for_each_model(F&& f) {
+  f.template operator()<ColorHistogram, ColorHistogramOptions>("color_histogram");
+#ifdef ASTERISM_PARTS_FLOW
+  f.template operator()<Flow, FlowOptions>("flow");
+#endif
+  f.template operator()<Kcf, KcfOptions>("kcf");
+#ifdef ASTERISM_PARTS_KEYPOINTS
+  f.template operator()<Keypoints, KeypointsOptions>("keypoints");
+#endif
+  f.template operator()<Mosse, MosseOptions>("mosse");
+  f.template operator()<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
+  f.template operator()<Strcf, StrcfOptions>("strcf");
+  f.template operator()<Superpixels, SuperpixelsOptions>("superpixels");
+  f.template operator()<Template, TemplateOptions>("template");
+}
+
 // Writes down the values that options have.
 class OptionLister : public OptionVisitor {
  public:
@@ -161,8 +179,24 @@ class OptionLister : public OptionVisitor {
   void operator()(std::string_view name, std::uint64_t& value) override { set(name, value); }
 
  private:
-  void made_by_name(std::string_view name, MemberReference, std::string_view made) override {
-    set(name, std::string(made));
+  void made_by_name(std::string_view name, MemberReference member, std::string_view made) override {
+    Json json = std::string(made);
+    if (const AnyPart* part = member.as<AnyPart>()) {
+      for_each_model([&]<typename Model, typename Options>(const char* model) {
+        const Model* const known = part->target<Model>();
+        if (known == nullptr) return;
+        json = {{"model", model}};
+        OptionLister lister(json);
+        Options options = known->options();
+        visit_options(lister, options);
+      });
+    } else if (const SolverDescription* solver = member.as<SolverDescription>();
+               solver != nullptr && !solver->options.empty()) {
+      json = {{"method", solver->name}};
+      for (const NamedOption& option : solver->options)
+        std::visit([&](auto value) { json[option.name] = value; }, option.value);
+    }
+    set(name, json);
   }
   void set(std::string_view name, const Json& value) { (*levels_.back())[std::string(name)] = value; }
   std::size_t choose(std::string_view name, std::size_t value,
@@ -190,7 +224,7 @@ auto guarded(const std::string& name, F&& f) {
   } catch (const std::exception& error) {
     throw std::runtime_error(name + ": " + error.what());
   } catch (...) {
-    throw std::runtime_error(name + ": an exception that is no std::exception");
+    throw std::runtime_error(name + ": an exception that is not a std::exception");
   }
 }
 
@@ -238,7 +272,7 @@ class PluginPart {
   AnyPart part_;
 };
 
-// A section of a file in this machine's ELF format; nothing where there is none, or the file is none.
+// A section of a file in this machine's ELF format; nothing if the file is not one, or has no such section.
 std::optional<std::string> elf_section(const std::string& path, std::string_view wanted) {
   constexpr std::uint64_t kMost = std::uint64_t{1} << 24;  // bytes of a table: 2^18 sections, and their names
   std::ifstream file(path, std::ios::binary);
@@ -268,13 +302,14 @@ std::optional<std::string> elf_section(const std::string& path, std::string_view
   return {};
 }
 
-// Refuses what is no library of part models for this program, without loading it.
+// Refuses what is not a library of part models for this program, without loading it.
 void check_plugin(const std::string& library, const std::string& path) {
-  const std::string is_none = library + " is no library of part models: ";
+  const std::string is_none = library + " is not a library of part models: ";
   std::error_code error;
   if (!std::filesystem::exists(path, error))
     throw std::runtime_error("cannot load a library of part models: there is no file " + library);
-  if (!std::filesystem::is_regular_file(path, error)) throw std::runtime_error(is_none + "it is no file");
+  if (!std::filesystem::is_regular_file(path, error))
+    throw std::runtime_error(is_none + "it is not a regular file");
   const std::optional<std::string> section = elf_section(path, ".asterism_part_plugin");
   if (!section)
     throw std::runtime_error(is_none +
@@ -307,26 +342,14 @@ void detail::check_nesting(const std::string& of, std::string_view json) {
 }
 
 PartRegistry::PartRegistry() {
-  add<ColorHistogram, ColorHistogramOptions>("color_histogram");
-#ifdef ASTERISM_PARTS_FLOW
-  add<Flow, FlowOptions>("flow");
-#endif
-  add<Kcf, KcfOptions>("kcf");
-#ifdef ASTERISM_PARTS_KEYPOINTS
-  add<Keypoints, KeypointsOptions>("keypoints");
-#endif
-  add<Mosse, MosseOptions>("mosse");
-  add<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
-  add<Strcf, StrcfOptions>("strcf");
-  add<Superpixels, SuperpixelsOptions>("superpixels");
-  add<Template, TemplateOptions>("template");
+  for_each_model([this]<typename Model, typename Options>(const char* name) { add<Model, Options>(name); });
 }
 
 void PartRegistry::add(const std::string& name, Factory&& factory) {
   constexpr std::string_view kLetters = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-";
   if (name.empty() || name.find_first_not_of(kLetters) != std::string::npos)
-    throw std::invalid_argument("a part model's name has letters, digits, '_' and '-', unlike '" + name +
-                                "'");
+    throw std::invalid_argument("a part model's name must consist of letters, digits, '_' and '-', unlike '" +
+                                name + "'");
   if (!factories_.try_emplace(name, std::move(factory)).second)
     throw std::invalid_argument("there is a part model '" + name + "' already");
 }
@@ -342,7 +365,8 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
   auto* const add_models =
       reinterpret_cast<void (*)(PartRegistry&)>(dlsym(handle, "asterism_part_plugin_add"));
   if (add_models == nullptr)
-    throw std::runtime_error(library + " is no library of part models: it has no asterism_part_plugin_add");
+    throw std::runtime_error(library +
+                             " is not a library of part models: it has no asterism_part_plugin_add");
   PartRegistry models{Factories()};
   try {
     guarded(library, [&] { add_models(models); });
@@ -384,10 +408,10 @@ void PartRegistry::read_json(const std::string& of, std::string_view json, const
   try {
     object = Json::parse(json);
   } catch (const Json::exception& error) {  // also of a number beyond double's range
-    throw std::invalid_argument(of + ": its options are no JSON object: " + error.what());
+    throw std::invalid_argument(of + ": its options are not a JSON object: " + error.what());
   }
   if (!object.is_object())
-    throw std::invalid_argument(of + ": its options are no JSON object but " + object.dump());
+    throw std::invalid_argument(of + ": its options are not a JSON object but " + object.dump());
   OptionReader reader(of, object, *this);
   options(reader);
   reader.leave();
@@ -415,7 +439,7 @@ const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
     at = factories_.find(name);
   }
   if (at == factories_.end())
-    throw std::invalid_argument("no part model '" + std::string(name) + "', did you mean '" +
+    throw std::invalid_argument("unknown part model '" + std::string(name) + "', did you mean '" +
                                 *detail::nearest(name, names()) + "'?");
   return at->second;
 }

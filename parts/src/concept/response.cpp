@@ -18,7 +18,7 @@ double parabola_vertex(double left, double centre, double right) {
 // transforms.
 constexpr float kOneResponse = 1e-4f;
 
-// The largest response and its grid position; the middle and 0 where none is positive, or all are the same.
+// The largest response and its grid position; the middle and 0 if none is positive, or if all are equal.
 struct Peak {
   double row, col, value;
 };

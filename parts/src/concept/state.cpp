@@ -46,7 +46,7 @@ std::uint32_t checksum_of(std::span<const std::byte> bytes) {
 StateArchive::StateArchive(std::span<const std::byte> bytes) : loading_(true) {
   Header header;
   if (bytes.size() < sizeof header || std::memcmp(bytes.data(), kMark.data(), kMark.size()) != 0)
-    throw std::runtime_error("state: these bytes are no saved state");
+    throw std::runtime_error("state: these bytes are not a saved state");
   std::memcpy(&header, bytes.data(), sizeof header);
   if (header.byte_order != kByteOrder)
     throw std::runtime_error("state: damaged, or saved on a machine of another byte order");
@@ -58,7 +58,7 @@ StateArchive::StateArchive(std::span<const std::byte> bytes) : loading_(true) {
     throw std::runtime_error("state: cut short or damaged: it has " + std::to_string(payload_.size()) +
                              " bytes, not the " + std::to_string(header.size) + " that it announces");
   if (header.checksum != checksum_of(payload_))
-    throw std::runtime_error("state: damaged: its checksum does not fit");
+    throw std::runtime_error("state: damaged: its checksum does not match");
 }
 
 std::vector<std::byte> StateArchive::bytes() const {
@@ -71,7 +71,7 @@ std::vector<std::byte> StateArchive::bytes() const {
 
 void StateArchive::require(bool holds) const {
   if (holds) return;
-  throw std::runtime_error(loading_ ? "state: its content does not hold together"
+  throw std::runtime_error(loading_ ? "state: its content is inconsistent"
                                     : "state: a number is not finite or beyond what can be saved");
 }
 

@@ -168,7 +168,7 @@ ColorModel::ColorModel(const ColorOptions& options) : options_(check_options("Co
 }
 
 void ColorModel::init(const Frame& frame, const cv::Rect2d& box) {
-  if (!is_box(box)) throw std::invalid_argument("ColorModel: the box is not finite or empty");
+  if (!is_box(box)) throw std::invalid_argument("ColorModel: the box must be finite and not empty");
   enabled_ = false;
   if (frame.has_color()) {
     const cv::Rect inner = pixels_of(box, frame.size());
@@ -183,7 +183,7 @@ void ColorModel::init(const Frame& frame, const cv::Rect2d& box) {
 }
 
 void ColorModel::adapt(const Frame& frame, const cv::Rect2d& box) {
-  if (!is_box(box)) throw std::invalid_argument("ColorModel: the box is not finite or empty");
+  if (!is_box(box)) throw std::invalid_argument("ColorModel: the box must be finite and not empty");
   if (!enabled_ || !frame.has_color()) return;
   const cv::Rect inner = pixels_of(box, frame.size());
   const cv::Rect outer = pixels_of(enlarged(box, options_.surrounding), frame.size());
@@ -202,7 +202,7 @@ void ColorModel::adapt(const Frame& frame, const cv::Rect2d& box) {
 
 Segmentation ColorModel::segment(const Frame& frame, const cv::Rect2d& region, const Size2& box_size) {
   if (!is_box(region) || !is_box({0, 0, box_size.x(), box_size.y()})) {
-    throw std::invalid_argument("ColorModel: the region or the box is not finite or empty");
+    throw std::invalid_argument("ColorModel: the region or the box must be finite and not empty");
   }
   Segmentation result;
   if (!enabled_ || !frame.has_color()) return result;
@@ -252,7 +252,7 @@ Segmentation ColorModel::segment(const Frame& frame, const cv::Rect2d& region, c
     }
   }
 
-  // The random field is that of the cells in the image: what is outside has neither a say nor a posterior.
+  // The random field covers the cells in the image only: cells outside have no effect and no posterior.
   regularize_posterior(valid, {}, options_.mrf, mrf_, valid);
 
   // Eq. 6, with M_fg in pixels.

@@ -33,7 +33,7 @@ void ColorHistogram::prepare(const Size2& size, Space space) {
 
 void ColorHistogram::visit_state(StateArchive& archive) {
   archive.begin("color_histogram", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("ColorHistogram: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("ColorHistogram: save before init");
   archive.size(size_);
   archive(space_, 3);
   archive.require(space_ == Space::Gray || space_ == options_.space);

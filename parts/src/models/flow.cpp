@@ -72,7 +72,7 @@ void Flow::prepare(const Size2& size) {
 
 void Flow::visit_state(StateArchive& archive) {
   archive.begin("flow", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("Flow: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Flow: save before init");
   archive.size(size_);
   if (archive.loading()) prepare(Size2(size_));
   cv::Mat window = archive.loading() ? cv::Mat() : learned_[0];

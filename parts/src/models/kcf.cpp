@@ -18,7 +18,7 @@ Kcf::Kcf(const KcfOptions& options)
   if (options.kernel.type == Kernel::Type::Gaussian) kernel_base_ = 1;
   if (options.kernel.type == Kernel::Type::Polynomial) {
     const auto [type, sigma, offset, exponent] = options.kernel;
-    // c may be negative: of a fractional power that is no number.
+    // c may be negative, and a fractional power of it is not a number.
     require(exponent == std::floor(exponent), "KcfOptions: the kernel's exponent must be a whole number");
     kernel_base_ = std::pow(offset, exponent);
     require(std::abs(kernel_base_) <= 1e6, "KcfOptions: the kernel's offset^exponent must be at most 1e6");
@@ -58,7 +58,7 @@ void Kcf::prepare(const Size2& size) {
 
 void Kcf::visit_state(StateArchive& archive) {
   archive.begin("kcf", options_);
-  if (!archive.loading() && !sample_.prepared()) throw std::logic_error("Kcf: to be saved before init");
+  if (!archive.loading() && !sample_.prepared()) throw std::logic_error("Kcf: save before init");
   archive.size(initial_size_);
   Size2 size = size_;
   archive.size(size);

@@ -46,7 +46,7 @@ void Keypoints::prepare(const Size2& size) {
 
 void Keypoints::visit_state(StateArchive& archive) {
   archive.begin("keypoints", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("Keypoints: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Keypoints: save before init");
   archive.size(size_);
   if (archive.loading()) prepare(Size2(size_));
   int count = size();

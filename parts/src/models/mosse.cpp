@@ -126,7 +126,7 @@ void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
 
 void Mosse::visit_state(StateArchive& archive) {
   archive.begin("mosse", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("Mosse: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Mosse: save before init");
   archive.size(size_);
   if (archive.loading()) prepare(Size2(size_));
   archive(numerator_);

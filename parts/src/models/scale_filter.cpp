@@ -76,7 +76,7 @@ void ScaleFilter::prepare(const Size2& size) {
 
 void ScaleFilter::visit_state(StateArchive& archive) {
   archive.begin("scale filter", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("ScaleFilter: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("ScaleFilter: save before init");
   archive.size(initial_size_);
   Size2 size = size_;
   archive.size(size);

@@ -159,8 +159,7 @@ void SpatialReliability::prepare(const Size2& size) {
 
 void SpatialReliability::visit_state(StateArchive& archive) {
   archive.begin("spatial_reliability", options_);
-  if (!archive.loading() && size_.isZero())
-    throw std::logic_error("SpatialReliability: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("SpatialReliability: save before init");
   archive.size(initial_size_);
   Size2 size = size_;
   archive.size(size);

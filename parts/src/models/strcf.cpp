@@ -74,7 +74,7 @@ void Strcf::prepare(const Size2& size) {
 
 void Strcf::visit_state(StateArchive& archive) {
   archive.begin("strcf", options_);
-  if (!archive.loading() && !sample_.prepared()) throw std::logic_error("Strcf: to be saved before init");
+  if (!archive.loading() && !sample_.prepared()) throw std::logic_error("Strcf: save before init");
   archive.size(initial_size_);
   Size2 size = size_;
   archive.size(size);

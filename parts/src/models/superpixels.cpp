@@ -39,7 +39,7 @@ void Superpixels::prepare(const Size2& size) {
 
 void Superpixels::visit_state(StateArchive& archive) {
   archive.begin("superpixels", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("Superpixels: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Superpixels: save before init");
   archive.size(size_);
   archive(color_);
   if (archive.loading()) prepare(Size2(size_));

@@ -37,7 +37,7 @@ void Template::prepare(const Size2& size, int channels) {
 
 void Template::visit_state(StateArchive& archive) {
   archive.begin("template", options_);
-  if (!archive.loading() && size_.isZero()) throw std::logic_error("Template: to be saved before init");
+  if (!archive.loading() && size_.isZero()) throw std::logic_error("Template: save before init");
   archive.size(size_);
   archive(channels_);
   archive.require(channels_ == 1 || (channels_ == 3 && options_.color));

@@ -100,7 +100,7 @@ Segmentation MotionModel::segment(const Frame& frame) {
     return Eigen::Vector2d(col, row) + Eigen::Vector2d(u.x, u.y);
   };
 
-  // The camera's motion: that of what is around the object.
+  // The camera's motion is that of the object's surroundings.
   const int stride =
       std::max(1, static_cast<int>(std::sqrt(static_cast<double>(flow.total()) / kCameraPoints)));
   std::vector<Eigen::Vector2d> points, images;

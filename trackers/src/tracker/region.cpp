@@ -72,7 +72,7 @@ Region Region::rotated(const cv::RotatedRect& box) {
 Region Region::mask(const cv::Mat& pixels) {
   if (pixels.type() != CV_8UC1) throw std::invalid_argument("a mask is an 8-bit image of one channel");
   const cv::Moments moments = cv::moments(pixels, true);
-  if (moments.m00 == 0) throw std::invalid_argument("a mask without a pixel");
+  if (moments.m00 == 0) throw std::invalid_argument("a mask must have a pixel that is not 0");
   const cv::Rect2d bounds = cv::boundingRect(pixels);
   const double scale = std::sqrt(moments.m00 / bounds.area());
   // Pixel (0, 0) covers 0 .. 1.

@@ -6,6 +6,7 @@
 #include <asterism/trackers/others/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
+#include <concepts>
 #include <optional>
 #include <stdexcept>
 #ifdef ASTERISM_TRACKERS_FLOW
@@ -25,7 +26,12 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Options with those of a JSON object set, which is empty for none.
+#ifndef ASTERISM_TRACKERS_JSON
+constexpr char kNeedsJson[] =
+    "options of trackers need a build with nlohmann-json (Debian package nlohmann-json3-dev)";
+#endif
+
+// The options with the values that a JSON object has for them; an empty text is no object and sets none.
 template <class Options>
 Options with(Options options, std::string_view name, std::string_view json) {
   if (json.empty()) return options;
@@ -33,14 +39,26 @@ Options with(Options options, std::string_view name, std::string_view json) {
   PartRegistry().read(std::string(name), json, options);
   return options;
 #else
-  throw std::invalid_argument(std::string(name) +
-                              ": options of trackers need a build with nlohmann-json (Debian package "
-                              "nlohmann-json3-dev)");
+  throw std::invalid_argument(std::string(name) + ": " + kNeedsJson);
 #endif
 }
 
+#ifdef ASTERISM_TRACKERS_JSON
+// What becomes of any tracker with `options()`: these as JSON.
+struct ListedTracker {
+  nlohmann::ordered_json options;
+
+  template <class T>
+  ListedTracker(const T& tracker)
+      : options(nlohmann::ordered_json::parse(PartRegistry::list(tracker.options()))) {}
+};
+
+nlohmann::ordered_json parse(std::string_view text) { return nlohmann::ordered_json::parse(text); }
+#endif
+
 // A tracker around another one, which the option `of` describes.
-AnyTracker make_kalman(std::string_view name, std::string_view json) {
+template <class Made>
+Made make_kalman(std::string_view name, std::string_view json) {
   std::string of = "dpt", options(json);
 #ifdef ASTERISM_TRACKERS_JSON
   detail::check_nesting(std::string(name), json);
@@ -51,7 +69,15 @@ AnyTracker make_kalman(std::string_view name, std::string_view json) {
     options = object.dump();
   }
 #endif
-  return KalmanTracker(make_tracker(of), with(KalmanOptions(), name, options));
+  Made made = KalmanTracker(make_tracker(of), with(KalmanOptions(), name, options));
+#ifdef ASTERISM_TRACKERS_JSON
+  if constexpr (std::same_as<Made, ListedTracker>) {
+    nlohmann::ordered_json all = {{"of", parse(tracker_options(of))}};
+    all.update(made.options);
+    made.options = all;
+  }
+#endif
+  return made;
 }
 
 // The paper's Table 1, and what comes of DPT beyond the paper.
@@ -93,7 +119,9 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   return {};
 }
 
-AnyTracker make_named(std::string_view name, std::string_view json) {
+// A tracker by its name, as an AnyTracker or another type that takes any tracker.
+template <class Made>
+Made make_named(std::string_view name, std::string_view json) {
   if (const auto options = dpt_variant(name)) return Dpt(with(*options, name, json));
   if (const auto options = coarse_variant(name)) return CoarseTracker(with(*options, name, json));
 #ifdef ASTERISM_TRACKERS_FLOW
@@ -104,10 +132,42 @@ AnyTracker make_named(std::string_view name, std::string_view json) {
 #endif
   if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
   if (name == "superpixels") return SuperpixelTracker(with(SuperpixelTrackerOptions(), name, json));
-  if (name == "kalman") return make_kalman(name, json);
+  if (name == "kalman") return make_kalman<Made>(name, json);
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
+}
+
+// A tracker by its description; its name goes to `name`.
+template <class Made>
+Made make_described(std::string_view description, std::string& name) {
+#ifdef ASTERISM_TRACKERS_JSON
+  constexpr std::string_view kParts = "dpt+";
+  if (description.starts_with(kParts)) {
+    name = "dpt";
+    DptOptions options;
+    options.part = PartRegistry().make(description.substr(kParts.size()));
+    return Dpt(options);
+  }
+  if (description.starts_with('{')) {
+    detail::check_nesting("a tracker's description", description);
+    nlohmann::ordered_json object;
+    try {
+      object = parse(description);
+    } catch (const nlohmann::json::exception& error) {  // also of a number beyond double's range
+      throw std::invalid_argument(std::string("a tracker's description is not a JSON object: ") +
+                                  error.what());
+    }
+    if (!object.contains("tracker") || !object["tracker"].is_string())
+      throw std::invalid_argument("a tracker's description must have its name as \"tracker\"");
+    name = object["tracker"].get<std::string>();
+    object.erase("tracker");
+    return make_named<Made>(name, object.dump());
+  }
+#endif
+  const std::size_t brace = std::min(description.find('{'), description.size());
+  name = description.substr(0, brace);
+  return make_named<Made>(name, description.substr(brace));
 }
 
 }  // namespace
@@ -141,30 +201,21 @@ std::vector<std::string> tracker_names() {
 }
 
 AnyTracker make_tracker(std::string_view description) {
+  std::string name;
+  return make_described<AnyTracker>(description, name);
+}
+
+std::string tracker_options(std::string_view description) {
 #ifdef ASTERISM_TRACKERS_JSON
-  constexpr std::string_view kParts = "dpt+";
-  if (description.starts_with(kParts)) {
-    DptOptions options;
-    options.part = PartRegistry().make(description.substr(kParts.size()));
-    return Dpt(options);
-  }
-  if (description.starts_with('{')) {
-    detail::check_nesting("a tracker's description", description);
-    nlohmann::ordered_json object;
-    try {
-      object = nlohmann::ordered_json::parse(description);
-    } catch (const nlohmann::json::exception& error) {  // also of a number beyond double's range
-      throw std::invalid_argument(std::string("a tracker's description is no JSON object: ") + error.what());
-    }
-    if (!object.contains("tracker") || !object["tracker"].is_string())
-      throw std::invalid_argument("a tracker's description must have its name as \"tracker\"");
-    const auto name = object["tracker"].get<std::string>();
-    object.erase("tracker");
-    return make_named(name, object.dump());
-  }
+  std::string name;
+  const ListedTracker listed = make_described<ListedTracker>(description, name);
+  nlohmann::ordered_json all = {{"tracker", name}};
+  all.update(listed.options);
+  return all.dump(2);
+#else
+  make_tracker(description);
+  throw std::invalid_argument(std::string(description) + ": " + kNeedsJson);
 #endif
-  const std::size_t brace = std::min(description.find('{'), description.size());
-  return make_named(description.substr(0, brace), description.substr(brace));
 }
 
 }  // namespace ASTERISM_ABI

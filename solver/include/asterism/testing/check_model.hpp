@@ -10,8 +10,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What a LinkPotential or AnchorLoss does that it must not, and where; `problem` is a null pointer if
-/// nothing.
+/// A rule that a LinkPotential or AnchorLoss breaks, and where; `problem` is a null pointer if it breaks
+/// none.
 struct ModelViolation {
   const char* problem = nullptr;  ///< the rule that is broken
   double at = 0;                  ///< the length r, or the squared distance s
@@ -28,7 +28,7 @@ inline bool close_to(double a, double b, double share, double scale) {
   return std::abs(a - b) <= share * (std::max(std::abs(a), std::abs(b)) + scale);
 }
 
-// Derivatives against central differences away from kinks: at a kink the one-sided ones bracket it.
+// Compares derivatives with central differences; at a kink, the one-sided derivatives must enclose those.
 template <typename Function>
 bool derivatives_agree(const Function& f, double at, double step) {
   const auto here = f(at), below = f(at - step), above = f(at + step);
@@ -46,9 +46,9 @@ bool derivatives_agree(const Function& f, double at, double step) {
 
 }  // namespace detail
 
-/// Checks that `potential` is what every solver relies on (see LinkPotential), at lengths and rest lengths of
-/// 1/100 to 100 times `scale` and at zero: finite and not negative, its derivatives those of its value, its
-/// curvatures at most a spring's, and the quadratic of IDA above it. For the tests of who writes one.
+/// Checks that `potential` meets the conditions that solvers rely on (see LinkPotential), at lengths and rest
+/// lengths of 1/100 to 100 times `scale` and at zero: finite, not negative, with correct derivatives, with
+/// curvatures of at most a spring's, and below IDA's quadratic. For the tests of a potential of your own.
 template <LinkPotential P>
 ModelViolation check_link_potential(const P& potential, double scale = 1) {
   constexpr int kSteps = 60;

@@ -1,8 +1,8 @@
 #pragma once
 
-// Random systems for tests and benchmarks, the same on every compiler and machine: arithmetic is in double
-// and fused by name where a compiler would be free to, and what mathematical libraries round differently is
-// rounded to fewer digits.
+// Random systems for tests and benchmarks, the same on every compiler and machine: arithmetic is in double,
+// fused operations are explicit where a compiler might choose them, and results that mathematical libraries
+// round differently are rounded to fewer digits.
 
 #include <array>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -67,7 +67,7 @@ struct RandomSystem {
   typename System::Points start;  ///< Dim x N
 };
 
-/// What the paper's Sec. 3.2.1 leaves open, and what a tracker makes.
+/// The kinds of random systems: those that the paper's Sec. 3.2.1 leaves open, and those of a tracker.
 enum class Kind {
   Lit,   ///< literally: anchors displaced from the displaced nodes, k_ij from the lengths before displacement
   Orig,  ///< as Lit, but anchors displaced from the nodes before their displacement

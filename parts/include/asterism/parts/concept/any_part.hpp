@@ -8,18 +8,18 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Any PartModel, chosen at run time: constellations of mixed parts are a std::vector<AnyPart>. A PartModel
-/// itself, dense and resizable as far as what is in it is; a copy copies the part in it. After a move from
-/// it, it may only be assigned to or destroyed.
+/// Any PartModel, chosen at run time: constellations of mixed parts are a std::vector<AnyPart>. It is itself
+/// a PartModel, and dense and resizable if the model in it is. A copy copies the model. After a move from it,
+/// it may only be assigned to or destroyed.
 class AnyPart {
  public:
   // In this order: PartModel<AnyPart> asks whether AnyPart is copyable, and so this very constraint.
-  /// Holds any part model but itself.
+  /// Holds any part model except an AnyPart.
   template <class P>
   requires(!std::same_as<P, AnyPart> && PartModel<P>) AnyPart(P part)
       : self_(std::make_unique<Model<P>>(std::move(part))) {}
 
-  /// A copy learns for itself.
+  /// The copy learns independently.
   AnyPart(const AnyPart& other) : self_(other.self_->clone()) {}
   AnyPart(AnyPart&&) noexcept = default;
   AnyPart& operator=(const AnyPart& other) {
@@ -34,14 +34,21 @@ class AnyPart {
   double similarity_at(const Point2& position) const { return self_->similarity_at(position); }
   void adapt(const Frame& frame, const Point2& at) { self_->adapt(frame, at); }
 
-  /// The response map of the last `localize`, nullptr where the model has none (see DenseModel).
+  /// The response map of the last `localize`, or nullptr if the model has none (see DenseModel).
   const ResponseMap* response() const { return self_->response(); }
-  /// The target has another size in the image [px] from now on; a model that cannot follow (see
-  /// ResizableModel) goes on at its own.
+  /// The target has another size in the image [px] from now on. A model that is not a ResizableModel keeps
+  /// the size that it has.
   void resize(const Size2& size) { self_->resize(size); }
   /// Whether the model in it is Stateful; if not, `visit_state` throws std::invalid_argument.
   bool stateful() const { return self_->stateful(); }
   void visit_state(StateArchive& archive) { self_->visit_state(archive); }
+
+  /// The model in it if that is a P, otherwise nullptr.
+  template <class P>
+  const P* target() const {
+    const auto* const model = dynamic_cast<const Model<P>*>(self_.get());
+    return model != nullptr ? &model->part : nullptr;
+  }
 
  private:
   struct Concept {

@@ -23,27 +23,27 @@ inline cv::Rect2d box_around(const Point2& centre, const Size2& size) {
   return {centre.x() - (size.x() - 1) / 2, centre.y() - (size.y() - 1) / 2, size.x(), size.y()};
 }
 
-/// The values of an image's pixels that become black and white in 8 bits, e.g. those of 12 bits in an image
-/// of 16; what is beyond them is clipped. Both must be finite and white at least 1e-6 above black, else Frame
-/// throws std::invalid_argument. Chosen once for a video: a range that changes with the frames changes what
-/// trackers have learned.
+/// The pixel values that become black and white in 8 bits, such as those of 12 bits in a 16-bit image; values
+/// beyond them are clipped. Both must be finite, and white at least 1e-6 above black; otherwise Frame throws
+/// std::invalid_argument. Choose it once for a video: trackers cannot follow if it changes from frame to
+/// frame.
 struct PixelRange {
   double black = 0;    ///< The value that becomes 0.
   double white = 255;  ///< The value that becomes 255.
 
-  /// From 0 to 2^bits - 1.
+  /// The range from 0 to 2^bits - 1.
   static PixelRange of_bits(int bits) { return {0, std::ldexp(1.0, bits) - 1}; }
-  /// `width` values around `level`, as a window is given for medical and thermal images.
+  /// The range of `width` values around `level`, the usual window for medical and thermal images.
   static PixelRange of_window(double level, double width) { return {level - width / 2, level + width / 2}; }
 
   /// Whether both values are the same.
   bool operator==(const PixelRange&) const = default;
 };
 
-/// The range that an image's pixels seem to have where that is not the one which Frame assumes, to be asked
-/// of a video's first frame: of 16-bit pixels the fewest of 8, 10, 12 and 14 bits that hold them, of float
-/// pixels beyond 1 the fewest of 8 to 16 bits, else their least and greatest value. Empty where Frame's is
-/// right, and for an image that is black or that Frame refuses for another reason.
+/// The range that the pixels of a video's first frame seem to have, if that is not the range that Frame
+/// assumes: for 16-bit pixels the fewest of 8, 10, 12 and 14 bits that hold them; for float pixels beyond 1
+/// the fewest of 8 to 16 bits, otherwise their least and greatest value. Empty if Frame's range is right, and
+/// for an image that is black or that Frame refuses for another reason.
 ASTERISM_API std::optional<PixelRange> suggested_range(const cv::Mat& image);
 
 /// One video frame, converted once and shared by all parts of a tracker.
@@ -59,20 +59,20 @@ class ASTERISM_API Frame {
 
   /// 8-bit gray, as cv::COLOR_BGR2GRAY makes it.
   const cv::Mat& gray() const { return gray_; }
-  /// 8-bit BGR, or empty where the input has one channel.
+  /// 8-bit BGR; empty if the input has one channel.
   const cv::Mat& bgr() const { return bgr_; }
   /// Size of the image [px].
   cv::Size size() const { return gray_.size(); }
-  /// True where at least one pixel has channels that differ: gray video is often stored with three equal
-  /// ones.
+  /// Whether the channels of at least one pixel differ: gray video is often stored with three equal
+  /// channels.
   bool has_color() const;
 
  private:
   cv::Mat gray_, bgr_;
 };
 
-/// The frame that a tracker starts on: Frame(image), but std::invalid_argument for a 16-bit image with values
-/// up to 255 alone. In 8 bits it would be black, and what has its 8-bit values in 16 bits needs a range.
+/// The frame that a tracker starts on: Frame(image), but throws std::invalid_argument for a 16-bit image
+/// whose values are all at most 255. It would be black in 8 bits; for 8-bit values in 16 bits, give a range.
 ASTERISM_API Frame first_frame(const cv::Mat& image);
 
 }  // namespace ASTERISM_ABI

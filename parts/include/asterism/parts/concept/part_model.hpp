@@ -6,7 +6,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What a part model says of one frame: the whole coupling between appearance and geometry.
+/// The answer of a part model for one frame: the only link between appearance and geometry.
 struct Evidence {
   /// Visually most similar position x_A, sub-pixel.
   Point2 position = Point2::Zero();

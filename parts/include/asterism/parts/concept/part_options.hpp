@@ -1,8 +1,7 @@
 #pragma once
 
-/// The names of the options of the library's models, those of their members, and their ranges, for
-/// PartRegistry and for options that contain them. Where the comment of an option says > 0, it is in [1e-9,
-/// 1e9].
+/// Names (those of the members) and ranges of the options of the library's models, for PartRegistry and for
+/// options that contain them. An option whose comment says > 0 must be in [1e-9, 1e9].
 
 #include <asterism/parts/concept/template_window.hpp>
 #include <asterism/parts/models/color_histogram.hpp>
@@ -27,20 +26,20 @@ inline namespace ASTERISM_ABI {
 /// Ranges that several options have.
 namespace option_ranges {
 inline constexpr OptionRange kShare{0, 1};
-/// Of a prior: neither side is certain.
+/// Of a prior probability: neither 0 nor 1.
 inline constexpr OptionRange kProbability{1e-9, 1 - 1e-9};
-/// Of scales: also their squares are numbers in single precision.
+/// Of positive numbers whose squares are also representable in single precision.
 inline constexpr OptionRange kPositive{1e-9, 1e9};
-/// Of templates and windows [template pixels]: transforms and searches of a longer one take seconds.
+/// Longest side of templates and windows [template pixels]: beyond it, transforms and searches take seconds.
 inline constexpr double kLongestSide = 1024;
 inline constexpr OptionRange kSide{1, kLongestSide};
-/// A window of more than this many target sides around the target leaves nothing of it in the template.
+/// Greatest padding: in a larger window, the target is too small to be seen in the template.
 inline constexpr double kMostPadding = 100;
-/// Of a search at every shift: smaller windows are its peak alone.
+/// Padding of models that search at every shift: with 0 they would search one position only.
 inline constexpr OptionRange kSearchPadding{1e-9, kMostPadding};
 }  // namespace option_ranges
 
-/// The options of a model's window, which stand among its own, and their ranges.
+/// Visits the options of a model's window, which are among the model's own, with their ranges.
 inline void visit_window(OptionVisitor& visit, TemplateWindow& window, const OptionRange& padding,
                          const OptionRange& side) {
   visit("padding", window.padding, padding);

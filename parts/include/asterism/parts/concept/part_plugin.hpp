@@ -7,15 +7,15 @@
 #define ASTERISM_STRING_IMPL(x) #x
 #define ASTERISM_STRING(x) ASTERISM_STRING_IMPL(x)
 
-/// What a program and its plugins must have in common, as they exchange C++ objects.
+/// The properties in which a program and its plugins must agree, because they exchange C++ objects.
 #define ASTERISM_PART_PLUGIN_ABI \
   "Asterism " ASTERISM_STRING(ASTERISM_ABI) ", Eigen " ASTERISM_STRING(EIGEN_WORLD_VERSION) "." ASTERISM_STRING( \
       EIGEN_MAJOR_VERSION) ", OpenCV " ASTERISM_STRING(CV_VERSION_MAJOR) "." ASTERISM_STRING(CV_VERSION_MINOR) \
       ", C++ ABI " ASTERISM_STRING(__GXX_ABI_VERSION)
 
-/// Makes of a source file a shared library of part models, which PartRegistry::load takes. What it was built
-/// for is in a section of the file, which is read before the library is loaded. The name is that of the
-/// registry which the models are added to:
+/// Makes a shared library of part models, for PartRegistry::load, from a source file. A section of the file
+/// says what it was built for, and is read before the library is loaded. The parameter is the name of the
+/// registry that the models are added to:
 ///
 ///     ASTERISM_PART_PLUGIN(models) { models.add<MyPart, MyOptions>("mine"); }
 // NOLINTBEGIN(bugprone-macro-parentheses): a parameter has none

@@ -12,8 +12,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 namespace detail {
-/// Refuses JSON that is nested so deep that a walk through it might use up the stack, by a
-/// std::invalid_argument that begins with `of`.
+/// Throws std::invalid_argument, with a message that begins with `of`, for JSON that is nested so deep that
+/// visiting it might overflow the stack.
 ASTERISM_API void check_nesting(const std::string& of, std::string_view json);
 }  // namespace detail
 
@@ -21,9 +21,9 @@ ASTERISM_API void check_nesting(const std::string& of, std::string_view json);
 /// shared libraries (part_plugin.hpp).
 class ASTERISM_API PartRegistry {
  public:
-  /// Knows the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
-  /// "spatial_reliability", "strcf", "superpixels", "template"; without "flow" or "keypoints" where they were
-  /// not built.
+  /// Has the library's models: "color_histogram", "flow", "kcf", "keypoints", "mosse",
+  /// "spatial_reliability", "strcf", "superpixels", "template"; not "flow" and "keypoints" if they were not
+  /// built.
   PartRegistry();
 
   /// Adds a model, which is made of its options, under a name of letters, digits, '_' and '-'. Throws
@@ -52,20 +52,21 @@ class ASTERISM_API PartRegistry {
   /// names the nearest known for an unknown model or option, and says what is wrong with a value.
   AnyPart make(std::string_view model);
 
-  /// Sets options that have a `visit_options` to what a JSON object has for them; a part is a name as `make`
-  /// takes it, or an object with the name as "model" and its options beside it. Throws std::invalid_argument
-  /// as `make`, the messages beginning with `of`.
+  /// Sets options that have a `visit_options` to the values in a JSON object. A part model is given as `make`
+  /// takes it, or as an object with its name as "model" and its options beside it. Throws
+  /// std::invalid_argument as `make` does, with messages that begin with `of`.
   template <typename Options>
   void read(const std::string& of, std::string_view json, Options& options) {
     read_json(of, json, [&](OptionVisitor& visit) { visit_options(visit, options); });
   }
-  /// Such options as a JSON object.
+  /// Such options as a JSON object that `read` takes. Part models of the library are listed with all of their
+  /// options, others by their name only.
   template <typename Options>
   static std::string list(Options options) {
     return list_json([&](OptionVisitor& visit) { visit_options(visit, options); });
   }
 
-  /// Of all models, sorted.
+  /// The names of all models, sorted.
   std::vector<std::string> names() const;
   /// All options of a model and their defaults as a JSON object. Throws as `make`.
   std::string defaults(std::string_view name);

@@ -10,29 +10,29 @@ inline namespace ASTERISM_ABI {
 struct ASTERISM_API ResponseMap {
   /// rows x cols responses; may be negative away from the peak.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> values;
-  /// Image position of values(0, 0) and spacing of the grid [px].
+  /// Image position of values(0, 0), and the spacing of the grid [px].
   Point2 origin = Point2::Zero();
   Size2 spacing = Size2::Ones();
-  /// The window repeats, as that of a correlation filter does: beyond a border is the opposite one.
+  /// The response wraps around, like that of a correlation filter: beyond a border follows the opposite one.
   bool periodic = true;
 
   /// Image position of a (sub-pixel) grid position.
   Point2 position(double row, double col) const { return origin + spacing.cwiseProduct(Point2(col, row)); }
-  /// Bilinear interpolation, over the half cell around the grid its border (a sub-pixel peak at the border
-  /// may lie there); 0 beyond. Negative responses count as 0: they are no similarity.
+  /// Bilinear interpolation; up to half a cell outside the grid, the value at its border, because a sub-pixel
+  /// peak may lie there; 0 beyond. Negative responses, which are not similarities, count as 0.
   double at(const Point2& position) const;
 };
 
-/// A PartModel that keeps the response map of its last `localize`, on which what a tracker knows from
-/// elsewhere, such as color, can be multiplied: the map, or a pointer to it that may be null.
+/// A PartModel that keeps the response map of its last `localize`, so that a tracker can multiply it by other
+/// cues, such as color. `response()` returns the map, or a pointer to it that may be null.
 template <class P>
 concept DenseModel = PartModel<P> && requires(const P& part) {
   requires std::same_as<decltype(part.response()), const ResponseMap&> ||
       std::same_as<decltype(part.response()), const ResponseMap*>;
 };
 
-/// A PartModel whose target may change its size in the image: `resize(size)` [px], finite and positive or
-/// std::invalid_argument is thrown, stretches its search window alike.
+/// A PartModel whose target may change its size in the image: `resize(size)` [px] scales its search window by
+/// as much. Throws std::invalid_argument for a size that is not finite and positive.
 template <class P>
 concept ResizableModel = PartModel<P> && requires(P part, const Size2& size) {
   part.resize(size);
@@ -48,11 +48,11 @@ concept ResizableModel = PartModel<P> && requires(P part, const Size2& size) {
 /// constant map.
 ASTERISM_API Evidence evidence_of(const ResponseMap& response, bool sub_pixel = true);
 
-/// As above, sub-pixel, but with the covariance of the position's likelihood, a map on the same grid, where
-/// the response is positive anywhere.
+/// As above, sub-pixel, but the covariance is that of `likelihood`, the position's likelihood on the same
+/// grid, if the response is positive anywhere.
 ASTERISM_API Evidence evidence_of(const ResponseMap& response, const ResponseMap& likelihood);
 
-/// The similarity of a model that has no response map: peak x exp(-d' covariance^-1 d / 2) at a distance d
+/// The similarity of a model without a response map: peak x exp(-d' covariance^-1 d / 2) at a distance d
 /// from the position of its evidence, 0 outside its search window.
 struct ASTERISM_API ResponsePeak {
   Evidence evidence;  ///< where the peak is

@@ -14,7 +14,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What a model or a tracker has learned, on its way to bytes or back. One function of the model names its
+/// Converts what a model or a tracker has learned to bytes, and back. One function of the model visits its
 /// members in a fixed order and serves both directions:
 ///
 ///     void visit_state(StateArchive& archive) {
@@ -22,29 +22,29 @@ inline namespace ASTERISM_ABI {
 ///       archive(weight_);
 ///     }
 ///
-/// What follows from options and sizes is not in it but made anew where `loading()`.
+/// Values that follow from options and sizes are not saved; compute them again if `loading()`.
 ///
 /// The bytes are numbers, never code. They begin with a mark, the version of the format, the byte order, the
-/// length and a checksum (CRC-32), which are checked before anything is read. Whatever they hold, reading
-/// them ends in an exception or in a state: each read is bounded, sizes are the reader's own, and numbers
-/// must be finite and in the range that is asked for.
+/// length and a checksum (CRC-32), which are checked before anything is read. Whatever the bytes are, reading
+/// them gives an exception or a valid state: each read is bounded, sizes are those of the reader, and numbers
+/// must be finite and in the given range.
 class ASTERISM_API StateArchive {
  public:
   /// Of the format.
   static constexpr std::uint32_t kVersion = 1;
 
-  /// To be written to.
+  /// An archive to write to.
   StateArchive() = default;
-  /// To be read from; `bytes` must outlive it. Throws std::runtime_error for bytes that are no state, cut
-  /// short, damaged, or of another version or byte order.
+  /// An archive to read from; `bytes` must outlive it. Throws std::runtime_error for bytes that are not a
+  /// state, that are truncated or damaged, or that have another version or byte order.
   explicit StateArchive(std::span<const std::byte> bytes);
 
   /// Whether the state is being read.
   bool loading() const { return loading_; }
 
-  /// The model that comes now, and its options (by their visit_options), which do not change: reading, the
-  /// state must be of the same, or std::invalid_argument names what differs. Part models among the options
-  /// are left to their own visit_state.
+  /// Begins a model with its options (by their visit_options), which do not change. When reading, the saved
+  /// model and options must be the same; otherwise std::invalid_argument names the difference. Part models
+  /// among the options have their own visit_state.
   template <typename Options>
   void begin(std::string_view model, Options options) {
     name(model);
@@ -53,12 +53,12 @@ class ASTERISM_API StateArchive {
     name("");
   }
 
-  /// Writes a value, or reads it.
+  /// Writes or reads a value.
   void operator()(bool& value);
   void operator()(int& value);
   void operator()(float& value);
   void operator()(double& value);
-  /// Matrices, arrays and blocks of them, of the size that they have.
+  /// Writes or reads a matrix, an array or a block, of the size that it has.
   template <typename Derived>
   void operator()(Eigen::DenseBase<Derived>& values) {
     for (Eigen::Index col = 0; col < values.cols(); ++col)
@@ -68,14 +68,14 @@ class ASTERISM_API StateArchive {
   void operator()(Eigen::DenseBase<Derived>&& values) {
     (*this)(values);
   }
-  /// Complex numbers.
+  /// Writes or reads complex numbers.
   template <typename T>
   void operator()(std::complex<T>& value) {
     T real = value.real(), imaginary = value.imag();
     (*this)(real), (*this)(imaginary);
     value = {real, imaginary};
   }
-  /// An enumeration whose values are 0 .. count - 1.
+  /// Writes or reads an enumeration whose values are 0 .. count - 1.
   template <typename E>
   requires std::is_enum_v<E>
   void operator()(E& value, int count) {
@@ -87,17 +87,18 @@ class ASTERISM_API StateArchive {
   /// A position in the image, at most 1e6 px from its origin on each axis, and a size from 1e-6 to 1e6 px.
   void position(Point2& value);
   void size(Size2& value);
-  /// How many things follow, which take at least `bytes_each` bytes each: reading, no more than are there.
+  /// Writes or reads a count of items, each of at least `bytes_each` bytes. Reading checks that they can
+  /// exist.
   void count(int& value, std::size_t bytes_each);
   /// 8-bit pixels; the image has this size and number of channels already, or gets them.
   void pixels(cv::Mat& image, const cv::Size& size, int channels);
 
-  /// Refuses a state with numbers that do not hold together: throws std::runtime_error.
+  /// For a state with inconsistent numbers: throws std::runtime_error.
   void require(bool holds) const;
 
-  /// The bytes that were written.
+  /// The written bytes.
   std::vector<std::byte> bytes() const;
-  /// Reading: throws std::runtime_error where bytes are left.
+  /// After reading: throws std::runtime_error if bytes are left.
   void finish() const { require(position_ == payload_.size()); }
 
  private:
@@ -136,16 +137,16 @@ class ASTERISM_API StateArchive {
   std::vector<std::byte> written_;
 };
 
-/// What can be saved: a model or tracker with `visit_state(StateArchive&)`, to which it gives what it has
-/// learned, or from which it takes it, as if `init` and all that followed had been called. An exception may
-/// leave it half read; restore_state works on a copy.
+/// A model or tracker that can be saved: `visit_state(StateArchive&)` writes what it has learned, or reads
+/// it, as if `init` and all later functions had been called. After an exception it may be half read;
+/// restore_state works on a copy.
 template <class T>
 concept Stateful = std::copyable<T> && requires(T object, StateArchive& archive) {
   object.visit_state(archive);
 };
 
-/// The state as bytes, for a file. Throws std::logic_error before `init`, std::invalid_argument where a part
-/// of it is not Stateful, and std::runtime_error where a number is out of the archive's range.
+/// The state as bytes, for a file. Throws std::logic_error before `init`, std::invalid_argument if a part of
+/// it is not Stateful, and std::runtime_error if a number is out of the archive's range.
 template <Stateful T>
 std::vector<std::byte> save_state(const T& object) {
   StateArchive archive;
@@ -153,9 +154,9 @@ std::vector<std::byte> save_state(const T& object) {
   return archive.bytes();
 }
 
-/// Takes over a state that `save_state` made of an object with the same options. Throws std::runtime_error
-/// for bytes that are no state, damaged or cut short, std::invalid_argument for the state of something else;
-/// the object is then as before.
+/// Sets the state that `save_state` returned for an object with the same options. Throws std::runtime_error
+/// for bytes that are not a state, damaged or truncated, and std::invalid_argument for the state of another
+/// kind of object or of other options; the object is then unchanged.
 template <Stateful T>
 void restore_state(T& object, std::span<const std::byte> bytes) {
   StateArchive archive(bytes);

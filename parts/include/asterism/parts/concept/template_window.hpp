@@ -6,17 +6,17 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// How much of a target's surroundings a model sees, and at which resolution: options of every model that
-/// resamples the image. Defaults and ranges are each model's; in descriptions these options stand among the
-/// model's own.
+/// resamples the image. Each model has its own defaults and ranges; in descriptions, these options are among
+/// the model's own.
 struct TemplateWindow {
-  /// The window adds this much around the target, x the geometric mean of its sides on both axes.
+  /// The window adds this many times the geometric mean of the target's sides to both axes.
   double padding = 1.5;
-  /// The target is resampled so that the geometric mean of its sides is in this range [template pixels]:
-  /// min_template_side <= max_template_side.
+  /// The target is resampled so that the geometric mean of its sides is from `min_template_side` to
+  /// `max_template_side` [template pixels].
   double min_template_side = 1;
   double max_template_side = 1024;
 
-  /// Whether the range is one.
+  /// Whether min_template_side <= max_template_side.
   bool ordered() const { return min_template_side <= max_template_side; }
 };
 

@@ -9,9 +9,9 @@ inline namespace ASTERISM_ABI {
 
 /// Options of `regularize_posterior`.
 struct MrfOptions {
-  /// False: the posterior stays as it is.
+  /// Smooth the posterior; false: leave it as it is.
   bool enabled = true;
-  /// In [1, 1000]; about eight are usual.
+  /// Maximum number of iterations, in [1, 1000]; about eight are usual.
   int max_iterations = 50;
   /// Stop when the mean log posterior changes by less than this, >= 0.
   double tolerance = 0.1;
@@ -21,7 +21,7 @@ struct MrfOptions {
   double neighbourhood = 0.06;
 };
 
-/// What `regularize_posterior` overwrites. Given to it again, it spares the heap for maps that are no larger.
+/// Scratch memory of `regularize_posterior`. Reused, it avoids allocations for maps that are not larger.
 struct MrfWorkspace {
   std::vector<float> planes;      ///< of the maps
   std::vector<float> weights;     ///< of the neighbourhood

@@ -18,8 +18,8 @@ struct ColorOptions {
   double surrounding = 1.6;
   /// Prior probability of the foreground in Bayes' rule, in (0, 1). The paper leaves it open.
   double foreground_prior = 0.5;
-  /// Bounds of (foreground pixels) / (box area) for the segmentation to be informative: alpha_min, alpha_max
-  /// in Eq. 6.
+  /// Bounds of (foreground pixels) / (box area) between which the segmentation is informative: alpha_min and
+  /// alpha_max in Eq. 6.
   double min_area_ratio = 0.2;
   double max_area_ratio = 2.0;
   /// Weight of the uniform component when the segmentation is informative: alpha_col in Eq. 6.

@@ -17,9 +17,9 @@ struct ColorHistogramOptions {
     Rgb,   ///< Comaniciu et al. (PAMI 2003)
     Hsv    ///< hue with 256 steps a turn, as ColorModel
   };
-  /// What is counted. A target that was learned from a gray image is always Gray.
+  /// Which color space is counted. A target that was learned from a gray image is always Gray.
   Space space = Space::Rgb;
-  /// Bins a channel, 2 .. 64: 16 in LGT and in Comaniciu et al.
+  /// Bins for each channel, in [2, 64]; 16 in LGT and in Comaniciu et al.
   int bins = 16;
   /// Sharpness lambda of the likelihood exp(-lambda d^2), > 0 (Perez et al., ECCV 2002).
   double sharpness = 20;

@@ -11,12 +11,12 @@ inline namespace ASTERISM_ABI {
 
 /// Options of Flow.
 struct FlowOptions {
-  /// Points a side of the grid on the target, in [2, 100]: 10 x 10 in Kalal et al.
+  /// Points on each side of the grid on the target, in [2, 100]; 10 x 10 points in Kalal et al.
   int grid = 10;
   /// Largest forward-backward error of a point that counts [template pixels], > 0.
   double max_error = 1;
-  /// Side of the Lucas-Kanade window [template pixels, odd, in [3, 101]] and number of halvings of the image,
-  /// in [0, 16].
+  /// Side of the Lucas-Kanade window [template pixels], odd and in [3, 101], and the number of halvings of
+  /// the image, in [0, 16].
   int lk_window = 11;
   int lk_levels = 3;
   /// The search window: padding in (0, 100], sides in [8, 1024].

@@ -19,8 +19,8 @@ struct Kernel {
     Linear       ///< c / n
   };
   Type type = Type::Gaussian;  ///< which function of c
-  double sigma = 0.5;          ///< of Gaussian, > 0
-  double offset = 1;           ///< of Polynomial; offset^exponent is at most 1e6
+  double sigma = 0.5;          ///< bandwidth of Gaussian, > 0
+  double offset = 1;           ///< of Polynomial; offset^exponent must be at most 1e6
   double exponent = 9;         ///< of Polynomial, a whole number, in [1, 100]
 };
 
@@ -30,7 +30,9 @@ using KcfFeatures = CellFeatures;
 /// Options of Kcf; the defaults are those of Henriques et al. (PAMI 2015) for HOG features, as the paper's
 /// Sec. 3.1 asks for.
 struct KcfOptions {
+  /// The channels of a cell.
   KcfFeatures features = {};
+  /// The kernel of the ridge regression.
   Kernel kernel = {};
   /// Regularisation lambda of the ridge regression (the paper's Eq. 1), > 0.
   double lambda = 1e-4;
@@ -42,11 +44,11 @@ struct KcfOptions {
   int cell_size = 4;
   /// The search window: padding in [0, 100], sides in [cell_size, 1024].
   TemplateWindow window = {.padding = 1.5, .min_template_side = 40, .max_template_side = 64};
-  /// The window's padding is x each side (Henriques) instead of x the geometric mean of the sides on both
-  /// axes, which gives elongated targets room across. Equal for square targets.
+  /// Pad each axis in proportion to that side (Henriques) instead of both axes in proportion to the geometric
+  /// mean of the sides, which gives elongated targets room across. Equal for square targets.
   bool proportional_window = false;
-  /// Update of the model. The paper (Sec. 2.1): numerator and denominator of A apart; otherwise A itself is
-  /// interpolated (Henriques).
+  /// Update numerator and denominator of A separately (the paper, Sec. 2.1); otherwise interpolate A itself
+  /// (Henriques).
   bool separate_update = true;
   /// Refine the response's maximum below the cell grid.
   bool sub_pixel = true;

@@ -11,13 +11,13 @@ inline namespace ASTERISM_ABI {
 
 /// Options of Keypoints; the matching is that of CMT (Nebehay and Pflugfelder, CVPR 2015).
 struct KeypointsOptions {
-  /// Most key-points in the search window, the strongest ones, in [1, 5000], and FAST's threshold [gray
-  /// levels, in [1, 255]].
+  /// Maximum number of key-points in the search window, the strongest ones, in [1, 5000]; FAST's threshold
+  /// [gray levels], in [1, 255].
   int max_points = 400;
   int fast_threshold = 10;
-  /// A match differs in at most this share of the descriptor's bits, in (0, 1], ...
+  /// A match differs in at most this share of the descriptor's bits, in (0, 1].
   double max_distance = 0.25;
-  /// ... and in less than this times those of the second best, in (0, 1].
+  /// A match differs in fewer bits than this factor times those of the second best one, in (0, 1].
   double max_ratio = 0.8;
   /// Votes within this distance agree [template pixels, in (0, 1024]].
   double vote_radius = 10;

@@ -17,9 +17,9 @@ struct MosseOptions {
   double label_sigma = 2;
   /// Added to the energy spectrum of patches of norm 1, epsilon in [1e-30, 1e30].
   double regularisation = 1e-4;
-  /// The first filter is trained on the target and this many random affine images of it, in [0, 100], ...
+  /// The first filter is trained on the target and this many random affine images of it, in [0, 100].
   int perturbations = 8;
-  /// ... whose matrices differ from the identity by up to this in each entry, in [0, 0.99].
+  /// The entries of their matrices differ from the identity's by up to this, in [0, 0.99].
   double perturbation = 0.05;
   /// The search window: padding in [0, 100], sides in [16, 1024].
   TemplateWindow window = {.padding = 1, .min_template_side = 24, .max_template_side = 32};

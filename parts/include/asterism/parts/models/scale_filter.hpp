@@ -11,9 +11,9 @@ inline namespace ASTERISM_ABI {
 
 /// Options of ScaleFilter; the defaults are those of Danelljan et al. (BMVC 2014).
 struct ScaleFilterOptions {
-  /// Number of sizes that are compared, odd and in [3, 101], and the factor between neighbours, > 1;
-  /// step^scales is at most 1e6.
+  /// Number of sizes that are compared, odd and in [3, 101].
   int scales = 33;
+  /// Factor between neighbouring sizes, > 1; step^scales must be at most 1e6.
   double step = 1.02;
   /// Standard deviation of the Gaussian label [steps], as a fraction of sqrt(scales), > 0.
   double label_sigma = 0.25;

@@ -16,14 +16,15 @@ inline namespace ASTERISM_ABI {
 struct MaskedRegressionOptions {
   /// Weight lambda of the filter's energy, > 0.
   double lambda = 0.05;
-  /// Rounds of `solve`, in [0, 1000]; without any the ridge regression is cut to the mask. Those of `refine`,
-  /// in [0, 1000].
+  /// Rounds of `solve`, in [0, 1000]; with 0 the ridge regression is only cut to the mask.
   int iterations = 4;
+  /// Rounds of `refine`, in [0, 1000].
   int refining_iterations = 2;
-  /// The constraint's penalty mu in the first round, > 0, its growth beta from round to round, >= 1, and its
-  /// bound, >= penalty, at most 1e6.
+  /// Penalty mu of the constraint in the first round, > 0.
   double penalty = 5;
+  /// Factor beta by which the penalty grows from round to round, >= 1.
   double penalty_growth = 3;
+  /// Upper bound of the penalty, >= penalty, at most 1e6.
   double max_penalty = 20;
 };
 
@@ -68,35 +69,38 @@ class ASTERISM_API MaskedRegression {
 /// Options of SpatialReliability; where no other source is named, the defaults are those of Lukezic et al.
 /// (CVPR 2017).
 struct SpatialReliabilityOptions {
+  /// How the filters are learned.
   MaskedRegressionOptions regression;
-  /// Rates of the running averages in [0, 1]: of the samples' spectra and their energy (ours: the paper
-  /// averages the filters themselves, with 0.02), and of the channels' weights.
+  /// Rate of the running averages of the samples' spectra and their energy, in [0, 1]. The paper averages the
+  /// filters themselves, with 0.02.
   double learning_rate = 0.01;
+  /// Rate of the running average of the channels' weights, in [0, 1].
   double weight_rate = 0.02;
   /// Standard deviation of the Gaussian label [cells], > 0.
   double label_sigma = 1;
   /// HOG cell [template pixels], >= 1.
   int cell_size = 4;
-  /// Eleven more channels: how much of a cell has each of the basic colors, black to yellow. The paper has
-  /// learned color names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
+  /// Use eleven more channels: the share of a cell that has each of the basic colors, black to yellow. The
+  /// paper uses learned color names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
   bool color_channels = false;
   /// The search window: padding in [0, 100], sides in [cell_size, 1024]. With padding 3 and 32 px it is 128
   /// px, where the FFT is fastest. The paper allows 50 px, and takes smaller cells for small targets.
   TemplateWindow window = {.padding = 3, .min_template_side = 32, .max_template_side = 32};
   /// Constrain the filter to the segmented target; otherwise, and for gray video, to its box.
   bool segmentation = true;
-  /// The box also where the segmented area is not between these fractions of the box's. The paper has 0.05
-  /// and no upper bound.
+  /// Least area of the segmented target, as a fraction of the box's area; if it is smaller, the filter is
+  /// constrained to the box. 0.05 in the paper.
   double min_mask_area = 0.3;
+  /// Greatest area of the segmented target, likewise. The paper has no such bound.
   double max_mask_area = 1.5;
-  /// Histograms that segment it; its random field is started from the spatial prior.
+  /// The color model that segments the target; its random field starts from the spatial prior.
   ColorOptions color = [] {
     ColorOptions result;
     result.histogram_rate = 0.04;
     result.surrounding = 2;
     return result;
   }();
-  /// Weigh each channel by its response to the target when learned, otherwise all alike.
+  /// Weight each channel by its response to the target when learned; otherwise all channels alike.
   bool channel_weights = true;
 };
 

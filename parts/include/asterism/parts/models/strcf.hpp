@@ -12,22 +12,23 @@ inline namespace ASTERISM_ABI {
 /// Options of Strcf; the defaults are those of Li et al. (CVPR 2018) and of their published program, except
 /// for the color channels.
 struct StrcfOptions {
-  /// Li et al. have the gray level, fHOG and, in color video, ten learned color names, in whose place a and b
-  /// of CIE Lab are here.
+  /// The channels. Li et al. use the gray level, fHOG and, in color video, ten learned color names; a and b
+  /// of CIE Lab replace the color names here.
   CellFeatures features = {.hog = true, .gray = true, .color = true};
   /// Weight mu of the difference from the filter of the frame before, in [0, 1e6]. The first frame has none.
   double temporal_weight = 15;
-  /// The spatial weight w of the filter's cells on the target, in [0, 1e6], ...
+  /// The spatial weight w of the filter's cells on the target, in [0, 1e6].
   double target_weight = 1e-3;
-  /// ... and of all others, which are background, in [0, 1e6].
+  /// The spatial weight w of all other cells, which are background, in [0, 1e6].
   double background_weight = 1e5;
   /// Rounds of the alternating direction method of multipliers in a frame, in [1, 100].
   int admm_iterations = 2;
-  /// Penalty gamma of the first round, in [1e-6, 1e6], from round to round x `penalty_growth`, in [1, 1e6],
-  /// and at most `max_penalty`, in [1e-6, 1e6]. The published maximum is less than the first penalty: later
-  /// rounds bind less.
+  /// Penalty gamma of the first round, in [1e-6, 1e6].
   double penalty = 1;
+  /// Factor by which the penalty grows from round to round, in [1, 1e6].
   double penalty_growth = 10;
+  /// Upper bound of the penalty after the first round, in [1e-6, 1e6]. The published bound is less than the
+  /// first penalty, so later rounds bind less.
   double max_penalty = 0.1;
   /// Standard deviation of the Gaussian label y, as a fraction of the target's geometric mean side, > 0.
   double label_sigma = 1.0 / 16;

@@ -12,7 +12,7 @@ inline namespace ASTERISM_ABI {
 
 /// Options of Superpixels.
 struct SuperpixelsOptions {
-  /// In template pixels and CIELAB.
+  /// Options of the superpixels, in template pixels and CIELAB.
   SlicOptions slic = {.side = 6, .compactness = 10, .iterations = 5};
   /// Deviation sigma of a superpixel's mean color from frame to frame, > 0 [CIELAB units]: colors c and c'
   /// are alike to k = exp(-|c - c'|^2 / (2 sigma^2)).

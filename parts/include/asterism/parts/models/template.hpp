@@ -16,9 +16,9 @@ struct TemplateOptions {
     Ncc,  ///< 2 (1 - NCC), the normalised cross-correlation: blind to brightness and contrast
     Ssd   ///< |y - z|^2 / |z - mean z|^2
   };
-  /// The distance used.
+  /// Which distance is used.
   Distance distance = Distance::Ncc;
-  /// Compare BGR where the target was learned in color, else gray levels.
+  /// Compare BGR if the target was learned in color; otherwise gray levels.
   bool color = true;
   /// Deviation of the noise in d, > 0: displacements have the likelihood exp(-d^2 / (2 sigma^2)).
   double sigma = 0.25;

@@ -32,25 +32,26 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What became of a batch as a whole.
+/// The result of a batch as a whole.
 struct BatchSummary {
-  /// Converged if every system is; else the first other status of a system. Where the options or the topology
-  /// are invalid, or the machine lacks the instructions asked for, InvalidInput, and nothing was touched.
+  /// Converged if every system is; otherwise the first other status of a system. InvalidInput if the options
+  /// or the topology are invalid, or the machine lacks the requested instructions; then nothing was changed.
   Status status = Status::NotRun;
-  /// What was wrong with options or topology.
+  /// What was wrong with the options or the topology.
   Message message = "solve was not called";
-  int first_failure = -1;  ///< the system that `status` is of
-  int converged = 0;       ///< systems
-  int by_scalar = 0;       ///< systems that the scalar solver had to finish
+  int first_failure = -1;  ///< index of the system with `status`
+  int converged = 0;       ///< number of systems
+  int by_scalar = 0;       ///< number of systems that the scalar solver had to finish
   Simd simd = Simd::Auto;  ///< instructions used
   double seconds = -1;     ///< wall-clock time in solve
 };
 
-/// Newton for batches: the method of Newton in SIMD lanes, one system a lane, each taking the next system as
-/// soon as its own is solved. A system that the lanes cannot finish (a saddle to be left, coincident nodes,
-/// numbers out of range, invalid values) starts again with the scalar solver, so that every guarantee of
-/// Newton holds for every system of the batch: one verdict by the library's stopping rule, no higher energy,
-/// x as it was where the input is invalid. Converged from the lanes means a positive definite Hessian.
+/// Newton for batches: the method of Newton in SIMD lanes, one system per lane; each lane takes the next
+/// system when its own is solved. A system that the lanes cannot finish (a saddle to be left, coincident
+/// nodes, numbers out of range, invalid values) starts again with the scalar solver, so that every guarantee
+/// of Newton holds for every system of the batch: one verdict by the library's stopping rule, no higher
+/// energy, x as it was where the input is invalid. Converged from the lanes means a positive definite
+/// Hessian.
 ///
 /// Sizes with kernels: 2 and 3 dimensions, up to 30 coordinates and 120 links, fastest for few nodes that are
 /// all linked. With SolverOptions::gap, SpringBatch::lower_bound has what is proven at the end of each, from
@@ -155,7 +156,7 @@ class BatchNewton {
     }
   }
 
-  /// From outcomes to statuses; the number of systems that were left to be solved here.
+  /// From outcomes to statuses; returns the number of systems that were left to be solved here.
   int finish(Batch& batch, const lanes_v0_1::Planes<Scalar>& planes, int first, int last) {
     using namespace lanes_v0_1;
     std::int32_t* definite = batch.counts_.data() + batch.at(Batch::kDefinite);

@@ -29,7 +29,7 @@ constexpr std::string_view to_string(Simd simd) {
   return "unknown instructions";
 }
 
-/// Whether the library and this machine have it.
+/// Whether the library and this machine have these instructions.
 inline bool is_available(Simd simd) {
   switch (simd) {
     case Simd::Auto:
@@ -43,7 +43,7 @@ inline bool is_available(Simd simd) {
   return false;
 }
 
-/// What Simd::Auto stands for.
+/// The instructions that Simd::Auto selects.
 inline Simd widest_simd() {
   return is_available(Simd::Avx512) ? Simd::Avx512 : is_available(Simd::Avx2) ? Simd::Avx2 : Simd::Portable;
 }

@@ -57,8 +57,8 @@ inline std::ptrdiff_t plane_stride(std::ptrdiff_t count) {
 /// a system (a coordinate of an anchor, a stiffness) a plane with that value of every system. The parameters
 /// are SpringSystem's.
 ///
-/// Values start as NaN, so that a forgotten one gets Status::InvalidInput. Refilling does not allocate.
-/// Construction throws std::bad_alloc where the memory does not suffice.
+/// Values start as NaN, so that a forgotten one gives Status::InvalidInput. Refilling does not allocate.
+/// Construction throws std::bad_alloc if memory runs out.
 template <typename Scalar_, int Dim, int N = Eigen::Dynamic, int MaxN = N>
 class SpringBatch {
  public:
@@ -102,9 +102,9 @@ class SpringBatch {
 
   /// Copies a system of the same topology and its start (Dim x N) to place `index`, from float or double. In
   /// a batch of float they are taken relative to the centroid of the anchors of stiffness (weak ones counting
-  /// less), in double: a constellation far from the origin loses nothing. Springs alone: fixed nodes make the
-  /// place an invalid one. Where a spring has no stiffness, a finite position or rest length is kept as far
-  /// as Scalar holds it.
+  /// less), in double: a constellation far from the origin loses no digits. For springs only: with fixed
+  /// nodes the system is invalid. If a spring has no stiffness, a finite position or rest length is kept as
+  /// far as Scalar holds it.
   template <typename OtherSystem>
   void set(int index, const OtherSystem& system, const typename OtherSystem::Points& start) {
     static_assert(OtherSystem::kDim == Dim);
@@ -197,14 +197,14 @@ class SpringBatch {
   /// 0 unless set() chose another.
   WidePlane origin(int axis) { return {origins_.data() + at(axis), count_}; }
 
-  /// What became of each system: as in its Summary.
+  /// The result of each system, as in its Summary.
   Status status(int index) const { return static_cast<Status>(count_of(kStatus, index)); }
   int iterations(int index) const { return count_of(kIterations, index); }
   int positive_definite(int index) const { return count_of(kDefinite, index); }
   Scalar initial_energy(int index) const { return verdicts_.data()[at(0) + index]; }
   Scalar final_energy(int index) const { return verdicts_.data()[at(1) + index]; }
   Scalar stationarity(int index) const { return verdicts_.data()[at(2) + index]; }
-  /// Of the least energy, as Summary's: -1 where SolverOptions::gap did not ask for it.
+  /// A lower bound of the energy, as in Summary: -1 if SolverOptions::gap is 0.
   Scalar lower_bound(int index) const { return verdicts_.data()[at(3) + index]; }
 
  private:

@@ -5,33 +5,33 @@
 #include <asterism/solver/run/summary.hpp>
 #include <utility>
 
-// Solvers take long to compile: seconds each for one type of system. asterism::solver_compiled has them ready
-// for the common types, and defines ASTERISM_SOLVER_COMPILED for its users, for whom the headers then only
-// declare what it has; other types are compiled where they are used, as everything is with asterism::solver.
+// Solvers take seconds each to compile for one type of system. asterism::solver_compiled has them compiled
+// for the common types, and defines ASTERISM_SOLVER_COMPILED for its users, so that the headers only declare
+// these. Other types are compiled where they are used, as all types are with asterism::solver alone.
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// The types of systems that asterism::solver_compiled has the solvers for.
+/// The types of systems for which asterism::solver_compiled has the solvers.
 using PlaneSystem = SpringSystem<double, 2>;
 using SpaceSystem = SpringSystem<double, 3>;
 using FourPartSystem = SpringSystem<double, 2, 4>;
 
-/// What the solvers' solve is: their run, with a workspace of the system's size, by a function that can be
-/// declared for a type without its solver's class, which takes a compiler long to look into.
+/// Implements the solvers' `solve`: calls `run` with a workspace of the system's size. This function can be
+/// declared for a type without instantiating the solver's class, which takes long to compile.
 struct Compiled {
   template <template <typename...> typename Solver, typename System, typename... Policies>
   static Summary solve(Solver<System, Policies...>& solver, const System& system, typename System::Points& x);
 };
 
-// Not inline: for inlining, a compiler looks into what is compiled elsewhere, too.
+// Not inline: to inline it, a compiler would instantiate what is compiled elsewhere.
 template <template <typename...> typename Solver, typename System, typename... Policies>
 Summary Compiled::solve(Solver<System, Policies...>& solver, const System& system,
                         typename System::Points& x) {
   if constexpr (System::kMaxNodes == Eigen::Dynamic && requires { solver.session_; }) {
-    // Anew for another size: Eigen 3.4 frees a matrix before it allocates it in another size, and once more
-    // at its end if that failed.
+    // A new solver for another size: Eigen 3.4 frees a matrix before it allocates it in another size, and
+    // frees it again in its destructor if that failed.
     if (!solver.session_.fits(system)) {
       auto options = std::move(solver.options);
       solver = Solver<System, Policies...>();
@@ -54,7 +54,7 @@ Summary Compiled::solve(Solver<System, Policies...>& solver, const System& syste
       Solver<detail::SpaceSystem>&, const detail::SpaceSystem&, detail::SpaceSystem::Points&); \
   extern template ASTERISM_API Summary detail::Compiled::solve(                                \
       Solver<detail::FourPartSystem>&, const detail::FourPartSystem&, detail::FourPartSystem::Points&);
-/// Declares it for those of these types that have no bound on their nodes.
+/// Declares it for the types without a bound on the number of nodes.
 #define ASTERISM_COMPILED_SPARSE_SOLVER(Solver)                                                \
   extern template ASTERISM_API Summary detail::Compiled::solve(                                \
       Solver<detail::PlaneSystem>&, const detail::PlaneSystem&, detail::PlaneSystem::Points&); \
@@ -68,7 +68,7 @@ Summary Compiled::solve(Solver<System, Policies...>& solver, const System& syste
                                              const Options&);                                                \
   extern template ASTERISM_API Summary solve(const detail::FourPartSystem&, detail::FourPartSystem::Points&, \
                                              const Options&);
-/// Declares the proofs for these types, which those of other scalars use, too.
+/// Declares the proofs for these types; proofs for other scalars use them, too.
 #define ASTERISM_COMPILED_PROVER                                                             \
   extern template ASTERISM_API void                                                          \
   detail::Prover<detail::PlaneSystem, detail::SparseFactor<double>>::certify(                \

@@ -12,9 +12,9 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-// Errors name the nearest of what is known.
+// Errors name the nearest known word.
 
-/// How many letters are to be put in, taken out or replaced to make one word the other (Levenshtein).
+/// The number of letters to insert, delete or replace to change one word into the other (Levenshtein).
 inline std::size_t edit_distance(std::string_view a, std::string_view b) {
   std::vector<std::size_t> row(b.size() + 1);
   std::iota(row.begin(), row.end(), std::size_t{0});
@@ -29,7 +29,7 @@ inline std::size_t edit_distance(std::string_view a, std::string_view b) {
   return row.back();
 }
 
-/// Which of `words` (of their `name`s), one at least, is nearest to a word.
+/// The one of `words`, or of their `name`s, that is nearest to a word; there must be at least one.
 template <typename Words, typename Name = std::identity>
 auto nearest(std::string_view word, const Words& words, Name name = {}) {
   return std::ranges::min_element(

@@ -1,8 +1,8 @@
 #pragma once
 
-/// On what the compiled libraries define for their users: visible in shared libraries, whose other symbols
-/// are hidden. The build defines it as nothing where it compiles a static library, whose calls then need not
-/// be replaceable.
+/// Marks the symbols of the compiled libraries that users call: they are visible in shared libraries, whose
+/// other symbols are hidden. The build defines it as nothing for static libraries, so that their calls need
+/// not be replaceable.
 #ifndef ASTERISM_API
 #define ASTERISM_API __attribute__((visibility("default")))
 #endif

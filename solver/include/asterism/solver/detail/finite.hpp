@@ -6,15 +6,14 @@
 #include <limits>
 #include <type_traits>
 
-// Whether numbers are finite, by their bits: compilers take std::isfinite and comparisons of NaN to be true
-// where they are told that there is none (-ffast-math, -ffinite-math-only), and input can have it all the
-// same.
+// Tests whether numbers are finite by their bits. With -ffast-math or -ffinite-math-only, compilers assume
+// that there is no NaN and remove std::isfinite and comparisons, but input can contain NaN all the same.
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// Neither infinite nor NaN.
+/// Whether a number is neither infinite nor NaN.
 template <typename Scalar>
 constexpr bool is_finite(Scalar value) {
   static_assert(std::numeric_limits<Scalar>::is_iec559 && (sizeof(Scalar) == 4 || sizeof(Scalar) == 8));
@@ -28,7 +27,7 @@ constexpr bool is_finite(Scalar value) {
   return (bits & kExponent) != kExponent;
 }
 
-/// All entries are, of a matrix or vector that has its numbers in memory.
+/// Whether all entries are finite, for a matrix or vector with its numbers in memory.
 template <typename Derived>
 bool all_finite(const Eigen::DenseBase<Derived>& numbers) {
   using Scalar = typename Derived::Scalar;

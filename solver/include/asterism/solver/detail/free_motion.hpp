@@ -29,7 +29,7 @@ struct FreeMotion {
 
   explicit operator bool() const { return node >= 0; }
 
-  /// What it is, for a message.
+  /// Its description, for a message.
   Message message() const {
     Message text;
     if (is_part) {
@@ -244,7 +244,7 @@ class RigidMotion {
     return result;
   }
 
-  // What moves by a motion, and what it turns about.
+  // The nodes that a motion moves, and those it turns about.
   template <typename Place>
   static FreeMotion described(const Nodes& nodes, const int* begin, const int* end, double extent,
                               const ModeVector& motion, Place&& place) {
@@ -374,16 +374,16 @@ extern template ASTERISM_API FreeMotion RigidMotion<3>::find(const RigidNodes<3>
 #endif
 
 /// Looks for rigid motions that neither anchors nor fixed nodes hold: of a connected component, and of what
-/// hangs on the rest by a single node. The energy is the same all along such a motion, so x is no strict
-/// minimum, whatever the rounding of a factorisation, or the tension that a solver's tolerance leaves in the
-/// links, makes of the Hessian. Keeps its memory.
+/// hangs on the rest by a single node. The energy is the same all along such a motion, so x is not a
+/// strict minimum, even if rounding, or the tension that a solver's tolerance leaves in the links, makes the
+/// Hessian positive definite. Keeps its memory.
 template <typename System>
 class FreeMotions {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  /// One such motion of a valid system at x, or none.
+  /// One such motion of a valid system at x, if there is one.
   FreeMotion find(const System& system, const Points& x) {
     if (is_clearly_held(system, x)) [[likely]]
       return {};

@@ -10,7 +10,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// A Dim x Dim block a node, side by side.
+/// One Dim x Dim block for each node, side by side.
 template <typename System>
 using NodeBlocks = Eigen::Matrix<typename System::Scalar, System::kDim, times<System::kNodes>(System::kDim),
                                  (System::kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), System::kDim,

@@ -12,26 +12,26 @@
 #include <string>
 #include <string_view>
 
-// How lack of memory is noticed, in one place. Operating systems promise more memory than there is, and end
-// the process that takes them at their word: a large workspace is therefore refused by what is available,
-// before it is allocated. What is refused or cannot be allocated leaves the library's functions as a status.
+// Detects lack of memory, in one place. Operating systems promise more memory than there is, and end a
+// process that uses it. A large workspace is therefore refused before it is allocated, if less is available.
+// The library's functions report memory that was refused or could not be allocated as a status.
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// A std::bad_alloc with a sentence.
+/// A std::bad_alloc with a message.
 class LackOfMemory : public std::bad_alloc {
  public:
   /// The text, as far as it fits.
   explicit LackOfMemory(std::string_view text) { append(text); }
-  /// What is asked for and what there is, in bytes.
+  /// The memory that is needed and that is available, in bytes.
   LackOfMemory(double needed, double available) {
     append("the workspace needs ");
     append_gigabytes(needed);
     append(" of memory, and ");
     append_gigabytes(available);
-    append(" are available: take a method that needs less");
+    append(" are available: use a method that needs less");
   }
 
   const char* what() const noexcept override { return text_; }
@@ -56,7 +56,7 @@ class LackOfMemory : public std::bad_alloc {
   char text_[168] = {};
 };
 
-/// Calls work(), and otherwise(error) where an `Exception` leaves it. Without exceptions (-fno-exceptions)
+/// Calls work(), and otherwise(error) if it throws an `Exception`. Without exceptions (-fno-exceptions)
 /// nothing is caught: lack of memory then ends the process, as it does in Eigen.
 template <typename Exception, typename Work, typename Otherwise>
 void attempt(Work&& work, [[maybe_unused]] Otherwise&& otherwise) {
@@ -71,7 +71,7 @@ void attempt(Work&& work, [[maybe_unused]] Otherwise&& otherwise) {
 #endif
 }
 
-/// Throws, or ends the process where there are no exceptions.
+/// Throws, or ends the process if exceptions are disabled.
 template <typename Error>
 [[noreturn]] void raise([[maybe_unused]] const Error& error) {
 #ifdef __cpp_exceptions
@@ -81,7 +81,7 @@ template <typename Error>
 #endif
 }
 
-/// What to say of a std::bad_alloc.
+/// The message for a std::bad_alloc.
 inline std::string_view memory_message(const std::bad_alloc& error) {
   const std::string_view words = error.what();
   return words.starts_with("std::") ? "the workspace does not fit into memory" : words;
@@ -110,8 +110,8 @@ inline double available_memory() {
   return available;
 }
 
-/// Refuses, by a LackOfMemory, to allocate `bytes` that are not available. Small workspaces are not looked
-/// at: asking takes some 20 us.
+/// Refuses, by a LackOfMemory, to allocate `bytes` that are not available. Small workspaces are not
+/// tested: the test takes some 20 us.
 inline void require_memory(double bytes) {
   constexpr double kSmall = 1 << 28;
   if (bytes < kSmall) [[likely]]
@@ -124,7 +124,7 @@ inline void require_memory(double bytes) {
 /// copies of it.
 inline void require_entries(double entries, double bytes, int copies = 1) {
   if (entries > std::numeric_limits<int>::max()) {
-    raise(LackOfMemory("a sparse matrix has more entries than can be counted: take a method without one"));
+    raise(LackOfMemory("a sparse matrix has more entries than can be counted: use a method without one"));
   }
   require_memory(copies * entries * (bytes + sizeof(int)));
 }

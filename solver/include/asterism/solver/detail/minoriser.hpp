@@ -22,8 +22,8 @@ constexpr bool has_minoriser() {
   return false;
 }
 
-/// What a bound needs to know of a minoriser beside its W, whatever the type of its system. W has `block`
-/// unknowns a node.
+/// The properties of a minoriser, besides its W, that a bound needs, for any type of system. W has `block`
+/// unknowns for each node.
 struct MinoriserView {
   int nodes;
   int block;
@@ -34,7 +34,7 @@ struct MinoriserView {
   const double* gradient_scale;
 };
 
-/// What the factorisation of a minoriser's W says.
+/// The result of the factorisation of a minoriser's W.
 struct MinoriserBound {
   bool is_definite = false;  ///< W is positive definite, whatever its rounding
   double gap = 0;            ///< then q(x) - min q is at most this
@@ -142,7 +142,7 @@ class Minoriser {
     }
   }
 
-  /// What a bound needs beside W.
+  /// The properties, besides W, that a bound needs.
   MinoriserView view() const {
     return {static_cast<int>(scale.size()), kBlock, kColumns, terms, gradient.data(), scale.data(),
             gradient_scale.data()};

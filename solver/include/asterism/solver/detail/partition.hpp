@@ -12,7 +12,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// A std::vector whose indices are ints, as those of nodes and links are.
+/// A std::vector indexed by int, like nodes and links.
 template <typename T>
 class Indexed : public std::vector<T> {
  public:
@@ -28,7 +28,7 @@ class Indexed : public std::vector<T> {
   }
 };
 
-/// Who is next to whom: node i's neighbours and the links to them.
+/// Adjacency of nodes: node i's neighbours and the links to them.
 class Neighbours {
  public:
   struct Neighbour {

@@ -7,8 +7,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// A workspace that is made where it is first needed. A copy of its owner, or what the owner is moved to,
-/// makes one of its own.
+/// A workspace that is made when it is first needed. A copy of its owner, or an owner that was moved to,
+/// makes its own.
 template <typename T>
 class Scratch {
  public:
@@ -21,7 +21,7 @@ class Scratch {
 
   T& get() { return value_ ? *value_ : value_.emplace(); }
   /// A new one, for systems of another size: Eigen 3.4 frees a matrix before it allocates it in another size,
-  /// and once more at its end if that failed.
+  /// and frees it again in its destructor if that failed.
   T& anew() { return value_.emplace(); }
 
  private:

@@ -15,8 +15,9 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// The lower triangle of a symmetric sparse matrix of kBlock x kBlock blocks, one a node on the diagonal and
-/// one a link off it. The pattern is made once a topology and refilled after that.
+/// The lower triangle of a symmetric sparse matrix of kBlock x kBlock blocks: one for each node on the
+/// diagonal and one for each link off it. The pattern is made once for each topology; after that only values
+/// are set.
 template <typename Scalar, int kBlock>
 class SparseBlocks {
  public:

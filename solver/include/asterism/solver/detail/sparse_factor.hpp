@@ -11,7 +11,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// Whether the Cholesky factor of a matrix with the links' pattern is worth to be kept sparse.
+/// Whether a sparse Cholesky factor is worthwhile for a matrix with the links' pattern.
 template <typename System>
 bool is_large_and_sparse(const System& system) {
   if constexpr (System::kMaxNodes != Eigen::Dynamic) return false;  // a bound is a promise not to allocate
@@ -19,7 +19,7 @@ bool is_large_and_sparse(const System& system) {
   return system.nodes() > kDenseUpTo && system.link_count() < system.nodes() * (system.nodes() / 16.0);
 }
 
-/// Eigen's SimplicialLDLT with AMD ordering, which is refused before it takes more memory than there is.
+/// Eigen's SimplicialLDLT with AMD ordering; refused before it would need more memory than is available.
 template <typename Scalar>
 class SparseFactor : public Eigen::SimplicialLDLT<Eigen::SparseMatrix<Scalar>> {
  public:

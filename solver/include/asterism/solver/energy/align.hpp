@@ -127,7 +127,7 @@ Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
   return R;
 }
 
-/// rigid_alignment in place; false where x stays as it was.
+/// rigid_alignment in place; false if x stays as it was.
 template <typename System>
 bool align(const System& system, typename System::Points& x, bool allow_reflection) {
   using Scalar = typename System::Scalar;
@@ -202,15 +202,15 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 }  // namespace detail
 
 /// x (Dim x N) moved and turned as one rigid body to where sum_i k_i |x_i - a_i|^2 is least (weighted
-/// Procrustes, in closed form). No spring between nodes changes its length, so the energy cannot rise; the
-/// slowest modes of a system with weak anchors are gone in one step. `allow_reflection` also admits the
-/// mirror image, where that is nearer. Does not allocate.
+/// Procrustes, in closed form). No spring between nodes changes its length, so the energy cannot rise. The
+/// slowest modes of a system with weak anchors vanish in one step. With `allow_reflection`, x may become its
+/// mirror image, if that is nearer. Does not allocate.
 ///
-/// Where the nodes that hang on anchors, or those anchors, coincide (also: one anchor alone has stiffness), x
-/// is moved and not turned; where no rigid motion is better, without any anchor stiffness, or for numbers
-/// that overflow, x is returned as it is, and so it is with fixed nodes. For a robust loss the anchors count
-/// as the springs that lie above it at x, for information matrices as their largest eigenvalue, and x is
-/// returned as it is where that does not lower the energy.
+/// If all nodes whose anchor has stiffness coincide, or all these anchors do (for example, if only one anchor
+/// has stiffness), x is moved and not turned. x is returned unchanged if no rigid motion is better, if no
+/// anchor has stiffness, if numbers overflow, or if a node is fixed. For a robust loss, the springs that lie
+/// above it at x stand for the anchors; for information matrices, their largest eigenvalue. In these two
+/// cases x is returned unchanged if the motion does not lower the energy.
 template <typename System>
 typename System::Points rigid_alignment(const System& system, const typename System::Points& x,
                                         bool allow_reflection = false) {

@@ -23,15 +23,15 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What is proven of a placement.
+/// What is proven about a placement.
 enum class Proof {
   UniqueGlobalMinimum,  ///< its energy is the least there is, to the tolerance, and there is one minimum that
                         ///< has it, within Certificate::distance
   GlobalMinimum,        ///< its energy is the least there is, to the tolerance
-  ReweightedMinimum,    ///< the same of the system whose anchors are springs with the weights that their loss
-                        ///< has at x, and nothing of the system itself
+  ReweightedMinimum,    ///< the same for the system whose anchors are springs with the weights that their
+                        ///< loss has at x; nothing is proven about the system itself
   NotCertified,         ///< nothing: x may be the global minimum or not
-  NotApplicable         ///< there is no certificate of such a system or x
+  NotApplicable         ///< there is no certificate for such a system or x
 };
 
 constexpr std::string_view to_string(Proof proof) {
@@ -52,7 +52,7 @@ constexpr std::string_view to_string(Proof proof) {
 
 inline std::ostream& operator<<(std::ostream& out, Proof proof) { return out << to_string(proof); }
 
-/// What certify takes.
+/// Options of certify.
 struct CertifyOptions {
   /// A global minimum may lie below E(x) by this share of E(x), or of 1e-10 sum k_ij (r_ij + mu_ij)^2 / 2 if
   /// that is more, which is for placements without strain [ratio]. A solver's default tolerance leaves far
@@ -65,10 +65,10 @@ struct CertifyOptions {
   }
 };
 
-/// What certify finds. Every number is rigorous: the rounding of its computation is accounted for.
+/// The result of certify. Every number is rigorous: the rounding of its computation is accounted for.
 struct Certificate {
   Proof proof = Proof::NotApplicable;                        ///< the verdict
-  Message reason;                                            ///< why there is no more of it
+  Message reason;                                            ///< why no more is proven
   double energy = std::numeric_limits<double>::quiet_NaN();  ///< E(x); NaN where it was not computed
   double lower_bound = 0;                                    ///< E is no lower than this anywhere
   /// A bound of W's least eigenvalue, see certify: from below where W is positive definite, else from above
@@ -94,7 +94,7 @@ inline std::ostream& operator<<(std::ostream& out, const Certificate& certificat
 
 namespace detail {
 
-/// The certificates of systems in double, whose values are valid.
+/// Certifies systems in double, whose values are valid.
 template <typename System, typename SparseFactor>
 class Prover {
  public:
@@ -138,7 +138,7 @@ class Prover {
   static constexpr double kStrainless = 1e-10;
   static constexpr bool kRobust = !std::is_same_v<typename System::Model::AnchorLoss, Quadratic>;
 
-  // Holds the first node of every component that nothing holds, and says whether there is one.
+  // Fixes the first node of every component that nothing holds; returns whether there is one.
   bool hold(const System& system) {
     bool floats = false;
     held_.setConstant(system.nodes(), false);
@@ -150,7 +150,7 @@ class Prover {
     quadratic_.set(system, x, clamp, stretch, [this](int i) { return held_[i]; });
   }
 
-  // What no energy is below, by the minoriser.
+  // A lower bound of all energies, by the minoriser.
   double lowest(const MinoriserBound& bound) const {
     return std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
   }
@@ -191,7 +191,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
   result.proof = Proof::NotCertified;
   MinoriserBound bound;
   if (quadratic_.peaked_link >= 0) {
-    result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is no minimum"};
+    result.reason = Defect{"link", quadratic_.peaked_link, "has ends that coincide: x is not a minimum"};
   } else {
     bound = factor(system);
     result.least_eigenvalue = bound.least_eigenvalue;
@@ -222,7 +222,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
   }
   if (result.reason.empty()) {
     result.reason = bound.least_eigenvalue < 0 ? "W has a negative eigenvalue: there may be a lower minimum"
-                                               : "W is positive definite or not, by rounding alone";
+                                               : "rounding errors hide whether W is positive definite";
   }
   if (kRobust) return;
   set(system, x, true);
@@ -274,9 +274,9 @@ class Certifier {
     return result;
   }
 
-  /// A direction v, a number a node, in which W(x) is negative, for valid input: in a dimension that x does
-  /// not use, E falls along v. Returns v^T W v / |v|^2 or more, and 0, with v as it was, where none was
-  /// found. Uses the heap.
+  /// A direction v, one number for each node, in which W(x) is negative, for valid input: in a dimension that
+  /// x does not use, E falls along v. Returns v^T W v / |v|^2 or an upper bound of it; if none was found, it
+  /// returns 0 and leaves v as it was. Uses the heap.
   double negative_direction(const System& system, const Points& x, Eigen::VectorXd& v) requires(
       !System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>()) {
     if constexpr (std::is_same_v<typename System::Scalar, double>) {
@@ -302,7 +302,7 @@ class Certifier {
   detail::Scratch<detail::Prover<Double, SparseFactor>> prover_;
 };
 
-/// Whether x (Dim x N) is a global minimum of E, proven, and a lower bound of E where it is not.
+/// Whether x (Dim x N) is proven to be a global minimum of E, and a lower bound of E.
 ///
 /// For any length r^ > 0 a link's energy is no less than that of a spring without rest length, (r - mu)^2 >=
 /// (1 - mu / r^) r^2 + mu^2 - mu r^, with equality at r = r^. So with w_ij = k_ij (1 - mu_ij / r_ij) there is
@@ -311,18 +311,18 @@ class Certifier {
 /// Where W is positive definite, no energy is below E(x) - 1/2 sum_d g_d^T W^-1 g_d, whether x is stationary
 /// or not, and if that gap is nothing, x is the one global minimum (with a gap, it is close to the only one
 /// if W stays positive definite as far as the gap allows a minimum to be). IDA's quadratic lies above E and
-/// touches it at the same place. Where W is not positive definite, the lower bound is that of the same
+/// touches it at the same point. Where W is not positive definite, the lower bound is that of the same
 /// quadratic without the links that push. docs/theory.md has more.
 ///
-/// x need not be what a solver returned. Computed in double whatever the scalar, with the rounding of
-/// everything accounted for: nothing is certified because of it. O(N^3), or one sparse Cholesky factorisation
+/// x need not come from a solver. All is computed in double, whatever the scalar, and rounding errors are
+/// bounded: none can lead to a false certificate. O(N^3), or one sparse Cholesky factorisation
 /// of K_dyn's pattern; a fixed or bounded number of nodes uses no heap.
 ///
 /// Fixed nodes stay where x has them. A component that nothing holds is held by its first node, which costs
-/// no energy, and its minimum is not unique. For anchors with an information matrix, W has a row a
-/// coordinate. For robust anchors, the reweighted system is looked at, which says nothing of the system
-/// itself. For links of another potential see LinkPotential. Bad input, lack of memory and what leaves the
-/// range of the scalar are NotApplicable, with the reason.
+/// no energy, and its minimum is not unique. For anchors with an information matrix, W has one row for each
+/// coordinate. For robust anchors, the reweighted system is certified, which proves nothing about the system
+/// itself. For links of another potential see LinkPotential. For bad input, lack of memory, or numbers that
+/// leave the range of the scalar, the result is NotApplicable, with the reason.
 template <typename System>
 Certificate certify(const System& system, const typename System::Points& x,
                     const CertifyOptions& options = {}) {

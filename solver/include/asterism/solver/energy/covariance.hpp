@@ -24,11 +24,11 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What became of a covariance.
+/// Whether a covariance was computed, or why not.
 enum class CovarianceStatus {
   Computed,             ///< the only one with a covariance
   NotPositiveDefinite,  ///< the Hessian is not, to the digits of the scalar, or a rigid motion changes no
-                        ///< energy, which the message names: x is no strict local minimum
+                        ///< energy, which the message names: x is not a strict local minimum
   NumericalFailure,     ///< the Hessian leaves the range of the scalar
   InvalidInput,         ///< the message names the offending value
   OutOfMemory,
@@ -54,7 +54,7 @@ inline std::ostream& operator<<(std::ostream& out, CovarianceStatus status) {
   return out << to_string(status);
 }
 
-/// The covariance of all nodes, or why there is none.
+/// The covariance of all nodes, or the reason why it was not computed.
 template <typename System>
 struct Covariance {
   CovarianceStatus status = CovarianceStatus::InvalidInput;  ///< whether there is one
@@ -67,11 +67,11 @@ struct Covariance {
   explicit operator bool() const { return status == CovarianceStatus::Computed; }
 };
 
-/// The covariance of each node, or why there is none.
+/// The covariance of each node, or the reason why it was not computed.
 template <typename System>
 struct NodeCovariances {
   static constexpr int kDim = System::kDim;
-  /// A Dim x Dim block a node, side by side.
+  /// One Dim x Dim block for each node, side by side.
   using Blocks = Eigen::Matrix<typename System::Scalar, kDim, detail::times<System::kNodes>(kDim),
                                (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim,
                                detail::times<System::kMaxNodes>(kDim)>;
@@ -91,7 +91,7 @@ struct NodeCovariances {
 namespace detail {
 
 constexpr const char* kIndefinite =
-    "the Hessian is not positive definite to the digits of the scalar: x is no strict local minimum";
+    "the Hessian is not positive definite to the digits of the scalar: x is not a strict local minimum";
 
 /// No entries, or NaN where the size is fixed.
 template <typename Matrix>
@@ -115,7 +115,7 @@ Result covariance_of_valid(const System& system, const typename System::Points& 
     if (const Defect defect = validate(system, x)) return refuse(CovarianceStatus::InvalidInput, defect);
     if (const int l = peaked_link(system, x); l >= 0) {
       return refuse(CovarianceStatus::NotPositiveDefinite,
-                    Defect{"link", l, "has ends that coincide: x is no local minimum"});
+                    Defect{"link", l, "has ends that coincide: x is not a local minimum"});
     }
     if (const FreeMotion motion = FreeMotions<System>().find(system, x)) {
       Message reason = "the Hessian is not positive definite: ";
@@ -322,9 +322,9 @@ CovarianceStatus sparse_node_covariances(const System& system, const typename Sy
 /// The inverse of IDA's matrix K_dyn, which lies above H, is no substitute: it underestimates.
 ///
 /// Refused, with a message: bad input as for a solver, a Hessian that is not positive definite to the digits
-/// of the scalar (a saddle, a flat direction, linked nodes that coincide and want to be apart), a component
-/// or a part of one that anchors and fixed nodes leave free to turn or slide (one held node in the plane, one
-/// or a line of them in space), numbers that overflow, too little memory. A fixed node has covariance zero,
+/// of the scalar (a saddle, a flat direction, linked nodes that coincide and push each other apart), a
+/// component or a part of one that anchors and fixed nodes leave free to turn or slide (one held node in the
+/// plane; one, or several on a line, in space), overflow, lack of memory. A fixed node has covariance zero,
 /// others are conditioned on it. O((Dim N)^3); a fixed or bounded number of nodes uses no heap.
 template <typename System>
 Covariance<System> covariance(const System& system, const typename System::Points& x) {
@@ -334,8 +334,8 @@ Covariance<System> covariance(const System& system, const typename System::Point
   return result;
 }
 
-/// The diagonal blocks of covariance() alone: each node's own Dim x Dim covariance, the other nodes being
-/// anywhere. For many nodes with few links each the Hessian is factored as a sparse matrix and only the
+/// Only the diagonal blocks of covariance(): each node's own Dim x Dim covariance, marginal over the other
+/// nodes. For many nodes with few links each the Hessian is factored as a sparse matrix and only the
 /// entries of its inverse on the factor's pattern are computed (selected inversion); time and memory are
 /// those of the factorisation. A fixed or bounded number of nodes uses no heap.
 template <typename System>

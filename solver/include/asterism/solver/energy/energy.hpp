@@ -11,7 +11,7 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// Gradient and, if wanted, energy (else some number) in one pass over the springs.
+/// Gradient and, if wanted, energy (otherwise any number) in one pass over the springs.
 template <bool kWithEnergy, typename System>
 typename System::Scalar evaluate(const System& system, const typename System::Points& x,
                                  typename System::Points& gradient) {
@@ -50,9 +50,9 @@ typename System::Scalar anchor_energy(const System& system, const typename Syste
 
 }  // namespace detail
 
-// The functions below take x as Dim x N points of the same number of nodes as the system, and do not
-// validate: NaN in is NaN out. A spring without stiffness is none: its anchor's position or its rest length
-// means nothing, however large.
+// The functions below take x as Dim x N, with as many columns as the system has nodes, and do not validate:
+// NaN in x gives NaN in the result. A spring of stiffness 0 has no effect, whatever its rest length or its
+// anchor's position.
 
 /// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
 /// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)

@@ -43,7 +43,7 @@ void for_each_hessian_block(const System& system, const typename System::Points&
 
 }  // namespace detail
 
-/// Of all coordinates, (Dim N) x (Dim N).
+/// A matrix of all coordinates, (Dim N) x (Dim N).
 template <typename System>
 using DenseHessian = Eigen::Matrix<typename System::Scalar, detail::times<System::kNodes>(System::kDim),
                                    detail::times<System::kNodes>(System::kDim), Eigen::ColMajor,
@@ -53,8 +53,8 @@ using DenseHessian = Eigen::Matrix<typename System::Scalar, detail::times<System
 /// d2E/dx2, (Dim N) x (Dim N), symmetric; coordinate d of node i is row Dim i + d. A spring contributes
 /// k_ij (u u^T + (1 - mu_ij / r_ij) (I - u u^T)), indefinite where r_ij < mu_ij. Where two linked nodes
 /// coincide and mu_ij > 0, the curvature across the spring is minus infinity and k_ij u u^T alone is used. A
-/// fixed node is coupled to none; its diagonal has the stiffness of its springs. Throws a std::bad_alloc
-/// where it does not fit into memory.
+/// fixed node is not coupled to others; its diagonal has the stiffness of its springs. Throws std::bad_alloc
+/// if memory runs out.
 template <typename System>
 DenseHessian<System> hessian(const System& system, const typename System::Points& x) {
   constexpr int kDim = System::kDim;

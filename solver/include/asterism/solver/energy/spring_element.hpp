@@ -194,7 +194,7 @@ auto link_curvature(const LinkForce<typename System::Scalar>& force, const Sprin
 
 /// The one walk over the springs of a system at x, of which energy, gradient and every matrix are made: calls
 /// on_anchor(i, offset) for every anchor, with anchor_offset, and on_link(l, link, force, spring) for every
-/// link. What is not used costs nothing. Fixed nodes are for the callee.
+/// link. Results that are not used cost nothing. The callee has to treat fixed nodes.
 template <typename System, typename OnAnchor, typename OnLink>
 void for_each_spring(const System& system, const typename System::Points& x, OnAnchor&& on_anchor,
                      OnLink&& on_link) {
@@ -219,7 +219,7 @@ void for_each_curvature(const System& system, const typename System::Points& x, 
       });
 }
 
-/// A fixed node does not move, whatever pulls at it.
+/// A fixed node does not move, whatever force acts on it.
 template <typename System>
 void clear_fixed(const System& system, typename System::Points& gradient) {
   if (system.fixed_count() == 0) [[likely]]

@@ -44,13 +44,13 @@ template <typename S>
 concept StorableSystem = std::same_as<typename S::Scalar, double> &&
     std::same_as<typename S::Model, Model<Hooke, Quadratic, S::Model::kAnchorShape>>;
 
-/// A spring system with the rest of what its file says.
+/// A spring system and the other contents of its file.
 template <StorableSystem System = SpringSystem<double, 2>>
 struct StoredSystem {
   System system;                                     ///< the springs themselves
-  typename System::Points start;                     ///< of a solve, Dim x N [px]; part of the problem
-  std::string name;                                  ///< empty for none
-  nlohmann::json origin = nlohmann::json::object();  ///< free: where the system comes from
+  typename System::Points start;                     ///< start of a solve, Dim x N [px]; part of the problem
+  std::string name;                                  ///< empty if it has none
+  nlohmann::json origin = nlohmann::json::object();  ///< of any form: where the system comes from
 };
 
 /// A system of the plane or of space, whichever its file holds.
@@ -118,7 +118,7 @@ inline const Json& array(const Json& value, const Place& place) {
   return value;
 }
 
-/// `unit` says why there must be as many: "one a node".
+/// `unit` says why there must be as many: "one for each node".
 inline const Json& array(const Json& value, const Place& place, std::ptrdiff_t count, const char* unit) {
   if (std::ssize(array(value, place)) != count) {
     refuse(place.text(), ": expected ", std::to_string(count), " (", unit, "), found ",
@@ -300,9 +300,9 @@ nlohmann::ordered_json points_to_json(const Points& points) {
 
 }  // namespace detail::stored
 
-/// The system that a JSON object holds. Throws std::runtime_error that names the field, where the object is
-/// not as docs/system-json.md says, has another dimension or more nodes than `System`, or has anisotropic
-/// anchors and `System` has not (anchors that are not are read as such in one that has).
+/// The system that a JSON object holds. Throws std::runtime_error that names the field if the object is not
+/// as docs/system-json.md says, has another dimension or more nodes than `System`, or has anisotropic anchors
+/// and `System` does not (a System with anisotropic anchors also reads isotropic ones).
 template <StorableSystem System = SpringSystem<double, 2>>
 StoredSystem<System> system_from_json(const nlohmann::json& object) {
   using namespace detail::stored;
@@ -329,7 +329,7 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
     }
     refuse(std::string_view(Message(defect)));
   }
-  constexpr auto kNode = "one a node", kLink = "one a link";
+  constexpr auto kNode = "one for each node", kLink = "one for each link";
   read_points(object["anchors"], {"anchors"}, kNode, system.anchors);
   read_vector(member(object, "anchor_stiffness"), {"anchor_stiffness"}, kNode, system.anchor_stiffness);
   read_vector(member(object, "rest_length"), {"rest_length"}, kLink, system.rest_length);
@@ -352,7 +352,7 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
     for (const Json& entry : array(*fixed, {"fixed"})) {
       const Place place = Place{"fixed"}[i++];
       const int index = node(entry, place);
-      if (index < 0 || index >= nodes) refuse(place.text(), " is not a node");
+      if (index < 0 || index >= nodes) refuse(place.text(), " is out of range");
       system.fix(index);
     }
   }
@@ -403,7 +403,7 @@ inline std::vector<AnyStoredSystem> parse_systems(std::string_view text, const s
   return systems;
 }
 
-/// The systems in a file; throws also where it cannot be read.
+/// The systems in a file; also throws if the file cannot be read.
 template <StorableSystem System>
 std::vector<StoredSystem<System>> read_systems(const std::filesystem::path& path) {
   return parse_systems<System>(detail::stored::read_text(path), path.string());
@@ -413,9 +413,9 @@ inline std::vector<AnyStoredSystem> read_systems(const std::filesystem::path& pa
 }
 
 /// The JSON object of a system and a start (Dim x N); every double of it comes back bit for bit. Throws
-/// std::runtime_error where a solver would refuse the values (NaN, infinity, a negative stiffness, ...; see
-/// validate; components without an anchor are no hindrance), `origin` is no object, not finite, or nested
-/// more than 98 deep, which could not be read.
+/// std::runtime_error if a solver would refuse the values (NaN, infinity, a negative stiffness, ...; see
+/// validate; components without an anchor are allowed), or if `origin` is not an object, is not finite, or is
+/// nested more than 98 levels deep, which could not be read back.
 template <StorableSystem System>
 nlohmann::ordered_json system_to_json(const System& system, const typename System::Points& start,
                                       std::string_view name = {},
@@ -470,7 +470,7 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
 }
 
 /// Appends a system to a stream, as one line of JSON lines. Throws as system_to_json, also for text that is
-/// not UTF-8, and then writes nothing; whether the stream took it, its state says.
+/// not UTF-8, and then writes nothing. The stream's state says whether it was written.
 template <StorableSystem System>
 void write_system(std::ostream& out, const System& system, const typename System::Points& start,
                   std::string_view name = {}, const nlohmann::json& origin = nlohmann::json::object()) {

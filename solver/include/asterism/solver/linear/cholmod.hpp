@@ -70,7 +70,7 @@ class Cholmod {
 
 /// Factorisation policy of Ida: CHOLMOD (SuiteSparse) with its own choice of ordering, simplicial or
 /// supernodal; for very large sparse systems. Works in double whatever the system's scalar. The ordering is
-/// computed once a topology. Silent. Uses the heap. Needs target asterism::cholmod.
+/// computed once per topology. Silent. Uses the heap. Needs target asterism::cholmod.
 template <typename System>
 class CholmodCholesky {
  public:
@@ -101,7 +101,7 @@ class CholmodCholesky {
 };
 
 /// Factorisation policy of Certifier: CHOLMOD with its own choice of ordering, for very large systems. A W
-/// that is not positive definite has no bound of its least eigenvalue then. Needs target asterism::cholmod.
+/// that is not positive definite then has no bound of its least eigenvalue. Needs target asterism::cholmod.
 class CholmodProof {
  public:
   using Matrix = detail::Cholmod::Matrix;

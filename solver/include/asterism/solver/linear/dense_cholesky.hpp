@@ -31,8 +31,8 @@ class SpdSolver {
       Eigen::Matrix<Scalar, kDim, kNodes, (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim, kMaxNodes>;
   using Matrix = Eigen::Matrix<Scalar, kNodes, kNodes, Eigen::ColMajor, kMaxNodes, kMaxNodes>;
 
-  /// The matrix for so many nodes, of which the lower triangle is to be filled in before `factorize`.
-  /// Throws a LackOfMemory where it and its factor do not fit.
+  /// The matrix for this many nodes; its lower triangle has to be filled in before `factorize`.
+  /// Throws LackOfMemory if it and its factor do not fit into memory.
   Matrix& matrix([[maybe_unused]] int nodes) {
     if constexpr (kMaxNodes == Eigen::Dynamic) {
       if (matrix_.rows() != nodes) require_memory(2.0 * sizeof(Scalar) * nodes * nodes);
@@ -41,7 +41,7 @@ class SpdSolver {
   }
 
   /// False where the matrix is not positive definite, or a pivot is not above `rounding` times its diagonal.
-  /// `majorise`: with M above K / 2, else as fast as may be.
+  /// `majorise`: with M above K / 2, otherwise as fast as possible.
   bool factorize(Scalar rounding, bool majorise) {
     const Scalar half_of_digits = std::sqrt(std::numeric_limits<Scalar>::epsilon());
     diagonal_ = matrix_.diagonal();

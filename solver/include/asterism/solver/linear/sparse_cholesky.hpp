@@ -17,8 +17,8 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// The lower triangle of K_dyn as a sparse matrix, whose pattern is made once a topology and refilled after
-/// that. Fixed nodes are coupled to none.
+/// The lower triangle of K_dyn as a sparse matrix, whose pattern is made once per topology and refilled
+/// after that. Fixed nodes are not coupled to others.
 template <typename Scalar>
 class SparseStiffness {
  public:
@@ -110,7 +110,7 @@ class SparseStiffness {
 }  // namespace detail
 
 /// Factorisation policy of Ida: sparse Cholesky (Eigen's SimplicialLDLT with AMD ordering) of K_dyn, for many
-/// nodes and few links a node. The ordering is computed once a topology. Uses the heap.
+/// nodes and few links per node. The ordering is computed once per topology. Uses the heap.
 template <typename System>
 class SparseCholesky {
  public:

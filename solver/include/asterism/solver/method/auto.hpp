@@ -33,8 +33,8 @@ using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
 ///   the same, the sum of k_i below 1e-4 of the sum  NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
 ///   of k_ij                                         up to 300,000, Schwarz beyond
 ///
-/// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver says which method
-/// it was, and goes on with NewtonCg where a matrix cannot be factored. All of them start with
+/// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver names the method.
+/// If a matrix cannot be factored, NewtonCg continues. All methods start with
 /// rigid_alignment.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time. Sparse methods
@@ -110,7 +110,7 @@ Summary Auto<System>::run(const System& system, Points& x) {
   }
 }
 
-/// One solve by Auto with a workspace of its own; see Auto::solve. Keep an Auto where solves repeat.
+/// One solve by Auto with a workspace of its own; see Auto::solve. For repeated solves, keep an Auto.
 template <typename System>
 Summary solve(const System& system, typename System::Points& x, const AlignedOptions& options = {}) {
   return Auto<System>(system, options).solve(system, x);

@@ -35,17 +35,17 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What BranchAndBound takes: for its lower bound, and for the solver of its upper one.
+/// Options of BranchAndBound: of its lower bound, and of the solver for its upper one.
 struct BranchAndBoundOptions : AlignedOptions {
-  /// Nodes of the search tree at most.
+  /// Maximum number of nodes of the search tree.
   int max_nodes = 10000;
-  /// Wall-clock time at most, after the Staircase's [s].
+  /// Maximum wall-clock time, without that of the Staircase [s].
   double max_seconds = 1;
 
-  /// A gap of 1e-3. It is that of the search; the solves in it end by the tolerance.
+  /// Sets a gap of 1e-3. It applies to the search; the solves in it end by the tolerance.
   constexpr BranchAndBoundOptions() { gap = 1e-3; }
 
-  /// What is wrong with the options, nullptr for nothing.
+  /// What is wrong with the options; nullptr if nothing is.
   constexpr const char* problem() const {
     if (!(gap > 0)) return "option gap is not positive";
     if (max_nodes < 0) return "option max_nodes is negative";
@@ -70,7 +70,7 @@ class GlobalSearch {
   using System = SpringSystem<double, kDim>;
   using Points = typename System::Points;
 
-  /// Nodes at most: matrices are dense.
+  /// Maximum number of nodes: matrices are dense.
   static constexpr int kMostNodes = 64;
 
   /// Moves x to the lowest minimum found.
@@ -138,9 +138,9 @@ class GlobalSearch {
           std::min({open.empty() ? closed : open.top().bound, closed, summary.final_energy});
       summary.lower_bound = std::max(summary.lower_bound, lowest);
       if (is_done_ || summary.is_within(options_.gap) || open.empty()) break;
-      if (nodes >= options_.max_nodes) limit = "the limit of nodes came before the gap";
-      if (seconds() > options_.max_seconds) limit = "the limit of time came before the gap";
-      if (options_.stopped()) limit = "asked to stop before the gap";
+      if (nodes >= options_.max_nodes) limit = "the limit of nodes was reached before the gap";
+      if (seconds() > options_.max_seconds) limit = "the limit of time was reached before the gap";
+      if (options_.stopped()) limit = "stopped on request before the gap was reached";
       if (!limit.empty()) break;
       const Part part = open.top();
       open.pop();
@@ -297,7 +297,7 @@ void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBou
   }
   if (system.nodes() > kMostNodes) {
     summary.status = Status::MaxIterations;
-    summary.message = "too many nodes to search: the interval is the staircase's";
+    summary.message = "too many nodes for the search: the interval is that of the Staircase";
     return;
   }
   attempt<std::bad_alloc>([&] { search(system, x, summary); },
@@ -318,7 +318,7 @@ extern template ASTERISM_API void GlobalSearch<3>::run(const SpaceSystem&, Space
 
 namespace detail {
 
-/// Whether BranchAndBound takes systems of this type.
+/// Whether BranchAndBound can solve systems of this type.
 template <typename System>
 constexpr bool is_searchable() {
   return std::is_same_v<typename System::Model, Springs> && (System::kDim == 2 || System::kDim == 3);
@@ -326,10 +326,10 @@ constexpr bool is_searchable() {
 
 }  // namespace detail
 
-/// The global minimum of a few parts to a gap asked for: narrows the interval of Staircase by branch and
+/// The global minimum of a few parts, within a given gap: narrows the interval of Staircase by branch and
 /// bound.
 ///
-/// What keeps Staircase's lower bound from the least energy is that nodes leave the plane. A link whose
+/// Staircase's lower bound is below the least energy because nodes may leave the plane. A link whose
 /// direction in the plane is known up to a half angle h has |d| <= d . c / cos h, with c the middle
 /// direction: its energy is then above a convex quadratic, whose loss is of the order of h^2, and nothing is
 /// gained by leaving the plane; counted in part (ConeSystem), the loss is no more than is needed. So the
@@ -337,11 +337,11 @@ constexpr bool is_searchable() {
 /// by the least energy in more dimensions (IDA's iterations, whose matrix is the same for all parts) and the
 /// quadratic that touches it there. The part of the lowest bound is divided next.
 ///
-/// Summary::lower_bound and final_energy are the interval; Converged says that x is stationary and the
-/// interval within options.gap, MaxIterations that a limit came first, which the message names. `iterations`
-/// are nodes of the tree. For few nodes, 8 or so: the tree grows as a power of the number of loose links, and
-/// without end where a component without anchors turns freely; more than 64 nodes are left to the Staircase.
-/// Springs alone, in 2 or 3 dimensions, in double whatever the scalar; uses the heap; one thread at a time.
+/// Summary::lower_bound and final_energy are the interval. Converged means that x is stationary and the
+/// interval within options.gap; MaxIterations, that a limit came first, which the message names. `iterations`
+/// counts nodes of the tree. For about 8 nodes or fewer: the tree grows as a power of the number of loose
+/// links, and without end if a component without anchors turns freely. More than 64 nodes are left to the
+/// Staircase. For springs only, in 2 or 3 dimensions; in double; uses the heap; one thread at a time.
 template <typename System>
 requires(detail::is_searchable<System>()) class BranchAndBound {
  public:
@@ -352,7 +352,7 @@ requires(detail::is_searchable<System>()) class BranchAndBound {
 
   static constexpr std::string_view name() { return "branch and bound"; }
 
-  /// Moves x (Dim x N) to the lowest minimum found. Statuses beside those above are Staircase's.
+  /// Moves x (Dim x N) to the lowest minimum found. Statuses other than those above are as for Staircase.
   Summary solve(const System& system, Points& x) {
     const auto begin = std::chrono::steady_clock::now();
     Summary summary;

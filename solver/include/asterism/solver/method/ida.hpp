@@ -14,14 +14,14 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What Ida takes.
+/// Options of Ida.
 struct IdaOptions : AlignedOptions {
   /// Over-relaxation w: each step is w times IDA's. 0 < w < 2, else InvalidInput; every such w is monotone,
-  /// as E falls by at least w (1 - w / 2) g^T K_dyn^-1 g. 1 is the paper's algorithm. Some 1.7 needs fewer
-  /// iterations, and may end in another minimum.
+  /// as E falls by at least w (1 - w / 2) g^T K_dyn^-1 g. 1 is the paper's algorithm. About 1.7 needs fewer
+  /// iterations, but may end in another minimum.
   double relaxation = 1;
 
-  /// Without alignment, as the paper.
+  /// Without alignment, as in the paper.
   constexpr IdaOptions() { align = false; }
   constexpr IdaOptions(const SolverOptions& options) : AlignedOptions(options) { align = false; }
 
@@ -39,11 +39,11 @@ inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
 
 /// The iterative direct approach, the paper's Algorithm 1.
 ///
-/// The spring system is split into one 1-D system a dimension; their matrix K_dyn is the same, so it is
-/// factored once a solve, and one linear solve an iteration serves all dimensions. Each iteration minimises a
-/// quadratic that touches the energy at x and lies above it elsewhere, so the energy never rises (a
-/// majorisation, as SMACOF) but for the rounding of x and of E. Convergence is linear: quick at first, slow
-/// at the end where anchors are weak beside the springs.
+/// The spring system is split into one 1-D system for each dimension; their matrix K_dyn is the same, so it
+/// is factored once per solve, and one linear solve per iteration serves all dimensions. Each iteration
+/// minimises a quadratic that touches the energy at x and lies above it elsewhere, so that, up to rounding of
+/// x and E, the energy never rises (a majorisation, like SMACOF). Convergence is linear: fast at first, slow
+/// at the end if anchors are weak compared with the springs.
 ///
 /// The static nodes (paper's x_stat) are the anchors, the dynamic nodes x. With springs ordered as anchors,
 /// then links, and B, K of Eqs. 13-14, K_hat = B^T K B (Eq. 16) has the upper blocks (Eq. 17)
@@ -53,14 +53,14 @@ inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
 ///   C_dyn L = sum over the links at a node of k_ij mu_ij u_ij.
 /// Eq. 19 is used in its gradient form: as K_dyn x + K_stat x_stat - C_dyn L is the gradient, Eq. 19's
 ///   x_dyn = K_dyn^-1 (C_dyn L - K_stat x_stat)  is  x_dyn <- x_dyn - K_dyn^-1 gradient.
-/// The iterates are the same; the form gives the stopping rule its gradient for nothing, and corrects the
+/// The iterates are the same; this form gives the stopping rule its gradient at no cost, and corrects the
 /// rounding of the factorisation from one iteration to the next.
 ///
-/// Where linked nodes coincide, u_ij is as for energy_and_gradient, so the nodes part. A start with all nodes
-/// and anchors on one line stays on it, even if its stationary point is a saddle.
+/// If linked nodes coincide, u_ij is as for energy_and_gradient, so the nodes separate. A start with all
+/// nodes and anchors on one line stays on it, even if its stationary point is a saddle.
 ///
 /// `Factorization` is DenseCholesky (default), SparseCholesky or, from <asterism/solver/linear/cholmod.hpp>,
-/// CholmodCholesky; with these two E may rise where K_dyn has no more than its last digits. An object holds
+/// CholmodCholesky; with these two, E may rise if K_dyn is singular up to rounding. An object holds
 /// its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System, typename Factorization = DenseCholesky<System>>
 class Ida {
@@ -78,7 +78,7 @@ class Ida {
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
   /// MaxIterations, InvalidInput, NumericalFailure (K_dyn is not positive definite to the digits of Scalar),
-  /// OutOfMemory, and NoProgress where rounding stops the iteration first.
+  /// OutOfMemory, and NoProgress if rounding stops the iteration first.
   Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
@@ -96,7 +96,9 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     summary.factorizations = 1;
     if (!factorization_.factorize(system)) {  // Algorithm 1, line 1
-      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      summary.message =
+          "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+          "scalar";
       return Status::NumericalFailure;
     }
     while (true) {
@@ -118,7 +120,7 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
 template <typename System>
 using SparseIda = Ida<System, SparseCholesky<System>>;
 
-/// One IDA solve with a workspace of its own; see Ida::solve. Keep an Ida where solves repeat.
+/// One IDA solve with a workspace of its own; see Ida::solve. For repeated solves, keep an Ida.
 template <typename System>
 Summary solve_ida(const System& system, typename System::Points& x, const IdaOptions& options = {}) {
   return Ida<System>(system, options).solve(system, x);

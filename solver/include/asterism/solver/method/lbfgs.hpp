@@ -19,12 +19,12 @@ inline namespace ASTERISM_ABI {
 
 /// Limited memory BFGS (Nocedal & Wright, section 7.2) that starts from IDA's metric.
 ///
-/// IDA's step -K_dyn^-1 g takes every spring to be as stiff across as it is along itself. Here the last four
-/// steps and what they did to the gradient correct that: the inverse Hessian is taken to be gamma K_dyn^-1
-/// plus their update, in the compact form of Byrd, Nocedal and Schnabel (1994). An iteration costs what one
-/// of IDA costs and some products of eight vectors, and many fewer are needed. The line search accepts lower
-/// energies alone; where direction or search fail, the memory is dropped and IDA's step is taken, which
-/// cannot fail but for rounding.
+/// IDA's step -K_dyn^-1 g assumes that every spring is as stiff across as it is along itself. Here the last
+/// four steps and gradient changes correct that: the inverse Hessian is approximated by gamma K_dyn^-1 plus
+/// their update, in the compact form of Byrd, Nocedal and Schnabel (1994). An iteration costs as much as one
+/// of IDA and some products of eight vectors, and far fewer are needed. The line search accepts only lower
+/// energies; if the direction or the search fails, the memory is cleared and IDA's step is taken, which can
+/// fail only by rounding.
 ///
 /// `Metric` is SingleCholesky (default), DenseCholesky, SparseCholesky or CholmodCholesky of K_dyn, or
 /// JacobiMetric, its diagonal. An object holds its workspace: reuse it to solve without allocation, one
@@ -231,7 +231,9 @@ Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     ++summary.factorizations;
     if (!metric_.factorize(system)) {
-      summary.message = "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+      summary.message =
+          "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+          "scalar";
       return Status::NumericalFailure;
     }
     state_.start(system, x, summary);

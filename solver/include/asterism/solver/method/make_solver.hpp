@@ -38,10 +38,10 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 }  // namespace detail
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, but for anisotropic anchors, "staircase" (of
-/// Auto); for springs alone in 2 or 3 dimensions "branch-and-bound"; for systems without a bound on their
+/// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, unless anchors are anisotropic, "staircase" (of
+/// Auto); for springs only, in 2 or 3 dimensions, "branch-and-bound"; for systems without a bound on their
 /// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". The adapters of
-/// other packages add theirs: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
+/// other packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -68,7 +68,8 @@ SolverRegistry<System> solver_registry() {
   return registry;
 }
 
-/// One of them: make_solver<System>("newton", {{"max_iterations", 50}}). Throws as SolverRegistry::make.
+/// One of these solvers: make_solver<System>("newton", {{"max_iterations", 50}}). Throws as
+/// SolverRegistry::make.
 template <typename System>
 AnySolver<System> make_solver(std::string_view name, const std::vector<NamedOption>& options = {}) {
   return solver_registry<System>().make(name, options);

@@ -17,17 +17,17 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What MultiStart takes beside its method's own options.
+/// Options of MultiStart, in addition to those of its method.
 template <typename Options>
 struct MultiStartOptions : Options {
-  /// Starts: x as given, the anchors (for nodes whose anchor has stiffness), and then by turns each of them
-  /// displaced.
+  /// Number of starts: the given x, the anchors (for nodes whose anchor has stiffness), and then,
+  /// alternately, random displacements of these two.
   int starts = 8;
 
   /// Each coordinate is displaced by up to this many times the characteristic_length.
   double spread = 0.5;
 
-  /// Of the displacements: the same seed, the same starts on every machine.
+  /// Seed of the displacements: the same seed gives the same starts on every machine.
   std::uint64_t seed = 1;
 
   constexpr const char* problem() const {
@@ -46,9 +46,9 @@ void visit_options(OptionVisitor& visit, MultiStartOptions<Options>& options) {
   visit("seed", options.seed);
 }
 
-/// Any solver from many starts: the energy has more than one minimum, and this keeps the lowest that is
-/// found. The given x is the first start, so that the result is never worse than what `Solver` makes of it;
-/// ties are kept by the earlier start. With SolverOptions::gap, a minimum that is proven to be the lowest
+/// Runs any solver from many starts and keeps the lowest minimum found, because the energy may have several.
+/// The given x is the first start, so the result is never worse than that of `Solver` alone. Of equal minima,
+/// the one of the earlier start is kept. With SolverOptions::gap, a minimum that is proven to be the lowest
 /// ends the search.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
@@ -62,9 +62,9 @@ class MultiStart {
 
   static constexpr std::string_view name() { return "multi-start"; }
 
-  /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, but
-  /// iterations, evaluations, linear solves, factorisations and time are of all, and the initial energy is
-  /// that of the given x. Statuses are those of `Solver`; bad input is refused before the first start.
+  /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, except
+  /// that iterations, evaluations, linear solves, factorisations and time are totals, and the initial energy
+  /// is that of the given x. Statuses are those of `Solver`; bad input is refused before the first start.
   Summary solve(const System& system, Points& x) {
     const auto begin = std::chrono::steady_clock::now();
     solver_.options = options;
@@ -114,7 +114,7 @@ class MultiStart {
       if (lower) x = trial_;
       if (summary.status == Status::Interrupted) {
         best.status = Status::Interrupted;
-        best.message = "asked to stop, not all starts were tried";
+        best.message = "stopped on request: not all starts were tried";
         break;
       }
     }

@@ -20,9 +20,9 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What Newton takes.
+/// Options of Newton.
 struct NewtonOptions : AlignedOptions {
-  /// Goes on from stationary points whose Hessian has a negative eigenvalue.
+  /// Continue from stationary points whose Hessian has a negative eigenvalue.
   bool escape_saddles = true;
 
   constexpr NewtonOptions() = default;
@@ -36,21 +36,21 @@ inline void visit_options(OptionVisitor& visit, NewtonOptions& options) {
   visit("escape_saddles", options.escape_saddles);
 }
 
-/// Newton's method for small constellations: some 10 nodes or fewer where all are linked, beyond that its
-/// cost, cubic in the nodes, overtakes that of the methods with cheaper iterations.
+/// Newton's method for small constellations: up to about 10 nodes if all are linked. For more nodes its cost,
+/// cubic in their number, exceeds that of the methods with cheaper iterations.
 ///
 /// Each iteration solves with the energy's Hessian, whose springs have curvature k_ij along their axis and
 /// k_ij (1 - mu_ij / r_ij) across it. Up to the first four steps, as long as they promise to lose more than
 /// half of the energy, clamp the latter at 0 (IDA's majoriser has k_ij in its place); later ones repair
-/// negative pivots of L D L^T by their absolute value. Steps backtrack until the energy falls (Armijo); where
-/// none does, the gradient's direction takes over, to the minimum of IDA's majoriser, which lowers it always.
+/// negative pivots of L D L^T by their absolute value. Steps backtrack until the energy falls (Armijo); if
+/// none lowers it, the step is along the gradient, to the minimum of IDA's majoriser, which always lowers it.
 /// Close to a minimum the error squares from one iteration to the next; a step whose predicted gain, half of
-/// Newton's decrement, is below the tolerance's share of the energy is taken as the last and left to the
-/// stopping rule to confirm.
+/// Newton's decrement, is below the tolerance's share of the energy is taken as the last one, which the
+/// stopping rule then confirms.
 ///
-/// At a stationary point whose Hessian has a negative pivot it goes on along the negative curvature.
-/// Summary::positive_definite says what the Hessian is at the end: at the x returned, or one such last step
-/// before it, where the Hessian is too far from singular for the step to matter.
+/// At a stationary point whose Hessian has a negative pivot it continues along the negative curvature.
+/// Summary::positive_definite describes the Hessian at the x returned, or one such last step before it, if
+/// the Hessian is too far from singular for the step to matter.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System>
@@ -67,10 +67,10 @@ class Newton {
 
   static constexpr std::string_view name() { return "Newton, repaired LDL^T"; }
 
-  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
-  /// Hessian is singular or saddles are not to be escaped. Statuses other than Converged: MaxIterations,
-  /// InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step lowers the energy
-  /// beyond its rounding.
+  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point if the
+  /// Hessian is singular or the options do not ask to escape saddles. Statuses other than Converged:
+  /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress if no step lowers
+  /// the energy beyond its rounding.
   Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:

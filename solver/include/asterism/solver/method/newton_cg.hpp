@@ -21,8 +21,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Preconditioner of NewtonCg: the Dim x Dim diagonal blocks of the Hessian, where negative curvature of a
-/// spring counts as none.
+/// Preconditioner of NewtonCg: the Dim x Dim diagonal blocks of the Hessian, in which negative curvature of a
+/// spring is replaced by 0.
 template <typename System>
 class JacobiPreconditioner {
  public:
@@ -70,7 +70,7 @@ class JacobiPreconditioner {
   detail::NodeBlocks<System> blocks_;
 };
 
-/// Truncated Newton: the Newton step to as many digits as it is worth, by conjugate gradients.
+/// Truncated Newton: conjugate gradients compute the Newton step, more accurately close to a solution.
 ///
 /// The Hessian, a spring's curvature across it included (1 - mu_ij / r_ij), is applied spring by spring and
 /// never assembled. The inner iteration stops at the forcing term of Eisenstat and Walker (1996, choice 2),
@@ -93,8 +93,8 @@ class NewtonCg {
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Preconditioner>::value; }
 
-  /// Moves x (Dim x N), the start, to a stationary point of the energy. An iteration is an update of x, a
-  /// linear solve an application of the preconditioner. Statuses as for Ida::solve.
+  /// Moves x (Dim x N), the start, to a stationary point of the energy. An iteration is an update of x; a
+  /// linear solve is an application of the preconditioner. Statuses as for Ida::solve.
   Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:
@@ -161,7 +161,8 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
       ++summary.factorizations;
       if (!preconditioner_.factorize(system)) {
         summary.message =
-            "K_dyn is not positive definite: anchors too weak beside the springs for this scalar";
+            "K_dyn is not positive definite: the anchors are too weak compared with the springs for this "
+            "scalar";
         return Status::NumericalFailure;
       }
     }

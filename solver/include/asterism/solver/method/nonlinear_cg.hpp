@@ -140,7 +140,7 @@ class DifferencedEnergy {
 
 }  // namespace detail
 
-/// Gradient of NonlinearCg: the energy's own.
+/// Gradient of NonlinearCg: the exact one.
 template <typename System>
 class AnalyticGradient {
  public:
@@ -148,7 +148,7 @@ class AnalyticGradient {
   using Points = typename System::Points;
 
   static constexpr std::string_view kName = "analytic gradient";
-  /// Whether the gradient is made of differences of energies.
+  /// Whether the gradient is approximated by differences of energies.
   static constexpr bool kNumeric = false;
 
   /// Called once before a solve, with the system's characteristic length.
@@ -161,17 +161,17 @@ class AnalyticGradient {
   }
 };
 
-/// Gradient of NonlinearCg: forward differences, Dim N more energies each, as optimisers take them that are
-/// given the energy alone. Right to half of the scalar's digits, so tolerances below some 1e-7 in double may
-/// end at NoProgress.
+/// Gradient of NonlinearCg: forward differences, Dim N more energies for each gradient, as in optimisers that
+/// only know the energy. Accurate to half of the scalar's digits, so tolerances below about 1e-7 in double
+/// may end at NoProgress.
 template <typename System>
 class ForwardDifferences : public detail::DifferencedEnergy<System, false> {
  public:
   static constexpr std::string_view kName = "forward differences";
 };
 
-/// Gradient of NonlinearCg: central differences, 2 Dim N more energies each; right to two thirds of the
-/// scalar's digits.
+/// Gradient of NonlinearCg: central differences, 2 Dim N more energies for each gradient; accurate to two
+/// thirds of the scalar's digits.
 template <typename System>
 class CentralDifferences : public detail::DifferencedEnergy<System, true> {
  public:
@@ -184,9 +184,9 @@ class CentralDifferences : public detail::DifferencedEnergy<System, true> {
 /// an iteration.
 ///
 /// `Gradient` is AnalyticGradient (default), ForwardDifferences or CentralDifferences. Each energy that a
-/// difference takes is counted as an energy evaluation, and no gradient evaluation is. The method sees
-/// nothing but its differences; when to stop is decided on the analytic gradient, as for every solver, which
-/// is not counted.
+/// difference needs is counted as an energy evaluation; no gradient evaluation is counted. The method itself
+/// uses only its differences. The stopping rule uses the analytic gradient, as for every solver, and that is
+/// not counted.
 ///
 /// Keeps its workspace: reuse an object to solve without allocation, one thread at a time.
 template <typename System, typename Gradient = AnalyticGradient<System>>
@@ -204,7 +204,7 @@ class NonlinearCg {
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Gradient>::value; }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
-  /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where no step
+  /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress if no step
   /// along the steepest descent lowers the energy beyond its rounding.
   Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 

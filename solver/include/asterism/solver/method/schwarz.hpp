@@ -26,7 +26,7 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// Fills `to` with the values of some nodes and links of `from`.
+/// Copies the values of some nodes and links of `from` into `to`.
 template <typename System>
 void gather(const System& from, std::span<const int> nodes, std::span<const int> links, System& to) {
   to.anchor_loss = from.anchor_loss;
@@ -53,14 +53,14 @@ void gather(const System& from, std::span<const int> nodes, std::span<const int>
   }
 }
 
-/// A system with its nodes renumbered subdomain by subdomain, so that what is near in the constellation is
-/// near in memory, and the subsystems of the subdomains.
+/// A system with its nodes renumbered subdomain by subdomain, so that nodes that are near each other in the
+/// constellation are near in memory, and the subsystems of the subdomains.
 template <typename System>
 class Decomposition {
  public:
   using Points = typename System::Points;
 
-  /// Takes the values of `system`; its topology is cut where it is not that of the last call.
+  /// Takes the values of `system`; divides its topology if that differs from the last call's.
   void set(const System& system, int size) {
     if (!is_cut_for(system)) cut(system, size);
     std::fill(local_.begin(), local_.end(), kOutside);  // also where the last solve ran out of memory
@@ -193,13 +193,14 @@ class Decomposition {
 /// Alternating minimisation over overlapping subdomains, for large sparse constellations (Schwarz's method
 /// for minimisation: Tai & Espedal 1998), finished by a method for all nodes at once.
 ///
-/// What makes a large system slow is not its size but the worst places in it: springs far from their length,
-/// where the energy is not convex, decide how far a step of all nodes together may go, and the more nodes the
-/// more such places. Here each subdomain, some hundred connected nodes and their neighbours, is minimised by
-/// Newton-CG on its own, with the others held, so that each place takes the steps that it needs, in cache.
-/// One after the other is a sweep, which never raises the energy. When sweeps gain little, `Global`
-/// (NewtonCg; SparseNewton where anchors are weak beside the links) has to correct what is smooth over many
-/// subdomains, which Newton's method does in a few steps. Where it does not, sweeps and Global take turns.
+/// A large system is slow to solve not because of its size but because of its worst places: springs far from
+/// their rest length, where the energy is not convex, limit the length of a step of all nodes together, and
+/// more nodes have more such places. Here each subdomain, some hundred connected nodes and their neighbours,
+/// is minimised by Newton-CG on its own, with the others held, so that each place takes the steps that it
+/// needs, in cache. One after the other is a sweep, which never raises the energy. When sweeps gain little,
+/// `Global` (NewtonCg; SparseNewton where anchors are weak beside the links) has to correct what is smooth
+/// over many subdomains, which Newton's method does in a few steps. Where it does not, sweeps and Global take
+/// turns.
 ///
 /// Time and memory of a sweep are O(nodes + links). Nodes are renumbered by subdomain, once a topology. An
 /// object holds its workspace, one thread at a time; it uses the heap.

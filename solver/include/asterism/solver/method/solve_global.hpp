@@ -11,11 +11,11 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// The lowest minimum that the library finds, by the method that goes furthest for this type of system:
-/// BranchAndBound, which takes up to options.max_seconds where the Staircase does not end it; Staircase where
-/// there are other models than Springs or other dimensions than 2 and 3; MultiStart for anisotropic anchors
-/// and links that certify does not take. Summary::lower_bound says what is proven; Summary::is_within(gap),
-/// whether that is the global minimum. Moves x (Dim x N), the start.
+/// The lowest minimum that the library finds, by the strongest method for this type of system:
+/// BranchAndBound, which takes up to options.max_seconds if the Staircase alone does not suffice; Staircase
+/// for models other than Springs, and for dimensions other than 2 and 3; MultiStart for anisotropic anchors
+/// and for links that certify does not support. Summary::lower_bound is the proven bound;
+/// Summary::is_within(gap) says whether x is the global minimum. Moves x (Dim x N), the start.
 template <typename System>
 Summary solve_global(const System& system, typename System::Points& x,
                      const BranchAndBoundOptions& options = {}) {

@@ -31,15 +31,15 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// The lower triangle of the Hessian as a sparse matrix of `MatrixScalar`, (Dim N) x (Dim N), whose pattern
-/// is made once a topology and refilled after that.
+/// The lower triangle of the Hessian as a sparse matrix of `MatrixScalar`, (Dim N) x (Dim N). Its pattern is
+/// made once for each topology; after that only its values are set.
 template <typename System, typename MatrixScalar>
 class SparseHessian {
  public:
   using Points = typename System::Points;
   static constexpr int kDim = System::kDim;
 
-  /// Makes the pattern for the system's links and calls analyze(matrix), if it is not theirs already.
+  /// Makes the pattern for the system's links and calls analyze(matrix), unless the pattern is for them.
   template <typename Analyze>
   void prepare(const System& system, Analyze&& analyze) {
     blocks_.prepare(system.nodes(), system.links(), analyze);
@@ -110,13 +110,13 @@ class SparseLdlt {
   std::unique_ptr<Ldlt> ldlt_;  // Eigen's cannot be moved
 };
 
-/// What SparseNewton takes.
+/// Options of SparseNewton.
 struct SparseNewtonOptions : AlignedOptions {
-  /// Goes on from stationary points whose Hessian has a negative pivot, where the factorisation shows it
+  /// Continue from stationary points whose Hessian has a negative pivot, if the factorisation shows it
   /// (SparseLdlt does).
   bool escape_saddles = true;
 
-  /// Begins with strong anchors if they are weak and the start is far from a minimum.
+  /// Begin with strong anchors if they are weak and the start is far from a minimum.
   bool continuation = true;
 
   constexpr SparseNewtonOptions() = default;
@@ -132,28 +132,29 @@ inline void visit_options(OptionVisitor& visit, SparseNewtonOptions& options) {
 }
 
 /// Newton's method with a sparse factorisation of the Hessian, for large constellations whose anchors are
-/// weak beside the links: the number of its iterations hardly depends on the anchors, where that of methods
-/// without the Hessian grows as they weaken. In the plane a factorisation is about O(N^1.5) in time and O(N
-/// log N) in memory for N nodes with local links (George 1973).
+/// weak compared with the links: the number of its iterations hardly depends on the anchors, while that of
+/// methods without the Hessian grows as they weaken. In the plane a factorisation is about O(N^1.5) in time
+/// and O(N log N) in memory for N nodes with local links (George 1973).
 ///
-/// Where the Hessian is not positive definite, negative curvature of links and anchors counts as none, and
-/// where that is not definite to the scalar's digits (anchors weaker than its epsilon), the diagonal is
-/// raised. The line search accepts lower energies alone; where it fails, the gradient scaled by the diagonal
-/// of K_dyn is tried, which fails for rounding alone.
+/// If the Hessian is not positive definite, negative curvature of links and anchors is replaced by 0, and if
+/// that matrix is not definite to the scalar's digits (anchors weaker than its epsilon), the diagonal is
+/// raised. The line search accepts only lower energies; if it fails, the gradient scaled by the diagonal of
+/// K_dyn is tried, which can fail only by rounding.
 ///
-/// From a start where it is not, weak anchors are strong at first, and their minimum is followed as they
-/// weaken a hundredfold at a time: while anchors pull the nodes along a curved valley of the links' energy,
-/// steps are short, and their minimum hardly moves once they are weaker than the links by far. (Continuation;
-/// a floppy cloth needs tens of steps instead of thousands.) The energy of the given system may rise on the
-/// way; it starts again from the start if the way ends above that.
+/// If the Hessian at the start is not positive definite, weak anchors are made strong at first, and their
+/// minimum is followed as they weaken a hundredfold at a time: while anchors pull the nodes along a curved
+/// valley of the links' energy, steps are short, and the minimum hardly moves once anchors are far weaker
+/// than links. (Continuation; a floppy cloth needs tens of steps instead of thousands.) The energy of the
+/// given system may rise on the way; if the way ends above the start's energy, the solve begins again there.
 ///
-/// Steps with a repaired Hessian, and those that the line search cuts, are short: springs that fold or buckle
-/// bend the way down, and a factorisation is dear for so little. They take turns with L-BFGS (from the
-/// diagonal of K_dyn), whose steps cost a hundredth, and count as that; a turn is as long as it has paid so
-/// far.
+/// Steps with a repaired Hessian, and those that the line search shortens, are short, because springs that
+/// fold or buckle make the way down curved, and a factorisation is expensive for a short step. They alternate
+/// with L-BFGS (from the diagonal of K_dyn), whose steps cost and count as a hundredth; the length of such a
+/// run depends on the gain of those before.
 ///
-/// Summary::positive_definite says what the Hessian is at the x returned. `Factorization` is SparseLdlt or
-/// CholmodLlt. The ordering is computed once a topology; an object holds its workspace, one thread at a time.
+/// Summary::positive_definite describes the Hessian at the x returned. `Factorization` is SparseLdlt or
+/// CholmodLlt. The ordering is computed once per topology. An object holds its workspace, one thread at a
+/// time.
 template <typename System, typename Factorization = SparseLdlt<System>>
 class SparseNewton {
  public:
@@ -168,8 +169,8 @@ class SparseNewton {
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Factorization>::value; }
 
-  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point where the
-  /// Hessian is singular or saddles are not to be escaped. Statuses as for Newton::solve.
+  /// Moves x (Dim x N), the start, to a local minimum of the energy, or to another stationary point if the
+  /// Hessian is singular or the options do not ask to escape saddles. Statuses as for Newton::solve.
   Summary solve(const System& given, Points& x) { return detail::Compiled::solve(*this, given, x); }
 
  private:

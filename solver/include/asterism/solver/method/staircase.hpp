@@ -28,7 +28,7 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// Whether there is a Staircase for systems of this type.
+/// Whether Staircase can solve systems of this type.
 template <typename System>
 constexpr bool is_liftable() {
   return !System::kAnisotropic && has_minoriser<typename System::Model::LinkPotential>();
@@ -91,31 +91,32 @@ class Lift {
 /// The global minimum, or an interval that holds its energy: the Riemannian staircase of Boumal (2015), which
 /// CORA climbs for range-aided SLAM (Papalia et al. 2023).
 ///
-/// `Solver` finds a minimum x. Where certify does not prove it to be the lowest, W has a negative direction
-/// v, and W is the Hessian of E in a dimension that x does not use: the same system with one dimension more
-/// goes down along v to a minimum that is no higher than any in Dim dimensions if W is positive semi-definite
-/// there; two more dimensions are added where it is not. Its energy is a lower bound of E, up to what is
-/// proven despite rounding. Without their last coordinates, its nodes are another start for `Solver`.
+/// `Solver` finds a minimum x. If certify does not prove it to be the lowest, W has a negative direction v,
+/// and W is the Hessian of E in a dimension that x does not use: the same system with one more dimension
+/// descends along v to a minimum, which is no higher than any in Dim dimensions if W is positive
+/// semi-definite there; if it is not, two more dimensions are added. Its energy, as far as it is proven
+/// despite rounding, is a lower bound of E. Without their last coordinates, its nodes are another start for
+/// `Solver`.
 ///
 /// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
-/// final_energy the upper; where their distance is within SolverOptions::gap (1e-6 where that is 0), the
-/// message says that this is the global minimum. For robust anchors there is no lower bound but 0. Uses the
-/// heap; an object holds its workspace, one thread at a time. For systems with anisotropic anchors, or with
-/// links that certify does not take, there is no Staircase.
+/// final_energy the upper; if their distance is within SolverOptions::gap (1e-6 if that is 0), the message
+/// says that this is the global minimum. For robust anchors the only lower bound is 0. Uses the heap; an
+/// object holds its workspace, one thread at a time. Staircase does not support anisotropic anchors and links
+/// that certify does not support.
 template <typename System, typename Solver>
 requires(detail::is_liftable<System>()) class Staircase {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  /// Those of `Solver`.
+  /// The options of `Solver`.
   std::decay_t<decltype(std::declval<Solver&>().options)> options;
 
   static constexpr std::string_view name() { return "staircase"; }
 
-  /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, but
-  /// iterations, evaluations, linear solves, factorisations and time are of all, and the initial energy is
-  /// that of the given x. Statuses are those of `Solver`.
+  /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, except
+  /// that iterations, evaluations, linear solves, factorisations and time are totals, and the initial energy
+  /// is that of the given x. Statuses are those of `Solver`.
   Summary solve(const System& system, Points& x) { return detail::Compiled::solve(*this, system, x); }
 
  private:

@@ -5,12 +5,12 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What is wrong with an input, and where. Reads as "<subject> <index> <problem>"; no problem is a null
-/// pointer.
+/// What is wrong with an input, and where. Reads as "<subject> <index> <problem>". `problem` is null if
+/// nothing is wrong.
 struct Defect {
   const char* subject = nullptr;  ///< what is wrong, e.g. "link"
   int index = -1;                 ///< -1: the subject needs no index
-  const char* problem = nullptr;  ///< why; null for nothing
+  const char* problem = nullptr;  ///< what is wrong with it; null if nothing is
 
   /// Whether there is a problem.
   explicit operator bool() const { return problem != nullptr; }

@@ -19,26 +19,26 @@ struct Derivatives {
 
 /// The energy of a link of unit stiffness as a function phi of its length r >= 0 and its rest length mu; the
 /// link's energy is k_ij phi(r, mu). phi >= 0, its curvatures along and across the link are at most those of
-/// a spring, phi'' <= 1 and phi' / r <= 1, so that k_ij bounds the link's curvature and every method's
-/// descent from above. Both are up to whoever writes one, and checkable:
+/// a spring, phi'' <= 1 and phi' / r <= 1, so that k_ij bounds the link's curvature from above. The author of
+/// a potential has to ensure both; check_link_potential tests them, and this bound, on which IDA relies:
 /// phi(|d|) <= phi(|e|) + phi'(|e|) e . (d - e) / |e| + |d - e|^2 / 2 for all points d and e != 0.
 ///
-/// It may have parameters, which are the same for all links, and then says by `problem()` what is wrong with
-/// them, nullptr for nothing.
+/// It may have parameters, which are the same for all links. It then has a function `problem()`, which says
+/// what is wrong with them, or returns nullptr.
 ///
 /// A potential that is convex as a function of r^2, phi(s) >= phi(r) + phi'(r) / (2 r) (s^2 - r^2) for all r
-/// and s, may say so by a `static constexpr bool kConvexInSquare = true`: its systems can be certified.
+/// and s, may declare `static constexpr bool kConvexInSquare = true`. Its systems can then be certified.
 template <typename P>
 concept LinkPotential = std::default_initializable<P> && requires(const P potential, double r, float s) {
   { potential(r, r) } -> std::same_as<Derivatives<double>>;
   { potential(s, s) } -> std::same_as<Derivatives<float>>;
 };
 
-/// The loss rho of an anchor's squared distance s = |x_i - a_i|^2, whose energy is 1/2 k_i rho(s), as Ceres's
-/// LossFunction. rho(0) = 0, rho is concave and 0 <= rho' <= 1: then the weighted spring 1/2 k_i rho'(s)
-/// |x - a|^2 lies above it (up to a constant) and k_i bounds its curvature.
+/// The loss rho of an anchor's squared distance s = |x_i - a_i|^2; the anchor's energy is 1/2 k_i rho(s), as
+/// in Ceres's LossFunction. rho(0) = 0, rho is concave and 0 <= rho' <= 1: then the weighted spring
+/// 1/2 k_i rho'(s) |x - a|^2 lies above it (up to a constant) and k_i bounds its curvature.
 ///
-/// It may have parameters, which are the same for all anchors, and `problem()`, as a LinkPotential.
+/// It may have parameters, which are the same for all anchors, and `problem()`, like a LinkPotential.
 template <typename L>
 concept AnchorLoss = std::default_initializable<L> && requires(const L loss, double s, float t) {
   { loss(s) } -> std::same_as<Derivatives<double>>;
@@ -93,7 +93,7 @@ struct Huber {
   constexpr const char* problem() const { return detail::scale_problem(scale); }
 };
 
-/// A spring near the anchor that lets go of what is far beyond `scale`: rho = s / (1 + s / scale^2) (Geman &
+/// A spring near the anchor whose force vanishes far beyond `scale`: rho = s / (1 + s / scale^2) (Geman &
 /// McClure 1987). An anchor's energy is at most 1/2 k_i scale^2.
 struct GemanMcClure {
   double scale = 1;  ///< [px]
@@ -112,7 +112,7 @@ struct GemanMcClure {
 /// Whether an anchor pulls equally hard in all directions.
 enum class AnchorShape { Isotropic, Anisotropic };
 
-/// What the links and anchors of a SpringSystem are: how a link's energy depends on its length, an anchor's
+/// The kind of links and anchors of a SpringSystem: how a link's energy depends on its length and an anchor's
 /// on its distance, and whether an anchor has an information matrix instead of a stiffness.
 template <LinkPotential Link = Hooke, AnchorLoss Loss = Quadratic,
           AnchorShape kShape = AnchorShape::Isotropic>
@@ -122,7 +122,7 @@ struct Model {
   static constexpr AnchorShape kAnchorShape = kShape;  ///< isotropic or with information matrices
 };
 
-/// The paper's: springs all of them.
+/// The paper's model: all links and anchors are springs.
 using Springs = Model<>;
 
 }  // namespace ASTERISM_ABI

@@ -23,20 +23,20 @@ constexpr int times(int factor) {
 
 }  // namespace detail
 
-/// A constellation as a spring system (Sec. "The dual spring-system formulation"): node i hangs on its anchor
-/// a_i by a spring of stiffness k_i and zero rest length, linked nodes are joined by springs of rest length
-/// mu_ij and stiffness k_ij. Its energy is E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i
+/// A constellation as a spring system (Sec. "The dual spring-system formulation"): a spring of stiffness k_i
+/// and rest length 0 ties node i to its anchor a_i, and springs of rest length mu_ij and stiffness k_ij join
+/// linked nodes. Its energy is E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i
 /// - x_j|)^2.
 ///
 /// `Scalar` is float or double, `Dim` the number of coordinates of a point, `N` and `MaxN` as for Topology.
 /// Points are Dim x N, a node is a column. Coordinates and rest lengths share one unit of length [px];
 /// stiffness may have any unit [1/px^2 for E = -log p], as only ratios of stiffness move the solution.
 ///
-/// Another `Model` than Springs replaces the link's potential or the anchor's loss, or gives anchors an
+/// A `Model` other than Springs replaces the link's potential or the anchor's loss, or gives anchors an
 /// information matrix; k_i and k_ij then bound the curvature of anchor and link from above.
 ///
-/// The values are plain members to be refilled every frame; refilling does not allocate. They start as NaN,
-/// so that a forgotten one gets Status::InvalidInput and not a wrong answer.
+/// The values are plain members, to be refilled every frame; refilling does not allocate. They start as
+/// NaN, so that a solver returns Status::InvalidInput, not a wrong answer, if one was forgotten.
 template <typename Scalar_, int Dim, int N = Eigen::Dynamic, int MaxN = N, typename Model_ = Springs>
 class SpringSystem {
   static_assert(Dim > 0);
@@ -50,9 +50,9 @@ class SpringSystem {
   using TopologyType = Topology<N, MaxN>;
   using Point = Eigen::Matrix<Scalar, Dim, 1>;
   using Points = Eigen::Matrix<Scalar, Dim, N, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim, MaxN>;
-  /// A number a node, N.
+  /// One number for each node, N.
   using NodeVector = Eigen::Matrix<Scalar, N, 1, Eigen::ColMajor, MaxN, 1>;
-  /// A number a link, in the order of links().
+  /// One number for each link, in the order of links().
   using LinkVector = Eigen::Matrix<Scalar, Eigen::Dynamic, 1, Eigen::ColMajor, TopologyType::kMaxLinks, 1>;
 
   static constexpr int kDim = Dim;
@@ -83,8 +83,8 @@ class SpringSystem {
     for (const Link& link : links()) rest_length[l++] = (points.col(link.i) - points.col(link.j)).norm();
   }
 
-  /// Holds node i where the start of a solve has it: it is eliminated from the unknowns, its springs pull on
-  /// the others. A node that does not exist is a defect() of the system.
+  /// Holds node i where the start of a solve has it. It is eliminated from the unknowns, and its springs pull
+  /// on the other nodes. A node number out of range is a defect() of the system.
   void fix(int node) { set_fixed(node, true); }
   /// Lets node i move again.
   void release(int node) { set_fixed(node, false); }
@@ -95,7 +95,7 @@ class SpringSystem {
   /// Anisotropic anchors: sets k_i and anchor_shape from node i's information matrix (Dim x Dim, symmetric,
   /// positive semi-definite; the inverse of a covariance), k_i being its largest eigenvalue. The anchor's
   /// energy becomes 1/2 (x_i - a_i)^T information (x_i - a_i), or 1/2 k_i rho of that over k_i for another
-  /// loss rho. What is not such a matrix makes solvers return Status::InvalidInput.
+  /// loss rho. For any other matrix solvers return Status::InvalidInput.
   template <typename Derived>
   void set_anchor_information(int node,
                               const Eigen::MatrixBase<Derived>& information) requires(kAnisotropic) {
@@ -113,7 +113,7 @@ class SpringSystem {
     }
   }
 
-  /// The same system in another scalar: of float in double, every value is the same.
+  /// The same system in another scalar. From float to double no value changes.
   template <typename Other>
   SpringSystem<Other, Dim, N, MaxN, Model> cast() const {
     SpringSystem<Other, Dim, N, MaxN, Model> other(topology_);
@@ -139,15 +139,15 @@ class SpringSystem {
   int link_count() const { return topology_.link_count(); }
 
   Points anchors;               ///< a_i, Dim x N [px]
-  NodeVector anchor_stiffness;  ///< k_i >= 0, N; each connected component needs one that is positive
-  LinkVector rest_length;       ///< mu_ij >= 0, one a link, in the order of links() [px]
-  LinkVector link_stiffness;    ///< k_ij >= 0, one a link, in the order of links()
+  NodeVector anchor_stiffness;  ///< k_i >= 0, N; at least one > 0 in each connected component
+  LinkVector rest_length;       ///< mu_ij >= 0, one for each link, in the order of links() [px]
+  LinkVector link_stiffness;    ///< k_ij >= 0, one for each link, in the order of links()
 
   /// Of anchor_shape.
   using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,
                                (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
                                MaxN == Eigen::Dynamic ? MaxN : Dim * MaxN>;
-  /// Anisotropic anchors alone: Dim x (Dim N), for each node its information matrix over k_i, with
+  /// Only for anisotropic anchors: Dim x (Dim N), each node's information matrix divided by k_i, with
   /// eigenvalues from 0 to 1.
   [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
   /// Parameters of the anchors' loss and of the links' potential, if these have any.
@@ -157,7 +157,7 @@ class SpringSystem {
  private:
   void set_fixed(int node, bool fixed) {
     if (node < 0 || node >= nodes()) {
-      if (!defect_) defect_ = {"fixed node", node, "is not a node"};
+      if (!defect_) defect_ = {"fixed node", node, "is out of range"};
     } else if (fixed_[node] != fixed) {
       fixed_[node] = fixed;
       fixed_count_ += fixed ? 1 : -1;

@@ -27,16 +27,16 @@ struct Link {
   friend bool operator==(const Link&, const Link&) = default;
 };
 
-/// Who is linked to whom: an immutable list of links over `nodes()` nodes. It changes rarely (a part is added
-/// or dropped), while the values of a SpringSystem change every frame.
+/// Which nodes are linked: an immutable list of links between `nodes()` nodes. It changes rarely (a part is
+/// added or dropped), while the values of a SpringSystem change every frame.
 ///
 /// `N` is the number of nodes or Eigen::Dynamic, `MaxN` its upper bound or Eigen::Dynamic. With a bound, the
 /// links live inside the object (at most MaxN (MaxN - 1) / 2 of them) and nothing touches the heap.
 ///
 /// Duplicated links are allowed and act as springs in parallel (their energies add up). A list that cannot be
 /// a topology (index out of range, self link, too many nodes or links for the bounds) is kept up to its first
-/// bad link and described by `defect()`; every solver then returns Status::InvalidInput. One without a bound
-/// that was moved from has no links left.
+/// bad link, and `defect()` describes that link; every solver then returns Status::InvalidInput. A topology
+/// without a bound has no links left after a move from it.
 template <int N = Eigen::Dynamic, int MaxN = N>
 class Topology {
   static_assert(N > 0 || N == Eigen::Dynamic);
@@ -49,8 +49,8 @@ class Topology {
   /// Greatest number of links, or Eigen::Dynamic.
   static constexpr int kMaxLinks = MaxN == Eigen::Dynamic ? Eigen::Dynamic : std::max(1, MaxN*(MaxN - 1) / 2);
 
-  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ... Throws a std::bad_alloc where they
-  /// do not fit into memory.
+  /// Every pair of `n` nodes, in the order (0,1), (0,2), ..., (1,2), ... Throws std::bad_alloc if memory runs
+  /// out.
   static Topology full(int n = N) {
     Topology topology(n);
     const auto pairs = std::int64_t{topology.nodes()} * (topology.nodes() - 1) / 2;
@@ -73,7 +73,7 @@ class Topology {
   static Topology star(int n, int centre) {
     Topology topology(n);
     if (centre < 0 || centre >= topology.nodes()) {
-      topology.note({"centre", centre, "is not a node"});
+      topology.note({"centre", centre, "is out of range"});
       return topology;
     }
     for (int j = 0; j < topology.nodes(); ++j) {
@@ -82,7 +82,7 @@ class Topology {
     return topology;
   }
 
-  /// Each node linked to its `k` nearest others, and the other way round. `points` is Dim x n, finite; ties
+  /// Nodes are linked if one is among the `k` nearest others of the other. `points` is Dim x n, finite; ties
   /// go to the smaller index. O(n k log n) in a few dimensions, wherever the points are.
   template <typename Derived>
   static Topology k_nearest(const Eigen::MatrixBase<Derived>& points, int k) {
@@ -106,7 +106,7 @@ class Topology {
     return topology;
   }
 
-  /// The links as given, over `n` nodes.
+  /// The given links between `n` nodes.
   static Topology from_links(int n, std::span<const Link> links) {
     Topology topology(n);
     for (const Link& link : links) topology.add(link);
@@ -125,7 +125,7 @@ class Topology {
   bool is_full() const { return is_full_ && (link_count() > 0 || nodes_ < 2); }
   std::span<const Link> links() const { return {links_.data(), static_cast<std::size_t>(link_count())}; }
 
-  /// The first thing wrong with the list this topology was made of.
+  /// The first defect of the list of links that this topology was made from.
   const Defect& defect() const { return defect_; }
 
  private:
@@ -146,7 +146,7 @@ class Topology {
     if (defect_) return;
     const auto is_node = [this](int index) { return 0 <= index && index < nodes_; };
     if (!is_node(link.i) || !is_node(link.j))
-      return note({"link", link_count(), "has an end that is not a node"});
+      return note({"link", link_count(), "has an end that is out of range"});
     if (link.i == link.j) return note({"link", link_count(), "joins a node to itself"});
     if constexpr (kMaxLinks == Eigen::Dynamic) {
       links_.push_back(link);

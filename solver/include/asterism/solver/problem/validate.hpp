@@ -14,13 +14,13 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// Scratch of the search for connected components: the nodes and one for the image that anchors hold on to.
+/// Scratch of the search for connected components: one entry for each node, and one for all anchors.
 template <typename System>
 using ComponentScratch =
     Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor,
                   System::kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : System::kMaxNodes + 1, 1>;
 
-/// The representative of a node's set, by the way up to it, which gets shorter.
+/// The representative of a node's set (union-find); shortens the path to it.
 template <typename Up>
 int root(Up& up, int node) {
   while (up[node] != node) node = up[node] = up[up[node]];
@@ -87,7 +87,7 @@ int first_bad_shape(const System& system) {
   return -1;
 }
 
-/// What is wrong with the parameters of a loss or potential, nullptr for nothing or none.
+/// What is wrong with the parameters of a loss or potential; nullptr if nothing is, or if it has none.
 template <typename Function>
 const char* parameter_problem(const Function& function) {
   if constexpr (requires { function.problem(); }) return function.problem();
@@ -111,17 +111,20 @@ int first_bad_entry(const Vector& values) {
   return -1;
 }
 
-/// All of asterism::validate but the search for floating components.
+/// asterism::validate without the search for floating components.
 template <typename System>
 Defect validate_values(const System& system, const typename System::Points& x) {
   if (system.defect()) return system.defect();
   const int n = system.nodes();
   if (n == 0) return {"system", -1, "has no nodes"};
-  if (system.anchors.cols() != n) return {"anchors", -1, "are not one a node"};
-  if (system.anchor_stiffness.size() != n) return {"anchor stiffness", -1, "is not one a node"};
-  if (system.rest_length.size() != system.link_count()) return {"rest length", -1, "is not one a link"};
-  if (system.link_stiffness.size() != system.link_count()) return {"link stiffness", -1, "is not one a link"};
-  if (x.cols() != n) return {"x", -1, "is not one column a node"};
+  if (system.anchors.cols() != n) return {"anchors", -1, "must have one column for each node"};
+  if (system.anchor_stiffness.size() != n)
+    return {"anchor stiffness", -1, "must have one entry for each node"};
+  if (system.rest_length.size() != system.link_count())
+    return {"rest length", -1, "must have one entry for each link"};
+  if (system.link_stiffness.size() != system.link_count())
+    return {"link stiffness", -1, "must have one entry for each link"};
+  if (x.cols() != n) return {"x", -1, "must have one column for each node"};
 
   constexpr auto kNotFinite = "is not finite";
   constexpr auto kNotPositive = "is negative or not finite";
@@ -132,7 +135,8 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   if (const int l = first_bad_entry(system.link_stiffness); l >= 0)
     return {"link stiffness", l, kNotPositive};
   if constexpr (System::kAnisotropic) {
-    if (system.anchor_shape.cols() != System::kDim * n) return {"anchor shape", -1, "is not one a node"};
+    if (system.anchor_shape.cols() != System::kDim * n)
+      return {"anchor shape", -1, "must have one matrix for each node"};
     if (const int i = first_bad_shape(system); i >= 0)
       return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
   }
@@ -176,10 +180,10 @@ Defect validate_components(const System& system, ComponentScratch<System>& scrat
 
 }  // namespace detail
 
-/// What a solver would refuse `system` and `x` for: NaN, infinity, a negative stiffness or rest length, a bad
-/// link, a wrong size, an information matrix that is none, a scale that is not positive, or a connected
+/// Why a solver would refuse `system` and `x`: NaN, infinity, a negative stiffness or rest length, a bad
+/// link, a wrong size, an invalid information matrix, a scale that is not positive, or a connected
 /// component (links of zero stiffness do not connect) without anchor stiffness or a fixed node. Solvers also
-/// refuse an x in the memory of the system, which they would overwrite.
+/// refuse an x that shares memory with the system, because they would overwrite it.
 template <typename System>
 Defect validate(const System& system, const typename System::Points& x) {
   if (const Defect defect = detail::validate_values(system, x)) return defect;

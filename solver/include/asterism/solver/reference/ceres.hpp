@@ -20,7 +20,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace reference {
 
-/// What Ceres minimises with.
+/// The method of Ceres.
 enum class CeresMethod {
   LevenbergMarquardtDense,   ///< DENSE_NORMAL_CHOLESKY
   LevenbergMarquardtSparse,  ///< SPARSE_NORMAL_CHOLESKY with Ceres's default library
@@ -30,7 +30,7 @@ enum class CeresMethod {
 
 namespace detail {
 
-/// What the compiled half of the adapter sees of a system: its springs in double.
+/// A system as the compiled half of the adapter sees it: its springs in double.
 struct CeresProblem {
   int dim = 0;
   int nodes = 0;
@@ -42,11 +42,11 @@ struct CeresProblem {
   std::function<bool(int node)> is_fixed;
   /// Replaces d = x_i - x_j (dim) by the direction of spring `link`, and returns its length.
   std::function<double(const Link& link, double* d)> spring;
-  /// Whether x (dim x nodes), after so many iterations, is to be the end.
+  /// Whether to end at x (dim x nodes), after this many iterations.
   std::function<bool(const double* x, int iteration)> done;
 };
 
-/// Minimises from and into x. Adds Ceres's counts and words to `summary`.
+/// Minimises from x and writes the result to x. Adds Ceres's counts and message to `summary`.
 ASTERISM_API Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterations, double* x,
                              Summary& summary);
 
@@ -57,9 +57,9 @@ ASTERISM_API const char* ceres_version();
 
 /// Ceres as a reference for the library's own solvers: residuals sqrt(k_i) (x_i - a_i) and sqrt(k_ij) (r_ij -
 /// mu_ij) with analytic Jacobians, in double whatever the system's scalar. Ceres's own tolerances are off: it
-/// is stopped by the same rule as every other solver, and its verdict is recomputed. Silent; Ceres's words
-/// are in the message. glog's level is raised for the process while solving, as Ceres 2.1 offers no other way
-/// to stop its warnings.
+/// is stopped by the same rule as every other solver, and its verdict is recomputed. Silent; Ceres's message
+/// is in Summary::message. glog's level is raised for the process while solving, as Ceres 2.1 offers no other
+/// way to stop its warnings.
 ///
 /// Iterations are Ceres's successful and unsuccessful steps. Needs target asterism::ceres.
 template <typename System, CeresMethod kMethod = CeresMethod::LevenbergMarquardtSparse>
@@ -90,7 +90,7 @@ class Ceres {
   }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
-  /// MaxIterations, InvalidInput, OutOfMemory, NumericalFailure where Ceres fails, and NoProgress where it
+  /// MaxIterations, InvalidInput, OutOfMemory, NumericalFailure if Ceres fails, and NoProgress if it
   /// gives up.
   Summary solve(const System& given, Points& x) {
     if constexpr (System::kMaxNodes == Eigen::Dynamic) {

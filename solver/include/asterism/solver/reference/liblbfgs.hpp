@@ -22,8 +22,8 @@ namespace reference {
 
 /// liblbfgs as a reference for the library's own solvers: L-BFGS with its own memory of six, and
 /// More and Thuente's line search, as liblbfgs sets them, in double. Its own tolerances are off: it is
-/// stopped by the same rule as every other solver, and its verdict is recomputed. liblbfgs's words are in the
-/// message. Needs target asterism::lbfgs.
+/// stopped by the same rule as every other solver, and its verdict is recomputed. liblbfgs's message is in
+/// the summary. Needs target asterism::lbfgs.
 template <typename System>
 class Liblbfgs {
   static_assert(std::is_same_v<typename System::Scalar, double> && std::is_same_v<lbfgsfloatval_t, double>,
@@ -41,7 +41,7 @@ class Liblbfgs {
   static constexpr std::string_view name() { return "liblbfgs"; }
 
   /// Moves x (Dim x N), the start, to a stationary point of the energy. Statuses other than Converged:
-  /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress where liblbfgs
+  /// MaxIterations, InvalidInput, NumericalFailure (overflow), OutOfMemory, and NoProgress if liblbfgs
   /// gives up.
   Summary solve(const System& given, Points& x) {
     if constexpr (System::kMaxNodes == Eigen::Dynamic) {

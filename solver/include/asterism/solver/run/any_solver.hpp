@@ -22,14 +22,14 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// A solver of one type of systems, chosen at run time. It holds its workspace: reuse it, one thread at a
-/// time. A solve costs one virtual call more than that of the solver itself.
+/// A solver of one type of systems, chosen at run time. It holds its workspace: reuse it, in one thread at a
+/// time. A solve costs one virtual call more than a solve by the solver itself.
 template <typename System>
 class AnySolver {
  public:
   using Points = typename System::Points;
 
-  /// Any type that is a Solver of this System, also one of the caller's own.
+  /// Holds any type that is a Solver of this System, also one of the caller's own.
   template <typename S>
   requires(!std::same_as<S, AnySolver>) && Solver<S, System> explicit AnySolver(S solver)
       : model_(std::make_unique<ModelOf<S>>(std::move(solver))) {}
@@ -37,10 +37,10 @@ class AnySolver {
   template <Solver<System> S>
   explicit AnySolver(std::in_place_type_t<S>) : model_(std::make_unique<ModelOf<S>>()) {}
 
-  /// The name that Summary::solver has, "Newton, repaired LDL^T".
+  /// The name that Summary::solver has, such as "Newton, repaired LDL^T".
   std::string_view name() const { return model_->name(); }
 
-  /// As every solver's: moves x (Dim x N), the start, to a stationary point of the energy.
+  /// As with every solver: moves x (Dim x N), the start, to a stationary point of the energy.
   Summary solve(const System& system, Points& x) { return model_->solve(system, x); }
 
   /// The options that all solvers have.
@@ -93,7 +93,7 @@ struct NamedOption {
   NamedOption(std::string n, T v) : name(std::move(n)), value(static_cast<std::int64_t>(v)) {}
 };
 
-/// A solver by its name, with options beside its defaults.
+/// A solver by its name, with the options that differ from its defaults.
 struct SolverDescription {
   std::string name;                  ///< As SolverRegistry has it.
   std::vector<NamedOption> options;  ///< Those that differ from the defaults.
@@ -142,7 +142,7 @@ class OptionSetter final : public OptionVisitor {
     value = static_cast<std::uint64_t>(*integer);
   }
 
-  /// Throws std::invalid_argument that names the nearest, if there was no such option.
+  /// Throws std::invalid_argument that names the nearest option, if there was no option of this name.
   void check_found() const {
     if (found_) return;
     raise(std::invalid_argument(std::string(of_) + ": unknown option '" + option_.name + "', did you mean '" +
@@ -184,7 +184,7 @@ class SolverRegistry {
   void add(std::string name) {
     add(std::move(name), [] { return AnySolver<System>(std::in_place_type<S>); });
   }
-  /// Adds one by what makes it.
+  /// Adds one by a function that makes it.
   void add(std::string name, std::function<AnySolver<System>()> make) {
     if (find(name) != entries_.end())
       detail::raise(std::invalid_argument("there is a solver '" + name + "' already"));

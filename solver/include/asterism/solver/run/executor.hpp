@@ -27,10 +27,10 @@ struct SerialExecutor {
   }
 };
 
-/// Threads of its own for each call, which the calling thread joins; where the system has no more of them,
-/// those there are do the work. A program with a pool of threads passes that instead.
+/// Starts threads for each call and works in the calling thread too; if the system cannot start more threads,
+/// those that were started do the work. A program with a pool of threads passes its own executor instead.
 struct ThreadExecutor {
-  int threads = 0;  ///< with the calling one; 0: as many as the machine runs at once
+  int threads = 0;  ///< including the calling one; 0: as many as the machine runs at once
 
   /// Calls f(0) to f(task_count - 1), and returns when all have ended.
   template <typename F>

@@ -13,9 +13,9 @@ inline namespace ASTERISM_ABI {
 struct Iteration {
   /// Updates of x so far: 0 at the start.
   int number = 0;
-  /// E(x) and |dE/dx|, of this library's functions whatever the solver.
+  /// E(x) and |dE/dx|, computed by this library, whatever the solver.
   double energy = 0, gradient_norm = 0;
-  /// Dim x N, a node is a column; to be copied where it is wanted later. Of a system in float it is a copy.
+  /// Dim x N, a node is a column; valid during the call, so copy it if you need it later.
   Eigen::Map<const Eigen::MatrixXd> x{nullptr, 0, 0};
 };
 
@@ -30,7 +30,7 @@ class IterationCallback {
   /// None.
   constexpr IterationCallback() = default;
   constexpr IterationCallback(std::nullptr_t) {}
-  /// Of a named callable: the reference to a temporary would outlive it.
+  /// Takes a named callable only: a reference to a temporary would dangle.
   template <typename F>
   requires(!std::same_as<std::remove_cv_t<F>, IterationCallback>) &&
       std::is_invocable_r_v<bool, F&, const Iteration&> constexpr IterationCallback(F& callable)

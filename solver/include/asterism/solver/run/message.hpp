@@ -12,7 +12,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// A short text without heap memory; what does not fit is cut off.
+/// A short text without heap memory; a text that is too long is cut off.
 class Message {
  public:
   Message() = default;

@@ -17,16 +17,16 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What a number may be, both ends included; NaN is never.
+/// The range of a number, both ends included. NaN is never in range.
 struct OptionRange {
-  double least = -std::numeric_limits<double>::infinity();  ///< The least value taken.
-  double most = std::numeric_limits<double>::infinity();    ///< The greatest value taken.
+  double least = -std::numeric_limits<double>::infinity();  ///< The least value in range.
+  double most = std::numeric_limits<double>::infinity();    ///< The greatest value in range.
 };
 
-/// A member of some type that this room does not know, for a visitor that does.
+/// A reference to a member whose type is unknown here, but known to some visitors (such as a part model).
 class MemberReference {
  public:
-  /// Of this member.
+  /// Refers to this member.
   template <typename T>
   explicit MemberReference(T& member) : member_(&member), type_(&kType<T>) {}
 
@@ -44,16 +44,16 @@ class MemberReference {
   const void* type_;
 };
 
-/// Sees the options of a solver, a part model or a tracker one by one, each with its name: reads them, or
-/// lists them. Options of one's own are given names by a function beside them, found by argument-dependent
+/// Visits the options of a solver, a part model or a tracker one by one, with their names, to set them or to
+/// list them. For options of your own, write a function beside them, which is found by argument-dependent
 /// lookup:
 ///
 ///     void visit_options(OptionVisitor& visit, MyOptions& options) {
 ///       visit("learning_rate", options.learning_rate, {0, 1});
 ///     }
 ///
-/// The range of a number may be left out. What is in all ranges should be done in seconds and megabytes.
-/// What an option's name stands for must not be visited twice.
+/// The range of a number may be omitted. Choose ranges such that no value in them needs more than seconds and
+/// megabytes. No name may be visited twice.
 class OptionVisitor {
  public:
   virtual ~OptionVisitor() = default;
@@ -66,14 +66,14 @@ class OptionVisitor {
   virtual void operator()(std::string_view name, bool& value) = 0;
   /// A seed: any number.
   virtual void operator()(std::string_view name, std::uint64_t& value) = 0;
-  /// A member that is made by its name, such as a part (PartRegistry::make) or a solver (SolverDescription);
-  /// `made`: what it is now.
+  /// A member that is made from a name, such as a part (PartRegistry::make) or a solver (SolverDescription).
+  /// `made`: the name that its present value was made from.
   template <typename T>
   requires std::is_class_v<T>
   void operator()(std::string_view name, T& member, std::string_view made) {
     made_by_name(name, MemberReference(member), made);
   }
-  /// An enumeration whose values are 0, 1, ..., and their names.
+  /// An enumeration whose values are 0, 1, ..., with the names of these values.
   template <typename E>
   requires std::is_enum_v<E>
   void operator()(std::string_view name, E& value, std::initializer_list<std::string_view> names) {
@@ -89,13 +89,13 @@ class OptionVisitor {
   }
 
  protected:
-  /// For visitors alone.
+  /// For derived visitors only.
   OptionVisitor() = default;
   OptionVisitor(const OptionVisitor&) = default;
   OptionVisitor& operator=(const OptionVisitor&) = default;
 
  private:
-  // Of what a visitor does not look at, nothing changes.
+  // By default, nothing changes.
   virtual void made_by_name(std::string_view, MemberReference, std::string_view) {}
   virtual std::size_t choose(std::string_view, std::size_t value, std::initializer_list<std::string_view>) {
     return value;
@@ -106,7 +106,7 @@ class OptionVisitor {
 
 namespace detail {
 
-/// Refuses an option out of its range.
+/// Refuses an option that is out of range.
 class RangeCheck final : public OptionVisitor {
  public:
   explicit RangeCheck(std::string_view of) : of_(of) {}
@@ -145,9 +145,9 @@ class RangeCheck final : public OptionVisitor {
 
 }  // namespace detail
 
-/// For the constructor of what has options with a `visit_options`: throws std::invalid_argument for a number
-/// out of its range, with the option's name, its value and the range: "OF: NAME must be in [0, 1], is 2".
-/// Returns the options.
+/// For constructors that take options with a `visit_options`: returns the options, or throws
+/// std::invalid_argument for a number out of range, with the option's name, its value and the range:
+/// "OF: NAME must be in [0, 1], is 2".
 template <typename Options>
 Options check_options(std::string_view of, Options options) {
   detail::RangeCheck check(of);

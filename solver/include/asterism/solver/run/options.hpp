@@ -9,7 +9,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What every solver takes.
+/// Options that every solver has.
 struct SolverOptions {
   /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
   /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
@@ -19,33 +19,33 @@ struct SolverOptions {
   /// the message says so; so may, below some 1e-7, methods that compare energies (Ceres).
   double tolerance = 1e-8;
 
-  /// Also stop when x is proven to have at most this share more energy than the least there is, see certify;
-  /// 0: not looked at. Judged at every iterate, at the cost of a certificate each. Where W is not positive
-  /// definite at the minimum, nothing is proven and the tolerance decides. BatchNewton looks at its end.
+  /// Also stop when the energy of x is proven to exceed the least energy by at most this share, see certify;
+  /// 0: do not test this. The test computes a certificate at every iterate. Where W is not positive definite
+  /// at the minimum, nothing is proven and the tolerance decides. BatchNewton tests this only at its end.
   double gap = 0;
 
-  /// Iterations at most; 0 evaluates the start.
+  /// Maximum number of iterations; 0: only evaluate the start.
   int max_iterations = 10000;
 
-  /// What to do with a connected component that no anchor holds (links of zero stiffness do not connect): its
-  /// energy does not change as it moves. False: InvalidInput, naming a node of it. True: its first node is
-  /// held where the start has it, which costs no energy.
+  /// How to treat a connected component that no anchor holds (links of zero stiffness do not connect): its
+  /// energy does not change as it moves. False: InvalidInput; the message names one of its nodes. True: its
+  /// first node is held where the start has it, which costs no energy.
   bool ground_components = false;
 
-  /// Looked at in every iteration where it is given: once it is true, set by another thread, a signal handler
-  /// or a custom model, the solve ends with Status::Interrupted. What a solver cannot leave in the middle,
-  /// such as a factorisation, it ends first.
+  /// If given, tested in every iteration: once another thread, a signal handler or a custom model has set it
+  /// to true, the solve ends with Status::Interrupted. A step that cannot be interrupted, such as a
+  /// factorisation, is completed first.
   const std::atomic<bool>* stop = nullptr;
 
-  /// Called at the start and after each iteration where it is given, with x, energy and gradient norm: to
-  /// look on, or to stop. Methods that begin again from another start, or hand over to another method, begin
-  /// again at iteration 0; BatchNewton calls none.
+  /// If given, called at the start and after each iteration with x, energy and gradient norm, to observe the
+  /// solve or to stop it. Iterations are counted from 0 again when a method begins from another start or
+  /// hands over to another method. BatchNewton does not call it.
   IterationCallback on_iteration = {};
 
   /// Whether `stop` was set.
   bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
 
-  /// What is wrong with the options, nullptr for nothing. Solvers with more options hide it by their own.
+  /// What is wrong with the options; nullptr if nothing is. Solvers with more options hide it by their own.
   constexpr const char* problem() const {
     if (!(tolerance >= 0) || !detail::is_finite(tolerance))
       return "option tolerance is negative or not finite";
@@ -63,14 +63,14 @@ inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("ground_components", options.ground_components);
 }
 
-/// What solvers take that can start with rigid_alignment of x (unless x is stationary, or max_iterations 0):
-/// it is not counted as an iteration, cannot raise the energy, and removes the modes that are slowest where
-/// anchors are weak.
+/// Options of solvers that can start with rigid_alignment of x (unless x is stationary, or max_iterations is
+/// 0). The alignment is not counted as an iteration, cannot raise the energy, and removes the modes that are
+/// slowest if anchors are weak.
 struct AlignedOptions : SolverOptions {
   /// Start with rigid_alignment of x.
   bool align = true;
 
-  /// The alignment may also mirror x: for constellations whose mirror image is as good.
+  /// The alignment may also mirror x. For constellations whose mirror image is as good.
   bool allow_reflection = false;
 
   constexpr AlignedOptions() = default;

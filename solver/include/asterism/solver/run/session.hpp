@@ -28,7 +28,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// What a sum of the energies of all springs may be off by.
+/// An upper bound of the rounding error in the sum of the energies of all springs.
 template <typename System>
 typename System::Scalar rounding_of_energy(const System& system, typename System::Scalar energy) {
   using Scalar = typename System::Scalar;
@@ -38,9 +38,9 @@ typename System::Scalar rounding_of_energy(const System& system, typename System
 
 }  // namespace detail
 
-/// The frame around every solver's iterations, the library's and one's own: validation before, and the
-/// library's own verdict after, so that all methods are held to the same rule and bad input costs nobody an
-/// x. A solver has one as a member, and solves by
+/// The frame around the iterations of every solver, also of your own: it validates the input before them, and
+/// judges the result after them, so that all methods follow the same rule and bad input leaves x unchanged.
+/// A solver has a Session as a member, and solves by
 ///
 ///     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
 ///       while (true) {
@@ -59,9 +59,9 @@ class Session {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  /// Runs iterate(system, summary), which improves x and returns why it stopped, between validation and
-  /// verdict, after the alignment if the options have one and want it. The system that it gets is the given
-  /// one, grounded where the options want that.
+  /// Validates, aligns x if the options ask for it, runs iterate(system, summary), which improves x and
+  /// returns why it stopped, and judges the result. The system that `iterate` gets is the given one, with
+  /// floating components grounded if the options ask for it.
   template <typename Options, typename Iterate>
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
@@ -94,20 +94,20 @@ class Session {
     return summary;
   }
 
-  /// Whether the last solve, if any, was of as many nodes and links.
+  /// Whether the last solve, if any, had as many nodes and links.
   bool fits(const System& system) const {
     return !has_run_ || (nodes_ == system.nodes() && links_ == system.link_count());
   }
 
-  /// To be asked once at every iterate, the start included, after so many iterations: reports it to
-  /// SolverOptions::on_iteration, and says whether the method is to end there. It is, where x is stationary
-  /// or the caller has asked to stop, which the verdict tells apart. A gradient with NaN counts as
-  /// stationary: the verdict rejects it.
+  /// To be called once at every iterate, also at the start (iteration 0). Reports the iterate to
+  /// SolverOptions::on_iteration, and returns whether the method has to end there, because x is stationary or
+  /// because the caller has asked to stop; the verdict tells which. A gradient with NaN counts as stationary:
+  /// the verdict rejects it.
   bool done(const Points& x, const Points& gradient, int iteration) {
     report(x, gradient, iteration);
     return stationary(gradient) || stopped();
   }
-  /// The first half of it, for a method that asks `stationary` by itself. An iterate is reported once.
+  /// Only reports the iterate, for a method that calls `stationary` by itself. An iterate is reported once.
   void report(const Points& x, const Points& gradient, int iteration) {
     if (!watches_ || iteration == reported_) [[likely]]
       return;
@@ -126,30 +126,30 @@ class Session {
       report({iteration, energy, norm, View(copy.data(), copy.rows(), copy.cols())});
     }
   }
-  /// The same with a gradient of its own, for a method that has none at x.
+  /// The same for a method that has no gradient at x: computes it.
   void report(const Points& x, int iteration) {
     if (watches_ && iteration != reported_) report(x, asterism::gradient(*system_, x), iteration);
   }
-  /// Whether anyone wants to be told.
+  /// Whether iterates are reported.
   bool reports() const { return static_cast<bool>(on_iteration_); }
-  /// Of another solver's iterate, which this one's method runs.
+  /// Reports an iterate of another solver that this method runs.
   void report(const Iteration& at) {
     if (!on_iteration_ || at.number == told_) return;
     reported_ = told_ = at.number;
     is_stopped_ |= !on_iteration_(at);
   }
-  /// Whether this gradient is that of a stationary point by the stopping rule, or to `tolerance` where that
-  /// is more.
+  /// Whether this gradient is that of a stationary point by the stopping rule, with the larger of the solve's
+  /// tolerance and `tolerance`.
   bool stationary(const Points& gradient, Scalar tolerance = 0) const {
     return rule_.reached(gradient, tolerance);
   }
-  /// Whether the caller has asked to stop, or x is as close to the least energy as was asked for.
+  /// Whether the caller has asked to stop, or x is proven to be within SolverOptions::gap.
   bool stopped() const {
     return is_close_ || is_stopped_ || (stop_ != nullptr && stop_->load(std::memory_order_relaxed));
   }
-  /// Whether a method is to end short of the tolerance, as its steps are rounding alone: for methods that do
-  /// not find that out by themselves, to be asked at every iterate. Every so many iterations the gradient is
-  /// looked at: one that is rounding beside x is to be half of what it was.
+  /// Whether a method has to end before the tolerance is met, because its steps are only rounding errors. For
+  /// methods that do not detect this themselves, to be called at every iterate. It tests the gradient every
+  /// 16 iterations: one at the level of rounding must have halved since the last test.
   bool stalls(const Points& x, const Points& gradient, int iteration) {
     constexpr int kLook = 16;
     if (iteration % kLook != 0 || !rule_.is_rounding(x, gradient)) return false;
@@ -157,7 +157,7 @@ class Session {
     looked_at_ = gradient.squaredNorm();
     return !(looked_at_ < before / 4);
   }
-  /// The tolerance asked for, or what the scalar resolves where that is more.
+  /// The tolerance of the options, or the least one that the scalar resolves, if that is larger.
   Scalar tolerance() const { return rule_.tolerance(); }
   /// The characteristic length of the system that is solved.
   Scalar length() const { return rule_.length(); }
@@ -165,14 +165,14 @@ class Session {
   /// A_ii of the system that is solved.
   const typename System::NodeVector& node_stiffness() const { return rule_.node_stiffness(); }
 
-  /// The library's energy and gradient at x. Where the method ends at this x, the verdict is on these and
-  /// does not compute them again; before the first call, they are those at the start.
+  /// Computes the library's energy and gradient at x. If the method ends at this x, the verdict uses these
+  /// and does not compute them again; before the first call, they are those at the start.
   void evaluate(const System& system, const Points& x) {
     energy_ = energy_and_gradient(system, x, gradient_);
     evaluated_ = x;
     is_evaluated_ = true;
   }
-  /// The same for energy and gradient that the method has from the library's functions.
+  /// The same with the energy and gradient that the method has computed by the library's functions.
   void adopt(const Points& x, Scalar energy, const Points& gradient) {
     energy_ = energy;
     gradient_ = gradient;
@@ -183,7 +183,7 @@ class Session {
   const Points& gradient() const { return gradient_; }
 
  private:
-  // The system to solve, nullptr with the reason in the summary where there is none.
+  // The system to solve, or nullptr and the reason in the summary.
   template <typename Options>
   const System* start(const Options& options, const System& given, const Points& x, Summary& summary) {
     summary.status = Status::InvalidInput;
@@ -225,8 +225,8 @@ class Session {
     return system;
   }
 
-  // Holds one node of each component that no anchor holds: a component like that has the same energy wherever
-  // it is moved to, and this keeps it where the start has it.
+  // Fixes one node of each component that no anchor holds: the energy of such a component does not change as
+  // it moves, and this keeps it where the start has it.
   const System* grounded(const System& given) {
     if (detail::first_floating_node(given, scratch_) < 0) return &given;
     grounded_ = given;
@@ -234,7 +234,7 @@ class Session {
     return &*grounded_;
   }
 
-  // Whether x is within the gap asked for of the least energy; keeps the highest lower bound so far.
+  // Whether x is proven to be within the gap; keeps the highest lower bound so far.
   bool prove(const Points& x) {
     Certifier<System>& certifier = certifier_.get();
     certifier.options.gap = gap_;
@@ -244,7 +244,7 @@ class Session {
     return Summary::is_within(gap_, certificate.energy, lower_bound_);
   }
 
-  // `reason` is what the method says; energy and gradient at x have the last word.
+  // `reason` is the method's own; energy and gradient at x may overrule it.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
     const bool is_close = gap_ > 0 && prove(x);

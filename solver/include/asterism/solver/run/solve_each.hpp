@@ -16,11 +16,11 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Many systems of any sizes, each solved by a copy of `prototype` (a Solver; of one that cannot be copied,
-/// such as Auto with its sparse factors, by a new one with its options): systems[s]
-/// from and into x[s], what became of it in summaries[s]. The three are contiguous ranges of one length;
-/// where they are not of one length, every summary gets Status::InvalidInput and nothing is solved. Solves by
-/// itself and, for solvers that do not throw, does not throw unless the executor does.
+/// Solves many systems of any sizes, each by a copy of `prototype` (a Solver; for one that cannot be copied,
+/// such as Auto with its sparse factors, by a new one with the same options). systems[s] is solved from x[s]
+/// into x[s], with its summary in summaries[s]. The three are contiguous ranges of the same length; if their
+/// lengths differ, every summary gets Status::InvalidInput and nothing is solved. With a solver that does not
+/// throw, this does not throw either, unless the executor does.
 template <typename Solver_, std::ranges::contiguous_range Systems, std::ranges::contiguous_range Xs,
           std::ranges::contiguous_range Summaries, Executor E = SerialExecutor>
 void solve_each(const Systems& systems, Xs&& x, Summaries&& summaries, const Solver_& prototype,

@@ -9,9 +9,9 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// A minimiser of a spring system's energy. `solve` starts at x, which is not to lie in the memory of the
-/// system (InvalidInput else), leaves its result there, and never throws, prints or exits. The energy has
-/// many stationary points and the start chooses among them: it is part of the problem.
+/// A minimiser of a spring system's energy. `solve` starts at x and leaves its result there; x must not share
+/// memory with the system (InvalidInput otherwise). It never throws, prints or exits. The energy has many
+/// stationary points, and the start decides which one is found: it is part of the problem.
 template <typename S, typename System>
 concept Solver = requires(S solver, const System& system, typename System::Points& x) {
   { solver.solve(system, x) } -> std::same_as<Summary>;

@@ -7,7 +7,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Why a solver stopped, and what became of x.
+/// Why a solver stopped, and what x is then.
 enum class Status {
   NotRun,         ///< solve was not called
   Converged,      ///< x is a stationary point to the tolerance asked for, or within SolverOptions::gap

@@ -10,9 +10,9 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What every solver returns. Numbers are -1 until they are known. Energies, gradient norm and stationarity
-/// are computed by this library from x, whatever the solver, and their cost is in `seconds` but not in the
-/// counts.
+/// The result of every solver. Numbers are -1 until they are known. Energies, gradient norm and stationarity
+/// are computed by this library from x, whatever the solver; their cost is included in `seconds`, but not in
+/// the counts.
 struct Summary {
   Status status = Status::NotRun;            ///< why it stopped
   Message message = "solve was not called";  ///< what was wrong, or more on the status
@@ -24,22 +24,22 @@ struct Summary {
   int factorizations = -1;                   ///< of a matrix
   double initial_energy = -1;                ///< E at the x given
   double final_energy = -1;                  ///< E at the x returned
-  double lower_bound = -1;                   ///< no x has less energy; where SolverOptions::gap asks for it
+  double lower_bound = -1;                   ///< no x has less energy; only if SolverOptions::gap > 0
   double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
   double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
-  int positive_definite = -1;  ///< 1: the Hessian at the x returned is, x is a strict local minimum if
-                               ///< stationary; 0: it is not, or nothing holds a component, or a part of
-                               ///< one, against turning or sliding; -1: the method did not look
+  int positive_definite = -1;  ///< 1: the Hessian at the x returned is positive definite, so x is a strict
+                               ///< local minimum if stationary; 0: it is not, or a component or a part of
+                               ///< one is free to turn or slide; -1: the method did not test it
   double seconds = -1;         ///< wall-clock time in solve
 
-  /// No x has less energy than this one by more than this share of its energy: proven by lower_bound.
+  /// Whether lower_bound proves that the energy exceeds the least one by at most this share of itself.
   bool is_within(double gap) const { return usable() && is_within(gap, final_energy, lower_bound); }
   /// The same rule for an energy and a lower bound, -1 if unknown.
   static bool is_within(double gap, double energy, double lower_bound) {
     return lower_bound >= 0 && energy - lower_bound <= gap * energy;
   }
 
-  /// Adds what another solve took, of iterations to factorisations.
+  /// Adds the counts of another solve, from iterations to factorisations.
   void add_work(const Summary& other) {
     const auto add = [](int& to, int more) { to = std::max(to, 0) + std::max(more, 0); };
     add(iterations, other.iterations);

@@ -15,36 +15,36 @@ inline namespace ASTERISM_ABI {
 
 /// Options of ElasticConstellation.
 struct ElasticOptions {
-  /// Deviation of a link's length from that of the layout, relative to it, > 0: the larger, the softer.
+  /// Relative deviation of a link's length from that in the layout, > 0: the larger, the softer.
   double deformation = 0.1;
-  /// An anchor lets go of its part beyond this distance [object's mean side, > 0].
+  /// Beyond this distance an anchor hardly pulls at its part [mean sides of the object], > 0.
   double reach = 0.1;
-  /// Of the solve in each frame.
+  /// Options of the solve in each frame.
   SolverOptions solver = {.tolerance = 1e-4, .max_iterations = 200};
 };
 
-/// Parts of any number, which may come and go, on robust anchors: what the trackers beside DPT share.
+/// Any number of parts, which may be added and removed, on robust anchors. All trackers except DPT share it.
 ///
-/// The energy is a negative log-probability. A part is where its evidence says by a Gaussian of information
-/// peak x covariance^-1, with the loss of Geman and McClure, so that one that is wrong does not matter; a
-/// link is as long as in the layout, under the object's scale, but for a Gaussian of `deformation`.
+/// The energy is a negative log-probability. A part's position is distributed about that of its evidence with
+/// information peak x covariance^-1, under the loss of Geman and McClure, so that wrong evidence has little
+/// effect. A link's length is Gaussian about that in the layout, at the object's scale, by `deformation`.
 class ASTERISM_API ElasticConstellation : public SpringConstellation<ElasticSystem> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit ElasticConstellation(const ElasticOptions& options = {});
 
-  /// The parts and who is linked to whom from now on. layout: positions in the object (ObjectPose);
+  /// Sets the parts and their links. layout: positions in the object (ObjectPose);
   /// placement: in the image.
   void assign(const Points& layout, const Points& placement, Topology<> topology);
   /// No parts.
   void clear() { assign(Points(2, 0), Points(2, 0), Topology<>::full(0)); }
-  /// The MAP placement, from the one that is there on. Evidence of peak 0 anchors nothing; parts that no
-  /// anchor holds keep to those that one does. The placement stays where the solver fails.
+  /// Moves the placement to the MAP placement, starting from the present one. Evidence of peak 0 has no
+  /// anchor; its part is held by its links. If the solver fails, the placement stays as it was.
   Summary place(const ObjectPose& pose, std::span<const Evidence> evidence);
 
   /// The parts' positions in the object.
   const Points& layout() const { return layout_; }
-  /// A part's position in the object learns: it moves by `rate` towards that of the placement.
+  /// Updates the parts' positions in the object: they move by `rate` towards those of the placement.
   void relax(const ObjectPose& pose, double rate);
   /// The layout in the image.
   Points posed(const ObjectPose& pose) const;

@@ -8,13 +8,13 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Tells frames that interrupt a video (blank frames, noise, a test card, a decoder's gray blocks, a cut to
-/// another scene) from those that go on with it. In an interruption a tracker keeps its box and learns
-/// nothing, however long it lasts.
+/// Distinguishes frames that interrupt a video (blank frames, noise, a test card, a decoder's gray blocks, a
+/// cut to another scene) from those that continue it. During an interruption a tracker keeps its box and
+/// learns nothing, however long it lasts.
 ///
-/// It compares a coarse view of the frame with that of the last one that the tracker followed, wherever the
-/// camera turned in between, and asks the tracker itself before it calls anything but a blank frame an
-/// interruption. docs/in-practice.md has the figures behind its constants.
+/// It compares a coarse view of the frame with that of the last frame that the tracker followed, allowing for
+/// motion of the camera. Unless the frame is blank, it also asks the tracker itself before it decides that
+/// the frame is an interruption. docs/in-practice.md has the figures behind its constants.
 class ASTERISM_API InterruptionGate {
  public:
   /// Mean gray levels of kViewCells x kViewCells cells of a frame, row by row.
@@ -24,9 +24,9 @@ class ASTERISM_API InterruptionGate {
   /// The tracker starts in this frame, on this box.
   void init(const Frame& frame, const cv::Rect2d& box) { learn(frame, box, 0); }
 
-  /// `tracker`'s update by its member `follow`, or, in an interruption, its result by `standing`: that of a
-  /// tracker that stays where it is. Where the frame alone does not tell, a copy of the tracker follows, and
-  /// is taken over if it finds its object.
+  /// Updates `tracker` by its member `follow`; in an interruption returns the result of its member
+  /// `standing`, which stays where it is. If the frame alone does not decide, a copy of the tracker follows,
+  /// and replaces the tracker if it finds its object.
   template <class T>
   TrackResult update(T& tracker, const Frame& frame, TrackResult (T::*follow)(const Frame&),
                      TrackResult (T::*standing)() const) {

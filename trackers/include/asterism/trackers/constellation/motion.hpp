@@ -12,25 +12,26 @@ inline namespace ASTERISM_ABI {
 
 /// Options of MotionModel.
 struct MotionOptions {
-  /// Rate of the histograms' autoregressive update, in [0, 1]; that of a running mean in the first frames.
+  /// Rate of the histograms' autoregressive update, in [0, 1]; in the first frames, that of a running mean.
   double histogram_rate = 0.05;
-  /// Share of the object's pixels, and of those around it, whose speed is none that has been seen, in (0, 1):
-  /// what suddenly moves is the object rather than what is around it.
+  /// Share of the object's pixels that is assumed to move at a speed not seen before, in (0, 1).
   double novelty = 0.2;
+  /// The same share of the pixels around the object, in (0, 1). It is less than `novelty`, because what
+  /// suddenly moves is more likely the object.
   double background_novelty = 0.02;
   /// Prior probability of the foreground in Bayes' rule, in (0, 1).
   double foreground_prior = 0.5;
-  /// The window about the object: padding in [1, 100], sides in [8, 1024].
+  /// The window around the object: padding in [1, 100], sides in [8, 1024].
   TemplateWindow window = {.padding = 3, .min_template_side = 16, .max_template_side = 32};
 };
 
-/// What moves otherwise than the camera: histograms of the speed of the object and of what is around it, as
-/// ColorModel has them of colors, and the foreground posterior by Bayes' rule.
+/// Finds pixels that move differently from the camera: histograms of the speeds of the object and of its
+/// surroundings, like those of colors in ColorModel, and the foreground posterior by Bayes' rule.
 ///
-/// Speeds are those of a dense optical flow (Kroeger et al., *Fast Optical Flow using Dense Inverse Search*,
-/// ECCV 2016) from the frame before, less a similarity that most of what is around the object follows. They
-/// are counted in half octaves from 1/4 % of the object's mean side a frame. Where object and surroundings
-/// move alike the histograms agree, and the posterior is the prior everywhere.
+/// Speeds come from the dense optical flow (Kroeger et al., *Fast Optical Flow using Dense Inverse Search*,
+/// ECCV 2016) since the last frame, after subtracting the similarity transform that most of the surroundings
+/// follow. Bins are half octaves, from 1/4 % of the object's mean side per frame upwards. If object and
+/// surroundings move alike, the histograms agree, and the posterior is the prior everywhere.
 class ASTERISM_API MotionModel {
  public:
   /// Bins of a histogram.
@@ -38,19 +39,19 @@ class ASTERISM_API MotionModel {
 
   /// Throws std::invalid_argument for options out of range.
   explicit MotionModel(const MotionOptions& options = {});
-  /// Whether the library was built with OpenCV's video, without which there is no flow.
+  /// Whether the library was built with OpenCV's video module, which computes the flow.
   static bool available();
 
-  /// Start on a box, which is finite and of positive size. Throws std::logic_error where not `available()`.
+  /// Start on a box, which is finite and of positive size. Throws std::logic_error unless `available()`.
   void init(const Frame& frame, const cv::Rect2d& box);
-  /// The posterior in the window around the last box, of the motion since the last frame that `init`, this
-  /// function or `adapt` has seen; empty until `adapt` has learned something. `informative` is not tested.
+  /// The posterior in the window around the last box, from the motion since the last frame that was given to
+  /// `init`, `segment` or `adapt`; empty until `adapt` has learned something. Does not set `informative`.
   Segmentation segment(const Frame& frame);
-  /// Learn the speeds that `segment` saw in this frame: of the box where the object is now, and of twice the
-  /// box without it. The next window is around this box.
+  /// Learn the speeds that `segment` found in this frame: inside the object's present box, and in the box of
+  /// twice its size around it. The next window is around this box.
   void adapt(const Frame& frame, const cv::Rect2d& box);
 
-  /// Saves or takes over what was learned, of the object's last centre and size.
+  /// Saves or restores what was learned, for an object of this last centre and size.
   void visit_state(StateArchive& archive, const Point2& centre, const Size2& size);
 
   const MotionOptions& options() const { return options_; }
@@ -60,10 +61,10 @@ class ASTERISM_API MotionModel {
 
  private:
   using Histogram = std::array<double, kBins>;
-  // Frames beyond which the running mean no longer counts.
+  // The running mean counts no more frames than this.
   static constexpr int kMostLearned = 1'000'000;
   void place(const Point2& centre, const Size2& size);
-  // Of a pixel of the window, in the image.
+  // Image position of a pixel of the window.
   Point2 position(int row, int col) const;
   // Posterior of each bin.
   std::array<float, kBins> posterior() const;

@@ -8,14 +8,14 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// The position nearest to `centre` that the centre of a tracker's box may have: in the image.
+/// The position in the image that is nearest to `centre`: where the centre of a tracker's box may be.
 ASTERISM_API Point2 kept_in_image(const Frame& frame, const Point2& centre);
 
-/// Where an object is, under all trackers with parts: its box, and by how much it has turned. It is the
-/// similarity that takes positions in the object, pixels of its first frame about its centre, to the image.
+/// The pose of an object, for all trackers with parts: its box, and its rotation. It is the similarity that
+/// maps positions in the object (pixels of the first frame, relative to its centre) to the image.
 class ASTERISM_API ObjectPose {
  public:
-  /// The box keeps to this range of its first size, whatever a collapsed or burst constellation says.
+  /// The box stays in this range of its first size, even if the constellation collapses or bursts.
   static constexpr double kMinScale = 0.1, kMaxScale = 10;
 
   ObjectPose() = default;
@@ -23,15 +23,15 @@ class ASTERISM_API ObjectPose {
   explicit ObjectPose(const cv::Rect2d& box)
       : centre_(centre_of(box)), size_(box.width, box.height), first_size_(size_) {}
 
-  /// The pose is this transform of positions in the object; the size keeps to the range above.
+  /// Sets the transform of positions in the object; the size stays in the range above.
   void move_to(const PlaneTransform& transform);
-  /// The centre is here now.
+  /// Sets the centre.
   void move_to(const Point2& centre) { centre_ = centre; }
   /// The object moves by a step from the pose that it has: its centre and angle by the transform of the
   /// image, its size by the factor `growth`, which is that of the transform unless something else knows
   /// better; the size keeps to the range above.
   void move_by(const PlaneTransform& step, double growth);
-  /// The centre is kept in the image (kept_in_image). Returns how far outside it was [px].
+  /// Keeps the centre in the image (kept_in_image). Returns how far outside it was [px].
   Point2 keep_in(const Frame& frame);
   /// The centre becomes that of `box()` to the last bit, so that it does not matter which of the two a model
   /// learns at.

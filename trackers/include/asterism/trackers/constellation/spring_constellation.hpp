@@ -12,22 +12,22 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Parts on springs, as every tracker with parts has them: where they are, and the spring system of the
-/// frame. What pulls, and how strongly, is said by laws: Dpt's are the paper's (stiffness.hpp),
-/// ElasticConstellation has its own.
+/// Parts on springs, for every tracker with parts: their placement, and the spring system of the frame. Laws
+/// give the springs' stiffness: Dpt uses those of the paper (stiffness.hpp), ElasticConstellation has its
+/// own.
 template <typename System_>
 class SpringConstellation {
  public:
   /// Of the springs.
   using System = System_;
   using Points = typename System::Points;       ///< 2 x N, a part is a column
-  using Links = typename System::TopologyType;  ///< who is linked to whom
+  using Links = typename System::TopologyType;  ///< the links of the parts
 
-  /// Parts and who is linked to whom.
+  /// The parts and their links.
   explicit SpringConstellation(Links topology) : system_(std::move(topology)) {
     placement_.setZero(2, system_.nodes());
   }
-  /// Others from now on, at a placement.
+  /// Sets other parts, at a placement.
   void assign(const Points& placement, Links topology) {
     system_ = System(std::move(topology));
     placement_ = placement;
@@ -39,7 +39,7 @@ class SpringConstellation {
   /// The springs of the last frame.
   const System& system() const { return system_; }
   System& system() { return system_; }
-  /// Number of parts, and who is linked to whom.
+  /// Number of parts, and their links.
   int size() const { return system_.nodes(); }
   std::vector<Link> links() const { return {system_.links().begin(), system_.links().end()}; }
 

@@ -16,13 +16,13 @@ inline namespace ASTERISM_ABI {
 using DptSystem =
     SpringSystem<double, 2, Eigen::Dynamic, 16, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
 
-/// ElasticConstellation's: any number of parts on anchors that let go of what is far.
+/// ElasticConstellation's spring system: any number of parts, on robust anchors.
 using ElasticSystem = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
                                    Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
 
 namespace detail {
 
-/// The solvers' workspace, which is no part of a tracker's value: a copy has its own.
+/// The solvers' workspace, which is not part of a tracker's value: a copy has its own.
 template <typename Solvers>
 class ASTERISM_API SolverWorkspace {
  public:
@@ -73,8 +73,8 @@ using DptJacobian =
     Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::ColMajor, 3, DptSystem::kDim * DptSystem::kMaxNodes>;
 
 /// The covariance of three quantities of a placement x that a DptSolver has found, by their derivatives
-/// (coordinate d of part i is column 2 i + d): J Sigma J^T with Laplace's covariance Sigma of x. Empty where
-/// x is no strict minimum.
+/// (coordinate d of part i is column 2 i + d): J Sigma J^T with Laplace's covariance Sigma of x. Empty if x
+/// is not a strict minimum.
 ASTERISM_API std::optional<Eigen::Matrix3d> propagated_covariance(const DptSystem& system,
                                                                   const DptSystem::Points& x,
                                                                   const DptJacobian& jacobian);

@@ -11,35 +11,35 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// The paper's part model, Kcf with default options. Not in the headers' code: every program that has options
-/// would compile it.
+/// The paper's part model, Kcf with default options. Not inline, so that not every program with options has
+/// to compile it.
 ASTERISM_API AnyPart paper_filter();
 
 /// Options of the coarse layer (Sec. 2.2).
 struct CoarseOptions {
   /// The root's model z^(0), not yet initialised: the paper's is a Kcf.
   AnyPart root = paper_filter();
-  /// The color model of object and surroundings. Open in the paper: the foreground's prior, here the box's
-  /// share of the region that the histograms are taken from, 1 / 1.6^2, about 3/8. And when the random field
-  /// stops: after three iterations the posterior is smooth and still knows doubt; when it converges, nearly
-  /// all of it is 0 or 1, which a product with the response takes for certain.
+  /// The color model of object and surroundings. The paper leaves two of its options open. The foreground's
+  /// prior is the box's share of the region that the histograms are taken from, 1 / 1.6^2, about 3/8. The
+  /// random field stops after three iterations, so that the posterior is smooth but not yet 0 or 1 almost
+  /// everywhere, as it is at convergence; a product with the response would take that as certain.
   ColorOptions color = {.foreground_prior = 0.375, .mrf = {.max_iterations = 3}};
-  /// Multiply the root's response with the color probability; otherwise, and for a root without a response
-  /// map, the position is the root's alone.
+  /// Multiply the root's response by the color probability. If false, or if the root has no response map, the
+  /// root alone gives the position.
   bool use_color = true;
-  /// Instead of the product: the response and the mean posterior of the object's box around each position,
-  /// the latter with this weight in [0, 1] (Bertinetto et al., *Staple*, CVPR 2016, whose weight is 0.3). 0:
-  /// the paper's product.
+  /// Weight, in [0, 1], of the mean color posterior in the object's box around each position, in a sum with
+  /// the response that replaces the product (Bertinetto et al., *Staple*, CVPR 2016, with 0.3). 0: the
+  /// paper's product.
   double color_share = 0;
-  /// What moves otherwise than the camera, and the weight in [0, 1] of its mean posterior of the object's box
-  /// around each position, against the response with color; 0: not used. The paper has nothing like it.
-  /// Needs OpenCV's video module.
+  /// The model of motion, which finds pixels that move differently from the camera. Not in the paper.
   MotionOptions motion;
+  /// Weight, in [0, 1], of the mean posterior of motion in the object's box around each position, in a sum
+  /// with the response with color; 0: not used. Needs OpenCV's video module.
   double motion_share = 0;
-  /// Refine the maximum of that product below the root's grid. Open in the paper.
+  /// Refine the maximum below the spacing of the root's grid. The paper leaves this open.
   bool sub_pixel = true;
-  /// A peak of the root's response below this is a lost target. Of the paper's quantities the response is the
-  /// only one that judges the whole target; docs/results/evaluation.md has the figures behind the value.
+  /// The target is lost if the peak of the root's response is below this. Of the paper's quantities only this
+  /// response judges the whole target; docs/results/evaluation.md has the figures behind the value.
   double lost_below = 0.2;
 };
 
@@ -53,7 +53,7 @@ class ASTERISM_API CoarseLayer {
   /// Learn both models from the object's box.
   void init(const Frame& frame, const cv::Rect2d& box);
 
-  /// What the layer says of a frame.
+  /// The layer's answer for a frame.
   struct Estimate {
     Evidence evidence;               ///< of the density of Eq. 4
     double similarity = 0;           ///< the root filter's own response at the position
@@ -79,7 +79,7 @@ class ASTERISM_API CoarseLayer {
   /// The object's pose after the last frame, x^(0).
   const ObjectPose& pose() const { return pose_; }
   const CoarseOptions& options() const { return options_; }
-  /// That of the last `localize`.
+  /// The evidence of the last `localize`.
   const Evidence& evidence() const { return evidence_; }
 
  private:
@@ -105,6 +105,8 @@ class ASTERISM_API CoarseTracker : public TrackerBase<CoarseTracker> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
+
+  const CoarseOptions& options() const { return layer_.options(); }
 
  private:
   friend TrackerBase<CoarseTracker>;

@@ -18,25 +18,25 @@ inline namespace ASTERISM_ABI {
 /// Which parts are linked by springs (the paper's Table 1).
 enum class Constellation { Full, Local, Star };
 
-/// What holds a part at its visually best position.
+/// How the spring that holds a part at its visually best position gets its stiffness.
 enum class AnchorLaw {
   Variance,   ///< static_stiffness, the paper's
   Covariance  ///< static_information
 };
 
-/// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. What the paper leaves open is said so.
+/// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. Comments say what the paper leaves open.
 struct DptOptions {
-  /// Parts at most, grid_rows x grid_cols.
+  /// Maximum number of parts, grid_rows x grid_cols.
   static constexpr int kMaxParts = DptSystem::kMaxNodes;
   /// The type of its spring system.
   using System = DptSystem;
 
   /// The coarse layer: root and color.
   CoarseOptions coarse;
-  /// The parts' model z^(i), not yet initialised: the paper's is a Kcf, with the root's parameters.
+  /// The parts' model z^(i), not yet initialised; in the paper a Kcf with the root's parameters.
   AnyPart part = paper_filter();
 
-  /// The object's box is split into grid_rows x grid_cols equal parts, N_p of them (2 x 2), at most
+  /// The object's box is divided into grid_rows x grid_cols equal parts, N_p in number (2 x 2), at most
   /// kMaxParts.
   int grid_rows = 2, grid_cols = 2;
   /// The fraction of its side that a part shares with each neighbour, in [0, 0.99]: parts grow so that they
@@ -47,35 +47,36 @@ struct DptOptions {
 
   /// Rate of the nominal spring lengths' update, alpha_spr (Sec. 2.5.2), in [0, 1].
   double spring_rate = 0.95;
-  /// A part is updated if its response at the MAP position is at least this fraction of the strongest part's
-  /// ...
+  /// A part is only updated if its response at the MAP position is at least this fraction of the strongest
+  /// part's (Sec. 2.5.2).
   double response_gate = 0.5;
-  /// ... and at least this fraction of its pixels are on the object according to the segmentation
+  /// A part is only updated if the segmentation finds at least this fraction of its pixels on the object
   /// (Sec. 2.5.2).
   double mask_gate = 0.2;
   /// How the object's box follows the constellation. Open in the paper: Algorithm 2 updates "position and
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
 
-  /// The object's size follows the constellation and, with this weight of the logarithms in [0, 1], a scale
-  /// filter on the object. 0, the paper's: the constellation alone.
+  /// Weight, in [0, 1], of a scale filter in the logarithm of the object's size; the rest is that of the
+  /// constellation. 0, as in the paper: the constellation alone.
   double scale_share = 0;
+  /// The scale filter.
   ScaleFilterOptions scale;
-  /// Parts that can grow and shrink with the object; the paper's keep their size.
+  /// Parts grow and shrink with the object if their model can; in the paper they keep their size.
   bool resize_parts = false;
 
-  /// What an anchor's stiffness is made of.
+  /// How an anchor's stiffness follows from the evidence.
   AnchorLaw anchor_law = AnchorLaw::Variance;
-  /// What finds the placement of the parts, by its name in solver_registry<DptSystem>(), with its options:
-  /// the paper's, or "newton", which finds the same minimum in a fraction of the iterations. Its stopping
-  /// rule is open in the paper; see docs/tracker.md.
+  /// The solver that finds the placement of the parts, by its name in solver_registry<DptSystem>(), with its
+  /// options: "ida" is the paper's; "newton" finds the same minimum in a fraction of the iterations. The
+  /// paper leaves the stopping rule open; see docs/tracker.md.
   SolverDescription solver = {"ida", {}};
-  /// Looks whether the placement is proven to be the MAP: TrackResult::certified. Costs less than the solve
+  /// Test whether the placement is proven to be the MAP: TrackResult::certified. Costs less than the solve
   /// and changes nothing else.
   bool certify = false;
 
-  /// Threads that the parts are searched and trained on, the calling one among them; 0: as many as the
-  /// machine runs at once, at most 256. Results are the same, bit for bit, for any number.
+  /// Number of threads that search and train the parts, including the calling one; 0: as many as the machine
+  /// runs at once, at most 256. Results are the same, bit for bit, for any number.
   int threads = 1;
 
   /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)

@@ -8,7 +8,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// The Kalman filter of a point of three coordinates whose velocity is constant but for white acceleration
+/// The Kalman filter of a point of three coordinates, whose velocity changes only by white acceleration
 /// (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 6.2.2). The
 /// unit of time is the frame.
 class ASTERISM_API ConstantVelocityFilter {
@@ -16,7 +16,8 @@ class ASTERISM_API ConstantVelocityFilter {
   using Vector = Eigen::Vector3d;
   using Matrix = Eigen::Matrix3d;
 
-  /// The point is at `position`, and so surely; its velocity is 0 with a standard deviation on each axis.
+  /// The point is at `position`, with this covariance; its velocity is 0, with a standard deviation on each
+  /// axis.
   void start(const Vector& position, const Matrix& covariance, const Vector& velocity_deviation);
   /// One frame later. density: power spectral density of the acceleration on each axis, >= 0 [unit^2 /
   /// frame^3]; the velocity's variance grows by as much a frame.
@@ -41,24 +42,26 @@ class ASTERISM_API ConstantVelocityFilter {
 /// with the image's scale; those of the size are of its natural logarithm. The defaults are measured:
 /// docs/results/uncertainty.md.
 struct KalmanOptions {
-  /// Deviation that white acceleration gives to the velocity in a frame, of the centre on each axis [mean
-  /// sides / frame] and of the size, in [1e-6, 1e6].
+  /// Standard deviation of the change of velocity in a frame by white acceleration, in [1e-6, 1e6]: of the
+  /// centre on each axis [mean sides / frame], and of the size.
   double acceleration = 0.3, size_acceleration = 0.05;
-  /// Deviation of a box from the object where its tracker tells no covariance: of the centre on each axis
-  /// [mean sides], and of the size, in [1e-6, 1e6].
+  /// Standard deviation of a box from the object if its tracker gives no covariance, in [1e-6, 1e6]: of the
+  /// centre on each axis [mean sides], and of the size.
   double deviation = 0.05, size_deviation = 0.05;
-  /// The covariance of a box that its tracker holds for lost is this many times as large, in [1, 1e12].
+  /// Factor of the covariance of a box that its tracker considers lost, in [1, 1e12].
   double lost_factor = 100;
 };
 
-/// Any tracker with a Kalman filter over its box: centre and logarithm of the size move at constant velocity
-/// but for white acceleration; the tracker's box measures them, with TrackResult::covariance where it has
-/// one. The result is the tracker's with box and covariance filtered; the box keeps its aspect. The tracker
-/// itself goes on from its own box.
+/// Any tracker with a Kalman filter on its box: the velocity of the centre and of the logarithm of the size
+/// changes only by white acceleration; the tracker's box measures them, with TrackResult::covariance if it
+/// has one. The result is the tracker's, with filtered box and covariance; the box keeps its aspect ratio.
+/// The tracker itself continues from its own box.
 class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker, NoGate> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});
+
+  const KalmanOptions& options() const { return options_; }
 
  private:
   friend TrackerBase<KalmanTracker, NoGate>;

@@ -14,9 +14,9 @@ inline namespace ASTERISM_ABI {
 /// Lgt's part model: a histogram of 16 gray levels on 6 x 6 samples.
 ASTERISM_API AnyPart histogram_part();
 
-/// How Lgt makes a box of its parts.
+/// How Lgt makes a box from its parts.
 enum class PartsBox {
-  Bounds,  ///< the one that bounds them all, as in LGT
+  Bounds,  ///< the bounding box of all parts, as in LGT
   Spread   ///< the first box, each side scaled as the parts' weighted spread along it
 };
 
@@ -25,31 +25,32 @@ enum class PartsBox {
 struct LgtOptions {
   /// The parts' model, not yet initialised.
   AnyPart part = histogram_part();
-  /// Parts at most, in [1, 100].
+  /// Maximum number of parts, in [1, 100].
   int max_parts = 60;
-  /// The global layer: color and motion.
+  /// The color model of the global layer.
   ColorOptions color = {.foreground_prior = 0.1, .mrf = {.enabled = false}};
+  /// The model of motion of the global layer.
   MotionOptions motion;
-  /// What the global layer consists of. What is not used finds all places equally likely. Motion has no
-  /// effect if MotionModel is not available.
+  /// Whether the global layer uses color. A cue that is not used finds all positions equally likely.
   bool use_color = true;
-  bool use_motion = true;  ///< See use_color.
-  bool use_shape = true;   ///< See use_color.
-  /// Deviations of the object's motion from what the Kalman filter predicts, where the cross-entropy method
-  /// begins: translation [units], rotation [rad] and logarithm of the scale, >= 0; at 0 there is none.
+  bool use_motion = true;  ///< Whether it uses motion; without effect if MotionModel is not available.
+  bool use_shape = true;   ///< Whether it uses the model of the object's shape.
+  /// Initial standard deviation, in the cross-entropy method, of the object's translation from the one that
+  /// the Kalman filter predicts [units], >= 0; 0: no search over it.
   double translation = 6.3;
-  double rotation = 0.3;  ///< See translation.
-  double scale = 0.01;    ///< See translation.
-  /// The local layer. LGT has no springs but a deviation from the affine motion of a part's neighbours.
+  double rotation = 0.3;  ///< The same of the rotation [rad], >= 0.
+  double scale = 0.01;    ///< The same of the logarithm of the scale, >= 0.
+  /// The springs of the local layer. LGT instead penalises deviations from the affine motion of neighbours.
   ElasticOptions springs = {.deformation = 0.3, .reach = 0.1};
-  /// A part's similarity s, 1 for a perfect match, is the likelihood exp(sharpness (s - 1)), > 0.
+  /// A part of similarity s, 1 for a perfect match, has the likelihood exp(sharpness (s - 1)), > 0.
   double sharpness = 20;
-  /// Rate at which a part's weight follows how well it does, in (0, 1]; below `remove_below`, in [0, 1], it
-  /// is removed.
+  /// Rate at which a part's weight follows how well it matches, in (0, 1].
   double weight_rate = 0.5;
+  /// A part is removed if its weight is below this, in [0, 1].
   double remove_below = 0.1;
+  /// How the object's box follows from the parts.
   PartsBox box = PartsBox::Bounds;
-  /// The object is lost where the parts' similarity is less than this on average, in [0, 1].
+  /// The object is lost if the parts' mean similarity is less than this, in [0, 1].
   double lost_below = 0.3;
 };
 

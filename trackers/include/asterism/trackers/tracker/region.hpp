@@ -16,7 +16,8 @@ class ASTERISM_API Region {
  public:
   /// A box that covers x .. x + width and y .. y + height.
   static Region rectangle(const cv::Rect2d& box);
-  /// At least three finite corners in either orientation, or std::invalid_argument is thrown.
+  /// A polygon of at least three finite corners in either orientation; otherwise throws
+  /// std::invalid_argument.
   static Region polygon(std::vector<cv::Point2d> points);
   /// A box turned about its centre; `angle` in degrees, as OpenCV has it.
   static Region rotated(const cv::RotatedRect& box);
@@ -25,7 +26,7 @@ class ASTERISM_API Region {
   /// pixels are 0.
   static Region mask(const cv::Mat& pixels);
 
-  /// Whether it is a rectangle, by how it was made.
+  /// Whether it was made as a rectangle.
   bool is_rectangle() const { return rectangle_; }
   /// The corners; those of a rectangle from the left top one on, clockwise on the screen.
   const std::vector<cv::Point2d>& points() const { return points_; }
@@ -38,7 +39,7 @@ class ASTERISM_API Region {
   /// bounding box.
   cv::Rect2d equal_area_box() const;
 
-  /// The same corners and the same way of having been made.
+  /// Whether corners and kind (rectangle or polygon) are the same.
   friend bool operator==(const Region&, const Region&) = default;
 
  private:

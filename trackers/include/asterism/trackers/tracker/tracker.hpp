@@ -16,7 +16,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// What became of one part in one frame.
+/// The state of one part after a frame.
 struct PartState {
   Point2 position;       ///< placement in the MAP constellation [px]
   Size2 size;            ///< of the part's template in the image [px]
@@ -41,8 +41,8 @@ struct TrackResult {
   /// Sub-pixel, axis-aligned. It may reach over the frame's border, but its centre is in the image: at least
   /// 0 and at most width - 1 and height - 1.
   cv::Rect2d box;
-  /// By how much the object has turned since `init` [rad, from the x axis towards the y axis], as far as its
-  /// parts say: 0 for trackers without parts. `box` is the object's box turned back upright.
+  /// Rotation of the object since `init` [rad, from the x axis towards the y axis], estimated from its parts:
+  /// 0 for trackers without parts. `box` is the object's box turned back upright.
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
@@ -50,10 +50,10 @@ struct TrackResult {
   /// nothing was learned. `lost` is set, too.
   bool interrupted = false;
   /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
-  /// both sides are scaled alike. Positive semi-definite. Empty where the tracker cannot tell.
+  /// both sides are scaled alike. Positive semi-definite. Empty if the tracker has none.
   std::optional<Eigen::Matrix3d> covariance;
-  /// Whether the placement of the parts is proven to be the one of least energy (certify), not one of several
-  /// minima. Empty where that was not asked for.
+  /// Whether the placement of the parts is proven to have the least energy (certify), and is not just one of
+  /// several minima. Empty unless the tracker's options ask for it.
   std::optional<bool> certified;
   /// Empty for trackers without parts.
   std::vector<PartState> parts;
@@ -89,25 +89,25 @@ concept Tracker = requires(T tracker, const cv::Mat& image, const cv::Rect2d& bo
   { tracker.update(image) } -> std::same_as<TrackResult>;
 };
 
-/// A Tracker that takes a Frame as well, so that trackers of several objects share one (MultiTracker): the
-/// same results, but for the stage "frame".
+/// A Tracker that also takes a Frame, so that trackers of several objects can share one (MultiTracker). The
+/// results are the same, without the stage "frame".
 template <class T>
 concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, const cv::Rect2d& box) {
   tracker.init(frame, box);
   { tracker.update(frame) } -> std::same_as<TrackResult>;
 };
 
-/// Any Tracker, chosen at run time; itself one that takes a Frame. A tracker in it that does not gets the
-/// frame's 8-bit pixels. A copy copies the tracker; only those that are Stateful have copies, for any other
-/// std::invalid_argument is thrown. After a move from it, it may only be assigned to or destroyed.
+/// Any Tracker, chosen at run time. It is a FrameTracker itself; if the tracker in it is not, that gets the
+/// frame's 8-bit pixels. A copy copies the tracker, and throws std::invalid_argument for one that is not
+/// Stateful. After a move from it, it may only be assigned to or destroyed.
 class AnyTracker {
  public:
-  /// Holds any tracker but itself.
+  /// Holds any tracker except an AnyTracker.
   template <class T>
   requires(!std::same_as<T, AnyTracker> && Tracker<T>) AnyTracker(T tracker)
       : self_(std::make_unique<Model<T>>(std::move(tracker))) {}
 
-  /// A copy goes on by itself.
+  /// The copy is independent.
   AnyTracker(const AnyTracker& other) : self_(other.self_->clone()) {}
   AnyTracker(AnyTracker&&) noexcept = default;
   AnyTracker& operator=(const AnyTracker& other) {
@@ -125,15 +125,15 @@ class AnyTracker {
   void init(const Frame& frame, const Region& region) { init(frame, region.equal_area_box()); }
   TrackResult update(const Frame& frame) { return self_->update(frame); }
 
-  /// The tracker's state between two frames as bytes (save_state), and back into a tracker of the same
-  /// options, which then goes on as the saved one would have, bit for bit, and may not have been initialised
-  /// before (restore_state). Throw what these do, and std::invalid_argument for a tracker that is not
-  /// Stateful.
+  /// `save` returns the tracker's state between two frames as bytes (save_state). `restore` sets it in a
+  /// tracker of the same options, which need not be initialised and then continues as the saved one would
+  /// have, bit for bit (restore_state). They throw what these functions throw, and std::invalid_argument for
+  /// a tracker that is not Stateful.
   std::vector<std::byte> save() const { return save_state(*this); }
   void restore(std::span<const std::byte> state) { restore_state(*this, state); }
   void visit_state(StateArchive& archive) { self_->visit_state(archive); }
 
-  /// The tracker in it where that is a T, else null.
+  /// The tracker in it if that is a T, otherwise nullptr.
   template <class T>
   const T* target() const {
     const auto* const model = dynamic_cast<const Model<T>*>(self_.get());
@@ -198,10 +198,16 @@ ASTERISM_API std::vector<std::string> tracker_names();
 ///   and KeypointTracker are not known where OpenCV's libraries for them were not found;
 /// - "kalman" (KalmanTracker of DPT, or of the tracker that its option "of" describes).
 ///
-/// Throws std::invalid_argument that lists the known names for any other, that names the nearest known option
-/// for an unknown one, or that says what is wrong with a value; for a description that is more than a name
-/// also where the library was built without PartRegistry.
+/// Throws std::invalid_argument: for an unknown name, with a list of the known ones; for an unknown option,
+/// with the nearest known one; for a wrong value, with the reason; and, if the library was built without
+/// PartRegistry, for a description that is more than a name.
 ASTERISM_API AnyTracker make_tracker(std::string_view description);
+
+/// All options of a tracker with their values, as one JSON object that `make_tracker` takes back:
+/// `{"tracker": "dpt", "coarse": {..}, ..}`. description: as for `make_tracker`; of a name alone, these are
+/// its defaults. A part model of a plugin is listed by its name alone. Throws as `make_tracker`, and
+/// std::invalid_argument where the library was built without PartRegistry.
+ASTERISM_API std::string tracker_options(std::string_view description);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

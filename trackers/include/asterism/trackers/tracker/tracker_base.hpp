@@ -9,7 +9,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Throws std::invalid_argument with the reason where a tracker cannot start on a box (see Tracker).
+/// Throws std::invalid_argument, with the reason, if a tracker cannot start on a box (see Tracker).
 ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
 
 /// For TrackerBase: no InterruptionGate; the tracker follows every frame.
@@ -28,7 +28,7 @@ ASTERISM_API TimedFrame timed_frame(const cv::Mat& image);
 
 }  // namespace detail
 
-/// What a tracker is around its own work: it takes images and frames, checks the start box, refuses `update`
+/// The common base of trackers: it takes images and frames, checks the start box, refuses `update`
 /// before `init`, keeps out of interruptions (InterruptionGate, or NoGate), and can be saved. T derives from
 /// TrackerBase<T>, makes it a friend, and has
 ///
@@ -67,7 +67,7 @@ class TrackerBase {
   }
   /// For save_state, which throws std::logic_error before `init`.
   void visit_state(StateArchive& archive) {
-    if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "to be saved");
+    if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "save");
     self().visit_learned(archive);
     if constexpr (kGated) gate_.visit_state(archive);
     initialized_ = true;
