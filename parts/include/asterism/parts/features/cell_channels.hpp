@@ -21,7 +21,7 @@ class CellChannels {
   virtual void compute(const cv::Mat& window, int rows, int cols, float* planes) const = 0;
 
   /// The root mean square of HOG's channels on textured windows.
-  static constexpr float kTypical = 0.1F;
+  static constexpr float kTypical = 0.2F;
 
  protected:
   CellChannels() = default;

@@ -30,14 +30,16 @@ struct DnnInput {
 /// map is not exactly rows x cols for a window of as many cells is resampled to that.
 class DnnChannels final : public CellChannels {
  public:
-  /// layer: the layer's output, by default the network's. Throws std::runtime_error for a file that cannot be
-  /// read, a layer that is not there, and one whose output for an image is not 1 x channels x rows x cols
-  /// with the same whole stride on both axes.
+  /// layer: the name of the layer, in ONNX that of its output; by default the network's last. Throws
+  /// std::runtime_error for a file that cannot be read, for an unknown layer (the message lists those that
+  /// there are), and for one whose output for an image is not 1 x channels x rows x cols with the same whole
+  /// stride on both axes.
   explicit DnnChannels(const std::string& file, std::string layer = "", const DnnInput& input = {})
       : layer_(std::move(layer)), input_(input) {
     try {
       net_ = cv::dnn::readNet(file);
       net_.setPreferableBackend(cv::dnn::DNN_BACKEND_OPENCV);
+      if (!layer_.empty()) known_ = known_layer();
       // Of two sizes, as only the difference is free of what convolutions without padding lose at the border.
       const cv::Mat small = forward(cv::Mat(kProbe, kProbe, CV_8UC3, cv::Scalar::all(0)));
       const cv::Mat large = forward(cv::Mat(2 * kProbe, 2 * kProbe, CV_8UC3, cv::Scalar::all(0)));
@@ -77,12 +79,21 @@ class DnnChannels final : public CellChannels {
   // A multiple of all usual strides, and larger than most receptive fields.
   static constexpr int kProbe = 128;
 
-  cv::Mat forward(const cv::Mat& image) const {
-    net_.setInput(cv::dnn::blobFromImage(image, input_.scale, {}, input_.mean, input_.rgb));
-    return layer_.empty() ? net_.forward() : net_.forward(layer_);
+  std::string known_layer() const {
+    std::string list;
+    for (const std::string& name : net_.getLayerNames()) {
+      if (name == layer_ || name == "onnx_node!" + layer_) return name;
+      list += (list.empty() ? "" : ", ") + name;
+    }
+    throw std::runtime_error("unknown layer, expected one of " + list);
   }
 
-  std::string layer_;
+  cv::Mat forward(const cv::Mat& image) const {
+    net_.setInput(cv::dnn::blobFromImage(image, input_.scale, {}, input_.mean, input_.rgb));
+    return known_.empty() ? net_.forward() : net_.forward(known_);
+  }
+
+  std::string layer_, known_;  // as it was given, and as OpenCV calls it
   DnnInput input_;
   int channels_ = 0, stride_ = 0;
   mutable std::mutex mutex_;  // a network computes one window at a time
