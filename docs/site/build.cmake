@@ -29,15 +29,27 @@ string(REPLACE "</head>" "${head}</head>" header "${header}")
 string(REPLACE ">$projectname<" "><a href=\"$relpath^../index.html\">$projectname</a><" header "${header}")
 file(WRITE ${BINARY_DIR}/doxygen/header.html "${header}")
 execute_process(COMMAND ${doxygen} ${BINARY_DIR}/Doxyfile COMMAND_ERROR_IS_FATAL ANY)
+file(GLOB references ${site}/reference/class*.html ${site}/reference/struct*.html)
+foreach(page IN LISTS references) # Doxygen links to the list of nested classes of a class that has private ones alone
+  file(READ ${page} text)
+  if(text MATCHES "href=\"#nested-classes\"" AND NOT text MATCHES "id=\"nested-classes\"")
+    string(REPLACE "<a href=\"#nested-classes\">Classes</a> &#124;\n" "" text "${text}")
+    file(WRITE ${page} "${text}")
+  endif()
+endforeach()
 
-# Sphinx reads one folder: docs/, and pages beside it.
+# Sphinx reads one folder: docs/, and pages beside it. It does so afresh, as it does not see that the reference has changed.
 set(pages ${BINARY_DIR}/pages)
 file(REMOVE_RECURSE ${pages})
 file(COPY ${docs}/ DESTINATION ${pages} PATTERN site EXCLUDE)
 file(COPY ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/CONTRIBUTING.md DESTINATION ${pages})
 execute_process(
-  COMMAND ${sphinx-build} -q -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site
+  COMMAND ${sphinx-build} -q -E -a -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site
           -D reference_tags=${BINARY_DIR}/doxygen/tags.xml ${pages} ${site}
   COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${site}/README.html ${site}/index.html)
+execute_process(COMMAND ${python3} ${PROJECT_SOURCE_DIR}/tests/docs/check_site.py ${site} RESULT_VARIABLE problems)
+if(problems)
+  message(FATAL_ERROR "The site is not whole: see the lines above")
+endif()
 message("the site is ${site}/index.html")

@@ -61,6 +61,19 @@ def read_source(_, page, source):
         source[0] += contents(source[0])
 
 
+MAX_UNBROKEN, MIN_TEXT = 20, 60
+
+
+def mark_cells(_, document):
+    """Figures stay on one line, and text has room: on a narrow screen the table scrolls."""
+    for cell in document.findall(nodes.entry):
+        size = len(cell.astext())
+        if size <= MAX_UNBROKEN:
+            cell['classes'].append('short')
+        elif size >= MIN_TEXT:
+            cell['classes'].append('text')
+
+
 def mark_charts(app, document):
     """Charts are drawn on white; site.css inverts them in dark mode. A picture is a chart if it is an SVG or has one beside it."""
     folder = pathlib.Path(app.srcdir) / pathlib.PurePosixPath(app.env.docname).parent
@@ -73,11 +86,10 @@ def mark_charts(app, document):
 class Reference(Domain):
     """Doxygen's symbols, for the search of the pages and for objects.inv."""
     name = 'reference'
-    label = 'Reference'
-    KINDS = {'class': 'C++ class', 'struct': 'C++ struct', 'concept': 'C++ concept', 'enumeration': 'C++ enumeration',
-             'enumvalue': 'C++ enumerator', 'function': 'C++ function', 'typedef': 'C++ type', 'variable': 'C++ variable',
-             'define': 'C++ macro'}
-    object_types = {kind: ObjType(label, kind) for kind, label in KINDS.items()}
+    label = 'C++'
+    KINDS = {'class': 'class', 'struct': 'struct', 'concept': 'concept', 'enumeration': 'enumeration', 'enumvalue': 'enumerator',
+             'function': 'function', 'typedef': 'type', 'variable': 'variable', 'define': 'macro'}
+    object_types = {kind: ObjType(words, kind) for kind, words in KINDS.items()}
 
     def tags(self):
         """(kind, name, page without .html, place in it, importance, what holds it) of each symbol"""
@@ -112,10 +124,14 @@ class Reference(Domain):
 def index_reference(app):
     """The search knows a symbol only if it knows its page; words of the reference stay out, or they would hide the guides."""
     indexer = getattr(app.builder, 'indexer', None)
-    if indexer is not None:
-        for page in {page for _, _, _, page, _, _ in app.env.get_domain('reference').get_objects()}:
-            indexer.feed(page, page + '.html', '', new_document(page))
-            indexer._titles[page] = 'the reference'  # for display alone: titles that are fed are searched, too
+    if indexer is None:
+        return []
+    pages = {page for _, _, _, page, _, _ in app.env.get_domain('reference').get_objects()}
+    for page in pages:
+        indexer.feed(page, page + '.html', '', new_document(page))
+        indexer._titles[page] = 'the reference'  # for display alone: titles that are fed are searched, too
+    # What Sphinx has not read is dropped just before the index is written.
+    indexer.prune = lambda kept: type(indexer).prune(indexer, {*kept, *pages})
     return []
 
 
@@ -146,5 +162,6 @@ def setup(app):
     app.add_domain(Reference)
     app.connect('source-read', read_source)
     app.connect('doctree-read', mark_charts)
+    app.connect('doctree-read', mark_cells)
     app.connect('html-collect-pages', index_reference)
     app.connect('build-finished', mend_theme)

@@ -44,8 +44,17 @@ SAME_EVERYWHERE = [(re.compile(pattern), text) for pattern, text in [
 ]]
 
 
-# Doxygen ends a brief at a full stop before a space.
-ABBREVIATION = re.compile(r'(///.*?\b(?:Secs?|Eqs?|Figs?|Alg|al|cf|e\.g|i\.e|vs)\.)( |$)', re.MULTILINE)
+# Doxygen ends a brief at a full stop before a space, unless a backslash is between them.
+ABBREVIATION = r'(///.*?\b(?:Secs?|Eqs?|Figs?|Alg|al|cf|e\.g|i\.e|vs)\.)'
+
+
+def keep_briefs(header):
+    header = re.sub(ABBREVIATION + r'\n( */// )(\S+) ?', r'\1 \3\n\2', header)  # not at the end of a line
+    count = 1
+    while count:
+        header, count = re.subn(ABBREVIATION + ' ', r'\1\\ ', header)
+    return header
+
 
 TWO_FIELDS = re.compile(r'(\s*)((?:static constexpr )?\w+) (\w+ = [^,;(]+), (\w+ = [^,;(]+);(.*)')
 
@@ -53,9 +62,7 @@ TWO_FIELDS = re.compile(r'(\s*)((?:static constexpr )?\w+) (\w+ = [^,;(]+), (\w+
 def main():
     header = open(sys.argv[1], encoding='utf-8').read()
     header = re.sub(r'^(inline namespace ASTERISM_ABI \{|\}  // namespace ASTERISM_ABI)$', '', header, flags=re.MULTILINE)
-    while ABBREVIATION.search(header):
-        header = ABBREVIATION.sub(r'\1&nbsp;', header)
-    lines = header.replace(' ASTERISM_API ', ' ').split('\n')
+    lines = keep_briefs(header).replace(' ASTERISM_API ', ' ').split('\n')
     comment, indent, used = [], 0, False  # the last comment, and whether a declaration has taken it
     for number, line in enumerate(lines):
         text = line.lstrip()
