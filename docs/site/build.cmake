@@ -11,6 +11,9 @@ foreach(program sphinx-build doxygen python3)
     message(FATAL_ERROR "The documentation site needs ${program}: `bash .ci/install-packages docs` installs it")
   endif()
 endforeach()
+# The interpreter itself: a wrapper that looks for it at each of some hundred headers takes minutes.
+execute_process(COMMAND ${python3} -c "import sys; print(sys.executable)" OUTPUT_VARIABLE python3
+                OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
 # A nicer look of the reference, where it is installed; Debian's package puts it below /usr/share.
 find_file(doxygen_style doxygen-awesome.css PATHS /usr/share /usr/local/share PATH_SUFFIXES doxygen-awesome-css NO_CACHE)
 if(NOT doxygen_style)
