@@ -76,9 +76,8 @@ def mark_cells(_, document):
 
 def mark_charts(app, document):
     """Charts are drawn on white; site.css inverts them in dark mode. A picture is a chart if it is an SVG or has one beside it."""
-    folder = pathlib.Path(app.srcdir) / pathlib.PurePosixPath(app.env.docname).parent
     for image in document.findall(nodes.image):
-        drawing = folder / pathlib.PurePosixPath(image['uri']).with_suffix('.svg')
+        drawing = pathlib.Path(app.srcdir, image['uri']).with_suffix('.svg')
         if drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8'):
             image['classes'].append('chart')
 
