@@ -11,16 +11,48 @@ foreach(program sphinx-build doxygen python3)
     message(FATAL_ERROR "The documentation site needs ${program}: `bash .ci/install-packages docs` installs it")
   endif()
 endforeach()
-find_file(doxygen_style doxygen-awesome-css/doxygen-awesome.css NO_CACHE) # a nicer look, where it is installed
+# The interpreter itself: a wrapper that looks for it at each of some hundred headers takes minutes.
+execute_process(COMMAND ${python3} -c "import sys; print(sys.executable)" OUTPUT_VARIABLE python3
+                OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
+# A nicer look of the reference, where it is installed; Debian's package puts it below /usr/share.
+find_file(doxygen_style doxygen-awesome.css PATHS /usr/share /usr/local/share PATH_SUFFIXES doxygen-awesome-css NO_CACHE)
 if(NOT doxygen_style)
+  message("the reference has Doxygen's own look: doxygen-awesome-css is not installed")
   set(doxygen_style "")
 endif()
 
+# The reference goes first: the search of the pages finds its symbols, by the tags that Doxygen writes.
 file(MAKE_DIRECTORY ${site} ${BINARY_DIR}/doxygen)
 configure_file(${docs}/site/Doxyfile.in ${BINARY_DIR}/Doxyfile @ONLY)
+execute_process(COMMAND ${doxygen} -w html ${BINARY_DIR}/doxygen/header.html ${BINARY_DIR}/doxygen/footer.html
+                        ${BINARY_DIR}/doxygen/doxygen.css ${BINARY_DIR}/Doxyfile OUTPUT_QUIET COMMAND_ERROR_IS_FATAL ANY)
+file(READ ${BINARY_DIR}/doxygen/header.html header)
+file(READ ${docs}/site/templates/doxygen_head.html head)
+string(REPLACE "</head>" "${head}</head>" header "${header}")
+string(REPLACE ">$projectname<" "><a href=\"$relpath^../index.html\">$projectname</a><" header "${header}")
+file(WRITE ${BINARY_DIR}/doxygen/header.html "${header}")
+execute_process(COMMAND ${doxygen} ${BINARY_DIR}/Doxyfile COMMAND_ERROR_IS_FATAL ANY)
+file(GLOB references ${site}/reference/class*.html ${site}/reference/struct*.html)
+foreach(page IN LISTS references) # Doxygen links to the list of nested classes of a class that has private ones alone
+  file(READ ${page} text)
+  if(text MATCHES "href=\"#nested-classes\"" AND NOT text MATCHES "id=\"nested-classes\"")
+    string(REPLACE "<a href=\"#nested-classes\">Classes</a> &#124;\n" "" text "${text}")
+    file(WRITE ${page} "${text}")
+  endif()
+endforeach()
+
+# Sphinx reads one folder: docs/, and pages beside it. It does so afresh, as it does not see that the reference has changed.
+set(pages ${BINARY_DIR}/pages)
+file(REMOVE_RECURSE ${pages})
+file(COPY ${docs}/ DESTINATION ${pages} PATTERN site EXCLUDE)
+file(COPY ${PROJECT_SOURCE_DIR}/CHANGELOG.md ${PROJECT_SOURCE_DIR}/CONTRIBUTING.md DESTINATION ${pages})
 execute_process(
-  COMMAND ${sphinx-build} -q -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site ${docs} ${site}
+  COMMAND ${sphinx-build} -q -E -a -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site
+          -D reference_tags=${BINARY_DIR}/doxygen/tags.xml ${pages} ${site}
   COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${site}/README.html ${site}/index.html)
-execute_process(COMMAND ${doxygen} ${BINARY_DIR}/Doxyfile COMMAND_ERROR_IS_FATAL ANY)
+execute_process(COMMAND ${python3} ${PROJECT_SOURCE_DIR}/tests/docs/check_site.py ${site} RESULT_VARIABLE problems)
+if(problems)
+  message(FATAL_ERROR "The site is not whole: see the lines above")
+endif()
 message("the site is ${site}/index.html")

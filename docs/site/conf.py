@@ -2,13 +2,19 @@
 
 Breathe would put the reference into Sphinx; Debian's does not know C++ concepts, which are our plug-in points.
 """
+import pathlib
 import re
+import xml.etree.ElementTree
+
+from docutils import nodes
+from docutils.utils import new_document
+from sphinx.domains import Domain, ObjType
 
 project = 'Asterism'
 extensions = ['myst_parser', 'sphinx.ext.mathjax']
 root_doc = 'README'
 source_suffix = {'.md': 'markdown'}
-exclude_patterns = ['site']
+ROOT_PAGES = ['CHANGELOG', 'CONTRIBUTING']  # of the project's root, see build.cmake
 nitpicky = True
 
 myst_enable_extensions = ['dollarmath']
@@ -45,8 +51,116 @@ def contents(text):
     return '\n\n' + '\n\n'.join(trees) + '\n'
 
 
+def read_source(_, page, source):
+    """build.cmake puts the pages of the project's root beside those of docs/."""
+    if page in ROOT_PAGES:
+        source[0] = source[0].replace('](docs/', '](')
+    else:
+        source[0] = re.sub(rf'\]\(\.\./({"|".join(ROOT_PAGES)})\.md', r'](\1.md', source[0])
+    if page == root_doc:
+        source[0] += contents(source[0])
+
+
+MAX_UNBROKEN, MIN_TEXT = 28, 60  # characters: a figure with its interval, a sentence
+
+
+def mark_cells(_, document):
+    """Classes for site.css, which tells figures from sentences by them."""
+    for cell in document.findall(nodes.entry):
+        size = len(cell.astext())
+        if size <= MAX_UNBROKEN:
+            cell['classes'].append('short')
+        elif size >= MIN_TEXT:
+            cell['classes'].append('text')
+
+
+def mark_charts(app, document):
+    """Charts are drawn on white; site.css inverts them in dark mode. A picture is a chart if it is an SVG or has one beside it."""
+    for image in document.findall(nodes.image):
+        drawing = pathlib.Path(app.srcdir, image['uri']).with_suffix('.svg')
+        if drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8'):
+            image['classes'].append('chart')
+
+
+class Reference(Domain):
+    """Doxygen's symbols, for the search of the pages and for objects.inv."""
+    name = 'reference'
+    label = 'C++'
+    KINDS = {'class': 'class', 'struct': 'struct', 'concept': 'concept', 'enumeration': 'enumeration', 'enumvalue': 'enumerator',
+             'function': 'function', 'typedef': 'type', 'variable': 'variable', 'define': 'macro'}
+    object_types = {kind: ObjType(words, kind) for kind, words in KINDS.items()}
+
+    def tags(self):
+        """(kind, name, page without .html, place in it, importance, what holds it) of each symbol"""
+        if not self.env.config.reference_tags:
+            return
+        for compound in xml.etree.ElementTree.parse(self.env.config.reference_tags).getroot().iter('compound'):
+            kind, inner = compound.get('kind'), compound.findtext('name')
+            holder = inner.removeprefix('asterism::') if kind in self.KINDS else ''
+            if holder:
+                yield kind, holder, compound.findtext('filename'), 'top', 0, ''
+            for member in compound.iter('member') if kind in self.KINDS or kind == 'namespace' else ():
+                page = member.findtext('anchorfile', '')
+                if member.get('kind') in self.KINDS and page and '@' not in member.findtext('name'):
+                    name = '::'.join(filter(None, [holder, member.findtext('name')]))
+                    yield member.get('kind'), name, page, member.findtext('anchor'), 2 if holder else 0, holder or inner
+
+    def get_objects(self):
+        seen = set()
+        for kind, name, page, place, importance, _ in self.tags():
+            page = 'reference/' + page.removesuffix('.html')
+            if (name, page) not in seen:  # an overload is on the same page
+                seen.add((name, page))
+                yield name, name, kind, page, place, importance
+
+    def resolve_any_xref(self, *_):
+        return []
+
+    def merge_domaindata(self, docnames, otherdata):
+        pass
+
+
+def index_reference(app):
+    """The search knows a symbol only if it knows its page; words of the reference stay out, or they would hide the guides."""
+    indexer = getattr(app.builder, 'indexer', None)
+    if indexer is None:
+        return []
+    pages = {page for _, _, _, page, _, _ in app.env.get_domain('reference').get_objects()}
+    for page in pages:
+        indexer.feed(page, page + '.html', '', new_document(page))
+        indexer._titles[page] = 'the reference'  # for display alone: titles that are fed are searched, too
+    # What Sphinx has not read is dropped just before the index is written.
+    indexer.prune = lambda kept: type(indexer).prune(indexer, {*kept, *pages})
+    return []
+
+
+def mend_theme(app, exception):
+    """Debian's Furo is not bundled: its style and script refer to files of other packages and lack what its compiler drops."""
+    static = pathlib.Path(app.outdir) / '_static'
+    style, script = static / 'styles/furo.css', static / 'scripts/furo.js'
+    if exception or not style.is_file():
+        return
+    text = style.read_text(encoding='utf-8')
+    foreign = re.match(r'@import url\((/javascript/[^)]*)\);', text)
+    if foreign:
+        text = pathlib.Path('/usr/share' + foreign[1]).read_text(encoding='utf-8') + text[foreign.end():]
+    if 'prefers-color-scheme' not in text:
+        dark = re.search(r'^@media not print \{\n(  body\[data-theme="dark"\] .*?\} \})$', text, re.DOTALL | re.MULTILINE)
+        text += '\n@media screen and (prefers-color-scheme: dark) {\n'
+        text += dark[1].replace('body[data-theme="dark"]', 'body:not([data-theme="light"])') + '\n'
+    style.write_text(text, encoding='utf-8')
+    text = script.read_text(encoding='utf-8')
+    imported = re.match(r'import Gumshoe from "\./([\w-]+\.js)";', text)
+    if imported:
+        text = (script.parent / imported[1]).read_text(encoding='utf-8') + text[imported.end():]
+        script.write_text(text, encoding='utf-8')
+
+
 def setup(app):
-    def add_contents(_, page, source):
-        if page == root_doc:
-            source[0] += contents(source[0])
-    app.connect('source-read', add_contents)
+    app.add_config_value('reference_tags', '', 'html')
+    app.add_domain(Reference)
+    app.connect('source-read', read_source)
+    app.connect('doctree-read', mark_charts)
+    app.connect('doctree-read', mark_cells)
+    app.connect('html-collect-pages', index_reference)
+    app.connect('build-finished', mend_theme)

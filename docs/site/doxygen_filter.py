@@ -9,6 +9,7 @@ import re
 import sys
 
 SAME_EVERYWHERE = [(re.compile(pattern), text) for pattern, text in [
+    (r'#define ASTERISM_STRING', 'Its argument as a string literal.'),
     (r'using Scalar = ', 'Type of coordinates, stiffness and energies: float or double.'),
     (r'using Point = ', 'One point, Dim x 1.'),
     (r'using Points = ', 'Points, Dim x N: a node is a column.'),
@@ -44,13 +45,34 @@ SAME_EVERYWHERE = [(re.compile(pattern), text) for pattern, text in [
 ]]
 
 
+# Doxygen ends a brief at a full stop before a space, unless a backslash is between them.
+ABBREVIATION = r'(///.*?\b(?:Secs?|Eqs?|Figs?|Alg|al|cf|e\.g|i\.e|vs)\.)'
+
+
+def keep_briefs(header):
+    header = re.sub(ABBREVIATION + r'\n( */// )(\S+) ?', r'\1 \3\n\2', header)  # not at the end of a line
+    count = 1
+    while count:
+        header, count = re.subn(ABBREVIATION + ' ', r'\1\\ ', header)
+    return header
+
+
 TWO_FIELDS = re.compile(r'(\s*)((?:static constexpr )?\w+) (\w+ = [^,;(]+), (\w+ = [^,;(]+);(.*)')
+
+
+def mark_file(header):
+    """Doxygen lists a header if a comment is for the file. The comment right after `#pragma once` is, if a blank line follows."""
+    said = re.match(r'#pragma once\n\n((?:///.*\n)+)\n', header)
+    if not said:
+        return header.replace('#pragma once\n\n', '#pragma once\n/** \\file */\n', 1)
+    lines = said[1].replace('///', '')
+    return f'#pragma once\n/** \\file\n{lines}*/\n' + header[said.end():]
 
 
 def main():
     header = open(sys.argv[1], encoding='utf-8').read()
     header = re.sub(r'^(inline namespace ASTERISM_ABI \{|\}  // namespace ASTERISM_ABI)$', '', header, flags=re.MULTILINE)
-    lines = header.replace(' ASTERISM_API ', ' ').split('\n')
+    lines = mark_file(keep_briefs(header)).replace(' ASTERISM_API ', ' ').split('\n')
     comment, indent, used = [], 0, False  # the last comment, and whether a declaration has taken it
     for number, line in enumerate(lines):
         text = line.lstrip()
