@@ -8,7 +8,7 @@ inline namespace ASTERISM_ABI {
 
 /// The answer of a part model for one frame: the only link between appearance and geometry.
 struct Evidence {
-  /// Visually most similar position x_A, sub-pixel.
+  /// Visually most similar position x_A, sub-pixel (a pixel centre, as all Point2).
   Point2 position = Point2::Zero();
   /// Similarity at that position (the paper's w), about 1 for a perfect match, >= 0.
   double peak = 0;

@@ -11,7 +11,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Where an object is in an image: an axis-aligned rectangle or a polygon [px].
+/// Where an object is in an image: an axis-aligned rectangle or a polygon [px]. All coordinates are those of
+/// boxes, which count pixels' edges: the top left pixel reaches from 0 to 1 (see Point2 for positions).
 class ASTERISM_API Region {
  public:
   /// A box that covers x .. x + width and y .. y + height.

@@ -16,7 +16,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// The state of one part after a frame.
+/// The state of one part after a frame. Positions are pixel centres, as all Point2 are.
 struct PartState {
   Point2 position;       ///< placement in the MAP constellation [px]
   Size2 size;            ///< of the part's template in the image [px]
@@ -33,13 +33,14 @@ struct StageTime {
 
 /// The corners of a box turned by `angle` [rad, from the x axis towards the y axis] about its middle,
 /// sub-pixel: those that the upright box has at its top left, top right, bottom right and bottom left. For
-/// angle 0 they are (x, y), (x + width, y), (x + width, y + height), (x, y + height).
+/// angle 0 they are (x, y), (x + width, y), (x + width, y + height), (x, y + height): pixels' edges, like the
+/// box.
 ASTERISM_API std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle);
 
 /// A tracker's answer for one frame.
 struct TrackResult {
-  /// Sub-pixel, axis-aligned. It may reach over the frame's border, but its centre is in the image: at least
-  /// 0 and at most width - 1 and height - 1.
+  /// Sub-pixel, axis-aligned, in pixels' edges. It may reach over the frame's border, but its centre
+  /// (centre_of) is in the image: at least 0 and at most width - 1 and height - 1.
   cv::Rect2d box;
   /// Rotation of the object since `init` [rad, from the x axis towards the y axis], estimated from its parts:
   /// 0 for trackers without parts. `box` is the object's box turned back upright.

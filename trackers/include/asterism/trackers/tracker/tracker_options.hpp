@@ -1,5 +1,7 @@
 #pragma once
 
+/// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
+
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
@@ -12,8 +14,6 @@
 #if __has_include(<asterism/trackers/others/keypoint_tracker.hpp>)
 #include <asterism/trackers/others/keypoint_tracker.hpp>
 #endif
-
-/// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
