@@ -9,7 +9,9 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// A position in the image: (x, y) in pixels, the centre of the top left pixel is (0, 0).
+/// A position in the image: (x, y) in pixels, the centre of the top left pixel is (0, 0). Boxes (cv::Rect2d)
+/// and their corners count pixels' edges instead, so that the top left pixel is the box from 0 to 1 on both
+/// axes: `centre_of` and `box_around` convert between the two, half a pixel apart.
 using Point2 = Eigen::Vector2d;
 /// Width and height in pixels, both > 0.
 using Size2 = Eigen::Vector2d;
