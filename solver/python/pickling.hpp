@@ -2,9 +2,10 @@
 
 // What pickle and copy need of the classes: their fields as a tuple, and back.
 
-#include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include <Eigen/Core>
+#include <algorithm>
 #include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <optional>
@@ -36,6 +37,9 @@ inline std::string_view interned(const std::string& text) {
   return *all->insert(text).first;
 }
 
+template <typename T>
+constexpr bool kIsMatrix = std::is_base_of_v<Eigen::MatrixBase<T>, T>;
+
 /// One field as an object of Python's own types, and back.
 template <typename T>
 py::object to_field(const T& value) {
@@ -43,6 +47,8 @@ py::object to_field(const T& value) {
     return py::int_(static_cast<int>(value));
   } else if constexpr (std::is_same_v<T, Message>) {
     return py::str(std::string(std::string_view(value)));
+  } else if constexpr (kIsMatrix<T>) {
+    return py::cast(std::vector<double>(value.data(), value.data() + value.size()));
   } else {
     return py::cast(value);
   }
@@ -56,6 +62,11 @@ void from_field(const py::object& field, T& value) {
     value = Message(field.cast<std::string>());
   } else if constexpr (std::is_same_v<T, std::string_view>) {
     value = interned(field.cast<std::string>());
+  } else if constexpr (kIsMatrix<T>) {
+    const auto numbers = field.cast<std::vector<double>>();
+    if (numbers.size() != static_cast<std::size_t>(value.size()))
+      throw py::value_error("a pickle of another size");
+    std::copy(numbers.begin(), numbers.end(), value.data());
   } else {
     value = field.cast<T>();
   }

@@ -313,11 +313,12 @@ py::array array_of(const std::array<cv::Point2d, 4>& corners) {
 }
 
 py::tuple fields_of(const TrackResult& r) {
+  const py::object covariance = r.covariance ? to_field(*r.covariance) : py::none();
   py::list links, times;
   for (const Link& link : r.links) links.append(py::make_tuple(link.i, link.j));
   for (const StageTime& time : r.times)
     times.append(py::make_tuple(std::string(time.stage), time.milliseconds));
-  return py::make_tuple(tuple_of(r.box), r.angle, r.confidence, r.lost, r.interrupted, r.covariance,
+  return py::make_tuple(tuple_of(r.box), r.angle, r.confidence, r.lost, r.interrupted, covariance,
                         r.certified, r.parts, r.update_threshold, links, times);
 }
 
@@ -330,7 +331,7 @@ TrackResult result_of(const py::tuple& state) {
   from_field(fields[2], r.confidence);
   from_field(fields[3], r.lost);
   from_field(fields[4], r.interrupted);
-  from_field(fields[5], r.covariance);
+  if (!fields[5].is_none()) from_field(fields[5], r.covariance.emplace());
   from_field(fields[6], r.certified);
   from_field(fields[7], r.parts);
   from_field(fields[8], r.update_threshold);
