@@ -1,5 +1,5 @@
 # The Debian packages that cpack makes of the install rules: libasterism-dev (headers, CMake and pkg-config files, static
-# libraries), asterism-tools and, where BUILD_SHARED_LIBS, libasterism0.1.
+# libraries), asterism-tools, python3-asterism and, where BUILD_SHARED_LIBS, libasterism0.1.
 
 # What users of each component need beside libasterism-dev.
 set(asterism_debian_solver libeigen3-dev)
@@ -58,6 +58,23 @@ function(asterism_debian_packages)
   if(tools)
     asterism_debian_package(tools asterism-tools video "Programs that track objects in video.")
     set(CPACK_DEBIAN_ASTERISM_TOOLS_PACKAGE_SHLIBDEPS ON)
+  endif()
+  if(TARGET asterism_python)
+    asterism_debian_package(python python3-asterism python "Python module: solvers and trackers on NumPy arrays.")
+    set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_SHLIBDEPS ON)
+    # The compiled module is of one minor version of Python.
+    get_directory_property(major DIRECTORY solver/python DEFINITION Python3_VERSION_MAJOR)
+    get_directory_property(minor DIRECTORY solver/python DEFINITION Python3_VERSION_MINOR)
+    math(EXPR next "${minor} + 1")
+    set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_DEPENDS "python3 (>= ${major}.${minor}), python3 (<< ${major}.${next}), python3-numpy")
+    if(BUILD_SHARED_LIBS)
+      string(APPEND CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_DEPENDS ", ${runtime} ${same_version}")
+    endif()
+    set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_SUGGESTS "python3-scipy, python3-matplotlib")
+    # Compiles the sources when installed, and removes what was compiled.
+    set(scripts ${PROJECT_SOURCE_DIR}/.packaging/debian)
+    set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_CONTROL_EXTRA "${scripts}/postinst;${scripts}/prerm")
+    set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_CONTROL_STRICT_PERMISSION ON)
   endif()
   include(CPack)
 endfunction()

@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "bindings.hpp"
+#include "pickling.hpp"
 
 namespace asterism::python {
 
@@ -45,8 +46,8 @@ template <typename View>
 void def_values(py::class_<AnyBatch>& type, const char* name, View view, const char* doc) {
   type.def_property(
       name, [view](const py::object& self) { return view(self); },
-      [view](const py::object& self, const py::object& values) {
-        view(self).attr("__setitem__")(py::ellipsis(), values);
+      [view, name](const py::object& self, const py::object& values) {
+        view(self).attr("__setitem__")(py::ellipsis(), numbers(values, name));
       },
       doc);
 }
@@ -93,7 +94,9 @@ BatchSummary solve(AnyBatch& self, int threads, const std::string& simd, const N
 }  // namespace
 
 void bind_batch(py::module_& m) {
-  py::class_<BatchSummary>(m, "BatchSummary", "The result of a batch as a whole.")
+  py::class_<BatchSummary> summary(m, "BatchSummary", "The result of a batch as a whole.");
+  def_copy(summary);
+  summary
       .def_readonly("status", &BatchSummary::status,
                     "CONVERGED if every system has converged, otherwise the first other status of a system.")
       .def_property_readonly(
@@ -110,6 +113,13 @@ void bind_batch(py::module_& m) {
       .def(
           "__bool__", [](const BatchSummary& s) { return s.status == Status::Converged; },
           "Whether every system has converged.")
+      .def(pickled<BatchSummary>([](auto& s, auto&& field) {
+        field(s.status);
+        field(s.message);
+        for (auto* count : {&s.first_failure, &s.converged, &s.by_scalar}) field(*count);
+        field(s.simd);
+        field(s.seconds);
+      }))
       .def("__repr__", [](const BatchSummary& s) {
         return "<asterism.BatchSummary: " + std::to_string(s.converged) + " converged (" +
                std::string(std::string_view(s.message)) + ")>";
@@ -119,7 +129,31 @@ void bind_batch(py::module_& m) {
       m, "SpringBatch",
       "M spring systems of one topology with their points, solved in SIMD lanes. The arrays are the batch's "
       "own\n"
-      "memory, views of planes of M numbers: assign to them in place. They start as NaN.");
+      "memory, views of planes of M numbers: assign to them in place. They start as NaN. A copy has the\n"
+      "values and x, but not what the last solve reported.");
+  def_copy(type);
+  constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness", "x"};
+  type.def(py::pickle(
+      [kArrays](const py::object& self) {
+        auto& batch = self.cast<AnyBatch&>();
+        const Exclusive use(batch.busy, "this asterism.SpringBatch");
+        py::list state;
+        batch.visit([&state](auto& b) {
+          state.append(py::cast(b.topology()));
+          state.append(b.size());
+          state.append(b.kDim);
+        });
+        for (const char* name : kArrays) state.append(self.attr(name).attr("copy")());
+        return py::tuple(state);
+      },
+      [kArrays](const py::tuple& state) {
+        const Fields fields(state, 8);
+        AnyBatch made =
+            make_batch(fields[0].cast<const Topology<>&>(), fields[1].cast<int>(), fields[2].cast<int>());
+        const py::object view = py::cast(&made, py::return_value_policy::reference);
+        for (std::size_t i = 0; i < 5; ++i) view.attr(kArrays[i]) = fields[i + 3];
+        return made;
+      }));
   type.def(py::init(&make_batch), py::arg("topology"), py::arg("count").noconvert(),
            py::arg("dim").noconvert() = 2, "count: number of systems M. dim: 2 or 3.");
   const auto points = [](auto plane_of) {

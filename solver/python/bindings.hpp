@@ -60,29 +60,61 @@ inline std::string text_of(const Shape& shape) {
 
 inline Shape shape_of(const py::array& array) { return {array.shape(), array.shape() + array.ndim()}; }
 
-/// The array itself, if it is float64, C-contiguous and of this shape; TypeError or ValueError that says what
-/// was expected else. `name` begins the message.
-inline py::array_t<double> checked(const py::object& object, const char* name, const Shape& shape,
-                                   bool writeable = false) {
-  const std::string begin = std::string(name) + ": expected ";
-  if (!py::isinstance<py::array>(object)) {
-    throw py::type_error(begin + "a NumPy array of float64, found " +
-                         py::str(py::type::of(object).attr("__name__")).cast<std::string>());
+inline std::string type_name(const py::handle& object) {
+  return py::str(py::type::handle_of(object).attr("__name__")).cast<std::string>();
+}
+
+/// Numbers that are read, as a C-contiguous array of float64: the array itself, if it is one, else a copy.
+/// Lists, scalars, bools, integers and floats of any size are taken; anything else is a TypeError that `name`
+/// begins.
+inline py::array_t<double> numbers(const py::object& object, const char* name) {
+  constexpr int kFlags = py::array::c_style | py::array::forcecast;
+  const auto array = py::array::ensure(object);
+  const bool is_of_numbers =
+      array && std::string_view("biuf").find(array.dtype().kind()) != std::string_view::npos;
+  const auto result =
+      is_of_numbers ? py::array_t<double, kFlags>::ensure(array) : py::array_t<double, kFlags>();
+  if (!is_of_numbers || !result) {
+    PyErr_Clear();
+    const bool says_no_more = !py::isinstance<py::array>(object) && (!array || array.dtype().kind() == 'O');
+    throw py::type_error(std::string(name) + ": expected numbers, found " +
+                         (says_no_more ? type_name(object) : py::str(array.dtype()).cast<std::string>()));
   }
+  if (reinterpret_cast<std::uintptr_t>(result.data()) % alignof(double) == 0) return result;
+  return result.attr("copy")();
+}
+
+/// The same of this shape, or a ValueError.
+inline py::array_t<double> numbers(const py::object& object, const char* name, const Shape& shape) {
+  auto array = numbers(object, name);
+  if (const Shape found = shape_of(array); found != shape) {
+    throw py::value_error(std::string(name) + ": expected shape " + text_of(shape) + ", found " +
+                          text_of(found));
+  }
+  return array;
+}
+
+/// The array itself, which a result is written into; TypeError or ValueError for any other than one message
+/// says.
+inline py::array_t<double> output(const py::object& object, const char* name, const Shape& shape) {
+  const std::string expected =
+      std::string(name) +
+      ": the result is written into it, so expected a C-contiguous, writeable NumPy array "
+      "of float64 and shape " +
+      text_of(shape) + "; found ";
+  if (!py::isinstance<py::array>(object)) throw py::type_error(expected + type_name(object));
   const auto array = py::reinterpret_borrow<py::array>(object);
   if (!py::isinstance<py::array_t<double>>(array)) {
-    throw py::type_error(begin + "float64, found " + py::str(array.dtype()).cast<std::string>());
+    throw py::type_error(expected + py::str(array.dtype()).cast<std::string>());
   }
   if (const Shape found = shape_of(array); found != shape) {
-    throw py::value_error(begin + "shape " + text_of(shape) + ", found " + text_of(found));
+    throw py::value_error(expected + "shape " + text_of(found));
   }
   if (!(array.flags() & py::array::c_style) ||
       reinterpret_cast<std::uintptr_t>(array.data()) % alignof(double) != 0) {
-    throw py::value_error(begin + "a C-contiguous array (numpy.ascontiguousarray makes one)");
+    throw py::value_error(expected + "one that is not C-contiguous or not aligned");
   }
-  if (writeable && !array.writeable()) {
-    throw py::value_error(begin + "a writeable array, as the result goes there; this one is read-only");
-  }
+  if (!array.writeable()) throw py::value_error(expected + "one that is read-only");
   return py::reinterpret_borrow<py::array_t<double>>(array);
 }
 
@@ -94,7 +126,7 @@ auto map_points(const py::array_t<double>& array) {
 
 template <int Dim>
 typename System<Dim>::Points points_of(const System<Dim>& system, const py::object& x) {
-  return map_points<Dim>(checked(x, "x", {system.nodes(), Dim}));
+  return map_points<Dim>(numbers(x, "x", {system.nodes(), Dim}));
 }
 
 /// A matrix as an array that owns it, with this shape in C order; nothing is copied.

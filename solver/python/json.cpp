@@ -35,7 +35,7 @@ void bind_json(py::module_& m) {
       "_system_to_json",
       [](AnySystem& system, const py::object& start, const std::string& name, const std::string& origin) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          const auto points = map_points<Dim>(checked(start, "start", {s.nodes(), Dim}));
+          const auto points = map_points<Dim>(numbers(start, "start", {s.nodes(), Dim}));
           try {
             return system_to_json(s, points, name, nlohmann::json::parse(origin)).dump();
           } catch (const std::runtime_error& error) {

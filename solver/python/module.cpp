@@ -3,6 +3,9 @@
 PYBIND11_MODULE(_asterism, m) {
   using namespace asterism::python;
   m.doc() = "Asterism, compiled: what the package `asterism` shows.";
+  // Classes and functions are the package's: in signatures, in help, and in pickles.
+  const py::object name = m.attr("__name__");
+  m.attr("__name__") = "asterism";
   m.attr("__version__") = ASTERISM_VERSION;
   bind_systems(m);
   bind_solvers(m);
@@ -13,4 +16,5 @@ PYBIND11_MODULE(_asterism, m) {
 #ifdef ASTERISM_PYTHON_TRACKERS
   bind_trackers(m);
 #endif
+  m.attr("__name__") = name;
 }

@@ -13,6 +13,7 @@
 #include <sstream>
 
 #include "bindings.hpp"
+#include "pickling.hpp"
 
 namespace asterism::python {
 
@@ -133,7 +134,7 @@ class Solver {
     const Exclusive use(busy_, "this asterism.Solver");
     PythonCallback callback(on_iteration);
     return system.visit([&]<int Dim>(System<Dim>& s) {
-      py::array_t<double> array = checked(x, "x", {s.nodes(), Dim}, true);
+      py::array_t<double> array = output(x, "x", {s.nodes(), Dim});
       if (detail::shares_memory(s, array.data(), array.size())) {  // the solver sees a copy of it
         Summary refused;
         refused.status = Status::InvalidInput;
@@ -251,8 +252,9 @@ void bind_status(py::module_& m) {
 void bind_solvers(py::module_& m) {
   bind_status(m);
 
-  py::class_<Summary>(m, "Summary", "The result of a solver. Numbers are -1 until they are known.")
-      .def_readonly("status", &Summary::status, "Why it stopped.")
+  py::class_<Summary> summary(m, "Summary", "The result of a solver. Numbers are -1 until they are known.");
+  def_copy(summary);
+  summary.def_readonly("status", &Summary::status, "Why it stopped.")
       .def_property_readonly(
           "message", [](const Summary& s) { return text_of(s.message); }, "The reason in words.")
       .def_property_readonly(
@@ -275,6 +277,17 @@ void bind_solvers(py::module_& m) {
       .def_readonly("seconds", &Summary::seconds, "Wall-clock time of the solve.")
       .def_property_readonly("usable", &Summary::usable, "x is finite and at least as good as the start.")
       .def("__bool__", &Summary::usable, "`usable`, so that `if not solve(...)` sees a failure.")
+      .def(pickled<Summary>([](auto& s, auto&& field) {
+        field(s.status);
+        field(s.message);
+        field(s.solver);
+        for (auto* count : {&s.iterations, &s.energy_evaluations, &s.gradient_evaluations, &s.linear_solves,
+                            &s.factorizations, &s.positive_definite})
+          field(*count);
+        for (auto* number : {&s.initial_energy, &s.final_energy, &s.lower_bound, &s.gradient_norm,
+                             &s.stationarity, &s.seconds})
+          field(*number);
+      }))
       .def(
           "as_dict",
           [](const py::object& self) {
@@ -297,9 +310,13 @@ void bind_solvers(py::module_& m) {
   m.def(
       "methods", [] { return solvers<2>().names(); }, "The methods of this build, for solve and Solver.");
 
-  py::class_<Solver>(m, "Solver",
-                     "A method that keeps its memory between solves, for systems of any size and dimension.\n"
-                     "RuntimeError if two threads use it at once.")
+  py::class_<Solver> solver(
+      m, "Solver",
+      "A method that keeps its memory between solves, for systems of any size and dimension.\n"
+      "RuntimeError if two threads use it at once. A copy has the method and its options, and memory of its "
+      "own.");
+  def_copy(solver);
+  solver
       .def(py::init<const std::string&, const py::kwargs&>(), py::arg("method") = "auto",
            "method: one of methods(), otherwise ValueError. options: those that `options` lists, otherwise "
            "TypeError.")
@@ -307,6 +324,11 @@ void bind_solvers(py::module_& m) {
            kSolve)
       .def_property_readonly("method", &Solver::method, "The method's name.")
       .def_property_readonly("options", &Solver::options, "The options, a copy.")
+      .def(py::pickle([](Solver& self) { return py::make_tuple(self.method(), self.options()); },
+                      [](const py::tuple& state) {
+                        const Fields fields(state, 2);
+                        return std::make_unique<Solver>(fields[0].cast<std::string>(), py::kwargs(fields[1]));
+                      }))
       .def("__repr__", [](const Solver& self) { return "<asterism.Solver: " + self.method() + ">"; });
 
   const std::string doc = std::string(kSolve) +

@@ -16,6 +16,7 @@
 #include <string_view>
 
 #include "bindings.hpp"
+#include "pickling.hpp"
 
 namespace asterism::python {
 
@@ -53,16 +54,12 @@ std::vector<Link> links_of(const py::object& object) {
 /// Points of any number and of 2 or 3 dimensions.
 template <typename F>
 decltype(auto) with_points(const py::object& object, const char* name, F&& f) {
-  py::ssize_t n = 0;
-  py::ssize_t dim = 2;
-  if (py::isinstance<py::array>(object)) {
-    const auto array = py::reinterpret_borrow<py::array>(object);
-    if (array.ndim() == 2) {
-      n = array.shape(0);
-      dim = array.shape(1) == 3 ? 3 : 2;
-    }
+  const py::array_t<double> points = numbers(object, name);
+  const py::ssize_t dim = points.ndim() == 2 && points.shape(1) == 3 ? 3 : 2;
+  if (points.ndim() != 2 || points.shape(1) != dim) {
+    throw py::value_error(std::string(name) + ": expected shape (N, 2) or (N, 3), found " +
+                          text_of(shape_of(points)));
   }
-  const py::array_t<double> points = checked(object, name, {n, dim});
   return dim == 3 ? f(map_points<3>(points)) : f(map_points<2>(points));
 }
 
@@ -84,8 +81,8 @@ void def_values(py::class_<AnySystem>& type, const char* name, Member member, co
       return py::array_t<double>(shape, values.data(), self);
     });
   };
-  const auto set = [view](const py::object& self, const py::object& values) {
-    view(self).attr("__setitem__")(py::ellipsis(), values);
+  const auto set = [view, name](const py::object& self, const py::object& values) {
+    view(self).attr("__setitem__")(py::ellipsis(), numbers(values, name));
   };
   type.def_property(name, view, set, doc);
 }
@@ -121,10 +118,12 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
 }  // namespace
 
 void bind_systems(py::module_& m) {
-  py::class_<Topology<>>(
+  py::class_<Topology<>> topologies(
       m, "Topology",
       "Which nodes are linked: an immutable list of links between nodes 0 .. nodes - 1.\n\n"
-      "Duplicated links act as springs in parallel. ValueError names an invalid link.")
+      "Duplicated links act as springs in parallel. ValueError names an invalid link.");
+  def_copy(topologies);
+  topologies
       .def_static(
           "full", [](int nodes) { return valid(Topology<>::full(nodes)); }, py::arg("nodes").noconvert(),
           "Every pair, in the order (0, 1), (0, 2), ..., (1, 2), ...")
@@ -159,6 +158,14 @@ void bind_systems(py::module_& m) {
             return view;
           },
           "The links, (L, 2), read-only.")
+      .def(py::pickle(
+          [](const py::object& self) {
+            return py::make_tuple(self.attr("nodes"), self.attr("links").attr("copy")());
+          },
+          [](const py::tuple& state) {
+            const Fields fields(state, 2);
+            return valid(Topology<>::from_links(fields[0].cast<int>(), links_of(fields[1])));
+          }))
       .def("__repr__", [](const Topology<>& self) {
         return "<asterism.Topology: " + std::to_string(self.nodes()) + " nodes, " +
                std::to_string(self.link_count()) + " links>";
@@ -173,6 +180,33 @@ void bind_systems(py::module_& m) {
       "forgotten value is an error. Do not change them while another thread solves the system.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
            "dim: coordinates of a point, 2 or 3.");
+  constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness"};
+  type.def(py::pickle(
+      [kArrays](const py::object& self) {
+        const auto& system = self.cast<AnySystem&>();
+        py::list state, fixed;
+        state.append(self.attr("topology"));
+        state.append(self.attr("dim"));
+        for (const char* name : kArrays) state.append(self.attr(name).attr("copy")());
+        std::visit(
+            [&](auto& s) {
+              for (int i = 0; i < s.nodes(); ++i) {
+                if (s.is_fixed(i)) fixed.append(i);
+              }
+            },
+            system.of_dim);
+        state.append(fixed);
+        return py::tuple(state);
+      },
+      [kArrays](const py::tuple& state) {
+        const Fields fields(state, 7);
+        AnySystem made = make_system(fields[0].cast<const Topology<>&>(), fields[1].cast<int>());
+        const py::object view = py::cast(&made, py::return_value_policy::reference);
+        for (std::size_t i = 0; i < 4; ++i) view.attr(kArrays[i]) = fields[i + 2];
+        for (const py::handle node : py::list(fields[6])) view.attr("fix")(node);
+        return made;
+      }));
+  def_copy(type);
   def_values(
       type, "anchors", [](auto& s) -> auto& { return s.anchors; }, "a_i, (N, dim) [px].");
   def_values(
@@ -188,7 +222,7 @@ void bind_systems(py::module_& m) {
           "set_rest_lengths",
           [](AnySystem& self, const py::object& points) {
             self.visit([&]<int Dim>(System<Dim>& system) {
-              system.set_rest_lengths(map_points<Dim>(checked(points, "points", {system.nodes(), Dim})));
+              system.set_rest_lengths(map_points<Dim>(numbers(points, "points", {system.nodes(), Dim})));
             });
           },
           py::arg("points"), "Sets every rest length to the distance of its two nodes in points (N, dim).")
@@ -230,7 +264,7 @@ void bind_systems(py::module_& m) {
         });
       });
 
-  // x is (N, dim), float64 and C-contiguous; values that a solver would refuse are a ValueError.
+  // x is (N, dim); values that a solver would refuse are a ValueError.
   m.def(
       "energy",
       [](AnySystem& system, const py::object& x) {
@@ -275,10 +309,12 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"),
       "How far x is from a stationary point, without units. The solvers' tolerance applies to it.");
-  py::class_<Certificate>(
+  py::class_<Certificate> certificate(
       m, "Certificate",
       "What certify() proves about a placement. Every number is rigorous: the rounding of its\n"
-      "computation is accounted for.")
+      "computation is accounted for.");
+  def_copy(certificate);
+  certificate
       .def_property_readonly("certified", &Certificate::certified, "x is proven to be a global minimum.")
       .def_property_readonly(
           "unique", [](const Certificate& c) { return c.proof == Proof::UniqueGlobalMinimum; },
@@ -298,6 +334,14 @@ void bind_systems(py::module_& m) {
       .def_readonly("distance", &Certificate::distance,
                     "No global minimum has a node farther from x [px]; inf if unknown.")
       .def("__bool__", &Certificate::certified, "`certified`.")
+      .def(pickled<Certificate>([](auto& c, auto&& field) {
+        field(c.proof);
+        field(c.reason);
+        field(c.energy);
+        field(c.lower_bound);
+        field(c.least_eigenvalue);
+        field(c.distance);
+      }))
       .def("__repr__", [](const Certificate& self) {
         std::ostringstream text;
         text << "<asterism.Certificate: " << self << ">";

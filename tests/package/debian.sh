@@ -25,7 +25,7 @@ install() { inside apt-get install -qq -y --no-install-recommends -o Dpkg::Use-P
 absent() { for package in "$@"; do ! inside dpkg -s "$package" >/dev/null 2>&1 || { echo "$package came along"; exit 1; }; done; }
 mkdir "$root/packages"
 for deb in "$packages"/*.deb; do cp "$deb" "$root/packages/$(dpkg-deb --field "$deb" Package).deb"; done
-cp -r tests/package/consumer tests/docs/video.cpp "$root"
+cp -r tests/package/consumer tests/package/python_consumer.py tests/docs/video.cpp "$root"
 version=$(sed -nE 's/^  VERSION (.*)/\1/p' CMakeLists.txt)
 runtime=libasterism${version%.*}
 
@@ -57,8 +57,13 @@ inside sh -c 'g++ -std=c++20 /video.cpp -o /out/video $(pkg-config --cflags --li
 inside asterism-track /out/video.avi --box 100,80,48,64 --tracker dpt --out /out/boxes.csv
 [[ $(wc -l <"$root/out/boxes.csv") -gt 40 ]]
 
-inside dpkg --verify "$runtime" libasterism-dev asterism-tools
+# The Python module: what it says, and a solve and an object followed.
+install /packages/python3-asterism.deb
+inside python3 /python_consumer.py
+[[ -n $(find "$root/usr/lib/python3/dist-packages/asterism" -name '*.pyc') ]] || { echo "the module was not compiled"; exit 1; }
+
+inside dpkg --verify "$runtime" libasterism-dev asterism-tools python3-asterism
 inside apt-get purge -qq -y -o Dpkg::Use-Pty=0 "$runtime" >/dev/null
-absent libasterism-dev asterism-tools
+absent libasterism-dev asterism-tools python3-asterism
 [[ -z $(find "$root/usr" "$root/etc" -iname '*asterism*') ]] || { echo "files are left behind"; exit 1; }
 echo "the packages are content"

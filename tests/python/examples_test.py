@@ -33,7 +33,7 @@ class ExamplesTest(unittest.TestCase):
     def assert_drawn(self, colors):
         """A figure with at least so many colors: axes alone have fewer."""
         pixels = np.asarray(Image.open(self.figure).convert("RGB"))
-        self.assertGreater(min(pixels.shape[:2]), 300)
+        self.assertGreater(min(pixels.shape[:2]), 250)
         self.assertGreater(len(np.unique(pixels.reshape(-1, 3), axis=0)), colors)
 
     def test_solve_and_draw(self):
@@ -62,6 +62,20 @@ class ExamplesTest(unittest.TestCase):
         page = (PROJECT / "docs/python.md").read_text()
         shown = re.search(r"examples/constellation.py -->\n```python\n.*?^```\n\n```text\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
         self.assertEqual(self.run_example("constellation.py"), shown[1])
+
+    def test_gallery(self):
+        page = (PROJECT / "docs/gallery.md").read_text()
+        scripts = sorted((EXAMPLES / "gallery").glob("*.py"))
+        self.assertGreaterEqual(len(scripts), 4)
+        for script in scripts:
+            with self.subTest(script.name):
+                self.run_example(f"gallery/{script.name}", self.figure)
+                self.assert_drawn(300)
+                self.assertIn(f"```python\n{script.read_text()}```", page)
+                picture = f"images/gallery-{script.stem.replace('_', '-')}.png"
+                self.assertIn(f"]({picture})", page)
+                with Image.open(PROJECT / "docs" / picture) as shown, Image.open(self.figure) as drawn:
+                    self.assertEqual(shown.size, drawn.size)
 
     def test_help(self):
         for name in ("solve_and_draw.py", "compare_solvers.py", "track_video.py"):

@@ -76,7 +76,7 @@ class TopologyTest(unittest.TestCase):
             asterism.Topology.full(-1)
         with self.assertRaisesRegex(ValueError, "not finite"):
             asterism.Topology.k_nearest(np.full((3, 2), np.nan), 1)
-        with self.assertRaisesRegex(ValueError, r"points: expected shape \(3, 2\), found \(3, 4\)"):
+        with self.assertRaisesRegex(ValueError, r"points: expected shape \(N, 2\) or \(N, 3\), found \(3, 4\)"):
             asterism.Topology.k_nearest(np.zeros((3, 4)), 1)
 
 
@@ -438,31 +438,101 @@ class SolveTest(unittest.TestCase):
             self.assertEqual(summary.status, asterism.Status.CONVERGED)
             self.assertLessEqual(asterism.stationarity(system, x), 1e-8)
 
-    def test_refuses_other_arrays(self):
+    def test_refuses_other_arrays_for_the_result(self):
         system, x = random_system()
         read_only = x.copy()
         read_only.flags.writeable = False
         for bad, error, message in [
-            (x.tolist(), TypeError, "x: expected a NumPy array of float64, found list"),
-            (x.astype(np.float32), TypeError, "x: expected float64, found float32"),
-            (x.astype(int), TypeError, "x: expected float64, found int64"),
-            (x.astype(">f8"), TypeError, "x: expected float64, found >f8"),
-            (x[:-1], ValueError, r"x: expected shape \(6, 2\), found \(5, 2\)"),
-            (x.ravel(), ValueError, r"x: expected shape \(6, 2\), found \(12,\)"),
-            (np.array(1.0), ValueError, r"x: expected shape \(6, 2\), found \(\)"),
-            (x.astype(complex), TypeError, "x: expected float64, found complex128"),
-            (x.astype(object), TypeError, "x: expected float64, found object"),
-            (x.astype(np.longdouble), TypeError, "x: expected float64, found "),
-            (np.float64(1), TypeError, "x: expected a NumPy array of float64, found float64"),
-            (None, TypeError, "x: expected a NumPy array of float64, found NoneType"),
-            (np.asfortranarray(x), ValueError, "x: expected a C-contiguous array"),
-            (np.repeat(x, 2, axis=0)[::2], ValueError, "x: expected a C-contiguous array"),
-            (np.frombuffer(b"0" + x.tobytes(), np.uint8)[1:].view(float).reshape(6, 2), ValueError, "x: expected a"),
-            (read_only, ValueError, "x: expected a writeable array"),
+            (x.tolist(), TypeError, "list"),
+            (x.astype(np.float32), TypeError, "float32"),
+            (x.astype(int), TypeError, "int64"),
+            (x.astype(">f8"), TypeError, ">f8"),
+            (x[:-1], ValueError, r"shape \(5, 2\)"),
+            (x.ravel(), ValueError, r"shape \(12,\)"),
+            (np.array(1.0), ValueError, r"shape \(\)"),
+            (x.astype(complex), TypeError, "complex128"),
+            (x.astype(object), TypeError, "object"),
+            (x.astype(np.longdouble), TypeError, "float128|longdouble"),
+            (np.float64(1), TypeError, "float64"),
+            (None, TypeError, "NoneType"),
+            (np.asfortranarray(x), ValueError, "one that is not C-contiguous"),
+            (np.repeat(x, 2, axis=0)[::2], ValueError, "one that is not C-contiguous"),
+            (np.frombuffer(b"0" + x.tobytes(), np.uint8)[1:].view(float).reshape(6, 2), ValueError, "one that is not"),
+            (read_only, ValueError, "one that is read-only"),
         ]:
-            with self.subTest(message), self.assertRaisesRegex(error, message):
+            begin = (
+                "x: the result is written into it, so expected a C-contiguous, writeable NumPy array of float64 and shape "
+                r"\(6, 2\); found "
+            )
+            with self.subTest(message), self.assertRaisesRegex(error, begin + f"({message})"):
                 asterism.solve(system, bad)
-        asterism.energy(system, read_only)  # which writes nothing
+
+
+class InputTest(unittest.TestCase):
+    """Arrays that are only read may be of any numbers."""
+
+    def functions(self, system):
+        for function in (asterism.energy, asterism.gradient, asterism.hessian, asterism.stationarity, asterism.node_covariances):
+            yield lambda x, function=function: function(system, x)
+        yield lambda x: asterism.certify(system, x).energy
+        yield lambda x: asterism.sparse_hessian(system, x).toarray()
+        yield lambda x: asterism.Topology.k_nearest(x, 2).links
+        yield lambda x: system.set_rest_lengths(x)
+        if hasattr(asterism, "read_systems"):
+            yield lambda x: asterism._asterism._system_to_json(system, x, "", "{}")
+
+    def test_taken(self):
+        system, x = random_system()
+        whole = np.round(x)
+        read_only = whole.copy()
+        read_only.flags.writeable = False
+        for k, function in enumerate(self.functions(system)):
+            expected = function(whole)
+            for name, given in {
+                "list": whole.tolist(),
+                "tuples": tuple(map(tuple, whole)),
+                "integers": whole.astype(int),
+                "small integers": whole.astype(np.int8),
+                "float32": whole.astype(np.float32),
+                "float16": whole.astype(np.float16),
+                "long double": whole.astype(np.longdouble),
+                "another byte order": whole.astype(">f8"),
+                "columns first": np.asfortranarray(whole),
+                "every second row": np.repeat(whole, 2, axis=0)[::2],
+                "not aligned": np.frombuffer(b"0" + whole.tobytes(), np.uint8)[1:].view(float).reshape(6, 2),
+                "read-only": read_only,
+            }.items():
+                with self.subTest(name, function=k):
+                    np.testing.assert_array_equal(function(given), expected)
+
+    def test_refused(self):
+        system, x = random_system()
+        shape = r"x|points|start"
+        for k, function in enumerate(self.functions(system)):
+            for bad, error, message in [
+                (x.astype(complex), TypeError, "expected numbers, found complex128"),
+                (x.astype(object), TypeError, "expected numbers, found object"),
+                ("x", TypeError, "expected numbers, found <U1"),
+                (None, TypeError, "expected numbers, found NoneType"),
+                ({}, TypeError, "expected numbers, found dict"),
+                (x.ravel(), ValueError, r"expected shape .*, found \(12,\)"),
+                (1, ValueError, r"expected shape .*, found \(\)"),
+            ]:
+                with self.subTest(message, function=k), self.assertRaisesRegex(error, f"({shape}): {message}"):
+                    function(bad)
+
+    def test_values(self):
+        system, _ = random_system()
+        batch = asterism.SpringBatch(system.topology, 2)
+        for owner in (system, batch):
+            for values in (3, 3.0, np.float32(3), np.full(6, 3, np.int8), [3] * 6, np.full(6, 3, ">f4")):
+                owner.anchor_stiffness = values
+                self.assertTrue((owner.anchor_stiffness == 3).all())
+            owner.anchor_stiffness = np.arange(6) > 2  # on or off
+            self.assertEqual(owner.anchor_stiffness[..., :].sum() % 3, 0)
+            for bad, found in (("3", "<U1"), (3j, "complex128"), (None, "NoneType"), ([None] * 6, "list")):
+                with self.assertRaisesRegex(TypeError, f"anchor_stiffness: expected numbers, found {found}"):
+                    owner.anchor_stiffness = bad
 
 
 def long_solve():
@@ -479,9 +549,15 @@ class PackageTest(unittest.TestCase):
             ([], "ImportError: asterism: its compiled module is not in .*; build the target asterism_python for Python 3"),
             (
                 ["_asterism.cpython-39-x86_64-linux-gnu.so"],
-                "ImportError: asterism: its compiled module was built for another Python than this: "
-                "_asterism.cpython-39-x86_64-linux-gnu.so is there, and this is Python 3",
+                "ImportError: asterism: its compiled module was built for CPython 3.9 "
+                r"\(_asterism.cpython-39-x86_64-linux-gnu.so\), and this is Python 3",
             ),
+            (
+                ["_asterism.cpython-313t-x86_64-linux-gnu.so", "_asterism.cpython-39-x86_64-linux-gnu.so"],
+                "was built for CPython 3.13t and CPython 3.9 ",
+            ),
+            (["_asterism.pypy39-pp73-x86_64-linux-gnu.so"], "was built for PyPy 3.9 "),
+            (["_asterism.other.so"], r"was built for another Python \(_asterism.other.so\)"),
             ([pathlib.Path(asterism._asterism.__file__).name], "ImportError: .*file too short"),
         ]:
             with self.subTest(there), tempfile.TemporaryDirectory() as folder:
@@ -494,6 +570,23 @@ class PackageTest(unittest.TestCase):
                 self.assertEqual(run.returncode, 1)
                 self.assertRegex(run.stderr.splitlines()[-1], message)
                 self.assertNotIn("circular", run.stderr.splitlines()[-1])
+
+
+    def test_help_lists_the_classes_and_functions(self):
+        command = [sys.executable, "-c", "import asterism; help(asterism)"]
+        text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+        classes = text[text.index("\nCLASSES") : text.index("\nFUNCTIONS")]
+        for name, value in vars(asterism).items():
+            if name.startswith("_"):
+                continue
+            if isinstance(value, type):
+                self.assertIn(f"class {name}(", classes)
+                self.assertTrue(value.__module__.startswith("asterism"), name)
+            elif callable(value):
+                self.assertIn(f"\n    {name}(", text)
+            if not isinstance(value, type(sys)):
+                self.assertIn(name, asterism.__all__)
+        self.assertIn("\n    mds(distances: ", text)
 
 
 class ThreadsTest(unittest.TestCase):

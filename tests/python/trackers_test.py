@@ -183,6 +183,34 @@ class TrackersTest(unittest.TestCase):
                 tracker.update(bad)
         self.assertEqual(tracker.update(image).box, self.started("kcf").update(image).box)
 
+    def test_errors_of_a_call_do_not_print_the_image(self):
+        tracker = self.started("kcf")
+        objects = asterism.MultiTracker()
+        image = self.frames[1]
+        for call, error, message in [
+            (lambda: tracker.init(image), TypeError, r"init\(\) misses argument 'box'"),
+            (lambda: tracker.init(image, bbox=BOX), TypeError, r"init\(\) has no argument 'bbox'"),
+            (lambda: tracker.init(image, BOX, BOX), TypeError, r"init\(\) takes 2 arguments, but 3 were given"),
+            (lambda: tracker.init(image, BOX, image=image), TypeError, r"init\(\) got argument 'image' twice"),
+            (lambda: tracker.init(BOX, image), TypeError, "image: expected a NumPy array, found tuple"),
+            (lambda: tracker.init(image, image), ValueError, "the object: expected finite x, y, width, height"),
+            (lambda: tracker.init(image, [image, 1]), ValueError, "the object: expected numbers or a mask, found list"),
+            (lambda: tracker.init(image, object()), ValueError, "the object: expected "),
+            (lambda: tracker.update(), TypeError, r"update\(\) misses argument 'image'"),
+            (lambda: tracker.update(image, BOX), TypeError, r"update\(\) takes 1 argument, but 2 were given"),
+            (lambda: objects.add("1", image, BOX), TypeError, r"add\(\) expected an integer as 'id', found str"),
+            (lambda: objects.add(1.0, image, BOX), TypeError, r"add\(\) expected an integer as 'id', found float"),
+            (lambda: objects.add(2**40, image, BOX), TypeError, r"add\(\) expected an integer as 'id', found int"),
+            (lambda: objects.add(1, image), TypeError, r"add\(\) misses argument 'box'"),
+            (lambda: objects.add(1, image, BOX, 7), TypeError, r"add\(\) expected a str as 'name', found int"),
+            (lambda: objects.update(images=image), TypeError, r"update\(\) has no argument 'images'"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(error, message) as raised:
+                call()
+            self.assertLess(len(str(raised.exception)), 200)
+        objects.add(np.int64(4), image=image, box=BOX, name="kcf")
+        self.assertEqual(list(objects.update(image=image)), [4])
+
     def test_errors_have_the_librarys_words(self):
         with self.assertRaisesRegex(ValueError, "unknown tracker 'dbt' .known: dpt, "):
             asterism.Tracker("dbt")

@@ -2,6 +2,7 @@
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #ifdef ASTERISM_PYTHON_PARTS
 #include <asterism/parts/concept/part_registry.hpp>
 #endif
@@ -13,6 +14,7 @@
 #include <utility>
 
 #include "../../solver/python/bindings.hpp"
+#include "../../solver/python/pickling.hpp"
 
 namespace asterism::python {
 
@@ -21,8 +23,7 @@ namespace {
 /// The image's pixels as they are, where those of a row are next to each other; else `copy` holds them.
 cv::Mat mat_of(const py::object& image, py::array& copy) {
   if (!py::isinstance<py::array>(image)) {
-    throw py::type_error("image: expected a NumPy array, found " +
-                         py::str(py::type::of(image).attr("__name__")).cast<std::string>());
+    throw py::type_error("image: expected a NumPy array, found " + type_name(image));
   }
   auto array = py::reinterpret_borrow<py::array>(image);
   const int depth = py::isinstance<py::array_t<std::uint8_t>>(array)    ? CV_8U
@@ -68,8 +69,7 @@ Region region_of(const py::object& object, const cv::Size& image) {
   const auto array = py::array::ensure(object);
   if (!array) {
     PyErr_Clear();
-    throw py::value_error("the object: expected numbers or a mask, found " +
-                          py::repr(object).cast<std::string>());
+    throw py::value_error("the object: expected numbers or a mask, found " + type_name(object));
   }
   const bool corners = array.ndim() == 1 || (array.ndim() == 2 && array.shape(1) == 2);
   if (array.ndim() == 2 && !corners &&
@@ -109,10 +109,6 @@ std::string description_of(const std::string& name, const py::object& options) {
                     .cast<std::string>();
 }
 
-AnyTracker made(const std::string& name, const py::object& options) {
-  return make_tracker(description_of(name, options));
-}
-
 py::dict dict_of(const std::string& json) { return py::module_::import("json").attr("loads")(json); }
 
 /// All options of a tracker that a description stands for.
@@ -138,14 +134,62 @@ py::dict part_options(const std::string& name) {
 #endif
 }
 
+/// The arguments of a call by position and by name, of which the first `required` must be there, and the
+/// others are None by default: for functions of images, as pybind11's own TypeError prints all arguments.
+class Arguments {
+ public:
+  Arguments(const char* function, std::vector<const char*> names, std::size_t required, const py::args& args,
+            const py::kwargs& kwargs)
+      : function_(function), names_(std::move(names)), values_(names_.size()) {
+    if (args.size() > names_.size()) {
+      refuse("takes " + std::to_string(names_.size()) +
+             (names_.size() == 1 ? " argument, but " : " arguments, but ") + std::to_string(args.size()) +
+             " were given");
+    }
+    for (std::size_t i = 0; i < args.size(); ++i) values_[i] = args[i];
+    for (const auto& [key, value] : kwargs) {
+      const auto name = key.cast<std::string>();
+      const auto found = std::find(names_.begin(), names_.end(), name);
+      if (found == names_.end()) refuse("has no argument '" + name + "'");
+      py::object& place = values_[static_cast<std::size_t>(found - names_.begin())];
+      if (place) refuse("got argument '" + name + "' twice");
+      place = py::reinterpret_borrow<py::object>(value);
+    }
+    for (std::size_t i = 0; i < names_.size(); ++i) {
+      if (!values_[i] && i < required) refuse(std::string("misses argument '") + names_[i] + "'");
+      if (!values_[i]) values_[i] = py::none();
+    }
+  }
+
+  const py::object& operator[](std::size_t i) const { return values_[i]; }
+
+  /// One of another type.
+  template <typename T>
+  T as(std::size_t i, const char* expected) const {
+    const bool is_number = !std::is_same_v<T, int> ||
+                           (PyIndex_Check(values_[i].ptr()) != 0 && !py::isinstance<py::bool_>(values_[i]));
+    try {
+      if (is_number) return values_[i].template cast<T>();
+    } catch (const py::cast_error&) {  // refused below
+    }
+    refuse(std::string("expected ") + expected + " as '" + names_[i] + "', found " + type_name(values_[i]));
+  }
+
+ private:
+  [[noreturn]] void refuse(const std::string& problem) const {
+    throw py::type_error(std::string(function_) + "() " + problem);
+  }
+
+  const char* function_;
+  std::vector<const char*> names_;
+  std::vector<py::object> values_;
+};
+
 /// asterism.Tracker.
 class Tracker {
  public:
   Tracker(const std::string& name, const py::object& options, const Range& range)
-      : name_(name),
-        description_(description_of(name, options)),
-        tracker_(make_tracker(description_)),
-        range_(range_of(range)) {}
+      : Tracker(name, description_of(name, options), range) {}
 
   const std::string& name() const { return name_; }
   py::dict options() const { return options_of(description_); }
@@ -159,6 +203,7 @@ class Tracker {
         tracker_.init(Frame(mat, range_), region);
       else
         tracker_.init(mat, region);
+      started_ = true;
     });
   }
 
@@ -178,10 +223,33 @@ class Tracker {
 
   void restore(const py::bytes& state) {
     const std::string_view bytes(state);
-    run([&] { tracker_.restore(std::as_bytes(std::span(bytes))); });
+    run([&] {
+      tracker_.restore(std::as_bytes(std::span(bytes)));
+      started_ = true;
+    });
+  }
+
+  py::tuple pickled() {
+    const py::object state = started_ ? py::object(save()) : py::none();
+    const Range range = range_ ? Range({range_->black, range_->white}) : Range();
+    return py::make_tuple(name_, description_, py::cast(range), state);
+  }
+
+  static std::unique_ptr<Tracker> unpickled(const py::tuple& state) {
+    const Fields fields(state, 4);
+    std::unique_ptr<Tracker> made(
+        new Tracker(fields[0].cast<std::string>(), fields[1].cast<std::string>(), fields[2].cast<Range>()));
+    if (!fields[3].is_none()) made->restore(fields[3]);
+    return made;
   }
 
  private:
+  Tracker(std::string name, std::string description, const Range& range)
+      : name_(std::move(name)),
+        description_(std::move(description)),
+        tracker_(make_tracker(description_)),
+        range_(range_of(range)) {}
+
   template <typename F>
   void run(F&& f) {
     const Exclusive use(busy_, "this asterism.Tracker");
@@ -191,6 +259,7 @@ class Tracker {
 
   std::string name_, description_;
   AnyTracker tracker_;
+  bool started_ = false;
   std::optional<PixelRange> range_;
   bool busy_ = false;
 };
@@ -205,7 +274,7 @@ class Objects {
     py::array copy;
     const cv::Mat mat = mat_of(image, copy);
     const Region region = region_of(box, mat.size());
-    AnyTracker tracker = made(name, options);
+    AnyTracker tracker = make_tracker(description_of(name, options));
     const Exclusive use(busy_, "this asterism.MultiTracker");
     const py::gil_scoped_release release;
     if (range_)
@@ -268,10 +337,41 @@ py::array array_of(const std::array<cv::Point2d, 4>& corners) {
   return result;
 }
 
+py::tuple fields_of(const TrackResult& r) {
+  const py::object covariance = r.covariance ? to_field(*r.covariance) : py::none();
+  py::list links, times;
+  for (const Link& link : r.links) links.append(py::make_tuple(link.i, link.j));
+  for (const StageTime& time : r.times)
+    times.append(py::make_tuple(std::string(time.stage), time.milliseconds));
+  return py::make_tuple(tuple_of(r.box), r.angle, r.confidence, r.lost, r.interrupted, covariance,
+                        r.certified, r.parts, r.update_threshold, links, times);
+}
+
+TrackResult result_of(const py::tuple& state) {
+  const Fields fields(state, 11);
+  TrackResult r;
+  const auto box = fields[0].cast<std::array<double, 4>>();
+  r.box = cv::Rect2d(box[0], box[1], box[2], box[3]);
+  from_field(fields[1], r.angle);
+  from_field(fields[2], r.confidence);
+  from_field(fields[3], r.lost);
+  from_field(fields[4], r.interrupted);
+  if (!fields[5].is_none()) from_field(fields[5], r.covariance.emplace());
+  from_field(fields[6], r.certified);
+  from_field(fields[7], r.parts);
+  from_field(fields[8], r.update_threshold);
+  for (const auto& [i, j] : fields[9].cast<std::vector<std::pair<int, int>>>()) r.links.push_back({i, j});
+  for (const auto& [stage, time] : fields[10].cast<std::vector<std::pair<std::string, double>>>())
+    r.times.push_back({interned(stage), time});
+  return r;
+}
+
 }  // namespace
 
 void bind_trackers(py::module_& m) {
-  py::class_<PartState>(m, "PartState", "The state of one part after a frame.")
+  py::class_<PartState> part_state(m, "PartState", "The state of one part after a frame.");
+  def_copy(part_state);
+  part_state
       .def_property_readonly(
           "position", [](const PartState& p) { return array_of(p.position); },
           "(x, y) in the MAP constellation [px].")
@@ -282,9 +382,16 @@ void bind_trackers(py::module_& m) {
           "visual_best", [](const PartState& p) { return array_of(p.visual_best); },
           "Visually most similar position (x, y) [px].")
       .def_readonly("weight", &PartState::weight, "Response at the position, compared by the update gate.")
-      .def_readonly("updated", &PartState::updated, "The appearance model was updated in this frame.");
+      .def_readonly("updated", &PartState::updated, "The appearance model was updated in this frame.")
+      .def(pickled<PartState>([](auto& p, auto&& field) {
+        for (auto* point : {&p.position, &p.size, &p.visual_best}) field(*point);
+        field(p.weight);
+        field(p.updated);
+      }));
 
-  py::class_<TrackResult>(m, "TrackResult", "A tracker's answer for one frame.")
+  py::class_<TrackResult> track_result(m, "TrackResult", "A tracker's answer for one frame.");
+  def_copy(track_result);
+  track_result
       .def_property_readonly(
           "box", [](const TrackResult& r) { return tuple_of(r.box); },
           "(x, y, width, height) [px], upright; may reach over the frame's border.")
@@ -342,6 +449,7 @@ void bind_trackers(py::module_& m) {
           "and bottom left while upright [px].")
       .def(
           "__bool__", [](const TrackResult& r) { return !r.lost; }, "Whether the object is not lost.")
+      .def(py::pickle(&fields_of, &result_of))
       .def("__repr__", [](const TrackResult& r) {
         return "<asterism.TrackResult: box " + py::repr(tuple_of(r.box)).cast<std::string>() +
                ", confidence " + py::repr(py::float_(r.confidence)).cast<std::string>() +
@@ -376,7 +484,7 @@ void bind_trackers(py::module_& m) {
       "and\n"
       "greatest value. None where it needs none.");
 
-  py::class_<Tracker>(
+  py::class_<Tracker> tracker(
       m, "Tracker",
       "A single-object tracker. Images are (height, width), (height, width, 3) in the order blue, green, "
       "red,\n"
@@ -384,7 +492,10 @@ void bind_trackers(py::module_& m) {
       "image\n"
       "with values beyond is refused). They are not copied if the pixels of a row are contiguous. Boxes are\n"
       "(x, y, width, height) [px]. The GIL is released during computations. RuntimeError if two threads use\n"
-      "a tracker at once.")
+      "a tracker at once. A copy, also one from a pickle, goes on by itself, bit for bit; ValueError for\n"
+      "trackers that cannot be saved.");
+  def_copy(tracker);
+  tracker
       .def(
           py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt",
           py::arg("options") = py::none(), py::arg("pixel_range") = py::none(),
@@ -396,15 +507,7 @@ void bind_trackers(py::module_& m) {
           "default\n"
           "are all 16: a first image of uint16 up to 255 alone is refused.\n"
           "ValueError names what is wrong.")
-      .def("init", &Tracker::init, py::arg("image"), py::arg("box"),
-           "Start on an object; may be called again at any time. box: x, y, width, height; or the corners of "
-           "a\n"
-           "polygon, x1, y1, x2, y2, .. or (N, 2); or a mask, (height, width) of bool or uint8. Of a polygon "
-           "or\n"
-           "a mask the upright box of the same area and centre is followed.\n"
-           "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image.")
-      .def("update", &Tracker::update, py::arg("image"),
-           "The object in the next image. RuntimeError before init.")
+      .def(py::pickle([](Tracker& self) { return self.pickled(); }, &Tracker::unpickled))
       .def("save", &Tracker::save,
            "The state between two frames, as bytes. RuntimeError before init, ValueError for trackers that "
            "cannot be saved.")
@@ -416,23 +519,67 @@ void bind_trackers(py::module_& m) {
            "All options with their values, as tracker_options(name, options) has them.")
       .def("__repr__", [](const Tracker& self) { return "<asterism.Tracker: " + self.name() + ">"; });
 
-  py::class_<Objects>(
+  {
+    py::options options;
+    options.disable_function_signatures();
+    tracker
+        .def(
+            "init",
+            [](Tracker& self, const py::args& args, const py::kwargs& kwargs) {
+              const Arguments given("init", {"image", "box"}, 2, args, kwargs);
+              self.init(given[0], given[1]);
+            },
+            "init(self: asterism.Tracker, image: numpy.ndarray, box: object) -> None\n\n"
+            "Start on an object; may be called again at any time. box: x, y, width, height; or the corners "
+            "of a\n"
+            "polygon, x1, y1, x2, y2, .. or (N, 2); or a mask, (height, width) of bool or uint8. Of a "
+            "polygon or\n"
+            "a mask the upright box of the same area and centre is followed.\n"
+            "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image.")
+        .def(
+            "update",
+            [](Tracker& self, const py::args& args, const py::kwargs& kwargs) {
+              return self.update(Arguments("update", {"image"}, 1, args, kwargs)[0]);
+            },
+            "update(self: asterism.Tracker, image: numpy.ndarray) -> asterism.TrackResult\n\n"
+            "The object in the next image. RuntimeError before init.");
+  }
+
+  py::class_<Objects> objects(
       m, "MultiTracker",
       "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
-      "of single trackers, bit for bit. Images and boxes as for Tracker.")
+      "of single trackers, bit for bit. Images and boxes as for Tracker.");
+  objects
       .def(py::init<int, const Range&>(), py::arg("threads").noconvert() = 1,
            py::arg("pixel_range") = py::none(),
            "threads: 0 for as many as the machine runs at once. pixel_range: as for Tracker.")
-      .def("add", &Objects::add, py::arg("id").noconvert(), py::arg("image"), py::arg("box"),
-           py::arg("name") = "dpt", py::arg("options") = py::none(),
-           "Follow an object from this image on, by a tracker of this name and options. ValueError if "
-           "there is\n"
-           "one of that id, and what Tracker and its init raise.")
       .def("remove", &Objects::remove, py::arg("id").noconvert(), "False if there is no object of that id.")
-      .def("update", &Objects::update, py::arg("image"),
-           "A dict from ids to the TrackResult in the next image, or to the exception that the object's\n"
-           "tracker raised; it does not affect the other objects.")
       .def("__len__", &Objects::size);
+  py::options options;
+  options.disable_function_signatures();
+  objects
+      .def(
+          "add",
+          [](Objects& self, const py::args& args, const py::kwargs& kwargs) {
+            const Arguments given("add", {"id", "image", "box", "name", "options"}, 3, args, kwargs);
+            const std::string name = given[3].is_none() ? "dpt" : given.as<std::string>(3, "a str");
+            self.add(given.as<int>(0, "an integer"), given[1], given[2], name, given[4]);
+          },
+          "add(self: asterism.MultiTracker, id: int, image: numpy.ndarray, box: object, name: str = 'dpt', "
+          "options: "
+          "object = None) -> None\n\n"
+          "Follow an object from this image on, by a tracker of this name and options. ValueError where "
+          "there is\n"
+          "one of that id, and what Tracker and its init raise.")
+      .def(
+          "update",
+          [](Objects& self, const py::args& args, const py::kwargs& kwargs) {
+            return self.update(Arguments("update", {"image"}, 1, args, kwargs)[0]);
+          },
+          "update(self: asterism.MultiTracker, image: numpy.ndarray) -> dict\n\n"
+          "A dict from ids to TrackResult in the next image, or to the exception that the object's tracker "
+          "ended\n"
+          "with; the others do not notice.");
 }
 
 }  // namespace asterism::python

@@ -10,13 +10,15 @@ A spring system is solved in place:
     x = anchors.copy()
     summary = asterism.solve(system, x)
 
-Trackers (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and
-nlohmann-json. `asterism.evaluation` reads the reports of asterism-eval.
+Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. Trackers
+(`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
+`asterism.evaluation` reads the reports of asterism-eval.
 """
 
 
 def _why_missing():
     """What to do where no file of the compiled module is for this interpreter; None where one is, and is broken."""
+    import re
     import sys
     from importlib.machinery import EXTENSION_SUFFIXES
     from pathlib import Path
@@ -25,12 +27,14 @@ def _why_missing():
     names = sorted(path.name for path in folder.glob("_asterism.*so"))
     if any(name == "_asterism" + suffix for name in names for suffix in EXTENSION_SUFFIXES):
         return None
+    tags = [re.match(r"_asterism\.(cpython|pypy)-?(\d)(\d+t?)\b", name) for name in names]
+    built_for = sorted({f"{'CPython' if tag[1] == 'cpython' else 'PyPy'} {tag[2]}.{tag[3]}" for tag in tags if tag})
     here = f"Python {sys.version.split()[0]} ({sys.executable}), which loads _asterism{EXTENSION_SUFFIXES[0]}"
     if not names:
         return f"asterism: its compiled module is not in {folder}; build the target asterism_python for {here}"
     return (
-        f"asterism: its compiled module was built for another Python than this: {', '.join(names)} is there, and this is "
-        f"{here}; run the Python that it was built for, or build it for this one (-DPython3_EXECUTABLE={sys.executable})"
+        f"asterism: its compiled module was built for {' and '.join(built_for) or 'another Python'} ({', '.join(names)}), and "
+        f"this is {here}; run the Python that it was built for, or build it for this one (-DPython3_EXECUTABLE={sys.executable})"
     )
 
 
@@ -43,6 +47,11 @@ except ImportError as error:
 from . import evaluation
 from ._asterism import *
 from ._asterism import __version__
+from .embedding import Embedding, layout, mds
 
+# What help(asterism) lists.
+__all__ = ["evaluation", "Embedding", "layout", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
 if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
+
+    __all__ += ["StoredSystem", "parse_systems", "read_systems", "write_systems"]

@@ -1,0 +1,389 @@
+"""Points with given distances: multidimensional scaling and the layout of graphs."""
+
+from __future__ import annotations
+
+import dataclasses
+import operator
+from typing import Any, Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _asterism
+
+_Floats = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Embedding:
+    """What mds and layout find."""
+
+    #: (N, dim): a row for each node.
+    x: _Floats
+    #: sum w_ij (d_ij - |x_i - x_j|)^2 over the known pairs, each once, plus sum w_i |x_i - a_i|^2 over the anchors.
+    stress: float
+    #: No placement has less stress than this; 0 if nothing is proven.
+    lower_bound: float
+    #: Another placement may have less stress by this share of it (or of 1e-10 sum w_ij (d_ij + |x_i - x_j|)^2, if that is more,
+    #: for placements whose stress is rounding); 1 if nothing is proven.
+    gap: float
+    #: Of the placement: whether it is proven to have the least stress, and if not, why.
+    certificate: _asterism.Certificate
+    #: Of the solve; its energy is half the stress.
+    summary: _asterism.Summary
+    #: The spring system that was solved.
+    system: _asterism.SpringSystem
+    #: The nodes in the order of the rows of x: 0 .. N - 1, or those of the graph.
+    nodes: list[Any]
+
+    @property
+    def certified(self) -> bool:
+        """The placement is proven to have the least stress."""
+        return self.certificate.certified
+
+    def __bool__(self) -> bool:
+        """Whether x is a result: the summary's truth value."""
+        return bool(self.summary)
+
+
+def mds(
+    distances: Any,
+    weights: Any = None,
+    anchors: npt.ArrayLike | None = None,
+    dim: int = 2,
+    *,
+    anchor_weights: npt.ArrayLike = 1.0,
+    start: npt.ArrayLike | None = None,
+    method: str = "multi-start",
+    **options: bool | float,
+) -> Embedding:
+    """Metric multidimensional scaling: points whose distances are those given, in the sense of least weighted squares.
+
+    Minimises the stress sum w_ij (d_ij - |x_i - x_j|)^2 over the known pairs (scikit-learn's MDS has the same for metric=True),
+    plus sum w_i |x_i - a_i|^2 over the anchors. Needs SciPy.
+
+    distances: (N, N), symmetric, >= 0; a pair of NaN is missing, and the diagonal is not read. Of a scipy.sparse matrix the
+        stored entries are the known pairs; one of both triangles suffices.
+    weights: (N, N), symmetric, >= 0; a pair of 0 is missing. None: 1 for each known pair.
+    anchors: (N, dim), where nodes are known to be; NaN for nodes without. None: the result is centred on the origin.
+    anchor_weights: one for all anchors, or (N,); inf holds a node on its anchor exactly.
+    dim: 2 or 3; other dimensions are a ValueError.
+    start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path.
+    method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, and 8 for more (its option `starts`, with
+        `spread` 2 here); "staircase" searches for the least stress from above and below.
+
+    Parts that no known pair joins and no anchor holds are placed side by side. ValueError names what is wrong with the input.
+    The stress may have several local minima: `gap` says what is proven of the one found.
+    """
+    _check_dim(dim)
+    pairs, lengths, n = _known_pairs(distances)
+    stiffness = _weights_of(weights, pairs, n)
+    pairs, lengths, stiffness = pairs[stiffness > 0], lengths[stiffness > 0], stiffness[stiffness > 0]
+    at, hold = _anchors_of(anchors, anchor_weights, n, dim)
+    given = None if start is None else _array(start, "start", (n, dim))
+    if given is not None and not np.isfinite(given).all():
+        raise ValueError("start: expected finite numbers")
+    return _embed(list(range(n)), pairs, lengths, stiffness, at, hold, given, dim, method, options)
+
+
+def layout(
+    graph: Any,
+    dim: int = 2,
+    *,
+    power: float = 2.0,
+    start: npt.ArrayLike | None = None,
+    method: str = "multi-start",
+    **options: bool | float,
+) -> Embedding:
+    """Draws a graph: nodes at distances near those along the graph (Kamada and Kawai 1989; Gansner, Koren and North 2004).
+
+    The stress is that of mds for all pairs of nodes, with d_ij the length of the shortest path and w_ij = d_ij ** -power.
+    Directions of edges are ignored. Components are placed side by side. Takes memory and time of N^2. Needs SciPy.
+
+    graph: a list of edges, (i, j) or (i, j, length), over nodes 0 .. N - 1; an adjacency matrix (N, N), of NumPy or scipy.sparse,
+        whose entries other than 0 are the lengths of edges; or a graph of networkx, whose edges have the length "length", or 1.
+    dim, start, method, options: as for mds.
+
+    The result's `nodes` are the graph's in the order of x: dict(zip(result.nodes, result.x)) is what networkx.draw takes.
+    """
+    _check_dim(dim)
+    nodes, pairs, lengths = _edges_of(graph)
+    n = len(nodes)
+    distances = _shortest_paths(pairs, lengths, n)
+    i, j = np.triu_indices(n, 1)
+    reached = np.isfinite(distances[i, j])
+    i, j = i[reached], j[reached]
+    along = distances[i, j]
+    given = None if start is None else _array(start, "start", (n, dim))
+    return _embed(
+        nodes, np.column_stack([i, j]), along, along ** -float(power), np.zeros((n, dim)), np.zeros(n), given, dim, method, options
+    )
+
+
+def _check_dim(dim: int) -> None:
+    try:
+        found = operator.index(dim)
+    except TypeError:
+        raise TypeError(f"dim: expected an integer, found {type(dim).__name__}") from None
+    if found not in (2, 3):
+        raise ValueError(f"dim: expected 2 or 3, found {found}; the Python package has no other dimensions")
+
+
+def _array(values: Any, name: str, shape: tuple[int, ...]) -> _Floats:
+    array = np.asarray(values)
+    if array.dtype.kind not in "biuf":
+        raise TypeError(f"{name}: expected numbers, found {array.dtype if isinstance(values, np.ndarray) else type(values).__name__}")
+    if array.shape != shape:
+        raise ValueError(f"{name}: expected shape {shape}, found {array.shape}")
+    return array.astype(np.float64)
+
+
+def _is_sparse(matrix: Any) -> bool:
+    return hasattr(matrix, "tocoo")
+
+
+def _square(matrix: Any, name: str) -> int:
+    shape = matrix.shape if hasattr(matrix, "shape") else np.shape(matrix)
+    if len(shape) != 2 or shape[0] != shape[1]:
+        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape)}")
+    return int(shape[0])
+
+
+def _of_sparse(matrix: Any, name: str) -> tuple[npt.NDArray[np.intp], _Floats]:
+    """The stored entries off the diagonal, as pairs i < j."""
+    coo = matrix.tocoo()
+    values = _array(coo.data, name, (coo.nnz,))
+    i, j = np.minimum(coo.row, coo.col), np.maximum(coo.row, coo.col)
+    off, n = i != j, matrix.shape[0]
+    keys, values = i[off].astype(np.int64) * n + j[off], values[off]
+    unique, first, place = np.unique(keys, return_index=True, return_inverse=True)
+    _check_symmetric(name, unique[place] // max(n, 1), unique[place] % max(n, 1), values, values[first][place])
+    return np.column_stack([unique // max(n, 1), unique % max(n, 1)]).astype(np.intp), values[first]
+
+
+def _check_symmetric(name: str, i: Any, j: Any, a: _Floats, b: _Floats) -> None:
+    with np.errstate(invalid="ignore"):
+        bad = np.flatnonzero(~((np.abs(a - b) <= 1e-9 * np.maximum(np.abs(a), np.abs(b))) | (np.isnan(a) & np.isnan(b)) | (a == b)))
+    if len(bad):
+        k = bad[0]
+        raise ValueError(f"{name}: expected a symmetric matrix, but [{i[k]}, {j[k]}] is {b[k]} and [{j[k]}, {i[k]}] is {a[k]}")
+
+
+def _known_pairs(distances: Any) -> tuple[npt.NDArray[np.intp], _Floats, int]:
+    n = _square(distances, "distances")
+    if _is_sparse(distances):
+        pairs, lengths = _of_sparse(distances, "distances")
+    else:
+        matrix = _array(distances, "distances", (n, n))
+        i, j = np.triu_indices(n, 1)
+        _check_symmetric("distances", i, j, matrix[j, i], matrix[i, j])
+        pairs, lengths = np.column_stack([i, j]), matrix[i, j]
+    known = ~np.isnan(lengths)
+    pairs, lengths = pairs[known], lengths[known]
+    if len(bad := np.flatnonzero((lengths < 0) | np.isinf(lengths))):
+        i, j = pairs[bad[0]]
+        raise ValueError(f"distances: [{i}, {j}] is {lengths[bad[0]]}; expected >= 0 and finite, or NaN for a missing pair")
+    return pairs, lengths, n
+
+
+def _weights_of(weights: Any, pairs: npt.NDArray[np.intp], n: int) -> _Floats:
+    if weights is None:
+        return np.ones(len(pairs))
+    if (found := _square(weights, "weights")) != n:
+        raise ValueError(f"weights: expected shape {(n, n)}, found {(found, found)}")
+    if _is_sparse(weights):
+        those, values = _of_sparse(weights, "weights")
+        matrix = np.zeros((n, n))
+        matrix[those[:, 0], those[:, 1]] = values
+    else:
+        matrix = _array(weights, "weights", (n, n))
+        i, j = np.triu_indices(n, 1)
+        _check_symmetric("weights", i, j, matrix[j, i], matrix[i, j])
+    result = matrix[pairs[:, 0], pairs[:, 1]]
+    if len(bad := np.flatnonzero(~((result >= 0) & np.isfinite(result)))):
+        i, j = pairs[bad[0]]
+        raise ValueError(f"weights: [{i}, {j}] is {result[bad[0]]}; expected >= 0 and finite")
+    return result
+
+
+def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_Floats, _Floats]:
+    """Anchors, 0 for nodes without, and their weights, 0 for nodes without."""
+    if anchors is None:
+        return np.zeros((n, dim)), np.zeros(n)
+    at = _array(anchors, "anchors", (n, dim))
+    there = ~np.isnan(at).any(axis=1)
+    if np.isinf(at[there]).any():
+        raise ValueError("anchors: expected finite numbers, or NaN for a node without an anchor")
+    hold = np.where(there, _array(np.broadcast_to(anchor_weights, (n,)), "anchor_weights", (n,)), 0)
+    if not (hold >= 0).all():
+        raise ValueError("anchor_weights: expected >= 0")
+    at[~there] = 0
+    return at, hold
+
+
+def _edges_of(graph: Any) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
+    """Nodes, and edges of different ends; the shortest of those between the same two."""
+    if hasattr(graph, "nodes") and callable(getattr(graph, "edges", None)):  # of networkx
+        nodes = list(graph.nodes)
+        index = {node: k for k, node in enumerate(nodes)}
+        edges = [(index[a], index[b], 1 if length is None else length) for a, b, length in graph.edges(data="length")]
+        table = np.array(edges, dtype=float).reshape(-1, 3)
+        pairs, lengths = table[:, :2].astype(np.intp), table[:, 2]
+    elif _is_sparse(graph) or isinstance(graph, np.ndarray):
+        n = _square(graph, "graph: an adjacency matrix (give edges as a list)")
+        nodes = list(range(n))
+        if _is_sparse(graph):
+            coo = graph.tocoo()
+            pairs, lengths = np.column_stack([coo.row, coo.col]).astype(np.intp), _array(coo.data, "graph", (coo.nnz,))
+        else:
+            matrix = _array(graph, "graph", (n, n))
+            pairs = np.argwhere(matrix != 0)
+            lengths = matrix[pairs[:, 0], pairs[:, 1]]
+        pairs, lengths = pairs[lengths != 0], lengths[lengths != 0]
+    else:
+        pairs, lengths = _edges_of_list(graph)
+        nodes = list(range(int(pairs.max()) + 1 if len(pairs) else 0))
+    if len(bad := np.flatnonzero(~((lengths > 0) & np.isfinite(lengths)))):
+        i, j = pairs[bad[0]]
+        raise ValueError(f"graph: edge ({nodes[i]}, {nodes[j]}) has length {lengths[bad[0]]}; expected > 0 and finite")
+    off = pairs[:, 0] != pairs[:, 1]
+    return nodes, pairs[off], lengths[off]
+
+
+def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[npt.NDArray[np.intp], _Floats]:
+    pairs, lengths = [], []
+    for k, edge in enumerate(graph):
+        if isinstance(edge, str) or not hasattr(edge, "__len__") or len(edge) not in (2, 3):
+            raise TypeError(f"graph: edge {k} is no (i, j) or (i, j, length)")
+        try:
+            i, j = operator.index(edge[0]), operator.index(edge[1])
+        except TypeError:
+            raise TypeError(f"graph: the nodes of edge {k} are no integers") from None
+        if i < 0 or j < 0:
+            raise ValueError(f"graph: edge {k} has node {min(i, j)}; expected >= 0")
+        pairs.append((i, j))
+        lengths.append(float(edge[2]) if len(edge) == 3 else 1.0)
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.array(lengths)
+
+
+def _sparse(pairs: npt.NDArray[np.intp], values: _Floats, n: int) -> Any:
+    """Symmetric; the least of several values of one pair. A value of 0 stays one."""
+    import scipy.sparse
+
+    i, j = pairs.min(axis=1, initial=n), pairs.max(axis=1, initial=0)
+    order = np.lexsort((values, j, i))
+    i, j, values = i[order], j[order], values[order]
+    first = np.ones(len(i), bool)
+    first[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
+    return scipy.sparse.coo_matrix((values[first], (i[first], j[first])), shape=(n, n)).tocsr()
+
+
+def _shortest_paths(pairs: npt.NDArray[np.intp], lengths: _Floats, n: int) -> _Floats:
+    import scipy.sparse.csgraph
+
+    if n == 0:
+        return np.zeros((0, 0))
+    return scipy.sparse.csgraph.shortest_path(_sparse(pairs, lengths, n), directed=False)
+
+
+def _components(pairs: npt.NDArray[np.intp], n: int) -> list[npt.NDArray[np.intp]]:
+    import scipy.sparse.csgraph
+
+    if n == 0:
+        return []
+    count, of = scipy.sparse.csgraph.connected_components(_sparse(pairs, np.ones(len(pairs)), n), directed=False)
+    return [np.flatnonzero(of == c) for c in range(count)]
+
+
+def _classical(distances: _Floats, dim: int) -> _Floats:
+    """Torgerson's scaling. Coordinates that the distances do not need get a little noise: nodes may leave a line or plane."""
+    n = len(distances)
+    squares = distances**2
+    means = squares.mean(axis=0)
+    values, vectors = np.linalg.eigh(-0.5 * (squares - means - means[:, None] + means.mean()))
+    x = np.zeros((n, dim))
+    kept = min(n, dim)
+    x[:, :kept] = (vectors[:, ::-1] * np.sqrt(np.maximum(values[::-1], 0)))[:, :kept]
+    noise = 1e-3 * np.sqrt(means.mean()) * np.random.default_rng(0).normal(size=(n, dim))
+    flat = np.ptp(x, axis=0) < 1e-3 * np.sqrt(means.mean())
+    x[:, flat] = noise[:, flat]
+    return x
+
+
+def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
+    """x moved, turned and mirrored to be nearest to the anchors (Kabsch 1976)."""
+    weights = np.where(np.isinf(weights), max(weights[np.isfinite(weights)].max(initial=0), 1) * 1e3, weights)
+    weights = weights / weights.sum()
+    here, there = weights @ x, weights @ at
+    u, _, v = np.linalg.svd((x - here).T @ (weights[:, None] * (at - there)))
+    return (x - here) @ (u @ v) + there
+
+
+def _start(pairs: Any, lengths: _Floats, components: Any, at: _Floats, hold: _Floats, dim: int) -> _Floats:
+    n = len(at)
+    distances = _shortest_paths(pairs, lengths, n)
+    x = np.zeros((n, dim))
+    for nodes in components:
+        x[nodes] = _classical(distances[np.ix_(nodes, nodes)], dim)
+        if (hold[nodes] > 0).any():
+            x[nodes] = _to_anchors(x[nodes], at[nodes], hold[nodes])
+    return x
+
+
+def _side_by_side(x: _Floats, components: Any, hold: _Floats) -> _Floats:
+    """Components without an anchor in a row, to the right of those with; the centre on the origin if there is no anchor."""
+    free = [nodes for nodes in components if not (hold[nodes] > 0).any()]
+    held = np.flatnonzero(~np.isin(np.arange(len(x)), np.concatenate(free))) if free else []
+    if not free or (len(free) == 1 and not len(held)):
+        return x - x.mean(axis=0) if free else x
+    x = x.copy()
+    margin = max(0.1 * max(np.ptp(x[nodes], axis=0).max() for nodes in components), 0.0) or 1.0
+    right, middle = (x[held, 0].max() + margin, x[held, 1:].mean(axis=0)) if len(held) else (0.0, np.zeros(x.shape[1] - 1))
+    for nodes in sorted(free, key=len, reverse=True):
+        x[nodes, 0] += right - x[nodes, 0].min()
+        x[nodes, 1:] += middle - x[nodes, 1:].mean(axis=0)
+        right = x[nodes, 0].max() + margin
+    return x if len(held) else x - x.mean(axis=0)
+
+
+def _embed(
+    nodes: list[Any],
+    pairs: npt.NDArray[np.intp],
+    lengths: _Floats,
+    weights: _Floats,
+    at: _Floats,
+    hold: _Floats,
+    given: _Floats | None,
+    dim: int,
+    method: str,
+    options: dict[str, Any],
+) -> Embedding:
+    n = len(nodes)
+    if n == 0:
+        raise ValueError("there are no nodes")
+    system = _asterism.SpringSystem(_asterism.Topology.from_links(n, pairs.astype(np.int64)), dim)
+    exact = np.isinf(hold)
+    system.anchors = at
+    system.anchor_stiffness = np.where(exact, 0, hold)
+    system.rest_length = lengths
+    system.link_stiffness = weights
+    for node in np.flatnonzero(exact):
+        system.fix(int(node))
+    components = _components(pairs, n)
+    x = _start(pairs, lengths, components, at, hold, dim) if given is None else given.copy()
+    x[exact] = at[exact]
+    if method == "multi-start":
+        options = {"starts": 32 if n <= 100 else 8, "spread": 2.0, **options}
+    summary = _asterism.solve(system, x, method, ground_components=True, **options)
+    if summary.status == _asterism.Status.OUT_OF_MEMORY:
+        raise MemoryError(f"{summary.solver}: {summary.message}")
+    if not summary:
+        raise ValueError(f"{summary.solver}: {summary.message}")
+    x = _side_by_side(x, components, hold)
+    certificate = _asterism.certify(system, x)
+    stress = 2 * _asterism.energy(system, x)
+    lower_bound = min(max(2 * certificate.lower_bound, 2 * summary.lower_bound, 0.0), stress)
+    ends = system.topology.links
+    rounding = 1e-10 * float(np.sum(weights * (lengths + np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)) ** 2))
+    gap = (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
+    return Embedding(x, stress, lower_bound, gap, certificate, summary, system, nodes)

@@ -1,0 +1,258 @@
+#!/usr/bin/env python3
+"""Multidimensional scaling and the layout of graphs, against scikit-learn where it is installed."""
+
+import pickle
+import unittest
+import warnings
+
+import asterism
+import numpy as np
+import scipy.sparse
+
+try:
+    from sklearn.manifold import MDS
+except ImportError:
+    MDS = None
+
+
+def distances_of(points):
+    return np.linalg.norm(points[:, None] - points, axis=2)
+
+
+def symmetric(values):
+    upper = np.triu(values, 1)
+    return upper + upper.T
+
+
+def stress(x, distances, weights=1.0):
+    """The stress of all pairs of which the distance is known, written a second time."""
+    residual = weights * (distances - distances_of(x)) ** 2
+    return np.nansum(np.triu(residual, 1))
+
+
+def nearest(x, points):
+    """x moved, turned and mirrored onto points."""
+    a, b = x - x.mean(axis=0), points - points.mean(axis=0)
+    u, _, v = np.linalg.svd(a.T @ b)
+    return a @ u @ v + points.mean(axis=0)
+
+
+class MdsTest(unittest.TestCase):
+    def setUp(self):
+        self.random = np.random.default_rng(3)
+
+    def problems(self):
+        for n in (5, 12, 30, 60):
+            points = self.random.normal(size=(n, 2))
+            exact = distances_of(points)
+            yield "noisy", exact * symmetric(np.exp(self.random.normal(scale=0.1, size=exact.shape)))
+            if n > 30:
+                break  # of those below, nobody finds the least stress of more nodes: the lower one is luck
+            yield "of six dimensions", distances_of(self.random.normal(size=(n, 6)))
+            yield "random", symmetric(self.random.uniform(0.5, 1.5, exact.shape))
+
+    @unittest.skipUnless(MDS, "needs scikit-learn (Debian package python3-sklearn)")
+    def test_no_more_stress_than_scikit_learn(self):
+        lower = 0
+        for dim in (2, 3):
+            for name, distances in self.problems():
+                with self.subTest(name, n=len(distances), dim=dim):
+                    with warnings.catch_warnings():
+                        warnings.simplefilter("ignore")  # later versions have other defaults
+                        theirs = MDS(dim, metric=True, dissimilarity="precomputed", n_init=4, max_iter=3000, eps=1e-10, random_state=1)
+                        theirs = stress(theirs.fit_transform(distances), distances)
+                    found = asterism.mds(distances, dim=dim)
+                    self.assertEqual(found.summary.status, asterism.Status.CONVERGED)
+                    self.assertAlmostEqual(found.stress / stress(found.x, distances), 1, places=10)
+                    self.assertLessEqual(found.stress, theirs * (1 + 1e-6))
+                    self.assertLessEqual(found.lower_bound, min(found.stress, theirs))
+                    lower += found.stress < 0.999 * theirs
+        self.assertGreater(lower, 0)
+
+    def test_exact_distances_are_met_and_proven(self):
+        for dim in (2, 3):
+            points = self.random.normal(size=(15, dim))
+            found = asterism.mds(distances_of(points), dim=dim)
+            np.testing.assert_allclose(nearest(found.x, points), points, atol=1e-6)
+            np.testing.assert_allclose(found.x.mean(axis=0), 0, atol=1e-12)
+            self.assertTrue(found.certified)
+            self.assertLess(found.gap, 1e-6)
+            self.assertTrue(found)
+
+    def test_missing_pairs(self):
+        points = self.random.normal(size=(20, 2))
+        distances = distances_of(points)
+        missing = symmetric(self.random.random(distances.shape)) < 0.5
+        np.fill_diagonal(missing, False)
+        partial = np.where(missing, np.nan, distances)
+        known = scipy.sparse.coo_matrix(np.triu(np.where(missing, 0, distances), 1))
+        for name, found in {
+            "NaN": asterism.mds(partial),
+            "weights": asterism.mds(distances + 7 * missing, weights=~missing),
+            "sparse": asterism.mds(known),
+            "sparse weights": asterism.mds(distances, weights=scipy.sparse.csr_matrix(~missing * 1.0)),
+        }.items():
+            with self.subTest(name):
+                self.assertEqual(found.system.link_count, known.nnz)
+                self.assertTrue(found.certified)
+                np.testing.assert_allclose(nearest(found.x, points), points, atol=1e-6)
+
+    def test_weights(self):
+        distances = symmetric(self.random.uniform(0.5, 1.5, (8, 8)))
+        weights = symmetric(self.random.uniform(0.1, 2, (8, 8)))
+        found = asterism.mds(distances, weights)
+        self.assertAlmostEqual(found.stress, stress(found.x, distances, weights), places=10)
+        for _ in range(20):
+            other = asterism.mds(distances, weights, start=self.random.normal(size=(8, 2)), method="newton")
+            self.assertLessEqual(found.stress, other.stress * (1 + 1e-9))
+
+    def test_anchors(self):
+        for dim in (2, 3):
+            points = self.random.normal(size=(12, dim)) + 5
+            anchors = np.full((12, dim), np.nan)
+            anchors[:4] = points[:4]
+            found = asterism.mds(distances_of(points), anchors=anchors, dim=dim)
+            np.testing.assert_allclose(found.x, points, atol=1e-5)
+            anchors[0] += 0.1
+            held = asterism.mds(distances_of(points), anchors=anchors, anchor_weights=np.inf, dim=dim)
+            np.testing.assert_array_equal(held.x[:4], anchors[:4])
+            weak = asterism.mds(distances_of(points), anchors=anchors.tolist(), anchor_weights=0.01, dim=dim)
+            self.assertLess(weak.stress, held.stress)
+            offsets = weak.x[:4] - anchors[:4]
+            self.assertAlmostEqual(weak.stress, stress(weak.x, distances_of(points)) + 0.01 * np.sum(offsets**2), places=10)
+
+    def test_a_proven_gap(self):
+        """Weak noise and strong anchors on most nodes: certified; the staircase proves more than nothing of five noisy nodes."""
+        points = self.random.normal(size=(10, 2))
+        noisy = distances_of(points) * symmetric(1 + 0.01 * self.random.normal(size=(10, 10)))
+        found = asterism.mds(noisy, anchors=points, anchor_weights=3)
+        self.assertTrue(found.certified, found.certificate)
+        self.assertGreater(found.lower_bound, 0.999 * found.stress)
+        self.assertLess(found.gap, 1e-3)
+        for _ in range(10):
+            other = asterism.mds(noisy, anchors=points, anchor_weights=3, start=self.random.normal(size=(10, 2)), starts=1)
+            self.assertGreaterEqual(other.stress, found.lower_bound * (1 - 1e-12))
+
+    def test_parts_without_a_common_pair_are_side_by_side(self):
+        distances = np.full((5, 5), np.nan)
+        distances[0, 1] = distances[1, 0] = 2
+        distances[2, 3] = distances[3, 2] = 3
+        found = asterism.mds(distances)
+        self.assertLess(found.stress, 1e-12)
+        groups = [sorted(found.x[g, 0]) for g in ([0, 1], [2, 3], [4])]
+        groups.sort()
+        for left, right in zip(groups, groups[1:]):
+            self.assertGreater(right[0], left[-1])
+
+    def test_a_start_on_a_line_is_left(self):
+        distances = symmetric(np.ones((4, 4)))
+        found = asterism.mds(distances)
+        square = asterism.mds(distances, method="newton")
+        self.assertLess(found.stress, 0.4)
+        self.assertAlmostEqual(found.stress, square.stress, places=6)
+        line = asterism.mds(np.abs(np.subtract.outer(np.arange(6.0), np.arange(6.0))))
+        self.assertLess(line.stress, 1e-12)
+
+    def test_lists_integers_and_float32(self):
+        expected = asterism.mds(np.array([[0.0, 3, 4], [3, 0, 5], [4, 5, 0]]))
+        for distances in ([[0, 3, 4], [3, 0, 5], [4, 5, 0]], np.array([[0, 3, 4], [3, 0, 5], [4, 5, 0]], np.float32)):
+            np.testing.assert_array_equal(asterism.mds(distances).x, expected.x)
+        self.assertEqual(pickle.loads(pickle.dumps(expected)).stress, expected.stress)
+
+    def test_says_what_is_wrong(self):
+        good = symmetric(np.ones((3, 3)))
+        for call, error, message in [
+            (lambda: asterism.mds([[0, 1], [2, 0]]), ValueError, r"expected a symmetric matrix, but \[0, 1\] is 1.0 and \[1, 0\] is 2.0"),
+            (lambda: asterism.mds(-good), ValueError, r"distances: \[0, 1\] is -1.0; expected >= 0"),
+            (lambda: asterism.mds(good[:2]), ValueError, r"distances: expected shape \(N, N\), found \(2, 3\)"),
+            (lambda: asterism.mds([["a"]]), TypeError, "distances: expected numbers"),
+            (lambda: asterism.mds(good, weights=-good), ValueError, r"weights: \[0, 1\] is -1.0"),
+            (lambda: asterism.mds(good, weights=np.ones((2, 2))), ValueError, "weights: expected shape"),
+            (lambda: asterism.mds(good, anchors=np.zeros((3, 3))), ValueError, r"anchors: expected shape \(3, 2\), found \(3, 3\)"),
+            (lambda: asterism.mds(good, anchors=np.zeros((3, 2)), anchor_weights=-1), ValueError, "anchor_weights: expected >= 0"),
+            (lambda: asterism.mds(good, dim=4), ValueError, "dim: expected 2 or 3, found 4"),
+            (lambda: asterism.mds(good, dim=2.0), TypeError, "dim: expected an integer, found float"),
+            (lambda: asterism.mds(good, start=np.zeros((2, 2))), ValueError, "start: expected shape"),
+            (lambda: asterism.mds(good, method="smacof"), ValueError, "unknown solver 'smacof'"),
+            (lambda: asterism.mds(good, tolerance=-1.0), ValueError, "tolerance"),
+            (lambda: asterism.mds(np.zeros((0, 0))), ValueError, "there are no nodes"),
+            (lambda: asterism.layout([(0, 1, -1)]), ValueError, r"edge \(0, 1\) has length -1.0"),
+            (lambda: asterism.layout([(0, 1.5)]), TypeError, "the nodes of edge 0 are no integers"),
+            (lambda: asterism.layout(np.zeros((3, 2))), ValueError, "give edges as a list"),
+            (lambda: asterism.layout(["ab"]), TypeError, r"edge 0 is no \(i, j\)"),
+        ]:
+            with self.subTest(message), self.assertRaisesRegex(error, message):
+                call()
+
+
+class Graph:
+    """What layout uses of a networkx.Graph."""
+
+    def __init__(self, edges):
+        self.all = edges
+        self.nodes = dict.fromkeys(node for edge in edges for node in edge[:2])
+
+    def edges(self, data):
+        assert data == "length"
+        return [(*edge[:2], edge[2] if len(edge) > 2 else None) for edge in self.all]
+
+
+class LayoutTest(unittest.TestCase):
+    def test_a_path_is_straight(self):
+        for dim in (2, 3):
+            found = asterism.layout([(k, k + 1) for k in range(9)], dim)
+            self.assertEqual(found.x.shape, (10, dim))
+            np.testing.assert_allclose(np.linalg.norm(found.x[0] - found.x[9]), 9, atol=1e-6)
+            self.assertTrue(found.certified)
+
+    def test_forms_of_one_graph(self):
+        edges = [(0, 1), (1, 2), (2, 3), (3, 0), (3, 4)]
+        matrix = np.zeros((5, 5))
+        for i, j in edges:
+            matrix[i, j] = 1
+        expected = asterism.layout(edges)
+        for name, graph in {
+            "upper half": matrix,
+            "both halves": matrix + matrix.T,
+            "sparse": scipy.sparse.csr_matrix(matrix),
+            "sparse integers": scipy.sparse.coo_matrix((matrix + matrix.T).astype(int)),
+            "bools": matrix > 0,
+            "lengths": [(*edge, 1) for edge in edges],
+            "twice, and a loop": edges + edges + [(1, 0), (2, 2), (0, 1, 3.0)],
+        }.items():
+            with self.subTest(name):
+                np.testing.assert_allclose(asterism.layout(graph).x, expected.x, atol=1e-12)
+        named = asterism.layout(Graph([("a", "b"), ("b", "c"), ("c", "d"), ("d", "a"), ("d", "e", 1)]))
+        self.assertEqual(named.nodes, list("abcde"))
+        np.testing.assert_allclose(named.x, expected.x, atol=1e-12)
+
+    def test_networkx(self):
+        try:
+            import networkx
+        except ImportError:
+            self.skipTest("needs networkx (Debian package python3-networkx)")
+        graph = networkx.grid_2d_graph(3, 4)
+        found = asterism.layout(graph)
+        self.assertEqual(found.nodes, list(graph))
+        positions = dict(zip(found.nodes, found.x))
+        lengths = [np.linalg.norm(positions[a] - positions[b]) for a, b in graph.edges]
+        self.assertGreater(min(lengths), 0.5)
+
+    def test_stress_and_lengths(self):
+        edges = [(0, 1, 2.0), (1, 2, 3.0), (2, 0, 4.0)]
+        found = asterism.layout(edges)
+        self.assertLess(found.stress, 1e-12)
+        self.assertAlmostEqual(np.linalg.norm(found.x[1] - found.x[2]), 3, places=6)
+        self.assertAlmostEqual(found.system.link_stiffness[0], 1 / 4)
+        self.assertAlmostEqual(asterism.layout(edges, power=1).system.link_stiffness[0], 1 / 2)
+
+    def test_components_do_not_overlap(self):
+        found = asterism.layout([(0, 1), (1, 2), (2, 0), (3, 4), (6, 7)])
+        self.assertEqual(len(found.x), 8)  # 5 is alone
+        groups = sorted(sorted(found.x[g, 0]) for g in ([0, 1, 2], [3, 4], [5], [6, 7]))
+        for left, right in zip(groups, groups[1:]):
+            self.assertGreater(right[0], left[-1])
+
+
+if __name__ == "__main__":
+    unittest.main()
