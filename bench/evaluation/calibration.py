@@ -61,7 +61,7 @@ def fit_power(c, y, w):
 
     def slope(log_a):
         a = math.exp(log_a)
-        return np.sum(w * (np.where(y, -s, 0) + np.where(y, 0, s / np.expm1(a * s))))
+        return np.sum(w * (np.where(y, -s, 0) + np.where(y, 0, s * np.exp(-a * s) / -np.expm1(-a * s))))
 
     low, high = -12.0, 12.0
     if slope(low) <= 0 or slope(high) >= 0:  # all labels are alike
