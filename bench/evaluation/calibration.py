@@ -210,16 +210,17 @@ def sums(frames, where, *values):
     return np.array([np.bincount(frames.sequence[where], (frames.w * v)[where], len(frames.sequences)) for v in values])
 
 
+def brier_gain(frames, here, new, old):
+    """Brier score of `new` minus that of `old`, with the interval of a paired bootstrap over sequences."""
+    total, gain = sums(frames, here, np.ones_like(new), (new - frames.good) ** 2 - (old - frames.good) ** 2)
+    present = total > 0
+    drawn = draws(int(present.sum()))
+    return (float(gain.sum() / total.sum()), *interval(drawn @ gain[present] / (drawn @ total[present])))
+
+
 def better_brier(frames, where, new, old):
     """Whether `new` has the lower Brier score in all protocols beyond the interval."""
-    for protocol in frames.protocols:
-        here = where & (frames.protocol == protocol)
-        total, gain = sums(frames, here, np.ones_like(new), (old - frames.good) ** 2 - (new - frames.good) ** 2)
-        present = total > 0
-        drawn = draws(int(present.sum()))
-        if not interval(drawn @ gain[present] / (drawn @ total[present]))[0] > 0:
-            return False
-    return True
+    return all(brier_gain(frames, where & (frames.protocol == protocol), new, old)[2] < 0 for protocol in frames.protocols)
 
 
 def f1_samples(frames, here, threshold, drawn, present):
@@ -289,7 +290,7 @@ def evaluate(frames, p):
         areas = np.array([area_under_roc(q, y, w * d[frames.sequence[here]]) for d in drawn[:200]])
         result[protocol] = {
             "brier": brier(q, y, w), "brier_interval": interval(drawn @ squares / (drawn @ weights)),
-            "ece": calibration_error(q, y, w), "area": area_under_roc(q, y, w), "area_interval": interval(areas),
+            "brier_minus_raw": brier_gain(frames, here, p, frames.c), "ece": calibration_error(q, y, w), "area": area_under_roc(q, y, w), "area_interval": interval(areas),
             "sure": total / float(np.sum(w)),
             "sure_wrong": float(np.sum((w * ~y)[sure])) / total if total > 0 else math.nan,
             "sure_off": float(np.sum((w * frames.off[here])[sure])) / total if total > 0 else math.nan,
@@ -384,12 +385,13 @@ def tables(tracker, result):
     yield f"Chosen: on all {result['chosen_on_all']}; " + ", ".join(f"fold {k} {v}" for k, v in result["chosen"].items())
     yield "Fitted on all: " + ", ".join(f"{m} {[round(x, 3) for x in p]}" for m, p in result["parameters_on_all"].items() if p)
     yield ""
-    yield f"| protocol | mapping | Brier | calibration error | area | sure (p >= {SURE}) | of these wrong | without overlap |"
-    yield "|---|---|---|---|---|---|---|---|"
+    yield f"| protocol | mapping | Brier | minus raw | calibration error | area | sure (p >= {SURE}) | of these wrong | without overlap |"
+    yield "|---|---|---|---|---|---|---|---|---|"
     for protocol in next(iter(result["measures"].values())):
         for name in order:
             m = result["measures"][name][protocol]
             yield (f"| {protocol} | {name} | {m['brier']:.3f} ({m['brier_interval'][0]:.3f} to {m['brier_interval'][1]:.3f}) | "
+                   f"{m['brier_minus_raw'][0]:+.3f} ({m['brier_minus_raw'][1]:+.3f} to {m['brier_minus_raw'][2]:+.3f}) | "
                    f"{m['ece']:.3f} | {m['area']:.3f} ({m['area_interval'][0]:.3f} to {m['area_interval'][1]:.3f}) | "
                    f"{percent(m['sure'])} | {percent(m['sure_wrong'])} | {percent(m['sure_off'])} |")
     yield ""
