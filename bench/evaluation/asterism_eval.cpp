@@ -13,6 +13,7 @@
 
 #include "analysis.hpp"
 #include "campaign.hpp"
+#include "frame_export.hpp"
 #include "got10k_export.hpp"
 #include "range_option.hpp"
 #include "report.hpp"
@@ -257,6 +258,37 @@ class ExportCommand {
   std::vector<std::string> trackers_;
 };
 
+/// `asterism-eval export-frames`.
+class ExportFramesCommand {
+ public:
+  explicit ExportFramesCommand(CLI::App& parent)
+      : app_(*parent.add_subcommand("export-frames",
+                                    "writes overlap and confidence of every frame as CSV, of protocols vot "
+                                    "and otb")) {
+    app_.add_option("DIR", folder_, "folder of the results")->required();
+    app_.add_option("--out", out_, "the file")->required();
+    app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
+    app_.add_option("--trackers", trackers_, "only these")->delimiter(',');
+  }
+
+  bool parsed() const { return app_.parsed(); }
+
+  int run() const {
+    const Campaign campaign = read_campaign(folder_, dataset_);
+    std::vector<std::string> names = trackers_;
+    if (names.empty())
+      for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
+    std::printf("%s: %zu frames\n", out_.c_str(), export_frames(campaign, names, out_));
+    return 0;
+  }
+
+ private:
+  CLI::App& app_;
+  std::string folder_;
+  std::filesystem::path out_, dataset_;
+  std::vector<std::string> trackers_;
+};
+
 int list_trackers() {
   for (const std::string& name : evaluated_tracker_names()) std::printf("%s\n", name.c_str());
   return 0;
@@ -273,6 +305,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   RunCommand run(app);
   ReportCommand report(app);
   ExportCommand got10k(app);
+  ExportFramesCommand frames(app);
   const CLI::App* trackers = app.add_subcommand("trackers", "lists the trackers that can be run");
   try {
     app.parse(argc, argv);
@@ -283,6 +316,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   if (run.parsed()) return run.run(processes, command);
   if (report.parsed()) return processes.shard().index == 0 ? report.run() : 0;
   if (got10k.parsed()) return processes.shard().index == 0 ? got10k.run() : 0;
+  if (frames.parsed()) return processes.shard().index == 0 ? frames.run() : 0;
   if (trackers->parsed()) return list_trackers();
   return 0;
 }

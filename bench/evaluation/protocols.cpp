@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cmath>
 #include <exception>
 #include <limits>
 #include <random>
@@ -77,6 +78,11 @@ class Execution {
     Report report;
     if (!attempt(t, slot, [&](const Image& image) { report = step_(image); })) return false;
     frame(slot).region = std::move(report.region);
+    if (!std::isnan(report.confidence)) {
+      auto& confidence = result.trajectory.values["confidence"];
+      confidence.resize(result.trajectory.frames.size(), kNone);
+      confidence[slot] = report.confidence;
+    }
     return true;
   }
 

@@ -93,6 +93,27 @@ TEST_F(ProtocolsTest, SupervisedRestartsFiveFramesAfterAFailure) {
   EXPECT_DOUBLE_EQ(score.failures, 1);
 }
 
+TEST_F(ProtocolsTest, ConfidencesAreStoredWhereThereAreAny) {
+  const Sequence moving = sequence(12);
+  const auto answer = [](int t) {
+    Report report{t == 4 ? Region::rectangle({100, 20, 10, 8}) : ProtocolsTest::truth(t)};
+    if (t != 6) report.confidence = t / 100.0;
+    return report;
+  };
+  const auto result = run(scripted(answer), moving, runs_of(moving, Protocol::Vot, {}).front());
+  const std::vector<double>& confidence = result->trajectory.values.at("confidence");
+  ASSERT_EQ(confidence.size(), 12u);
+  for (std::size_t t = 0; t < 12; ++t) {  // started in 0 and 9; the failed frame has one
+    const bool told = (t >= 1 && t <= 4) || t >= 10;
+    EXPECT_EQ(std::isnan(confidence[t]), !told) << t;
+    if (told) EXPECT_EQ(confidence[t], static_cast<double>(t) / 100);
+  }
+
+  const auto silent = [](int t) { return Report{ProtocolsTest::truth(t)}; };
+  const auto without = run(scripted(silent), moving, runs_of(moving, Protocol::Otb, {}).front());
+  EXPECT_FALSE(without->trajectory.values.contains("confidence"));
+}
+
 TEST_F(ProtocolsTest, WhatIsNotFoundOrThrownIsAFailure) {
   const Sequence moving = sequence(20);
   const auto answer = [](int t) {

@@ -1,0 +1,71 @@
+#include "frame_export.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <cstdio>
+#include <stdexcept>
+
+namespace asterism::bench {
+namespace {
+
+namespace fs = std::filesystem;
+
+// The run's frames as lines that begin with `head`.
+std::size_t append_frames(const std::string& head, const Trajectory& trajectory, const Sequence& sequence,
+                          const ProtocolOptions& options, const std::vector<double>& confidence,
+                          std::string& lines) {
+  std::size_t count = 0;
+  for (std::size_t t = 0; t < sequence.length(); ++t) {
+    const auto truth = truth_of(sequence, t, options);
+    if (!truth || std::isnan(confidence[t])) continue;
+    const auto& region = trajectory.frames[t].region;
+    const double common = region ? overlap(Region::rectangle(region->equal_area_box()),
+                                           Region::rectangle(truth->equal_area_box()), OverlapRule::Exact)
+                                 : 0;
+    std::array<char, 80> text;
+    std::snprintf(text.data(), text.size(), ",%zu,%.6f,%.9g\n", t + 1, common, confidence[t]);
+    lines += head + text.data();
+    ++count;
+  }
+  return count;
+}
+
+}  // namespace
+
+std::size_t export_frames(const Campaign& campaign, const std::vector<std::string>& trackers,
+                          const fs::path& file) {
+  std::string lines = "tracker,protocol,sequence,run,frame,overlap,confidence\n";
+  std::size_t count = 0;
+  for (const std::string& tracker : trackers) {
+    if (!campaign.trackers.contains(tracker))
+      throw std::invalid_argument("no tracker " + tracker + " in " + campaign.folder.string());
+    for (const Protocol protocol : {Protocol::Vot, Protocol::Otb}) {
+      if (std::ranges::find(campaign.protocols, protocol) == campaign.protocols.end()) continue;
+      for (const Sequence& sequence : campaign.sequences)
+        for (const Run& run : runs_of(sequence, protocol, campaign.options)) {
+          const fs::path result = campaign.file(tracker, sequence, run);
+          if (!trajectory_exists(result))
+            throw std::runtime_error("no " + result.string() + ": run it with --protocol " +
+                                     std::string(to_string(protocol)) + " first");
+          const Trajectory trajectory = read_trajectory(result);
+          if (trajectory.frames.size() != sequence.length())
+            throw std::runtime_error(result.string() + ": " + std::to_string(trajectory.frames.size()) +
+                                     " frames, but the sequence has " + std::to_string(sequence.length()));
+          const auto confidence = trajectory.values.find("confidence");
+          if (confidence == trajectory.values.end())
+            throw std::runtime_error(result.string() +
+                                     ": stored without confidences; make it again with --rerun " + tracker +
+                                     ", if the tracker has a confidence");
+          count += append_frames(tracker + "," + std::string(to_string(protocol)) + "," + sequence.name +
+                                     "," + std::to_string(run.number),
+                                 trajectory, sequence, campaign.options, confidence->second, lines);
+        }
+    }
+  }
+  if (file.has_parent_path()) fs::create_directories(file.parent_path());
+  write_atomically(file, lines);
+  return count;
+}
+
+}  // namespace asterism::bench
