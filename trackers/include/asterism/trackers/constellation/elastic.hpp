@@ -23,7 +23,7 @@ struct ElasticOptions {
   SolverOptions solver = {.tolerance = 1e-4, .max_iterations = 200};
 };
 
-/// Parts of any number, which may come and go, on robust anchors: what the trackers beside DPT share.
+/// Parts of any number, which may come and go, on robust anchors, as Lgt has them.
 ///
 /// The energy is a negative log-probability. A part is where its evidence says by a Gaussian of information
 /// peak x covariance^-1, with the loss of Geman and McClure, so that one that is wrong does not matter; a
@@ -36,16 +36,12 @@ class ASTERISM_API ElasticConstellation : public SpringConstellation<ElasticSyst
   /// The parts and who is linked to whom from now on. layout: positions in the object (ObjectPose);
   /// placement: in the image.
   void assign(const Points& layout, const Points& placement, Topology<> topology);
-  /// No parts.
-  void clear() { assign(Points(2, 0), Points(2, 0), Topology<>::full(0)); }
   /// The MAP placement, from the one that is there on. Evidence of peak 0 anchors nothing; parts that no
   /// anchor holds keep to those that one does. The placement stays where the solver fails.
   Summary place(const ObjectPose& pose, std::span<const Evidence> evidence);
 
   /// The parts' positions in the object.
   const Points& layout() const { return layout_; }
-  /// A part's position in the object learns: it moves by `rate` towards that of the placement.
-  void relax(const ObjectPose& pose, double rate);
   /// The layout in the image.
   Points posed(const ObjectPose& pose) const;
 
