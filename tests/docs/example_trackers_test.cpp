@@ -3,20 +3,30 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
+#include <asterism/testing/part_axioms.hpp>
 #include <filesystem>
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <trax_client.hpp>
 
-#include "../trackers/moving_square.hpp"
-
 namespace asterism {
 namespace {
 
 namespace fs = std::filesystem;
+using testing::texture;
 
-class ExampleTracker : public testing::TestWithParam<const char*> {
+// A textured object on a textured background, of other colors, moved along a known path.
+cv::Rect2d true_box(int frame) { return {100.0 + 2 * frame, 80.0 + frame, 48, 64}; }
+cv::Mat draw_frame(int frame) {
+  static const cv::Mat background = texture(240, 320, 3) + cv::Scalar(60, 0, 0),
+                       object = texture(64, 48, 9) + cv::Scalar(0, 0, 80);
+  cv::Mat image = background.clone();
+  object.copyTo(image(cv::Rect(true_box(frame))));
+  return image;
+}
+
+class ExampleTracker : public ::testing::TestWithParam<const char*> {
  protected:
   ~ExampleTracker() override { fs::remove(file_); }
 
@@ -53,7 +63,8 @@ TEST_P(ExampleTracker, FollowsAMovingObject) {
 }
 
 TEST_P(ExampleTracker, FollowsSize) {
-  const cv::Mat background = noise({320, 240}, 15, 20, 90, 1), object = noise({60, 60}, 5, 100, 255, 2);
+  const cv::Mat background = texture(240, 320, 3) + cv::Scalar(60, 0, 0),
+                object = texture(60, 60, 9) + cv::Scalar(0, 0, 80);
   const auto frame = [&](double side) {
     cv::Mat image = background.clone();
     const double scale = side / 60;
@@ -78,7 +89,7 @@ TEST_P(ExampleTracker, SurvivesAHalfCoveredObjectAndABlankFrame) {
   for (int t = 1; t <= 10; ++t) next(draw_frame(t));
   for (int t = 11; t <= 15; ++t) {
     cv::Mat image = draw_frame(t);
-    cv::rectangle(image, cv::Rect2d(true_box(t).x + 24, true_box(t).y - 10, 40, 60), {40, 220, 40},
+    cv::rectangle(image, cv::Rect2d(true_box(t).x + 24, true_box(t).y - 10, 40, 84), {40, 220, 40},
                   cv::FILLED);
     const cv::Rect2d box = next(image);
     EXPECT_NEAR(box.x, true_box(t).x, 8) << t;
@@ -96,7 +107,7 @@ TEST_P(ExampleTracker, SurvivesAHalfCoveredObjectAndABlankFrame) {
   EXPECT_NEAR(box.x, true_box(30).x, 3);
 }
 
-INSTANTIATE_TEST_SUITE_P(All, ExampleTracker, testing::Values("flock", "keypoints", "superpixels"),
+INSTANTIATE_TEST_SUITE_P(All, ExampleTracker, ::testing::Values("flock", "keypoints", "superpixels"),
                          [](const auto& one) { return std::string(one.param); });
 
 }  // namespace

@@ -50,7 +50,9 @@ void serve_trax(T& tracker) {
 
 template <asterism::Tracker T>
 void follow(T& tracker, const std::string& video, const cv::Rect2d& box) {
-  cv::VideoCapture frames(video);
+  // FFmpeg, which is asked first, would decode images with other rounding than serve_trax does.
+  const bool images = video.find('%') != std::string::npos;
+  cv::VideoCapture frames(video, images ? cv::CAP_IMAGES : cv::CAP_ANY);
   cv::Mat image;
   if (!frames.read(image)) throw std::runtime_error("cannot read " + video);
   tracker.init(image, box);
