@@ -10,6 +10,7 @@
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
+#include <cstdlib>
 #include <opencv2/core/utility.hpp>
 #include <opencv2/features2d.hpp>
 #include <string>
