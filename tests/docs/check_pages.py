@@ -7,7 +7,8 @@
   commands are known, scripts are there, and our programs' options exist.
   Anything else says why not, on the line before: <!-- not run: REASON -->
 - A block that is a file has its name on the line before, <!-- file: docs/examples/NAME -->, and is the same, line by line. --update
-  first copies the files into the pages. Every file of docs/examples is on a page, and every C++ file is built.
+  first copies the files into the pages. Every file of docs/examples is on a page, those of its folders by a link, and every C++ file
+  is built.
 - Every link to a file, and every anchor in a page of ours, is there; URLs of others are well formed.
 
 TOOL: the built programs, to be asked for their help; commands of others of ours are not read.
@@ -122,11 +123,13 @@ def example_problems(root, pages):
     """Of files that no page shows, or that are not built."""
     built = root / 'docs/examples/CMakeLists.txt'
     built = built.read_text(encoding='utf-8') if built.exists() else ''
-    for path in sorted((root / 'docs/examples').glob('*')):
+    for path in sorted((root / 'docs/examples').rglob('*')):
         file = path.relative_to(root).as_posix()
         if path.suffix == '.cpp':
-            if not any(f'<!-- file: {file} -->' in text for text in pages):
-                yield f'{file}:1: no page shows it'
+            whole = path.parent == root / 'docs/examples'
+            shown = f'<!-- file: {file} -->' if whole else f'({file.removeprefix("docs/")})'
+            if not any(shown in text for text in pages):
+                yield f'{file}:1: no page {"shows" if whole else "links to"} it'
             if not re.search(rf'\b{path.stem}\b', re.sub(r'#.*', '', built)):
                 yield f'{file}:1: docs/examples/CMakeLists.txt does not build it'
         elif path.suffix == '.py' and not any(path.name in text for text in pages):
@@ -254,10 +257,10 @@ def command_problems(root, command, help_of):
         yield from command_problems(root, rest[2:], help_of)  # after -n N
     elif program == 'cmake':
         yield from cmake_problems(root, rest)
-    elif program.startswith('build/') and '/tests/' in program:
+    elif built := re.match(r'build/.*/(tests|docs/examples)/', program):
         name = pathlib.Path(program).name
-        if not any(name in path.read_text() for path in (root / 'tests').rglob('CMakeLists.txt')):
-            yield f'{program} is no target of the tests'
+        if not any(name in path.read_text() for path in (root / built[1]).rglob('CMakeLists.txt')):
+            yield f'{program} is no target of {built[1]}'
     elif OURS.fullmatch(pathlib.Path(program).name):
         tool = help_of.tools.get(pathlib.Path(program).name)
         if tool:

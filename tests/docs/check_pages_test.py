@@ -118,13 +118,15 @@ class CheckPages(unittest.TestCase):
         self.assertEqual(found, ['README.md:2: 13 lines of code, more than the 12 of an example of README.md'])
 
     def test_example_without_page_or_target(self):
-        for file in ('bad.cpp', 'bad.py'):
+        (self.root / 'docs/examples/folder').mkdir()
+        for file in ('bad.cpp', 'bad.py', 'folder/good.cpp'):
             (self.root / 'docs/examples' / file).write_text('')
         found = self.problems(GOOD)
         self.assertEqual(found, ['docs/examples/bad.cpp:1: no page shows it',
                                  'docs/examples/bad.cpp:1: docs/examples/CMakeLists.txt does not build it',
-                                 'docs/examples/bad.py:1: no page names it'])
-        (self.root / 'docs/other.md').write_text('# Other\n\n## Its heading\n\n`bad.py` draws.\n')
+                                 'docs/examples/bad.py:1: no page names it',
+                                 'docs/examples/folder/good.cpp:1: no page links to it'])
+        (self.root / 'docs/other.md').write_text('# Other\n\n## Its heading\n\n`bad.py` draws [one](examples/folder/good.cpp).\n')
         self.assertEqual(self.problems(GOOD)[2:], [])
 
 

@@ -136,21 +136,18 @@ const std::vector<Case>& cases() {
     part<Mosse, MosseOptions>("mosse"),
     part<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability"),
     part<Strcf, StrcfOptions>("strcf"),
-    part<Superpixels, SuperpixelsOptions>("superpixels_part"),
+    part<Superpixels, SuperpixelsOptions>("superpixels"),
     part<Template, TemplateOptions>("template"),
     make_case("scale_filter", ScaleFilterOptions(), [](const auto& o) { run_scale(ScaleFilter(o)); }),
 #if __has_include(<asterism/parts/models/flow.hpp>)
     part<Flow, FlowOptions>("flow"),
-    tracker<Flock, FlockOptions>("flock"),
 #endif
 #if __has_include(<asterism/parts/models/keypoints.hpp>)
-    part<Keypoints, KeypointsOptions>("keypoints_part"),
-    tracker<KeypointTracker, KeypointTrackerOptions>("keypoints"),
+    part<Keypoints, KeypointsOptions>("keypoints"),
 #endif
     tracker<Dpt>("dpt", everything()),
     tracker<CoarseTracker, CoarseOptions>("coarse"),
     tracker<Lgt, LgtOptions>("lgt"),
-    tracker<SuperpixelTracker, SuperpixelTrackerOptions>("superpixels"),
     make_case("kalman", KalmanOptions(),
               [](const auto& o) { run_tracker(KalmanTracker(AnyTracker(CoarseTracker()), o)); }),
   };

@@ -34,11 +34,6 @@ Summary ElasticConstellation::place(const ObjectPose& pose, std::span<const Evid
   return solver_.solve(system(), placement(), options_.solver);
 }
 
-void ElasticConstellation::relax(const ObjectPose& pose, double rate) {
-  const PlaneTransform to_object = pose.transform().inverse();
-  for (int i = 0; i < size(); ++i) layout_.col(i) += rate * (to_object(placement().col(i)) - layout_.col(i));
-}
-
 ElasticConstellation::Points ElasticConstellation::posed(const ObjectPose& pose) const {
   Points x(2, size());
   for (int i = 0; i < size(); ++i) x.col(i) = pose.transform()(layout_.col(i));

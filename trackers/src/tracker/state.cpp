@@ -5,17 +5,10 @@
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
-#include <asterism/trackers/others/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 #include <limits>
 #include <stdexcept>
-#ifdef ASTERISM_TRACKERS_FLOW
-#include <asterism/trackers/others/flock.hpp>
-#endif
-#ifdef ASTERISM_TRACKERS_KEYPOINTS
-#include <asterism/trackers/others/keypoint_tracker.hpp>
-#endif
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -24,36 +17,6 @@ namespace {
 
 // How far rounding takes correlations from a matrix that is symmetric and positive semi-definite.
 constexpr double kRounding = 1e-6;
-
-// Numbers that must not be negative, one a part; at most so large.
-template <typename T>
-void visit_all(StateArchive& archive, std::vector<T>& values, std::size_t count, T most) {
-  values.resize(count);
-  for (T& value : values) {
-    archive(value);
-    archive.require(value >= 0 && value <= most);
-  }
-}
-
-// Frames since a part was seen: counting goes on for another year before it overflows.
-void visit_unseen(StateArchive& archive, std::vector<int>& unseen, int parts) {
-  visit_all(archive, unseen, static_cast<std::size_t>(parts), 1'000'000'000);
-}
-
-// Colors in CIELAB, no coordinate of which is beyond 200.
-void visit_colors(StateArchive& archive, Eigen::ArrayX3f& colors, int count) {
-  colors.resize(count, 3);
-  archive(colors);
-  archive.require((colors.abs() <= 200).all());
-}
-
-#ifdef ASTERISM_TRACKERS_KEYPOINTS
-// ORB's descriptors of 32 bytes, row by row.
-void visit_descriptors(StateArchive& archive, cv::Mat& descriptors, int count) {
-  if (archive.loading()) descriptors = cv::Mat();
-  if (count > 0) archive.pixels(descriptors, {32, count}, 1);
-}
-#endif
 
 }  // namespace
 
@@ -163,46 +126,6 @@ void Lgt::visit_learned(StateArchive& archive) {
   archive.require(size.minCoeff() >= 1e-6 && size.maxCoeff() <= 1e6 && centre.cwiseAbs().maxCoeff() <= 1e6);
   if (options_.use_motion) motion_.visit_state(archive, centre, size);
 }
-
-void SuperpixelTracker::visit_learned(StateArchive& archive) {
-  archive.begin("superpixel tracker", options_);
-  archive(color_);
-  pose_.visit_state(archive);
-  spacing_ = pose_.mean_side() / options_.template_side;
-  parts_.visit_state(archive);
-  visit_unseen(archive, unseen_, parts_.size());
-  visit_colors(archive, colors_, parts_.size());
-  auto around = static_cast<int>(background_.rows());
-  archive.count(around, 3 * sizeof(float));
-  visit_colors(archive, background_, around);
-}
-
-#ifdef ASTERISM_TRACKERS_FLOW
-void Flock::visit_learned(StateArchive& archive) {
-  archive.begin("flock", options_);
-  pose_.visit_state(archive);
-  points_.visit_state(archive);
-  archive.require(points_.size() == options_.grid * options_.grid);
-  flow_.visit_state(archive, pose_.centre(), pose_.size());
-}
-#endif
-
-#ifdef ASTERISM_TRACKERS_KEYPOINTS
-void KeypointTracker::visit_learned(StateArchive& archive) {
-  archive.begin("keypoint tracker", options_);
-  pose_.visit_state(archive);
-  parts_.visit_state(archive);
-  archive.require(parts_.size() <= options_.max_parts);
-  visit_unseen(archive, unseen_, parts_.size());
-  visit_descriptors(archive, descriptors_, parts_.size());
-  int around = background_.rows;
-  archive.count(around, 32);
-  visit_descriptors(archive, background_, around);
-  archive(padding_);
-  archive.require(padding_ >= options_.padding && padding_ <= options_.max_padding);
-  flow_.visit_state(archive, pose_.centre(), pose_.size());
-}
-#endif
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

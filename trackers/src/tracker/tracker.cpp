@@ -3,18 +3,11 @@
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
-#include <asterism/trackers/others/superpixel_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
 #include <concepts>
 #include <optional>
 #include <stdexcept>
-#ifdef ASTERISM_TRACKERS_FLOW
-#include <asterism/trackers/others/flock.hpp>
-#endif
-#ifdef ASTERISM_TRACKERS_KEYPOINTS
-#include <asterism/trackers/others/keypoint_tracker.hpp>
-#endif
 #ifdef ASTERISM_TRACKERS_JSON
 #include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
@@ -124,14 +117,7 @@ template <class Made>
 Made make_named(std::string_view name, std::string_view json) {
   if (const auto options = dpt_variant(name)) return Dpt(with(*options, name, json));
   if (const auto options = coarse_variant(name)) return CoarseTracker(with(*options, name, json));
-#ifdef ASTERISM_TRACKERS_FLOW
-  if (name == "flock") return Flock(with(FlockOptions(), name, json));
-#endif
-#ifdef ASTERISM_TRACKERS_KEYPOINTS
-  if (name == "keypoints") return KeypointTracker(with(KeypointTrackerOptions(), name, json));
-#endif
   if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
-  if (name == "superpixels") return SuperpixelTracker(with(SuperpixelTrackerOptions(), name, json));
   if (name == "kalman") return make_kalman<Made>(name, json);
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
@@ -188,16 +174,8 @@ std::array<cv::Point2d, 4> turned(const cv::Rect2d& box, double angle) {
 }
 
 std::vector<std::string> tracker_names() {
-  std::vector<std::string> names{"dpt",     "coarse",  "kcf",        "dpt_crs",     "dpt_crs_nos",
-                                 "dpt_loc", "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus"};
-#ifdef ASTERISM_TRACKERS_FLOW
-  names.push_back("flock");
-#endif
-#ifdef ASTERISM_TRACKERS_KEYPOINTS
-  names.push_back("keypoints");
-#endif
-  names.insert(names.end(), {"lgt", "superpixels", "kalman"});
-  return names;
+  return {"dpt",     "coarse",     "kcf",         "dpt_crs",  "dpt_crs_nos", "dpt_loc",
+          "dpt_str", "dpt_3x3_ov", "dpt_3x3_nov", "dpt_plus", "lgt",         "kalman"};
 }
 
 AnyTracker make_tracker(std::string_view description) {

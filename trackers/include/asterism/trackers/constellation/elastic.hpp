@@ -23,7 +23,7 @@ struct ElasticOptions {
   SolverOptions solver = {.tolerance = 1e-4, .max_iterations = 200};
 };
 
-/// Any number of parts, which may be added and removed, on robust anchors. All trackers except DPT share it.
+/// Any number of parts, which may be added and removed, on robust anchors: those of Lgt.
 ///
 /// The energy is a negative log-probability. A part's position is distributed about that of its evidence with
 /// information peak x covariance^-1, under the loss of Geman and McClure, so that wrong evidence has little
@@ -36,16 +36,12 @@ class ASTERISM_API ElasticConstellation : public SpringConstellation<ElasticSyst
   /// Sets the parts and their links. layout: positions in the object (ObjectPose);
   /// placement: in the image.
   void assign(const Points& layout, const Points& placement, Topology<> topology);
-  /// No parts.
-  void clear() { assign(Points(2, 0), Points(2, 0), Topology<>::full(0)); }
   /// Moves the placement to the MAP placement, starting from the present one. Evidence of peak 0 has no
   /// anchor; its part is held by its links. If the solver fails, the placement stays as it was.
   Summary place(const ObjectPose& pose, std::span<const Evidence> evidence);
 
   /// The parts' positions in the object.
   const Points& layout() const { return layout_; }
-  /// Updates the parts' positions in the object: they move by `rate` towards those of the placement.
-  void relax(const ObjectPose& pose, double rate);
   /// The layout in the image.
   Points posed(const ObjectPose& pose) const;
 

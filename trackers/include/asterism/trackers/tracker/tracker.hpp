@@ -195,8 +195,7 @@ ASTERISM_API std::vector<std::string> tracker_names();
 ///   "dpt_crs" (the coarse layer alone, also "coarse") and "dpt_crs_nos" (its filter alone; "kcf" is that in
 ///   the window of Henriques' KCF);
 /// - "dpt_plus", DPT with a root that learns from its surroundings, and a scale filter (docs/tracker.md);
-/// - "flock" (Flock), "keypoints" (KeypointTracker), "lgt" (Lgt), "superpixels" (SuperpixelTracker). Flock
-///   and KeypointTracker are not known where OpenCV's libraries for them were not found;
+/// - "lgt" (Lgt), after Cehovin, Kristan and Leonardis (docs/trackers.md);
 /// - "kalman" (KalmanTracker of DPT, or of the tracker that its option "of" describes).
 ///
 /// Throws std::invalid_argument: for an unknown name, with a list of the known ones; for an unknown option,

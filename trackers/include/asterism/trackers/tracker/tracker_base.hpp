@@ -36,7 +36,8 @@ ASTERISM_API TimedFrame timed_frame(const cv::Mat& image);
 /// - `start(frame, box)`: learn the object in this box, which has been checked;
 /// - `follow(frame)`: the TrackResult in the next frame;
 /// - `standing()`, with a gate: the result of a tracker that stays where it is;
-/// - `visit_learned(archive)`: what it has learned, for `visit_state`.
+/// - `visit_learned(archive)`: what it has learned, for `visit_state`; only a T that is neither saved nor put
+///   into an AnyTracker may be without it.
 template <class T, class Gate = InterruptionGate>
 class TrackerBase {
  public:

@@ -7,13 +7,6 @@
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
-#include <asterism/trackers/others/superpixel_tracker.hpp>
-#if __has_include(<asterism/trackers/others/flock.hpp>)  // only installed where it was built
-#include <asterism/trackers/others/flock.hpp>
-#endif
-#if __has_include(<asterism/trackers/others/keypoint_tracker.hpp>)
-#include <asterism/trackers/others/keypoint_tracker.hpp>
-#endif
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -71,45 +64,6 @@ inline void visit_options(OptionVisitor& visit, ElasticOptions& options) {
   visit("solver", options.solver);
 }
 
-#if __has_include(<asterism/trackers/others/flock.hpp>)
-inline void visit_options(OptionVisitor& visit, PointFlowOptions& options) {
-  visit("max_error", options.max_error, option_ranges::kPositive);
-  visit("lk_window", options.lk_window, {3, 101});
-  visit("lk_levels", options.lk_levels, {0, 16});
-  visit_window(visit, options.window, option_ranges::kSearchPadding, {8, option_ranges::kLongestSide});
-}
-
-inline void visit_options(OptionVisitor& visit, FlockOptions& options) {
-  visit("flow", options.flow);
-  visit("grid", options.grid, {2, 50});
-  visit("neighbours", options.neighbours, {1, 100});
-  visit("springs", options.springs);
-  visit("max_residual", options.max_residual, option_ranges::kPositive);
-  visit("centre_weight", options.centre_weight, {0, 1e9});
-  visit("layout_rate", options.layout_rate, option_ranges::kShare);
-  visit("lost_below", options.lost_below, option_ranges::kShare);
-}
-#endif
-
-#if __has_include(<asterism/trackers/others/keypoint_tracker.hpp>)
-inline void visit_options(OptionVisitor& visit, KeypointTrackerOptions& options) {
-  visit("flow", options.flow);
-  visit("max_parts", options.max_parts, {1, 1000});
-  visit("max_points", options.max_points, {1, 5000});
-  visit("fast_threshold", options.fast_threshold, {1, 255});
-  visit("max_distance", options.max_distance, {1e-9, 1});
-  visit("max_ratio", options.max_ratio, {1e-9, 1});
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("max_padding", options.max_padding, option_ranges::kSearchPadding);
-  visit("neighbours", options.neighbours, {1, 100});
-  visit("springs", options.springs);
-  visit("centre_weight", options.centre_weight, {0, 1e9});
-  visit("forget_after", options.forget_after, {1, 1e9});
-  visit("min_agreeing", options.min_agreeing, option_ranges::kPositive);
-  visit("lost_below", options.lost_below, option_ranges::kShare);
-}
-#endif
-
 inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
   visit("part", options.part, "color_histogram");
   visit("max_parts", options.max_parts, {1, 100});
@@ -126,18 +80,6 @@ inline void visit_options(OptionVisitor& visit, LgtOptions& options) {
   visit("weight_rate", options.weight_rate, {1e-9, 1});
   visit("remove_below", options.remove_below, option_ranges::kShare);
   visit("box", options.box, {"bounds", "spread"});
-  visit("lost_below", options.lost_below, option_ranges::kShare);
-}
-
-inline void visit_options(OptionVisitor& visit, SuperpixelTrackerOptions& options) {
-  visit("slic", options.slic);
-  visit("template_side", options.template_side, {8, 512});
-  visit("padding", options.padding, option_ranges::kSearchPadding);
-  visit("color_sigma", options.color_sigma, option_ranges::kPositive);
-  visit("neighbours", options.neighbours, {1, 100});
-  visit("springs", options.springs);
-  visit("learning_rate", options.learning_rate, option_ranges::kShare);
-  visit("forget_after", options.forget_after, {1, 1e9});
   visit("lost_below", options.lost_below, option_ranges::kShare);
 }
 
