@@ -22,5 +22,9 @@ execute_process(
   COMMAND ${sphinx-build} -q -W --keep-going -d ${BINARY_DIR}/doctrees -c ${docs}/site ${docs} ${site}
   COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${site}/README.html ${site}/index.html)
+execute_process(
+  COMMAND ${CMAKE_COMMAND} -DPROJECT_SOURCE_DIR=${PROJECT_SOURCE_DIR} -DFOLDER=${site}/playground
+          -P ${docs}/playground/build.cmake
+  COMMAND_ERROR_IS_FATAL ANY)
 execute_process(COMMAND ${doxygen} ${BINARY_DIR}/Doxyfile COMMAND_ERROR_IS_FATAL ANY)
 message("the site is ${site}/index.html")
