@@ -225,7 +225,7 @@ function wantsLandscape() { return $('show-landscape').checked && selected && se
 
 function mapLandscape() {
   if (!wantsLandscape()) return;
-  const {width, height} = size(), cell = Math.max(4, Math.ceil(Math.sqrt(width * height / 9000)));
+  const {width, height} = size(), cell = Math.max(3, Math.ceil(Math.sqrt(width * height / 25000)));
   const columns = Math.ceil(width / cell) + 1, rows = Math.ceil(height / cell) + 1;
   const [left, top] = toWorld(0, 0), step = cell / view.scale;
   const energies = solver.landscape(position(), selected.index, left, top, step, columns, rows);
@@ -268,7 +268,7 @@ function prepare(target) {
 }
 
 function fit() {
-  const points = [...problem.anchors.filter((_, i) => problem.anchor_stiffness[i] > 0), ...problem.start, ...(shown ? pairs(shown.x) : [])];
+  const points = [...($('show-anchors').checked ? problem.anchors.filter((_, i) => problem.anchor_stiffness[i] > 0) : []), ...problem.start, ...(shown ? pairs(shown.x) : []), ...(second ? pairs(second.x) : [])];
   const xs = points.map((p) => p[0]), ys = points.map((p) => p[1]);
   const [left, right, top, bottom] = [Math.min(...xs), Math.max(...xs), Math.min(...ys), Math.max(...ys)];
   const {width, height} = size(), margin = Math.min(width, height) * 0.1;
@@ -290,7 +290,7 @@ function draw() {
   const radius = n > 60 ? 4 : n > 20 ? 6 : 8;
   if (landscape && wantsLandscape()) {
     const [left, top] = toScreen(landscape.left - landscape.step / 2, landscape.top - landscape.step / 2);
-    pen.imageSmoothingEnabled = false;
+    pen.imageSmoothingEnabled = true;
     pen.drawImage(landscape.picture, left, top, landscape.width * view.scale, landscape.height * view.scale);
   }
   const anchor = (i) => toScreen(...problem.anchors[i]);
@@ -325,7 +325,7 @@ function draw() {
     pen.globalAlpha = few ? 1 : 0.6;
     line(pen, ax, ay, bx, by);
     if (!isSelected && Math.abs(strain) > 1e-3) {
-      pen.globalAlpha = Math.min(1, 0.25 + 4 * Math.abs(strain));
+      pen.globalAlpha = Math.min(1, 0.45 + 5 * Math.abs(strain));
       pen.strokeStyle = color(strain < 0 ? '--pushed' : '--pulled');
       line(pen, ax, ay, bx, by);
     }
@@ -340,7 +340,8 @@ function draw() {
       const most = 1e5 / view.scale;
       pen.ellipse(...point(i), 2 * Math.min(most, Math.sqrt(mean + off)) * view.scale, 2 * Math.min(most, Math.sqrt(Math.max(0, mean - off))) * view.scale,
         Math.atan2(2 * b, a - d) / 2, 0, 2 * Math.PI);
-      pen.globalAlpha = n > 30 ? 0.05 : 0.1; pen.fill(); pen.globalAlpha = 0.45; pen.stroke(); pen.globalAlpha = 1;
+      if (2 * Math.sqrt(mean + off) * view.scale < 90) { pen.globalAlpha = n > 30 ? 0.05 : 0.1; pen.fill(); }
+      pen.globalAlpha = 0.45; pen.stroke(); pen.globalAlpha = 1;
     }
   }
   if ($('show-path').checked && shown.start && shown.steps) {
@@ -383,12 +384,12 @@ function circle(pen, x, y, r, isFull) { pen.beginPath(); pen.arc(x, y, r, 0, 2 *
 function chart(target, curves, title) {
   const {pen, width, height} = prepare(target);
   const points = curves.flatMap((c) => c.points).filter(([, y]) => y > 0);
-  pen.font = '11px system-ui, sans-serif'; pen.fillStyle = color('--soft'); pen.textBaseline = 'top';
-  pen.fillText(title, 4, 0);
+  pen.font = '11px system-ui, sans-serif'; pen.fillStyle = color('--soft'); pen.textBaseline = 'top'; pen.textAlign = 'left';
+  pen.fillText(title, 0, 0);
   if (!points.length) return;
   let low = Math.log10(Math.min(...points.map((p) => p[1]))), high = Math.log10(Math.max(...points.map((p) => p[1])));
   if (high - low < 0.05) { low -= 0.05; high += 0.05; }
-  const most = Math.max(1, ...points.map((p) => p[0])), left = 46, top = 18, right = width - 8, bottom = height - 18;
+  const most = Math.max(1, ...points.map((p) => p[0])), left = 46, top = 18, right = width - 14, bottom = height - 18;
   const X = (v) => left + (right - left) * Math.log1p(v) / Math.log1p(most), Y = (v) => bottom - (bottom - top) * (Math.log10(Math.max(v, 10 ** low)) - low) / (high - low);
   pen.strokeStyle = color('--line'); pen.lineWidth = 1;
   pen.textAlign = 'right'; pen.textBaseline = 'middle';
@@ -436,7 +437,7 @@ function describe() {
     row.title = s ? `${s.solver}: ${s.status}${s.message ? ', ' + s.message : ''}` : '';
     row.cells[1].textContent = s ? (s.status === 'converged' ? s.iterations : `${s.iterations} (${s.status === 'maximum number of iterations' ? 'limit' : s.status})`) : '';
     row.cells[2].textContent = s ? format(s.energy) : '';
-    row.cells[3].textContent = s ? (1000 * s.seconds).toFixed(s.seconds < 0.01 ? 2 : 0) : '';
+    row.cells[3].textContent = s ? s.seconds < 1e-4 ? '< 0.1' : (1000 * s.seconds).toFixed(s.seconds < 0.01 ? 1 : 0) : '';
   });
   const steps = shown.energies.length, k = Math.min(at, steps - 1);
   $('scrub').max = Math.max(0, steps - 1);
@@ -514,7 +515,7 @@ function undo() {
   $('undo').disabled = past.length === 0;
 }
 /** The problem is another one. */
-function edited() { preset = null; isStale = true; keepState(); }
+function edited() { preset = null; $('preset').value = ''; isStale = true; keepState(); }
 /** What is shown of it is. */
 function changed() { isStale = true; keepState(); }
 
@@ -612,7 +613,7 @@ function lookForLower() {
   if (!isLower) second = null;
   const found = second;
   describe();
-  if (!found) $('take').hidden = true;
+  if (found) fit(); else $('take').hidden = true;
   isDirty = true;
 }
 
@@ -689,7 +690,7 @@ canvas.addEventListener('pointermove', (event) => {
     held.at = world;
     held.x[2 * held.index] = world[0]; held.x[2 * held.index + 1] = world[1];
   }
-  preset = null;
+  preset = null; $('preset').value = '';
   isStale = true;
 });
 
@@ -835,7 +836,7 @@ let theme = 'auto';
 try { theme = localStorage.getItem('theme') || 'auto'; } catch { /* no storage: as the system has it */ }
 function paint() {
   document.documentElement.dataset.theme = theme === 'dark' || theme === 'auto' && dark.matches ? 'dark' : 'light';
-  $('theme').textContent = `Theme: ${theme}`;
+  $('theme').textContent = {auto: 'Auto', light: 'Light', dark: 'Dark'}[theme] || 'Auto';
   colors = {}; landscape = null; redo();
 }
 
@@ -892,7 +893,8 @@ function complain(error) { $('status').textContent = `The link: ${error.message}
 
 begin();
 if (typeof createPlayground === 'undefined') {
-  $('status').textContent = 'solver.js is not there: it is compiled from playground.cpp by emscripten (docs/playground.md).';
+  document.body.classList.add('unbuilt');
+  $('about').textContent = 'The playground is not built here: its solver, solver.js, is compiled by emscripten, as docs/playground.md says.';
 } else {
   createPlayground().then(async (module) => {
     solver = new Solver(module);

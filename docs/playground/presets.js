@@ -18,7 +18,7 @@ const PRESETS = (() => {
     return system('five parts', anchors, [0.02, 0.01, 0.03, 0.002, 0.01], pairs(5), pairs(5).map(([i, j]) => distance(shape[i], shape[j])), 0.02);
   };
   const twoMinima = () => system('two minima', [[0, 0], [100, 0], [50, 20]], [1e-2, 1e-2, 5e-4], pairs(3), 100, 1e-2, {start: [[0, 0], [100, 0], [50, -20]]});
-  const oneAnchor = () => system('two parts, one anchor', [[0, 0], [0, 0], [90, 10]], [0.01, 0.01, 0.002], [[0, 1], [1, 2]], [80, 60], [0.02, 0.004], {start: [[-3, 20], [4, -30], [70, 40]]});
+  const oneAnchor = () => system('two parts, one anchor', [[0, 0], [0, 0], [90, 10]], [0.01, 0.01, 0.02], [[0, 1], [1, 2]], [80, 40], [0.02, 0.02], {start: [[-3, 20], [4, -30], [70, 40]]});
   const nearCoincident = () => system('near-coincident parts (Figure 8)',
     [[0.04033496863101371, 0.689142669407231], [0.8737487053964023, 0.4906610188379199], [-0.17482430326181259, 0.27397045038807555], [0.33430210240032376, 0.7376352267005859]],
     [595.8756431467882, 499.703651696046, 596.4126248915841, 1416.2782451979324], pairs(4),
@@ -29,7 +29,7 @@ const PRESETS = (() => {
     rest_length: [1e-6, ...nearCoincident().rest_length.slice(1)], link_stiffness: [1e14, ...nearCoincident().link_stiffness.slice(1)]});
   const weakAnchors = () => {
     const n = 8, random = noise(5), anchors = ring(n, 60).map(([x, y]) => [x + 14 * random(), y + 14 * random()]);
-    return system('weak anchors', anchors, 1e-6, pairs(n), pairs(n).map(([i, j]) => 120 * Math.abs(Math.sin(Math.PI * (i - j) / n))), 0.01,
+    return system('weak anchors', anchors, 1e-4, pairs(n), pairs(n).map(([i, j]) => 120 * Math.abs(Math.sin(Math.PI * (i - j) / n))), 0.01,
       {start: ring(n, 60, 0.9).map(([x, y]) => [x + 30, y + 20 * random()])});
   };
   const tracked = () => system('tracked: a pedestrian, frame 61',
@@ -64,7 +64,7 @@ const PRESETS = (() => {
     for (const [i, j] of edges) apart[i][j] = apart[j][i] = 1;
     for (let k = 0; k < n; ++k) for (let i = 0; i < n; ++i) for (let j = 0; j < n; ++j) apart[i][j] = Math.min(apart[i][j], apart[i][k] + apart[k][j]);
     const random = noise(seed), all = pairs(n);
-    return system(name, ring(n, 80), 1e-6, all, all.map(([i, j]) => 50 * apart[i][j]), all.map(([i, j]) => 0.01 / apart[i][j] ** 2),
+    return system(name, ring(n, 80), 3e-4, all, all.map(([i, j]) => 50 * apart[i][j]), all.map(([i, j]) => 0.01 / apart[i][j] ** 2),
       {start: Array.from({length: n}, () => [90 * random(), 90 * random()])});
   };
   // As the generalised Petersen graph G(10, 2).
