@@ -170,14 +170,13 @@ let tasks = [], isDirty = true, isStale = true, playing = 0;
 let landscape = null, bounds = null;
 let reference = {link: 1, anchor: 1, size: 1};
 const past = [];
-const times = [];              // of frames with a solve [ms], for the tests
+const times = [];              // what frames with a solve took [ms], for the tests
 const method = () => $('method').selectedIndex;
 const tolerance = () => Number($('tolerance').value);
 const flat = (points) => points.flat();
 const pairs = (x) => Array.from({length: x.length / 2}, (_, i) => [x[2 * i], x[2 * i + 1]]);
 
 function solveShown() {
-  const begin = performance.now();
   const p = held ? {...problem, fixed: [...problem.fixed, ...(problem.fixed.includes(held.index) ? [] : [held.index])]} : problem;
   solver.set(p);
   shown = solver.solve(method(), held ? held.x : flat(problem.start), tolerance());
@@ -198,8 +197,6 @@ function solveShown() {
     METHODS.forEach((_, i) => tasks.push(() => { all[i] = i === method() ? shown : solver.solve(i, flat(problem.start), tolerance(), false); isDirty = true; }));
     tasks.push(startBounds);
   }
-  times.push(performance.now() - begin);
-  if (times.length > 600) times.shift();
 }
 
 // The lower bound at each iterate of the chosen method, some hundred of them at most.
@@ -452,11 +449,10 @@ function describe() {
   const isProven = c && /global/.test(c.proof);
   $('proof').textContent = c ? c.proof[0].toUpperCase() + c.proof.slice(1) : '–';
   $('proof').className = isProven ? 'good' : 'bad';
-  $('proof').title = c ? c.reason : '';
   const facts = c ? [['energy', format(c.energy)], ['lower bound', format(c.bound)], ['gap', format(Math.max(0, c.energy - c.bound))],
     ['least eigenvalue of W', format(c.eigenvalue)], ['a global minimum is within', format(c.distance)]] : [];
-  if (c && c.reason) facts.push(['why not', c.reason]);
-  if (shown.covariances && shown.covariances.reason) facts.push(['no covariance', shown.covariances.reason]);
+  const reasons = [c && c.reason, shown.covariances && shown.covariances.reason && `No covariance: ${shown.covariances.reason}`].filter(Boolean);
+  $('why').textContent = reasons.map((r) => r[0].toUpperCase() + r.slice(1) + '.').join(' ');
   $('facts').replaceChildren(...facts.flatMap(([a, b]) => { const dt = document.createElement('dt'), dd = document.createElement('dd'); dt.textContent = a; dd.textContent = b; return [dt, dd]; }));
   $('take').hidden = !(second && second.energy < shown.energy - 1e-9 * Math.abs(shown.energy));
   if (!second) $('second').textContent = '';
@@ -775,6 +771,7 @@ function randomStart() {
 function frame(now) {
   requestAnimationFrame(frame);
   if (!problem) return;
+  const begin = performance.now(), isSolved = isStale;
   if (isStale) { isStale = false; solveShown(); isDirty = true; }
   if (playing) {
     const last = shown.energies.length - 1, seconds = Math.min(4, 0.4 + last / 12);
@@ -783,13 +780,13 @@ function frame(now) {
     isDirty = true;
   }
   if (!pointer || pointer.kind === 'pan' || pointer.kind === 'pinch' || !pointer.moved) {
-    const begin = performance.now();
     if (tasks.length && !held) solver.set(problem);
     while (tasks.length && performance.now() - begin < FRAME) tasks.shift()();
   } else if (tasks[0] === mapLandscape) tasks.shift()();
   if (!isDirty) return;
   isDirty = false;
   draw(); drawCharts(); describe();
+  if (isSolved && times.push(performance.now() - begin) > 600) times.shift();
 }
 
 // --- State in the link --------------------------------------------------------------------------------------------
@@ -836,7 +833,7 @@ let theme = 'auto';
 try { theme = localStorage.getItem('theme') || 'auto'; } catch { /* no storage: as the system has it */ }
 function paint() {
   document.documentElement.dataset.theme = theme === 'dark' || theme === 'auto' && dark.matches ? 'dark' : 'light';
-  $('theme').textContent = {auto: 'Auto', light: 'Light', dark: 'Dark'}[theme] || 'Auto';
+  $('theme').textContent = {auto: '◐ Auto', light: '◐ Light', dark: '◐ Dark'}[theme] || '◐ Auto';
   colors = {}; landscape = null; redo();
 }
 

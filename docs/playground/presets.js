@@ -84,7 +84,7 @@ const PRESETS = (() => {
 
   return [
     ['parts', 'Five parts', 'Found at their anchors (squares), held at their distances by springs. Drag either.', parts],
-    ['two-minima', 'Two minima', 'The third part started below the line of the others, and the lower minimum is above it.', twoMinima],
+    ['two-minima', 'Two minima', 'The third part started above the line of the others; the lower minimum is below it, where its anchor is.', twoMinima],
     ['one-anchor', 'Two parts on one anchor', 'Any direction is as good as another until a third part decides.', oneAnchor],
     ['near-coincident', 'Near-coincident parts', 'Two parts to be 0.01 apart, where parts are 0.5 apart: the kind of Figure 8 of the paper.', nearCoincident],
     ['hard-case', 'The hard case of Figure 8', 'The same with 1e-6, and a spring of stiffness 1e14: methods end at different energies.', hardCase],

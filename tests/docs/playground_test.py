@@ -244,7 +244,7 @@ class Test:
             self.browser.run('playground.times()')
             self.browser.drag(self.browser.run('return playground.place("node", 55)'), [(3 * i, 2 * i) for i in range(1, 60)])
             times = sorted(self.browser.run('return playground.times()'))
-            print(f'100 parts, a part dragged, {method}: a solve and its covariances take {statistics.median(times):.1f} ms in the median '
+            print(f'100 parts, a part dragged, {method}: solving, covariances and drawing take {statistics.median(times):.1f} ms in the median '
                   f'and {times[len(times) // 10]:.1f} in the first decile of {len(times)}; a frame is {FRAME:.1f} ms')
             check(times[len(times) // 10] < 2 * FRAME, 'too slow even for a busy machine')
 
