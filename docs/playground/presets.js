@@ -64,12 +64,12 @@ const PRESETS = (() => {
     for (const [i, j] of edges) apart[i][j] = apart[j][i] = 1;
     for (let k = 0; k < n; ++k) for (let i = 0; i < n; ++i) for (let j = 0; j < n; ++j) apart[i][j] = Math.min(apart[i][j], apart[i][k] + apart[k][j]);
     const random = noise(seed), all = pairs(n);
-    return system(name, ring(n, 80), 3e-4, all, all.map(([i, j]) => 50 * apart[i][j]), all.map(([i, j]) => 0.01 / apart[i][j] ** 2),
+    return system(name, ring(n, 80), 1e-3, all, all.map(([i, j]) => 50 * apart[i][j]), all.map(([i, j]) => 0.01 / apart[i][j] ** 2),
       {start: Array.from({length: n}, () => [90 * random(), 90 * random()])});
   };
   // As the generalised Petersen graph G(10, 2).
   const dodecahedron = () => layout('graph: the dodecahedron', 20,
-    Array.from({length: 10}, (_, i) => [[i, (i + 1) % 10], [i, i + 10], [i + 10, (i + 2) % 10 + 10]]).flat(), 11);
+    Array.from({length: 10}, (_, i) => [[i, (i + 1) % 10], [i, i + 10], [i + 10, (i + 2) % 10 + 10]]).flat(), 7);
   const contradiction = () => {
     const anchors = ring(6, 55);
     return system('contradictory lengths', anchors, 1e-3, pairs(6), pairs(6).map(([i, j]) => [90, 40, 120][(i + 2 * j) % 3]), 0.01);
@@ -92,7 +92,7 @@ const PRESETS = (() => {
     ['tracked', 'A tracked pedestrian', 'Four parts as the DPT tracker recorded them in frame 61 of the sequence woman.', tracked],
     ['cable', 'A cable', 'A chain between two fixed parts; far and weak anchors below act as weight.', cable],
     ['cloth', 'A cloth', '100 parts, 342 links, two corners fixed.', cloth],
-    ['graph', 'A graph', 'Layout by stress majorisation: all pairs of a dodecahedron, weighted by 1 / distance^2.', dodecahedron],
+    ['graph', 'A graph', 'Layout by stress majorisation, all pairs of a dodecahedron weighted by 1 / distance^2: methods end in different minima.', dodecahedron],
     ['contradiction', 'Contradictory lengths', 'No placement has them all: nothing is certified, and the bound stays below the energy.', contradiction],
     ['bridge', 'A bridge', 'A truss on two supports with weights on its other joints.', truss],
   ].map(([id, title, about, make]) => ({id, title, about, make}));
