@@ -92,7 +92,7 @@ const PRESETS = (() => {
     ['tracked', 'A tracked pedestrian', 'Four parts as the DPT tracker recorded them in frame 61 of the sequence woman.', tracked],
     ['cable', 'A cable', 'A chain between two fixed parts; far and weak anchors below act as weight.', cable],
     ['cloth', 'A cloth', '100 parts, 342 links, two corners fixed.', cloth],
-    ['graph', 'A graph', 'Layout by stress majorisation, all pairs of a dodecahedron weighted by 1 / distance^2: methods end in different minima.', dodecahedron],
+    ['graph', 'A graph', 'Layout by stress majorisation, all pairs of a dodecahedron weighted by 1 / distance²: methods end in different minima.', dodecahedron],
     ['contradiction', 'Contradictory lengths', 'No placement has them all: nothing is certified, and the bound stays below the energy.', contradiction],
     ['bridge', 'A bridge', 'A truss on two supports with weights on its other joints.', truss],
   ].map(([id, title, about, make]) => ({id, title, about, make}));
