@@ -51,6 +51,9 @@ execute_process(
           -D reference_tags=${BINARY_DIR}/doxygen/tags.xml ${pages} ${site}
   COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${site}/README.html ${site}/index.html)
+execute_process(COMMAND ${CMAKE_COMMAND} -DPROJECT_SOURCE_DIR=${PROJECT_SOURCE_DIR} -DFOLDER=${BINARY_DIR}/playground
+                        -P ${docs}/playground/build.cmake COMMAND_ERROR_IS_FATAL ANY)
+file(COPY ${BINARY_DIR}/playground DESTINATION ${site})
 execute_process(COMMAND ${python3} ${PROJECT_SOURCE_DIR}/tests/docs/check_site.py ${site} RESULT_VARIABLE problems)
 if(problems)
   message(FATAL_ERROR "The site is not whole: see the lines above")

@@ -1,0 +1,42 @@
+# cmake -DPROJECT_SOURCE_DIR=.. -DFOLDER=.. -P build.cmake: puts the playground into FOLDER. If emcc (Debian package
+# emscripten) is there, the solver is compiled to FOLDER/solver.js, once a change of its source; if not, the page says
+# that it is missing.
+cmake_minimum_required(VERSION 3.21)
+set(here ${PROJECT_SOURCE_DIR}/docs/playground)
+file(MAKE_DIRECTORY ${FOLDER})
+foreach(file playground.html playground.css playground.js presets.js)
+  file(COPY ${here}/${file} DESTINATION ${FOLDER})
+endforeach()
+
+find_program(emxx em++ NO_CACHE)
+find_path(eigen Eigen/Core PATHS /usr/include /usr/local/include PATH_SUFFIXES eigen3 NO_CACHE)
+if(NOT emxx OR NOT eigen)
+  file(REMOVE ${FOLDER}/solver.js)
+  message(STATUS "The playground is without its solver: that needs em++ (Debian package emscripten) and Eigen")
+  return()
+endif()
+
+file(GLOB_RECURSE sources ${PROJECT_SOURCE_DIR}/solver/include/*.hpp ${here}/*.cpp ${here}/*.h ${here}/*.hpp ${here}/build.cmake)
+set(is_old FALSE)
+foreach(source IN LISTS sources)
+  if(${source} IS_NEWER_THAN ${FOLDER}/solver.js) # also if there is none
+    set(is_old TRUE)
+  endif()
+endforeach()
+if(NOT is_old)
+  return()
+endif()
+# Each function of playground.h is exported.
+file(STRINGS ${here}/playground.h declarations REGEX "^[a-z].*asterism_playground_[a-z]+\\(")
+list(TRANSFORM declarations REPLACE ".*(asterism_playground_[a-z]+)\\(.*" "_\\1")
+list(JOIN declarations "," functions)
+message(STATUS "Compiling the playground's solver")
+execute_process(
+  COMMAND
+    ${CMAKE_COMMAND} -E env NODE_PATH=/usr/share/nodejs # Debian's modules, for another node than Debian's
+    ${emxx} -std=c++20 -O3 -fno-exceptions -fno-rtti -Wall -Wextra -include ${here}/emscripten_library.hpp
+    -I${PROJECT_SOURCE_DIR}/solver/include -isystem ${eigen} ${here}/playground.cpp -o ${FOLDER}/solver.js
+    -sSINGLE_FILE=1 # so that the page works from a folder
+    -sMODULARIZE=1 -sEXPORT_NAME=createPlayground -sENVIRONMENT=web,node -sFILESYSTEM=0 -sALLOW_MEMORY_GROWTH=1
+    -sEXPORTED_RUNTIME_METHODS=UTF8ToString -sEXPORTED_FUNCTIONS=_malloc,_free,${functions}
+  COMMAND_ERROR_IS_FATAL ANY)
