@@ -24,9 +24,9 @@ class CellChannels {
   static constexpr float kTypical = 0.2F;
 
  protected:
-  CellChannels() = default;
-  CellChannels(const CellChannels&) = default;
-  CellChannels& operator=(const CellChannels&) = default;
+  CellChannels() = default;                                ///< For classes of channels.
+  CellChannels(const CellChannels&) = default;             ///< A copy.
+  CellChannels& operator=(const CellChannels&) = default;  ///< A copy.
 };
 
 }  // namespace ASTERISM_ABI

@@ -14,7 +14,7 @@ inline namespace ASTERISM_ABI {
 
 /// What a network takes for an image: scale x (pixel - mean), channel by channel.
 struct DnnInput {
-  double scale = 1 / 255.0;
+  double scale = 1 / 255.0;     ///< after the mean is subtracted
   cv::Scalar mean = {0, 0, 0};  ///< in the order of the network's channels
   bool rgb = true;              ///< the network's channels are red, green, blue; otherwise blue, green, red
 };
@@ -23,8 +23,9 @@ struct DnnInput {
 /// (ONNX, Caffe, TensorFlow, ...) and that takes images of any size. Header-only; link OpenCV's dnn library.
 ///
 ///     const auto channels = std::make_shared<DnnChannels>("network.onnx");
-///     Kcf part({.features = {.hog = false, .gray = false, .own = channels}, .cell_size =
-///     channels->stride()});
+///     KcfOptions options;
+///     options.features = {.hog = false, .gray = false, .own = channels};
+///     options.cell_size = channels->stride();
 ///
 /// The values of a window are scaled together to the root mean square CellChannels::kTypical. A layer whose
 /// map is not exactly rows x cols for a window of as many cells is resampled to that.
