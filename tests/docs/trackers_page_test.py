@@ -98,7 +98,8 @@ def data(folder):
 
 
 def again(folder):
-    """The trackers may differ a little with the kernels of another CPU."""
+    """The trackers may differ a little with the kernels of another CPU or another OpenCV. Behind the post, lgt follows
+    differences of one gray level in a few hundred pixels to another place: it is compared until then."""
     old = read(folder)
     with tempfile.TemporaryDirectory() as made:
         subprocess.run([sys.executable, folder / 'record.py', pathlib.Path(made) / 'trackers-data.js'], check=True)
@@ -106,7 +107,8 @@ def again(folder):
         new = read(pathlib.Path(made))
     check(new['clip']['boxes'] == old['clip']['boxes'], 'another clip')
     for a, b in zip(old['trackers'], new['trackers']):
-        same = [overlap(f['box'], g['box']) for f, g in zip(a['frames'], b['frames'])]
+        end = next(t for t, hidden in enumerate(old['clip']['hidden']) if hidden > 0) if a['name'] == 'lgt' else None
+        same = [overlap(f['box'], g['box']) for f, g in zip(a['frames'][:end], b['frames'])]
         check(statistics.mean(same) >= SAME, f'{a["name"]}: its boxes overlap those of the recording by {statistics.mean(same):.3f} in the mean; '
               'run docs/playground/record.py again, and look at the page')
 
