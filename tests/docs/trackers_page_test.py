@@ -1,0 +1,252 @@
+#!/usr/bin/env python3
+"""trackers_page_test.py FOLDER [--data | --again | --pictures FOLDER]: the page trackers.html that docs/playground/build.cmake copied.
+
+--data checks the recording alone, without a browser: its shape, finite numbers, overlaps computed again, images. --again
+makes the recording once more by record.py, whose trackers are to follow as the recorded ones. Otherwise the page is opened from its folder in chromium. Exit code 77:
+chromium or chromedriver is missing.
+"""
+import argparse
+import base64
+import json
+import math
+import pathlib
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+
+import playground_test
+from playground_test import check
+
+TRACKERS = ['dpt', 'dpt_plus', 'lgt', 'kcf']
+MOST_BYTES = 600_000  # of the recording
+SAME = 0.9  # mean overlap of a tracker's boxes with those of the recording
+playground_test.KEYS.update({'left': '\ue012', 'home': '\ue011', 'end': '\ue010', 'shift': '\ue008', 'space': ' '})
+
+
+def read(folder):
+    path = folder / 'trackers-data.js'
+    check(path.stat().st_size <= MOST_BYTES, f'{path.name} has {path.stat().st_size} bytes, more than {MOST_BYTES}')
+    comment, text = path.read_text(encoding='ascii').split('\n', 1)
+    check(comment.startswith('//') and text.startswith('const RECORDING = ') and text.endswith(';\n'), f'{path.name} is not as record.py writes it')
+
+    def refuse(value):
+        raise AssertionError(f'{path.name}: {value} is not finite')
+    return json.loads(text[len('const RECORDING = '):-2], parse_constant=refuse)
+
+
+def numbers(value, count, what):
+    check(isinstance(value, list) and len(value) == count and all(type(v) in (int, float) and math.isfinite(v) for v in value),
+          f'{what}: expected {count} finite numbers, found {value}')
+
+
+def overlap(a, b):
+    width, height = (max(0, min(a[i] + a[i + 2], b[i] + b[i + 2]) - max(a[i], b[i])) for i in (0, 1))
+    return width * height / (a[2] * a[3] + b[2] * b[3] - width * height)
+
+
+def jpeg_size(source, what):
+    """Width and height in the header of a data address."""
+    head = 'data:image/jpeg;base64,'
+    check(source.startswith(head), f'{what} is not a JPEG')
+    data, at = base64.b64decode(source[len(head):], validate=True), 2
+    while data[at + 1] not in (0xC0, 0xC1, 0xC2):
+        at += 2 + int.from_bytes(data[at + 2:at + 4], 'big')
+    return int.from_bytes(data[at + 7:at + 9], 'big'), int.from_bytes(data[at + 5:at + 7], 'big')
+
+
+def data(folder):
+    recording = read(folder)
+    clip, trackers = recording['clip'], recording['trackers']
+    count, size = len(clip['frames']), (clip['width'], clip['height'])
+    check(jpeg_size(clip['background'], 'the background') == size, 'the background has another size than the clip')
+    for t, (x, y, source) in enumerate(clip['frames']):
+        width, height = jpeg_size(source, f'frame {t}')
+        check(x >= 0 and y >= 0 and x + width <= size[0] and y + height <= size[1], f'frame {t} is not in the clip')
+    check(len(clip['boxes']) == count, 'true boxes are missing')
+    for t, box in enumerate(clip['boxes']):
+        numbers(box, 4, f'true box {t}')
+    for key in ('hidden', 'shaded'):
+        numbers(clip[key], count, key)
+        check(all(0 <= v <= 1 for v in clip[key]) and max(clip[key]) > 0.3, f'{key}: the clip shows nothing of it')
+    check([t['name'] for t in trackers] == TRACKERS, 'other trackers')
+    for tracker in trackers:
+        links = []
+        check(len(tracker['frames']) == count, f'{tracker["name"]}: {len(tracker["frames"])} frames, the clip has {count}')
+        for t, frame in enumerate(tracker['frames']):
+            what = f'{tracker["name"]}, frame {t}'
+            numbers(frame['box'], 4, f'{what}: box')
+            if t == 0:
+                check(frame['box'] == clip['boxes'][0] and set(frame) == {'box'}, f'{what}: not the start alone')
+                continue
+            numbers([frame[key] for key in ('angle', 'confidence', 'overlap', 'threshold')], 4, what)
+            check(0 <= frame['confidence'] <= 1, f'{what}: confidence {frame["confidence"]}')
+            check(abs(frame['overlap'] - overlap(frame['box'], clip['boxes'][t])) < 1e-3, f'{what}: overlap {frame["overlap"]} is not that of the boxes')
+            for i, part in enumerate(frame['parts']):
+                numbers(part, 6, f'{what}, part {i}')
+                # An update needs the threshold; numbers are rounded to 0.001 and 0.0001.
+                check(part[5] in (0, 1) and (not part[5] or part[4] >= frame['threshold'] - 1e-3), f'{what}, part {i}: updated below the threshold')
+            links = frame.get('links', links)
+            check(all(0 <= i < len(frame['parts']) and 0 <= j < len(frame['parts']) for i, j in links), f'{what}: a link without its part')
+        parts = [len(f['parts']) for f in tracker['frames'][1:]]
+        expected = {'dpt': {6}, 'dpt_plus': {6}, 'kcf': {0}}.get(tracker['name'])
+        check(set(parts) == expected if expected else min(parts) > 0, f'{tracker["name"]}: {sorted(set(parts))} parts')
+    dpt = trackers[0]['frames'][1:]
+    check(any(not p[5] for f in dpt for p in f['parts']), 'no part of dpt waits while it is hidden')
+
+
+def again(folder):
+    """The trackers may differ a little with the kernels of another CPU or another OpenCV. Behind the post, lgt follows
+    differences of one gray level in a few hundred pixels to another place: it is compared until then."""
+    old = read(folder)
+    with tempfile.TemporaryDirectory() as made:
+        subprocess.run([sys.executable, folder / 'record.py', pathlib.Path(made) / 'trackers-data.js'], check=True)
+        data(pathlib.Path(made))
+        new = read(pathlib.Path(made))
+    check(new['clip']['boxes'] == old['clip']['boxes'], 'another clip')
+    for a, b in zip(old['trackers'], new['trackers']):
+        end = next(t for t, hidden in enumerate(old['clip']['hidden']) if hidden > 0) if a['name'] == 'lgt' else None
+        same = [overlap(f['box'], g['box']) for f, g in zip(a['frames'][:end], b['frames'])]
+        check(statistics.mean(same) >= SAME, f'{a["name"]}: its boxes overlap those of the recording by {statistics.mean(same):.3f} in the mean; '
+              'run docs/playground/record.py again, and look at the page')
+
+
+class PageBrowser(playground_test.Browser):
+    def idle(self):
+        self.until('window.viewer && viewer.isIdle()', 30)
+
+    def state(self):
+        self.idle()
+        return self.run('return viewer.state()')
+
+
+def slide(browser, frame):
+    browser.run(f'const s = document.getElementById("scrub"); s.value = {frame}; s.dispatchEvent(new Event("input"))')
+
+
+def shown(browser, canvas):
+    return browser.run(f'return document.getElementById("{canvas}").toDataURL()')
+
+
+def slider(browser, page, recording):
+    browser.open(page, '')
+    check(browser.state()['frame'] == 0, 'does not begin at the first frame')
+    first = {canvas: shown(browser, canvas) for canvas in ('view', 'weights', 'quality')}
+    slide(browser, 66)
+    check(browser.state()['frame'] == 66, 'the slider did not move the frame')
+    for canvas, value in first.items():
+        check(shown(browser, canvas) != value, f'{canvas} does not show the frame of the slider')
+    hidden = [i + 1 for i, part in enumerate(recording['trackers'][0]['frames'][66]['parts']) if not part[5]]
+    check(len(hidden) > 1 and f'Not learning: parts {", ".join(map(str, hidden))}.' in browser.run('return document.getElementById("status").textContent'),
+          'the status does not name the parts that do not learn')
+
+
+def trackers(browser, page, recording):
+    browser.open(page, '#frame=40')
+    check(browser.run('return [...document.getElementById("tracker").options].map((o) => o.value)') == TRACKERS, 'other trackers in the list')
+    for k, tracker in enumerate(recording['trackers']):
+        browser.run(f'const s = document.getElementById("tracker"); s.selectedIndex = {k}; s.dispatchEvent(new Event("change"))')
+        for frame in (1, 40, 119):
+            slide(browser, frame)
+            state = browser.state()
+            parts = tracker['frames'][frame]['parts']
+            check(state['tracker'] == tracker['name'] and state['parts'] == state['rows'] == len(parts), f'{tracker["name"]}: {state["rows"]} weights of {len(parts)} parts')
+            weights = browser.run('return [...document.querySelectorAll("#parts tbody td:nth-child(2)")].map((c) => c.textContent)')
+            check(all(abs(float(text) - part[4]) < 1e-3 for text, part in zip(weights, parts)), f'{tracker["name"]}: other weights')
+        check(browser.run('return document.getElementById("weights-panel").hidden') == (not parts), f'{tracker["name"]}: the panel of weights')
+
+
+def keyboard(browser, page, _):
+    browser.open(page, '#tracker=dpt&frame=10')
+    browser.press('right', 'right', 'left')
+    check(browser.state()['frame'] == 11, 'arrow keys')
+    browser.press(('shift', 'right'))
+    check(browser.state()['frame'] == 21, 'Shift and an arrow key')
+    browser.press('end')
+    check(browser.state()['frame'] == 119, 'End')
+    browser.press('home', '.', '.')
+    state = browser.state()
+    check(state['frame'] == 0 and state['selected'] == 1, 'Home, and the selected part')
+    browser.press('2')
+    check(browser.state()['tracker'] == 'dpt_plus', 'a digit chooses the tracker')
+    browser.run('document.getElementById("scrub").focus()')
+    browser.press('right')
+    check(browser.state()['frame'] == 1, 'an arrow key on the slider moves by one frame')
+    browser.call('POST', '/url', {'url': 'about:blank'})
+    browser.call('POST', '/url', {'url': page + '#frame=100'})
+    browser.idle()
+    browser.run('document.getElementById("rate").value = "25"; document.getElementById("play").click()')
+    browser.until('viewer.isIdle()', 30)
+    check(browser.state()['frame'] == 119, 'playing does not end at the last frame')
+
+
+def link(browser, page, _):
+    browser.open(page, '#tracker=dpt_plus&frame=77&part=3&show=parts+best')
+    state = browser.state()
+    check((state['tracker'], state['frame'], state['selected']) == ('dpt_plus', 77, 2), f'the link leads to {state}')
+    check(browser.run('return ["parts", "springs", "best", "true"].map((s) => document.getElementById("show-" + s).checked)') == [True, False, True, False], 'what is shown')
+    browser.press('right')
+    browser.until('location.hash === "#tracker=dpt_plus&frame=78&part=3&show=parts+best"', 10)
+    box = browser.run('const b = document.getElementById("quality").getBoundingClientRect(); return [b.left + b.width / 2, b.top + b.height / 2]')
+    browser.drag(box, [(-30, 0), (-60, 0)])
+    check(browser.state()['frame'] < 60, 'a drag over a chart does not move the frame')
+
+
+def phone(browser, page, _):
+    for dark in (False, True):
+        browser.resize(375, 740, dark)
+        for name in TRACKERS:
+            browser.open(page, f'#tracker={name}&frame=60')
+            check(browser.run('return document.documentElement.dataset.theme') == ('dark' if dark else 'light'), 'the theme is not the system\'s')
+            width = browser.run('return document.scrollingElement.scrollWidth')
+            check(width <= 375, f'{name}: {width} px wide on a phone of 375')
+    browser.resize(1280, 800)
+
+
+def pictures(browser, page, folder):
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, frame, show in (('dpt', 66, 'parts+springs+best+true'), ('lgt', 50, 'parts+springs'), ('kcf', 66, 'parts+true'), ('dpt_plus', 110, 'parts+springs')):
+        for dark in (False, True):
+            for width, height in ((1280, 800), (375, 1500)):
+                browser.resize(width, height, dark)
+                browser.open(page, f'#tracker={name}&frame={frame}&show={show}')
+                time.sleep(0.2)
+                browser.picture(folder / f'{name}-{"dark" if dark else "light"}-{width}.png')
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('folder', type=pathlib.Path)
+    parser.add_argument('--data', action='store_true')
+    parser.add_argument('--again', action='store_true')
+    parser.add_argument('--pictures', type=pathlib.Path)
+    arguments = parser.parse_args()
+    if arguments.data:
+        data(arguments.folder)
+        return
+    if arguments.again:
+        again(arguments.folder)
+        return
+    chromium, driver = shutil.which('chromium'), shutil.which('chromedriver')
+    if not chromium or not driver:
+        print('skipped: chromium or chromedriver is not there')
+        sys.exit(77)
+    page = (arguments.folder.resolve() / 'trackers.html').as_uri()
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        browser = PageBrowser(chromium, driver, pathlib.Path(folder) / 'profile')
+        try:
+            if arguments.pictures:
+                pictures(browser, page, arguments.pictures)
+                return
+            for part in (slider, trackers, keyboard, link, phone):
+                part(browser, page, read(arguments.folder))
+                errors = browser.errors()
+                check(not errors, f'{part.__name__}: the console: {errors}')
+        finally:
+            browser.close()
+
+
+if __name__ == '__main__':
+    main()
