@@ -160,10 +160,10 @@ TEST(InPractice, StateOfAModel) {
 
 TEST(OpenCv, OurTracker) {
   const cv::Mat image = draw(0), next = draw(1);
-  cv::Rect box(60, 50, 64, 64);
+  cv::Rect object(60, 50, 64, 64);
 #include "docs_opencv_1.inc"
   EXPECT_TRUE(found);
-  EXPECT_NEAR(box.x, 62, 1);
+  EXPECT_NEAR(object.x, 62, 1);
 }
 
 TEST(OpenCv, ItsTracker) {

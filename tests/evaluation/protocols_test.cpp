@@ -106,7 +106,9 @@ TEST_F(ProtocolsTest, ConfidencesAreStoredWhereThereAreAny) {
   for (std::size_t t = 0; t < 12; ++t) {  // started in 0 and 9; the failed frame has one
     const bool told = (t >= 1 && t <= 4) || t >= 10;
     EXPECT_EQ(std::isnan(confidence[t]), !told) << t;
-    if (told) EXPECT_EQ(confidence[t], static_cast<double>(t) / 100);
+    if (told) {
+      EXPECT_EQ(confidence[t], static_cast<double>(t) / 100);
+    }
   }
 
   const auto silent = [](int t) { return Report{ProtocolsTest::truth(t)}; };

@@ -153,7 +153,7 @@ TEST(PartPlugin, IsRefusedInOneLineThatSaysWhy) {
       {ASTERISM_WITHOUT_ADD_PLUGIN, " is not a library of part models: it has no asterism_part_plugin_add"},
       {ASTERISM_THROWS_PLUGIN, ": no GPU"},
       {ASTERISM_THROWS_INT_PLUGIN, ": an exception that is not a std::exception"},
-      {ASTERISM_NAME_PLUGIN, "a part model's name has letters"},
+      {ASTERISM_NAME_PLUGIN, "a part model's name must consist of letters"},
       {ASTERISM_TWICE_PLUGIN, "there is a part model 'nothing' already"},
       {"/proc/self/exe", "it has no section"},
       {"/dev/zero", " is not a library of part models: it is not a regular file"},

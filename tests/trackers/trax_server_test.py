@@ -240,7 +240,7 @@ class Server(unittest.TestCase):
             session.state()
             code, errors = session.end()
             self.assertEqual(code, 1)
-            self.assertIn("gone without a quit", errors)
+            self.assertIn("without sending quit", errors)
 
 
 if __name__ == "__main__":

@@ -612,17 +612,17 @@ TEST_F(Trax, IgnoresWhatIsNoMessage) {
 
 TEST_F(Trax, EndsASessionThatGoesWrong) {
   const std::string frame = "@@TRAX:frame \"file://" + (folder_ / "missing.png").string() + "\"\n";
-  expect_error("", "without a quit");
-  expect_error(initialize(), "without a quit");
-  expect_error("@@TRAX:frame \"file", "without a quit");
+  expect_error("", "without sending quit");
+  expect_error(initialize(), "without sending quit");
+  expect_error("@@TRAX:frame \"file", "without sending quit");
   expect_error("@@TRAX:nonsense\n", "unknown message 'nonsense'");
   expect_error("@@TRAX:frame \"a\n", "not closed");
-  expect_error("@@TRAX:hello\n", "hello is for the tracker");
-  expect_error("@@TRAX:state \"1,2,3,4\"\n", "state is for the tracker");
+  expect_error("@@TRAX:hello\n", "hello is a message that only trackers send");
+  expect_error("@@TRAX:state \"1,2,3,4\"\n", "state is a message that only trackers send");
   expect_error(frame, "before an object");
   expect_error(initialize() + frame, "no such image: ");
   expect_error(initialize() + "@@TRAX:frame\n", "frame needs an image, but has 0 arguments");
-  expect_error("@@TRAX:initialize\n", "an image and a region, 0 arguments");
+  expect_error("@@TRAX:initialize\n", "an image and a region, but has 0 arguments");
   expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\" \"y\"\n", "3 arguments");
   for (const std::string region : {"", "1,2,3", "1,2,3,4,5", "1,2,-3,4", "nan,2,3,4", "m0,0,3,3,1,2", "0"}) {
     expect_error("@@TRAX:initialize \"x\" \"" + region + "\"\n", "expected a rectangle or a polygon");
@@ -634,7 +634,7 @@ TEST_F(Trax, EndsASessionThatGoesWrong) {
 
   const std::string four = "--tracker kcf --trax-version 4";
   expect_error("@@TRAX:initialize \"1,2,3\"\n", "expected a rectangle or a polygon", four);
-  expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\"\n", "initialize takes a region, 2 arguments", four);
+  expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\"\n", "initialize needs a region, but has 2 arguments", four);
   expect_error("@@TRAX:initialize\n" + frame, "before an object", four);
 }
 
@@ -662,7 +662,7 @@ TEST_F(Trax, NoticesThatTheClientIsGone) {
   std::ifstream errors(folder_ / "err"), code(folder_ / "code");
   std::string line;
   ASSERT_TRUE(std::getline(errors, line));
-  expect_reason(line, {"asterism-trax: the client has gone"});
+  expect_reason(line, {"asterism-trax: the client closed the connection"});
   ASSERT_TRUE(std::getline(code, line));
   EXPECT_EQ(line, "1");
 }
