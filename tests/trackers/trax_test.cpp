@@ -634,7 +634,8 @@ TEST_F(Trax, EndsASessionThatGoesWrong) {
 
   const std::string four = "--tracker kcf --trax-version 4";
   expect_error("@@TRAX:initialize \"1,2,3\"\n", "expected a rectangle or a polygon", four);
-  expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\"\n", "initialize needs a region, but has 2 arguments", four);
+  expect_error("@@TRAX:initialize \"x\" \"1,2,3,4\"\n", "initialize needs a region, but has 2 arguments",
+               four);
   expect_error("@@TRAX:initialize\n" + frame, "before an object", four);
 }
 

@@ -58,9 +58,9 @@ struct KcfOptions {
 /// Sec. 2.1). A PartModel; copies are independent.
 ///
 /// The channels, all on the cell grid and under a Hann window, feed one kernel. All transforms are single
-/// precision and the library's own (docs/parts-reference.md). The kernel's map is near one, or near offset^exponent,
-/// everywhere: only its deviation from that is transformed, and the spectrum's DC, about 1e3, is added in
-/// double precision, where single precision would err by as much as lambda. A is double.
+/// precision and the library's own (docs/parts-reference.md). The kernel's map is near one, or near
+/// offset^exponent, everywhere: only its deviation from that is transformed, and the spectrum's DC, about
+/// 1e3, is added in double precision, where single precision would err by as much as lambda. A is double.
 ///
 /// Once it has been initialised, `localize` and `adapt` do not allocate, but for color channels. One object
 /// is for one thread at a time, different ones are independent.
