@@ -362,8 +362,9 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
   expect_error("--options dtp", {"unknown tracker 'dtp'"}, false);
   expect_error("--options", {"--options"}, false);
-  if (fs::exists("/dev/full"))
+  if (fs::exists("/dev/full")) {
     EXPECT_NE(std::system((ASTERISM_TRACK_TOOL " --options dpt > /dev/full 2> " + path("err")).c_str()), 0);
+  }
 }
 
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
