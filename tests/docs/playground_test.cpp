@@ -142,7 +142,7 @@ TEST(Playground, BadInputIsAStatusWithAMessage) {
   const int ends[] = {0, 1, 1, 7};
   asterism_playground* const p = asterism_playground_new(3, 2, ends);
   EXPECT_EQ(asterism_playground_solve(p, 3, 1e-8, 100), static_cast<int>(Status::InvalidInput));
-  EXPECT_STREQ(asterism_playground_message(p), "link 1 has an end that is not a node");
+  EXPECT_STREQ(asterism_playground_message(p), "link 1 has an end that is out of range");
   asterism_playground_delete(p);
 
   auto problem = some_problem();

@@ -1,4 +1,3 @@
-#include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/cv_tracker_part.hpp>
 #include <cmath>
@@ -14,12 +13,6 @@ namespace {
 // Shortest side of a search window [window pixels]; OpenCV's trackers fail on less.
 constexpr int kLeastSide = 48;
 }  // namespace
-
-void visit_options(OptionVisitor& visit, CvTrackerPartOptions& options) {
-  visit("deviation", options.deviation, {1e-6, 10});
-  visit("adaptive", options.adaptive);
-  visit_window(visit, options.window, option_ranges::kSearchPadding, {8, option_ranges::kLongestSide});
-}
 
 CvTrackerPart::CvTrackerPart(Factory create, const CvTrackerPartOptions& options)
     : create_(std::move(create)), options_(check_options("CvTrackerPartOptions", options)) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/template_window.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
@@ -70,7 +71,11 @@ class ASTERISM_API CvTrackerPart {
 };
 
 /// The options by name.
-ASTERISM_API void visit_options(OptionVisitor& visit, CvTrackerPartOptions& options);
+inline void visit_options(OptionVisitor& visit, CvTrackerPartOptions& options) {
+  visit("deviation", options.deviation, {1e-6, 10});
+  visit("adaptive", options.adaptive);
+  visit_window(visit, options.window, option_ranges::kSearchPadding, {8, option_ranges::kLongestSide});
+}
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
