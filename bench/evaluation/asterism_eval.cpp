@@ -222,34 +222,27 @@ class ReportCommand {
   ReportOptions options_;
 };
 
-/// `asterism-eval export-got10k`.
+/// Stored results that a command writes in another form: all trackers, or those that are named.
 class ExportCommand {
  public:
-  explicit ExportCommand(CLI::App& parent)
-      : app_(*parent.add_subcommand("export-got10k",
-                                    "writes the results of protocol otb in the format of GOT-10k's server")) {
+  bool parsed() const { return app_.parsed(); }
+
+ protected:
+  ExportCommand(CLI::App& app, const std::string& out) : app_(app) {
     app_.add_option("DIR", folder_, "folder of the results")->required();
-    app_.add_option("--out", out_, "folder of the files, with a subfolder for each tracker")->required();
+    app_.add_option("--out", out_, out)->required();
     app_.add_option("--dataset", dataset_, "path of the data set, if it has moved");
     app_.add_option("--trackers", trackers_, "only these, separated by commas")->delimiter(',');
   }
 
-  bool parsed() const { return app_.parsed(); }
-
-  int run() const {
-    const Campaign campaign = read_campaign(folder_, dataset_);
+  Campaign campaign() const { return read_campaign(folder_, dataset_); }
+  std::vector<std::string> names(const Campaign& campaign) const {
     std::vector<std::string> names = trackers_;
     if (names.empty())
       for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
-    for (const std::string& name : names) {
-      const std::size_t repeated = export_got10k(campaign, name, out_ / name);
-      std::printf("%s: to be sent are the contents of it, zipped\n", (out_ / name).c_str());
-      if (repeated > 0)
-        std::fprintf(stderr, "%s has no box in %zu frames, which have the one before\n", name.c_str(),
-                     repeated);
-    }
-    return 0;
+    return names;
   }
+  const std::filesystem::path& out() const { return out_; }
 
  private:
   CLI::App& app_;
@@ -258,35 +251,42 @@ class ExportCommand {
   std::vector<std::string> trackers_;
 };
 
-/// `asterism-eval export-frames`.
-class ExportFramesCommand {
+/// `asterism-eval export-got10k`.
+class ExportGot10kCommand : public ExportCommand {
  public:
-  explicit ExportFramesCommand(CLI::App& parent)
-      : app_(*parent.add_subcommand("export-frames",
-                                    "writes overlap and confidence of every frame as CSV, of protocols vot "
-                                    "and otb")) {
-    app_.add_option("DIR", folder_, "folder of the results")->required();
-    app_.add_option("--out", out_, "the file")->required();
-    app_.add_option("--dataset", dataset_, "where the data set is now, if it has moved");
-    app_.add_option("--trackers", trackers_, "only these")->delimiter(',');
-  }
-
-  bool parsed() const { return app_.parsed(); }
+  explicit ExportGot10kCommand(CLI::App& parent)
+      : ExportCommand(
+            *parent.add_subcommand("export-got10k",
+                                   "writes the results of protocol otb in the format of GOT-10k's server"),
+            "folder of the files, with a subfolder for each tracker") {}
 
   int run() const {
-    const Campaign campaign = read_campaign(folder_, dataset_);
-    std::vector<std::string> names = trackers_;
-    if (names.empty())
-      for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
-    std::printf("%s: %zu frames\n", out_.c_str(), export_frames(campaign, names, out_));
+    const Campaign results = campaign();
+    for (const std::string& name : names(results)) {
+      const std::size_t repeated = export_got10k(results, name, out() / name);
+      std::printf("%s: to be sent are the contents of it, zipped\n", (out() / name).c_str());
+      if (repeated > 0)
+        std::fprintf(stderr, "%s has no box in %zu frames, which have the one before\n", name.c_str(),
+                     repeated);
+    }
     return 0;
   }
+};
 
- private:
-  CLI::App& app_;
-  std::string folder_;
-  std::filesystem::path out_, dataset_;
-  std::vector<std::string> trackers_;
+/// `asterism-eval export-frames`.
+class ExportFramesCommand : public ExportCommand {
+ public:
+  explicit ExportFramesCommand(CLI::App& parent)
+      : ExportCommand(*parent.add_subcommand("export-frames",
+                                             "writes overlap and confidence of every frame as CSV, of "
+                                             "protocols vot and otb"),
+                      "the file") {}
+
+  int run() const {
+    const Campaign results = campaign();
+    std::printf("%s: %zu frames\n", out().c_str(), export_frames(results, names(results), out()));
+    return 0;
+  }
 };
 
 int list_trackers() {
@@ -304,7 +304,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   app.set_version_flag("--version", ASTERISM_VERSION);
   RunCommand run(app);
   ReportCommand report(app);
-  ExportCommand got10k(app);
+  ExportGot10kCommand got10k(app);
   ExportFramesCommand frames(app);
   const CLI::App* trackers = app.add_subcommand("trackers", "lists the trackers that can be run");
   try {

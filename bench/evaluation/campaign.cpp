@@ -199,6 +199,18 @@ fs::path Campaign::errors_file(const std::string& tracker, const Sequence& seque
   return result.parent_path() / (result.stem().string() + "_errors.log");
 }
 
+Trajectory Campaign::result(const std::string& tracker, const Sequence& sequence, const Run& run) const {
+  const fs::path stored = file(tracker, sequence, run);
+  if (!trajectory_exists(stored))
+    throw std::runtime_error("no " + stored.string() + ": run it with --protocol " +
+                             std::string(to_string(run.protocol)) + " first");
+  Trajectory trajectory = read_trajectory(stored);
+  if (trajectory.frames.size() != sequence.length())
+    throw std::runtime_error(stored.string() + ": " + std::to_string(trajectory.frames.size()) +
+                             " frames, but the sequence has " + std::to_string(sequence.length()));
+  return trajectory;
+}
+
 std::string reason_against_name(const std::string& tracker) {
   const auto usable = [](unsigned char c) {
     return std::isalnum(c) != 0 || c == '_' || c == '-' || c == '.' || c == '+';

@@ -31,6 +31,9 @@ struct Campaign {
   /// The file, beside a run's result, with the error that the tracker threw; absent if it threw none.
   std::filesystem::path errors_file(const std::string& tracker, const Sequence& sequence,
                                     const Run& run) const;
+  /// The stored result of a run on all of its sequence (of Protocol::Vot or Protocol::Otb). Throws
+  /// std::runtime_error for one that is missing (it names the protocol to run), or of another length.
+  Trajectory result(const std::string& tracker, const Sequence& sequence, const Run& run) const;
 };
 
 /// Whether the folder holds a campaign.

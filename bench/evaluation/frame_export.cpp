@@ -44,17 +44,10 @@ std::size_t export_frames(const Campaign& campaign, const std::vector<std::strin
       if (std::ranges::find(campaign.protocols, protocol) == campaign.protocols.end()) continue;
       for (const Sequence& sequence : campaign.sequences)
         for (const Run& run : runs_of(sequence, protocol, campaign.options)) {
-          const fs::path result = campaign.file(tracker, sequence, run);
-          if (!trajectory_exists(result))
-            throw std::runtime_error("no " + result.string() + ": run it with --protocol " +
-                                     std::string(to_string(protocol)) + " first");
-          const Trajectory trajectory = read_trajectory(result);
-          if (trajectory.frames.size() != sequence.length())
-            throw std::runtime_error(result.string() + ": " + std::to_string(trajectory.frames.size()) +
-                                     " frames, but the sequence has " + std::to_string(sequence.length()));
+          const Trajectory trajectory = campaign.result(tracker, sequence, run);
           const auto confidence = trajectory.values.find("confidence");
           if (confidence == trajectory.values.end())
-            throw std::runtime_error(result.string() +
+            throw std::runtime_error(campaign.file(tracker, sequence, run).string() +
                                      ": stored without confidences; make it again with --rerun " + tracker +
                                      ", if the tracker has a confidence");
           count += append_frames(tracker + "," + std::string(to_string(protocol)) + "," + sequence.name +

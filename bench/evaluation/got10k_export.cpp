@@ -28,13 +28,7 @@ std::size_t export_got10k(const Campaign& campaign, const std::string& tracker, 
     fs::create_directories(folder / sequence.name);
     std::vector<std::string> times(sequence.length());
     for (const Run& run : runs_of(sequence, Protocol::Otb, campaign.options)) {
-      const fs::path file = campaign.file(tracker, sequence, run);
-      if (!trajectory_exists(file))
-        throw std::runtime_error("no " + file.string() + ": run it with --protocol otb first");
-      const Trajectory trajectory = read_trajectory(file);
-      if (trajectory.frames.size() != sequence.length())
-        throw std::runtime_error(file.string() + ": " + std::to_string(trajectory.frames.size()) +
-                                 " frames, but the sequence has " + std::to_string(sequence.length()));
+      const Trajectory trajectory = campaign.result(tracker, sequence, run);
       const auto seconds = trajectory.values.find("time");
       cv::Rect2d box = start_region(sequence, run, campaign.options).box();
       std::string boxes;

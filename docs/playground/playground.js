@@ -826,16 +826,8 @@ async function readState() {
   return Boolean(known);
 }
 
-// --- Light and dark: Furo's own key, so that pages and playground agree -------------------------------------------
-
-const dark = matchMedia('(prefers-color-scheme: dark)');
-let theme = 'auto';
-try { theme = localStorage.getItem('theme') || 'auto'; } catch { /* no storage: as the system has it */ }
-function paint() {
-  document.documentElement.dataset.theme = theme === 'dark' || theme === 'auto' && dark.matches ? 'dark' : 'light';
-  $('theme').textContent = {auto: '◐ Auto', light: '◐ Light', dark: '◐ Dark'}[theme] || '◐ Auto';
-  colors = {}; landscape = null; redo();
-}
+/** All that depends on the theme. */
+function repaint() { colors = {}; landscape = null; redo(); }
 
 // --- Beginning ----------------------------------------------------------------------------------------------------
 
@@ -875,16 +867,9 @@ function begin() {
     history.replaceState(null, '', await hash());
     try { await navigator.clipboard.writeText(location.href); $('status').textContent = 'The link is copied.'; } catch { $('status').textContent = 'The link is in the address bar.'; }
   };
-  $('theme').onclick = () => {
-    theme = {auto: 'light', light: 'dark', dark: 'auto'}[theme] || 'auto';
-    try { localStorage.setItem('theme', theme); } catch { /* for this visit */ }
-    paint();
-  };
-  dark.addEventListener('change', paint);
-  addEventListener('storage', (event) => { if (event.key === 'theme') { theme = event.newValue || 'auto'; paint(); } });
   addEventListener('hashchange', () => readState().catch(complain));
   new ResizeObserver(() => redo()).observe(canvas);
-  paint();
+  startTheme($('theme'), repaint);
 }
 function complain(error) { $('status').textContent = `The link: ${error.message}`; }
 

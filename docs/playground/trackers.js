@@ -310,16 +310,8 @@ function readState() {
   writeTracker(); redraw();
 }
 
-// --- Light and dark: Furo's own key, so that all pages agree ------------------------------------------------------
-
-const dark = matchMedia('(prefers-color-scheme: dark)');
-let theme = 'auto';
-try { theme = localStorage.getItem('theme') || 'auto'; } catch { /* no storage: as the system has it */ }
-function paint() {
-  document.documentElement.dataset.theme = theme === 'dark' || theme === 'auto' && dark.matches ? 'dark' : 'light';
-  $('theme').textContent = {auto: '◐ Auto', light: '◐ Light', dark: '◐ Dark'}[theme] || '◐ Auto';
-  colors = {}; redraw();
-}
+/** All that depends on the theme. */
+function repaint() { colors = {}; redraw(); }
 
 // --- Beginning ----------------------------------------------------------------------------------------------------
 
@@ -375,18 +367,11 @@ function begin() {
   $('view').onclick = (event) => { const part = partUnder(event); select(part === selected ? -1 : part); };
   scrubOn($('weights')); scrubOn($('quality'));
   document.addEventListener('keydown', keyDown);
-  $('theme').onclick = () => {
-    theme = {auto: 'light', light: 'dark', dark: 'auto'}[theme] || 'auto';
-    try { localStorage.setItem('theme', theme); } catch { /* for this visit */ }
-    paint();
-  };
-  dark.addEventListener('change', paint);
-  addEventListener('storage', (event) => { if (event.key === 'theme') { theme = event.newValue || 'auto'; paint(); } });
   addEventListener('hashchange', readState);
   const observer = new ResizeObserver(redraw);
   for (const id of ['view', 'weights', 'quality']) observer.observe($(id));
   isDirty = false;
-  paint(); readState();
+  startTheme($('theme'), repaint); readState();
 }
 
 begin();

@@ -4,8 +4,10 @@
 #include <asterism/parts/concept/frame.hpp>
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/concept/response.hpp>
+#include <asterism/parts/features/patch.hpp>
 #include <cmath>
 #include <numbers>
+#include <opencv2/imgproc.hpp>
 #include <stdexcept>
 #include <string>
 
@@ -101,6 +103,13 @@ inline WindowGeometry window_geometry(const Size2& size, const TemplateWindow& w
   const double margin = window.padding * mean_side(size);
   return {to_template, std::max(least, static_cast<int>(std::lround((size.x() + margin) * to_template))),
           std::max(least, static_cast<int>(std::lround((size.y() + margin) * to_template)))};
+}
+
+/// A window of the frame (sample_patch) in BGR; of a gray frame, three equal channels.
+inline void sample_bgr(const Frame& frame, const Point2& centre, const Size2& window, const cv::Size& grid,
+                       cv::Mat& patch) {
+  sample_patch(frame.bgr().empty() ? frame.gray() : frame.bgr(), centre, window, grid, patch);
+  if (patch.channels() == 1) cv::cvtColor(patch, patch, cv::COLOR_GRAY2BGR);
 }
 
 /// Symmetric Hann window of n >= 2 samples.

@@ -119,13 +119,7 @@ void CellSpectra::add_color(const Frame& frame, const Point2& centre, const Size
 
 void CellSpectra::add_own(const Frame& frame, const Point2& centre, const Size2& window, float* planes) {
   cv::Mat& pixels = colored_.mat;
-  sample_patch(frame.bgr().empty() ? frame.gray() : frame.bgr(), centre, window,
-               {cols_ * cell_size_, rows_ * cell_size_}, pixels);
-  if (pixels.channels() == 1) {
-    cv::Mat bgr;
-    cv::cvtColor(pixels, bgr, cv::COLOR_GRAY2BGR);
-    pixels = bgr;
-  }
+  sample_bgr(frame, centre, window, {cols_ * cell_size_, rows_ * cell_size_}, pixels);
   features_.own->compute(pixels, rows_, cols_, planes);
   const float* const begin = planes;
   const float* const end = planes + Eigen::Index{features_.own->channels()} * rows_ * cols_;

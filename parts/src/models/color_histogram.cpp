@@ -93,12 +93,12 @@ void ColorHistogram::learn(const Frame& frame, const Point2& at, double rate) {
 }
 
 void ColorHistogram::sample(const Frame& frame, const Point2& centre, const cv::Size& grid) {
-  const bool color = space_ != Space::Gray && !frame.bgr().empty();
   const Size2 window = spacing_ * Size2(grid.width, grid.height);
   cv::Mat& patch = patch_.mat;
-  sample_patch(color ? frame.bgr() : frame.gray(), centre, window, grid, patch);
-  // Gray video of a target in color: three equal channels.
-  if (space_ != Space::Gray && !color) cv::cvtColor(patch, patch, cv::COLOR_GRAY2BGR);
+  if (space_ == Space::Gray)
+    sample_patch(frame.gray(), centre, window, grid, patch);
+  else
+    sample_bgr(frame, centre, window, grid, patch);
   if (space_ == Space::Hsv) cv::cvtColor(patch, patch, cv::COLOR_BGR2HSV_FULL);
 
   const int bins = options_.bins, channels = patch.channels();

@@ -1,7 +1,5 @@
-#include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/cv_tracker_part.hpp>
 #include <cmath>
-#include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
 #include "../concept/part_geometry.hpp"
@@ -67,8 +65,7 @@ void CvTrackerPart::resize(const Size2& size) {
 
 cv::Mat CvTrackerPart::sample(const Frame& frame, const Point2& centre) const {
   cv::Mat seen;
-  sample_patch(frame.bgr().empty() ? frame.gray() : frame.bgr(), centre, window(), {cols_, rows_}, seen);
-  if (seen.channels() == 1) cv::cvtColor(seen, seen, cv::COLOR_GRAY2BGR);
+  sample_bgr(frame, centre, window(), {cols_, rows_}, seen);
   return seen;
 }
 

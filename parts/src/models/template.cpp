@@ -84,11 +84,11 @@ void Template::learn(const Frame& frame, const Point2& at, double rate) {
 }
 
 void Template::sample(const Frame& frame, const Point2& centre, const cv::Size& grid, cv::Mat& pixels) {
-  const bool color = channels_ == 3 && !frame.bgr().empty();
   const Size2 window = spacing_ * Size2(grid.width, grid.height);
-  sample_patch(color ? frame.bgr() : frame.gray(), centre, window, grid, patch_.mat);
-  // Gray video of a target in color: three equal channels.
-  if (channels_ == 3 && !color) cv::cvtColor(patch_.mat, patch_.mat, cv::COLOR_GRAY2BGR);
+  if (channels_ == 3)
+    sample_bgr(frame, centre, window, grid, patch_.mat);
+  else
+    sample_patch(frame.gray(), centre, window, grid, patch_.mat);
   patch_.mat.convertTo(pixels, CV_32F);
 }
 
