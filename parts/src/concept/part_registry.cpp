@@ -185,7 +185,8 @@ class OptionLister : public OptionVisitor {
       for_each_model([&]<typename Model, typename Options>(const char* model) {
         const Model* const known = part->target<Model>();
         if (known == nullptr) return;
-        json = {{"model", model}};
+        json = Json::object();  // clang 14 leaks what `json = {...}` replaces in a template
+        json["model"] = model;
         OptionLister lister(json);
         Options options = known->options();
         visit_options(lister, options);
