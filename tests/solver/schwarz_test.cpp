@@ -11,6 +11,8 @@
 #include <cstdint>
 #include <ctime>
 #include <limits>
+#include <new>
+#include <string_view>
 #include <thread>
 #include <vector>
 
@@ -99,14 +101,89 @@ TEST(Decomposition, ASubdomainLowersTheEnergyOfAll) {
   decomposition.set(system, 50);
   auto x = decomposition.renumbered(start);
   NewtonCg<Plane> solver;
+  detail::Decomposition<Plane>::Scratch scratch;
+  scratch.set(system.nodes());
   double last = energy(system, start);
   for (int s = 0; s < decomposition.count(); ++s) {
-    const Summary summary = decomposition.solve(s, solver, x);
+    const Summary summary = decomposition.solve(s, solver, scratch, x);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     const double now = energy(decomposition.system(), x);
     EXPECT_NEAR(last - now, summary.initial_energy - summary.final_energy, 1e-9 * last);
     EXPECT_LE(now, last);
     last = now;
+  }
+}
+
+// All nodes linked to their nearest, some of them to a hub as well, or to the first node alone.
+std::vector<testing::RandomSystem<Plane>> systems_to_color() {
+  std::vector<testing::RandomSystem<Plane>> systems = {testing::sparse_system<Plane>(4, 2000)};
+  std::vector<Link> hub(systems[0].system.links().begin(), systems[0].system.links().end());
+  std::vector<Link> star;
+  for (int i = 1; i < 2000; ++i) {
+    if (i % 3 == 0) hub.push_back({0, i});
+    star.push_back({0, i});
+  }
+  testing::Rng rng(5);
+  for (const std::vector<Link>& links : {hub, star})
+    systems.push_back(testing::random_system<Plane>(rng, Topology<>::from_links(2000, links)));
+  return systems;
+}
+
+TEST(Decomposition, SubdomainsOfAColorDoNotDependOnEachOther) {
+  for (const auto& [system, start] : systems_to_color()) {
+    detail::Decomposition<Plane> decomposition;
+    decomposition.set(system, 40);
+    detail::Indexed<int> sorted;
+    for (int color = 0; color < decomposition.colors(); ++color) {
+      const auto subdomains = decomposition.of_color(color);
+      EXPECT_FALSE(subdomains.empty());
+      sorted.insert(sorted.end(), subdomains.begin(), subdomains.end());
+    }
+    std::sort(sorted.begin(), sorted.end());
+    ASSERT_EQ(static_cast<int>(sorted.size()), decomposition.count());
+    for (int s = 0; s < decomposition.count(); ++s) EXPECT_EQ(sorted[s], s);
+
+    NewtonCg<Plane> solver;
+    solver.options.tolerance = 1e-2;
+    detail::Decomposition<Plane>::Scratch scratch;
+    scratch.set(system.nodes());
+    Plane::Points forwards = decomposition.renumbered(start);
+    Plane::Points backwards = forwards;
+    for (int color = 0; color < decomposition.colors(); ++color) {
+      const auto subdomains = decomposition.of_color(color);
+      for (auto s = subdomains.begin(); s != subdomains.end(); ++s)
+        decomposition.solve(*s, solver, scratch, forwards);
+      for (auto s = subdomains.rbegin(); s != subdomains.rend(); ++s)
+        decomposition.solve(*s, solver, scratch, backwards);
+      ASSERT_EQ(forwards, backwards) << "color " << color;
+    }
+  }
+}
+
+TEST(Decomposition, NeighboursInAPlaneHaveFewColors) {
+  const auto [system, start] = testing::sparse_system<Plane>(1, 30000);
+  detail::Decomposition<Plane> decomposition;
+  decomposition.set(system, 300);
+  EXPECT_LE(decomposition.colors(), 12);
+  EXPECT_GT(decomposition.colors(), 2);
+}
+
+TEST(ForEachTask, CallsEachOnceAndPassesAnExceptionOn) {
+  for (const int workers : {1, 2, 5}) {
+    std::vector<std::atomic<int>> calls(100);
+    std::vector<std::atomic<bool>> busy(5);
+    detail::for_each_task(workers, 100, [&](int worker, int task) {
+      EXPECT_FALSE(busy[static_cast<std::size_t>(worker)].exchange(true));
+      ++calls[static_cast<std::size_t>(task)];
+      busy[static_cast<std::size_t>(worker)] = false;
+    });
+    for (const std::atomic<int>& count : calls) EXPECT_EQ(count, 1);
+    const auto fails = [&] {
+      detail::for_each_task(workers, 100, [](int, int task) {
+        if (task >= 50) throw std::bad_alloc();
+      });
+    };
+    EXPECT_THROW(fails(), std::bad_alloc);
   }
 }
 
@@ -204,6 +281,22 @@ TYPED_TEST(SchwarzTest, SameResultsWhenReused) {
   }
 }
 
+TYPED_TEST(SchwarzTest, AnyNumberOfThreadsGivesTheSameBits) {
+  ASTERISM_USE_FIXTURE;
+  const auto [system, start] = testing::sparse_system<System>(8, 4000);
+  Points alone = start;
+  const Summary expected = Solver().solve(system, alone);
+  for (const int threads : {2, 3, 0, 64}) {
+    Solver solver;
+    solver.options.threads = threads;
+    Points x = start;
+    const Summary summary = solver.solve(system, x);
+    EXPECT_EQ(x, alone) << threads << " threads";
+    EXPECT_EQ(summary.iterations, expected.iterations);
+    EXPECT_EQ(summary.final_energy, expected.final_energy);
+  }
+}
+
 // Two constellations side by side, nodes without links, fixed nodes, and one node that all others hang on.
 TYPED_TEST(SchwarzTest, AnyTopology) {
   ASTERISM_USE_FIXTURE;
@@ -245,6 +338,12 @@ TYPED_TEST(SchwarzTest, BadInputIsRefused) {
   system.link_stiffness[3] = -1;
   const Points before = start;
   EXPECT_EQ(Solver().solve(system, start).status, Status::InvalidInput);
+  system.link_stiffness[3] = 1;
+  Solver solver;
+  solver.options.threads = -1;
+  const Summary summary = solver.solve(system, start);
+  EXPECT_EQ(summary.status, Status::InvalidInput);
+  EXPECT_EQ(std::string_view(summary.message), "option threads is negative");
   EXPECT_EQ(start, before);
 }
 

@@ -10,19 +10,49 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/executor.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <bit>
+#include <cstddef>
+#include <cstdint>
 #include <limits>
 #include <new>
 #include <optional>
 #include <span>
 #include <string_view>
+#include <thread>
 #include <utility>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
+
+/// Options of Schwarz.
+struct SchwarzOptions : AlignedOptions {
+  /// Threads that minimise subdomains at the same time, the calling one included; 0: as many as the machine
+  /// runs at once. The result does not depend on it. Each takes memory for an int per node. The functions of
+  /// a custom model are then called from several threads.
+  int threads = 1;
+
+  constexpr SchwarzOptions() = default;
+  constexpr SchwarzOptions(const SolverOptions& options) : AlignedOptions(options) {}
+  constexpr SchwarzOptions(const AlignedOptions& options) : AlignedOptions(options) {}
+
+  constexpr const char* problem() const {
+    if (threads < 0) return "option threads is negative";
+    return AlignedOptions::problem();
+  }
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, SchwarzOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("threads", options.threads, {0, 4096});
+}
 
 namespace detail {
 
@@ -60,15 +90,45 @@ class Decomposition {
  public:
   using Points = typename System::Points;
 
-  /// Takes the values of `system`; divides its topology if that differs from the last call's.
-  void set(const System& system, int size) {
-    if (!is_cut_for(system)) cut(system, size);
-    std::fill(local_.begin(), local_.end(), kOutside);  // also where the last solve ran out of memory
+  /// Takes the values of `system`; divides its topology, on up to `threads` threads, if that differs from the
+  /// last call's.
+  void set(const System& system, int size, int threads = 1) {
+    if (!is_cut_for(system)) cut(system, size, threads);
     gather(system, partition_.order, links_, *renumbered_);
   }
 
   const System& system() const { return *renumbered_; }
   int count() const { return partition_.count(); }
+
+  /// The subdomains by color: the solves of those of one color do not read what the others write, so that
+  /// they can be at the same time or in any order.
+  int colors() const { return static_cast<int>(color_first_.size()) - 1; }
+  std::span<const int> of_color(int color) const {
+    return {by_color_.data() + color_first_[color], by_color_.data() + color_first_[color + 1]};
+  }
+
+  /// What a solve of a subdomain works with.
+  class Scratch {
+   public:
+    /// To be called before the first solve, and after one that threw.
+    void set(int nodes) { local_.assign(static_cast<std::size_t>(nodes), kOutside); }
+
+   private:
+    friend Decomposition;
+
+    void enter(int i) {
+      local_[i] = static_cast<int>(nodes_.size());
+      nodes_.push_back(i);
+    }
+    void leave() {
+      for (const int i : nodes_) local_[i] = kOutside;
+    }
+
+    Indexed<int> local_;  // a node's number in the present subsystem
+    Indexed<int> nodes_;  // of the present subsystem: those that move, then those that are held
+    Indexed<Link> links_;
+    Indexed<int> link_numbers_;
+  };
 
   Points renumbered(const Points& x) const {
     Points result(System::kDim, x.cols());
@@ -84,42 +144,31 @@ class Decomposition {
   /// all other nodes held where they are. A neighbour that is linked to more nodes than the subdomain has
   /// stays outside: its neighbours, too, would have to be gathered for each subdomain that it is next to.
   template <typename Solver>
-  Summary solve(int s, Solver& solver, Points& x) {
-    const int begin = partition_.first[s];
-    const int end = partition_.first[s + 1];
-    nodes_.clear();
-    for (int i = begin; i < end; ++i) enter(i);
-    const auto core = nodes_.size();
-    add_layer(core, core);
-    if (nodes_.size() > 2 * core) {
-      for (auto k = core; k < nodes_.size(); ++k) local_[nodes_[k]] = kOutside;
-      nodes_.resize(core);
-    }
-    const auto moving = nodes_.size();
-    add_layer(moving, std::numeric_limits<std::size_t>::max());
-
-    sub_links_.clear();
-    sub_link_numbers_.clear();
+  Summary solve(int s, Solver& solver, Scratch& scratch, Points& x) const {
+    const std::size_t moving = enter(s, scratch);
+    const Indexed<int>& nodes = scratch.nodes_;
+    scratch.links_.clear();
+    scratch.link_numbers_.clear();
     for (std::size_t k = 0; k < moving; ++k) {
       const int here = static_cast<int>(k);
-      for (const auto [node, link] : neighbours_.of(nodes_[k])) {
-        const int there = local_[node];
+      for (const auto [node, link] : neighbours_.of(nodes[k])) {
+        const int there = scratch.local_[node];
         if (there < here) continue;  // each link between two that move once
-        sub_links_.push_back({here, there});
-        sub_link_numbers_.push_back(link);
+        scratch.links_.push_back({here, there});
+        scratch.link_numbers_.push_back(link);
       }
     }
-    System sub(System::TopologyType::from_links(static_cast<int>(nodes_.size()), sub_links_));
-    gather(*renumbered_, nodes_, sub_link_numbers_, sub);
+    scratch.leave();
+    System sub(System::TopologyType::from_links(static_cast<int>(nodes.size()), scratch.links_));
+    gather(*renumbered_, nodes, scratch.link_numbers_, sub);
     Points sub_x(System::kDim, sub.nodes());
-    for (int k = 0; const int i : nodes_) {
+    for (int k = 0; const int i : nodes) {
       sub_x.col(k) = x.col(i);
-      local_[i] = kOutside;
       if (k >= static_cast<int>(moving)) sub.fix(k);
       ++k;
     }
     const Summary summary = solver.solve(sub, sub_x);
-    for (std::size_t k = 0; k < moving; ++k) x.col(nodes_[k]) = sub_x.col(static_cast<int>(k));
+    for (std::size_t k = 0; k < moving; ++k) x.col(nodes[k]) = sub_x.col(static_cast<int>(k));
     return summary;
   }
 
@@ -139,17 +188,17 @@ class Decomposition {
     return true;
   }
 
-  void cut(const System& system, int size) {
+  void cut(const System& system, int size, int threads) {
     const int n = system.nodes();
     const auto links = system.links();
     renumbered_.reset();
     partition_ = Partition(n, Neighbours(n, links), size);
-    local_.assign(static_cast<std::size_t>(n), kOutside);
-    for (int k = 0; const int i : partition_.order) local_[i] = k++;
+    Indexed<int> number(static_cast<std::size_t>(n));
+    for (int k = 0; const int i : partition_.order) number[i] = k++;
 
     // Links in the order of their lower node.
     Indexed<int> next(static_cast<std::size_t>(n) + 1, 0);
-    const auto lower = [this](const Link& link) { return std::min(local_[link.i], local_[link.j]); };
+    const auto lower = [&number](const Link& link) { return std::min(number[link.i], number[link.j]); };
     for (const Link& link : links) ++next[lower(link)];
     int sum = 0;
     for (int& at : next) sum += std::exchange(at, sum);
@@ -158,22 +207,79 @@ class Decomposition {
     for (int l = 0; const Link& link : links) {
       const int at = next[lower(link)]++;
       links_[at] = l++;
-      renumbered[at] = {local_[link.i], local_[link.j]};
+      renumbered[at] = {number[link.i], number[link.j]};
     }
-    neighbours_ = Neighbours(n, renumbered);
-    renumbered_.emplace(System::TopologyType::from_links(n, renumbered));
+    std::optional<System> made;  // renumbered_ is there only where all of it is
+    for_each_task(std::min(threads, 2), 2, [&](int, int task) {
+      if (task == 0) {
+        neighbours_ = Neighbours(n, renumbered);
+        color(n);
+      } else {
+        made.emplace(System::TopologyType::from_links(n, renumbered));
+      }
+    });
+    renumbered_ = std::move(made);
   }
 
-  void enter(int i) {
-    local_[i] = static_cast<int>(nodes_.size());
-    nodes_.push_back(i);
+  // Gives each subdomain the first color that none has which moves a node that it reads, or reads one that it
+  // moves. Colors are bits; a subdomain for which no bit is left has a color of its own.
+  void color(int nodes) {
+    constexpr int kBits = 32;
+    Scratch scratch;
+    scratch.set(nodes);
+    Indexed<std::uint32_t> moved(static_cast<std::size_t>(nodes), 0);
+    Indexed<std::uint32_t> read(static_cast<std::size_t>(nodes), 0);
+    Indexed<int> color(static_cast<std::size_t>(count()));
+    color_first_.assign(1, 0);
+    int more = kBits;
+    for (int s = 0; s < count(); ++s) {
+      const std::size_t moving = enter(s, scratch);
+      scratch.leave();
+      std::uint32_t taken = 0;
+      for (std::size_t k = 0; k < scratch.nodes_.size(); ++k) {
+        const int i = scratch.nodes_[k];
+        taken |= k < moving ? moved[i] | read[i] : moved[i];
+      }
+      color[s] = std::countr_one(taken);
+      if (color[s] == kBits) {
+        color[s] = more++;
+      } else {
+        const std::uint32_t bit = std::uint32_t{1} << color[s];
+        for (std::size_t k = 0; k < scratch.nodes_.size(); ++k) {
+          (k < moving ? moved : read)[scratch.nodes_[k]] |= bit;
+        }
+      }
+      if (colors() <= color[s]) color_first_.resize(static_cast<std::size_t>(color[s]) + 2, 0);
+      ++color_first_[color[s]];
+    }
+    int sum = 0;
+    for (int& first : color_first_) sum += std::exchange(first, sum);
+    by_color_.resize(color.size());
+    Indexed<int> next(color_first_);
+    for (int s = 0; s < count(); ++s) by_color_[next[color[s]]++] = s;
+  }
+
+  // Enters the nodes of subdomain s. Returns how many of them move; these are the first.
+  std::size_t enter(int s, Scratch& scratch) const {
+    Indexed<int>& nodes = scratch.nodes_;
+    nodes.clear();
+    for (int i = partition_.first[s]; i < partition_.first[s + 1]; ++i) scratch.enter(i);
+    const auto core = nodes.size();
+    add_layer(core, core, scratch);
+    if (nodes.size() > 2 * core) {
+      for (auto k = core; k < nodes.size(); ++k) scratch.local_[nodes[k]] = kOutside;
+      nodes.resize(core);
+    }
+    const auto moving = nodes.size();
+    add_layer(moving, std::numeric_limits<std::size_t>::max(), scratch);
+    return moving;
   }
 
   // The neighbours of the first `count` nodes that have no more than `most` links themselves.
-  void add_layer(std::size_t count, std::size_t most) {
+  void add_layer(std::size_t count, std::size_t most, Scratch& scratch) const {
     for (std::size_t k = 0; k < count; ++k) {
-      for (const auto [node, link] : neighbours_.of(nodes_[k])) {
-        if (local_[node] == kOutside && neighbours_.of(node).size() <= most) enter(node);
+      for (const auto [node, link] : neighbours_.of(scratch.nodes_[k])) {
+        if (scratch.local_[node] == kOutside && neighbours_.of(node).size() <= most) scratch.enter(node);
       }
     }
   }
@@ -182,10 +288,8 @@ class Decomposition {
   Partition partition_;
   Indexed<int> links_;     // a renumbered link's number in the system given
   Neighbours neighbours_;  // by the new numbers
-  Indexed<int> local_;     // a node's number in the present subsystem
-  Indexed<int> nodes_;     // of the present subsystem: those that move, then those that are held
-  Indexed<Link> sub_links_;
-  Indexed<int> sub_link_numbers_;
+  Indexed<int> by_color_;  // subdomains
+  Indexed<int> color_first_;
 };
 
 }  // namespace detail
@@ -197,7 +301,8 @@ class Decomposition {
 /// their rest length, where the energy is not convex, limit the length of a step of all nodes together, and
 /// more nodes have more such places. Here each subdomain, some hundred connected nodes and their neighbours,
 /// is minimised by Newton-CG on its own, with the others held, so that each place takes the steps that it
-/// needs, in cache. One after the other is a sweep, which never raises the energy. When sweeps gain little,
+/// needs, in cache. All of them are a sweep, which never raises the energy: color by color, as subdomains of
+/// one color do not depend on each other, and can be minimised on several threads. When sweeps gain little,
 /// `Global` (NewtonCg; SparseNewton where anchors are weak beside the links) has to correct what is smooth
 /// over many subdomains, which Newton's method does in a few steps. Where it does not, sweeps and Global take
 /// turns.
@@ -212,11 +317,11 @@ class Schwarz {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  AlignedOptions options;
+  SchwarzOptions options;
 
   Schwarz() = default;
   /// For type deduction: Schwarz(system).solve(system, x).
-  explicit Schwarz(const System&, const AlignedOptions& o = {}) : options(o) {}
+  explicit Schwarz(const System&, const SchwarzOptions& o = {}) : options(o) {}
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, GlobalName>::value; }
 
@@ -247,7 +352,7 @@ class Schwarz {
                        Eigen::Map<const Eigen::MatrixXd>(given.data(), given.rows(), given.cols())});
       return !session_.stopped();
     };
-    global_.options = options;
+    global_.options = static_cast<const AlignedOptions&>(options);
     if (options.on_iteration) global_.options.on_iteration = report;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
@@ -268,6 +373,11 @@ class Schwarz {
     }
   }
 
+  int threads() const {
+    return options.threads > 0 ? options.threads
+                               : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  }
+
   // Sweeps until one gains little. What the next changes anyhow need not be exact, but in the end each
   // subdomain is solved to its minimum: where one is left near a saddle, all would have to wait for it.
   void sweep(const System& system, Points& x, Summary& summary) {
@@ -276,12 +386,21 @@ class Schwarz {
     const double least = std::max(options.tolerance, 1e-7);
     Scalar before = energy(system, x);
     ++summary.energy_evaluations;
-    NewtonCg<System> solver;
+    workers_.resize(static_cast<std::size_t>(std::min(threads(), decomposition_.count())));
+    for (Worker& worker : workers_) worker.scratch.set(system.nodes());
     for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
          ++i) {
-      solver.options = local_;
-      for (int s = 0; s < decomposition_.count(); ++s) {
-        if (decomposition_.solve(s, solver, x).status == Status::OutOfMemory) detail::raise(std::bad_alloc());
+      for (Worker& worker : workers_) worker.solver.options = local_;
+      for (int color = 0; color < decomposition_.colors(); ++color) {
+        const std::span<const int> subdomains = decomposition_.of_color(color);
+        const auto minimise = [&](int w, int task) {
+          Worker& worker = workers_[static_cast<std::size_t>(w)];
+          const int s = subdomains[static_cast<std::size_t>(task)];
+          if (decomposition_.solve(s, worker.solver, worker.scratch, x).status == Status::OutOfMemory)
+            detail::raise(std::bad_alloc());
+        };
+        detail::for_each_task(static_cast<int>(workers_.size()), static_cast<int>(subdomains.size()),
+                              minimise);
       }
       ++summary.iterations;
       if (options.align) detail::align(system, x, false);
@@ -303,8 +422,14 @@ class Schwarz {
     summary.positive_definite = part.positive_definite;
   }
 
+  struct Worker {
+    NewtonCg<System> solver;
+    typename detail::Decomposition<System>::Scratch scratch;
+  };
+
   Session<System> session_;
   detail::Decomposition<System> decomposition_;
+  std::vector<Worker> workers_;
   AlignedOptions local_;  // of the subdomains
   Global global_;
   Points renumbered_;
@@ -315,7 +440,7 @@ Summary Schwarz<System, Global>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
     if (options.max_iterations == 0) return Status::MaxIterations;
-    decomposition_.set(system, kSubdomain);
+    decomposition_.set(system, kSubdomain, threads());
     renumbered_ = decomposition_.renumbered(x);
     const Status status = iterate(decomposition_.system(), renumbered_, summary);
     decomposition_.restore(renumbered_, x);

@@ -50,5 +50,39 @@ struct ThreadExecutor {
   }
 };
 
+namespace detail {
+
+/// Calls f(worker, task) for each of `tasks` tasks on up to `workers` threads. Calls with the same worker are
+/// one after the other. Rethrows the first exception after all workers have ended.
+template <typename F>
+void for_each_task(int workers, int tasks, F&& f) {
+  if (workers <= 1) {
+    for (int task = 0; task < tasks; ++task) f(0, task);
+    return;
+  }
+  std::atomic<int> next{0};
+  std::atomic<bool> failed{false};
+  [[maybe_unused]] std::exception_ptr error;
+  const auto work = [&](int worker) {
+    for (int task = next++; task < tasks && !failed; task = next++) f(worker, task);
+  };
+  ThreadExecutor{workers}(std::min(workers, tasks), [&](int worker) {
+#ifdef __cpp_exceptions
+    try {
+      work(worker);
+    } catch (...) {
+      if (!failed.exchange(true)) error = std::current_exception();
+    }
+#else
+    work(worker);
+#endif
+  });
+#ifdef __cpp_exceptions
+  if (error) std::rethrow_exception(error);
+#endif
+}
+
+}  // namespace detail
+
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
