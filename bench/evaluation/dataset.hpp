@@ -70,8 +70,8 @@ struct Dataset {
 /// of their names; also in nested folders, like LaSOT's classes). Only those named in `only` unless that is
 /// empty. A sequence that cannot be read is left out with a note that names file and line: gaps in the
 /// numbers of images, counts of images and boxes that differ, malformed lines, a name that is used twice or
-/// is not UTF-8. Throws std::runtime_error if no sequence is left, and if one of `only` is not there or cannot
-/// be read.
+/// is not UTF-8. Throws std::runtime_error if no sequence is left, and if one of `only` is not there or
+/// cannot be read.
 Dataset open_dataset(const std::filesystem::path& path, Layout layout = Layout::Auto,
                      const std::vector<std::string>& only = {});
 
