@@ -1,4 +1,5 @@
-// Random systems, many with a defect: no NaN, no energy increase, the tolerance kept, the same minimum as Ida.
+// Random systems, many with a defect: no NaN, no energy increase, the tolerance kept, the same minimum as
+// Ida.
 #include <asterism/solver.hpp>
 #include <cmath>
 
