@@ -26,8 +26,8 @@ struct OnePassRun {
   std::vector<double> centre_errors;      ///< distance of the centres [px]
   std::vector<double> normalised_errors;  ///< of x in widths and of y in heights of the ground truth
 };
-/// Frame 1 counts as the ground truth; a result that is no box repeats the one before (calcSeqErrRobust.m).
-/// Throws std::invalid_argument for no frames or other numbers of boxes.
+/// Frame 1 counts as the ground truth; a result that is not a box repeats the one before
+/// (calcSeqErrRobust.m). Throws std::invalid_argument for no frames or other numbers of boxes.
 OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth);
 
 /// The runs on one sequence: one, or those of the starts of TRE, SRE or another set of starts.

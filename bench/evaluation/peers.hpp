@@ -49,9 +49,10 @@ struct EvaluatedTracker {
 };
 
 /// The trackers that `evaluated_tracker` knows in this build: those of `asterism::tracker_names()` and, if
-/// installed, OpenCV's opencv-csrt, -kcf and -mil, those of its legacy module, opencv-mosse, -medianflow,
-/// -tld and -boosting, and dlib. Not in the list, as they are more than a name: trackers with options, as
-/// `make_tracker` describes them, and trax:COMMAND.
+/// installed, OpenCV's opencv-csrt, -kcf and -mil, those of its neural ones (opencv-goturn, ...) whose files
+/// are found, those of its legacy module, opencv-mosse, -medianflow, -tld and -boosting, and dlib. Not in the
+/// list, as they are more than a name: trackers with options, as `make_tracker` describes them, and
+/// trax:COMMAND.
 std::vector<std::string> evaluated_tracker_names();
 
 /// A tracker by its name, or one of ours by its description for `make_tracker`; trax:COMMAND is a shell
