@@ -20,8 +20,8 @@ namespace fs = std::filesystem;
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-/// The numbers of a tracker's results. Protocols have the sequences that have runs of them, in the order of
-/// the campaign.
+/// A tracker's scores and measured runs. Each protocol has the sequences with runs of it, in the campaign's
+/// order.
 struct TrackerRuns {
   TrackerScores scores;
   std::vector<SupervisedSequence> supervised;
@@ -36,7 +36,7 @@ std::string quoted(const std::string& text) {
   return result + "'";
 }
 
-/// What makes the missing runs of a tracker.
+/// The command that makes the missing runs of a tracker.
 std::string command_for(const Campaign& campaign, const std::string& tracker, Protocol protocol) {
   const ProtocolOptions& options = campaign.options;
   const ProtocolOptions usual;
@@ -66,19 +66,19 @@ std::string command_for(const Campaign& campaign, const std::string& tracker, Pr
   return command + " --out " + quoted(campaign.folder.string());
 }
 
-/// The runs to read: for a tracker of another origin as many as there are files.
+/// The runs to read: for a tracker that this campaign did not run, as many as there are files.
 std::vector<Run> expected_runs(const Campaign& campaign, const TrackerScores& tracker,
                                const Sequence& sequence, Protocol protocol) {
   ProtocolOptions options = campaign.options;
   if (tracker.foreign && (protocol == Protocol::Vot || protocol == Protocol::Otb)) {
-    options.starts = 1;  // which is missing if there is none
+    options.starts = 1;  // reported as missing if there is no file
     const auto next = [&] { return Run{.protocol = protocol, .number = options.starts + 1, .offset = {}}; };
     while (trajectory_exists(campaign.file(tracker.name, sequence, next()))) ++options.starts;
   }
   return runs_of(sequence, protocol, options);
 }
 
-/// Where the supervised run did worst: the failure that leaves most of the sequence, or the least overlap.
+/// Where the supervised run did worst: its first failure, or without one the frame of least overlap.
 Loss worst(const Trajectory& trajectory, const SupervisedRun& run) {
   Loss loss;
   std::optional<Region> last;
@@ -94,7 +94,7 @@ Loss worst(const Trajectory& trajectory, const SupervisedRun& run) {
   return loss;
 }
 
-/// The same of a run that was never corrected, whose frames before the first of `run` are `skipped`.
+/// The same for a run without corrections, the first of whose frames is frame `skipped` of the trajectory.
 Loss worst(const Trajectory& trajectory, const OnePassRun& run, std::size_t skipped) {
   Loss loss;
   for (std::size_t t = 0; t < run.overlaps.size(); ++t) {
@@ -112,7 +112,7 @@ bool is_measured(const Sequence& sequence) {
   return std::ranges::count_if(sequence.truth, [](const auto& truth) { return truth.has_value(); }) > 1;
 }
 
-/// What is said of the sequences on which nothing can be; empty where there are none.
+/// A note about the sequences on which nothing can be measured; empty if there are none.
 std::string unmeasured_text(const Campaign& campaign) {
   constexpr std::size_t kNamed = 5;
   std::vector<std::string> names;
@@ -128,7 +128,7 @@ std::string unmeasured_text(const Campaign& campaign) {
 /// Reads the results of one tracker, each once.
 class Reader {
  public:
-  /// `images`: the size of each sequence's images where overlaps are bounded.
+  /// `images`: the size of each sequence's images, if overlaps are bounded.
   Reader(const Campaign& campaign, const std::vector<std::optional<cv::Size>>& images)
       : campaign_(campaign), images_(images) {}
 
@@ -213,7 +213,7 @@ class Reader {
           scores.overlaps.push_back(overlap < 0 ? kNone : overlap);
       });
     const double average_overlap = one_pass_score(std::span(&read, 1)).average_overlap;
-    if (std::isnan(average_overlap)) return;  // no valid box of OTB's
+    if (std::isnan(average_overlap)) return;  // no box that is valid to OTB
     if (protocol == Protocol::Otb) scores.average_overlap = average_overlap;
     tracker.one_pass[protocol].push_back(std::move(read));
   }
@@ -257,7 +257,7 @@ class Reader {
   const std::vector<std::optional<cv::Size>>& images_;
 };
 
-/// The trackers of the campaign and the other folders of its results, in alphabetical order.
+/// The trackers of the campaign and the other folders in its results, in alphabetical order.
 std::set<std::string> tracker_names(const Campaign& campaign, std::vector<std::string>& left_out) {
   std::set<std::string> names;
   for (const auto& [name, tracker] : campaign.trackers) names.insert(name);
@@ -283,7 +283,7 @@ StatedInterval typical_interval(const Campaign& campaign) {
   return {typical_lengths(lengths).interval, "by the density of the lengths of these sequences"};
 }
 
-/// VOT2020's where a sequence is that long. In lengths: the toolkit's numbers are one less below.
+/// VOT2020's interval if a sequence is that long. The toolkit's lower number is one less than the length.
 StatedInterval multi_start_interval(const Campaign& campaign, const StatedInterval& typical) {
   std::size_t longest = 0;
   for (const Sequence& sequence : campaign.sequences)
@@ -292,7 +292,7 @@ StatedInterval multi_start_interval(const Campaign& campaign, const StatedInterv
   return {{kVot2020Lengths.low + 1, kVot2020Lengths.high}, "VOT2020's, 115:755 as its toolkit counts"};
 }
 
-/// Attributes that no frame has are no attributes.
+/// Drops attributes that no frame has.
 void drop_unused_tags(std::vector<TrackerRuns>& trackers) {
   std::set<std::string, std::less<>> used;
   for (const TrackerRuns& tracker : trackers)
@@ -350,8 +350,8 @@ void score_the_rest(TrackerRuns& tracker, const LengthInterval& multi_start) {
                                 multi_start_eao_curve(tracker.multi_start, multi_start.high)};
 }
 
-/// Runs on each sequence, repeated in their order up to the given numbers: draws of all trackers are the same
-/// then.
+/// Repeats the runs on each sequence, in their order, up to the given numbers, so that all trackers can share
+/// the same bootstrap draws.
 template <class Sequence>
 std::vector<Sequence> filled_up(std::vector<Sequence> sequences, const std::vector<std::size_t>& starts) {
   for (std::size_t s = 0; s < sequences.size(); ++s) {
@@ -362,7 +362,7 @@ std::vector<Sequence> filled_up(std::vector<Sequence> sequences, const std::vect
   return sequences;
 }
 
-/// The most runs that a tracker has on each sequence; empty where none has any.
+/// The most runs that any tracker has on each sequence; empty if no tracker has runs.
 template <class SequencesOf>
 std::vector<std::size_t> most_runs(const std::vector<TrackerRuns>& trackers,
                                    const SequencesOf& sequences_of) {
@@ -377,15 +377,15 @@ std::vector<std::size_t> most_runs(const std::vector<TrackerRuns>& trackers,
 
 using Resampled = std::map<Measure, Bootstrapped>;
 
-/// The measures of a tracker on the same resamples as all others; none of a single sequence, which would be
-/// drawn each time.
+/// The measures of a tracker on the same resamples as all others; none for a single sequence, of which every
+/// resample would be the same.
 Resampled resample(const TrackerRuns& tracker, const std::vector<std::size_t>& supervised_starts,
                    const std::vector<std::size_t>& one_pass_starts, const LengthInterval& interval,
                    const BootstrapOptions& options) {
   Resampled result;
   if (tracker.supervised.size() > 1) {
     auto sequences = filled_up(tracker.supervised, supervised_starts);
-    for (SupervisedSequence& sequence : sequences) {  // not to be copied with every draw
+    for (SupervisedSequence& sequence : sequences) {  // these would be copied with every draw
       sequence.tags.clear();
       sequence.practical_difference.clear();
     }
@@ -398,7 +398,7 @@ Resampled resample(const TrackerRuns& tracker, const std::vector<std::size_t>& s
       return eao(drawn, interval, Toolkit::Legacy);
     };
     result[Measure::Eao] = bootstrap(supervised_starts, all_three, options);
-    // The first draw was of the data as they are.
+    // The first draw is the data themselves.
     for (Bootstrapped* measure : {&accuracies, &failures}) {
       measure->value = measure->resamples.front();
       measure->resamples.erase(measure->resamples.begin());
@@ -419,7 +419,7 @@ Resampled resample(const TrackerRuns& tracker, const std::vector<std::size_t>& s
     const auto overlap = [&](std::span<const Draw> draws) { return mean(overlaps, draws); };
     result[Measure::Overlap] = bootstrap(one_pass_starts, overlap, options);
   }
-  // An interval of lengths that the data do not reach.
+  // NaN: the data do not reach the interval of lengths.
   std::erase_if(result, [](const auto& entry) { return std::isnan(entry.second.value); });
   return result;
 }
@@ -457,7 +457,7 @@ void compare(std::vector<TrackerRuns>& trackers, Analysis& analysis, const Boots
   }
 }
 
-/// What trackers are sorted by: those with an EAO first.
+/// The sort key of trackers: those with an EAO come first.
 std::tuple<double, double> merit(const TrackerRuns& tracker) {
   const TrackerScores& scores = tracker.scores;
   const auto known = [](double value) { return std::isnan(value) ? -1 : value; };
@@ -500,7 +500,7 @@ Analysis analyse(const Campaign& campaign, const AnalysisOptions& options) {
     std::vector<std::string> left_out;
     TrackerRuns tracker = reader.read(name, left_out);
     const bool any = !tracker.supervised.empty() || !tracker.one_pass.empty() || !tracker.multi_start.empty();
-    if (!any && tracker.scores.foreign) continue;  // a folder of something else
+    if (!any && tracker.scores.foreign) continue;  // the folder is not a tracker's
     analysis.left_out.insert(analysis.left_out.end(), left_out.begin(), left_out.end());
     if (any) trackers.push_back(std::move(tracker));
   }

@@ -1,5 +1,5 @@
-// asterism-calibration: how far part models are from the annotated target, and whether they know it: the
-// error in units of the deviation that they claim.
+// asterism-calibration: how far part models are from the annotated target, and whether their uncertainty is
+// right: the error in units of the standard deviation that they state.
 
 #include <CLI/CLI.hpp>
 #include <Eigen/LU>
@@ -27,8 +27,8 @@ struct Search {
   double isotropic;    ///< of the scalar variance, half the covariance's trace
 };
 
-// In every frame the model is searched around the target's annotated centre in the frame before and then
-// learns it where it is: no error is inherited.
+// In every frame the part is searched around the target's annotated centre in the frame before, and then
+// adapted at the annotated centre, so that no error carries over.
 std::vector<Search> searches(AnyPart part, const Sequence& sequence) {
   std::vector<Search> result;
   bench::FrameReader reader(sequence);

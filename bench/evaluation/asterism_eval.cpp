@@ -78,7 +78,7 @@ class RunCommand {
 
   int run(const Processes& processes, const std::string& command) {
     stop_on_signals();
-    // The command line's check lets them by.
+    // The command line's range checks let NaN pass.
     if (std::isnan(options_.jitter)) throw std::invalid_argument("--jitter: not a number");
     if (std::isnan(timeout_)) throw std::invalid_argument("--timeout: not a number");
     Campaign campaign;
@@ -122,7 +122,7 @@ class RunCommand {
       for (const std::string& name : rerun_) drop_results(campaign, name);
       write_campaign(campaign);
     }
-    // No process begins before the campaign has been checked.
+    // No process starts runs before the campaign has been checked.
     if (const auto wait = processes.barrier()) wait();
 
     const CampaignTally tally =
@@ -222,7 +222,7 @@ class ReportCommand {
   ReportOptions options_;
 };
 
-/// Stored results that a command writes in another form: all trackers, or those that are named.
+/// A command that writes stored results in another form: of all trackers, or of those named.
 class ExportCommand {
  public:
   bool parsed() const { return app_.parsed(); }
@@ -325,7 +325,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
 
 int main(int argc, char** argv) {
   asterism::tools::silence_libraries();
-  std::signal(SIGPIPE, SIG_IGN);  // an external tracker that goes is an error of its run
+  std::signal(SIGPIPE, SIG_IGN);  // an external tracker that dies is an error of its run, not the end of ours
   const Processes processes(argc, argv);
   try {
     const int code = run_command_line(processes, argc, argv);

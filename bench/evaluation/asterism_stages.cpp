@@ -1,5 +1,5 @@
-// asterism-stages: where our trackers spend a frame's time, and what their lost flag is worth, in one pass
-// over annotated sequences on one thread.
+// asterism-stages: how long the stages of our trackers take per frame, and how good their lost flag is, in
+// one pass over annotated sequences on one thread.
 
 #include <CLI/CLI.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
@@ -17,11 +17,11 @@ namespace {
 
 using namespace asterism::bench;
 
-/// What a tracker tells beside the box, over all frames.
+/// A tracker's diagnostics over all frames.
 struct Diagnostics {
   std::map<std::string, double> stage_milliseconds;
-  std::vector<bool> lost;  // one a frame
-  double parts = 0;        // of all frames
+  std::vector<bool> lost;  // one per frame
+  double parts = 0;        // summed over all frames
 };
 
 Start told(const std::string& name, Diagnostics& diagnostics) {
@@ -44,7 +44,7 @@ void report(const std::string& name, const std::vector<Sequence>& sequences) {
   options.boxes = true;
   Diagnostics diagnostics;
   const Start start = told(name, diagnostics);
-  std::vector<bool> off;  // one a frame: no overlap with the ground truth
+  std::vector<bool> off;  // one per frame: no overlap with the ground truth
   for (const Sequence& sequence : sequences) {
     SequenceImages images(sequence);
     for (const Run& run : runs_of(sequence, Protocol::Otb, options)) {

@@ -1,6 +1,6 @@
-// asterism-uncertainty: whether trackers know how far off they are, in one pass over annotated sequences: how
-// well the confidence foretells that a frame is tracked, and how often the truth is where the covariance
-// says.
+// asterism-uncertainty: whether the trackers' stated uncertainty is right, in one pass over annotated
+// sequences: how well the confidence predicts that a frame is tracked, and how often the truth lies within
+// the region of the covariance.
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Cholesky>
@@ -30,27 +30,27 @@ using namespace asterism;
 using bench::Region;
 using bench::Sequence;
 
-// Bounds of the 95 % regions: of a chi-squared variable with 1, 2 and 3 degrees of freedom, and the medians.
+// The 95 % quantiles, and the medians, of chi-squared variables with 1, 2 and 3 degrees of freedom.
 constexpr double kInside1 = 3.841, kInside2 = 5.991, kInside3 = 7.815;
 constexpr double kMedian1 = 0.4549, kMedian2 = 1.3863, kMedian3 = 2.3660;
 
 constexpr char kConfidence[] = "root (confidence)";
 
-/// What a tracker says of a frame.
+/// A tracker's result in a frame.
 struct Answer {
-  std::optional<Region> region;  // empty: as the frame before
+  std::optional<Region> region;  // empty: that of the frame before
   std::map<std::string, double> signals;
   std::optional<Eigen::Matrix3d> covariance;
 };
 using Track = std::function<Answer(const bench::Image&)>;
 using Begin = std::function<Track(const bench::Image&, const Region&)>;
 
-/// What came of a frame.
+/// A frame's result against the ground truth.
 struct Outcome {
   double overlap = 0;
   std::map<std::string, double> signals;
   struct Distances {
-    double centre, size, all;  // squared, of Mahalanobis
+    double centre, size, all;  // squared Mahalanobis distances
   };
   std::optional<Distances> distances;
 };
@@ -79,8 +79,8 @@ Begin peer(const std::string& name) {
   };
 }
 
-/// Peak of a response above the mean of what is further from it than 11 x 11 cells, in its deviations (Bolme
-/// et al., CVPR 2010, Sec. 3.5).
+/// Peak-to-sidelobe ratio: the height of a response's peak above the mean of the cells outside the 11 x 11
+/// around it, in their standard deviations (Bolme et al., CVPR 2010, Sec. 3.5).
 double peak_to_sidelobe(const ResponseMap& response) {
   constexpr Eigen::Index kReach = 5;
   Eigen::Index row = 0, col = 0;
@@ -108,7 +108,7 @@ double peak_to_correlation_energy(const ResponseMap& response) {
   return energy > 0 ? (peak - least) * (peak - least) / energy : 0;
 }
 
-/// A root that keeps what its response map looked like.
+/// A root part that records the measures of its last response map.
 class WatchedRoot {
  public:
   struct Seen {
@@ -132,12 +132,12 @@ class WatchedRoot {
   std::shared_ptr<Seen> seen_;
 };
 
-/// dpt with everything that it could be judged by; the first, its confidence, is the root's response.
+/// dpt with signals that might tell whether it tracks; the first, its confidence, is the root's response.
 Track candidates(const bench::Image& image, const Region& object) {
   struct Run {
     std::shared_ptr<WatchedRoot::Seen> seen = std::make_shared<WatchedRoot::Seen>();
     std::optional<Dpt> tracker;
-    Kcf first;  // what the root learned in the first frame, and no more
+    Kcf first;  // the root as learned in the first frame, never adapted
     double mean = 0, frames = 0;
   };
   auto run = std::make_shared<Run>();
@@ -212,14 +212,14 @@ std::vector<Outcome> outcomes(const Begin& begin, const Sequence& sequence) {
   return result;
 }
 
-using Run = std::vector<std::vector<Outcome>>;  // one a sequence
+using Run = std::vector<std::vector<Outcome>>;  // by sequence and frame
 
 void print_areas(const std::string& name, const Run& run, double threshold) {
   std::vector<std::string> signals;
   const auto any = std::ranges::find_if(run, [](const auto& outcomes) { return !outcomes.empty(); });
   if (any == run.end()) return;
   for (const auto& [signal, value] : any->front().signals) signals.push_back(signal);
-  // The one that others are compared with comes first.
+  // The baseline of the comparisons comes first.
   std::stable_partition(signals.begin(), signals.end(),
                         [](const std::string& s) { return s == kConfidence; });
   bench::Bootstrapped baseline;
@@ -229,7 +229,7 @@ void print_areas(const std::string& name, const Run& run, double threshold) {
     double within = 0, counted = 0;
     for (std::size_t s = 0; s < run.size(); ++s) {
       for (const Outcome& outcome : run[s]) {
-        // What cannot be told is the least sure.
+        // A frame without the signal ranks as the least certain.
         const auto found = outcome.signals.find(signal);
         values[s].emplace_back(
             found == outcome.signals.end() ? -std::numeric_limits<double>::infinity() : found->second,
@@ -263,7 +263,8 @@ void print_areas(const std::string& name, const Run& run, double threshold) {
   }
 }
 
-/// Of squared distances: the share within the bound, and the factor by which the deviations are too small.
+/// Of squared Mahalanobis distances: the share within the bound, and the factor by which the standard
+/// deviations are too small.
 std::string coverage(std::vector<double> distances, double bound, double median) {
   if (distances.empty()) return "      -       -";
   const auto inside = std::count_if(distances.begin(), distances.end(), [&](double d) { return d <= bound; });

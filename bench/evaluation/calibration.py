@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Measures what a tracker's confidence and lost flag are worth, and calibrates the confidence by nested cross-validation.
+"""Measures how reliable a tracker's confidence and lost flag are, and calibrates the confidence by nested cross-validation.
 
     bench/evaluation/calibration.py CANDIDATES FRAMES FOLDS OUT
 
-CANDIDATES is a JSON file such as candidates/confidence.json: which mappings from the confidence c to the probability p that the box
-overlaps the object by more than "overlap" are tried, and which thresholds of the lost flag. FRAMES is the file of `asterism-eval
+CANDIDATES is a JSON file such as candidates/confidence.json: the mappings to try from the confidence c to the probability p that the
+box overlaps the object by more than "overlap", and the thresholds to try for the lost flag. FRAMES is the file of `asterism-eval
 export-frames`. FOLDS has a line FOLD<tab>SEQUENCE... for each sequence; lines that begin with # are comments. Needs NumPy.
 
 The mappings:
@@ -15,12 +15,12 @@ The mappings:
     logit      the same of ln(c / (1 - c)) in place of c: beta calibration with two parameters (Kull et al. 2017)
     isotonic   the nondecreasing step function of least squared error (Zadrozny and Elkan 2002)
 
-Power, logistic and logit are of greatest likelihood. Every sequence has the same weight in each protocol, shared by its frames, and
-the protocols count alike. For each fold in turn, the mapping is chosen on the other folds, where each fold is predicted by a fit on
-the rest: the first mapping stays unless a later one has the lower Brier score in all protocols beyond the 95 % interval of a paired
+Power, logistic and logit are fitted by maximum likelihood. Every sequence has the same weight in each protocol, shared by its frames,
+and the protocols count alike. For each fold in turn, the mapping is chosen on the other folds, where each fold is predicted by a fit
+on the rest: the first mapping stays unless a later one has the lower Brier score in all protocols beyond the 95 % interval of a paired
 bootstrap over sequences; a still later one replaces it by the same rule. The choice is fitted on the other folds and applied to the
-fold. What comes of it is `out-of-fold`. The threshold of the lost flag is chosen likewise: by the greatest F1 of the frames without
-any overlap, the present threshold staying unless another is better beyond the interval in all protocols.
+fold. The resulting predictions are called `out-of-fold`. The threshold of the lost flag is chosen likewise, by the greatest F1 for
+frames without any overlap: the first threshold stays unless another is better beyond the interval in all protocols.
 
 Prints tables in Markdown, with the number of candidates; OUT is a JSON file with all of it, and the parameters fitted on all folds.
 """
@@ -35,7 +35,7 @@ import numpy as np
 
 from cross_validation import BadInput, read_folds
 
-SURE = 0.8  # a frame of at least this probability is one that the tracker is sure of
+SURE = 0.8  # the tracker counts as sure of a frame of at least this probability
 BINS = 10   # of equal width, of the expected calibration error and the reliability table
 RESAMPLES = 2000
 EDGE = 1e-6  # confidences are kept this far from 0 and 1 where their logarithms are taken
@@ -56,7 +56,7 @@ def logit(c):
 
 
 def fit_power(c, y, w):
-    """a of greatest likelihood, by the root of its derivative; the likelihood is concave in a."""
+    """The a of maximum likelihood, as the root of the derivative; the log-likelihood is concave in a."""
     s = -np.log(inner(c))
 
     def slope(log_a):
@@ -73,7 +73,7 @@ def fit_power(c, y, w):
 
 
 def fit_logistic(x, y, w):
-    """[a, b] of greatest likelihood, by Newton's method with halved steps; b = 0 if it would be negative."""
+    """[a, b] of maximum likelihood, by Newton's method with step halving; b = 0 if it would be negative."""
     positive = np.sum(w * y) / np.sum(w)
     constant = [float(logit(np.array(positive))), 0.0]
     if not 0 < positive < 1:
@@ -141,7 +141,7 @@ def brier(p, y, w):
 
 
 def area_under_roc(score, y, w):
-    """The probability that a frame of the class has the higher score; equal scores count half."""
+    """The probability that a frame of the class has a higher score than another; equal scores count half."""
     _, group = np.unique(score, return_inverse=True)
     inside, outside = np.bincount(group, w * y), np.bincount(group, w * ~y)
     total = inside.sum() * outside.sum()
@@ -149,7 +149,7 @@ def area_under_roc(score, y, w):
 
 
 def reliability(p, y, w, bins=BINS):
-    """Of each bin with frames: its share of the weight, the mean probability, and the share of the class."""
+    """For each bin with frames: its share of the weight, the mean probability, and the share of the class."""
     index = np.minimum((p * bins).astype(int), bins - 1)
     weight = np.bincount(index, w, bins)
     some = weight > 0
@@ -190,7 +190,7 @@ class Frames:
             self.w[of_it] = 1 / counts[self.sequence[of_it]]
 
     def of(self, sequences):
-        """Which frames are of these sequences."""
+        """The frames of these sequences, as a mask."""
         return np.isin(self.sequence, [i for i, name in enumerate(self.sequences) if name in set(sequences)])
 
 
@@ -206,7 +206,7 @@ def interval(samples):
 
 
 def sums(frames, where, *values):
-    """Weighted sums by sequence, a row a value; linear measures of a resample are made of these."""
+    """Weighted sums by sequence, one row per value, of which linear measures of a resample are computed."""
     return np.array([np.bincount(frames.sequence[where], (frames.w * v)[where], len(frames.sequences)) for v in values])
 
 
@@ -246,7 +246,7 @@ def fit(frames, where, mapping):
 
 
 def predict(frames, folds, mapping):
-    """Probabilities of the frames of `folds`, each fold's by a fit on the others of them."""
+    """Probabilities of the frames of `folds`: for each fold by a fit on the other ones."""
     masks = [frames.of(sequences) for sequences in folds]
     p = np.full(len(frames.c), math.nan)
     for held_out in masks:
@@ -266,7 +266,7 @@ def choose_mapping(frames, folds, mappings):
 
 
 def choose_threshold(frames, folds, thresholds):
-    """That of the greatest F1, the mean over the protocols, if it is better than the first one beyond doubt."""
+    """The threshold of the greatest F1, averaged over the protocols, if better_flag prefers it to the first one, else the first."""
     where = np.logical_or.reduce([frames.of(sequences) for sequences in folds])
 
     def f1(threshold):
@@ -299,7 +299,7 @@ def evaluate(frames, p):
 
 
 def evaluate_flag(frames, threshold):
-    """{protocol: measures} of the flag c < threshold, one threshold or one a frame, for frames without overlap."""
+    """{protocol: measures} of the flag c < threshold, with one threshold or one per frame, for frames without overlap."""
     result = {}
     for protocol in frames.protocols:
         here = frames.protocol == protocol
@@ -331,7 +331,7 @@ def calibrate(frames, folds, candidates):
         flag_below[here] = thresholds_chosen[name]
     all_folds = list(folds.values())
     predictions = {"out-of-fold": p} | {mapping: predict(frames, all_folds, mapping) for mapping in mappings}
-    constant = np.full(len(frames.c), math.nan)  # what is known without any confidence, for comparison
+    constant = np.full(len(frames.c), math.nan)  # a prediction without the confidence, for comparison
     for held_out in all_folds:
         here = frames.of(held_out)
         constant[here] = np.sum((frames.w * frames.good)[~here]) / np.sum(frames.w[~here])

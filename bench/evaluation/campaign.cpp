@@ -25,7 +25,7 @@ namespace fs = std::filesystem;
 
 constexpr const char* kFile = "campaign.json";
 
-// Of the ground truth's text: results are of these regions alone.
+// The digest of the ground truth: results hold for these regions only.
 std::string truth_digest(const Sequence& sequence) {
   std::string text;
   for (const auto& truth : sequence.truth) text += truth ? to_string(*truth) + "\n" : "-\n";
@@ -69,7 +69,7 @@ Json read_json(const fs::path& file) {
   }
 }
 
-// A member that is a number in that range; a whole one for integers.
+// A member that must be a number in [low, high], and an integer if T is one.
 template <class T>
 T number(const Json& json, const char* key, T low, T high) {
   const Json& value = json.at(key);
@@ -81,7 +81,7 @@ T number(const Json& json, const char* key, T low, T high) {
   return value.get<T>();
 }
 
-// What reports use of the entries of a record is of these types, or not there.
+// Reports use these members of a record's entries: each is absent or of its type.
 void check_record(const Json& record) {
   if (!record.is_array()) throw std::invalid_argument("the record is not a list");
   for (const Json& entry : record) {
@@ -99,7 +99,7 @@ void check_record(const Json& record) {
   }
 }
 
-// All but the sequences, which the data set has.
+// Everything but the sequences, which are read from the data set.
 Campaign from_json(const fs::path& folder, const Json& json) try {
   Campaign campaign;
   campaign.folder = folder;
@@ -144,7 +144,7 @@ bool has_results(const fs::path& folder, const std::string& tracker) {
                      [](const auto& entry) { return entry.is_regular_file(); });
 }
 
-// Throws unless both files can be one.
+// Throws unless the results of both can share a folder.
 void check_same(const fs::path& file, const Json& old, const Json& now) {
   const auto differs = [&](const std::string& what, const Json& before, const Json& after,
                            const std::string& or_else = {}) {
@@ -169,7 +169,7 @@ struct Job {
   Run run;
 };
 
-// The images of the sequences at work, shared by their runs and dropped after the last.
+// The images of the sequences at work, shared by the runs on them and dropped after the last run.
 class SharedImages {
  public:
   explicit SharedImages(const std::vector<Sequence>& sequences)
@@ -236,7 +236,7 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
 void write_campaign(Campaign& campaign) {
   const fs::path file = campaign.folder / kFile;
   fs::create_directories(campaign.folder);
-  // Between reading and writing no other run may add its trackers.
+  // No other process may add its trackers between reading and writing.
   const FolderLock lock(campaign.folder, std::chrono::seconds(10));
   Json now = to_json(campaign);
   if (fs::exists(file)) {
@@ -269,7 +269,7 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
   for (const std::string& name : trackers)
     starts[name] = evaluated_tracker(campaign.trackers.at(name), how.timeout).start;
 
-  // All runs on one sequence after each other, for its images; every process has every so manieth of them.
+  // The runs on one sequence follow each other, to share its images. The shard takes every n-th of all runs.
   CampaignTally tally;
   std::vector<Job> jobs;
   std::size_t number = 0, frames = 0;
@@ -292,7 +292,7 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
 
   SharedImages shared(campaign.sequences);
   std::atomic<std::size_t> next = 0;
-  std::mutex mutex;  // of all below
+  std::mutex mutex;  // guards all below
   std::size_t done = 0;
   std::exception_ptr failure;
   tools::Progress progress(static_cast<int>(frames));
@@ -329,7 +329,7 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
         fs::create_directories(file.parent_path());
         const fs::path log = campaign.errors_file(*job.tracker, sequence, job.run);
         if (errors.empty()) {
-          fs::remove(log);  // of an earlier run, whose trajectory has gone
+          fs::remove(log);  // left by an earlier run whose trajectory was removed
         } else {
           write_atomically(log, errors);
         }

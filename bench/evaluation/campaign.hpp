@@ -13,26 +13,26 @@
 
 namespace asterism::bench {
 
-/// Trackers that are run on a data set, and the folder of their results: that of a VOT workspace,
-/// FOLDER/results/TRACKER/EXPERIMENT/SEQUENCE/SEQUENCE_001.txt, with FOLDER/campaign.json, which says what
-/// they depend on.
+/// Trackers that are run on a data set, and the folder of their results, laid out as a VOT workspace
+/// (FOLDER/results/TRACKER/EXPERIMENT/SEQUENCE/SEQUENCE_001.txt). FOLDER/campaign.json records what the
+/// results depend on.
 struct Campaign {
   std::filesystem::path folder;
   std::filesystem::path dataset;  ///< absolute
   Layout layout = Layout::Auto;
   ProtocolOptions options;
-  std::map<std::string, std::string> trackers;  ///< name of the folder -> what evaluated_tracker takes
-  std::vector<Protocol> protocols;              ///< that have been run
+  std::map<std::string, std::string> trackers;  ///< name of the folder -> argument of evaluated_tracker
+  std::vector<Protocol> protocols;              ///< those that have been run
   std::vector<Sequence> sequences;
-  Json record = Json::array();  ///< of each process that ran: command, machine, workers, date
+  Json record = Json::array();  ///< an entry per process that ran: command, machine, workers, date
 
   /// Where the result of a run is, or will be.
   std::filesystem::path file(const std::string& tracker, const Sequence& sequence, const Run& run) const;
   /// The file, beside a run's result, with the error that the tracker threw; absent if it threw none.
   std::filesystem::path errors_file(const std::string& tracker, const Sequence& sequence,
                                     const Run& run) const;
-  /// The stored result of a run on all of its sequence (of Protocol::Vot or Protocol::Otb). Throws
-  /// std::runtime_error for one that is missing (it names the protocol to run), or of another length.
+  /// The stored result of a run on a whole sequence (of Protocol::Vot or Protocol::Otb). Throws
+  /// std::runtime_error if it is missing (it names the protocol to run) or of another length.
   Trajectory result(const std::string& tracker, const Sequence& sequence, const Run& run) const;
 };
 
@@ -43,13 +43,13 @@ bool has_campaign(const std::filesystem::path& folder);
 std::string reason_against_name(const std::string& tracker);
 
 /// Reads FOLDER/campaign.json and the data set that it names, or the one at `dataset` if that is not empty.
-/// Throws std::runtime_error for a damaged file, for values that `run` would not take, and for a data set
-/// other than the results are from.
+/// Throws std::runtime_error for a damaged file, for values that `run` would refuse, and for a data set other
+/// than that of the results.
 Campaign read_campaign(const std::filesystem::path& folder, const std::filesystem::path& dataset = {});
 
-/// Writes FOLDER/campaign.json. Where there is one: that of the same data set and options is extended by
-/// trackers, protocols, sequences, starts and the record; std::runtime_error, which names the setting, where
-/// results would not fit together. A tracker without results may become another.
+/// Writes FOLDER/campaign.json. An existing file of the same data set and options is extended by trackers,
+/// protocols, sequences, starts and the record; std::runtime_error, which names the setting, if results would
+/// not fit together. A name without results may be given to another tracker.
 void write_campaign(Campaign& campaign);
 
 /// Removes all results of a tracker.
@@ -59,19 +59,19 @@ struct CampaignRun {
   int workers = 1;  ///< runs at the same time
   Shard shard;
   std::function<bool()> stop;  ///< asked after each frame
-  double timeout = 30;         ///< of each answer of an external tracker [s]
-  int retries = 0;             ///< of a run in which an external tracker threw; the last one is stored
+  double timeout = 30;         ///< for each answer of an external tracker [s]
+  int retries = 0;             ///< for a run in which an external tracker threw; the last one is stored
 };
 struct CampaignTally {
   std::size_t runs = 0;                          ///< made now
-  std::size_t kept = 0;                          ///< that were there
+  std::size_t kept = 0;                          ///< found already stored
   std::size_t failed = 0;                        ///< of those made now, runs in which the tracker threw
-  std::set<std::filesystem::path> damaged = {};  ///< images that were taken as blank
+  std::set<std::filesystem::path> damaged = {};  ///< images that were replaced by blank ones
   bool interrupted = false;  ///< runs at work were dropped, and are made again by the next call
 };
-/// Makes the runs of the given trackers and protocols on the campaign's sequences whose results are not there
-/// yet, each stored when it is complete, with progress on standard error. Apart from times, the results do
-/// not depend on the workers and shards. Throws for what cannot be read or written, and UnusableTracker.
+/// Makes the runs of the given trackers and protocols on the campaign's sequences that have no stored result
+/// yet, and stores each when it is complete, with progress on standard error. Apart from times, the results
+/// do not depend on workers and shards. Throws for files that cannot be read or written, and UnusableTracker.
 CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
                            const std::vector<Protocol>& protocols, const CampaignRun& how);
 

@@ -72,7 +72,7 @@ def read_folds(path):
 
 
 def declare(candidates, out):
-    """Writes down what is tried, before it is; all that ever was."""
+    """Adds the candidates to tried.json before they are run; returns all that were ever declared."""
     path = out / "tried.json"
     try:
         tried = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
@@ -96,7 +96,7 @@ def run(command):
 
 
 def report(program, out, sequences, interval, to):
-    """The summary by tracker, and {(measure, a, b): (value, low, high)} of a - b."""
+    """The summary by tracker, and {(measure, a, b): (value, low, high)} of the differences a - b."""
     run([program, "report", str(out), "--out", str(to), "--interval", interval, "--sequences", ",".join(sequences)])
 
     def rows(name):
@@ -105,7 +105,7 @@ def report(program, out, sequences, interval, to):
 
     differences = {}
     for row in rows("differences.csv"):
-        # Of a single sequence there is no interval, and nothing is favored.
+        # A single sequence has no intervals; with NaN no candidate replaces another.
         value, low, high = (float(row[key] or "nan") for key in ("value", "low", "high"))
         differences[row["measure"], row["a"], row["b"]] = value, low, high
         differences[row["measure"], row["b"], row["a"]] = -value, -high, -low
@@ -113,7 +113,7 @@ def report(program, out, sequences, interval, to):
 
 
 def choose(names, differences):
-    """The published setting, which is the first, unless another is better beyond doubt."""
+    """The published setting, which is the first, unless another is significantly better."""
     choice = names[0]
     if any((measure, *names[:2]) not in differences for measure in RULE):
         raise BadInput("there is no " + " or no ".join(RULE) + ": give --interval LOW:HIGH within the sequences' lengths")
@@ -124,7 +124,7 @@ def choose(names, differences):
 
 
 def copy_results(out, tracker, sequences):
-    """The results of `tracker` on these sequences become those of out-of-fold."""
+    """Copies the results of `tracker` on these sequences to those of out-of-fold."""
     for experiment in sorted((out / "results" / tracker).iterdir()):
         for sequence in sequences:
             source = experiment / sequence
@@ -164,7 +164,7 @@ def cross_validate(candidates_file, program, dataset, folds_file, out, options):
     for fold, held_out in folds.items():
         copy_results(out, choices[fold], held_out)
     summary, differences = report(program, out, sequences, interval, out / "report")
-    # What to use from now on: chosen on all folds.
+    # The setting to use in future is chosen on all folds.
     final = choose(names, differences)
     result = {"tried": tried, "choices": choices, "chosen_on_all": final,
               "figures": {name: {key: float(summary[name][key]) for key, _ in SHOWN} for name in [OUT_OF_FOLD, *names]},

@@ -16,8 +16,8 @@ namespace {
 
 namespace fs = std::filesystem;
 
-constexpr int kDepth = 4;          // folders of folders: DATA/GOT-10k/val/GOT-10k_Val_000001
-constexpr std::size_t kNamed = 6;  // of the entries that are not taken
+constexpr int kDepth = 4;          // nested folders: DATA/GOT-10k/val/GOT-10k_Val_000001
+constexpr std::size_t kNamed = 6;  // entries named, at most, of those that are not used
 
 [[noreturn]] void fail(const fs::path& file, const std::string& reason) {
   throw std::runtime_error(file.string() + ": " + reason);
@@ -39,12 +39,12 @@ struct Found {
   const LayoutReader* reader;
 };
 
-// Where the sequences are, and what else the folders hold.
+// Finds the sequences, and notes the other entries of their folders.
 class Search {
  public:
   explicit Search(Layout wanted) : wanted_(wanted) {}
 
-  // Whether a path is a sequence or holds some. Folders are looked into, `depth` of them above.
+  // Whether a path is a sequence or holds some. It lies in `depth` folders below the start.
   bool look(const fs::path& path, int depth) try {
     if (const LayoutReader* reader = reader_of(path)) {
       found.push_back({path, reader});
@@ -75,7 +75,7 @@ class Search {
     return nullptr;
   }
 
-  // The sequences that a list names, in its order.
+  // Finds the sequences that a list names, in its order.
   bool look_up(const fs::path& list) {
     const std::size_t before = found.size();
     const std::vector<std::string> lines = tools::read_lines(list);
@@ -91,7 +91,7 @@ class Search {
     return found.size() > before;
   }
 
-  // What a folder holds and is not taken, apart from files of its sequences, which are those from `first` on.
+  // Notes the entries of a folder that are not used, apart from files of its sequences, found[first] and on.
   void tell(const fs::path& folder, const std::vector<fs::path>& others, std::size_t first) {
     std::set<fs::path> box_files;
     for (std::size_t i = first; i < found.size(); ++i) box_files.insert(box_file(found[i].path));
@@ -111,7 +111,7 @@ class Search {
   Layout wanted_;
 };
 
-// What speaks against the name of a sequence, which becomes that of folders and files.
+// Why a name cannot be a sequence's, since folders and files are named after it; empty if it can.
 std::string reason_against(const std::string& name) {
   if (name.empty() || name == "." || name == "..") return "it has no name of its own: name its folder";
   if (!is_utf8(name)) return "the name is not UTF-8, as reports need it: rename it";
@@ -141,7 +141,7 @@ Layout parse_layout(const std::string& name) {
 
 Dataset open_dataset(const fs::path& path, Layout layout, const std::vector<std::string>& only) {
   if (!fs::exists(path)) fail(path, "no such file or folder");
-  // Without a trailing separator, which would hide the folder's name.
+  // A trailing separator would hide the folder's name.
   const fs::path root = fs::absolute(path.has_filename() ? path : path.parent_path()).lexically_normal();
   Search search(layout);
   search.look(root.has_filename() ? root : root.parent_path(), 0);
@@ -156,9 +156,10 @@ Dataset open_dataset(const fs::path& path, Layout layout, const std::vector<std:
                             ": the videos at 240 frames a second are left out: --layout nfs240 takes them");
 
   std::map<std::string, fs::path> names;
-  std::string first_reason;  // of those that cannot be read
+  std::string first_reason;  // why the first unreadable sequence cannot be read
   for (const Found& f : search.found) {
-    // Others are not read, whatever is wrong with them. The name of a sequence begins as its file's.
+    // Sequences not asked for are not read, so that their defects do not matter. A sequence's name begins
+    // with that of its file.
     const std::string begin = f.path.stem().string();
     if (!only.empty() &&
         std::none_of(only.begin(), only.end(), [&](const std::string& n) { return n.starts_with(begin); })) {
@@ -214,7 +215,7 @@ cv::Mat FrameReader::operator()(std::size_t t) {
     video_ = tools::ImageSource::open(sequence_.video.string(), {.range = sequence_.range});
   if (!video_->skip(static_cast<int>(t) - video_->position()) || !video_->next(image))
     fail(sequence_.video, "frame " + std::to_string(t + 1) + " cannot be decoded");
-  return image.clone();  // the decoder uses its image again
+  return image.clone();  // the decoder reuses its image
 }
 
 }  // namespace asterism::bench

@@ -19,38 +19,38 @@ using tools::Region;
 /// One object in one annotated sequence; images stay on the disk (see `FrameReader`).
 struct Sequence {
   std::string name;
-  std::vector<std::filesystem::path> images;  ///< one a frame; empty where the frames are those of `video`
+  std::vector<std::filesystem::path> images;  ///< one per frame; empty if the frames are those of `video`
   std::filesystem::path video;
-  std::vector<std::optional<Region>> truth;  ///< one a frame [px, as published]; empty: no object, or unknown
-  std::map<std::string, std::vector<bool>> tags;  ///< attributes by name, one value a frame
-  std::optional<PixelRange> range = {};           ///< of the images' pixels; without one what Frame assumes
-  std::vector<double> practical;  ///< VOT's practical difference of overlaps, one a frame; empty without it
+  std::vector<std::optional<Region>> truth;  ///< per frame [px, as published]; empty: no object, or unknown
+  std::map<std::string, std::vector<bool>> tags;  ///< attributes by name, one value per frame
+  std::optional<PixelRange> range = {};           ///< of the images' pixels; none: as Frame assumes
+  std::vector<double> practical;  ///< VOT's practical difference of overlaps, per frame; empty without it
 
   std::size_t length() const { return truth.size(); }
 };
 
-/// How a data set lies on the disk. Boxes are as published: those of OTB, Temple-Color-128, LaSOT and UAV123
-/// count pixels from 1, the others from 0. A single box is the first; the other frames are unknown.
+/// How a data set is stored. Boxes are as published: those of OTB, Temple-Color-128, LaSOT and UAV123 count
+/// pixels from 1, the others from 0. A single box is that of the first frame; the other frames are unknown.
 enum class Layout {
-  Auto,  ///< whichever of the others it looks like
+  Auto,  ///< the first in layout_readers() that recognises it
   Vot,   ///< SEQ/groundtruth.txt, color/00000001.jpg (or as SEQ/sequence says, or beside it), *.tag, *.label,
          ///< practical.value. Frames beyond the last region are unknown.
   Otb,   ///< SEQ/groundtruth_rect.txt or, with several objects, groundtruth_rect.1.txt, .2.txt: SEQ-1, SEQ-2;
          ///< img/, of which sequences that begin late or end early use the published part. The attributes of
          ///< the published sequences are tags of all their frames.
   Got10k,       ///< SEQ/groundtruth.txt, 00000001.jpg, absence.label, cover.label, cut_by_image.label,
-                ///< meta_info.ini. No object where it is absent or not visible at all; the tag "occlusion"
-                ///< where it is not fully visible.
-  Lasot,        ///< SEQ/groundtruth.txt, img/, full_occlusion.txt, out_of_view.txt, absent.txt. No object
-                ///< where one of them says so.
+                ///< meta_info.ini. No object in frames where it is absent or entirely hidden; the tag
+                ///< "occlusion" where it is not fully visible.
+  Lasot,        ///< SEQ/groundtruth.txt, img/, full_occlusion.txt, out_of_view.txt, absent.txt. No object in
+                ///< frames that one of these files flags.
   Tc128,        ///< Temple-Color-128: SEQ/SEQ_gt.txt, img/, of which SEQ_frames.txt names the first and last
   TrackingNet,  ///< frames/SEQ/0.jpg, anno/SEQ.txt
   Uav123,       ///< data_seq/UAV123/VIDEO/000001.jpg, anno/UAV123/SEQ.txt: whole videos and the published
                 ///< parts of them; the same for UAV123_10fps
-  Nfs,          ///< SEQ/30/SEQ/00001.jpg, SEQ/30/SEQ.txt in VATIC's format, a line a frame or eight
-  Nfs240,       ///< SEQ/240/SEQ/00001.jpg, SEQ/240/SEQ.txt; not by Auto where there is Nfs, too
-  Plain  ///< a folder of images or a video and, beside it, NAME.txt with a box a frame or the first box
-         ///< alone
+  Nfs,          ///< SEQ/30/SEQ/00001.jpg, SEQ/30/SEQ.txt in VATIC's format, one or eight lines per frame
+  Nfs240,       ///< SEQ/240/SEQ/00001.jpg, SEQ/240/SEQ.txt; Auto takes Nfs if both are there
+  Plain         ///< a folder of images or a video and, beside it, NAME.txt with one box per frame or only the
+                ///< first box
 };
 
 /// "auto", "vot", "otb", "got10k", "lasot", "tc128", "trackingnet", "uav123", "nfs", "nfs240", "plain".
@@ -62,39 +62,39 @@ std::string layout_names();
 
 struct Dataset {
   std::vector<Sequence> sequences;
-  /// What was mended, left out or not taken, a line each: for the user to read.
+  /// What was corrected, left out or not used, one line each, for the user to read.
   std::vector<std::string> notes;
 };
 
-/// The sequences of `path`: one sequence, or a folder of them (in the order of list.txt where there is one,
-/// else of their names; also in folders of folders, as LaSOT's classes). Only those named in `only` unless
-/// that is empty. A sequence that cannot be read is left out with a note that names file and line: gaps in
-/// the numbers of images, counts of images and boxes that differ, malformed lines, a second sequence of one
-/// name, a name that is not UTF-8. Throws std::runtime_error where no sequence is left, and where one of
-/// `only` is not there or cannot be read.
+/// The sequences of `path`: one sequence, or a folder of them (in the order of list.txt if there is one, else
+/// of their names; also in nested folders, like LaSOT's classes). Only those named in `only` unless that is
+/// empty. A sequence that cannot be read is left out with a note that names file and line: gaps in the
+/// numbers of images, counts of images and boxes that differ, malformed lines, a name that is used twice or
+/// is not UTF-8. Throws std::runtime_error if no sequence is left, and if one of `only` is not there or
+/// cannot be read.
 Dataset open_dataset(const std::filesystem::path& path, Layout layout = Layout::Auto,
                      const std::vector<std::string>& only = {});
 
 /// Prints the notes on standard error.
 void print_notes(const Dataset& dataset);
 
-/// The frames of a sequence, one after another or at random (a video begins anew for an earlier frame).
+/// The frames of a sequence in any order (for an earlier frame, a video is decoded from its beginning).
 class FrameReader {
  public:
   /// `sequence` must outlive the reader.
   explicit FrameReader(const Sequence& sequence) : sequence_(sequence) {}
 
-  /// Frame t, from 0; 8-bit BGR. A damaged image is a blank frame of the size of another. Throws
-  /// std::runtime_error that names the file where it can be no frame at all (see tools::read_frame).
+  /// Frame t, from 0; 8-bit BGR. A damaged image gives a blank frame of the size of another one. Throws
+  /// std::runtime_error that names the file if it cannot be a frame at all (see tools::read_frame).
   cv::Mat operator()(std::size_t t);
-  /// The images read until now that were damaged.
+  /// The damaged images among those read so far.
   const std::set<std::filesystem::path>& damaged() const { return damaged_; }
 
  private:
   const Sequence& sequence_;
   std::optional<tools::ImageSource> video_;
   std::set<std::filesystem::path> damaged_;
-  cv::Size size_;  // of an image that is not damaged
+  cv::Size size_;  // of the last image that was not damaged
 };
 
 }  // namespace asterism::bench

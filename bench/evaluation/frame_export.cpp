@@ -11,7 +11,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// The run's frames as lines that begin with `head`.
+// Appends the run's frames as lines that begin with `head`; returns their number.
 std::size_t append_frames(const std::string& head, const Trajectory& trajectory, const Sequence& sequence,
                           const ProtocolOptions& options, const std::vector<double>& confidence,
                           std::string& lines) {

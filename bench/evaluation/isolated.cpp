@@ -23,7 +23,7 @@ namespace {
 
 constexpr int kTimeout = 60000;  // [ms]
 
-/// Both ends read and write whole values; false where the other one has gone, or is silent for too long.
+/// Both transfer all `size` bytes; false if the other end is closed or sends nothing for `timeout` [ms].
 bool send_all(int socket, const void* data, std::size_t size) {
   const char* at = static_cast<const char*>(data);
   while (size > 0) {
@@ -68,7 +68,7 @@ bool send_report(int socket, const std::string& error, const Report& report) {
          send_all(socket, &report.confidence, sizeof report.confidence);
 }
 
-/// What the child does: the start, then an answer for every image until the parent has gone.
+/// The child's work: the start, then an answer for every image until the parent closes its end.
 void serve(int socket, const Start& start, const Image& image, const Region& region) {
   Step step;
   const auto answer = [&](auto&& call) {
@@ -97,7 +97,8 @@ void serve(int socket, const Start& start, const Image& image, const Region& reg
 class Child {
  public:
   Child(const Start& start, const Image& image, const Region& region) {
-    // One at a time: a child that inherits another's end of a socket would hide that one's death.
+    // One at a time: a child that inherited the end of another child's socket would keep it open after that
+    // one's death, which would go unnoticed.
     static std::mutex forking;
     const std::lock_guard lock(forking);
     std::array<int, 2> ends{};
@@ -160,7 +161,7 @@ class Child {
     return status;
   }
 
-  // Why it does not answer.
+  // Why the child does not answer.
   std::string epitaph() {
     if (pid_ < 0) return "the tracker has ended";
     int status = 0;

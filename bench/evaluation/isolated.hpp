@@ -4,9 +4,9 @@
 
 namespace asterism::bench {
 
-/// The same tracker, each start in a process of its own, for those that may crash: that, or no answer within
-/// a minute, is then a std::runtime_error with the reason. Images go through a socket, some 0.3 ms a
-/// megabyte.
+/// The same tracker with a process for each start, for trackers that may crash: a crash, or no answer within
+/// a minute, becomes a std::runtime_error with the reason. Images go through a socket, which takes some
+/// 0.3 ms per megabyte.
 Start isolated(const Start& start);
 
 }  // namespace asterism::bench

@@ -32,7 +32,7 @@ using Notes = std::vector<std::string>;
   throw std::runtime_error(file.string() + ": " + reason);
 }
 
-// --- What layouts are made of
+// --- Shared by the layouts
 
 std::string trimmed(std::string_view text) {
   constexpr std::string_view kBlanks = " \t";
@@ -54,7 +54,7 @@ struct Value {
   std::size_t line;
 };
 
-// Numbers, one a line or several (LaSOT has all in one).
+// Numbers, one or several per line (LaSOT has all in one line).
 std::vector<Value> values_of(const fs::path& path) {
   std::vector<Value> values;
   const std::vector<std::string> lines = lines_of(path);
@@ -74,8 +74,8 @@ std::string counts(std::size_t values, const std::string& what, std::size_t fram
   return std::to_string(values) + " " + what + ", but " + std::to_string(frames) + " frames";
 }
 
-// Values of all frames, of which `allowed` says what is wrong with one. Where there are too few, those of the
-// last frames are `otherwise`, as in the VOT toolkit (VOT2016's bag has such tags).
+// The values of all frames. `allowed` returns why a value is invalid, or nullptr. If there are too few, those
+// of the last frames are `otherwise`, as in the VOT toolkit (the sequence bag of VOT2016 has such tags).
 template <class Allowed>
 std::vector<double> frame_values(const fs::path& path, std::size_t frames, double otherwise, Allowed allowed,
                                  Notes& notes) {
@@ -109,7 +109,7 @@ std::optional<long> number_of(const fs::path& image) {
   return number;
 }
 
-// Images of a folder or a pattern, of which none may be missing in between.
+// The images of a folder or a pattern; their numbers must have no gap.
 std::vector<fs::path> images_of(const fs::path& input) {
   std::vector<fs::path> images = tools::ImageSource::open(input.string()).images();
   if (images.empty()) fail(input, "no images");
@@ -121,7 +121,7 @@ std::vector<fs::path> images_of(const fs::path& input) {
   return images;
 }
 
-// Those of the numbers first .. last.
+// Only those with the numbers first .. last.
 std::vector<fs::path> images_of(const fs::path& folder, long first, long last) {
   std::vector<fs::path> images = images_of(folder);
   std::erase_if(images, [&](const fs::path& image) {
@@ -155,7 +155,7 @@ void remove_truth(Sequence& sequence, const std::vector<bool>& where) {
     if (where[t]) sequence.truth[t].reset();
 }
 
-// Flags in files of that ending: tags of their names, and no object in their frames.
+// Reads the flags in files with that ending: each file becomes a tag, and flagged frames have no object.
 void read_absences(Sequence& sequence, const fs::path& folder, std::initializer_list<const char*> names,
                    const std::string& ending, Notes& notes) {
   for (const char* name : names) {
@@ -172,7 +172,7 @@ std::string name_of(const fs::path& folder) { return folder.filename().string();
 
 // --- VOT: SEQ/groundtruth.txt, color/00000001.jpg
 
-// The entries of a "sequence" file, key=value; empty where there is none.
+// The key=value entries of a "sequence" file; empty if there is none.
 std::map<std::string, std::string> properties_of(const fs::path& path) {
   std::map<std::string, std::string> properties;
   if (!fs::exists(path)) return properties;
@@ -203,7 +203,7 @@ std::vector<Sequence> read_vot(const fs::path& folder, Notes& notes) {
     return found == properties.end() ? otherwise : found->second;
   };
   const fs::path truth = folder / property("groundtruth", "groundtruth.txt");
-  // Sequences with depth or infrared images say which images are those to track in.
+  // Sequences with several kinds of images, such as depth or infrared, name those to track in.
   const std::string pattern = property("channels." + property("channel.default", "color"), "");
   Sequence sequence = sequence_of(name_of(folder), {}, truth);
   sequence.images = images_of(pattern.empty() ? folder : folder / pattern);
@@ -348,15 +348,15 @@ std::vector<Sequence> read_trackingnet(const fs::path& folder, Notes&) {
 
 // --- UAV123: data_seq/UAV123/VIDEO/000001.jpg, anno/UAV123/SEQ.txt
 
-// anno/SET of data_seq/SET/VIDEO.
+// The folder anno/SET for data_seq/SET/VIDEO.
 fs::path uav_annotations(const fs::path& video) {
   const fs::path set = video.parent_path();
   return set.parent_path().parent_path() / "anno" / set.filename();
 }
 
-// The sequences on a video whose annotations are there.
+// The sequences on a video that have an annotation file.
 std::vector<UavPart> uav_parts(const fs::path& video, const std::string& name) {
-  // Those of UAV123_10fps are every third frame.
+  // UAV123_10fps has every third frame.
   const long step = name_of(video.parent_path()) == "UAV123_10fps" ? 3 : 1;
   std::vector<UavPart> parts;
   for (const UavPart& part : kUavParts)
@@ -393,8 +393,8 @@ bool is_nfs(const fs::path& path, const char* rate) {
          fs::is_directory(path) && fs::exists(box_file(path));
 }
 
-// VATIC's lines: track, left, top, right, bottom, frame, lost, occluded, generated, "class"; of each frame at
-// 240 frames a second, also beside the images at 30.
+// VATIC's lines: track, left, top, right, bottom, frame, lost, occluded, generated, "class". They may be
+// those of the 240 frames a second even beside the images at 30 a second, of which then every eighth is used.
 std::vector<Sequence> read_nfs(const fs::path& folder, Notes& notes) {
   Sequence sequence;
   sequence.name = name_of(folder);
@@ -452,7 +452,7 @@ std::vector<Sequence> read_plain(const fs::path& path, Notes&) {
   }
   sequence.video = path;
   while (source.skip(1)) {
-  }  // what a video's header says of its length is an estimate
+  }  // the length in a video's header is only an estimate
   const auto frames = static_cast<std::size_t>(source.position());
   if (frames == 0) fail(path, "no frame can be decoded");
   if (sequence.truth.size() == 1) sequence.truth.resize(frames);

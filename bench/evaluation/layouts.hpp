@@ -10,17 +10,17 @@
 
 namespace asterism::bench {
 
-/// How the sequences of one kind of data set are read from the disk. A further one is a row of the table.
+/// How the sequences of one layout are recognised and read. A new layout is a new row of kReaders.
 struct LayoutReader {
   Layout layout;
   std::string_view name;
   /// Whether a folder or file is a sequence (or several, on one video) of this layout, as far as it differs
   /// from the others.
   bool (*recognises)(const std::filesystem::path& path);
-  /// Whether it can be read so where the user says that it is of this layout.
+  /// Whether it can be read as this layout if the user asks for it.
   bool (*accepts)(const std::filesystem::path& path);
-  /// Throws std::runtime_error, which names the file and says what to do. What was mended goes to `notes`, a
-  /// line each.
+  /// Throws std::runtime_error, which names the file and says what to do. Corrections are described in
+  /// `notes`, a line each.
   std::vector<Sequence> (*read)(const std::filesystem::path& path, std::vector<std::string>& notes);
 };
 

@@ -9,7 +9,7 @@ namespace asterism::bench {
 namespace {
 
 constexpr double kLowOverlap = 0.1;
-constexpr std::size_t kGrace = 10;  // frames of low overlap in a row that are a failure
+constexpr std::size_t kGrace = 10;  // so many consecutive frames of low overlap are a failure
 
 void check(std::span<const MultiStartSequence> sequences) {
   if (sequences.empty()) throw std::invalid_argument("no sequences");
@@ -80,7 +80,7 @@ std::vector<double> multi_start_eao_curve(std::span<const MultiStartSequence> se
       double sum = 0;
       for (std::size_t i = 1; i < (end < length ? longest : std::min(length, longest)); ++i) {
         if (i < end) sum += overlap(run, i);
-        // Beyond the run, the toolkit divides the sum by one frame fewer.
+        // Beyond the end of the run, the toolkit divides the sum by one frame fewer.
         total[i] += sum / static_cast<double>(i < length ? i : i - 1);
         ++runs[i];
       }

@@ -33,7 +33,7 @@ void count(std::array<double, kCount>& curve, std::span<const double> values, co
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-/// The score of a sequence; empty where no frame after a first one has ground truth.
+/// The score of a sequence; empty if no frame after the first of a run has ground truth.
 std::optional<OnePassScore> score_of(const OnePassSequence& sequence) {
   OnePassScore score;
   double frames = 0, overlap_sum = 0, overlap_count = 0;
@@ -84,7 +84,7 @@ OtbBox stretched(const OtbBox& box, bool right, bool down) {
   return {left, top, last_x - left + 1, last_y - top + 1};
 }
 
-/// As that code does: the corner moves into the image, the size stays unless the far side lies outside too.
+/// As in shiftInitBB.m: the corner moves into the image, the size stays unless the far side lies outside too.
 OtbBox clipped(OtbBox box, double image_width, double image_height) {
   box.left = std::max(box.left, 1.0);
   box.top = std::max(box.top, 1.0);
@@ -162,7 +162,7 @@ std::vector<std::size_t> temporal_starts(const std::vector<bool>& usable, std::s
     if (usable[t]) frames.push_back(t);
   if (frames.empty()) throw std::invalid_argument("no usable frame with 20 frames left");
 
-  // Positions floor(1 + k last / (segments - 1)) up to the last, from 1, and the last once more.
+  // Positions, from 1: floor(1 + k last / (segments - 1)) while that is at most last, then last once more.
   const std::size_t last = frames.size();
   std::vector<std::size_t> starts;
   for (std::size_t k = 0; k * last <= (last - 1) * (segments - 1); ++k)

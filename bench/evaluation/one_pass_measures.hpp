@@ -7,7 +7,7 @@
 
 namespace asterism::bench {
 
-// Measures of OTB, where a tracker is never started anew. Every definition with its source:
+// Measures of OTB, where a tracker is never restarted. Every definition with its source:
 // docs/evaluation-measures.md.
 
 /// A box as in OTB's files: left and top are those of its first pixel, 1 for the first of the image [px].
@@ -26,8 +26,8 @@ struct OnePassRun {
   std::vector<double> centre_errors;      ///< distance of the centres [px]
   std::vector<double> normalised_errors;  ///< of x in widths and of y in heights of the ground truth
 };
-/// Frame 1 counts as the ground truth; a result that is no box repeats the one before (calcSeqErrRobust.m).
-/// Throws std::invalid_argument for no frames or other numbers of boxes.
+/// Frame 1 counts as the ground truth; a result that is not a box repeats the one before
+/// (calcSeqErrRobust.m). Throws std::invalid_argument for no frames or other numbers of boxes.
 OnePassRun compare(std::span<const OtbBox> result, std::span<const OtbBox> truth);
 
 /// The runs on one sequence: one, or those of the starts of TRE, SRE or another set of starts.
@@ -45,16 +45,15 @@ struct OnePassScore {
   double precision_at_20() const { return precision[20]; }  ///< px
   double normalised_precision_at_20() const { return normalised_precision[20]; }  ///< hundredths
 };
-/// Mean over the sequences of what their runs score, all frames of a sequence pooled (genPerfMat.m). Frames
-/// without ground truth miss every overlap and, as in that code, meet every precision. Sequences whose runs
-/// have no valid ground truth after their first frames say nothing and are left out; where no other is left,
-/// everything is NaN. Throws std::invalid_argument for no sequences and those without runs or frames.
+/// Mean over the sequences of their scores, each over the pooled frames of its runs (genPerfMat.m). Frames
+/// without ground truth miss every overlap threshold and, as in that code, meet every precision threshold.
+/// Sequences whose runs have no valid ground truth after their first frames are left out; if no other is
+/// left, everything is NaN. Throws std::invalid_argument for no sequences and those without runs or frames.
 OnePassScore one_pass_score(std::span<const OnePassSequence> sequences);
 
 /// Temporal robustness: the frames, from 0, that OTB starts on, `segments` of them from the first usable one
 /// to the last with 20 frames left (splitSeqTRE.m). `usable`: of each frame, whether the ground truth is a
-/// box and the target is to be seen. The runs go on to the end. Throws std::invalid_argument where no frame
-/// fits.
+/// box and the target is visible. The runs go on to the end. Throws std::invalid_argument if no frame fits.
 std::vector<std::size_t> temporal_starts(const std::vector<bool>& usable, std::size_t segments = 20);
 
 /// Spatial robustness: the start boxes of OTB, clipped to the image: moved by a tenth of the size to the

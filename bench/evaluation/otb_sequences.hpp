@@ -12,7 +12,7 @@ struct OtbSequence {
   std::string_view attributes;  ///< separated by blanks
   /// Numbers of the images that are used: some sequences are annotated in part.
   long first = 0, last = std::numeric_limits<long>::max();
-  std::size_t unused_lines = 0;  ///< of the annotation, at its begin
+  std::size_t unused_lines = 0;  ///< at the beginning of the annotation
 };
 
 /// The 98 sequences of OTB-100 (Wu, Lim and Yang, "Object tracking benchmark", 2015) and their attributes: IV

@@ -22,7 +22,7 @@ constexpr std::array<std::pair<OverlapRule, std::string_view>, 4> kNames = {
 
 using Polygon = std::vector<cv::Point2d>;
 
-// No image is as large; integers hold all that is computed from coordinates within it.
+// Coordinates are limited to this: no image is as large, and integers hold whatever is computed from them.
 constexpr double kLimit = 1e6;
 
 bool finite(const Region& region) {
@@ -61,8 +61,8 @@ struct Piece {
   double sign;
 };
 
-// The triangles between the first corner and each edge, signed by their orientation, within `frame` (convex)
-// where that is not empty. Their signed sum is the polygon, whatever its shape.
+// The triangles between the first corner and each edge, signed by their orientation, clipped to `frame`
+// (convex) if that is not empty. Their signed sum is the polygon, also if that is not convex.
 std::vector<Piece> pieces(const Polygon& polygon, const Polygon& frame) {
   std::vector<Piece> list;
   for (std::size_t i = 1; i + 1 < polygon.size(); ++i) {
@@ -120,7 +120,7 @@ double exact_overlap(const Region& a, const Region& b, const std::optional<cv::S
 struct Span {
   int begin, end;
 };
-// Apart from each other, from left to right.
+// Disjoint, from left to right.
 using Spans = std::vector<Span>;
 
 void add(Spans& spans, int width, int begin, int end) {
@@ -145,10 +145,10 @@ std::int64_t common_length(const Spans& a, const Spans& b) {
   return length;
 }
 
-// A region as the rows of a window see it. Between two of its `breaks` the same edges cross every row;
-// `enter` is told the first row of each such band, bands from top to bottom. `is_upright`: all rows of the
-// band are alike. `edges`: that cross them. `row` gives the pixels of a row of the band. `crossings`: edges
-// summed over all rows of a window.
+// A region as pixel rows of a window. Between two of its `breaks` the same edges cross every row; `enter` is
+// called with the first row of each such band, from top to bottom. In the current band, `is_upright` says
+// whether all rows are alike, `edges` is the number of edges that cross each, and `row` gives the pixels of
+// one. `crossings` is the number of edges summed over all rows of a window.
 template <class T>
 concept Raster = requires(T raster, int y, int width, Spans& spans) {
   { raster.breaks() } -> std::same_as<std::vector<int>>;
@@ -163,12 +163,12 @@ struct Count {
   std::int64_t common = 0, all = 0;
 };
 
-// Crossings up to which all rows are counted, some 20 ms: regions of 50 edges in each of 8000 rows have a
-// tenth of them. Beyond, every band has a share, and in longer ones a row counts for its neighbours too.
+// Up to so many crossings all rows are counted, in some 20 ms; regions of 50 edges in each of 8000 rows have
+// a tenth of them. Beyond, every band gets an equal share, and in longer bands a row stands for several.
 constexpr std::int64_t kMostCrossings = std::int64_t{1} << 22;
 
-// Pixels of two regions in a window of that size. Rows that are alike are counted once, and those that
-// neither region reaches not at all.
+// Counts the pixels of two regions in a window of that size. Of rows that are alike only one is computed, of
+// rows that neither region reaches none.
 template <Raster A, Raster B>
 Count count(int width, int height, A a, B b) {
   std::vector<int> breaks = a.breaks();
@@ -205,7 +205,7 @@ Count count(int width, int height, A a, B b) {
   return result;
 }
 
-// The edges of a polygon that cross the band at work.
+// The edges of a polygon that cross the current band.
 template <class Point>
 class ActiveEdges {
  public:
@@ -250,7 +250,7 @@ class ActiveEdges {
   std::vector<Edge> waiting_, active_;  // the next one last
 };
 
-// A polygon with whole coordinates in the window, its boundary included: both toolkits.
+// A polygon with integer coordinates in the window, its boundary included, as in both toolkits.
 class ClosedPolygon {
  public:
   explicit ClosedPolygon(const Polygon& corners)
@@ -261,7 +261,7 @@ class ClosedPolygon {
       corner_rows_.insert(corner_rows_.end(), {static_cast<int>(corner.y), static_cast<int>(corner.y) + 1});
   }
 
-  // The rows of corners apart from those between them: two edges end in one, a level one is in no other.
+  // Rows with corners are bands of their own: two edges meet there, and horizontal edges lie in no other row.
   std::vector<int> breaks() const { return corner_rows_; }
   std::int64_t crossings(int height) const { return edges_.crossings(height); }
   void enter(int y) { edges_.enter(y); }
@@ -271,12 +271,12 @@ class ClosedPolygon {
   void row(int y, int width, Spans& spans) {
     nodes_.clear();
     for (const auto& [p, q, begin, end] : edges_.active()) {
-      // A level edge gives its one corner here and the other by its neighbour. Towards zero, not down.
+      // A horizontal edge adds one corner, its neighbour the other. Rounding is towards zero, not down.
       nodes_.push_back(static_cast<int>(p.y == q.y ? p.x : p.x + (y - p.y) / (q.y - p.y) * (q.x - p.x)));
     }
     std::sort(nodes_.begin(), nodes_.end());
-    // From pairs of nodes. A corner within an edge's course gives the same node twice: the first is passed
-    // over unless they are the last two.
+    // Spans lie between pairs of nodes. A corner at which the outline goes on upwards or downwards gives the
+    // same node twice: the first is skipped unless they are the last two.
     for (std::size_t i = 0; i + 1 < nodes_.size() && nodes_[i] < width;) {
       if (nodes_[i] == nodes_[i + 1] && i + 2 < nodes_.size()) {
         ++i;
@@ -301,7 +301,7 @@ struct Shape {
 
 Shape to_shape(const Region& region) {
   const auto limited = [](double v) { return std::clamp(v, -kLimit, kLimit); };
-  // Where an end is limited, the size is what is left between the ends.
+  // If an end is limited, the size is the distance between the limited ends.
   const auto size = [&](double begin, double length) {
     return limited(begin) == begin && limited(begin + length) == begin + length
                ? length
@@ -338,7 +338,7 @@ Window rounded_bounds(const Shape& s) {
   return w;
 }
 
-// The pixels begin .. last of `size` as an array slice takes them: from the end where the end is negative.
+// The slice begin .. last of an array of `size` as in NumPy: a negative end counts from the array's end.
 std::pair<int, int> slice(int begin, int last, int size) {
   const int end = last + 1;
   return {begin, std::clamp(end < 0 ? end + size : end, 0, size)};
@@ -348,8 +348,8 @@ class RoundedRectangle {
  public:
   RoundedRectangle(const Window& r, const Window& w) {
     if (r.left > w.right || r.right < w.left || r.top > w.bottom || r.bottom < w.top) return;
-    // The toolkit limits the right end, which counts from the window's left, by the window's right, which
-    // counts from the image's. That differs where the window begins at negative coordinates.
+    // As in the toolkit, the right end relative to the window's left is limited by the window's right
+    // relative to the image's left. This cuts pixels off if the window begins at negative coordinates.
     columns_ = slice(std::max(0, r.left - w.left), std::min(w.right, r.right - w.left), w.right - w.left + 1);
     rows_ = slice(std::max(0, r.top - w.top), std::min(w.bottom, r.bottom - w.top), w.bottom - w.top + 1);
   }
@@ -387,7 +387,7 @@ double vot_python_overlap(const Shape& a, const Shape& b, const std::optional<cv
   const Window s = rounded_bounds(a), t = rounded_bounds(b);
   Window w{std::min(s.left, t.left), std::min(s.top, t.top), std::max(s.right, t.right),
            std::max(s.bottom, t.bottom)};
-  if (w.left >= w.right || w.top >= w.bottom) return 1;  // both of no size: the same to the toolkit
+  if (w.left >= w.right || w.top >= w.bottom) return 1;  // both are empty: equal to the toolkit
   if (image) {
     w = {std::max(0, w.left), std::max(0, w.top), std::min(image->width - 1, w.right),
          std::min(image->height - 1, w.bottom)};
@@ -403,7 +403,7 @@ struct Bounds {
   float left, top, right, bottom;
 };
 
-// As a polygon: with the legacy flag a rectangle ends where it ends, else at its last pixel.
+// The corners of a shape. With the legacy flag a rectangle ends at its far edges, else at its last pixels.
 std::vector<cv::Point2f> trax_corners(const Shape& s, bool legacy) {
   if (!s.rectangle) return s.corners;
   const float less = legacy ? 0.F : 1.F;
@@ -413,7 +413,7 @@ std::vector<cv::Point2f> trax_corners(const Shape& s, bool legacy) {
 
 Bounds trax_bounds(const std::vector<cv::Point2f>& corners, bool rectangle, const Bounds& limits,
                    bool legacy) {
-  // Of a rectangle narrower than a pixel the right end may be left of the left one.
+  // A rectangle narrower than a pixel may have its right end left of its left one.
   Bounds b{corners[0].x, corners[0].y, corners[2].x, corners[2].y};
   if (!rectangle) {
     for (const cv::Point2f& p : corners) {
@@ -427,12 +427,12 @@ Bounds trax_bounds(const std::vector<cv::Point2f>& corners, bool rectangle, cons
 
 float trax_area(const Bounds& b) { return (b.right - b.left) * (b.bottom - b.top); }
 
-// A polygon without its right boundary, coordinates as they are: libtrax with its legacy flag.
+// A polygon without its right boundary, coordinates not rounded, as in libtrax with its legacy flag.
 class LegacyPolygon {
  public:
   explicit LegacyPolygon(const std::vector<cv::Point2f>& corners)
       : edges_(corners, [](const cv::Point2f& p, const cv::Point2f& q) {
-          // Rows y with one end above y and the other not.
+          // An edge crosses the rows that have one of its ends above them and the other not.
           const auto below = [](float v) { return static_cast<int>(std::floor(v)) + 1; };
           return std::pair(below(std::min(p.y, q.y)), below(std::max(p.y, q.y)));
         }) {}
@@ -450,7 +450,7 @@ class LegacyPolygon {
       nodes_.push_back(static_cast<int>(p.x + (y - p.y) / (q.y - p.y) * (q.x - p.x)));
     std::sort(nodes_.begin(), nodes_.end());
     for (std::size_t i = 0; i + 1 < nodes_.size() && nodes_[i] < width; i += 2) {
-      // An end beyond the row leaves its last pixel out, one at its end does not.
+      // A span that ends beyond the row loses the row's last pixel, one that ends with the row does not.
       add(spans, width, nodes_[i], nodes_[i + 1] > width ? width - 1 : nodes_[i + 1]);
     }
   }
@@ -489,7 +489,7 @@ double trax_overlap(const Shape& a, const Shape& b, const std::optional<cv::Size
   };
   const Count n = legacy ? count(width, height, LegacyPolygon(moved(p)), LegacyPolygon(moved(q)))
                          : count(width, height, ClosedPolygon(rounded(p)), ClosedPolygon(rounded(q)));
-  if (n.all == 0) return 0;  // libtrax gives NaN, which its users take for none
+  if (n.all == 0) return 0;  // libtrax gives NaN, which its users take for no overlap
   return static_cast<float>(n.common) / static_cast<float>(n.all);
 }
 

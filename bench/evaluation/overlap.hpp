@@ -25,11 +25,11 @@ std::string_view to_string(OverlapRule rule);
 /// The rule of that name; std::invalid_argument, which lists the names, for any other.
 OverlapRule parse_overlap_rule(const std::string& name);
 
-/// Intersection over union in [0, 1]; only what lies within `image` [px] counts where that is given. Polygons
-/// are simple ones in either orientation. A region that is not finite overlaps nothing. Two regions of no
-/// size have overlap 1 by VotPython, 0 by the others. The pixel rules see coordinates as the toolkits store
-/// them, in single precision, and none beyond a million pixels. The cost does not grow with the regions:
-/// those that cross more rows than any image has are counted in part of the rows that lie far outside.
+/// Intersection over union in [0, 1]; if `image` [px] is given, only what lies within it counts. Polygons
+/// must be simple, in either orientation. A region that is not finite overlaps nothing. Two regions of no
+/// size have overlap 1 by VotPython, 0 by the others. The pixel rules use single precision for coordinates,
+/// as the toolkits do, and limit them to a million pixels. The cost is bounded: of regions far larger than
+/// any image only a sample of the rows is counted.
 double overlap(const Region& a, const Region& b, OverlapRule rule, std::optional<cv::Size> image = {});
 
 }  // namespace asterism::bench

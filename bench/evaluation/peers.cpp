@@ -24,7 +24,7 @@ Start our_tracker(const std::string& name) {
     tracker->init(image.pixels, object);
     return [tracker](const Image& next) {
       const TrackResult result = tracker->update(next.pixels);
-      return Report{Region::rectangle(result.box), result.confidence};  // also where it is not sure of it
+      return Report{Region::rectangle(result.box), result.confidence};  // even if it is flagged as lost
     };
   };
 }
@@ -79,7 +79,7 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
   if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
   if (name.find_first_of("+{") != std::string::npos) {
-    make_tracker(name);  // throws where there is none
+    make_tracker(name);  // throws if it is unknown
     return {name, our_tracker(name)};
   }
   const auto trackers = registry();

@@ -16,7 +16,7 @@ namespace asterism::bench {
 
 using tools::Region;
 
-/// One frame as trackers are given it.
+/// One frame, as trackers get it.
 struct Image {
   Image(cv::Mat image, std::filesystem::path image_file = {})
       : pixels(std::move(image)), file(std::move(image_file)) {}
@@ -36,8 +36,8 @@ using Step = std::function<Report(const Image&)>;
 /// Starts a new tracker on an object; those that track boxes take its equal_area_box.
 using Start = std::function<Step(const Image&, const Region&)>;
 
-/// A tracker of another program that cannot be used at all: it could not be started, or ended or was silent
-/// before its first answer. This does not count as losing the object.
+/// An external tracker that cannot be used at all: it could not be started, or ended or was silent before its
+/// first answer. This does not count as losing the object.
 class UnusableTracker : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
@@ -48,18 +48,19 @@ struct EvaluatedTracker {
   Start start;
 };
 
-/// The trackers that `evaluated_tracker` knows here: those of `asterism::tracker_names()`, and where they are
-/// installed OpenCV's opencv-csrt, -kcf and -mil, of its legacy module opencv-mosse, -medianflow, -tld and
-/// -boosting, and dlib. Not in the list, as they have more than a name: trackers with options, as
-/// `make_tracker` describes them, and trax:COMMAND.
+/// The trackers that `evaluated_tracker` knows in this build: those of `asterism::tracker_names()` and, if
+/// installed, OpenCV's opencv-csrt, -kcf and -mil, those of its neural ones (opencv-goturn, ...) whose files
+/// are found, those of its legacy module, opencv-mosse, -medianflow, -tld and -boosting, and dlib. Not in the
+/// list, as they are more than a name: trackers with options, as `make_tracker` describes them, and
+/// trax:COMMAND.
 std::vector<std::string> evaluated_tracker_names();
 
-/// A tracker by its name, or of ours by its description for `make_tracker`; with trax:COMMAND, the tracker
-/// that speaks TraX as that command of the shell, a process for every start. All that use OpenCV run on one
-/// thread: the number of OpenCV's threads is set to one here. OpenCV's random numbers begin anew with every
-/// start, but opencv-mil, -boosting and -tld have others of their own, so that no two of their runs are the
-/// same. `timeout`: of each answer of another program [s]. Throws std::invalid_argument, which lists the
-/// known names and the most similar first, for any other.
+/// A tracker by its name, or one of ours by its description for `make_tracker`; trax:COMMAND is a shell
+/// command that speaks TraX, run as a new process for every start. All that use OpenCV run on one thread: the
+/// number of OpenCV's threads is set to one here. OpenCV's random numbers are seeded alike at every start,
+/// but opencv-mil, -boosting and -tld have others of their own, so that no two of their runs are the same.
+/// `timeout`: for each answer of an external tracker [s]. Throws std::invalid_argument, which lists the known
+/// names, the most similar first, for any other.
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout = 30);
 /// Whether a name is trax:COMMAND.
 bool is_external(const std::string& name);

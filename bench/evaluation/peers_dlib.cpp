@@ -8,7 +8,7 @@
 namespace asterism::bench {
 
 void add_dlib_peers(std::map<std::string, Start>& peers) {
-  // Its rectangles are from the first to the last pixel, both included.
+  // dlib's rectangles go from the first to the last pixel, both included.
   peers["dlib"] = [](const Image& image, const Region& object) -> Step {
     const cv::Rect2d b = object.equal_area_box();
     auto tracker = std::make_shared<dlib::correlation_tracker>();

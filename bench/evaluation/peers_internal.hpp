@@ -7,7 +7,7 @@
 
 namespace asterism::bench {
 
-// Each in a file of its own that is left out where the library is not there.
+// Each is in its own file, which is left out of builds without the library.
 void add_opencv_peers(std::map<std::string, Start>& peers);
 void add_dlib_peers(std::map<std::string, Start>& peers);
 

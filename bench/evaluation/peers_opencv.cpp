@@ -15,7 +15,7 @@ namespace {
 
 constexpr int kSeed = 1;
 
-// Whole pixels are all that this interface takes.
+// This interface takes whole pixels only.
 template <class Tracker>
 Step start(const Image& image, const Region& object) {
   cv::setRNGSeed(kSeed);
@@ -42,7 +42,7 @@ Step start_legacy(const Image& image, const Region& object) {
   };
 }
 
-// A tracker of networks, where their files are, under the names that OpenCV gives them by default.
+// Adds a neural tracker if its network's files are there, under the names that OpenCV expects by default.
 template <class Tracker>
 void add_network(std::map<std::string, Start>& peers, const std::string& name,
                  std::initializer_list<std::string> files) {
@@ -76,7 +76,7 @@ void add_opencv_peers(std::map<std::string, Start>& peers) {
   peers["opencv-mosse"] = start_legacy<cv::legacy::TrackerMOSSE>;
   peers["opencv-medianflow"] = start_legacy<cv::legacy::TrackerMedianFlow>;
   peers["opencv-tld"] = start_legacy<cv::legacy::TrackerTLD>;
-  // It reads through a null pointer where the object leaves the image.
+  // It crashes on a null pointer if the object leaves the image.
   peers["opencv-boosting"] = isolated(start_legacy<cv::legacy::TrackerBoosting>);
   add_networks(peers);
 }

@@ -21,12 +21,12 @@ constexpr double kLeft = 58;           // for those of the vertical axis
 constexpr double kPlotHeight = 300;    // of charts with two axes
 constexpr double kLine = 15;           // between lines of text
 constexpr double kLetter = 6.8;        // of a letter at 12 px, about
-constexpr double kNear = 24;           // how near its label a line ends that is led to it
+constexpr double kNear = 24;           // a line that ends this near to its label has a leader to it
 constexpr std::size_t kTooltips = 40;  // of a line, at most
 constexpr std::size_t kColumns = 320;  // of a timeline, at most
 
 double text_width(std::string_view text) {
-  // Bytes that go on with a UTF-8 character are no letters of their own.
+  // Continuation bytes of UTF-8 are not counted.
   return kLetter *
          static_cast<double>(std::ranges::count_if(text, [](char c) { return (c & 0xC0) != 0x80; }));
 }
@@ -77,7 +77,7 @@ std::string classes_of(std::size_t tracker) {
   return join("c", std::to_string(tracker % kColors), " d", std::to_string(tracker / kColors % 3));
 }
 
-/// One shape for each color, so that markers tell more than the colors alone.
+/// One shape for each color, so that trackers do not differ by color alone.
 std::string marker(double x, double y, std::size_t tracker, std::string_view tooltip = {}) {
   constexpr std::array<std::string_view, kColors> kShapes = {
       "M-5,0a5,5 0 1 0 10,0a5,5 0 1 0 -10,0z",                         // disc
@@ -101,7 +101,7 @@ struct Scale {
   bool has(double value) const { return value >= low && value <= high; }
 };
 
-/// Decimals that tell the ticks apart.
+/// The number of decimals that tells the ticks apart.
 int decimals_of(const std::vector<double>& ticks) {
   if (ticks.size() < 2) return 2;
   return std::max(0, static_cast<int>(std::ceil(-std::log10(ticks[1] - ticks[0]) - 1e-9)));
@@ -122,7 +122,8 @@ struct AxisScale {
   int decimals;
 };
 
-/// The axis from pixel `from` to `to`: what it says of its ends, else the data's, widened to the next ticks.
+/// The axis from pixel `from` to `to`, with its given ends, or else those of the data widened to the next
+/// ticks.
 AxisScale axis_scale(const PlotAxis& axis, Range data, double from, double to, int tick_count) {
   double low = axis.low.value_or(data.low), high = axis.high.value_or(data.high);
   if (!std::isfinite(low) || !std::isfinite(high)) low = 0, high = 1;  // no data
@@ -172,8 +173,8 @@ std::string whole(const std::string& heading, double height, const std::string& 
               text(0, 16, "title", heading), content, "</svg>\n");
 }
 
-/// Heights for labels in the order of what they would like to have, at least a line apart, in [top, bottom]
-/// if they fit.
+/// Moves the wanted heights of labels apart: in the same order, at least a line apart, and within [top,
+/// bottom] if they fit.
 std::vector<double> spread(std::vector<double> heights, double top, double bottom) {
   std::vector<std::size_t> order(heights.size());
   std::iota(order.begin(), order.end(), std::size_t{0});
@@ -201,7 +202,7 @@ double widest_name(const Items& items) {
 /// The height of a chart with two axes whose legend has `lines`.
 double plot_height(std::size_t lines) { return std::max(kPlotHeight, kLine * static_cast<double>(lines)); }
 
-/// The last point of a line that is to be seen.
+/// The last visible point of a line.
 std::optional<std::pair<double, double>> end_of(const Series& series, const Scale& x, const Scale& y) {
   for (std::size_t i = series.x.size(); i-- > 0;)
     if (x.has(series.x[i]) && y.has(series.y[i])) return std::pair(x(series.x[i]), y(series.y[i]));
@@ -222,7 +223,7 @@ std::string polyline(const Series& series, const Scale& x, const Scale& y) {
               ">", title(series.name), "</path>\n");
 }
 
-/// Spots to hover over, evenly along a line.
+/// Spots with tooltips, evenly along a line.
 std::string tooltips(const Series& series, const AxisScale& x, const AxisScale& y) {
   std::string result;
   const std::size_t step = std::max<std::size_t>(1, (series.x.size() + kTooltips - 1) / kTooltips);
@@ -244,7 +245,7 @@ struct Area {
   }
 };
 
-/// Columns of a strip: overlaps, where there are too many frames the means of as many in a row.
+/// The columns of a strip: the overlaps of single frames, or means of consecutive ones if there are too many.
 std::vector<double> columns_of(const std::vector<double>& overlaps) {
   const std::size_t count = std::min(overlaps.size(), kColumns);
   std::vector<double> columns(count);
@@ -384,7 +385,7 @@ std::string svg(const LineChart& chart) {
   const std::vector<double> labels = spread(ends, kTop, bottom);
   for (std::size_t i = 0; i < chart.series.size(); ++i) {
     const Series& series = chart.series[i];
-    // From far inside, a leader would cross the other lines.
+    // A leader from far inside the plot would cross other lines.
     if (const auto end = end_of(series, x.scale, y.scale); end && end->first > right - kNear)
       content += line(end->first, end->second, right + 12, labels[i], "leader");
     content += line(right + 14, labels[i], right + 36, labels[i], join("line ", classes_of(series.tracker)));
@@ -424,7 +425,7 @@ std::string svg(const ScatterChart& chart) {
     content += marker(cx, cy, point.tracker,
                       join(point.name, ": ", number_text(point.x, x.decimals + 2), ", ",
                            number_text(point.y, y.decimals + 2)));
-    // To the right, left, above or below, where nothing else is.
+    // The name goes to the first free place of right, left, above and below.
     for (const auto& [left, base] :
          {std::pair(cx + 9, cy + 4), std::pair(cx - 9 - width, cy + 4), std::pair(cx - width / 2, cy - 10),
           std::pair(cx - width / 2, cy + 19)}) {

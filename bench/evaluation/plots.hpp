@@ -10,17 +10,17 @@
 namespace asterism::bench {
 
 // Static charts as inline SVG for a page that holds plot_style() once. No script: details are in tooltips.
-// Any text may hold any character. A chart takes the width of its container up to its own. What is NaN is
-// left out.
+// Texts may contain any character. A chart takes the width of its container up to its own. Values that are
+// NaN are left out.
 
 /// The style sheet of all charts, without <style>: colors for light and dark pages, safe for color-blind
 /// readers.
 std::string plot_style();
 
-/// Text as it stands in XML; control characters, which XML has no words for, are left out.
+/// Text escaped for XML; control characters, which XML cannot represent, are left out.
 std::string escaped(std::string_view text);
 
-/// `value` with as many decimals, without zeros at the end.
+/// `value` with up to `decimals` decimals, without trailing zeros.
 std::string number_text(double value, int decimals);
 
 /// Multiples of 1, 2 or 5 times a power of ten in [low, high], about `count` of them. Throws
@@ -34,8 +34,8 @@ struct PlotAxis {
   bool reversed = false;  ///< with the high end at the left or bottom, for ranks
 };
 
-/// What is drawn of a tracker has the color, marker and dash of its number, in every chart of a page. Eight
-/// differ in color, then the dash does.
+/// A tracker has the color, marker and dash of its number in every chart of a page. The colors repeat after
+/// eight, with another dash.
 struct Series {
   std::string name;
   std::vector<double> x, y;  ///< as many; NaN interrupts the line

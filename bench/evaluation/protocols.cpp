@@ -66,14 +66,14 @@ class Execution {
   RunResult result;
   bool stopped = false;  // by each_frame
 
-  /// Starts the tracker on frame t of the sequence; the result goes to `slot`. False where it throws.
+  /// Starts the tracker on frame t of the sequence; the result goes to `slot`. False if it throws.
   bool start(std::size_t t, const Region& region, std::size_t slot) {
     const bool started = attempt(t, slot, [&](const Image& image) { step_ = start_(image, region); });
     frame(slot) = {{}, started ? TrajectoryFrame::kStarted : TrajectoryFrame::kFailed};
     return started;
   }
 
-  /// The tracker's region in frame t; false where it throws.
+  /// Tracks in frame t; the result goes to `slot`. False if the tracker throws.
   bool step(std::size_t t, std::size_t slot) {
     Report report;
     if (!attempt(t, slot, [&](const Image& image) { report = step_(image); })) return false;
@@ -132,7 +132,7 @@ void supervised(Execution& execution, const Sequence& sequence, const Run& run, 
   }
 }
 
-// From run.first on without correction; slots of the result count from `slot` on.
+// Runs from frame run.first on without correction; the first frame goes to `slot` of the result.
 void unsupervised(Execution& execution, const Sequence& sequence, const Run& run, const Region& region,
                   std::size_t slot) {
   if (!execution.start(run.first, region, slot)) return;

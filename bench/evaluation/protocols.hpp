@@ -21,7 +21,7 @@ namespace asterism::bench {
 
 /// How a benchmark runs a tracker on a sequence.
 enum class Protocol {
-  Vot,        ///< supervised, VOT2013 to VOT2019: started anew five frames after a failure
+  Vot,        ///< supervised, VOT2013 to VOT2019: restarted five frames after a failure
   Otb,        ///< one pass from the first box, never corrected
   Tre,        ///< OTB's temporal robustness: one pass from each of 20 frames
   Sre,        ///< OTB's spatial robustness: one pass from each of 12 wrong boxes
@@ -42,25 +42,25 @@ inline constexpr double kMostJitter = 1000;  ///< [px]
 
 /// Settings on which the results of an evaluation depend, besides tracker, sequence and protocol.
 struct ProtocolOptions {
-  OverlapRule overlap = OverlapRule::VotPython;  ///< that failures are seen by
-  bool bounded = false;                          ///< only what lies within the image overlaps
+  OverlapRule overlap = OverlapRule::VotPython;  ///< by which failures are detected
+  bool bounded = false;                          ///< only the parts within the image overlap
   bool boxes = false;      ///< polygons of the ground truth are replaced by their axis-aligned bounding boxes
   int starts = 1;          ///< runs of Vot and Otb, all but the first with a moved start box
-  double jitter = 1;       ///< the most that it is moved on each axis [px]
+  double jitter = 1;       ///< the most that the box is moved on each axis [px]
   std::uint32_t seed = 1;  ///< of the moves
-  std::optional<PixelRange> range = {};  ///< of the images' pixels; without one what Frame assumes
+  std::optional<PixelRange> range = {};  ///< of the images' pixels; none: as Frame assumes
 
   bool operator==(const ProtocolOptions&) const = default;
 };
 
-/// The ground truth as the options want it.
+/// The ground truth of a frame, as its bounding box if the options say so.
 std::optional<Region> truth_of(const Sequence& sequence, std::size_t frame, const ProtocolOptions& options);
 
-/// Moves of the start box: none first, then uniform in [-jitter, jitter]^2 [px], the same on every platform,
-/// and the same first ones for any count.
+/// Moves of the start box: the first is zero, the others are uniform in [-jitter, jitter]^2 [px]. They are
+/// the same on every platform, and a larger count only appends.
 std::vector<cv::Point2d> start_offsets(const ProtocolOptions& options);
 
-/// The images of a sequence, for several runs at once: those decoded are kept as long as memory is granted.
+/// The images of a sequence, for several runs at once: decoded ones are kept while the memory lasts.
 class SequenceImages {
  public:
   /// Keeps up to `kept_bytes` of pixels. `sequence` must outlive it.
@@ -69,7 +69,7 @@ class SequenceImages {
   /// Frame t, from 0, not to be written to. Throws as FrameReader.
   Image operator()(std::size_t t);
   const Sequence& sequence() const { return sequence_; }
-  /// The images read until now that were damaged.
+  /// The damaged images among those read so far.
   std::set<std::filesystem::path> damaged() const {
     const std::lock_guard lock(mutex_);
     return reader_.damaged();
@@ -89,17 +89,17 @@ struct Run {
   int number = 1;          ///< from 1, in the experiment and on the sequence
   std::size_t first = 0;   ///< the frame that it starts on, from 0
   bool forward = true;     ///< to the last frame, else to the first
-  cv::Point2d offset;      ///< of the start box, for Vot each time anew [px]
-  std::size_t frames = 0;  ///< that it has to go through
+  cv::Point2d offset;      ///< of the start box, for Vot at every restart too [px]
+  std::size_t frames = 0;  ///< how many it goes through
 
-  /// Of its result, in results_folder.
+  /// The name of its result's file in results_folder.
   std::string file(const Sequence& sequence) const;
 };
 
-/// The runs of a protocol on a sequence; none where no frame has ground truth to start on.
+/// The runs of a protocol on a sequence; none if no frame has ground truth to start on.
 std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const ProtocolOptions& options);
 
-/// What the tracker is given at the start of a run of Otb, Tre or MultiStart, and of Vot at its first start.
+/// The region that the tracker is given at the start of a run of Otb, Tre or MultiStart, or the first of Vot.
 Region start_region(const Sequence& sequence, const Run& run, const ProtocolOptions& options);
 
 /// The result of a run: frames of the sequence, for MultiStart from the anchor on in the order of the run;
@@ -108,9 +108,10 @@ struct RunResult {
   Trajectory trajectory;
   std::vector<std::string> errors;  ///< what the tracker threw, "frame N: reason"
 };
-/// What a tracker throws is a failure in that frame; supervised, it is started anew five frames later, else
-/// the frames that follow are without region. `each_frame` is called after each frame and ends the run where
-/// it returns false: then the result is empty. Throws for images that cannot be read, and UnusableTracker.
+/// An exception of the tracker is a failure in that frame; in a supervised run it is restarted five frames
+/// later, in others the following frames have no region. `each_frame` is called after each frame; if it
+/// returns false, the run ends and the result is empty. Throws for images that cannot be read, and
+/// UnusableTracker.
 std::optional<RunResult> execute(const Start& start, SequenceImages& images, const Run& run,
                                  const ProtocolOptions& options, const std::function<bool()>& each_frame);
 

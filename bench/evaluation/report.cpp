@@ -117,7 +117,7 @@ std::string list_entry(const std::string& name, const std::string& value) {
   return element("dt", escaped(name)) + element("dd", escaped(value));
 }
 
-// Workers that took the times, as the record has them.
+// How many runs the recorded processes made at the same time.
 std::string workers_text(const Campaign& campaign) {
   std::set<int> numbers;
   for (const Json& record : campaign.record)
@@ -176,7 +176,7 @@ std::string what_was_run(const Campaign& campaign, const Analysis& analysis) {
                       ": *_errors.log beside its results");
   }
   for (const std::string& line : analysis.left_out) content += note(line);
-  std::set<std::string> notes;  // of the data set, when it was read
+  std::set<std::string> notes;  // on the data set, from when it was read
   for (const Json& record : campaign.record)
     for (const Json& line : record.value("notes", Json::array())) notes.insert(line.get<std::string>());
   for (const std::string& line : notes) content += note(line);
@@ -216,7 +216,7 @@ std::string summary(const Analysis& analysis) {
   return content + note(remark);
 }
 
-/// An EAO curve from length 2 on: of a single frame it means nothing.
+/// An EAO curve from length 2 on: for a single frame it has no meaning.
 Series by_length(const std::string& name, const std::vector<double>& curve, std::size_t tracker) {
   Series series{name, {}, {}, tracker};
   for (std::size_t n = 2; n <= curve.size(); ++n) {
@@ -407,7 +407,7 @@ std::string differences(const Analysis& analysis, const std::string& baseline) {
              "green if the row is better. Of many comparisons, one in 20 does so by chance.");
 }
 
-/// Which pairs do not differ significantly.
+/// The pairs that do not differ significantly.
 std::string insignificant(const Analysis& analysis, const std::string& baseline) {
   std::string content;
   if (analysis.measured < kFewestSequences && !analysis.differences.empty())
@@ -529,7 +529,7 @@ std::string pictures(const Campaign& campaign, const Analysis& analysis) {
              "the tracker gave.");
 }
 
-// The charts of a page by the names of their files: their titles, in small letters without signs.
+// The charts of a page by the names of their files: the titles in lower case, with '-' for other characters.
 std::map<std::string, std::string> chart_files(std::string_view page) {
   constexpr std::string_view kBegin = "<svg ", kEnd = "</svg>\n", kTitle = "aria-label=\"";
   std::map<std::string, std::string> files;

@@ -12,11 +12,10 @@ struct ReportOptions {
   std::string baseline;  ///< a tracker that all others are compared with; empty: all with each other
 };
 
-/// Writes what was analysed to the folder: report.html, a page for itself without scripts; report.json, all
-/// of it; summary.csv, sequences.csv, attributes.csv, differences.csv and curves.csv; its charts over all
-/// sequences as charts/TITLE.svg. The same results give the same files. Throws std::invalid_argument for a
-/// baseline that is not there, std::runtime_error for images that cannot be read and files that cannot be
-/// written.
+/// Writes the analysis to the folder: report.html, a self-contained page without scripts; report.json with
+/// all data; summary.csv, sequences.csv, attributes.csv, differences.csv and curves.csv; the charts over all
+/// sequences as charts/TITLE.svg. The same results give the same files. Throws std::invalid_argument for an
+/// unknown baseline, std::runtime_error for images that cannot be read and files that cannot be written.
 void write_report(const Campaign& campaign, const Analysis& analysis, const std::filesystem::path& folder,
                   const ReportOptions& options = {});
 

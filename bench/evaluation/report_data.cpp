@@ -11,11 +11,11 @@ namespace {
 
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
-/// Digits that make it come back exactly, as in JSON; nothing for NaN.
+/// With as many digits as reading it back exactly takes, as in JSON; empty for NaN.
 std::string exact(double value) { return std::isnan(value) ? std::string() : Json(value).dump(); }
 
-/// A cell of text. What a spreadsheet would take for a formula has an apostrophe before it, which says that
-/// it is text.
+/// A cell of text, quoted if necessary. Text that a spreadsheet would take for a formula gets an apostrophe
+/// before it, which marks it as text.
 std::string text_cell(std::string text) {
   constexpr std::string_view kFormula = "=+-@\t\r'";
   if (!text.empty() && kFormula.find(text.front()) != std::string_view::npos)
@@ -27,7 +27,7 @@ std::string text_cell(std::string text) {
   return result + "\"";
 }
 
-/// Of cells as they are to stand there.
+/// A line of cells that are already quoted.
 std::string csv_line(const std::vector<std::string>& cells) {
   std::string line;
   for (std::size_t i = 0; i < cells.size(); ++i) line += cells[i] + (i + 1 < cells.size() ? "," : "\n");

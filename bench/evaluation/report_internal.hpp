@@ -10,14 +10,14 @@ namespace asterism::bench {
 
 /// A figure of the summary.
 struct SummaryColumn {
-  bool main = true;  ///< else of the second table
+  bool main = true;  ///< false: in the second table
   std::string name;
   int decimals = 3;
   bool less_is_better = false;
   std::string meaning;
-  std::map<std::string, Estimate> values;  ///< by tracker; intervals are NaN where there are none
+  std::map<std::string, Estimate> values;  ///< by tracker; missing intervals are NaN
 };
-/// Those that a tracker has.
+/// The columns for which a tracker has a value.
 std::vector<SummaryColumn> summary_columns(const Analysis& analysis);
 
 /// "0.123", "–" for NaN.
@@ -33,10 +33,10 @@ struct Picture {
   Loss loss;
   std::string jpeg;
 };
-/// The losses that cost most, a dozen in all, each tracker's share if possible.
+/// The dozen losses of greatest cost, with an equal share for each tracker if possible.
 std::vector<Picture> worst_pictures(const Campaign& campaign, const Analysis& analysis);
 
-/// What the paper prints, as a section of the page.
+/// The figures that the paper prints, as a section of the page.
 std::string paper_section(const Campaign& campaign, const Analysis& analysis);
 Json paper_json();
 
@@ -50,7 +50,7 @@ struct NumberTable {
   };
   struct Row {
     std::string name;
-    std::vector<Estimate> values;  ///< one a column
+    std::vector<Estimate> values;  ///< one per column
     std::string classes = {};
   };
   std::string corner;

@@ -27,7 +27,7 @@ std::string base64(const std::vector<unsigned char>& bytes) {
 
 void draw(cv::Mat& image, const Region& region, double scale, const cv::Scalar& color) {
   constexpr int kShift = 4;          // polylines in sixteenths of a pixel
-  constexpr double kFarthest = 1e5;  // [px], so that integers hold it
+  constexpr double kFarthest = 1e5;  // [px], so that coordinates fit an int
   std::vector<cv::Point> points;
   for (const cv::Point2d& point : region.points()) {
     const auto place = [&](double x) {
@@ -68,7 +68,7 @@ std::vector<Picture> worst_pictures(const Campaign& campaign, const Analysis& an
   };
   by_cost(others);
   worst.insert(worst.end(), others.begin(), others.end());
-  // Where there are more trackers than pictures, those who lost most.
+  // With more trackers than pictures, only the costliest losses are shown.
   if (analysis.trackers.size() > kPictures) by_cost(worst);
   worst.resize(std::min(worst.size(), kPictures));
   by_cost(worst);

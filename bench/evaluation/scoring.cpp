@@ -53,7 +53,7 @@ SupervisedRun supervised_run(const Trajectory& trajectory, const Sequence& seque
 OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
                         const ProtocolOptions& options) {
   check_length(trajectory, sequence.length(), sequence);
-  // Before its start a run has frames of no region and the code 0.
+  // Frames before the run's start have no region and the code 0.
   const auto first =
       static_cast<std::size_t>(std::find_if(trajectory.frames.begin(), trajectory.frames.end(),
                                             [](const TrajectoryFrame& frame) {
@@ -65,7 +65,7 @@ OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
     result.push_back(otb_box(trajectory.frames[t].region));
     truth.push_back(otb_box(truth_of(sequence, t, options)));
   }
-  // A started tracker has no region of its own, but it may be asked for when the next one is missing.
+  // The start frame has no region, but `compare` repeats it if the next one's is missing.
   if (!result.empty() && !trajectory.frames[first].region) result.front() = truth.front();
   return compare(result, truth);
 }

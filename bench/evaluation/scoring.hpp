@@ -10,16 +10,16 @@
 
 namespace asterism::bench {
 
-// What the measures are computed from: a run's regions against the ground truth as the options want it.
-// Overlaps are by the options' rule, within `image` [px] where they are bounded. All throw
-// std::runtime_error where the run has another number of frames than the sequence.
+// The input of the measures: a run's regions against the ground truth of truth_of. Overlaps are by the
+// options' rule, within `image` [px] if the options bound them. All throw std::runtime_error if the run has
+// another number of frames than the sequence.
 
 /// Of a run of Protocol::Vot. Frames without ground truth or without region count as skipped.
 SupervisedRun supervised_run(const Trajectory& trajectory, const Sequence& sequence,
                              const ProtocolOptions& options, std::optional<cv::Size> image = {});
 
-/// Of a run of Protocol::Otb, Tre or Sre, from the frame on that it starts on: the exact overlap of boxes,
-/// polygons being replaced by their equal_area_box.
+/// Of a run of Protocol::Otb, Tre or Sre, from its start frame on: the exact overlap of boxes, with polygons
+/// replaced by their equal_area_box.
 OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
                         const ProtocolOptions& options);
 
@@ -27,10 +27,10 @@ OnePassRun one_pass_run(const Trajectory& trajectory, const Sequence& sequence,
 AnchorRun anchor_run(const Trajectory& trajectory, const Sequence& sequence, const Run& run,
                      const ProtocolOptions& options, std::optional<cv::Size> image = {});
 
-/// What tags and practical differences the data set has of a sequence, with the runs on it.
+/// The runs on a sequence with its tags and practical differences.
 SupervisedSequence supervised_sequence(const Sequence& sequence, std::vector<SupervisedRun> runs);
 
-/// How long the tracker took, calls that start it left out.
+/// How long the tracker took, without the calls that start it.
 struct Timing {
   double frames = 0, seconds = 0;
 

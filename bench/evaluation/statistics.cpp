@@ -60,7 +60,7 @@ double signed_rank_p(std::span<const double> differences) {
   for (std::size_t i = 0; i < n; ++i) plus += positive[i] ? ranked.doubled[i] : 0;
   const std::size_t smaller = std::min(plus, total - plus);
 
-  if (n <= 15) {  // each of the 2^n choices of signs is as likely
+  if (n <= 15) {  // each of the 2^n choices of signs is equally likely
     std::vector<std::size_t> ways(total + 1);
     ways[0] = 1;
     for (const std::size_t rank : ranked.doubled)
@@ -88,7 +88,7 @@ double rank_sum_p(std::span<const double> a, std::span<const double> b) {
   const std::size_t of_a = std::accumulate(
       ranked.doubled.begin(), ranked.doubled.begin() + static_cast<std::ptrdiff_t>(a.size()), std::size_t{0});
 
-  if (a.size() < 10 && n < 20) {  // each choice of a.size() of the ranks is as likely
+  if (a.size() < 10 && n < 20) {  // each choice of a.size() of the ranks is equally likely
     std::vector<std::vector<std::size_t>> ways(a.size() + 1, std::vector<std::size_t>(total + 1));
     ways[0][0] = 1;
     for (const std::size_t rank : ranked.doubled)
@@ -168,8 +168,8 @@ Bootstrapped bootstrap(std::span<const std::size_t> starts,
   }
   Bootstrapped result{.value = measure(draws), .resamples = {}};
 
-  // The engine is the same everywhere, the standard library's distributions are not. 64 bits make the
-  // remainder as good as uniform.
+  // The engine is the same on every platform, the standard library's distributions are not. With 64 bits the
+  // remainder is practically uniform.
   std::mt19937_64 random(options.seed);
   result.resamples.reserve(options.resamples);
   for (std::size_t r = 0; r < options.resamples; ++r) {

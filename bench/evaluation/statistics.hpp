@@ -13,18 +13,18 @@ namespace asterism::bench {
 
 /// Two-sided p of Wilcoxon's signed-rank test that differences are symmetric about zero. Zeros and NaN are
 /// left out, ties share their mean rank. As MATLAB's signrank by default: exact for up to 15 differences,
-/// else normal without continuity correction. 1 where nothing is left.
+/// else normal without continuity correction. 1 if no difference is left.
 double signed_rank_p(std::span<const double> differences);
 
 /// Two-sided p of Wilcoxon's rank-sum test (Mann and Whitney's U) that two samples have one distribution. As
-/// MATLAB's ranksum by default: exact where the smaller sample has fewer than 10 values and both fewer than
-/// 20, else normal with continuity correction. 1 where all values are equal. Throws std::invalid_argument for
-/// an empty sample or NaN.
+/// MATLAB's ranksum by default: exact if the smaller sample has fewer than 10 values and both together fewer
+/// than 20, else normal with continuity correction. 1 if all values are equal. Throws std::invalid_argument
+/// for an empty sample or NaN.
 double rank_sum_p(std::span<const double> a, std::span<const double> b);
 
-/// Area under the ROC curve of a score by which two classes are told apart: the probability that a member of
-/// the class `true` has a higher one than a member of the other, equal ones counting half (Mann and Whitney).
-/// NaN without a member of either. Throws std::invalid_argument for a score that is NaN.
+/// Area under the ROC curve of a score that tells two classes apart: the probability that a member of the
+/// class `true` has a higher score than a member of the other, equal ones counting half (Mann and Whitney).
+/// NaN if either class is empty. Throws std::invalid_argument for a score that is NaN.
 double area_under_roc(std::vector<std::pair<double, bool>> scores);
 
 /// Standard deviation of the Gaussian kernels by the plug-in rule of the legacy VOT toolkit (gmm_estimate.m,
@@ -34,7 +34,7 @@ double kde_bandwidth(std::span<const double> values);
 /// Density at `x` of equally weighted Gaussians around `values`.
 double kde_density(std::span<const double> values, double bandwidth, double x);
 
-/// One sequence of a resample, and which of its starts.
+/// One sequence of a resample, and its drawn starts.
 struct Draw {
   std::size_t sequence = 0;
   std::vector<std::size_t> starts;
@@ -48,7 +48,7 @@ struct BootstrapOptions {
 /// A measure of the data as they are, and of each resample of them.
 struct Bootstrapped {
   double value = 0;
-  std::vector<double> resamples;  ///< NaN for a resample that the measure is not defined for
+  std::vector<double> resamples;  ///< NaN for a resample on which the measure is not defined
 };
 
 /// Resamples on two levels: as many sequences as there are, with replacement, and of each as many of its
@@ -70,10 +70,10 @@ struct Estimate {
 /// The percentile interval that holds the share `confidence` of the resamples, NaN left out.
 Estimate estimate(const Bootstrapped& measure, double confidence = 0.95);
 
-/// Mean over the drawn sequences of the mean over their drawn starts; `values`: one a start of each sequence.
+/// Mean over the drawn sequences of the mean over their drawn starts; `values`: by sequence and start.
 double mean(std::span<const std::vector<double>> values, std::span<const Draw> draws);
 
-/// The drawn sequences with the drawn runs, for measures that are no means. `Sequence` has a vector `runs`.
+/// The drawn sequences with the drawn runs, for measures that are not means. `Sequence` has a vector `runs`.
 template <class Sequence>
 std::vector<Sequence> resampled(const std::vector<Sequence>& sequences, std::span<const Draw> draws) {
   std::vector<Sequence> result;

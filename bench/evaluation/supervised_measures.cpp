@@ -59,8 +59,8 @@ Frames frames_with(const SupervisedSequence& sequence, std::string_view tag) {
   return frames;
 }
 
-/// Which of the frames count for accuracy. The burn-in runs over these frames alone, from a start among them:
-/// a start on a frame without the tag has none.
+/// Whether each of the frames counts for accuracy. The burn-in counts these frames only, from a start among
+/// them: a start on a frame without the tag has no burn-in.
 std::vector<bool> counted(const SupervisedRun& run, const Frames& frames) {
   std::vector<bool> result(frames.size());
   std::size_t burnt_in = kBurnIn;
@@ -77,7 +77,7 @@ std::size_t failures(const SupervisedRun& run, const Frames& frames) {
       std::ranges::count(frames, Outcome::Failed, [&](std::size_t t) { return run.outcomes[t]; }));
 }
 
-/// The overlap of each of the frames, mean over the runs in which it counts, NaN where it counts in none.
+/// The overlap in each of the frames, as the mean over the runs in which it counts; NaN if it counts in none.
 std::vector<double> frame_accuracies(const SupervisedSequence& sequence, const Frames& frames) {
   std::vector<double> total(frames.size()), runs(frames.size());
   for (const SupervisedRun& run : sequence.runs) {
@@ -118,8 +118,8 @@ AccuracyRobustness python_accuracy_robustness(Sequences sequences) {
   return result;
 }
 
-/// Frames that have the tag, and on them the pooled overlaps, NaN where none counts, and the failures of one
-/// run.
+/// On the frames that have the tag: the pooled overlaps, NaN for a frame that counts in no run, and the
+/// failures of one run.
 struct Pooled {
   std::vector<double> overlaps;
   double failures = 0;
@@ -135,7 +135,7 @@ struct Pooled {
   }
 };
 
-/// `tagged`: the same sequences with the tags to go by.
+/// `tagged`: the same sequences, whose tags are used.
 Pooled pool(Sequences sequences, Sequences tagged, std::string_view tag) {
   Pooled result;
   for (std::size_t s = 0; s < sequences.size(); ++s) {
@@ -153,7 +153,7 @@ Pooled pool(Sequences sequences, Sequences tagged, std::string_view tag) {
 /// A part of a run from a start on.
 struct Fragment {
   std::size_t begin = 0, end = 0;
-  bool failed = false;  // and would overlap no more: padded with zeros
+  bool failed = false;  // the overlap after `end` counts as zero
 };
 
 /// Where the next start is, or the end of the run.
@@ -163,8 +163,8 @@ std::size_t next_start(const SupervisedRun& run, std::size_t frame) {
                                   run.outcomes.begin());
 }
 
-/// Fragments end with the next start, which they include. What follows the last start survives, even if it
-/// fails too late to be started anew (estimate_expected_overlap.m).
+/// Fragments end with the next start, which they include. The last one counts as not failed, even if it
+/// failed too late for a restart (estimate_expected_overlap.m).
 std::vector<Fragment> legacy_fragments(const SupervisedRun& run) {
   const std::size_t n = run.outcomes.size();
   std::vector<Fragment> result;
@@ -184,15 +184,15 @@ std::vector<Fragment> python_fragments(const SupervisedRun& run) {
   std::size_t begin = 0;
   for (std::size_t t = 0; t < n; ++t) {
     if (run.outcomes[t] != Outcome::Failed) continue;
-    result.push_back({std::min(begin, t), t, true});  // of no frames where a start itself has failed
+    result.push_back({std::min(begin, t), t, true});  // empty if the start itself failed
     begin = next_start(run, t);
   }
   if (begin < n) result.push_back({begin, n, false});
   return result;
 }
 
-/// The share of a fragment's frames that have the tag. Of untagged frames the toolkit counts those of the
-/// whole sequence (query_label.m).
+/// The share of a fragment's frames that have the tag. For the tag of untagged frames the toolkit counts
+/// those of the whole sequence (query_label.m).
 double tagged_share(const SupervisedSequence& sequence, const Fragment& fragment, std::string_view tag) {
   if (tag == kAllFrames) return 1;
   const std::size_t begin = tag == kUntagged ? 0 : fragment.begin;
@@ -210,7 +210,7 @@ struct Curve {
 
   void add(const SupervisedRun& run, const Fragment& fragment, double fragment_weight) {
     const std::size_t length = fragment.end - fragment.begin;
-    double sum = 0;  // of all frames but the first, which is given
+    double sum = 0;  // over all frames but the first, in which the tracker is given the region
     for (std::size_t i = 1; i < (fragment.failed ? total.size() : length); ++i) {
       if (i < length) sum += overlap(run, fragment.begin + i);
       total[i] += fragment_weight * sum / static_cast<double>(i);
@@ -257,10 +257,10 @@ std::vector<double> python_curve(Sequences sequences) {
   return result;
 }
 
-using Different = std::vector<std::vector<bool>>;  // which pairs of trackers are
+using Different = std::vector<std::vector<bool>>;  // whether two trackers differ significantly
 
-/// 1 for the best by `better`, in the given order where neither is better, then for each tracker the mean
-/// over those that do not differ from it (adapted_ranks.m).
+/// Ranks by `better`, 1 for the best and ties in the given order; then each tracker gets the mean rank of
+/// those that do not differ from it (adapted_ranks.m).
 template <class Better>
 std::vector<double> adapted_ranks(std::span<const double> values, const Different& different,
                                   const Better& better) {
@@ -373,7 +373,7 @@ std::vector<double> eao_curve(Sequences sequences, Toolkit toolkit, std::string_
 double eao(std::span<const double> curve, const LengthInterval& interval, Toolkit toolkit) {
   if (interval.low == 0 || interval.low > interval.high)
     throw std::invalid_argument("an interval of lengths that is empty or begins at 0");
-  // Length n is element n - 1, but the Python toolkit takes it for element n.
+  // Length n is element n - 1, but the Python toolkit reads element n.
   const std::size_t shift = toolkit == Toolkit::Python ? 0 : 1;
   double total = 0, count = 0;
   for (std::size_t i = interval.low - shift; i <= interval.high - shift && i < curve.size(); ++i) {

@@ -10,11 +10,11 @@
 
 namespace asterism::bench {
 
-// Measures of VOT2013 to VOT2019, where a tracker that failed is started anew. Every definition with its
+// Measures of VOT2013 to VOT2019, where a tracker is restarted after a failure. Every definition with its
 // source: docs/evaluation-measures.md. All throw std::invalid_argument for no sequences, a sequence without
 // runs, and lengths that do not match.
 
-/// What a frame of a run is; the VOT toolkit's code in brackets.
+/// The outcome of a frame of a run; the VOT toolkit's code in brackets.
 enum class Outcome : unsigned char {
   Tracked,  ///< a region, which overlaps the ground truth
   Started,  ///< from the ground truth [1]
@@ -44,31 +44,30 @@ enum class Toolkit { Python, Legacy };
 /// Tags that every sequence has: all frames, and frames without a tag.
 inline constexpr std::string_view kAllFrames = "all", kUntagged = "empty";
 
-/// The attributes of the sequences in alphabetical order; "empty" is one of them where sequences have tags
-/// and a frame has none.
+/// The attributes of the sequences in alphabetical order; "empty" is one of them if sequences have tags and a
+/// frame has none.
 std::vector<std::string> tags(std::span<const SupervisedSequence> sequences);
 
 struct AccuracyRobustness {
-  double accuracy = 0;  ///< mean overlap while the tracker tracks
-  double failures = 0;  ///< Python: a sequence, weighted by length. Legacy: of one run through all sequences
-  double failure_rate = 0;  ///< failures a frame
+  double accuracy = 0;      ///< mean overlap while the tracker tracks
+  double failures = 0;      ///< Python: per sequence, weighted by length. Legacy: in one run of all sequences
+  double failure_rate = 0;  ///< failures per frame
   /// Abscissa of the AR plot: the probability of still tracking after `frames` frames.
   double reliability(double frames = 30) const;
 };
 
 /// Accuracy and robustness; the first ten frames from a start on do not count for accuracy. Legacy: on the
-/// frames with `tag`, 0 where no frame has it. Throws std::invalid_argument for a tag with Python, which has
-/// none.
+/// frames with `tag`, 0 if no frame has it. Python has no tags and throws std::invalid_argument for one.
 AccuracyRobustness accuracy_robustness(std::span<const SupervisedSequence> sequences, Toolkit toolkit,
                                        std::string_view tag = kAllFrames);
 
-/// Mean over all tags of the legacy toolkit's values, each weighted by the number of frames that have it:
-/// what its report prints (report_ar.m). Throws std::invalid_argument for sequences without tags.
+/// Mean over all tags of the legacy toolkit's values, each weighted by the number of frames that have it, as
+/// its report prints (report_ar.m). Throws std::invalid_argument for sequences without tags.
 AccuracyRobustness mean_over_tags(std::span<const SupervisedSequence> sequences);
 
-/// Expected average overlap of a run of i + 1 frames that is not started anew, as element i. Element 0 means
-/// nothing. Legacy: as long as the longest sequence, NaN where no run with `tag` is so long; Python: as long
-/// as the longest run until a failure, and no tag.
+/// Expected average overlap of a run of i + 1 frames without restarts, as element i. Element 0 has no
+/// meaning. Legacy: as long as the longest sequence, NaN where no run with `tag` is so long. Python: as long
+/// as the longest run until a failure, without tags.
 std::vector<double> eao_curve(std::span<const SupervisedSequence> sequences, Toolkit toolkit,
                               std::string_view tag = kAllFrames);
 
@@ -77,8 +76,8 @@ struct LengthInterval {
   std::size_t low = 0, high = 0;
 };
 
-/// Mean of the curve over an interval, or the part of it that the curve has; NaN where it has none. The
-/// Python toolkit's interval lies one frame later than it says.
+/// Mean of the curve over an interval, or the part of it that the curve covers; NaN if it covers none. The
+/// Python toolkit's interval lies one frame later than stated.
 double eao(std::span<const double> curve, const LengthInterval& interval, Toolkit toolkit);
 double eao(std::span<const SupervisedSequence> sequences, const LengthInterval& interval, Toolkit toolkit,
            std::string_view tag = kAllFrames);

@@ -6,7 +6,7 @@
 namespace asterism::bench {
 namespace {
 
-// The bytes of the character that a text begins with; 0 where it is none (RFC 3629).
+// The number of bytes of the character that a text begins with; 0 if it is not valid (RFC 3629).
 std::size_t character(std::string_view text) {
   const auto byte = [&](std::size_t i) {
     return i < text.size() ? static_cast<unsigned>(static_cast<unsigned char>(text[i])) : 0u;

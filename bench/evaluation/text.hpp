@@ -5,7 +5,7 @@
 
 namespace asterism::bench {
 
-/// Whether a text is UTF-8, as JSON, CSV and HTML want it; names of files need not be.
+/// Whether a text is UTF-8, as JSON, CSV and HTML require; names of files need not be.
 bool is_utf8(std::string_view text);
 
 /// The text with \\xHH for each byte that is not part of valid UTF-8: for messages.

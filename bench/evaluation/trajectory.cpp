@@ -132,7 +132,7 @@ class BinaryReader {
   std::size_t at_ = 0, frame_ = 0;
 };
 
-// Numbers, one a line, or none in it; empty where a line is something else.
+// One number per line, NaN for a blank line; nullopt if a line is anything else.
 std::optional<std::vector<double>> read_values(const fs::path& path, std::size_t frames) {
   std::vector<double> values;
   for (const std::string& line : tools::read_lines(path)) {
@@ -147,7 +147,7 @@ std::optional<std::vector<double>> read_values(const fs::path& path, std::size_t
   return values;
 }
 
-// The MATLAB toolkit's times [s]: a line a frame, a column a run.
+// The MATLAB toolkit's times [s]: one line per frame, one column per run.
 std::vector<double> read_time_column(const fs::path& path, std::size_t run, std::size_t frames) {
   std::vector<double> times;
   const std::vector<std::string> lines = tools::read_lines(path);
@@ -244,7 +244,7 @@ void write_trajectory(const fs::path& file, const Trajectory& trajectory) {
 }
 
 void write_atomically(const fs::path& file, std::string_view content) {
-  // Hidden, and with a name of its own: others may write the same file.
+  // The temporary file is hidden and has a unique name, as other processes may write the same file.
   std::string hidden = ".";
   hidden += file.filename().string() + "." + std::to_string(std::random_device()());
   const fs::path part = file.parent_path() / hidden;

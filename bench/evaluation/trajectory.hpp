@@ -20,7 +20,7 @@ struct TrajectoryFrame {
   static constexpr int kFailed = 2;
 
   std::optional<Region> region;
-  int code = kUnknown;  ///< where there is no region; the toolkits know others than these
+  int code = kUnknown;  ///< if there is no region; the toolkits have further codes
 
   friend bool operator==(const TrajectoryFrame&, const TrajectoryFrame&) = default;
 };
@@ -28,7 +28,7 @@ struct TrajectoryFrame {
 /// The result of one run on one sequence.
 struct Trajectory {
   std::vector<TrajectoryFrame> frames;
-  /// Further values by their name, one a frame, NaN where there is none: "time" [s], "confidence".
+  /// Further values by name, one per frame, NaN where unknown: "time" [s], "confidence".
   std::map<std::string, std::vector<double>> values;
 };
 
@@ -41,21 +41,21 @@ std::string run_file(const std::string& sequence, int run);
 /// SEQUENCE_00000000.txt.
 std::string anchor_file(const std::string& sequence, std::size_t anchor);
 
-/// Whether a run's file is there; what `write_trajectory` has written is whole then.
+/// Whether a run's file exists; the run is complete then if `write_trajectory` wrote it.
 bool trajectory_exists(const std::filesystem::path& file);
 
 /// Reads a run's file NAME.txt, or NAME.bin beside it, which the toolkit prefers, and all NAME_VALUE.value
-/// whose lines are numbers; the times of the MATLAB toolkit, SEQUENCE_time.txt, where there are no others.
-/// Throws std::runtime_error "file:line: reason" for what is not a trajectory, masks and points among it, and
-/// for counts that differ.
+/// whose lines are numbers; without other times, those of the MATLAB toolkit, SEQUENCE_time.txt. Throws
+/// std::runtime_error "file:line: reason" for a file that is not a trajectory or has masks or points, and for
+/// counts that differ.
 Trajectory read_trajectory(const std::filesystem::path& file);
 
 /// Writes NAME.txt and NAME_VALUE.value as the toolkit reads them, the regions last, and makes their folders.
-/// A region that is not finite or has a negative size is unknown there. Throws std::runtime_error where that
-/// fails; a file is there whole or not at all.
+/// A region that is not finite or has a negative size is written as unknown. Throws std::runtime_error if
+/// writing fails; a file is written completely or not at all.
 void write_trajectory(const std::filesystem::path& file, const Trajectory& trajectory);
 
-/// Replaces a file, or makes it: whatever happens, it has all of `content` or what it had before. Throws
+/// Replaces or creates a file: whatever happens, it has all of `content` or its former content. Throws
 /// std::runtime_error.
 void write_atomically(const std::filesystem::path& file, std::string_view content);
 

@@ -61,7 +61,7 @@ class Descriptor {
   int value_;
 };
 
-// Waits for any of `events`; 0 where none comes before the deadline.
+// Waits for any of `events`; 0 if none comes before the deadline.
 short wait_for(int descriptor, short events, Clock::time_point deadline) {
   while (true) {
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(deadline - Clock::now()).count();
@@ -92,7 +92,7 @@ class Listener {
 
   int port() const { return port_; }
 
-  // The connection to a tracker that has come by `deadline`, or -1.
+  // The connection of a tracker, or -1 if none connects before the deadline.
   int accept_until(Clock::time_point deadline) {
     if (wait_for(socket_.get(), POLLIN, deadline) == 0) return -1;
     const int descriptor = accept4(socket_.get(), nullptr, nullptr, SOCK_CLOEXEC);
@@ -130,7 +130,7 @@ class Child {
     posix_spawn_file_actions_adddup2(&actions, in, STDIN_FILENO);
     posix_spawn_file_actions_adddup2(&actions, out, STDOUT_FILENO);
     posix_spawn_file_actions_adddup2(&actions, err, STDERR_FILENO);
-    // A group of its own, to be ended as a whole, and signals as a program expects them.
+    // Its own process group, which can be ended as a whole, and default signals, as programs expect them.
     sigset_t none, defaults;
     sigemptyset(&none);
     sigemptyset(&defaults);
@@ -161,7 +161,7 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
-  // True where the process has ended by the deadline.
+  // Whether the process has ended by the deadline.
   bool wait_until(Clock::time_point deadline) {
     std::chrono::milliseconds pause(1);
     while (running_) {
@@ -187,7 +187,7 @@ class Child {
 
  private:
   void reap() {
-    kill(-id_, SIGKILL);  // before its number is free for another
+    kill(-id_, SIGKILL);  // before its id can be reused
     while (waitpid(id_, &status_, 0) < 0 && errno == EINTR) continue;
     running_ = false;
   }
@@ -205,7 +205,7 @@ std::optional<double> to_number(const std::map<std::string, std::string>& proper
   return numbers[0];
 }
 
-// Empty for what trackers answer where they see no object.
+// Empty for the answers by which trackers say that they see no object.
 std::optional<Region> to_reply_region(const std::string& text) {
   if (std::optional<Region> region = parse_region(text)) return region;
   const std::vector<double> numbers = parse_numbers(text);
@@ -235,7 +235,7 @@ class TraxClient::Process {
       child_.emplace(command, null.get(), log_.get(), log_.get(), listener.port());
       connect(listener);
     } else {
-      // One socket for both directions, so that a tracker that has gone is an error code and no signal.
+      // One socket for both directions, so that writing to a dead tracker gives an error code, not a signal.
       std::array<int, 2> ends;
       if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends.data()) != 0) throw_errno("socketpair");
       connection_.reset(ends[0]);
@@ -245,20 +245,20 @@ class TraxClient::Process {
     reader_.emplace(connection_.get());
   }
 
-  // What the tracker has said by now is no answer to this message.
+  // Anything that the tracker has sent before this message is not an answer to it.
   void send(const TraxMessage& message) {
-    constexpr int kMost = 16;  // times 64 KiB, more than waits in a socket: it may print without end
+    constexpr int kMost = 16;  // times 64 KiB, more than a socket holds; a tracker may print without end
     for (int i = 0; i < kMost && wait_for(connection_.get(), POLLIN, Clock::now()) != 0; ++i)
-      if (!reader_->fill()) break;  // it has gone, which the sending notices
+      if (!reader_->fill()) break;  // the connection is closed: sending reports that
     expect_nothing();
     send(message, after(timeout_));
-    expect_nothing();  // what came before the message was out
+    expect_nothing();  // nothing that came while the message was being sent
   }
 
   // The next message; a quit of the tracker is an error.
   TraxMessage receive() { return receive(after(timeout_)); }
 
-  // Refuses messages that have been taken in: the next one to be sent would seem to be answered by them.
+  // Refuses messages that have already arrived: they would seem to answer the next one that is sent.
   void expect_nothing() {
     while (const std::optional<TraxMessage> message = take()) {
       throw TraxError("sends a " + std::string(to_string(message->type)) +
@@ -266,21 +266,21 @@ class TraxClient::Process {
     }
   }
 
-  // Tells the tracker to quit, where it still listens, and waits for its end.
+  // Tells the tracker to quit, if it still listens, and waits for its end.
   void quit() noexcept {
     const Clock::time_point deadline = Clock::now() + kPatience;
     try {
       send({Type::Quit, {}, {}}, deadline);
       shutdown(connection_.get(), SHUT_WR);
       child_->wait_until(deadline);
-    } catch (...) {  // it is ended in any case
+    } catch (...) {  // the process is ended in any case
     }
   }
 
  private:
   void connect(Listener& listener) {
     const Clock::time_point deadline = after(timeout_);
-    constexpr std::chrono::milliseconds kStep(20);  // in which an end of the tracker is noticed
+    constexpr std::chrono::milliseconds kStep(20);  // between checks whether the tracker has ended
     while (true) {
       connection_.reset(listener.accept_until(Clock::now() + kStep));
       if (connection_.get() >= 0) return;
@@ -289,7 +289,7 @@ class TraxClient::Process {
     }
   }
 
-  // What the tracker says is taken in meanwhile: it may print before it reads.
+  // The tracker's output is read meanwhile: it may print before it reads.
   void send(const TraxMessage& message, Clock::time_point deadline) {
     const std::string line = format_trax_message(message) + '\n';
     for (size_t sent = 0; sent < line.size();) {
@@ -309,8 +309,8 @@ class TraxClient::Process {
     }
   }
 
-  // The next message of what has been taken in, which is printed up to there; a quit of the tracker is an
-  // error.
+  // The next message in the input read so far; lines before it that are not messages are printed. A quit of
+  // the tracker is an error.
   std::optional<TraxMessage> take() {
     while (const std::optional<std::string> line = reader_->take()) {
       if (!is_trax_message(*line)) {
@@ -337,14 +337,14 @@ class TraxClient::Process {
     }
   }
 
-  // The tracker reads no more; it may have said why.
+  // The tracker has stopped reading; its last output may say why.
   [[noreturn]] void receive_last() {
     const Clock::time_point deadline = Clock::now() + kPatience;
     while (true) receive(deadline);
   }
 
   void print(std::string_view line) const {
-    if (write(log_.get(), line.data(), line.size()) < 0) return;  // worth no error
+    if (write(log_.get(), line.data(), line.size()) < 0) return;  // not worth an error
   }
 
   std::string seconds() const {

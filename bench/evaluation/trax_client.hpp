@@ -14,35 +14,35 @@ namespace asterism::tools {
 
 /// How an external tracker is run.
 struct TraxClientOptions {
-  double timeout = 30;  ///< of its introduction and of each reply [s]
+  double timeout = 30;  ///< for its introduction and each reply [s]
   /// Talk through TRAX_SOCKET, a port of this machine, and not through the tracker's standard streams.
   bool socket = false;
-  /// Start the tracker anew for every `initialize`. Those that use the VOT toolkit's wrapper always are: they
-  /// end after one sequence.
+  /// Restart the tracker for every `initialize`. Trackers with the VOT toolkit's wrapper are always
+  /// restarted: they end after one sequence.
   bool restart = false;
-  /// File to which what the tracker prints is appended; the standard error if empty.
+  /// File to which the tracker's output is appended; the standard error if empty.
   std::string log;
 };
 
 /// An external tracker that speaks TraX, versions 1 to 4, as a child process.
 ///
-/// Each call throws TraxError with the reason where the tracker cannot be started, dies, does not reply in
-/// time, answers what is not of the protocol or says what nothing asked for; it is ended then, and the next
-/// `initialize` starts it again.
+/// Each call throws TraxError with the reason if the tracker cannot be started, dies, does not reply in time,
+/// violates the protocol or sends an unexpected message; its process is ended then, and the next `initialize`
+/// starts it again.
 class TraxClient {
  public:
-  /// What the tracker says of one object in one image.
+  /// The tracker's answer for one object in one image.
   struct Reply {
-    /// Empty where it says that there is none: not a number, or a single one, in place of coordinates.
+    /// Empty if the tracker reports no object: NaN, or a single number, in place of coordinates.
     std::optional<Region> region;
     std::optional<double> confidence;               ///< as the tracker scales it
-    std::map<std::string, std::string> properties;  ///< all that it says besides the region
+    std::map<std::string, std::string> properties;  ///< all of the answer besides the region
   };
 
   /// Starts `command`, a line for /bin/sh, and waits for its introduction. Throws std::invalid_argument for a
   /// timeout that is not positive.
   explicit TraxClient(std::string command, TraxClientOptions options = {});
-  /// Says quit, and ends the tracker where it has not ended by itself three seconds later.
+  /// Tells the tracker to quit, and kills it if it has not ended three seconds later.
   ~TraxClient();
   TraxClient(TraxClient&&) noexcept;
   TraxClient& operator=(TraxClient&&) noexcept;
@@ -50,10 +50,10 @@ class TraxClient {
   /// The properties of the tracker's introduction, "trax.name" for instance.
   const std::map<std::string, std::string>& hello() const { return hello_; }
 
-  /// Begins a track on one object, or on several where the tracker can do that, and forgets all former ones.
-  /// An object is said as the tracker takes it: a polygon may be sent as its bounding box, a rectangle as its
+  /// Starts to track one object, or several if the tracker supports that, and drops all former ones. Objects
+  /// are sent in a form that the tracker accepts: a polygon may become its bounding box, a rectangle its
   /// corners. The replies are in the order of the objects. Throws std::invalid_argument for no object, and
-  /// for more of them than the tracker takes.
+  /// for more of them than the tracker accepts.
   std::vector<Reply> initialize(const TraxImage& image, const std::vector<Region>& objects);
   /// The objects in the next image. Throws std::logic_error before `initialize`.
   std::vector<Reply> frame(const TraxImage& image);
@@ -65,7 +65,7 @@ class TraxClient {
   void read_hello();
   std::string region_argument(const Region& region) const;
   std::vector<Reply> replies();
-  /// Ends the tracker where `call` throws.
+  /// Ends the tracker if `call` throws.
   template <class Call>
   auto guarded(Call call) -> decltype(call());
 

@@ -34,7 +34,7 @@ int run_bars(bool quick, const std::string& group) {
   return 0;
 }
 
-/// What systems and solvers a subcommand is asked for, with its own defaults.
+/// A subcommand's options for systems and solvers, with its own defaults.
 struct SelectionOptions {
   std::vector<std::string> kinds = {"lit"};
   std::vector<int> sizes;
@@ -166,7 +166,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   CLI::App* kind_table = app.add_subcommand("kinds", "prints how the kinds of systems differ");
   const SelectionOptions of_kinds(*kind_table, {4}, "ida,newton", 1000);
 
-  // From the paper's comparison outwards; what takes too long for a size is left out there.
+  // The paper's comparisons come first. By default, solvers that take too long for the sizes are left out.
   const ExperimentCommand experiments[] = {
       {app,
        "convergence",

@@ -13,7 +13,7 @@ void Bars::line(const std::string& name, const std::string& measured, const std:
   missed_ += !met;
 }
 
-// The patterns are literals of the callers.
+// All callers pass literals as patterns.
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wformat-nonliteral"
 void Bars::at_most(const std::string& name, const char* pattern, double measured, double bar, double aim) {

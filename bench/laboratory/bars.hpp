@@ -9,11 +9,11 @@
 
 namespace asterism::bench {
 
-/// What the solvers are measured by: prints a line a bar with what was measured, the bar, the aim beyond it,
-/// and whether they are met.
+/// The bars that the solvers must reach: prints a line for each with the measured value, the bar, the aim
+/// beyond it, and whether they are met.
 class Bars {
  public:
-  /// With `quick`, fewer systems; of the groups of bars, those whose name contains `filter`.
+  /// With `quick`, fewer systems. Only the groups whose name contains `filter` are measured.
   Bars(bool quick, std::string filter) : quick_(quick), filter_(std::move(filter)) {}
 
   bool quick() const { return quick_; }
@@ -22,11 +22,11 @@ class Bars {
 
   void line(const std::string& name, const std::string& measured, const std::string& bar,
             const std::string& aim, bool met, bool aim_met);
-  /// A figure that has to be small; `pattern` prints it, as "%.3g us".
+  /// A figure that has to be small; `pattern` is its format, "%.3g us" for instance.
   void at_most(const std::string& name, const char* pattern, double measured, double bar, double aim);
   /// A figure that has to be large.
   void at_least(const std::string& name, const char* pattern, double measured, double bar, double aim);
-  /// A solver's time against another's in the same run: at least `bar` times faster, `aim` times hoped for.
+  /// A solver's time against another's in the same run: at least `bar`, and ideally `aim`, times faster.
   void times_faster(const std::string& name, double seconds, double other_seconds, double bar, double aim);
 
  private:
@@ -35,7 +35,7 @@ class Bars {
   int missed_ = 0;
 };
 
-/// `count` systems of a kind, of one seed.
+/// `count` systems of a kind, all from one seed.
 template <typename System>
 std::vector<testing::RandomSystem<System>> samples(int count, const typename System::TopologyType& topology,
                                                    testing::Kind kind) {
@@ -46,7 +46,7 @@ std::vector<testing::RandomSystem<System>> samples(int count, const typename Sys
   return result;
 }
 
-// The groups, one a file.
+// The groups, one per file.
 void small_bars(Bars& bars);
 void dense_bars(Bars& bars);
 void sparse_bars(Bars& bars);

@@ -19,11 +19,11 @@ namespace {
 using Reference = SpringSystem<double, 2, 4>;
 using Samples = std::vector<testing::RandomSystem<Reference>>;
 
-// Guarantees the gap that the bars are for: at a minimum whose Hessian is positive definite, half of Newton's
+// Guarantees the gap of the bars: at a minimum whose Hessian is positive definite, half of the squared Newton
 // decrement is below this share of the energy.
 constexpr double kTolerance = 1e-6;
 
-/// What an instruction set and scalar ought to reach [ns a system].
+/// The times that an instruction set and scalar should reach [ns per system].
 struct Goal {
   double bar;
   double aim;
@@ -45,12 +45,12 @@ Goal goal(Simd simd, bool is_double, bool lit) {
   return {kNone, kNone};
 }
 
-/// Energies above that of the minimum they are nearest to, in double, relative to it.
+/// The relative excess of each energy over that of the nearest minimum, computed in double.
 template <typename Batch>
 std::vector<double> gaps(const Batch& batch, const Samples& systems) {
   Newton<Reference> newton;
   newton.options.tolerance = 1e-12;
-  newton.options.align = false;  // the minimum at hand, though another be better
+  newton.options.align = false;  // to stay near this minimum, even if another is lower
   std::vector<double> result;
   for (int s = 0; s < batch.size(); ++s) {
     const Reference& system = systems[static_cast<std::size_t>(s)].system;
@@ -104,7 +104,7 @@ void measure(Bars& bars, const Samples& systems, bool lit) {
   }
 }
 
-// Coordinates 1e6 px from the origin, where a float's digits are 0.06 px apart: against the same systems at
+// Systems 1e6 px from the origin, where neighbouring floats are 0.06 px apart, against the same systems at
 // the origin.
 void far_from_the_origin(Bars& bars, const Samples& systems) {
   using Batch = SpringBatch<float, 2, 4>;

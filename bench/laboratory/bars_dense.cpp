@@ -1,4 +1,4 @@
-// Fully connected systems of 16 to 200 nodes, and no general optimiser near from 2 to 1000.
+// Fully connected systems of 16 to 200 nodes, and the distance to general optimisers from 2 to 1000 nodes.
 #include <algorithm>
 #include <cstddef>
 #include <string>
@@ -11,7 +11,7 @@ namespace asterism::bench {
 
 namespace {
 
-/// Someone else's solver, its time, and that of ours on the same systems.
+/// A solver of another package, its time, and that of ours on the same systems.
 struct Other {
   std::string title;
   double seconds;
@@ -19,8 +19,8 @@ struct Other {
   double ratio() const { return seconds / ours; }
 };
 
-/// Of the solvers whose names start with one of `prefixes` and that reach the problems, the one that comes
-/// nearest to ours, on a few of the problems, as some take up to minutes each.
+/// The solver nearest to ours in time among those that reach the problems and whose names start with one of
+/// `prefixes`. Measured on `count` problems only, as some take minutes each.
 Other nearest(const std::string& ours, const std::vector<std::string>& prefixes,
               const std::vector<Problem>& all, std::size_t count) {
   const std::vector<Problem> few(all.begin(),

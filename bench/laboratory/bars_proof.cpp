@@ -1,4 +1,5 @@
-// Proofs of the global minimum: four nodes of a fixed size, in the plane and in space, and many of few links.
+// Proofs of the global minimum: four nodes of a fixed size, in the plane and in space, and many nodes with
+// few links.
 #include <algorithm>
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/simd.hpp>
@@ -24,8 +25,8 @@ namespace asterism::bench {
 
 namespace {
 
-/// Solves a system from its start, its anchors and further starts displaced by up to half its length, and
-/// calls found(x, energy) with what each ends in.
+/// Solves a system from its start, its anchors and further starts displaced by up to half its characteristic
+/// length, and calls found(x) with each result.
 template <typename System, typename Found>
 void search(const System& system, const typename System::Points& start, int starts, std::uint64_t seed,
             Found&& found) {
@@ -43,9 +44,9 @@ void search(const System& system, const typename System::Points& start, int star
 
 struct Counts {
   int systems = 0;
-  int certified = 0;        // of the lowest minimum found
-  int first_certified = 0;  // of what the start itself ends in
-  int points = 0;           // certificates, of minima and of points displaced from them
+  int certified = 0;        // systems whose lowest minimum found is certified
+  int first_certified = 0;  // systems whose result from their own start is certified
+  int points = 0;           // minima, and points displaced from them, that were checked
   int false_certificates = 0;
   int violated_bounds = 0;
 };
@@ -210,8 +211,8 @@ void batch_bars(Bars& bars, testing::Kind kind, const std::string& name) {
   }
 }
 
-/// A certificate of many nodes with six links each, beside two factorisations of IDA's matrix; each orders
-/// anew.
+/// A certificate for many nodes with six links each, beside two factorisations of IDA's matrix. The ordering
+/// is computed each time.
 void sparse_bar(Bars& bars) {
   using System = SpringSystem<double, 2>;
   const int nodes = bars.quick() ? 100000 : 1000000;

@@ -1,4 +1,5 @@
-// Random systems with a defect each: no NaN, no energy increase, the tolerance kept; the same minimum as Ida.
+// Random systems, many with a defect: no NaN, no energy increase, the tolerance kept, the same minimum as
+// Ida.
 #include <asterism/solver.hpp>
 #include <cmath>
 
@@ -38,7 +39,7 @@ void robustness_bars(Bars& bars) {
                                                                       Eigen::EigenvaluesOnly);
       saddles += modes.eigenvalues()[0] < -1e-6 * modes.eigenvalues().tail<1>()[0];
     }
-    if (i % 7 == 0 && summary.status == Status::Converged) {  // the gap to where it would go on to
+    if (i % 7 == 0 && summary.status == Status::Converged) {  // the gap to the minimum that it approaches
       auto further = x;
       const double least = polish.solve(system, further).final_energy;
       ++polished;

@@ -20,16 +20,16 @@ namespace asterism::bench {
 
 namespace {
 
-// The most memory that this process has had so far.
+// The peak memory of this process so far.
 double peak_bytes() {
   rusage usage{};
   getrusage(RUSAGE_SELF, &usage);
   return 1024.0 * static_cast<double>(usage.ru_maxrss);
 }
 
-// A sheet of side x side nodes in space, linked to their four neighbours at distance 1, with nothing that
-// resists bending. Anchors have this share of the links' stiffness, and are up to 0.3 an axis off the sheet,
-// made so many times as large.
+// A sheet of side x side nodes in space, linked to their four neighbours at distance 1, without resistance to
+// bending. Anchors have `share` of the links' stiffness; they lie on the sheet scaled by `extent`, displaced
+// by up to 0.3 on each axis.
 testing::RandomSystem<SpringSystem<double, 3>> cloth(std::uint64_t seed, int side, double share,
                                                      double extent) {
   using Space = SpringSystem<double, 3>;
@@ -50,8 +50,8 @@ testing::RandomSystem<SpringSystem<double, 3>> cloth(std::uint64_t seed, int sid
   return {system, grid + testing::random_points<Space>(rng, side * side, -0.3, 0.3)};
 }
 
-// The longest that SparseNewton takes to the default tolerance, infinity where it does not get there: flat or
-// crumpled cloths on weak and on very weak anchors.
+// The longest time that SparseNewton takes for a cloth, flat or crumpled, on weak or very weak anchors;
+// infinity if it does not reach the default tolerance for one.
 double cloth_seconds() {
   double slowest = 0;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
@@ -105,7 +105,7 @@ void sparse_bars(Bars& bars) {
     const GapTimes schwarz = times_to_gap("schwarz", systems);
     bars.at_most(name + "Schwarz", "%.3g s", schwarz.median_seconds, size.seconds, size.aim);
     if (size.nodes > 10000) {
-      // That of making the system included. Sizes ascend, so the peak is this one's.
+      // Includes the memory to make the system. Sizes ascend, so the peak is that of this one.
       bars.at_most(name + "peak memory, a link", "%.0f bytes", peak_bytes() / systems[0].system.link_count(),
                    600, 300);
       const auto [one, two] = seconds_by_threads(systems[0]);

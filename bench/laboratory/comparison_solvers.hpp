@@ -1,7 +1,7 @@
 #pragma once
 
-// Accelerations of IDA that are known from simulation, to compare the library's solvers with. Both are
-// guarded: where their step does not lower the energy, IDA's is taken, which does.
+// Accelerations of IDA from the literature of simulation, to compare the library's solvers with. Both are
+// guarded: if their step does not lower the energy, IDA's is taken, which does.
 
 #include <Eigen/QR>
 #include <algorithm>
@@ -16,15 +16,15 @@
 
 namespace asterism::bench {
 
-/// What the guarded accelerations share: energy and gradient at the iterate, IDA's step from there, and the
-/// choice between a candidate and that step.
+/// The common part of the guarded accelerations: energy and gradient at the iterate, IDA's step from there,
+/// and the choice between a candidate and that step.
 template <typename System, typename Factorization>
 class GuardedIda {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  /// False where K_dyn is not positive definite.
+  /// False if K_dyn is not positive definite.
   bool start(const System& system, const Points& x, Summary& summary) {
     ++summary.factorizations;
     if (!factorization_.factorize(system)) {
@@ -47,8 +47,8 @@ class GuardedIda {
     return ida_;
   }
 
-  /// Moves x to `candidate` if that lowers the energy, else to IDA's, which is to be there; false for the
-  /// latter.
+  /// Moves x to `candidate` and returns true if that lowers the energy; else moves it to the result of the
+  /// last call of ida() and returns false.
   bool step(const System& system, Points& x, const Points& candidate, Summary& summary) {
     Scalar next = evaluate(system, candidate, next_gradient_, summary);
     const bool accepted = next < energy_;
@@ -165,9 +165,9 @@ class AndersonIda {
   int next_ = 0;
 };
 
-/// Chebyshev's semi-iterative method on IDA's (Wang, A Chebyshev Semi-Iterative Approach for Accelerating
-/// Projective and Position-based Dynamics, 2015), with the spectral radius taken to be 0.95 at first; starts
-/// anew where its step fails.
+/// Chebyshev's semi-iterative method on IDA's iteration (Wang, A Chebyshev Semi-Iterative Approach for
+/// Accelerating Projective and Position-based Dynamics, 2015), with an initial estimate of 0.95 for the
+/// spectral radius; restarts after a step that fails.
 template <typename System, typename Factorization = DenseCholesky<System>>
 class ChebyshevIda {
  public:

@@ -10,7 +10,7 @@ namespace asterism::bench {
 
 namespace {
 
-/// The iterations after which the energy is looked at: all of the first ten, then a tenth of a decade apart.
+/// The iterations after which the energy is recorded: all of the first ten, then a tenth of a decade apart.
 const std::vector<int>& looks() {
   static const std::vector<int> result = [] {
     std::vector<int> k = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10};
@@ -21,7 +21,7 @@ const std::vector<int>& looks() {
   return result;
 }
 
-/// Bins of log10 of the relative gap, a twentieth of a decade each; all below 1e-16 in the first.
+/// Bins of the relative gap, each a twentieth of a decade; the first has all gaps up to 1e-16.
 constexpr double kLeast = -16, kBinsPerDecade = 20;
 int bin_of(double gap) {
   if (!(gap > 1e-16)) return 0;
@@ -29,7 +29,7 @@ int bin_of(double gap) {
 }
 double gap_of(int bin) { return bin == 0 ? 0 : std::pow(10, kLeast + (bin - 0.5) / kBinsPerDecade); }
 
-/// Sums over systems at each look: counts, so that it does not matter who adds them.
+/// Sums over systems at each look.
 struct Curve {
   std::vector<double> remaining = std::vector<double>(looks().size());  // sum of E / E_0
   std::vector<std::map<int, long>> gaps = std::vector<std::map<int, long>>(looks().size());
@@ -60,7 +60,7 @@ Json measure(Runner& runner, const Chunk& chunk) {
   Points x;
   for (int index = chunk.first; index < chunk.first + chunk.count; ++index) {
     runner.load(chunk.problem(index));
-    std::vector<double> energies;  // after each iteration, with gaps where a solver counts by more
+    std::vector<double> energies;  // after each iteration; a number that is skipped has the energy before
     auto record = [&energies](const Iteration& at) {
       energies.resize(static_cast<std::size_t>(at.number) + 1,
                       energies.empty() ? at.energy : energies.back());

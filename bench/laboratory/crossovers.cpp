@@ -1,4 +1,4 @@
-// Which solver when: the time of the candidates of Auto against size, linking and strength of the anchors.
+// Time of the solvers between which Auto chooses, against size, linking and strength of the anchors.
 #include "crossovers.hpp"
 
 #include <algorithm>
@@ -24,7 +24,7 @@ struct Cost {
   double energy;
 };
 
-// Compiled for any number of nodes, as Auto is to choose for these.
+// Compiled for any number of nodes, the case that Auto's choice is made for.
 Cost cost(const SolverEntry& entry, const Systems& systems) {
   const auto runner = entry.make(Eigen::Dynamic);
   const Limits limits{kTolerance, 20000};
@@ -43,7 +43,7 @@ Cost cost(const SolverEntry& entry, const Systems& systems) {
   return {median(seconds), energy};
 }
 
-/// A line of a table: each candidate's time, and then Auto's.
+/// Prints a line of a table: each candidate's time, and then Auto's.
 void row(const std::string& name, const Systems& systems, const std::vector<SolverEntry>& candidates) {
   std::vector<Cost> costs;
   for (const SolverEntry& candidate : candidates) costs.push_back(cost(candidate, systems));

@@ -10,7 +10,7 @@ namespace asterism::bench {
 
 namespace {
 
-// Small enough for a cell to take about a second with the slower solvers.
+// Small enough that a cell takes about a second with the slower solvers.
 int chunk_size(int nodes) {
   if (nodes <= 16) return 100;
   if (nodes <= 100) return 10;
@@ -31,7 +31,7 @@ std::vector<Chunk> chunks(const Selection& selection) {
   };
   for (const testing::Kind kind : selection.kinds) {
     for (const int n : selection.sizes) {
-      // Large systems are fewer, and vary less.
+      // Fewer large systems are enough, as they vary less.
       const int count = n <= 100 ? selection.systems : std::max(1, selection.systems / 10);
       add(std::string(to_string(kind)) + "/" + std::to_string(n), n, false, count, [kind, n](int index) {
         return testing::numbered_system<System>(kind, Topology<>::full(n), static_cast<std::uint64_t>(index));

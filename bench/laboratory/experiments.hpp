@@ -1,6 +1,6 @@
 #pragma once
 
-// The experiments of the laboratory: what each measures and stores, and what it says of the paper's claims.
+// The experiments of the laboratory: what each measures and stores, and how the paper's claims compare.
 
 #include <functional>
 #include <memory>
@@ -19,15 +19,15 @@ struct Selection {
   std::vector<int> sparse_sizes;
   std::vector<SolverEntry> solvers;
   int systems = 0;  ///< of each kind and size
-  /// A fifth kind, "real": of their own sizes.
+  /// The systems of the kind "real", of their own sizes.
   std::shared_ptr<const std::vector<Problem>> recorded = std::make_shared<std::vector<Problem>>();
-  std::string recorded_digest;  ///< of the file they are from
+  std::string recorded_digest;  ///< of the file that they come from
 };
 
 struct Experiment {
   std::string name;
   std::vector<Cell> cells;
-  /// Prints the tables and what of the paper's claims they bear out.
+  /// Prints the tables, and which of the paper's claims they confirm.
   std::function<void(const Results&)> report;
 };
 
@@ -46,7 +46,7 @@ Experiment proof(const Selection& selection);
 /// Accuracy against time.
 Experiment pareto(const Selection& selection);
 
-/// A group of systems that an experiment measures at one go.
+/// Systems of a group that an experiment measures together, as one cell.
 struct Chunk {
   std::string group;  ///< "lit/4", "sparse/10000", "real/4"
   int nodes = 0;
@@ -54,29 +54,29 @@ struct Chunk {
   int first = 0;
   int count = 0;
   std::function<Problem(int index)> problem;
-  std::string digest = {};  ///< of what the problems are from, where group and index do not say it
+  std::string digest = {};  ///< of the problems' source, if group and index do not determine it
 };
 
-/// The chunks of a selection, a chunk of each group in turn, so that slow drifts of the machine meet all
-/// alike.
+/// The chunks of a selection, a chunk of each group in turn, so that slow drifts of the machine's speed
+/// affect all groups alike.
 std::vector<Chunk> chunks(const Selection& selection);
 
-/// For each chunk and each solver that reaches it a cell "group[/digest]/first+count/solver" that stores
-/// measure(runner, problem after problem).
+/// For each chunk and each solver that reaches it, a cell "group[/digest]/first+count/solver" that stores
+/// measure(runner, chunk).
 std::vector<Cell> cells_of(const Selection& selection,
                            const std::function<Json(Runner&, const Chunk&)>& measure);
 
-/// The same once for each factor that the anchors' stiffness is to have, which measure gets too.
+/// The same once for each factor on the anchors' stiffness, which is passed to `measure` too.
 std::vector<Cell> cells_by_weakness(const Selection& selection, const std::vector<double>& weaknesses,
                                     const std::function<Json(Runner&, const Chunk&, double)>& measure);
 
-/// Cells by group and solver: report's view.
+/// The results of a group and solver, for reports.
 std::vector<const Json*> cells_with(const Results& results, const std::string& group,
                                     const std::string& solver);
 /// The groups of a selection, in order.
 std::vector<std::string> groups(const Selection& selection);
 
-/// A line on one of the paper's claims.
+/// Prints a line on one of the paper's claims.
 void claim(const char* text, bool reproduced, const std::string& evidence);
 
 }  // namespace asterism::bench

@@ -36,7 +36,7 @@ except ImportError as error:
 
 Cell = dict[str, Any]
 T = TypeVar("T")
-EFFORTS = ("loose_iterations", "iterations", "seconds")  # of scaling, a number a system
+EFFORTS = ("loose_iterations", "iterations", "seconds")  # of scaling, one number per system
 MINIMA = ("minima", "lowest", "ends")  # of minima
 PROOF = ("energies", "bounds", "certified", "solve_seconds")  # of proof
 
@@ -61,7 +61,7 @@ def nodes_of(group: str) -> int:
 
 
 def in_order(names: Iterable[str]) -> list[str]:
-    """Different solvers in the order of the legend."""
+    """The distinct solvers, in the order of the legend."""
     known = list(STYLES)
     return sorted(set(names), key=lambda name: (known.index(name) if name in known else len(known), name))
 
@@ -69,8 +69,8 @@ def in_order(names: Iterable[str]) -> list[str]:
 def by_kind(
     results: Results, reduce: Callable[[list[Cell]], T]
 ) -> Iterator[tuple[str, dict[str, dict[str, T]]]]:
-    """For each kind of systems {group: {solver: what its cells reduce to}}; a group, "lit/4", is a number of
-    nodes."""
+    """For each kind of systems, {group: {solver: its reduced cells}}; a group, "lit/4" for instance, is a number
+    of nodes."""
     cells: dict[str, dict[str, list[Cell]]] = {}
     for cell in results.cells:
         cells.setdefault(cell["group"], {}).setdefault(cell["solver"], []).append(cell)
@@ -82,8 +82,8 @@ def by_kind(
 
 
 def common(cells: dict[str, list[Cell]]) -> dict[str, list[Cell]]:
-    """A solver's cells of those systems that all solvers have, so that an interrupted run compares like with
-    like; all cells where there are none."""
+    """Each solver's cells of the systems that all solvers have, so that results of an interrupted run are
+    comparable; all cells if there are no such systems."""
 
     def systems(cell: Cell) -> str:
         return cell["key"].rpartition("/")[0]
@@ -101,7 +101,7 @@ def joined(cells: list[Cell], name: str) -> np.ndarray:
 
 
 def numbers(values: Any, *shape: int) -> np.ndarray:
-    """An array of so many numbers; null, what is not finite, becomes infinite."""
+    """An array of this shape; null, which stands for a value that is not finite, becomes infinity."""
     as_array = np.array(values, dtype=object)
     if as_array.shape != shape:
         raise ValueError
@@ -109,7 +109,7 @@ def numbers(values: Any, *shape: int) -> np.ndarray:
 
 
 def parse(experiment: str, cell: Cell) -> Cell:
-    """The cell with its numbers as arrays; KeyError, TypeError or ValueError where it is none."""
+    """The cell with its numbers as arrays; KeyError, TypeError or ValueError if it is not a valid cell."""
     n = cell["systems"]
     if not isinstance(n, int) or n < 1 or not isinstance(cell["solver"] + cell["group"], str):
         raise ValueError
@@ -184,8 +184,8 @@ def read_file(path: pathlib.Path) -> Results:
 
 
 def without_repeats(cells: list[Cell]) -> list[Cell]:
-    """A file keeps what earlier settings measured, for instance of fewer systems: each system once, from the
-    largest cell that has it."""
+    """The cells with each system once, from the largest cell that has it: a file keeps the results of earlier
+    settings, for instance with fewer systems."""
     taken: dict[tuple, list[range]] = {}
     kept = []
     for cell in sorted(cells, key=lambda cell: -cell["systems"]):
@@ -222,8 +222,8 @@ class Style:
     marker: str
 
 
-# The solvers that are drawn in color, where --solvers does not name others. Colors differ in luminance, and
-# dashes and markers in shape, for gray paper and every eye.
+# The solvers that are drawn in color unless --solvers names others. Colors differ in luminance, and dashes and
+# markers in shape, so that lines can be told apart on gray paper and by color-blind readers.
 STYLES = {
     "ida": Style("IDA", "#111111", "-", "o"),
     "ncg": Style("nonlinear CG", "#c8252c", (0, (5, 2)), "s"),
@@ -258,7 +258,7 @@ GRAY = "#c4c4c4"
 BEFORE, AFTER, NODE = "#58a6e0", "#b3151f", "#2f9e44"  # of a drawn system
 WIDTH = 7.6  # inches: the width of a page
 LEGEND_COLUMNS = 4
-BANDS = ("ida", "ncg")  # the paper's two, whose spread is drawn as a band: more than two hide each other
+BANDS = ("ida", "ncg")  # the paper's two, whose spread is a band; more than two bands would hide each other
 HALO = [patheffects.withStroke(linewidth=2.2, foreground="white")]
 LEAST_GAP = 1e-16  # lowest bin of the stored histograms
 
@@ -319,7 +319,7 @@ def label_of(name: str) -> str:
 
 @dataclass
 class Drawing:
-    """A figure, and what the page says of it."""
+    """A figure, and its text on the page."""
 
     name: str
     figure: Figure
@@ -336,8 +336,8 @@ def panels(
     right: float = 0.15,
     gap: float = 0.75,
 ) -> tuple[Figure, list[Axes]]:
-    """A page-wide figure of so many axes of a height [inch] under a title and a legend, with `right` beside
-    each for labels and `gap` for the next one's axis."""
+    """A page-wide figure of `count` axes of a height [inch] under a title and a legend, with `right` beside each
+    for labels and `gap` for the next one's axis."""
     rows = -(-count // columns)
     left, bottom, line = 0.72, 0.55, 0.17
     title = textwrap.fill(title, 84)
@@ -370,7 +370,7 @@ def panels(
 
 
 def legend_of(names: list[str], palette: Palette) -> list[plt.Line2D]:
-    """A line for each in color, and one for all others."""
+    """A line for each solver in color, and one for all others."""
     colored = [name for name in names if palette.in_color(name)]
     lines = [plt.Line2D([], [], label=label_of(name), **palette(name)) for name in colored]
     if len(colored) < len(names):
@@ -381,15 +381,15 @@ def legend_of(names: list[str], palette: Palette) -> list[plt.Line2D]:
 
 
 def label_ends(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
-    """Names of lines (x, y, text, color) at their ends; those at the right edge beside it, moved apart where
-    they would overlap. All in fractions of the axes, which do not depend on the resolution."""
+    """Writes the names of lines (x, y, text, color) at their ends; those at the right edge beside it, moved
+    apart if they would overlap. Positions are fractions of the axes, which do not depend on the resolution."""
     apart = 10.5 / 72 * axes.figure.dpi / axes.get_window_extent().height
     beside = 1 + 0.15 * axes.figure.dpi / axes.get_window_extent().width  # [inch]
     to_fraction = axes.transData + axes.transAxes.inverted()
     points = [(*to_fraction.transform((x, y)), text, color) for x, y, text, color in ends]
     edge = sorted((point for point in points if point[0] > 0.9), key=lambda point: point[1])
     heights = [point[1] for point in edge]
-    for _ in range(500):  # neighbours that overlap give way, half each
+    for _ in range(500):  # neighbours that overlap move by half of it each
         for k in range(len(heights) - 1):
             overlap = apart - (heights[k + 1] - heights[k])
             if overlap > 0:
@@ -428,12 +428,12 @@ def plain_ticks(axes: Axes) -> None:
 
 
 def percentile(values: np.ndarray, p: float) -> float:
-    """As the laboratory's: a value that occurs."""
+    """As in measure.cpp: one of the values."""
     return float(np.sort(values)[int(p * (len(values) - 1))])
 
 
 def exponent_of(value: float) -> int | None:
-    """3 of 1000; nothing of what is no power of ten."""
+    """3 for 1000; None if the value is not a power of ten."""
     exponent = round(math.log10(value))
     return exponent if math.isclose(value, 10.0**exponent, rel_tol=1e-9) else None
 
@@ -450,7 +450,7 @@ def short(value: float) -> str:
 
 
 def percent(share: float) -> str:
-    """With a space that does not break."""
+    """With a no-break space before the sign."""
     digits = f"{100 * share:.1g}" if 0 < share < 0.01 else f"{100 * share:.0f}"
     return digits + "\N{NO-BREAK SPACE}%"
 
@@ -463,7 +463,7 @@ def time(seconds: float) -> str:
 
 
 def what(kind: str) -> str:
-    """The systems of a kind, to begin a title."""
+    """The name of a kind of systems, as the beginning of a title."""
     return KINDS.get(kind, f"Systems of kind {kind}")
 
 
@@ -495,11 +495,11 @@ ends. Bands, for IDA and nonlinear CG only: 5 to 95 % of the systems."""
 
 @dataclass
 class Curve:
-    """What remains after iterations of a solver, over the systems of a group."""
+    """A solver's remaining energy and gap after given iterations, over the systems of a group."""
 
     looks: np.ndarray  # iterations
     remaining: np.ndarray  # mean of E / E_0 at each
-    gaps: list[Counter]  # systems by the bin of their gap
+    gaps: list[Counter]  # number of systems by the bin of their gap
     systems: int
 
     @staticmethod
@@ -512,7 +512,7 @@ class Curve:
         return Curve(looks, remaining, gaps, systems)
 
     def gap(self, p: float) -> np.ndarray:
-        """Percentile of the relative gap at each look, of bins of a twentieth of a decade."""
+        """Percentile of the relative gap at each look, from bins of a twentieth of a decade."""
         result = []
         for bins in self.gaps:
             below = 0
@@ -597,7 +597,7 @@ LOOSE_CAPTION = ", and iterations until one lowers the energy by less than 1 %"
 
 @dataclass
 class Effort:
-    """What it takes a solver to arrive, of the systems of a group that it arrives at."""
+    """A solver's effort to reach the gap, in those systems of a group in which it does."""
 
     loose: np.ndarray  # iterations until one gains less than 1 %
     iterations: np.ndarray  # to the gap
@@ -662,7 +662,7 @@ def draw_scaling(results: Results, palette: Palette) -> list[Drawing]:
 def draw_effort(
     axes: Axes, quantity: str, name: str, data: dict[str, dict[str, Effort]], palette: Palette, dodge: float
 ) -> None:
-    """A solver's line; its bars are `dodge` decades to the right."""
+    """Draws a solver's line; its bars are `dodge` decades to the right."""
     points = [
         (nodes_of(group), *efforts[name].middle_and_bar(quantity))
         for group, efforts in data.items()
@@ -733,7 +733,7 @@ that remains."""
 
 @dataclass
 class Level:
-    """A case at a level: each solver's excess over the lowest energy that any found of the same system."""
+    """A case at a level: each solver's excess over the lowest energy that any solver found for the same system."""
 
     level: float
     excess: dict[str, np.ndarray]
@@ -806,7 +806,7 @@ def hard_title(cases: dict[str, list[Level]]) -> str:
 
 
 def numeric_over_ida(cells: dict[str, Cell]) -> float:
-    """Energy where CG with numeric gradients ends over that where IDA ends, of the system that is drawn."""
+    """Final energy of CG with numeric gradients over that of IDA, for the system that is drawn."""
     return float(cells["ncg-forward"]["energies"][0] / max(cells["ida"]["energies"][0], 1e-300))
 
 
@@ -874,7 +874,7 @@ minima, in another minimum or before it reaches one. Anchors become weaker to th
 
 @dataclass
 class Ends:
-    """Where a solver ends, and the minima that random starts lead to."""
+    """A solver's final energies compared with the minima that random starts lead to."""
 
     systems: int
     several: float  # share of systems with two minima or more; the same whoever solves
@@ -958,7 +958,7 @@ which each solver ends above the lowest of them."""
 
 # --------------------------------------------------------------------------------------------------- proof
 
-CLOSED = 1e-6  # a width of the interval, relative to the energy, from which on a minimum counts as proven
+CLOSED = 1e-6  # a minimum counts as proven up to this width of the interval, relative to the energy
 PROOF_CAPTION = """Left: the share of systems whose energy is proven to be within 1e-6 of the global minimum.
 Right: for the other systems, the median width of the interval between the proven lower bound and the energy,
 relative to the energy. If a solver computes no bound, the certificate's bound is used."""
@@ -977,7 +977,7 @@ class Proofs:
     @staticmethod
     def of(cells: list[Cell]) -> "Proofs":
         energies, bounds, certified, seconds = (joined(cells, name) for name in PROOF)
-        # Without strain there is nothing that a bound could be below.
+        # At energy zero nothing is left to prove.
         widths = np.where(energies > 0, (energies - bounds) / np.maximum(energies, 1e-300), 0)
         rest = widths[widths > CLOSED]
         width = float(np.median(rest)) if len(rest) else math.nan
@@ -1040,15 +1040,15 @@ bound; median width of the other intervals, relative to the energy; median CPU t
 
 # -------------------------------------------------------------------------------------------------- pareto
 
-FINEST = 1e-11  # gaps below are one: a double's rounding is not far
+FINEST = 1e-11  # smaller gaps count as this one, as they are near the rounding of doubles
 PARETO_CAPTION = f"""Median CPU time of a solve (setup included) against the 90th percentile of the gap, relative
 to the energy at which the solver itself ends. Gaps below {short(FINEST)} are drawn at {short(FINEST)}. Lower is
 faster, and further right is more accurate. Gray: the other solvers of the table."""
 
 
 def trade_off(cells: list[Cell]) -> np.ndarray:
-    """Rows (gap, seconds), gap falling: 90th percentile of the gap and median of the time at each tolerance,
-    without those that another one beats in both."""
+    """Rows (gap, seconds) by falling gap: 90th percentile of the gap and median of the time at each tolerance,
+    without rows that another one beats in both."""
     cells = [cell for cell in cells if cell["tolerances"] == cells[0]["tolerances"]]
     gaps, seconds = (np.concatenate([cell[name] for cell in cells], axis=1) for name in ("gaps", "seconds"))
     points = sorted((percentile(t, 0.5), max(percentile(g, 0.9), FINEST)) for g, t in zip(gaps, seconds))
@@ -1076,7 +1076,7 @@ def draw_pareto(results: Results, palette: Palette) -> list[Drawing]:
             at.set_title(f"{nodes_of(group)} nodes")
             for name, curve in curves.items():
                 at.plot(*curve.T, **palette(name))
-            at.get_ylim()  # settles the limits, which the labels' places depend on
+            at.get_ylim()  # settles the limits, on which the labels' positions depend
             drawn = [name for name, curve in curves.items() if palette.in_color(name) and len(curve)]
             label_ends(at, [(*curves[name][-1], label_of(name), palette(name)["color"]) for name in drawn])
         drawings.append(Drawing(f"pareto-{kind}", figure, title, PARETO_CAPTION))
@@ -1126,13 +1126,13 @@ EXPERIMENTS = {
 
 
 def shown_command(command: str) -> str:
-    """Without what depends on where it ran: folders."""
+    """The command without folders, which depend on the machine."""
     command = re.sub(r" --results[ =]\S+", "", command)
     return re.sub(r"[^\s=]*/", "", command)
 
 
 def provenance(results: Results) -> str:
-    """Commands, dates and machines of what was measured."""
+    """Commands, dates and machines of the measurements."""
     commands = dict.fromkeys(shown_command(run["command"]) for run in results.runs)
     text = "\n".join(["```sh", *commands, "```", ""])
     by_machine: dict[str, list[dict]] = {}
@@ -1172,14 +1172,14 @@ figures in the headings are the paper's. This command writes the page and the fi
         for drawing, following in zip(drawings, [*drawings[1:], None]):
             image = f"{folder}/{drawing.name}"
             text.append(f"[![{drawing.title}]({image}.png)]({image}.svg)\n")
-            if following is None or following.caption != drawing.caption:  # once for all alike
+            if following is None or following.caption != drawing.caption:  # once for figures that share it
                 text.append(paragraph(drawing.caption))
         text += [EXPERIMENTS[results.name].tabulate(results), provenance(results)]
     return "\n".join(text)
 
 
 def save(drawing: Drawing, folder: pathlib.Path) -> None:
-    # Without dates and versions: the same results, the same files.
+    # Without dates and versions, so that the same results give the same files.
     drawing.figure.savefig(folder / f"{drawing.name}.svg", metadata={"Date": None, "Creator": None})
     drawing.figure.savefig(folder / f"{drawing.name}.png", metadata={"Software": None})
     plt.close(drawing.figure)

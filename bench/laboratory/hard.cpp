@@ -25,8 +25,8 @@ Problem lit(int index) {
                                           static_cast<std::uint64_t>(index));
 }
 
-// The paper's: rest length `level` between the first two nodes, whose others they share, and the stiffness
-// (0.1 length)^-2 that goes with it.
+// As in the paper: rest length `level` between the first two nodes, with stiffness (0.1 level)^-2; the links
+// of both to the other nodes are the same.
 Problem near_coincident(int index, double level) {
   Problem problem = lit(index);
   System& system = problem.system;
@@ -56,7 +56,8 @@ Problem stiff_pair(int index, double level) {
   return problem;
 }
 
-// Start and anchors on a line, which no gradient leaves; with weak anchors, rest lengths want the plane.
+// Start and anchors on a line, from which no gradient leads away, although with weak anchors the rest lengths
+// need the plane.
 Problem saddle(int index, double level) {
   Problem problem = lit(index);
   problem.system.anchor_stiffness *= level;
@@ -80,7 +81,7 @@ Json coordinates(const Points& x) {
   return result;
 }
 
-// The first problem is drawn: nodes before and after.
+// Stores the nodes of the first problem before and after, to be drawn.
 Json measure(Runner& runner, const Case& hard, double level, int systems) {
   Json cell{{"energies", Json::array()}, {"iterations", Json::array()}, {"statuses", Json::array()}};
   Points x;
@@ -100,8 +101,8 @@ Json measure(Runner& runner, const Case& hard, double level, int systems) {
   return cell;
 }
 
-// Takes the Staircase's minima where they are lower. How many energies are proven to be the least, but for
-// 1e-6 of them.
+// Lowers the energies in `best` to those of the Staircase if these are lower. Returns how many are proven to
+// be the least possible, up to a relative gap of 1e-6.
 int lower_to_proven(const Case& hard, double level, std::vector<double>& best) {
   detail::AutoStaircase<System> staircase;
   int proven = 0;
@@ -138,7 +139,7 @@ Experiment hard(const Selection& selection) {
   }
 
   const auto report = [selection, systems](const Results& results) {
-    double worst_ida = 0, worst_cg = 0;  // shares that ended far above the best, near-coincident
+    double worst_ida = 0, worst_cg = 0;  // greatest share of near-coincident systems far above the best
     for (const Case& hard : cases()) {
       for (const double level : hard.levels) {
         const std::string group = hard.name + "/" + format("%g", level);

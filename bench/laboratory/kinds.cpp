@@ -1,4 +1,4 @@
-// What sets the kinds of systems apart: stiffness, residuals, conditioning, iterations.
+// How the kinds of systems differ: stiffness, residuals, conditioning, iterations.
 #include "kinds.hpp"
 
 #include <Eigen/Eigenvalues>
@@ -17,7 +17,7 @@ namespace asterism::bench {
 
 namespace {
 
-/// Figures of one system, all without units.
+/// Figures of one system, all dimensionless.
 std::vector<double> figures(const Problem& problem) {
   const System& system = problem.system;
   const int links = system.link_count();

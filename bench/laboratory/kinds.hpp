@@ -4,7 +4,7 @@
 
 namespace asterism::bench {
 
-/// Prints what sets the kinds of systems apart.
+/// Prints how the kinds of systems differ.
 void kinds(const Selection& selection);
 
 }  // namespace asterism::bench

@@ -14,7 +14,7 @@ std::vector<SolverEntry>& entries() {
   return all;
 }
 
-// The full topology where it is, which some solvers are faster for.
+// Topology::full() if the links are its own, as some solvers are faster with it.
 template <typename Topology>
 Topology native_topology(const System& system) {
   const int n = system.nodes();

@@ -1,6 +1,6 @@
 #pragma once
 
-// The material of the experiments: problems, and solvers by name.
+// Problems and solvers by name, for the experiments.
 
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -35,27 +35,27 @@ class Runner {
  public:
   virtual ~Runner() = default;
 
-  /// Takes the problem, in the types that the solver is compiled for; to be called first. Throws
-  /// std::invalid_argument where these have no room for its links: more than the pairs of a few nodes.
+  /// Takes the problem, in the types that the solver is compiled for; must be called first. Throws
+  /// std::invalid_argument if a type of fixed size has no room for its links, more than the pairs of nodes.
   virtual void load(const Problem& problem) = 0;
 
-  /// Moves x from the problem's start. Energies and status are the library's verdict, whoever solved.
+  /// Moves x from the problem's start. The library itself computes energies and status, for any solver.
   virtual Summary solve(const Limits& limits, Points& x) = 0;
 
-  /// CPU time of one such solve [s], the mean of `repeats`: all that the solver does, setup included.
+  /// CPU time of one such solve with its setup [s], the mean of `repeats`.
   virtual double seconds(const Limits& limits, int repeats) = 0;
 };
 
-/// A solver that is available by its name.
+/// A solver that can be chosen by name.
 struct SolverEntry {
   std::string name;     ///< as in --solvers
-  std::string title;    ///< its own name for itself
+  std::string title;    ///< the name that the solver itself states
   std::string package;  ///< the package that it comes from, with the version
-  /// Nodes beyond which the experiments do not ask it, as it would take minutes: fully connected systems, and
-  /// systems of local links.
+  /// The most nodes with which the experiments run it, as more would take minutes: in fully connected
+  /// systems, and in systems of local links.
   int dense_nodes = 0;
   int sparse_nodes = 0;
-  /// Compiled for systems of this many nodes, where it is for any.
+  /// Makes a solver compiled for systems of this many nodes if there is one, else for any number.
   std::function<std::unique_ptr<Runner>(int nodes)> make;
 
   bool reaches(const System& system) const {
@@ -70,13 +70,13 @@ const std::vector<SolverEntry>& solvers();
 /// one.
 std::vector<SolverEntry> solvers_named(const std::string& list);
 
-/// Makes a solver known: one static object of this in a file of bench/laboratory/solvers/ adds it to every
+/// Registers a solver: a static object of this type in a file of bench/laboratory/solvers/ adds it to every
 /// experiment.
 struct Registration {
   explicit Registration(SolverEntry entry);
 };
 
-/// Runner of any solver, for the type of systems that it is compiled for.
+/// The runner of a solver that is compiled for systems of type Native.
 template <typename Native>
 class RunnerOf final : public Runner {
  public:
@@ -95,13 +95,13 @@ class RunnerOf final : public Runner {
   typename Native::Points x_;
 };
 
-/// Four nodes, whose number is compiled in.
+/// Systems of four nodes, a number fixed at compile time.
 using FourNodes = SpringSystem<double, 2, 4>;
 extern template class RunnerOf<System>;
 extern template class RunnerOf<FourNodes>;
 
-/// Factory of a solver that is compiled for any number of nodes; a class with `options` and `solve` as the
-/// library's solvers have.
+/// Factory of a solver that is compiled for any number of nodes: a class with `options` and `solve` like the
+/// library's solvers.
 template <typename Solver>
 std::unique_ptr<Runner> make_runner(int) {
   return std::make_unique<RunnerOf<System>>(AnySolver<System>(Solver()));
@@ -110,12 +110,12 @@ std::unique_ptr<Runner> make_runner(int) {
 /// The cost for a solver to come close to a minimum.
 struct ToGap {
   int iterations = 0;  ///< -1 if it does not reach it
-  double seconds = 0;  ///< CPU time of so many, setup included
+  double seconds = 0;  ///< CPU time of these iterations, setup included
   double minimum = 0;  ///< the energy that the gap is measured from
 };
 
 /// For the runner's problem, the fewest iterations after which the energy is within the relative `gap` of the
-/// minimum that the solver itself goes to, and their time.
+/// minimum to which the solver itself converges, and their time.
 ToGap to_gap(Runner& runner, double gap);
 
 /// CPU time of one solve [s], repeated until it takes a millisecond in all.

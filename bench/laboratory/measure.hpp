@@ -5,13 +5,13 @@
 
 namespace asterism::bench {
 
-/// CPU time of this thread [s]: the one clock of the laboratory.
+/// CPU time of this thread [s]: the only clock of the laboratory.
 double cpu_seconds();
 double median(std::vector<double> values);
 /// The value below which the share p of `values` lies.
 double percentile(std::vector<double> values, double p);
-/// A median and where that of the whole population lies with 95 % confidence, by order statistics (the
-/// binomial distribution's normal approximation); the extremes for fewer than six values.
+/// A median and its 95 % confidence interval by order statistics (in the normal approximation of the binomial
+/// distribution); the extremes for fewer than six values.
 struct MedianInterval {
   double median, low, high;
 };

@@ -17,19 +17,19 @@ namespace asterism::bench {
 namespace {
 
 constexpr int kStarts = 60;
-constexpr double kSame = 1e-6;  // energies that differ by less, relatively, are of one minimum
+constexpr double kSame = 1e-6;  // minima whose energies differ by less, relatively, count as one
 
-/// The minima of a system that are known.
+/// The known minima of a system.
 struct Minima {
-  std::vector<double> energies;  ///< of different ones, ascending
-  bool is_proven = false;        ///< that no placement has less energy than the first, but for kSame of it
+  std::vector<double> energies;  ///< of different minima, ascending
+  bool is_proven = false;        ///< the first energy is proven to be the least, up to the share kSame
 };
 
-/// Those that random starts and the problem's own lead to, and the Staircase from the lowest of them.
+/// The minima found from the problem's own start, random starts, and by the Staircase from the lowest.
 Minima minima_of(const Problem& problem) {
   const System& system = problem.system;
   const int n = system.nodes();
-  // Starts in a cube about the anchors that is half as large again.
+  // Random starts are in the anchors' bounding box, enlarged by half.
   const Eigen::Vector2d low = system.anchors.rowwise().minCoeff();
   const Eigen::Vector2d size = system.anchors.rowwise().maxCoeff() - low;
   testing::Rng rng(static_cast<std::uint64_t>(n));
@@ -44,7 +44,7 @@ Minima minima_of(const Problem& problem) {
       for (int i = 0; i < n; ++i)
         for (int d = 0; d < 2; ++d) x(d, i) = low[d] + size[d] * rng.uniform(-0.25, 1.25);
     }
-    newton.options.align = lbfgs.options.align = s == 0;  // from where they are
+    newton.options.align = lbfgs.options.align = s == 0;  // random starts stay where they are
     const Summary summary = n <= 16 ? newton.solve(system, x) : lbfgs.solve(system, x);
     if (summary.status != Status::Converged) continue;
     if (energies.empty() || summary.final_energy < *std::min_element(energies.begin(), energies.end()))
@@ -75,7 +75,7 @@ Json measure(Runner& runner, const Chunk& chunk, double weakness) {
     proven.push_back(minima.is_proven);
     runner.load(problem);
     runner.solve({1e-8, 100000}, x);
-    // Which minimum it is at, or on its way to, weak anchors leaving a long one.
+    // Polishing tells to which minimum the solver converges; with weak anchors it may stop far from it.
     polish.options.tolerance = 1e-12;
     polish.options.align = false;
     ends.push_back(polish.solve(problem.system, x).final_energy);
@@ -115,7 +115,7 @@ Json measure_starts(Runner& runner, const Chunk& chunk, double weakness) {
   return json;
 }
 
-// A field of all their results for a group and a solver, in order.
+// A field of the results of a group, a solver and a weakness, over all systems in order.
 std::vector<double> values_of(const Results& results, const std::string& group, const std::string& solver,
                               double weakness, const char* field) {
   std::vector<double> values;
@@ -144,7 +144,7 @@ Experiment starts(const Selection& selection) {
         const auto collect = [&](const std::string& solver, const char* field) {
           return values_of(results, group, solver, weakness, field);
         };
-        // Also of what the solvers found.
+        // The lowest known energies, including those that the solvers found.
         std::vector<double> lowest;
         const auto lower = [&lowest](const std::vector<double>& energies) {
           lowest.resize(std::max(lowest.size(), energies.size()), std::numeric_limits<double>::infinity());

@@ -1,4 +1,4 @@
-// Accuracy against time, so that "faster" says to which accuracy.
+// Accuracy against time, as solvers can only be compared in speed at equal accuracy.
 #include <cmath>
 #include <cstdio>
 
@@ -14,7 +14,7 @@ const std::vector<double>& tolerances() {
   return result;
 }
 
-// A minimum, and how far from it and how long each tolerance is.
+// For each tolerance, the time and the gap to the solver's own minimum.
 Json measure(Runner& runner, const Chunk& chunk) {
   std::vector<std::vector<double>> seconds(tolerances().size()), gaps(tolerances().size());
   Points x;

@@ -28,16 +28,16 @@ namespace {
 
 using part_kernels_v0_1::FilterPlan;
 
-/// Something that is timed: `call` is one unit of it.
+/// Something that is timed: `call` is one unit of work.
 struct Item {
   std::string name;
   std::function<void()> call;
-  std::vector<double> seconds = {};  // a call, one a round
+  std::vector<double> seconds = {};  // per call, one value per round
 
   double time() const { return median(seconds); }
 };
 
-/// Items in turn, several milliseconds of each a round.
+/// Times the items in turn, each for several milliseconds in every round.
 void measure(const std::vector<Item*>& items, int rounds) {
   constexpr double kSlice = 4e-3;  // [s]
   for (Item* const item : items) item->call();
@@ -65,7 +65,7 @@ cv::Mat texture(int rows, int cols, int type) {
   return image;
 }
 
-/// A moving picture: a texture that drifts by a pixel or two a frame, back and forth.
+/// A synthetic video: a texture that drifts by a pixel or two per frame, back and forth.
 class Video {
  public:
   Video() {
@@ -83,7 +83,7 @@ class Video {
   std::size_t frame_ = 0;
 };
 
-/// One step of a filter, piece by piece, on buffers of the filter's own size.
+/// The pieces of one step of a filter, on buffers of the filter's own size.
 class Stages {
  public:
   explicit Stages(int target)
@@ -131,7 +131,7 @@ class Stages {
         {"kernel", [this] { plan_->kernels.gaussian(0, 0, plan_->plane_floats(), plane_.data()); }},
         {"detect and train", [this] { kcf_.adapt(frame_, kcf_.localize(frame_, centre_).position); }}};
 
-    // The same work by others.
+    // The same work by other libraries.
     gray_ = cv::Mat(cells_ * 4, cells_ * 4, CV_8UC1);
     patch_.copyTo(gray_);
     channel_ = cv::Mat(cells_, cells_, CV_32FC1, cv::Scalar(0.5));
@@ -155,8 +155,8 @@ class Stages {
   }
 
   void print() const {
-    // How often a step does it: a patch is sampled and transformed twice, three planes to detect, two to
-    // train.
+    // How often each piece occurs in a step: a patch is sampled and transformed twice, and single planes are
+    // transformed three times to detect and twice to train.
     constexpr int kTimes[] = {2, 2, 2, 1, 1, 5, 2, 1};
     const double whole = items_.back().time();
     std::printf("\nA filter of %d x %d cells of 4 pixels, 32 channels; target of %d pixels\n", cells_, cells_,
@@ -203,7 +203,7 @@ class Stages {
   std::vector<Item> items_, peers_;
 };
 
-/// The filters of the bar: a root and four parts of half its side.
+/// The filters for which there is a bar: a root and four parts of half its side.
 class Constellation {
  public:
   Constellation() {
@@ -216,9 +216,9 @@ class Constellation {
       filters_[i].init(frame, places_[i], {side, side});
     }
   }
-  /// With the conversion of the frame, that is, as a tracker's update.
+  /// Includes the conversion of the frame, as in a tracker's update.
   void step() { step(Frame(video_.next())); }
-  /// On a frame that is there.
+  /// On a frame that has already been converted.
   void step_on_next() { step(frames_[++at_ % frames_.size()]); }
 
  private:
@@ -236,7 +236,7 @@ class Constellation {
   std::vector<Point2> places_;
 };
 
-/// A part that finds and learns a target of 100 pixels in a moving picture.
+/// A part that localises and learns a target of 100 pixels in a video.
 template <typename Part>
 Item follow(std::string name, const std::vector<Frame>& frames, Part part) {
   const Point2 start(320, 240);
@@ -248,7 +248,8 @@ Item follow(std::string name, const std::vector<Frame>& frames, Part part) {
           }};
 }
 
-/// A likelihood such as segmentations have: a blob of mostly foreground, noise, many cells of exactly 0 or 1.
+/// A likelihood as in segmentation: a blob that is mostly foreground, noise, and many cells of exactly 0
+/// or 1.
 cv::Mat likelihood() {
   cv::Mat map(32, 32, CV_32FC1);
   cv::RNG random(5);

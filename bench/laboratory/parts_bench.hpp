@@ -2,9 +2,9 @@
 
 namespace asterism::bench {
 
-/// Times the part models: what one step of a KCF (detect and train) is made of, the constellation of five
-/// that the bar is for, the Markov random field, and beside them dlib's fHOG, OpenCV's dft and TrackerKCF
-/// where they are installed; a line a figure. All take turns within one run, on one thread.
+/// Times the part models: the pieces of one step of a KCF (detect and train), the constellation of five for
+/// which there is a bar, the Markov random field and, if installed, dlib's fHOG, OpenCV's dft and TrackerKCF.
+/// Prints a line per figure. All take turns within one run, on one thread.
 void parts_bench(bool quick);
 
 }  // namespace asterism::bench

@@ -3,14 +3,14 @@
 
     peers.py FILE
 
-reads JSON or JSON lines as in docs/system-json.md. For context, not a race: an interpreter's overhead is most
-of the times here, and says little of the algorithms; energies and iterations are what compares. Needs
-python3-numpy; python3-scipy and python3-sklearn add their solvers where they are installed.
+reads JSON or JSON lines as in docs/system-json.md. Compare energies and iterations, not times: these are mostly
+the interpreter's overhead and say little about the algorithms. Needs python3-numpy; python3-scipy and
+python3-sklearn add their solvers if installed.
 """
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # CPU time of one thread, as asterism-bench measures
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread, as in asterism-bench, whose times are CPU times
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import argparse
@@ -50,7 +50,7 @@ class BadInput(Exception):
 @dataclass
 class System:
     """E(x) = 1/2 sum_i k_i (x_i - a_i)' S_i (x_i - a_i) + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, as in
-    docs/solver.md; S_i is the identity but for anisotropic anchors."""
+    docs/solver.md; S_i is the identity unless anchors are anisotropic."""
 
     name: str
     anchors: Points
@@ -59,12 +59,12 @@ class System:
     links: np.ndarray  # links x 2
     rest_length: np.ndarray  # [px]
     link_stiffness: np.ndarray
-    free: np.ndarray  # of each node, whether it moves
+    free: np.ndarray  # whether each node moves
     start: Points
 
     def springs(self, x: Points) -> tuple[np.ndarray, np.ndarray]:
-        """Length and direction of each link; of coincident nodes that of their anchors, or else the"
-        " first axis."""
+        """Length and direction of each link; for coincident nodes the direction of their anchors, or else the
+        first axis."""
         i, j = self.links.T
         difference = x[i] - x[j]
         length = np.linalg.norm(difference, axis=1)
@@ -122,11 +122,11 @@ class System:
         return result
 
     def length(self) -> float:
-        """Characteristic length [px]: root mean square of rest lengths and of anchors about their"
-        " centroid, of what holds."""
+        """Characteristic length [px]: root mean square of rest lengths and of anchors about their centroid,
+        weighted by stiffness up to a ten-thousandth of the greatest."""
         linked = self.free & (self.node_stiffness() > self.anchor_stiffness)
         centroid = np.zeros(self.anchors.shape[1])
-        for counted in (linked, np.ones(len(linked), dtype=bool)):  # else all of them
+        for counted in (linked, np.ones(len(linked), dtype=bool)):  # all anchors, if the first gives 0
             stiffness = np.concatenate([self.anchor_stiffness * counted, self.link_stiffness])
             full = 1e-4 * stiffness.max(initial=0) or 1.0
             weights, of_rest = np.split(np.minimum(stiffness / full, 1), [len(linked)])
@@ -146,7 +146,7 @@ class System:
 
 
 def system_of(entry: Any, index: int) -> System:
-    """KeyError, TypeError or ValueError where it is none."""
+    """The system of a JSON entry; KeyError, TypeError or ValueError if it is not one."""
     if entry["asterism_system"] != 1:
         raise ValueError("asterism_system is not 1")
 
@@ -173,7 +173,7 @@ def system_of(entry: Any, index: int) -> System:
         raise ValueError("a stiffness or rest length is negative")
     anchors = array("anchors", n, dim)
     start = array("start", n, dim) if "start" in entry else anchors.copy()
-    # Without stiffness they mean nothing, and their squares may overflow.
+    # Without stiffness these values have no effect, but their squares may overflow.
     anchors[stiffness[0] == 0] = start[stiffness[0] == 0]
     stiffness[2][stiffness[1] == 0] = 0
     return System(
@@ -192,7 +192,7 @@ def system_of(entry: Any, index: int) -> System:
 
 
 def read(path: str) -> list[System]:
-    """Systems of one object, an array of them, or one a line."""
+    """The systems of a file: one object, an array of them, or one per line."""
     try:
         with open(path, encoding="utf-8") as file:
             text = file.read()
@@ -261,12 +261,12 @@ def ida(system: System, limits: Limits) -> Solution:
 
 
 class Arrived(Exception):
-    """The stopping rule is met: the way out of a minimiser that has other rules."""
+    """Raised when the stopping rule is met, to leave a minimiser that has other rules."""
 
 
 class Objective:
-    """A system as SciPy wants it: a function of the free coordinates, scaled to unit stiffness and length,
-    for SciPy's constants to fit, with the library's stopping rule."""
+    """A system in SciPy's form: a function of the free coordinates, scaled to unit stiffness and length to suit
+    SciPy's constants, with the library's stopping rule."""
 
     def __init__(self, system: System, limits: Limits):
         self.system, self.limits = system, limits
@@ -327,7 +327,7 @@ class Objective:
 def scipy_minimize(method: str, numeric: bool = False) -> Callable[[System, Limits], Solution]:
     def solve(system: System, limits: Limits) -> Solution:
         objective = Objective(system, limits)
-        # Its own rules are off: the limits here are the library's.
+        # SciPy's own stopping rules are off: the library's apply.
         options = {"maxiter": limits.iterations, "gtol": 0.0}
         if method == "L-BFGS-B":
             options |= {"ftol": 0.0, "maxfun": 10**9}
@@ -352,7 +352,7 @@ def scipy_minimize(method: str, numeric: bool = False) -> Callable[[System, Limi
 def scipy_least_squares(method: str) -> Callable[[System, Limits], Solution]:
     def solve(system: System, limits: Limits) -> Solution:
         objective = Objective(system, limits)
-        least = np.finfo(float).eps  # the finest that it takes
+        least = np.finfo(float).eps  # the least tolerance that SciPy accepts
         try:
             end = optimize.least_squares(
                 objective.residuals,
@@ -372,8 +372,8 @@ def scipy_least_squares(method: str) -> Callable[[System, Limits], Solution]:
 
 
 def sklearn_smacof(system: System, limits: Limits) -> Solution:
-    """SMACOF of the rest lengths alone, moved rigidly onto the anchors. scikit-learn's has neither anchors
-    nor weights, so this is the nearest question that it can be asked, and not the question."""
+    """SMACOF of the rest lengths alone, moved rigidly onto the anchors. As scikit-learn's has neither anchors
+    nor weights, this is only the nearest problem that it can solve."""
     n, dim = system.start.shape
     if n < 2 or not system.anchor_stiffness.any():
         raise NotImplementedError("asks for two nodes and an anchor")
@@ -393,7 +393,7 @@ def sklearn_smacof(system: System, limits: Limits) -> Solution:
             eps=1e-12,
             return_n_iter=True,
         )
-    # Weighted rigid alignment (Kabsch); a mirror image is as good a shape as any.
+    # Weighted rigid alignment (Kabsch); a mirror image fits the rest lengths as well.
     weights = system.anchor_stiffness / system.anchor_stiffness.sum()
     to, of = weights @ system.anchors, weights @ shape
     u, _, v = np.linalg.svd((shape - of).T @ (weights[:, None] * (system.anchors - to)))
@@ -428,7 +428,7 @@ def solvers() -> Iterator[Solver]:
 
 
 def median_seconds(solve: Callable[[], Any], repeats: int) -> float:
-    """CPU time of one call [s]; of a slow one once."""
+    """Median CPU time of a call [s]; a call of a second or more is made once."""
     seconds = []
     while len(seconds) < repeats and (not seconds or seconds[0] < 1):
         before = time.process_time()
@@ -514,5 +514,5 @@ if __name__ == "__main__":
     except BadInput as problem:
         sys.exit(f"peers.py: {problem}")
     except OSError as error:  # standard output, as files are BadInput
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left cannot be written at exit either
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the flush at exit would fail as well
         sys.exit(f"peers.py: {error.strerror}")

@@ -1,5 +1,5 @@
-// How often a solution is proven to be the global minimum, how wide the interval of the least energy is
-// elsewhere, and what a certificate costs beside the solve.
+// How often a solution is proven to be the global minimum, how wide the interval of the least energy is if
+// not, and how long a certificate takes compared with the solve.
 #include <algorithm>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -42,7 +42,7 @@ Json measure(Runner& runner, const Chunk& chunk, double weakness) {
           {"certified", certified}, {"solve_seconds", solve_seconds}, {"certify_seconds", certify_seconds}};
 }
 
-// What the cells of a group, a solver and a weakness have, in the order of the systems.
+// The results of a group, a solver and a weakness, in the order of the systems.
 struct Proofs {
   std::vector<double> energies, bounds, solve_seconds, certify_seconds;
   int certified = 0;

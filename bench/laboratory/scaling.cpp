@@ -11,7 +11,7 @@ namespace {
 
 constexpr double kGap = 1e-6;
 
-// The iterations until one lowers the energy by less than a hundredth of it: a stop as a tracker may use.
+// The iterations until one lowers the energy by less than 1 %, a stopping rule that a tracker may use.
 int loose_iterations(Runner& runner) {
   Points x;
   double before = runner.solve({0, 0}, x).final_energy;
@@ -40,10 +40,10 @@ Json measure(Runner& runner, const Chunk& chunk) {
           {"seconds", seconds}};
 }
 
-/// What cells of one group and solver say.
+/// The results in the cells of one group and solver.
 struct Figures {
   std::vector<double> loose, iterations, seconds;
-  std::map<std::string, std::vector<double>> seconds_of_cell;  // negative where it did not arrive
+  std::map<std::string, std::vector<double>> seconds_of_cell;  // negative if it did not reach the gap
   int failed = 0;
 
   explicit Figures(const std::vector<const Json*>& cells) {
@@ -65,7 +65,7 @@ struct Figures {
       }
     }
   }
-  /// Of this time over another's on the same system, all systems.
+  /// The ratio of this solver's time to another's, over all systems that both solve.
   MedianInterval ratio(const Figures& other) const {
     std::vector<double> ratios;
     for (const auto& [chunk, times] : seconds_of_cell) {

@@ -21,7 +21,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Of a fixed computation, some 100 us [s].
+// The CPU time of a fixed computation, some 100 us [s].
 double calibration_seconds() {
   const double before = cpu_seconds();
   volatile double sink = 1;
@@ -77,7 +77,7 @@ struct Contents {
   }
 };
 
-/// The files of an experiment: one that holds everything, and a part for each shard at work or interrupted.
+/// The files of an experiment: a merged one, and a part for each shard that is running or was interrupted.
 class ResultFiles {
  public:
   ResultFiles(const fs::path& folder, const std::string& name) : folder_(folder), name_(name) {
@@ -133,7 +133,7 @@ std::string duration(double seconds) {
   return format("%.1f h", seconds / 3600);
 }
 
-/// Cells done and the time left, on standard error: on a terminal a line that changes, elsewhere some ten
+/// Prints the cells done and the time left on standard error: a changing line on a terminal, else some ten
 /// lines.
 class Progress {
  public:
@@ -194,7 +194,7 @@ Json machine() {
 Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options) {
   stop_on_signals();
   const ResultFiles files(options.folder, name);
-  // The other processes of this run have their results merged by the first, which so locks for all.
+  // The first process merges the results of all processes of this run, so its lock is enough.
   std::optional<FolderLock> lock;
   if (options.shard.index == 0) lock.emplace(options.folder, std::chrono::seconds(0));
   const bool is_sharded = options.shard.count > 1;
@@ -203,7 +203,7 @@ Results run_cells(const std::string& name, const std::vector<Cell>& cells, const
   };
 
   Contents contents = files.read();
-  wait();  // all have read before any writes
+  wait();  // no process writes before all have read
   if (options.shard.index == 0) files.merge(contents, cells);
   wait();
 

@@ -12,9 +12,9 @@
 
 namespace asterism::bench {
 
-/// The part of an experiment that is done at one go, a second or so, and stored as a whole.
+/// The smallest part of an experiment that is measured and stored as a whole, in a second or so.
 struct Cell {
-  std::string key;  ///< unique in the experiment; says all that the measurement depends on
+  std::string key;  ///< unique in the experiment; names everything that the measurement depends on
   std::function<Json()> measure;
 };
 
@@ -26,24 +26,24 @@ struct RunOptions {
   std::filesystem::path folder;
   std::string command;  ///< as typed, for the record
   Shard shard;
-  std::function<void()> barrier;  ///< waits for all shards of this run; empty where there is one
+  std::function<void()> barrier;  ///< waits for all shards of this run; empty if there is only one
 };
 
-/// Measures the cells that folder/name.jsonl does not have yet, each stored as soon as it is there, with
-/// progress and the time left on standard error. Interrupted (SIGINT, SIGTERM) it ends after the cell at
-/// work, and the same command goes on from there. Shards write files of their own, and the first one merges
-/// them.
+/// Measures the cells that folder/name.jsonl does not have yet and stores each as soon as it is measured,
+/// with progress and the time left on standard error. If interrupted (SIGINT, SIGTERM), it ends after the
+/// current cell, and the same command continues from there. Shards write separate files, which the first one
+/// merges.
 ///
-/// The file has one JSON object a line: {"run": number, "machine": ..., "command": ..., "started": ...} for
+/// The file has one JSON object per line: {"run": number, "machine": ..., "command": ..., "started": ...} for
 /// each run, {"key": ..., "run": number, "clock": ..., ...} for each cell; `clock` is the time of a fixed
-/// computation beside the cell over that at the start of the run: how steady the machine was.
+/// computation beside the cell over that at the start of the run, which tells how steady the machine was.
 ///
-/// Returns all cells, empty in a shard that is not the first, or where interrupted. Throws std::runtime_error
-/// where another run has the folder, and one that names file and line where a file is damaged, but for a last
-/// line that is incomplete: that cell is measured again.
+/// Returns all cells; none in a shard that is not the first, or if interrupted. Throws std::runtime_error if
+/// another run uses the folder, and one that names file and line for a damaged file. An incomplete last line
+/// is not an error: that cell is measured again.
 Results run_cells(const std::string& name, const std::vector<Cell>& cells, const RunOptions& options);
 
-/// process_machine, and the versions of what takes part.
+/// process_machine, the versions of the packages in use, and how steady the clock is.
 Json machine();
 
 }  // namespace asterism::bench

@@ -9,7 +9,7 @@ namespace asterism::bench {
 
 namespace {
 
-/// A solver's times over problems, taken one by one.
+/// Collects a solver's times over problems.
 class Stopwatch {
  public:
   Stopwatch(const std::string& solver, const Problem& first)

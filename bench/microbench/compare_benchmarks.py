@@ -8,8 +8,9 @@ whether the two differ by more than chance.
 
 The test is Mann and Whitney's U: exact for few repetitions without ties, else by the normal approximation. As a
 comparison makes many tests at once, significance is decided by Benjamini and Hochberg's procedure: of the
-differences marked, the expected share of chance ones is below alpha. The interval is the bootstrap's.
-What is significant belongs to the two runs, code or not: --least leaves out what is too small to care for.
+differences marked, the expected share of false ones is below alpha. The interval is the bootstrap's.
+A significant difference is one between the two runs, whether or not the code causes it: --least leaves out
+differences that are too small to matter.
 """
 
 import argparse
@@ -21,7 +22,7 @@ import statistics
 import sys
 from collections import Counter
 
-LEAST_REPETITIONS = 4  # of fewer, no order of the values would be significant at 0.05
+LEAST_REPETITIONS = 4  # with fewer, no order of the values would be significant at 0.05
 NANOSECONDS = {"ns": 1, "us": 1e3, "ms": 1e6, "s": 1e9}
 
 
@@ -52,9 +53,9 @@ def read(path, metric):
 
 
 def u_counts(m, n):
-    """counts[u]: orders of m + n different values in which the statistic of the m is u."""
-    # By the largest value: one of the m, above all n, or one of the n.
-    rows = [[1] for _ in range(n + 1)]  # of no value against 0, ..., n
+    """counts[u]: the number of orders of m + n different values in which the statistic of the m is u."""
+    # Recursion on the largest value: one of the m, which is above all n, or one of the n.
+    rows = [[1] for _ in range(n + 1)]  # no value against 0, ..., n
     for _ in range(m):
         row = [[1]]
         for other in range(1, n + 1):
@@ -70,7 +71,7 @@ def u_counts(m, n):
 
 
 def mann_whitney(a, b):
-    """The two-sided p of the hypothesis that a and b have one distribution."""
+    """The two-sided p of the hypothesis that a and b have the same distribution."""
     m, n = len(a), len(b)
     u = sum((x > y) + 0.5 * (x == y) for x in a for y in b)
     ties = [count for count in Counter(a + b).values() if count > 1]
@@ -87,7 +88,7 @@ def mann_whitney(a, b):
 
 
 def ratio_interval(old, new, confidence, resamples=2000):
-    """Bootstrap interval of median(new) / median(old); the same for the same values."""
+    """Bootstrap interval of median(new) / median(old); the same values give the same interval."""
     rng = random.Random(1)
     ratios = sorted(
         statistics.median(rng.choices(new, k=len(new))) / statistics.median(rng.choices(old, k=len(old)))
@@ -98,14 +99,14 @@ def ratio_interval(old, new, confidence, resamples=2000):
 
 
 def significant(p_values, alpha):
-    """Which of the tests to believe, by Benjamini and Hochberg."""
+    """For each test, whether it is significant, by Benjamini and Hochberg."""
     ordered = sorted(p_values)
     limit = max((p for k, p in enumerate(ordered, 1) if p <= alpha * k / len(ordered)), default=-1)
     return [p <= limit for p in p_values]
 
 
 def natural(name):
-    """Sorts numbers in a name by their value."""
+    """A sort key that orders numbers in a name by their value."""
     return [(0, int(part), "") if part.isdigit() else (1, 0, part) for part in name.split("/")]
 
 
@@ -159,5 +160,5 @@ if __name__ == "__main__":
     except BadInput as problem:
         sys.exit(f"compare_benchmarks.py: {problem}")
     except OSError as error:  # standard output, as files are BadInput
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left cannot be written at exit either
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # or the flush at exit would fail as well
         sys.exit(f"compare_benchmarks.py: {error.strerror}")

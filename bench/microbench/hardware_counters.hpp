@@ -14,9 +14,9 @@
 
 namespace asterism::bench {
 
-/// The processor's counts of cycles and instructions of the calling thread, outside the kernel, between
-/// start() and stop(). Linux's perf_event_open; virtual machines and containers often have or allow none, and
-/// then available() is false and problem() says why.
+/// The processor's counts of cycles and instructions of the calling thread in user mode, between start() and
+/// stop(), by Linux's perf_event_open. Virtual machines and containers often have or allow none; then
+/// available() is false and problem() says why.
 class HardwareCounters {
  public:
 #ifdef __linux__
@@ -38,7 +38,7 @@ class HardwareCounters {
     ioctl(cycles_, PERF_EVENT_IOC_ENABLE, PERF_IOC_FLAG_GROUP);
   }
 
-  /// False where they did not count.
+  /// False if they did not count.
   bool stop() {
     if (!available()) return false;
     ioctl(cycles_, PERF_EVENT_IOC_DISABLE, PERF_IOC_FLAG_GROUP);
@@ -64,22 +64,22 @@ class HardwareCounters {
  private:
   std::string problem_;
 #ifdef __linux__
-  // What read() fills in for a group with the times.
+  // The layout that read() fills in for a group of counters with times.
   struct Counts {
     std::uint64_t size;     // of the group
     std::uint64_t enabled;  // [ns]
-    std::uint64_t running;  // [ns], less where counters are shared with other programs
+    std::uint64_t running;  // [ns], less than `enabled` if counters are shared with other programs
     std::uint64_t cycles;
     std::uint64_t instructions;
   };
 
-  // Of the calling thread, on any processor.
+  // Opens a counter for the calling thread, on any processor.
   static int open(std::uint64_t event, int group) {
     perf_event_attr attributes{};
     attributes.size = sizeof attributes;
     attributes.type = PERF_TYPE_HARDWARE;
     attributes.config = event;
-    attributes.disabled = group < 0;  // a member counts as its leader does
+    attributes.disabled = group < 0;  // members start and stop with their group's leader
     attributes.exclude_kernel = 1;
     attributes.exclude_hv = 1;
     attributes.read_format =

@@ -12,9 +12,9 @@ namespace asterism::bench {
 
 namespace {
 
-// Operations in `rounds` rounds of multiply-adds, c <- c a + b, on chains of vectors that do not wait for
-// each other: as many as 16 registers hold beside a and b, as fewer leave SSE2, where a multiply-add is two
-// instructions, waiting for its own results.
+// The operations in `rounds` rounds of multiply-adds, c <- c a + b, on independent chains of vectors: as many
+// as fit in 16 registers beside a and b. With fewer chains SSE2, where a multiply-add is two instructions,
+// would wait for its own results.
 #define ASTERISM_CHAINS(name, bytes, ...)                                          \
   template <typename Scalar>                                                       \
   __VA_ARGS__ double name(int rounds, Scalar factor, Scalar addend) {              \
@@ -57,7 +57,7 @@ double chains([[maybe_unused]] Simd instructions, int rounds) {
   return portable_chains(rounds, factor, addend);
 }
 
-// The best of some runs of a millisecond: others on the machine can only slow it down.
+// The best of several runs of a millisecond, as other programs on the machine can only slow it down.
 template <typename Scalar>
 double measure_peak(Simd instructions) {
   constexpr int kRounds = 200000;

@@ -24,11 +24,11 @@ using DynamicFloat = SpringSystem<float, 2>;
 using DynamicSpace = SpringSystem<double, 3>;
 
 enum class Linking {
-  Full,    ///< all nodes with all: the paper's Sec. 3.2.1
+  Full,    ///< every pair of nodes: the paper's Sec. 3.2.1
   Nearest  ///< each node with its six nearest
 };
 
-/// Random system number `index` of a linking.
+/// Random system number `index` with a linking.
 template <typename System>
 testing::RandomSystem<System> make_system(Linking linking, int nodes, int index) {
   if constexpr (System::kNodes == Eigen::Dynamic) {
@@ -50,8 +50,8 @@ std::string name_of(const std::string& kernel, Linking linking, int nodes) {
          std::to_string(nodes);
 }
 
-/// What the energy of a system and its gradient are computed with: in a build for SSE2, SpringRows asks the
-/// processor for AVX2.
+/// The instruction set that computes a system's energy and gradient: in a build for SSE2, SpringRows uses
+/// AVX2 if the processor has it.
 template <typename System>
 Simd instructions_of_springs(const System& system) {
   constexpr bool kAsks =
@@ -61,17 +61,17 @@ Simd instructions_of_springs(const System& system) {
              : Simd::Portable;
 }
 
-/// Multiply-adds in registers that the processor does, two operations each, with the widest vectors of some
-/// instructions: the arithmetic limit [1/s]. Measured at the first call.
+/// The arithmetic limit [1/s]: operations by multiply-adds in registers, which count as two each, with the
+/// widest vectors of an instruction set. Measured at the first call.
 template <typename Scalar>
 double arithmetic_peak(Simd instructions);
 
 /// CPU time of this thread [s].
 double thread_seconds();
 
-/// Runs `work`, which does `repeats` of what is to be timed, as the benchmark's loop: one iteration of it is
-/// one repeat. Counters: `cycles` and `instructions` of an iteration where the processor tells; for an
-/// iteration of `flops` > 0 operations their rate `flops` [1/s], and `of_peak`, its share of the peak of
+/// Runs `work`, which repeats the timed operation `repeats` times, in the benchmark's loop; one repeat counts
+/// as one iteration. Counters: `cycles` and `instructions` of an iteration if the processor counts them; if
+/// an iteration has `flops` > 0 operations, their rate `flops` [1/s], and `of_peak`, its share of the peak of
 /// `Scalar` and `instructions`.
 template <typename Scalar, typename Work>
 void measure(benchmark::State& state, double flops, Simd instructions, Work&& work, int repeats = 1) {
@@ -91,7 +91,7 @@ void measure(benchmark::State& state, double flops, Simd instructions, Work&& wo
   }
 }
 
-// What there is, one file each.
+// Register the benchmarks, one file each.
 void add_kernels();
 void add_methods();
 

@@ -1,8 +1,8 @@
 #pragma once
 
-/// Floating-point operations that the kernels' formulas take: additions, products, divisions and square roots
-/// count as one each, whatever they cost; comparisons, index arithmetic and what an implementation does
-/// beside the formula as none. D dimensions, N nodes, M links; systems of springs alone.
+/// Floating-point operations of the kernels' formulas: additions, products, divisions and square roots count
+/// as one each, whatever they cost; comparisons, index arithmetic and an implementation's other work do not
+/// count. D dimensions, N nodes, M links; systems of springs alone.
 namespace asterism::bench::flops {
 
 // Of a link: difference and length of its nodes, its stretch.
@@ -23,17 +23,17 @@ double gradient(const System& system) {
   return system.nodes() * 2 * D + system.link_count() * (length(D) + stretch + 2 + 3 * D);
 }
 
-/// Both, with what they have in common once.
+/// Both, with their common terms counted once.
 template <typename System>
 double energy_and_gradient(const System& system) {
   constexpr int D = System::kDim;
   return gradient(system) + system.nodes() * 2 * D + system.link_count() * 2;
 }
 
-// The block of a link's curvature from its length: u, the two curvatures, and bend u u^T + across I.
+// The block of a link's curvature, given its length: u, the two curvatures, and bend u u^T + across I.
 constexpr double curvature(int D) { return (1 + D) + 4 + D + D * (D + 1) / 2 + D; }
 
-/// The lower triangle of d2E/dx2: a link's block is added to two diagonal blocks and one beside them.
+/// The lower triangle of d2E/dx2: a link's block is added to two diagonal blocks and an off-diagonal one.
 template <typename System>
 double hessian(const System& system) {
   constexpr int D = System::kDim;
@@ -46,7 +46,7 @@ double newton_assembly(const System& system) {
   return energy_and_gradient(system) + hessian(system) - system.link_count() * length(System::kDim);
 }
 
-/// The Hessian as one block a link.
+/// The Hessian as one block per link.
 template <typename System>
 double operator_set(const System& system) {
   return system.link_count() * (length(System::kDim) + curvature(System::kDim));
@@ -59,7 +59,7 @@ double operator_apply(const System& system) {
   return system.nodes() * D + system.link_count() * (D + D * (2 * D - 1) + 2 * D);
 }
 
-/// L D L^T of a matrix of order n with a right-hand side that is substituted forwards on the way.
+/// L D L^T of a matrix of order n, with the forward substitution of a right-hand side.
 constexpr double ldlt(double n) { return (n - 1) * n * (2 * n - 1) / 6 + 2 * n * (n - 1) + n; }
 
 /// L^-T D^-1, and the product of right-hand side and result.
@@ -72,14 +72,14 @@ double dense_cholesky(const System& system) {
   return 3 * system.link_count() + (n <= 40 ? n * n * n : n * n * n / 3);
 }
 
-/// x - K_dyn^-1 g by two triangular solves or one product for each dimension, which take the same.
+/// x - K_dyn^-1 g by two triangular solves or one product per dimension, which take the same number.
 template <typename System>
 double dense_cholesky_solve(const System& system) {
   const double n = system.nodes();
   return System::kDim * (2 * n * n + n);
 }
 
-/// Rigid alignment but for the rotation itself, which takes the same for any N.
+/// Rigid alignment without the computation of the rotation, which does not depend on N.
 template <typename System>
 double alignment(const System& system) {
   constexpr int D = System::kDim;

@@ -1,5 +1,5 @@
-// What an iteration of any method is made of. A call's result is not the next one's input: calls overlap as
-// far as the processor allows, so times are those of throughput.
+// The kernels of which the methods' iterations consist. A call's result is not the next one's input: calls
+// overlap as far as the processor allows, so times measure throughput, not latency.
 #include <asterism/solver.hpp>
 #include <string>
 #include <type_traits>
@@ -87,7 +87,7 @@ void operator_apply_kernel(benchmark::State& state, const testing::RandomSystem<
   });
 }
 
-// Newton's matrix at the start, as its first iteration has it: positive definite.
+// Newton's matrix at the start, as in its first iteration: positive definite.
 template <typename System>
 struct NewtonStart {
   explicit NewtonStart(const testing::RandomSystem<System>& sample) {
@@ -114,7 +114,7 @@ void newton_assembly_kernel(benchmark::State& state, const testing::RandomSystem
   });
 }
 
-/// L D L^T of it, and the copy that it overwrites.
+/// L D L^T of that matrix, with the copy that it overwrites.
 template <typename System>
 void newton_factorization_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
   const NewtonStart<System> start(sample);
@@ -145,7 +145,7 @@ void factorization_kernel(benchmark::State& state, const testing::RandomSystem<S
   Factorization factorization;
   factorization.factorize(sample.system);
   DoNotOptimize(&factorization);
-  // What sparse factors take depends on the ordering, which the policies keep to themselves.
+  // The operations of sparse factors depend on the ordering, which the policies do not expose.
   const double operations = kIsDense ? flops::dense_cholesky(sample.system) : 0;
   measure<typename System::Scalar>(state, operations, Simd::Portable,
                                    [&] { DoNotOptimize(factorization.factorize(sample.system)); });
@@ -180,7 +180,8 @@ void alignment_kernel(benchmark::State& state, const testing::RandomSystem<Syste
 template <typename System>
 using Kernel = void (*)(benchmark::State&, const testing::RandomSystem<System>&);
 
-// On a random system whose address escapes: what does not change would be computed once.
+// Runs on a random system whose address escapes; otherwise the compiler could hoist constant work out of the
+// loop.
 template <typename System>
 void add(const std::string& kernel, Linking linking, int nodes, Kernel<System> run) {
   const std::string name = name_of<System>(kernel, linking, nodes);
@@ -191,7 +192,7 @@ void add(const std::string& kernel, Linking linking, int nodes, Kernel<System> r
   });
 }
 
-// Those of fully linked nodes that any method evaluates.
+// The kernels of fully linked systems that any method evaluates.
 template <typename System>
 void add_evaluations(int nodes) {
   add<System>("energy", Linking::Full, nodes, energy_kernel<System>);

@@ -1,7 +1,7 @@
-// What an iteration of each method takes: solves that stop after a fixed number of iterations, before any of
-// their systems converges, divided by that number. Each solve's own costs are in it, spread over its
-// iterations: validation, alignment, factorisation where the method factors once, and the verdict. And what a
-// system of a batch takes, with each of the instructions that the machine has, on one thread.
+// The time of an iteration of each method: of solves that stop after a fixed number of iterations, before any
+// of their systems converges, divided by that number. A solve's own costs are included, spread over its
+// iterations: validation, alignment, a factorisation if the method factors once, and the final check. Also
+// the time of a system in a batch on one thread, with each instruction set that the machine has.
 #include <algorithm>
 #include <asterism/solver.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
@@ -22,7 +22,7 @@ namespace asterism::bench {
 
 namespace {
 
-// Operations of the kernels that the summary counts; vectors that are added, scaled or multiplied in between
+// Operations of the kernels that the summary counts; additions, scalings and products of vectors in between
 // are left out, except where they are most of the work.
 
 template <typename System>
@@ -67,7 +67,7 @@ double flops_of(const NewtonCg<System>&, const System& system, const Summary& su
          summary.linear_solves * 2 * D * D * system.nodes();
 }
 
-// The sparse methods: not counted.
+// Operations of the sparse methods are not counted.
 template <typename Solver, typename System>
 double flops_of(const Solver&, const System&, const Summary&) {
   return 0;
@@ -76,10 +76,10 @@ double flops_of(const Solver&, const System&, const Summary&) {
 template <typename System>
 struct Samples {
   std::vector<testing::RandomSystem<System>> systems;
-  double flops = 0;  // an iteration, their mean
+  double flops = 0;  // per iteration, the mean over the systems
 };
 
-// Systems whose solve does not end within its iterations; none where most do.
+// Systems whose solve does not end before the given iterations; none if fewer than one in a hundred is such.
 template <typename Solver, typename System>
 Samples<System> samples(Solver& solver, Linking linking, int nodes) {
   const std::size_t count = nodes <= 16 ? 64 : nodes <= 1000 ? 8 : 1;
@@ -122,7 +122,7 @@ void add(const std::string& method, Linking linking, int nodes, int count) {
   });
 }
 
-// Iterations that each method does not converge in, from most starts.
+// The numbers of iterations are too small for the methods to converge from most starts.
 template <typename System>
 void add_newton(int nodes) {
   add<Newton<System>, System>("newton", Linking::Full, nodes, 3);
@@ -135,7 +135,7 @@ void add_ida(int nodes) {
 
 constexpr int kSystems = 4096;
 
-// Solves to the tolerance that batches are used with, for a start that is put back each time.
+// Solves to the tolerance with which batches are used, from a start that is restored each time.
 template <typename Batch>
 void batch_solve(benchmark::State& state, Simd instructions, int nodes) {
   using System = typename Batch::System;
@@ -160,8 +160,8 @@ void batch_solve(benchmark::State& state, Simd instructions, int nodes) {
     benchmark::DoNotOptimize(solver.solve(batch).converged);
   };
 
-  // An iteration, and the start, is at least one evaluation, factorisation and solve; steps that were taken
-  // back are not counted.
+  // The start and each iteration take at least one evaluation, factorisation and solve; rejected steps are
+  // not counted.
   solve();
   const System system(topology);
   const double order = Batch::kDim * nodes;

@@ -30,7 +30,7 @@ volatile std::sig_atomic_t g_stop_signal = 0;
 #ifdef ASTERISM_BENCH_MPI
 
 Processes::Processes(int& argc, char**& argv) {
-  // Worker threads leave MPI to the main one.
+  // Only the main thread calls MPI.
   int provided = 0;
   MPI_Init_thread(&argc, &argv, MPI_THREAD_FUNNELED, &provided);
   MPI_Comm_rank(MPI_COMM_WORLD, &shard_.index);
@@ -85,7 +85,7 @@ FolderLock::FolderLock(const std::filesystem::path& folder, std::chrono::seconds
   }
 }
 
-// The system unlocks what nothing has open.
+// Closing the file releases its lock.
 FolderLock::~FolderLock() { close(file_); }
 
 std::string digest(std::string_view text) {

@@ -13,18 +13,18 @@ namespace asterism::bench {
 
 using Json = nlohmann::ordered_json;
 
-/// The JSON of a text. Throws std::runtime_error if it is not JSON, and for values that are nested deeper
-/// than any of ours, because copying or writing them could overflow the stack.
+/// The JSON of a text. Throws std::runtime_error if it is not JSON, and for values nested deeper than any
+/// that the project writes, because copying or writing them could overflow the stack.
 Json parse_json(std::string_view text);
 
-/// A share of the work: of its parts, those whose number leaves `index` when divided by `count`.
+/// A share of the work: the parts whose number modulo `count` is `index`.
 struct Shard {
   int index = 0;
   int count = 1;
 };
 
-/// Shares work among the processes of mpirun (-DASTERISM_BENCH_MPI=ON); one process without it. Lives as long
-/// as main.
+/// Shares work among the processes of mpirun (-DASTERISM_BENCH_MPI=ON); without it, there is one process.
+/// Must live as long as main.
 class Processes {
  public:
   Processes(int& argc, char**& argv);
@@ -42,9 +42,9 @@ class Processes {
   Shard shard_;
 };
 
-/// A folder that this process alone writes to, for as long as the object lives: another one that asks for it
-/// waits for up to `patience`, and then std::runtime_error says so. Leaves nothing behind. Processes of other
-/// machines that share the folder are not seen.
+/// Keeps a folder for this process alone to write to while the object lives: another process waits for up to
+/// `patience` and then throws std::runtime_error. Leaves no file behind. Processes of other machines that
+/// share the folder are not noticed.
 class FolderLock {
  public:
   FolderLock(const std::filesystem::path& folder, std::chrono::seconds patience);
@@ -59,12 +59,12 @@ class FolderLock {
 /// FNV-1a of a text, 16 hexadecimal digits.
 std::string digest(std::string_view text);
 
-/// From here on SIGINT and SIGTERM set stop_signal, a second one ends the process at once.
+/// From then on SIGINT and SIGTERM set stop_signal; a second one ends the process at once.
 void stop_on_signals();
 /// The signal that asked this process to stop, or 0.
 int stop_signal();
 
-/// Date and time of now, "2026-01-31T23:59:59Z".
+/// The current date and time in UTC, "2026-01-31T23:59:59Z".
 std::string utc_now();
 
 /// CPU, cores, compiler and flags.

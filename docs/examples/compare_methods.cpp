@@ -1,4 +1,4 @@
-// Methods chosen by name, watched iteration by iteration; one of them is written here.
+// Methods chosen by name and recorded iteration by iteration; one of them is defined here.
 #include <asterism/solver.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cstdio>
@@ -7,7 +7,7 @@
 
 using System = asterism::SpringSystem<double, 2>;
 
-/// Gradient descent, with the step that can never raise the energy.
+/// Gradient descent, with a step that can never raise the energy.
 struct Descent {
   using Points = System::Points;
 

@@ -7,7 +7,7 @@
 using namespace asterism;
 
 struct GrayPatchOptions {
-  double noise = 16;  // deviation of the same point's gray level from frame to frame
+  double noise = 16;  // standard deviation of a point's gray level between frames
   double learning_rate = 0.02;
 };
 void visit_options(OptionVisitor& visit, GrayPatchOptions& options) {
@@ -36,7 +36,7 @@ class GrayPatch {
   double similarity_at(const Point2& position) const { return response_.at(position); }
   void adapt(const Frame& frame, const Point2& at) {
     const double rate = options_.learning_rate;
-    // A matrix of its own: copies of this part share the old one.
+    // A new matrix, as copies of this part share the old one.
     learned_ = cv::Mat((1 - rate) * learned_ + rate * sample(frame, at, size_, kGrid));
   }
 

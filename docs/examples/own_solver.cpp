@@ -13,7 +13,7 @@ struct BarzilaiBorwein {
     Eigen::VectorXd x(objective.size()), gradient(x.size()), last_x, last_gradient;
     objective.write(start, x.data());
     objective(x.data(), gradient.data());
-    double step = 1;  // the stiffest node's own minimum: the objective is scaled to it
+    double step = 1;  // to the stiffest node's own minimum, as the objective is scaled
     while (!objective.done() && summary.iterations < max_iterations) {
       last_x = x;
       last_gradient = gradient;

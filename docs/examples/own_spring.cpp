@@ -18,11 +18,11 @@ int main() {
   system.anchors << 0, 10, 50, 0, 0, 30;
   system.set_rest_lengths(system.anchors);
   system.link_stiffness.setOnes();
-  system.anchor_loss.scale = 5;  // px: beyond, an anchor pulls with constant force
+  system.anchor_loss.scale = 5;  // [px]; beyond, an anchor pulls with constant force
   for (int i = 0; i < 3; ++i) {
     system.set_anchor_information(i, Eigen::Matrix2d{{1.0, 0.2}, {0.2, 0.1}});  // inverse covariance
   }
-  system.fix(0);  // stays where the start has it
+  system.fix(0);  // stays at its start
   auto x = system.anchors;
   return asterism::solve(system, x).usable() ? 0 : 1;
 }

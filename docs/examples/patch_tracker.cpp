@@ -13,7 +13,7 @@ class PatchTracker {
       patches_[static_cast<std::size_t>(i)] = gray(patch).clone();
       x_.col(i) << patch.x, patch.y;
     }
-    // Nominal lengths: the distances that the patches have now.
+    // The rest lengths are the present distances of the patches.
     springs_.set_rest_lengths(x_);
     springs_.link_stiffness.setConstant(0.2);
     springs_.anchor_loss.scale = kLetGo;
@@ -63,7 +63,7 @@ class PatchTracker {
   cv::Size size_;  // of a patch [px]
   std::array<cv::Mat, kParts> patches_;
   Springs springs_{asterism::Topology<kParts>::full()};
-  Springs::Points x_;  // top left corners of the patches [px], one a column
+  Springs::Points x_;  // top left corners of the patches [px], one per column
 };
 
 // A clip with a known answer: a textured object crosses the frame, a bar crosses it.

@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse
 
 
 def constellation(rows: int, columns: int, seed: int) -> tuple[asterism.SpringSystem, np.ndarray]:
-    """A grid of parts 30 px apart that were seen with noise; one was seen far off, and with little certainty."""
+    """A grid of parts 30 px apart, observed with noise; one was seen far off, with little certainty."""
     random = np.random.default_rng(seed)
     grid = 30.0 * np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     system = asterism.SpringSystem(asterism.Topology.full(len(grid)), dim=2)

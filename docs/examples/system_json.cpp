@@ -14,7 +14,7 @@ int main() {
   file.close();
 
   try {
-    // of any dimension; read_systems<System>(path) for those of one type
+    // Systems of any dimension; read_systems<System>(path) reads those of one type.
     for (asterism::AnyStoredSystem& any : asterism::read_systems("hard.jsonl")) {
       std::visit([](auto& s) { std::cout << s.name << ": " << asterism::solve(s.system, s.start) << "\n"; },
                  any);

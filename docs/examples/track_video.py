@@ -28,7 +28,7 @@ def frames(path: pathlib.Path) -> Iterator[np.ndarray]:
     import cv2
 
     video = cv2.VideoCapture(str(path))
-    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # turned here: OpenCV 4.6.0 turns frames the wrong way
+    video.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # frames are turned below, as OpenCV 4.6.0 turns them the wrong way
     degrees = int(video.get(cv2.CAP_PROP_ORIENTATION_META)) * (-1 if cv2.__version__ == "4.6.0" else 1)
     while True:
         read, image = video.read()
@@ -44,7 +44,7 @@ def draw(axes: plt.Axes, image: np.ndarray, result: asterism.TrackResult, frame:
     for part in result.parts:
         color = "tab:blue" if part.updated else "tab:red"
         axes.plot(*part.position, "o", color=color, markersize=4)
-    corners = result.corners() - 0.5  # to where the centre of the top left pixel is (0, 0)
+    corners = result.corners() - 0.5  # shifted so that the centre of the top left pixel is (0, 0)
     axes.plot(*np.vstack([corners, corners[:1]]).T, color="yellow")
     axes.set_title(f"frame {frame}", fontsize=9)
     axes.set_axis_off()

@@ -1,7 +1,7 @@
 #pragma once
 
-// What the solver's headers use of the standard library and the one of Debian 12's emscripten (libc++ 13)
-// does not have. Included before all else, by emcc alone (-include); a newer library has its own.
+// Parts of the standard library that the solver's headers use and Debian 12's emscripten (libc++ 13) lacks.
+// Only emcc includes this file, before all others (-include); with a newer library it defines nothing.
 #include <bit>
 #include <charconv>
 #include <cstdio>
@@ -21,7 +21,7 @@ constexpr To bit_cast(const From& from) noexcept {
 #if _LIBCPP_VERSION < 14000
 namespace std {
 
-// Of numbers in messages: as printf writes them.
+// For numbers in messages, written as by printf.
 inline to_chars_result to_chars(char* first, char* last, double value) {
   char text[32];
   const int size = snprintf(text, sizeof text, "%.6g", value);

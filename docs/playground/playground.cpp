@@ -63,8 +63,8 @@ class Playground {
     covariances.assign(result.blocks.data(), result.blocks.data() + result.blocks.size());
   }
 
-  // E with one node moved over a grid of points and the others at x, row by row: of the springs that hold the
-  // node, in a system of their own, and the rest, which is the same everywhere.
+  // Computes E with one node at each point of a grid, row by row, and the others at x. Only the springs of
+  // that node are evaluated at each point, as a system of their own; the rest of E is constant.
   void map_energy(int node, double left, double top, double step, int columns, int rows) {
     std::vector<asterism::Link> links;
     std::vector<int> springs, ends;
@@ -102,10 +102,10 @@ class Playground {
   System system;
   Points x;                          // the start of a solve, then its result
   std::vector<double> energies;      // of each iteration: number, E, |dE/dx|
-  std::vector<double> path;          // of each iteration, as far as kMaxPath goes: x
+  std::vector<double> path;          // of each iteration, up to kMaxPath numbers: x
   std::array<double, 13> summary{};  // status, then Summary's members in their order
   std::array<double, 5> certificate{};
-  std::vector<double> covariances;  // 2 x 2 blocks, a node each
+  std::vector<double> covariances;  // 2 x 2 blocks, one per node
   std::vector<double> landscape;
   std::string message, solver;
   int covariance_status = 0;
@@ -264,7 +264,7 @@ const char* asterism_playground_method(int index) {
                                                                  : nullptr;
 }
 
-// to_string's views are of literals, which end with a zero.
+// to_string returns views of literals, which are null-terminated.
 const char* asterism_playground_status(int status) {
   return asterism::to_string(static_cast<asterism::Status>(status)).data();
 }

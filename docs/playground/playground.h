@@ -2,8 +2,8 @@
 #define ASTERISM_PLAYGROUND_H
 
 /* The functions of the solver that the playground's page calls. A point is two numbers, x and y; nodes and
- * links are counted from 0. Nothing here throws; what is wrong with a system is said by the status of a solve
- * and the message. */
+ * links are counted from 0. Nothing here throws; a solve's status and the message describe errors in a
+ * system. */
 
 #ifdef __cplusplus
 extern "C" {
@@ -16,22 +16,25 @@ asterism_playground* asterism_playground_new(int nodes, int links, const int* en
 void asterism_playground_delete(asterism_playground* p);
 
 /* Arrays, and their numbers of values. The caller writes the first five; the others are valid until the next
- * call. 0 anchors                 1 anchor_stiffness      2 rest_length          3 link_stiffness 4 x: the
- * start, then the result 5 of each iteration: number, energy, norm of the gradient 6 of each iteration: x
- * (long solves: of the first ones) 7 summary: status, iterations, energy evaluations, gradient evaluations,
- * linear solves, factorizations, initial energy, final energy, lower bound, norm of the gradient,
- * stationarity, positive definite, seconds 8 certificate: proof, energy, lower bound, least eigenvalue,
- * distance 9 covariances, a 2 x 2 block a node; none if they were refused 10 energies of the landscape, row
- * by row */
+ * call.
+ * - 0 anchors, 1 anchor_stiffness, 2 rest_length, 3 link_stiffness
+ * - 4 x: the start, then the result
+ * - 5 of each iteration: number, energy, norm of the gradient
+ * - 6 of each iteration, of a long solve only the first ones: x
+ * - 7 summary: status, iterations, energy evaluations, gradient evaluations, linear solves, factorizations,
+ *   initial energy, final energy, lower bound, norm of the gradient, stationarity, positive definite, seconds
+ * - 8 certificate: proof, energy, lower bound, least eigenvalue, distance
+ * - 9 covariances, a 2 x 2 block per node; none if they could not be computed
+ * - 10 energies of the landscape, row by row */
 double* asterism_playground_array(asterism_playground* p, int which);
 int asterism_playground_count(const asterism_playground* p, int which);
 
-/* A fixed node stays where x has it. */
+/* A fixed node stays at its position in x. */
 void asterism_playground_fix(asterism_playground* p, int node, int is_fixed);
 
 /* Moves x to a stationary point; returns asterism::Status. Methods: asterism_playground_method. */
 int asterism_playground_solve(asterism_playground* p, int method, double tolerance, int max_iterations);
-/* Certifies x; returns asterism::Proof. The message is the reason why no more is proven. */
+/* Certifies x; returns asterism::Proof. The message says why no more is proven. */
 int asterism_playground_certify(asterism_playground* p);
 /* The nodes' covariances at x; returns asterism::CovarianceStatus, 0 if they were computed. */
 int asterism_playground_covariances(asterism_playground* p);
@@ -41,7 +44,7 @@ double asterism_playground_energy(const asterism_playground* p);
 void asterism_playground_landscape(asterism_playground* p, int node, double left, double top, double step,
                                    int columns, int rows);
 
-/* Of the last solve, certificate or covariances. */
+/* The message of the last solve, certificate or covariances. */
 const char* asterism_playground_message(const asterism_playground* p);
 /* The full name of the last solve's method. */
 const char* asterism_playground_solver(const asterism_playground* p);

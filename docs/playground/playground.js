@@ -1,13 +1,13 @@
 'use strict';
-/* The playground: a spring system that is dragged about, and what the solver (solver.js, compiled from playground.cpp)
- * finds. `problem` is the system as docs/system-json.md has it; all that is shown follows from it, from the start in it,
- * and from the method. */
+/* The playground: a spring system that the visitor changes, and the results of the solver (solver.js, compiled from
+ * playground.cpp). `problem` is the system, with its start, in the form of docs/system-json.md; all that is shown follows
+ * from it and the method. */
 (() => {
 const $ = (id) => document.getElementById(id);
 const METHODS = [['ida', 'IDA'], ['ncg', 'nonlinear CG'], ['lbfgs', 'L-BFGS'], ['newton', 'Newton']];
 const STAIRCASE = 4;
 const MAX_ITERATIONS = 10000, MAX_NODES = 400, MAX_LINKS = 8000;
-const FRAME = 8;  // ms of a frame for what can wait
+const FRAME = 8;  // ms of a frame for tasks that can wait
 const copy = (value) => JSON.parse(JSON.stringify(value));
 const median = (values) => values.length ? [...values].sort((a, b) => a - b)[values.length >> 1] : 1;
 const format = (v) => v === Infinity ? '∞' : !Number.isFinite(v) ? '–' : v === 0 ? '0'
@@ -32,7 +32,7 @@ class Solver {
   }
   message() { return this.module.UTF8ToString(this.call('message')); }
 
-  /** Takes the values of a system, and makes a new one where its links are others. */
+  /** Takes the values of a system; makes a new one first if the number of nodes or the links differ. */
   set(problem) {
     const links = problem.links.flat(), n = problem.anchors.length, key = n + ':' + links;
     if (key !== this.key) {
@@ -149,7 +149,7 @@ function checkSystem(value) {
   return {...copy(value), fixed: [...(value.fixed || [])], start: copy(value.start || value.anchors)};
 }
 
-/** As the library's writer has it: keys that say nothing are left out. */
+/** In the form of the library's writer, which leaves out an empty `fixed`. */
 function writeSystem(p) {
   const out = {};
   for (const key of KEYS) if (key in p && !(key === 'fixed' && p.fixed.length === 0)) out[key] = p[key];
@@ -162,15 +162,15 @@ let solver, problem, preset = null;
 let view = {scale: 1, x: 0, y: 0};
 let selected = {kind: 'node', index: 0}, linkFrom = -1;
 let shown = null;              // the chosen method's solve, with certificate and covariances
-let all = [];                  // every method's
-let second = null;             // what the staircase found
+let all = [];                  // the solves of all methods
+let second = null;             // the staircase's result
 let held = null;               // a part under the pointer: {index, x of all parts}
-let at = Infinity;             // the iterate on show
+let at = Infinity;             // the number of the iterate that is shown
 let tasks = [], isDirty = true, isStale = true, playing = 0;
 let landscape = null, bounds = null;
 let reference = {link: 1, anchor: 1, size: 1};
 const past = [];
-const times = [];              // what frames with a solve took [ms], for the tests
+const times = [];              // of frames with a solve [ms], for the tests
 const method = () => $('method').selectedIndex;
 const tolerance = () => Number($('tolerance').value);
 const flat = (points) => points.flat();
@@ -190,7 +190,7 @@ function solveShown() {
   const usable = shown.usable;
   shown.certificate = usable && !held ? solver.certify(shown.x) : null;
   shown.covariances = usable && $('show-ellipses').checked ? solver.covariances(shown.x) : null;
-  // The rest comes when there is time.
+  // Other results are computed in the spare time of later frames.
   tasks = [];
   if (wantsLandscape()) tasks.push(mapLandscape);
   if (!held) {
@@ -199,7 +199,7 @@ function solveShown() {
   }
 }
 
-// The lower bound at each iterate of the chosen method, some hundred of them at most.
+// Computes the lower bound at the iterates of the chosen method, at about 120 of them at most.
 function startBounds() {
   if (!shown.usable) return;
   const count = shown.steps, every = Math.max(1, Math.ceil(count / 120));
@@ -510,9 +510,9 @@ function undo() {
   if (text) { problem = checkSystem(JSON.parse(text)); select(selected && selected.kind !== 'link' && selected.index < problem.anchors.length ? selected : {kind: 'node', index: 0}); edited(); }
   $('undo').disabled = past.length === 0;
 }
-/** The problem is another one. */
+/** To be called when the problem has changed. */
 function edited() { preset = null; $('preset').value = ''; isStale = true; keepState(); }
-/** What is shown of it is. */
+/** To be called when its solution has to be computed again. */
 function changed() { isStale = true; keepState(); }
 
 function select(what) { selected = what; linkFrom = what && what.kind === 'node' ? linkFrom : -1; inspect(); redo(); landscape = null; }
@@ -690,7 +690,7 @@ canvas.addEventListener('pointermove', (event) => {
   isStale = true;
 });
 
-/** The start is where the parts are when one is let go. */
+/** When a part is released, the parts' present positions become the start. */
 function release() {
   if (held) { problem.start = pairs(Float64Array.from(held.x)); held = null; edited(); }
   else if (pointer && pointer.moved) edited();
@@ -813,7 +813,7 @@ function keepState() {
   clearTimeout(keeping);
   keeping = setTimeout(async () => { const h = await hash(); if (h !== location.hash) history.replaceState(null, '', h); }, 250);
 }
-/** Whether the link holds a system; another one than the link's is not touched. */
+/** Takes the state from the link. Returns whether the link holds a system; without one, the problem stays. */
 async function readState() {
   const fields = Object.fromEntries(location.hash.slice(1).split('&').map((f) => f.split(/=(.*)/s).slice(0, 2)));
   const index = METHODS.findIndex(([id]) => id === fields.method);
@@ -826,7 +826,7 @@ async function readState() {
   return Boolean(known);
 }
 
-/** All that depends on the theme. */
+/** Repaints everything that depends on the theme. */
 function repaint() { colors = {}; landscape = null; redo(); }
 
 // --- Beginning ----------------------------------------------------------------------------------------------------
@@ -884,7 +884,7 @@ if (typeof createPlayground === 'undefined') {
     try { has = await readState(); } catch (error) { take(checkSystem(PRESETS[0].make()), PRESETS[0].id); complain(error); has = true; }
     if (!has) take(checkSystem(PRESETS[0].make()), PRESETS[0].id);
     requestAnimationFrame(frame);
-    // For the tests, and for the curious at the console.
+    // For the tests, and for use in the console.
     window.playground = {
       system: () => writeSystem(problem),
       result: () => ({x: Array.from(shown.x), status: shown.status, energy: shown.energy, iterations: shown.iterations, proof: shown.certificate && shown.certificate.proof,

@@ -1,5 +1,5 @@
 'use strict';
-/* The playground's systems: each makes a system as docs/system-json.md has it. Stiffness is 1 / (standard deviation)^2. */
+/* The playground's systems: each `make` returns one in the form of docs/system-json.md. Stiffness is 1 / (standard deviation)^2. */
 const PRESETS = (() => {
   const system = (name, anchors, k, links, mu, kl, more = {}) => ({
     asterism_system: 1, name, dim: 2, anchors, anchor_stiffness: [k].flat().length === 1 ? anchors.map(() => [k].flat()[0]) : k,
@@ -9,7 +9,7 @@ const PRESETS = (() => {
   const distance = (a, b) => Math.hypot(a[0] - b[0], a[1] - b[1]);
   const pairs = (n) => Array.from({length: n}, (_, i) => Array.from({length: n - i - 1}, (_, j) => [i, i + j + 1])).flat();
   const ring = (n, r, turn = 0) => Array.from({length: n}, (_, i) => [r * Math.cos(2 * Math.PI * i / n + turn), r * Math.sin(2 * Math.PI * i / n + turn)]);
-  // Numbers in [-1, 1), the same for everyone.
+  // Pseudo-random numbers in [-1, 1), the same on every machine.
   const noise = (seed) => () => { seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0; return seed / 2147483648 - 1; };
 
   const parts = () => {
@@ -58,7 +58,7 @@ const PRESETS = (() => {
     start[0] = [-25, -15]; start[n - 1] = [205, -25];
     return system('cloth of 100 parts', anchors, 1e-3, links, mu, kl, {fixed: [0, n - 1], start});
   };
-  // All pairs by their number of links apart, as stress majorisation lays graphs out.
+  // Links all pairs, with lengths by their distances in the graph, as for a layout by stress majorisation.
   const layout = (name, n, edges, seed) => {
     const apart = Array.from({length: n}, (_, i) => Array.from({length: n}, (_, j) => i === j ? 0 : Infinity));
     for (const [i, j] of edges) apart[i][j] = apart[j][i] = 1;

@@ -52,7 +52,7 @@ def texture(random, height, width, step, low, high):
 
 
 def sample(image, x, y):
-    """Bilinear, at the border the nearest pixel."""
+    """Bilinear interpolation; beyond the border, the nearest pixel."""
     x, y = np.clip(x, 0, image.shape[1] - 1.001), np.clip(y, 0, image.shape[0] - 1.001)
     left, top = x.astype(int), y.astype(int)
     a, b = (x - left)[..., None], (y - top)[..., None]
@@ -87,7 +87,7 @@ class Clip:
         return np.ascontiguousarray(np.clip(image + 0.5, 0, 255).astype(np.uint8)[..., ::-1]), box, shares
 
     def placed(self, t):
-        """The object's coordinates at each pixel, and the object's outline as a level of 1."""
+        """The object's coordinates at each pixel, and a function that is 1 on the object's outline."""
         s = t / (FRAMES - 1)
         x, y = self.x - (58 + 196 * s), self.y - (118 + 16 * np.sin(2 * np.pi * s))
         angle, scale = 0.22 * np.sin(2.4 * np.pi * s), 1 + 0.15 * s
@@ -103,7 +103,7 @@ def jpeg(pixels):
 
 
 def changed(pixels, background):
-    """[x, y, image] of what differs from the background."""
+    """[x, y, image] of the part that differs from the background."""
     rows, columns = np.nonzero((pixels != background).any(axis=2))
     top, bottom, left, right = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
     return [int(left), int(top), jpeg(np.ascontiguousarray(pixels[top:bottom, left:right]))]
@@ -121,7 +121,7 @@ def rounded(values, digits=2):
 
 
 def follow(name, options, frames, boxes):
-    """The recorded answers of a tracker. The first frame, where the box is given, has a box alone."""
+    """The recorded answers of a tracker. The first frame, in which the box is given, has only a box."""
     tracker = asterism.Tracker(name, options)
     tracker.init(frames[0], boxes[0])
     answers, links = [{'box': rounded(boxes[0])}], None
@@ -131,9 +131,9 @@ def follow(name, options, frames, boxes):
                   'lost': bool(result.lost), 'overlap': round(overlap(result.box, box), 4), 'threshold': round(result.update_threshold, 4),
                   'parts': [[*rounded([*p.position, *p.visual_best], 1), round(p.weight, 3), int(p.updated)] for p in result.parts]}
         if result.parts:
-            assert len({tuple(p.size) for p in result.parts}) == 1  # of these trackers
+            assert len({tuple(p.size) for p in result.parts}) == 1  # true of these trackers
             answer['size'] = rounded(result.parts[0].size, 1)
-        if np.array(result.links).tolist() != links:  # left out where they are those of the frame before
+        if np.array(result.links).tolist() != links:  # left out if they are those of the frame before
             answer['links'] = links = np.array(result.links).tolist()
         answers.append(answer)
     return answers

@@ -1,11 +1,11 @@
-/* Light and dark for both pages, by the key of Furo, the style of the site, so that all pages agree. */
+/* Light and dark themes for both pages, stored under the key of Furo, the site's theme, so that all pages agree. */
 'use strict';
 
-/** Keeps the document's theme and the text of `button`, which goes through the themes; `repaint` follows each change and the start. */
+/** Sets the document's theme and the text of `button`, which switches themes; calls `repaint` at the start and after each change. */
 function startTheme(button, repaint) {
   const dark = matchMedia('(prefers-color-scheme: dark)');
   let theme = 'auto';
-  try { theme = localStorage.getItem('theme') || 'auto'; } catch { /* no storage: as the system has it */ }
+  try { theme = localStorage.getItem('theme') || 'auto'; } catch { /* no storage: the system's theme */ }
   const paint = () => {
     document.documentElement.dataset.theme = theme === 'dark' || theme === 'auto' && dark.matches ? 'dark' : 'light';
     button.textContent = {auto: '◐ Auto', light: '◐ Light', dark: '◐ Dark'}[theme] || '◐ Auto';
@@ -13,7 +13,7 @@ function startTheme(button, repaint) {
   };
   button.onclick = () => {
     theme = {auto: 'light', light: 'dark', dark: 'auto'}[theme] || 'auto';
-    try { localStorage.setItem('theme', theme); } catch { /* for this visit */ }
+    try { localStorage.setItem('theme', theme); } catch { /* no storage: for this visit only */ }
     paint();
   };
   dark.addEventListener('change', paint);

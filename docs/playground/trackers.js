@@ -1,8 +1,8 @@
 'use strict';
-/* What four trackers found on one clip. RECORDING (trackers-data.js) is written by record.py:
- * clip.background and clip.frames[t] = [x, y, image of what differs from it]; trackers[k].frames[t] = {box, angle, confidence,
- * lost, overlap, threshold, size, parts: [[x, y, x where it looks best, y, weight, updated]], links}. Links are left out where
- * they are those of the frame before. The first frame, where the box is given, has a box alone. */
+/* The results of four trackers on one clip. RECORDING (trackers-data.js) is written by record.py:
+ * clip.background and clip.frames[t] = [x, y, image of the part that differs from it]; trackers[k].frames[t] = {box, angle,
+ * confidence, lost, overlap, threshold, size, parts: [[x, y, x where it looks best, y, weight, updated]], links}. Links are left
+ * out if they are those of the frame before. The first frame, in which the box is given, has only a box. */
 (() => {
 const $ = (id) => document.getElementById(id);
 const CLIP = RECORDING.clip, TRACKERS = RECORDING.trackers, COUNT = CLIP.frames.length;
@@ -62,7 +62,7 @@ const isFaded = (part) => tracker.isGated && !part[UPDATED];
 /** Of a part on the frame: faded if it did not learn or, if parts never learn, by its weight. */
 const opacity = (part) => tracker.isGated ? (part[UPDATED] ? 1 : 0.6) : 0.2 + 0.8 * Math.min(1, part[WEIGHT]);
 
-/** Canvas pixels a pixel of the clip, and the clip's corner. */
+/** Canvas pixels per pixel of the clip, and the clip's corner. */
 function placed() {
   const width = $('view').clientWidth, height = $('view').clientHeight, scale = Math.min(width / CLIP.width, height / CLIP.height);
   return [scale, (width - scale * CLIP.width) / 2, (height - scale * CLIP.height) / 2];
@@ -310,7 +310,7 @@ function readState() {
   writeTracker(); redraw();
 }
 
-/** All that depends on the theme. */
+/** Repaints everything that depends on the theme. */
 function repaint() { colors = {}; redraw(); }
 
 // --- Beginning ----------------------------------------------------------------------------------------------------
@@ -377,7 +377,7 @@ function begin() {
 begin();
 loaded.then(() => {
   redraw();
-  // For the tests, and for the curious at the console.
+  // For the tests, and for use in the console.
   window.viewer = {
     isIdle: () => !isDirty && !isPlaying,
     state: () => ({tracker: tracker.name, frame: at, selected, parts: answer().parts.length, rows: $('parts').tBodies[0].rows.length}),

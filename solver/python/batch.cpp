@@ -29,8 +29,8 @@ AnyBatch make_batch(const Topology<>& topology, int count, int dim) {
   throw py::value_error("dim: expected 2 or 3, found " + std::to_string(dim));
 }
 
-/// The memory of `items` planes next to each other, each of one number of every system: (M, items), or (M,
-/// items / dim, dim) of points. `plane(p)` is the first number of plane p.
+/// An array over `items` adjacent planes, each with one number of every system: (M, items), or for points
+/// (M, items / dim, dim). `plane(p)` points to the first number of plane p.
 template <typename Plane>
 py::array planes(const py::object& owner, int count, int items, int dim, Plane&& plane) {
   constexpr auto kNumber = static_cast<py::ssize_t>(sizeof(double));
@@ -52,7 +52,7 @@ void def_values(py::class_<AnyBatch>& type, const char* name, View view, const c
       doc);
 }
 
-/// One number of every system that the last solve left.
+/// A property with one result of the last solve for every system.
 template <typename T, typename F>
 void def_verdict(py::class_<AnyBatch>& type, const char* name, F verdict, const char* doc) {
   type.def_property_readonly(

@@ -1,6 +1,6 @@
 #pragma once
 
-// What the sources of the module share: the classes that several of them bind, and NumPy arrays as points.
+// Shared by the sources of the module: the classes that several of them bind, and NumPy arrays as points.
 
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
@@ -34,8 +34,8 @@ struct AnySystem {
   }
 };
 
-/// While it lives, `busy` is true: other threads, which may run where the GIL is released, get a RuntimeError
-/// instead of a race. To be made and destroyed with the GIL held.
+/// Holds `busy` at true while it lives: other threads, which may run while the GIL is released, get a
+/// RuntimeError instead of a race. Construct and destroy it with the GIL held.
 class Exclusive {
  public:
   Exclusive(bool& busy, const char* what) : busy_(busy) {
@@ -64,9 +64,8 @@ inline std::string type_name(const py::handle& object) {
   return py::str(py::type::handle_of(object).attr("__name__")).cast<std::string>();
 }
 
-/// Numbers that are read, as a C-contiguous array of float64: the array itself, if it is one, else a copy.
-/// Lists, scalars, bools, integers and floats of any size are taken; anything else is a TypeError that `name`
-/// begins.
+/// Input as a C-contiguous array of float64: the array itself if it is one, else a copy. Lists, scalars,
+/// bools, integers and floats of any size are accepted; anything else is a TypeError that begins with `name`.
 inline py::array_t<double> numbers(const py::object& object, const char* name) {
   constexpr int kFlags = py::array::c_style | py::array::forcecast;
   const auto array = py::array::ensure(object);
@@ -84,7 +83,7 @@ inline py::array_t<double> numbers(const py::object& object, const char* name) {
   return result.attr("copy")();
 }
 
-/// The same of this shape, or a ValueError.
+/// The same; ValueError for any other shape.
 inline py::array_t<double> numbers(const py::object& object, const char* name, const Shape& shape) {
   auto array = numbers(object, name);
   if (const Shape found = shape_of(array); found != shape) {
@@ -94,8 +93,8 @@ inline py::array_t<double> numbers(const py::object& object, const char* name, c
   return array;
 }
 
-/// The array itself, which a result is written into; TypeError or ValueError for any other than one message
-/// says.
+/// The given array, for a result to be written into. TypeError or ValueError, which describes what is
+/// expected, if that cannot be done without a copy.
 inline py::array_t<double> output(const py::object& object, const char* name, const Shape& shape) {
   const std::string expected =
       std::string(name) +
@@ -118,7 +117,7 @@ inline py::array_t<double> output(const py::object& object, const char* name, co
   return py::reinterpret_borrow<py::array_t<double>>(array);
 }
 
-/// (N, Dim) in C order is the memory of Dim x N in Eigen's.
+/// (N, Dim) in C order has the same memory as Dim x N in Eigen's order.
 template <int Dim>
 auto map_points(const py::array_t<double>& array) {
   return Eigen::Map<const typename System<Dim>::Points>(array.data(), Dim, array.shape(0));
@@ -129,7 +128,7 @@ typename System<Dim>::Points points_of(const System<Dim>& system, const py::obje
   return map_points<Dim>(numbers(x, "x", {system.nodes(), Dim}));
 }
 
-/// A matrix as an array that owns it, with this shape in C order; nothing is copied.
+/// An array of this shape, in C order, that owns the matrix; nothing is copied.
 template <typename Matrix>
 py::array owned(Matrix matrix, const Shape& shape) {
   auto* held = new Matrix(std::move(matrix));
@@ -137,11 +136,11 @@ py::array owned(Matrix matrix, const Shape& shape) {
   return py::array_t<double>(shape, held->data(), owner);
 }
 
-/// What a solver would refuse, as ValueError: for functions that do not validate.
+/// Throws a defect as ValueError: for functions that, unlike solvers, do not validate.
 void require_valid(const Defect& defect);
 
-/// What an option is given as: a NumPy scalar, or an array of no dimensions, as the Python object that it
-/// stands for (numpy.bool_ is no bool, numpy.float32 no float), all else as it is.
+/// The value of an option: a NumPy scalar, or an array of no dimensions, as the equivalent Python object
+/// (numpy.bool_ is not a bool, nor numpy.float32 a float), anything else as it is.
 inline py::object plain(const py::handle& value) {
   const bool is_numpys =
       py::isinstance<py::array>(value) || py::isinstance(value, py::module_::import("numpy").attr("generic"));

@@ -1,4 +1,4 @@
-// Spring systems as JSON; asterism/stored.py makes it what a user calls.
+// Spring systems as JSON; asterism/stored.py wraps it for users.
 
 #include <asterism/solver/io/json.hpp>
 

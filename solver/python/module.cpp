@@ -3,7 +3,7 @@
 PYBIND11_MODULE(_asterism, m) {
   using namespace asterism::python;
   m.doc() = "Asterism, compiled: what the package `asterism` shows.";
-  // Classes and functions are the package's: in signatures, in help, and in pickles.
+  // Signatures, help and pickles then name classes and functions by the package.
   const py::object name = m.attr("__name__");
   m.attr("__name__") = "asterism";
   m.attr("__version__") = ASTERISM_VERSION;

@@ -1,6 +1,6 @@
 #pragma once
 
-// What of the solver room takes long to compile, for systems of 2 and of 3 dimensions; no Python in here.
+// The solver templates that take long to compile, for systems of 2 and 3 dimensions. No Python headers here.
 
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/simd.hpp>
@@ -33,8 +33,8 @@ template <int Dim>
 Certificate certificate_of(const System<Dim>& system, const typename System<Dim>::Points& x,
                            const CertifyOptions& options);
 
-/// BatchNewton on `threads`. The calling thread asks `interrupted` after each of its tasks; once it is, what
-/// has not been begun is left as it was.
+/// BatchNewton on `threads`. The calling thread calls `interrupted` after each of its tasks; once that
+/// returns true, the systems of tasks that have not begun are left as they were.
 template <int Dim>
 BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd simd, int threads,
                          const std::function<bool()>& interrupted);

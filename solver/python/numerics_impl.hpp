@@ -1,6 +1,6 @@
 #pragma once
 
-// The definitions of numerics.hpp, to be included by one source a dimension.
+// The definitions of numerics.hpp, to be included by one source per dimension.
 
 #include <asterism/solver/method/make_solver.hpp>
 #include <atomic>
@@ -70,7 +70,7 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
   });
 }
 
-/// All of it, for one dimension.
+/// Instantiates all of numerics.hpp for one dimension.
 #define ASTERISM_INSTANTIATE_NUMERICS(Dim)                                                                   \
   template const SolverRegistry<System<Dim>>& solvers<Dim>();                                                \
   template Covariance<System<Dim>> covariance_of(const System<Dim>&, const System<Dim>::Points&);            \

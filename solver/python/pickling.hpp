@@ -1,6 +1,6 @@
 #pragma once
 
-// What pickle and copy need of the classes: their fields as a tuple, and back.
+// Support of pickle and copy: a class's fields as a tuple, and back.
 
 #include <pybind11/stl.h>
 
@@ -16,7 +16,7 @@
 
 namespace asterism::python {
 
-/// The fields of a pickle; ValueError for another number of them.
+/// The fields of a pickle; ValueError if their number is not `count`.
 class Fields {
  public:
   Fields(py::tuple state, std::size_t count) : state_(std::move(state)) {
@@ -30,8 +30,8 @@ class Fields {
   py::tuple state_;
 };
 
-/// A text that lives as long as the process: solvers and stages have such names. Few are different. With the
-/// GIL.
+/// A copy of the text that lives as long as the process, as names of solvers and stages must. There are few
+/// different ones. Call it with the GIL held.
 inline std::string_view interned(const std::string& text) {
   static auto* const all = new std::set<std::string>;
   return *all->insert(text).first;
@@ -72,7 +72,7 @@ void from_field(const py::object& field, T& value) {
   }
 }
 
-/// To be given to class_::def: pickles a T by the fields that visit(object, field) calls field on, in this
+/// An argument for class_::def that pickles a T: visit(object, field) calls `field` on each field, in a fixed
 /// order.
 template <typename T, typename Visit>
 auto pickled(Visit visit) {
@@ -93,7 +93,7 @@ auto pickled(Visit visit) {
       });
 }
 
-/// copy(): the same as copy.copy, which a class that is pickled has.
+/// Adds copy(), which does what copy.copy does for a class that can be pickled.
 template <typename Class>
 void def_copy(Class& type) {
   type.def(

@@ -19,7 +19,7 @@ namespace asterism::python {
 
 namespace {
 
-// The options' values, by name.
+// Collects the options' values by name.
 class OptionLister final : public OptionVisitor {
  public:
   py::dict values;
@@ -61,7 +61,7 @@ class OptionSetter final : public OptionVisitor {
     found_ = true;
     constexpr bool kBool = std::is_same_v<T, bool>;
     const py::object value = plain(given_);
-    // True is no number here, 2.5 no integer, and an array of one number is an array.
+    // True is not accepted as a number, 2.5 not as an integer, and an array of one number as neither.
     const bool is_one = kBool == py::isinstance<py::bool_>(value) && !py::isinstance<py::array>(value) &&
                         (kBool || std::is_same_v<T, double> || PyIndex_Check(value.ptr()) != 0);
     try {
@@ -82,7 +82,7 @@ class OptionSetter final : public OptionVisitor {
   bool found_ = false;
 };
 
-// on_iteration of Python, for threads that do not hold the GIL. What it raises ends the solve, and is kept.
+// Calls Python's on_iteration from threads that do not hold the GIL. An exception ends the solve and is kept.
 class PythonCallback {
  public:
   explicit PythonCallback(py::object callable) : callable_(std::move(callable)) {}
@@ -90,7 +90,7 @@ class PythonCallback {
   bool operator()(const Iteration& at) {
     const py::gil_scoped_acquire acquire;
     try {
-      // A copy of x, as a row a node.
+      // A copy of x, with one row per node.
       py::array_t<double> x({at.x.cols(), at.x.rows()});
       std::copy_n(at.x.data(), at.x.size(), x.mutable_data());
       const py::object result = callable_(at.number, x, at.energy, at.gradient_norm);
@@ -135,7 +135,7 @@ class Solver {
     PythonCallback callback(on_iteration);
     return system.visit([&]<int Dim>(System<Dim>& s) {
       py::array_t<double> array = output(x, "x", {s.nodes(), Dim});
-      if (detail::shares_memory(s, array.data(), array.size())) {  // the solver sees a copy of it
+      if (detail::shares_memory(s, array.data(), array.size())) {  // the solver, given a copy, cannot tell
         Summary refused;
         refused.status = Status::InvalidInput;
         refused.message = detail::kSharesMemory;
@@ -159,12 +159,12 @@ class Solver {
   }
 
  private:
-  // work(stop) with the GIL released. Where it may take long, in a thread of its own, while this one looks
-  // for signals; after one that raises, such as KeyboardInterrupt, the work is told to stop, and its result
-  // dropped.
+  // Calls work(stop) with the GIL released. Work that may take long runs in its own thread while this one
+  // checks for signals; if a signal's handler raises, as Ctrl-C's does, the work is told to stop and its
+  // result is dropped.
   template <typename Work>
   static Summary without_gil(int links, Work&& work) {
-    constexpr int kLong = 5000;  // links; a thread takes as long to start as a solve of ten or twenty
+    constexpr int kLong = 5000;  // links; starting a thread takes as long as a solve with ten or twenty
     constexpr std::chrono::milliseconds kLook(50);
     std::atomic<bool> stop{false};
     const py::gil_scoped_release release;
@@ -242,7 +242,7 @@ void bind_status(py::module_& m) {
   const py::module_ enums = py::module_::import("enum");
   const py::object type = enums.attr("IntEnum")("Status", members, py::arg("module") = m.attr("__name__"));
   type.attr("__doc__") = doc;
-  // An IntEnum is printed as its number, which tells less.
+  // An IntEnum would be printed as its number, which says less.
   for (const char* name : {"__str__", "__format__"}) py::setattr(type, name, enums.attr("Enum").attr(name));
   m.attr("Status") = type;
 }

@@ -43,7 +43,7 @@ std::vector<Link> links_of(const py::object& object) {
     throw py::value_error("links: expected shape (count, 2), found " + text_of(shape_of(array)));
   }
   const py::array_t<std::int64_t, py::array::c_style | py::array::forcecast> pairs(array);
-  const auto node = [&](py::ssize_t l, py::ssize_t end) {  // -1, which is none, for what is no int
+  const auto node = [&](py::ssize_t l, py::ssize_t end) {  // -1, which is invalid, if out of int's range
     const std::int64_t index = pairs.at(l, end);
     return index > std::numeric_limits<int>::max() || index < 0 ? -1 : static_cast<int>(index);
   };
@@ -69,7 +69,7 @@ AnySystem make_system(const Topology<>& topology, int dim) {
   throw py::value_error("dim: expected 2 or 3, found " + std::to_string(dim));
 }
 
-/// A property that is the system's own memory, and is set by copying into it.
+/// A property that reads as a view of the system's memory, and is set by copying into it.
 template <typename Member>
 void def_values(py::class_<AnySystem>& type, const char* name, Member member, const char* doc) {
   const auto view = [member](const py::object& self) {
@@ -94,7 +94,7 @@ int checked_node(const AnySystem& self, int node) {
                         " nodes)");
 }
 
-/// f(system, x) of valid values, without the GIL.
+/// f(system, x) without the GIL; ValueError for values that a solver would refuse.
 template <typename F>
 auto evaluated(AnySystem& self, const py::object& x, F&& f) {
   return self.visit([&]<int Dim>(System<Dim>& system) {
@@ -264,7 +264,7 @@ void bind_systems(py::module_& m) {
         });
       });
 
-  // x is (N, dim); values that a solver would refuse are a ValueError.
+  // In the functions below x is (N, dim), and values that a solver would refuse are a ValueError.
   m.def(
       "energy",
       [](AnySystem& system, const py::object& x) {

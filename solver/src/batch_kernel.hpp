@@ -1,9 +1,9 @@
 #pragma once
 
-// Newton's method of newton.hpp in lanes: one system a lane, all lanes in step, a lane that is done taking
-// the next system. Every iteration evaluates the trial point whole (energy, gradient, Hessian, factors and
-// the step from there), so that lanes which backtrack keep time with those which do not. What does not end
-// well in a few dozen of these is left to the scalar solver.
+// Newton's method of newton.hpp for several systems at once, one per SIMD lane. All lanes iterate in step; a
+// lane that is done takes the next system. Each iteration computes everything at the trial point (energy,
+// gradient, Hessian, factors and the next step), so that lanes which backtrack stay in step with the others.
+// A system that does not converge within kMostTrials evaluations is left to the scalar solver.
 #include "batch_lanes.hpp"
 
 namespace asterism::lanes_v0_1 {
@@ -29,7 +29,7 @@ struct Real<double> {
   static constexpr double kEpsilon = __DBL_EPSILON__;
   static constexpr double kTiny = __DBL_MIN__ / __DBL_EPSILON__;
   static constexpr double kMax = __DBL_MAX__;
-  static constexpr double kCoincident = 1e100;  // mu / r from here on: the nodes coincide
+  static constexpr double kCoincident = 1e100;  // nodes coincide if mu / r is at least this
 };
 template <>
 struct Real<float> {
@@ -39,11 +39,11 @@ struct Real<float> {
   static constexpr float kCoincident = 1e10F;
 };
 
-/// The largest systems of the kernels whose size is not compiled in.
+/// The largest systems that the kernels without a fixed size take.
 constexpr int kMostCoordinates = 30;
 constexpr int kMostLinks = 120;
 
-/// `kFixed` nodes, every pair linked; or, with 0, any topology of at most kMostCoordinates and kMostLinks.
+/// `kFixed` nodes, every pair linked; if 0, any topology within kMostCoordinates and kMostLinks.
 template <typename L, int kDim, int kFixed>
 class LaneNewton {
   using T = typename L::T;
@@ -79,7 +79,7 @@ class LaneNewton {
     const double floor = 64 * R::kEpsilon;  // as StoppingRule
     tolerance_ = static_cast<T>(settings.tolerance);
     if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
-    // Of the square of Newton's kFlatShare, in the units of short_step and of the rounding of pivots.
+    // The square of Newton's kFlatShare, in the units of short_step and of the rounding of pivots.
     flat_share_ = T(1e-3) * T(1e-3) * (8 * R::kEpsilon) * (8 * R::kEpsilon) * 4 / tolerance_;
     max_iterations_ = static_cast<T>(settings.max_iterations);
     align_ = settings.align && settings.max_iterations > 0;
@@ -123,7 +123,7 @@ class LaneNewton {
       for (int i = 0; i < size(); ++i) f(i);
     }
   }
-  // f(link, i, j)
+  // Calls f(link, i, j) with the link's two nodes.
   template <typename F>
   [[gnu::always_inline]] void each_link(F&& f) const {
     if constexpr (kFull) {
@@ -140,7 +140,7 @@ class LaneNewton {
     return L::load(planes + which * stride_ + s);
   }
 
-  /// Inputs looked through, x aligned, and what the stopping rule measures by (stationarity.hpp).
+  /// Validates the inputs, aligns x, and computes the scales of the stopping rule (stationarity.hpp).
   [[gnu::noinline]] void prepare(std::ptrdiff_t s) const {
     V x[kSize], a[kSize], k[kNodes], stiffness[kNodes];
     V finite = L::set(0), least = L::set(0), extent = L::set(0), total = L::set(0);
@@ -157,7 +157,7 @@ class LaneNewton {
         x[c] = plane(planes_.x, c, s);
         const V given = plane(planes_.anchors, c, s);
         finite = L::fma(x[c], L::set(0), L::fma(given, L::set(0), finite));
-        a[c] = L::select(held, given, x[c]);  // elsewhere it means nothing
+        a[c] = L::select(held, given, x[c]);  // an anchor without stiffness has no position
         extent = L::max(L::max(L::abs(x[c]), L::abs(a[c])), extent);
       });
     });
@@ -185,14 +185,14 @@ class LaneNewton {
     M good = L::both(L::at_most(finite, L::set(0)), L::at_most(L::set(0), least));
     good = L::both(good, L::both(L::less(L::set(0), reach), L::less(reach, L::set(R::kMax))));
     good = L::both(good, L::less(L::set(0), least_stiffness));
-    // The squares of lengths are to be numbers, and their energies.
+    // Squared lengths, and energies made of them, must not underflow.
     const V least_square = L::min(reach * reach, stiffness_total * reach * reach);
     good = L::both(good, L::less(L::set(R::kTiny), least_square));
     if (L::bits(L::without(good, all_held)) != 0) [[unlikely]]
       good = L::both(good, connected(s, k));
     if (align_) {
       align(x, a, k, extent, good);
-      // A start far off is no more.
+      // A distant start has been moved near the anchors.
       extent = L::set(0);
       each_coordinate([&](auto c)
                           ASTERISM_INLINED { extent = L::max(L::max(L::abs(x[c]), L::abs(a[c])), extent); });
@@ -207,11 +207,12 @@ class LaneNewton {
     L::store(reach_ + s, reach);
     L::store(floor_ + s, floor);
     L::store(extent_ + s, extent);
-    // A step of this length leaves a gradient of the tolerance, as the second derivatives go as 1 / length.
+    // The square of a step after which the gradient is within the tolerance: it changes second derivatives by
+    // a share of about step / length.
     L::store(short_step_ + s, L::max(L::set(T(0.25)) * reach * length, rounding * rounding));
   }
 
-  /// characteristic_length of stationarity.hpp; 0 where that is of x.
+  /// characteristic_length of stationarity.hpp; 0 if the springs do not determine it.
   [[gnu::always_inline]] V length(std::ptrdiff_t s, const V* a, const V* k, const V* stiffness, V link_total,
                                   V strongest) const {
     const V zero = L::set(0), one = L::set(1);
@@ -256,7 +257,7 @@ class LaneNewton {
     return L::sqrt(square * L::inverse(total));
   }
 
-  /// Where every node has a path of positive stiffness to an anchor.
+  /// The lanes in which every node has a path of positive stiffness to an anchor.
   [[gnu::noinline]] M connected(std::ptrdiff_t s, const V* k) const {
     V held[kNodes] = {};
     each_node([&](auto i)
@@ -337,7 +338,7 @@ class LaneNewton {
     each_coordinate([&](auto c) ASTERISM_INLINED { x[c] = L::select(nearer, moved[c], x[c]); });
   }
 
-  /// nearest_rotation of align.hpp; identity where `turns` is not.
+  /// nearest_rotation of align.hpp; the identity in lanes where `turns` is not set.
   [[gnu::always_inline]] static void nearest_rotation(const V* product, M turns, V* rotation) {
     V square = L::set(0);
     unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { square = L::fma(product[e], product[e], square); });
@@ -354,8 +355,8 @@ class LaneNewton {
       rotation[2] = s;
     } else {
       static_assert(kDim == 3);
-      // Horn's matrix, shifted to be positive semidefinite, to the 2^8th power: its columns are the
-      // quaternion unless two rotations are nearly as good, when a mixture of them is.
+      // Horn's matrix, shifted to be positive semidefinite, to the power 2^8: each of its columns is a
+      // multiple of the quaternion, or of a mixture if two rotations are nearly as good.
       const M any = L::both(turns, L::less(L::set(0), square));
       const V inverse = L::inverse_sqrt(L::select(any, square, L::set(1)));
       V m[9];
@@ -409,9 +410,9 @@ class LaneNewton {
     }
   }
 
-  /// What the lanes work on.
+  /// One system per lane.
   struct State {
-    V x[kSize];  // accepted last
+    V x[kSize];  // the last accepted point
     V p[kSize];  // the step from there: the trial point is x - t p
     V a[kSize];
     V k[kNodes];
@@ -453,7 +454,7 @@ class LaneNewton {
     state.live = 0;
   }
 
-  // The next systems into free lanes.
+  // Puts the next systems into free lanes.
   void refill(State& state, unsigned free, std::ptrdiff_t& next, std::ptrdiff_t last) const {
     for (; free != 0 && next < last; free &= free - 1) {
       const int lane = __builtin_ctz(free);
@@ -463,7 +464,7 @@ class LaneNewton {
     }
   }
 
-  // System s into the one lane of `which`.
+  // Puts system s into the only lane of `which`.
   [[gnu::always_inline]] void insert(State& state, M which, std::ptrdiff_t s) const {
     const auto take = [&](V& values, const T* plane)
                           ASTERISM_INLINED { values = L::select(which, L::set(plane[s]), values); };
@@ -481,7 +482,7 @@ class LaneNewton {
     });
     each_link([&](auto l, auto, auto) ASTERISM_INLINED {
       const bool pulls = planes_.link_stiffness[l * stride_ + s] > 0;
-      take(state.mu[l], (pulls ? planes_.rest_length : planes_.link_stiffness) + l * stride_);  // or 0
+      take(state.mu[l], (pulls ? planes_.rest_length : planes_.link_stiffness) + l * stride_);  // else 0
       take(state.kl[l], planes_.link_stiffness + l * stride_);
     });
     take(state.floor, floor_);
@@ -499,13 +500,14 @@ class LaneNewton {
 
   struct Evaluation {
     V energy;
-    V decrement;  // Newton's, squared
+    V decrement;  // the square of the Newton decrement
     M definite;   // no pivot was repaired, no curvature clamped
-    V flattest;   // a node's rounding over its least pivot, at most
+    V flattest;   // the greatest ratio of a pivot's rounding to the pivot
   };
 
-  /// Energy, Hessian (clamped where `limit` is 1 and not where it is huge), its factors and Newton's step at
-  /// x. NaN for the energy where nodes coincide.
+  /// Energy, gradient, Hessian, its factors and Newton's step at x. mu / r in the curvature across springs is
+  /// limited to `limit`: 1 clamps the curvature at zero, a huge one does nothing. The energy is NaN if nodes
+  /// coincide.
   template <typename Coordinates>
   [[gnu::always_inline]] Evaluation evaluate(const State& s, const Coordinates& x, V limit, V* step) const {
     const int n = size();
@@ -533,7 +535,7 @@ class LaneNewton {
         });
       });
     });
-    V most = L::set(0);  // mu / r
+    V most = L::set(0);  // the greatest mu / r
     each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
       const V k = s.kl[l], mu = s.mu[l];
       V d[kDim];
@@ -557,7 +559,7 @@ class LaneNewton {
         const V b = bend_d * d[c];
         unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
           if constexpr (r >= c) {
-            // The block of the two nodes, which is minus that of each.
+            // The off-diagonal block; the link adds its negative to both diagonal blocks.
             const V value = r == c ? L::fnms(b, d[r], across) : L::set(0) - b * d[r];
             at(kDim * i + r, kDim * i + c) = at(kDim * i + r, kDim * i + c) - value;
             at(kDim * j + r, kDim * j + c) = at(kDim * j + r, kDim * j + c) - value;
@@ -574,7 +576,7 @@ class LaneNewton {
       });
     });
 
-    // L D L^T of H bordered by g, as NewtonMatrix has it.
+    // L D L^T of H bordered by g, as in NewtonMatrix.
     M definite = L::at_most(most, limit);
     V flattest = L::set(0);
     V inverse_pivot[kSize];
@@ -631,7 +633,7 @@ class LaneNewton {
     return {energy, decrement, definite, flattest};
   }
 
-  // One evaluation of every lane; the lanes that are done with their systems.
+  // Evaluates the trial point of every lane. Returns the lanes that are done with their systems.
   [[gnu::noinline]] unsigned advance(State& s) const {
     V y[kSize], q[kSize];
     each_coordinate([&](auto c) ASTERISM_INLINED { y[c] = L::fnma(s.t, s.p[c], s.x[c]); });
@@ -642,13 +644,13 @@ class LaneNewton {
     const V limit = L::select(L::less(zero, s.clamped), one, L::set(R::kMax));
     const Evaluation e = evaluate(s, y, limit, q);
 
-    // Armijo; in the last digits of the energy, rounding is let pass.
+    // Armijo's condition; once the decrement is near the energy's rounding, a rise by rounding is allowed.
     const T terms = static_cast<T>(nodes() + links()) * R::kEpsilon;
     const V rounding = L::set(terms) * s.energy;
     const V slack = L::select(L::less(s.decrement, L::set(8) * rounding), rounding, zero);
     const V target = L::fnma(L::set(T(1e-4)) * s.t, s.decrement, s.energy + slack);
     const M falls = L::at_most(e.energy, target);
-    V longest = zero;  // of the nodes' steps, squared
+    V longest = zero;  // the square of the longest step of a node
     each_node([&](auto i) ASTERISM_INLINED {
       V square = q[kDim * i] * q[kDim * i];
       unroll<1, kDim>([&](auto d)
@@ -659,12 +661,12 @@ class LaneNewton {
     const M in_time = L::less(count, L::set(max_iterations_));
     M close = L::at_most(e.decrement, L::set(2) * L::max(L::set(tolerance_) * e.energy, s.floor));
     close = L::both(close, L::at_most(longest, s.short_step));
-    // A Hessian that is nearly singular may not be definite any more after a step that is not shorter still.
+    // A nearly singular Hessian may become indefinite within a step of that length: it has to be shorter.
     const V flat_step = longest * e.flattest * e.flattest;
     close = L::both(close, L::at_most(flat_step, L::set(flat_share_) * s.short_step));
     const M finished = L::both(L::both(falls, in_time), L::both(close, e.definite));
 
-    // Otherwise to the minimum of the parabola.
+    // If the energy did not fall enough, the step is shortened to the minimum of the interpolating parabola.
     const V vertex =
         s.t * s.t * s.decrement * L::inverse(L::set(2) * (e.energy - s.energy + s.t * s.decrement));
     const V shorter = L::max(L::min(vertex, L::set(T(0.5)) * s.t), L::set(T(0.1)) * s.t);
@@ -688,7 +690,8 @@ class LaneNewton {
     return done;
   }
 
-  // Out of the lanes: with the last step where that was small enough to take unseen.
+  // Writes the systems of the lanes in `done`. A converged one takes its last step, too, which is so short
+  // that it needs no evaluation.
   void write(State& s, unsigned done, unsigned finished, unsigned late) const {
     const V last_step = L::select(L::mask(finished), L::set(1), L::set(0));
     T out[kSize][kLanes];
@@ -712,7 +715,7 @@ class LaneNewton {
     }
   }
 
-  /// The library's verdict (session.hpp) on what the lanes arrived at.
+  /// Checks the results from the energy and gradient at x, computed afresh, as session.hpp does.
   [[gnu::noinline]] void judge(std::ptrdiff_t s) const {
     V start[kSize], x[kSize], a[kSize], g[kSize];
     V k[kNodes];
@@ -758,7 +761,7 @@ class LaneNewton {
         g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
       });
     });
-    // max |g_i| / A_ii against tolerance times L.
+    // The stopping rule: max_i |g_i| / A_ii against tolerance times length.
     V largest = L::set(0);
     each_node([&](auto i) ASTERISM_INLINED {
       const V inverse = L::inverse(plane(rounding_, i, s)) * L::set(8 * R::kEpsilon);
@@ -770,7 +773,7 @@ class LaneNewton {
       largest = L::max(largest, square);
     });
     const V reach = L::load(reach_ + s);
-    const V ratio = L::sqrt(largest) * L::inverse(reach);  // of stationarity and tolerance
+    const V ratio = L::sqrt(largest) * L::inverse(reach);  // stationarity / tolerance
     const V half = L::set(T(0.5));
     const V energy = half * twice, initial = half * twice_start, before = L::load(energy_before_ + s);
     const T terms = static_cast<T>(nodes() + links()) * R::kEpsilon;
@@ -794,8 +797,8 @@ class LaneNewton {
     L::store(planes_.stationarity + s, ratio * L::set(tolerance_));
   }
 
-  /// The lower bound of certificate.hpp at x, by W's factors L D L^T; 0 where W is not positive definite.
-  /// kSlack allows for inverses and roots that are a few epsilon off, and for any node to have every link.
+  /// The lower bound of certificate.hpp at x, from the factors L D L^T of W; 0 if W is not positive definite.
+  /// kSlack allows for inverses and roots with errors of a few epsilon, and for a node that has every link.
   [[gnu::noinline]] void prove(std::ptrdiff_t s) const {
     constexpr T kSlack = 4 * R::kEpsilon;
     const V zero = L::set(0), half = L::set(T(0.5));
@@ -856,7 +859,7 @@ class LaneNewton {
     });
     rounding = L::set(kSlack) * L::fma(L::set(n + static_cast<T>(links())), energy, rounding);
 
-    // The factors, with one over D on the diagonal, and g^T M^-1 g by the way.
+    // Factors M = W - 2 shift scale, with 1 / D on the diagonal, and computes g^T M^-1 g in the same sweep.
     const V shift = L::set(kSlack * (n * (n + 3) + terms + 16));
     each_node([&](auto i) ASTERISM_INLINED {
       V& pivot = W[at(static_cast<int>(i), static_cast<int>(i))];
@@ -878,7 +881,7 @@ class LaneNewton {
       }
       for (int i = j + 1; i < nodes(); ++i) W[at(i, j)] = W[at(i, j)] * inverse;
     }
-    V trace = zero;  // of M^-1
+    V trace = zero;  // the trace of M^-1
     for (int column = 0; column < nodes(); ++column) {
       V v[kNodes];
       v[column] = L::set(1);
@@ -913,15 +916,15 @@ class LaneNewton {
   T *final_x_, *rounding_, *reach_, *floor_, *mode_, *energy_before_, *extent_, *short_step_;
 };
 
-// The fixed ones take seconds each to compile. x86 machines without AVX2 are older than 2013: they get the
-// one that DPT uses.
+// Each fixed size takes seconds to compile. x86 processors without AVX2 are older than 2013: for them only
+// the size that DPT uses is compiled.
 #if defined(__SSE2__) && !defined(ASTERISM_LANES_AVX2) && !defined(ASTERISM_LANES_AVX512)
 constexpr bool kFourPartsAlone = true;
 #else
 constexpr bool kFourPartsAlone = false;
 #endif
 
-/// The kernel of a topology, from the fixed ones and the one for any.
+/// The kernel for a topology: that of its fixed size, if there is one, else the general one.
 template <typename L, int kDim>
 Kernel<typename L::T> kernel_of(int nodes, int link_count, bool is_full) {
   if constexpr (kFourPartsAlone) {

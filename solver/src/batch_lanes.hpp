@@ -1,8 +1,8 @@
 #pragma once
 
-// Vectors of lanes, one type an instruction set, for the kernels alone. Everything is inlined or has internal
-// linkage: these files are compiled for instructions that not every machine has, and nothing that another
-// file could also emit may come out of them. Hence no standard library either.
+// SIMD vectors for the batch kernels, one type per instruction set. Everything is inlined or has internal
+// linkage: these files are compiled for instructions that not every machine has, and the linker must never
+// choose a function of theirs for another file. Hence no standard library either.
 #include <asterism/solver/detail/batch_kernels.hpp>
 
 #if defined(__SSE2__)
@@ -38,7 +38,7 @@ struct Double8 {
   ASTERISM_INLINE V max(V a, V b) { return _mm512_max_pd(a, b); }  // b where one is NaN
   ASTERISM_INLINE V abs(V a) { return _mm512_abs_pd(a); }
   ASTERISM_INLINE V sqrt(V a) { return _mm512_sqrt_pd(a); }
-  // From 14 bits with an error e to e^4.
+  // Refines an estimate of 14 bits: its relative error e becomes e^4.
   ASTERISM_INLINE V inverse(V a) {
     const V y = _mm512_rcp14_pd(a);
     const V e = fnma(a, y, set(1));
@@ -241,7 +241,7 @@ using FloatLanes = Float4;
 
 #else
 
-// Loops over four lanes, for the compiler to map to what the machine has.
+// Plain loops over four lanes, which the compiler maps to the machine's instructions.
 template <typename T_>
 struct Lanes4 {
   using T = T_;

@@ -19,8 +19,8 @@ namespace detail {
 
 namespace {
 
-// Ceres 2.1 warns through glog whatever its logging_type says. glog's level belongs to the process, so the
-// solves that run at the same time share one change of it.
+// Ceres 2.1 warns through glog whatever its logging_type says. glog's level belongs to the process: the first
+// of several concurrent solves raises it, and the last restores it.
 class QuietGlog {
  public:
   QuietGlog() {

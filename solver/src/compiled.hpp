@@ -1,7 +1,7 @@
 #pragma once
 
-// What <asterism/solver/detail/compiled.hpp> declares, for one type of system. Declared here, too: what other
-// sources have is taken from there.
+// Macros that instantiate, for one type of system, what <asterism/solver/detail/compiled.hpp> declares. Its
+// declarations apply here too, so that each source only emits its own instantiations.
 #define ASTERISM_SOLVER_COMPILED
 #include <asterism/solver.hpp>
 

@@ -1,4 +1,4 @@
-// The library's solvers by their names, and variants of them that are known from elsewhere.
+// The library's solvers by their names, and variants of them from the literature.
 #include <asterism/solver/method/make_solver.hpp>
 
 #include "../comparison_solvers.hpp"
@@ -28,7 +28,7 @@ const SolverRegistry<System>& registry() {
   return all;
 }
 
-// Compiled for four nodes where a problem has four, as a user would, if `compiled_for_four`.
+// With `compiled_for_four`, problems of four nodes get a solver compiled for four, as a user would do.
 SolverEntry entry(const std::string& name, int dense_nodes, int sparse_nodes,
                   bool compiled_for_four = false) {
   const auto make = [name, compiled_for_four](int nodes) -> std::unique_ptr<Runner> {
@@ -43,7 +43,7 @@ std::unique_ptr<Runner> make_relaxed(int) {
   return std::make_unique<RunnerOf<System>>(registry().make("ida", {{"relaxation", 1.7}}));
 }
 
-// Whose own name says nothing of its method.
+// For solvers whose own name does not tell the method.
 SolverEntry titled(SolverEntry made, const std::string& title) {
   made.title = title;
   return made;

@@ -1,4 +1,4 @@
-// Ceres, in all configurations that fit.
+// Ceres, in all configurations that suit the problem.
 
 #include <asterism/solver/reference/ceres.hpp>
 

@@ -1,4 +1,5 @@
-// Eigen's unsupported Levenberg-Marquardt, MINPACK's in C++, on the springs as least squares.
+// Levenberg-Marquardt of Eigen's unsupported modules, a C++ port of MINPACK's, on the springs as least
+// squares.
 #include <Eigen/Core>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>

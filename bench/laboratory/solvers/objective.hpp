@@ -12,8 +12,8 @@
 
 namespace asterism::bench {
 
-/// The energy of a system as other packages want it: a function of 2 N numbers, scaled to unit stiffness and
-/// length, for their constants to fit, with the laboratory's stopping rule.
+/// The energy of a system in the form that other packages take: a function of 2 N numbers, scaled to unit
+/// stiffness and length to suit their constants, with the laboratory's stopping rule.
 class Objective {
  public:
   Objective(const System& system, const Points& start, Session<System>& session, Summary& summary)
@@ -31,7 +31,7 @@ class Objective {
     Eigen::Map<Points>(numbers, 2, x.cols()) = x / length_;
   }
 
-  /// Energy at `numbers`, with its gradient where that is not null.
+  /// Energy at `numbers`, and its gradient if that is not null.
   double operator()(const double* numbers, double* gradient) {
     x_ = length_ * Eigen::Map<const Points>(numbers, 2, x_.cols());
     const bool wants_gradient = gradient != nullptr;
@@ -51,7 +51,7 @@ class Objective {
 
   /// Whether the lowest point seen is stationary by the stopping rule, or the caller has asked to stop.
   bool done() const { return done_; }
-  /// For a method to call after each of its iterations: reports it, and says whether to end.
+  /// To be called by a method after each of its iterations: reports it, and returns whether to stop.
   bool iterated() {
     ++summary_.iterations;
     if (session_.reports()) {
@@ -77,8 +77,8 @@ class Objective {
 };
 
 /// A minimiser of another package as a solver. `Method` has a static name() and
-/// static Status minimise(Objective&, const Points& start, int max_iterations, Summary&), which tells the
-/// objective of each iteration, and stops where that is done.
+/// static Status minimise(Objective&, const Points& start, int max_iterations, Summary&), which calls the
+/// objective's iterated() after each iteration and stops once it is done.
 template <typename Method>
 class PeerSolver {
  public:

@@ -20,7 +20,7 @@ ring = [(k, (k + 1) % 16) for k in range(16)] + [(k, k + 8) for k in range(8)]  
 corners = list(itertools.product((0, 1), repeat=4))
 cube = [(i, j) for i, j in itertools.combinations(range(16), 2) if np.abs(np.subtract(corners[i], corners[j])).sum() == 1]
 
-# %% Each drawn in the dimension that suits it.
+# %% Each graph is drawn in the dimension that suits it.
 figure = plt.figure(figsize=(8, 8), layout="constrained")
 for place, (title, edges, dim) in enumerate(
     [("grid", grid, 2), ("tree", tree, 2), ("Möbius ladder", ring, 3), ("cube of four dimensions", cube, 3)], 1

@@ -10,7 +10,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-# %% A square net of springs, 1 m wide, of which the corners are held.
+# %% A square net of springs, 1 m wide, held at its corners.
 size = 15
 grid = np.stack([*np.meshgrid(*2 * [np.linspace(0, 1, size)], indexing="ij"), np.zeros((size, size))], axis=-1).reshape(-1, 3)
 number = np.arange(size * size).reshape(size, size)
@@ -26,9 +26,9 @@ depth = 1e4  # [m]
 net.anchors = grid - [0, 0, depth]
 x = grid + np.random.default_rng(1).normal(scale=1e-3, size=grid.shape) * [0, 0, 1]
 figure = plt.figure(figsize=(9, 3.2), layout="constrained")
-for place, weight in enumerate((0.01, 0.1, 1), 1):  # of a knot [N]
+for place, weight in enumerate((0.01, 0.1, 1), 1):  # of each knot [N]
     net.anchor_stiffness = weight / depth
-    summary = asterism.solve(net, x)  # from the shape under the weight before
+    summary = asterism.solve(net, x)  # starts from the shape under the previous weight
     stretch = np.linalg.norm(np.diff(x[net.topology.links], axis=1)[:, 0], axis=1) / net.rest_length - 1
     print(f"{weight} N a knot: {summary.solver}, hangs {-x[:, 2].min():.3f} m deep, threads longer by up to {stretch.max():.1%}")
     axes = figure.add_subplot(1, 3, place, projection="3d")

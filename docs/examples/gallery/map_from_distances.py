@@ -26,7 +26,7 @@ known = np.triu(random.random(exact.shape) < 0.5, 1)
 distances = np.where(known, exact * random.normal(1, 0.03, exact.shape), np.nan)
 distances = np.fmax(distances, distances.T)
 
-# %% Three cities are known to lie where they do; every other one is found.
+# %% The places of three cities are known; all others are found.
 flat = 6371 * np.stack([longitude * np.cos(np.radians(49)), latitude], axis=1)
 flat -= flat.mean(axis=0)
 anchors = np.full(flat.shape, np.nan)
@@ -36,7 +36,7 @@ result = asterism.mds(distances, weights=1 / np.fmax(exact, 1) ** 2, anchors=anc
 error = np.linalg.norm(result.x - flat, axis=1)
 print(f"{np.triu(known).sum()} of {len(cities) * (len(cities) - 1) // 2} distances; a city is off by {np.median(error):.0f} km (median)")
 
-# %% Where the cities are found, and where a flat map has them.
+# %% The places found, and those on a flat map.
 figure, axes = plt.subplots(figsize=(6, 6), layout="constrained")
 for i, j in result.system.topology.links:
     axes.plot(*result.x[[i, j]].T, color="0.85", linewidth=0.7, zorder=0)

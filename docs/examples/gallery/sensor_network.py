@@ -11,8 +11,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.patches import Ellipse
 
-# %% Fifty sensors in a field of 100 m. Each measures its neighbours up to 30 m away, with a standard deviation of 2 m; eight know
-# their places, to 0.1 m.
+# %% Fifty sensors in a field of 100 m. Each measures the distances to its neighbours up to 30 m away, with a standard deviation of
+# 2 m; eight know their positions, to 0.1 m.
 random = np.random.default_rng(5)
 true = random.uniform(0, 100, (50, 2))
 between = np.linalg.norm(true[:, None] - true, axis=2)
@@ -27,7 +27,7 @@ covariances = asterism.node_covariances(result.system, result.x)
 error = np.linalg.norm(result.x - true, axis=1)
 print(f"{result.system.link_count} distances: off by {np.median(error[8:]):.2f} m (median)")
 
-# %% Ellipses hold a sensor with a probability of 95 %.
+# %% Each ellipse contains its sensor with a probability of 95 %.
 figure, axes = plt.subplots(figsize=(6, 6), layout="constrained")
 for i, j in result.system.topology.links:
     axes.plot(*result.x[[i, j]].T, color="0.85", linewidth=0.7, zorder=0)

@@ -18,7 +18,7 @@ class Flock : public TrackerBase<Flock> {
  private:
   friend TrackerBase<Flock>;
   static constexpr std::string_view kName = "Flock";
-  static constexpr int kGrid = 10, kNeighbours = 8;  // points a side, links of a point
+  static constexpr int kGrid = 10, kNeighbours = 8;  // points per side, links per point
   static constexpr double kReach = 0.04;             // of evidence [object's mean side]
   static constexpr double kMaxResidual = 0.3;        // of a point that works [spacing of the grid]
   static constexpr double kCentreWeight = 3;
@@ -37,7 +37,8 @@ class Flock : public TrackerBase<Flock> {
   TrackResult standing() const { return points_.standing(pose_, pose_.size() / kGrid); }
 
   TrackResult follow(const Frame& frame) {
-    // Each point by itself. The box's corners are often background, which agrees with itself.
+    // Each point is followed by itself. Points near the box's corners weigh less: they are often on the
+    // background, whose points agree in a motion of their own.
     const std::vector<Evidence> evidence = flow_.follow(frame, points_.placement());
     ElasticConstellation::Points seen(2, points_.size());
     Eigen::VectorXd weights(points_.size());
@@ -50,7 +51,7 @@ class Flock : public TrackerBase<Flock> {
       mean_peak += point.peak / points_.size();
     }
 
-    // The motion that most of them agree with sets lengths and start of the springs.
+    // The motion with which most points agree gives the springs their lengths and start.
     const RobustTransform agreed = fit_pose(points_.layout(), seen, weights, pose_, kReach);
     TrackResult result;
     result.confidence = std::clamp(agreed.support * mean_peak, 0.0, 1.0);
@@ -60,7 +61,7 @@ class Flock : public TrackerBase<Flock> {
     placement = points_.posed(pose_);
     points_.place(pose_, evidence);
 
-    // The object moves as the MAP placement does; points that do not begin again where it puts them.
+    // The object moves as the MAP placement does; points that do not agree are reset to their places on it.
     if (!result.lost) pose_.move_to(fit_pose(points_.layout(), placement, weights, pose_, kReach).transform);
     pose_.keep_in(frame);
     const double most = kMaxResidual * pose_.mean_side() / kGrid;

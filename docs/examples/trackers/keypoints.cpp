@@ -1,10 +1,10 @@
 // A constellation of key-points, after CMT (Nebehay and Pflugfelder, CVPR 2015): up to hundreds of parts,
-// each an ORB key-point that is followed by optical flow and matched within the search window. Both say where
-// it is; what most of them agree with is the object's motion, and springs to the nearest neighbours with
-// robust anchors the placement. Parts that are not seen any more are replaced by new ones; if few agree, the
-// object is lost. It is an example and not a tracker of the library, as plain KCF is better.
+// each an ORB key-point that is followed by optical flow and matched within the search window. Both give its
+// position; the motion with which most positions agree is the object's. Springs to the nearest neighbours,
+// with robust anchors, give the placement. Parts that are no longer seen are replaced by new ones; if few
+// agree, the object is lost. It is an example and not a tracker of the library, as plain KCF is better.
 //
-// A third argument after VIDEO and box is the number of parts at most, 100 by default.
+// A third argument after VIDEO and box is the greatest number of parts, 100 by default.
 
 #include <algorithm>
 #include <asterism/trackers/constellation/elastic.hpp>
@@ -32,8 +32,8 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
   static constexpr double kReach = 0.05;                    // of evidence [object's mean side]
   static constexpr int kMaxPoints = 500, kFast = 7;         // of a window, FAST's threshold [gray levels]
   static constexpr double kBits = 256, kOrbSide = 31;       // of a descriptor; of its patch [window pixels]
-  static constexpr double kMaxDistance = 0.25;              // of a match [share of the bits], and by how much
-  static constexpr double kMaxRatio = 0.8;                  // it has to be nearer than the next
+  static constexpr double kMaxDistance = 0.25;              // of a match [share of the bits]
+  static constexpr double kMaxRatio = 0.8;                  // of a match's distance to the next best's
   static constexpr double kDeviation = 1;                   // of a match [window pixels]
   static constexpr double kLeastDistance = 3;               // of two parts [window pixels]
   static constexpr double kPadding = 1.5, kMaxPadding = 6;  // of the window; while the object is lost
@@ -75,7 +75,7 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
       clock.start();
     };
 
-    // Where each part that was seen went, and where each looks as it did.
+    // Each part's position by flow, if it was seen last, and by its match.
     const int n = parts_.size();
     const auto at = [](int i) { return static_cast<std::size_t>(i); };
     std::vector<Evidence> followed = flow_.follow(frame, parts_.placement());
@@ -86,7 +86,7 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
     std::vector<Evidence> evidence = match(seen);
     lap("matching");
 
-    // The motion that most of both agree with.
+    // The motion with which most of these positions agree.
     Points from(2, 2 * n), to(2, 2 * n);
     from << parts_.layout(), parts_.layout();
     Eigen::VectorXd weights(2 * n);
@@ -97,7 +97,7 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
       weights[i] = share * followed[at(i)].peak, weights[n + i] = share * evidence[at(i)].peak;
     }
     const RobustTransform agreed = fit_pose(from, to, weights, pose_, kReach);
-    // A match that agrees counts before the flow, which drifts.
+    // A match that agrees takes precedence over the flow, which drifts.
     double agreeing = 0;
     for (int i = 0; i < n; ++i) {
       const Point2 expected = agreed.transform(parts_.layout().col(i));
@@ -112,7 +112,7 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
     if (!result.lost) pose_.move_to(agreed.transform);
     lap("motion");
 
-    // The MAP placement, and the object's motion by it.
+    // The MAP placement, and the object's motion that follows from it.
     parts_.placement() = parts_.posed(pose_);
     if (!result.lost) parts_.place(pose_, evidence);
     lap("springs");
@@ -153,8 +153,8 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
     TemplateWindow searched = kWindow;
     searched.padding = padding_;
     const ObjectWindow window(pose_.centre(), pose_.size(), searched);
-    // One scale, as the window has the object's, and up to the window's border, which ORB continues by
-    // itself.
+    // A single scale, as the window is resampled to the object's; key-points up to the window's border, which
+    // ORB pads by itself.
     const auto orb = cv::ORB::create(kMaxPoints, 1.2f, 1, 0, 0, 2, cv::ORB::HARRIS_SCORE, 31, kFast);
     std::vector<cv::KeyPoint> points;
     Detection result;
@@ -165,7 +165,7 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
     return result;
   }
 
-  // Evidence of each part, of peak 0 where nothing matches.
+  // The evidence of each part, with peak 0 if nothing matches.
   std::vector<Evidence> match(const Detection& seen) const {
     std::vector<Evidence> result(unseen_.size());
     for (std::size_t i = 0; i < result.size(); ++i)
@@ -189,7 +189,7 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
     return result;
   }
 
-  // Parts that are not seen any more leave, key-points in the box that are no parts join.
+  // Drops parts that have not been seen for long, and adds key-points in the box that are not yet parts.
   void renew(const Detection& seen) {
     const PlaneTransform to_object = pose_.transform().inverse();
     std::vector<Point2> layout, placement;

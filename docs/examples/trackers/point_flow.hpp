@@ -1,7 +1,7 @@
 #pragma once
 
-// Many points of one object, each followed from frame to frame by pyramidal Lucas-Kanade and back (Kalal,
-// Mikolajczyk and Matas, ICPR 2010), in one run over a window resampled to the object's scale.
+// Many points of one object, each followed to the next frame by pyramidal Lucas-Kanade and back (Kalal,
+// Mikolajczyk and Matas, ICPR 2010), all at once in a window resampled to the object's scale.
 
 #include <algorithm>
 #include <asterism/parts/concept/part_model.hpp>
@@ -14,15 +14,15 @@ class PointFlow {
  public:
   explicit PointFlow(const asterism::TemplateWindow& window) : options_(window) {}
 
-  /// Follow from this frame on, in the window of an object of `size` [px] at `centre` [px].
+  /// Makes this the frame to follow points from, in the window of an object of `size` [px] at `centre` [px].
   void learn(const asterism::Frame& frame, const asterism::Point2& centre, const asterism::Size2& size) {
     window_ = {centre, size, options_};
     learned_ = pyramid(window_.sample(frame));
   }
 
-  /// Where points of the learned frame (2 x N) [px] are in this one. The peak is the normalised
-  /// cross-correlation of the patches there and here, 0 where that is negative and for a point that was not
-  /// found, whose position is as given.
+  /// The positions in this frame of points of the learned frame (2 x N) [px]. The peak is the normalised
+  /// cross-correlation of the patches in both, or 0 if that is negative; for a point that is not found the
+  /// peak is 0 and the position as given.
   std::vector<asterism::Evidence> follow(const asterism::Frame& frame, const Eigen::Matrix2Xd& points) const {
     const auto count = static_cast<std::size_t>(points.cols());
     std::vector<asterism::Evidence> result(count);
@@ -53,7 +53,7 @@ class PointFlow {
   const asterism::ObjectWindow& window() const { return window_; }
 
  private:
-  static constexpr int kSide = 11, kLevels = 4;  // of Lucas-Kanade's window [window pixels], halvings
+  static constexpr int kSide = 11, kLevels = 4;  // of Lucas-Kanade's window [window pixels]; halvings
   static constexpr double kMaxError = 1;         // forward-backward [window pixels]
   static constexpr double kConvergence = 0.3;    // deviation of a converged position [window pixels]
 
@@ -62,7 +62,7 @@ class PointFlow {
     cv::buildOpticalFlowPyramid(window, levels, {kSide, kSide}, kLevels);
     return levels;
   }
-  // Normalised cross-correlation of the patches around two points, 0 where one is flat.
+  // Normalised cross-correlation of the patches around two points, 0 if one is flat.
   static double correlation(const cv::Mat& a, const cv::Point2f& at, const cv::Mat& b,
                             const cv::Point2f& bt) {
     cv::Mat p, q;

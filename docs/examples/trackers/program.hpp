@@ -1,8 +1,8 @@
 #pragma once
 
-// A tracker as a program. `PROGRAM VIDEO X,Y,WIDTH,HEIGHT` follows the object of this box in the first frame
-// [px] and prints the box in each further frame, at the end also the times of the tracker's stages. Without
-// arguments the program is a tracker for a client of TraX, version 1, on the standard streams.
+// A tracker as a program. `PROGRAM VIDEO X,Y,WIDTH,HEIGHT` follows the object in this box of the first frame
+// [px] and prints the box in each further frame, and at the end the times of the tracker's stages. Without
+// arguments the program is a TraX tracker, version 1, on the standard streams.
 
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cstdio>
@@ -50,7 +50,7 @@ void serve_trax(T& tracker) {
 
 template <asterism::Tracker T>
 void follow(T& tracker, const std::string& video, const cv::Rect2d& box) {
-  // FFmpeg, which is asked first, would decode images with other rounding than serve_trax does.
+  // By default OpenCV prefers FFmpeg, which rounds decoded images differently from imread in serve_trax.
   const bool images = video.find('%') != std::string::npos;
   cv::VideoCapture frames(video, images ? cv::CAP_IMAGES : cv::CAP_ANY);
   cv::Mat image;

@@ -1,9 +1,9 @@
 // A constellation of superpixels, after DGT (Cai et al., "Robust deformable and occluded object tracking with
-// dynamic graph", TIP 2014): the parts are the object's superpixels, candidates those of the frame whose
-// color is rather the object's than its surroundings'. Matching is by color and place; springs to the nearest
-// neighbours are the geometric term. The graph is dynamic: parts that are not matched any more leave,
-// candidates on the object that are no parts join. It is an example and not a tracker of the library, as
-// plain KCF is better.
+// dynamic graph", TIP 2014): the parts are the object's superpixels, and the candidates are those of the
+// frame, weighted by how far their color is the object's rather than its surroundings'. Matching is by color
+// and place; springs to the nearest neighbours are the geometric term. The graph is dynamic: parts that are
+// no longer matched leave, and candidates on the object that are not yet parts join. It is an example and not
+// a tracker of the library, as plain KCF is better.
 
 #include <algorithm>
 #include <asterism/parts/features/patch.hpp>
@@ -23,8 +23,8 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
   friend TrackerBase<SuperpixelTracker>;
   static constexpr std::string_view kName = "SuperpixelTracker";
   static constexpr int kSide = 6;  // of a superpixel [template pixels]
-  // The object is resampled to this mean side, with so many times as much around it, in a window that has
-  // limits for thin objects [template pixels].
+  // The object is resampled to kTemplateSide, its mean side, with kPadding times as much of its surroundings.
+  // The window's sides are limited, for thin objects [template pixels].
   static constexpr double kTemplateSide = 40, kPadding = 1.5, kMinWindow = 12, kMaxWindow = 64 * kSide;
   static constexpr double kColorSigma = 8;      // deviation from frame to frame [CIELAB units]
   static constexpr int kNeighbours = 6;         // links of a part
@@ -34,8 +34,8 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
   static constexpr int kForgetAfter = 10;       // ... and leaves after so many frames
   static constexpr double kLostBelow = 0.05;    // mean match of the parts
   using Points = ElasticConstellation::Points;
-  // The superpixels of a window: positions in the image, colors, areas of which the mean is about 1, and
-  // how much of the object's color rather than its surroundings', in [0, 1].
+  // The superpixels of a window: positions in the image, colors, areas with a mean of about 1, and how far
+  // the color is the object's rather than its surroundings', in [0, 1].
   struct Candidates {
     Points positions;
     Eigen::ArrayX3f colors;
@@ -58,7 +58,7 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
     const Candidates seen = cut(frame);
     const Eigen::ArrayXXf likeness = alike(colors_, seen.colors);
 
-    // The motion that most parts have in common, then each part's candidates near there.
+    // First the motion that most parts share, then each part's candidates near the moved part.
     const int n = parts_.size();
     parts_.placement().colwise() += common_displacement(seen, likeness);
     const double sigma = kSide * spacing_;
@@ -155,7 +155,8 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
           pose_.centre() +
           pixel.cwiseProduct(result.positions.col(c) / static_cast<double>(map.areas[c]) - middle);
 
-    // The share of the object among what has such a color, each as dense as it is around here.
+    // How far each color is the object's: its density among the parts' colors, against that in the
+    // surroundings.
     if (colors_.rows() > 0 && background_.rows() > 0) {
       const Eigen::ArrayXf object = alike(colors_, map.colors).colwise().mean().transpose(),
                            around = alike(background_, map.colors).colwise().mean().transpose();
@@ -164,7 +165,7 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
     return result;
   }
 
-  // exp(-|c - c'|^2 / (2 sigma^2)), a row for each of `a`.
+  // exp(-|c - c'|^2 / (2 sigma^2)), one row per color in `a`.
   static Eigen::ArrayXXf alike(const Eigen::ArrayX3f& a, const Eigen::ArrayX3f& b) {
     Eigen::ArrayXXf squares = Eigen::ArrayXXf::Zero(a.rows(), b.rows());
     for (int k = 0; k < 3; ++k)
@@ -172,7 +173,8 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
     return (squares / static_cast<float>(-2 * kColorSigma * kColorSigma)).exp();
   }
 
-  // The most votes of the parts and candidates, in cells of half a superpixel, as far as the window's margin.
+  // The displacement that has the most votes of pairs of a part and a candidate, in cells of half a
+  // superpixel, up to the window's margin.
   Point2 common_displacement(const Candidates& seen, const Eigen::ArrayXXf& likeness) const {
     const double cell = kSide * spacing_ / 2;
     const int reach = static_cast<int>(kPadding / 2 * pose_.mean_side() / cell) + 1;
@@ -199,7 +201,7 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
     return cell * best;
   }
 
-  // Parts leave and join, and the background is learned again.
+  // Lets parts leave and join, and learns the background's colors from this frame.
   void renew(const Candidates& seen) {
     const PlaneTransform to_object = pose_.transform().inverse();
     std::vector<Point2> layout, placement;
@@ -243,7 +245,7 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
   ObjectPose pose_;
   Eigen::ArrayX3f colors_, background_;  // of the parts, and of what is around the object
   std::vector<int> unseen_;              // frames since each part was matched
-  double spacing_ = 1;                   // image pixels a template pixel, in the last frame
+  double spacing_ = 1;                   // image pixels per template pixel, in the last frame
   bool color_ = false;                   // learned in color
 };
 

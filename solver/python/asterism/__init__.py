@@ -17,7 +17,7 @@ Points with given distances are found by `asterism.mds`, and graphs are drawn by
 
 
 def _why_missing():
-    """What to do where no file of the compiled module is for this interpreter; None where one is, and is broken."""
+    """An error message if no file of the compiled module is for this interpreter; None if there is one, which is broken then."""
     import re
     import sys
     from importlib.machinery import EXTENSION_SUFFIXES

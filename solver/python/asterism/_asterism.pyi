@@ -11,7 +11,7 @@ _Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32
 _Region = Sequence[float] | np.ndarray
 _OnIteration = Callable[[int, _Floats, float, float], bool | None]  # iteration, x, energy, gradient norm
 
-class _Values:  # what is set is copied into the array
+class _Values:  # assigned values are copied into the array
     def __get__(self, owner: object, type: type | None = None) -> _Floats: ...
     def __set__(self, owner: object, values: npt.ArrayLike) -> None: ...
 
@@ -202,12 +202,12 @@ class SpringBatch:
     @property
     def lower_bound(self) -> _Floats: ...
 
-# Where the build had nlohmann-json:
+# Only in builds with nlohmann-json:
 
 def _parse_systems(text: str, source: str) -> list[tuple[SpringSystem, _Floats, str, str]]: ...
 def _system_to_json(system: SpringSystem, start: npt.ArrayLike, name: str, origin: str) -> str: ...
 
-# Where it had OpenCV:
+# Only in builds with OpenCV:
 
 class PartState:
     def copy(self) -> PartState: ...

@@ -65,7 +65,7 @@ def mds(
     distances: (N, N), symmetric, >= 0; a pair of NaN is missing, and the diagonal is not read. Of a scipy.sparse matrix the
         stored entries are the known pairs; one of both triangles suffices.
     weights: (N, N), symmetric, >= 0; a pair of 0 is missing. None: 1 for each known pair.
-    anchors: (N, dim), where nodes are known to be; NaN for nodes without. None: the result is centred on the origin.
+    anchors: (N, dim), known positions of nodes; NaN for nodes without one. None: the result is centred on the origin.
     anchor_weights: one for all anchors, or (N,); inf holds a node on its anchor exactly.
     dim: 2 or 3; other dimensions are a ValueError.
     start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path.
@@ -207,7 +207,7 @@ def _weights_of(weights: Any, pairs: npt.NDArray[np.intp], n: int) -> _Floats:
 
 
 def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_Floats, _Floats]:
-    """Anchors, 0 for nodes without, and their weights, 0 for nodes without."""
+    """Anchors and their weights, both 0 for nodes without an anchor."""
     if anchors is None:
         return np.zeros((n, dim)), np.zeros(n)
     at = _array(anchors, "anchors", (n, dim))
@@ -222,7 +222,7 @@ def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_F
 
 
 def _edges_of(graph: Any) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
-    """Nodes, and edges of different ends; the shortest of those between the same two."""
+    """Nodes, edges and their lengths; loops are dropped, and several edges may join the same two nodes."""
     if hasattr(graph, "nodes") and callable(getattr(graph, "edges", None)):  # of networkx
         nodes = list(graph.nodes)
         index = {node: k for k, node in enumerate(nodes)}
@@ -267,7 +267,7 @@ def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[npt.NDArray[np.intp]
 
 
 def _sparse(pairs: npt.NDArray[np.intp], values: _Floats, n: int) -> Any:
-    """Symmetric; the least of several values of one pair. A value of 0 stays one."""
+    """A sparse matrix, upper triangle only; of several values of one pair the least. A value of 0 is stored explicitly."""
     import scipy.sparse
 
     i, j = pairs.min(axis=1, initial=n), pairs.max(axis=1, initial=0)
@@ -296,7 +296,7 @@ def _components(pairs: npt.NDArray[np.intp], n: int) -> list[npt.NDArray[np.intp
 
 
 def _classical(distances: _Floats, dim: int) -> _Floats:
-    """Torgerson's scaling. Coordinates that the distances do not need get a little noise: nodes may leave a line or plane."""
+    """Torgerson's scaling. Coordinates that would be flat get a little noise, so that nodes can leave a line or plane."""
     n = len(distances)
     squares = distances**2
     means = squares.mean(axis=0)
@@ -331,7 +331,7 @@ def _start(pairs: Any, lengths: _Floats, components: Any, at: _Floats, hold: _Fl
 
 
 def _side_by_side(x: _Floats, components: Any, hold: _Floats) -> _Floats:
-    """Components without an anchor in a row, to the right of those with; the centre on the origin if there is no anchor."""
+    """x with the components without an anchor in a row, right of those with one; centred on the origin if there is no anchor."""
     free = [nodes for nodes in components if not (hold[nodes] > 0).any()]
     held = np.flatnonzero(~np.isin(np.arange(len(x)), np.concatenate(free))) if free else []
     if not free or (len(free) == 1 and not len(held)):

@@ -21,8 +21,8 @@ def load(folder: str | os.PathLike[str]) -> dict[str, Any]:
     - "differences": a list of {"measure", "a", "b", "value", "low", "high", "significant"};
     - "curves": {tracker: {curve: [(x, y), ...]}}.
 
-    Values are floats, None where the report has none. A table whose file is not there is left out; FileNotFoundError where
-    there is none. ValueError "FILE:LINE: ..." for a file that is no such table.
+    Values are floats, None where the report has none. A table without a file is left out; FileNotFoundError if there is no
+    table at all. ValueError "FILE:LINE: ..." for a file that is not a table of its kind.
     """
     folder = pathlib.Path(folder)
     report = folder / "report" if (folder / "report").is_dir() else folder

@@ -16,18 +16,18 @@ from . import _asterism
 
 @dataclasses.dataclass
 class StoredSystem:
-    """A spring system with the rest of what its file says."""
+    """A spring system and the other contents of its file."""
 
     system: _asterism.SpringSystem
-    #: Of a solve, (N, dim) [px]; part of the problem.
+    #: Where a solve starts, (N, dim) [px]; part of the problem.
     start: npt.NDArray[np.float64]
     name: str = ""
-    #: Free: where the system comes from.
+    #: Where the system comes from, in any form.
     origin: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 def parse_systems(text: str, source: str = "text") -> list[StoredSystem]:
-    """The systems in a text: a JSON object, an array of them, or one a line. ValueError "SOURCE:LINE: ..." else."""
+    """The systems in a text: a JSON object, an array of them, or one per line. ValueError "SOURCE:LINE: ..." for any other."""
     return [
         StoredSystem(system, start, name, json.loads(origin))
         for system, start, name, origin in _asterism._parse_systems(text, source)
@@ -35,14 +35,14 @@ def parse_systems(text: str, source: str = "text") -> list[StoredSystem]:
 
 
 def read_systems(path: str | os.PathLike[str]) -> list[StoredSystem]:
-    """The systems in a file. OSError where it cannot be read, ValueError as parse_systems."""
+    """The systems in a file. OSError if it cannot be read, ValueError as from parse_systems."""
     return parse_systems(pathlib.Path(path).read_text(encoding="utf-8"), os.fspath(path))
 
 
 def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem]) -> None:
-    """Writes systems to a file, one a line; every number comes back bit for bit.
+    """Writes systems to a file, one per line; every number is read back exactly.
 
-    ValueError for values that a solver would refuse, and then nothing is written.
+    ValueError for values that a solver would refuse; then nothing is written.
     """
     lines = [
         _asterism._system_to_json(stored.system, stored.start, stored.name, json.dumps(stored.origin)) + "\n"
