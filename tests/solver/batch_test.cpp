@@ -382,7 +382,7 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
       system.anchor_stiffness[0] *= Scalar(1e-12);
       system.anchors.col(0).setConstant(Scalar(1e8));
       break;
-    case 28:  // starts far off
+    case 28:  // a distant start
       x.array() += Scalar(1e5);
       break;
     case 29:

@@ -73,7 +73,7 @@ TEST(FitJacobian, OfPointsThatDetermineNoScaleIsThatOfTheTranslation) {
   }
 }
 
-/// A part with constant evidence whose position is law(first, around): of its start and of where it is
+/// A part with constant evidence, at law(first, around): `first` is where it started, `around` where it is
 /// searched.
 class StubPart {
  public:

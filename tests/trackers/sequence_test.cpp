@@ -57,7 +57,7 @@ TEST_P(RealSequence, IsTrackedFromTheFirstBox) {
   EXPECT_EQ(usable, trackers.size() * frames) << "every constellation was solved, and no energy rose";
 }
 
-// The margins below the measured averages are the spread over start boxes that differ by up to a pixel.
+// The margins below the measured averages allow for start boxes that differ by up to a pixel.
 INSTANTIATE_TEST_SUITE_P(Development, RealSequence,
                          ::testing::Values(Sequence{"FaceOcc1", 0.70}, Sequence{"david", 0.65},
                                            Sequence{"woman", 0.60}),

@@ -11,7 +11,7 @@
 // cache:
 //
 //   load_row     a row of pixels as floats, with the border replicated
-//   vote_row     magnitude and orientation of each gradient, then one vote a pixel
+//   vote_row     magnitude and orientation of each gradient, then one vote per pixel
 //   collect      votes -> histograms of the row of cells that is now complete, and its energy
 //   normalise_blocks  1 / sqrt of the 2 x 2 block energies between two rows of cells
 //   emit_row     normalise, clip and sum one row of cells into the 31 planes

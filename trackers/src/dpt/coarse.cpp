@@ -58,7 +58,7 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   }
   if (combined) {
     estimate.evidence = evidence_of(density_, options_.sub_pixel);
-    // If the root found no peak, its similarity stays 0 everywhere.
+    // If the root found no peak, the similarity stays 0.
     if (estimate.similarity > 0) estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   evidence_ = estimate.evidence;

@@ -19,7 +19,7 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Lengths below are in units: the mean side (arithmetic) of the object's first box is this many.
+// The unit of the lengths below: the mean side (arithmetic) of the object's first box is this many units.
 constexpr double kObjectSide = 60;
 constexpr int kPartSide = 6;
 // Search range of a part to each side: covers the common motion and the local one.

@@ -75,7 +75,7 @@ void KalmanTracker::visit_learned(StateArchive& archive) {
   archive.begin("kalman", options_);
   tracker_.visit_state(archive);
   filter_.visit_state(archive);
-  // The archive's limits of positions and sizes; at most from one end to the other in a frame.
+  // The archive's limits of positions and sizes; the velocity may cross them in one frame.
   const Eigen::Vector3d most(1e6, 1e6, std::log(1e6));
   archive.require((filter_.position().cwiseAbs().array() <= most.array()).all() &&
                   (filter_.velocity().cwiseAbs().array() <= 2 * most.array()).all());
