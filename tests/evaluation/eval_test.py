@@ -347,7 +347,7 @@ class Evaluation(unittest.TestCase):
         report = json.loads((self.out / "report/report.json").read_text())
         scores = report["trackers"][0]["sequences"]["GOT-10k_Test_000001"]
         self.assertEqual((scores["A"], scores["F"], scores["AO"]), (None, None, None))
-        # A test set has no more ground truth; its results go to a server.
+        # A test set alone cannot be scored; its results go to a server.
         third = self.out.with_name("test")
         self.assertEqual(run("run", data, "--trackers", "kcf", "--protocol", "otb", "--starts", 2, "--sequences",
                              "GOT-10k_Test_000001", "--out", third).returncode, 0)
@@ -477,7 +477,7 @@ class Report(unittest.TestCase):
         done = run("run", cls.root / "data", "--trackers", "kcf,dpt", "--external", tracker("dies", "dies"), "--starts", 2,
                    "--overlap", "exact", "--protocol", "vot,otb,tre,sre,multistart", "--out", cls.out)
         assert done.returncode == 0, done.stderr
-        # A tracker drawn by hand: off the object from frame 16 of the first sequence on.
+        # A tracker drawn by hand: it fails in frame 16 of the first sequence.
         for name, length in cls.LENGTHS.items():
             folder = cls.out / "results/drawn/baseline" / name
             folder.mkdir(parents=True)

@@ -73,7 +73,7 @@ TEST(OverlapRules, HaveNames) {
 TEST(ExactOverlap, IsThatOfTheAreas) {
   const auto exact = [](const Region& a, const Region& b) { return overlap(a, b, OverlapRule::Exact); };
   EXPECT_DOUBLE_EQ(exact(rectangle(0, 0, 10, 10), rectangle(5, 0, 10, 10)), 1.0 / 3);
-  // A diamond of area 50 in a square of 100, and in its quarter.
+  // A diamond of area 50, with the square of 100 around it and with a quarter of that square.
   const Region diamond = polygon({{5, 0}, {10, 5}, {5, 10}, {0, 5}});
   EXPECT_NEAR(exact(diamond, rectangle(0, 0, 10, 10)), 0.5, 1e-15);
   EXPECT_NEAR(exact(diamond, rectangle(0, 0, 5, 5)), 12.5 / (50 + 25 - 12.5), 1e-15);

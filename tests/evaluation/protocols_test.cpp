@@ -171,7 +171,7 @@ TEST_F(ProtocolsTest, StartBoxesMoveByUpToThejitter) {
   EXPECT_LE(most, 0.5);
   EXPECT_GT(most, 0.4);
 
-  // More starts include the first of fewer starts; polygons move as a whole.
+  // More starts begin with the same ones.
   ProtocolOptions fewer = options;
   fewer.starts = 3;
   const auto all = start_offsets(options), few = start_offsets(fewer);

@@ -90,7 +90,7 @@ TEST_F(TrajectoryTest, ReadsWhatToolkitsWrote) {
   EXPECT_EQ(trajectory.frames[1].region->box(), cv::Rect2d(10, 20, 30, 40));
   EXPECT_FALSE(trajectory.frames[5].region->is_rectangle());
   EXPECT_EQ(trajectory.values.at("time")[1], 0.3);
-  // A property that is not a number is skipped.
+  // A tracker's own property is skipped if it is not a number.
   write("car_002_mood.value", "good\n\n\n\n\n\n\n\n\n");
   EXPECT_EQ(read_trajectory(file).values.size(), 1u);
   write("car_002_time.value", "slow\n\n\n\n\n\n\n\n\n");
