@@ -1,7 +1,7 @@
-# The Debian packages that cpack makes of the install rules: libasterism-dev (headers, CMake and pkg-config files, static
-# libraries), asterism-tools, python3-asterism and, where BUILD_SHARED_LIBS, libasterism0.1.
+# The Debian packages that cpack makes from the install rules: libasterism-dev (headers, CMake and pkg-config
+# files, static libraries), asterism-tools, python3-asterism and, with BUILD_SHARED_LIBS, libasterism0.1.
 
-# What users of each component need beside libasterism-dev.
+# The packages that users of each component need besides libasterism-dev.
 set(asterism_debian_solver libeigen3-dev)
 set(asterism_debian_cholmod libsuitesparse-dev)
 set(asterism_debian_ceres libceres-dev)
@@ -9,7 +9,8 @@ set(asterism_debian_lbfgs liblbfgs-dev)
 set(asterism_debian_json nlohmann-json3-dev)
 set(asterism_debian_parts libopencv-dev)
 
-# asterism_debian_package(COMPONENT NAME SECTION TEXT): in the caller's scope, what CPack wants to know.
+# asterism_debian_package(COMPONENT NAME SECTION TEXT) sets CPack's variables for a package in the caller's
+# scope.
 macro(asterism_debian_package component name section text)
   list(APPEND CPACK_COMPONENTS_ALL Asterism_${component})
   string(TOUPPER ASTERISM_${component} upper)
@@ -19,7 +20,7 @@ macro(asterism_debian_package component name section text)
   install(FILES LICENSE DESTINATION ${CMAKE_INSTALL_DATADIR}/doc/${name} RENAME copyright COMPONENT Asterism_${component})
 endmacro()
 
-# A function, for CPack's variables to stay in it.
+# A function, so that CPack's variables stay local.
 function(asterism_debian_packages)
   set(CPACK_GENERATOR DEB)
   set(CPACK_PACKAGE_NAME asterism)
@@ -50,7 +51,7 @@ function(asterism_debian_packages)
     set(CPACK_DEBIAN_ASTERISM_RUNTIME_PACKAGE_SHLIBDEPS ON)
     string(APPEND CPACK_DEBIAN_ASTERISM_DEV_PACKAGE_DEPENDS ", ${runtime} ${same_version}")
     set(CPACK_DEBIAN_ASTERISM_TOOLS_PACKAGE_DEPENDS "${runtime} ${same_version}")
-    # Where dpkg-shlibdeps finds the libraries of other packages that are being made.
+    # Lets dpkg-shlibdeps find the libraries of the packages that are built here.
     foreach(room IN ITEMS solver parts trackers)
       list(APPEND CPACK_DEBIAN_PACKAGE_SHLIBDEPS_PRIVATE_DIRS ${PROJECT_BINARY_DIR}/${room})
     endforeach()
@@ -62,7 +63,7 @@ function(asterism_debian_packages)
   if(TARGET asterism_python)
     asterism_debian_package(python python3-asterism python "Python module: solvers and trackers on NumPy arrays.")
     set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_SHLIBDEPS ON)
-    # The compiled module is of one minor version of Python.
+    # The compiled module works with only one minor version of Python.
     get_directory_property(major DIRECTORY solver/python DEFINITION Python3_VERSION_MAJOR)
     get_directory_property(minor DIRECTORY solver/python DEFINITION Python3_VERSION_MINOR)
     math(EXPR next "${minor} + 1")
@@ -71,7 +72,7 @@ function(asterism_debian_packages)
       string(APPEND CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_DEPENDS ", ${runtime} ${same_version}")
     endif()
     set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_SUGGESTS "python3-scipy, python3-matplotlib")
-    # Compiles the sources when installed, and removes what was compiled.
+    # Byte-compile the sources at installation, and remove the result at removal.
     set(scripts ${PROJECT_SOURCE_DIR}/.packaging/debian)
     set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_CONTROL_EXTRA "${scripts}/postinst;${scripts}/prerm")
     set(CPACK_DEBIAN_ASTERISM_PYTHON_PACKAGE_CONTROL_STRICT_PERMISSION ON)

@@ -1,6 +1,6 @@
-# How every target of the project is declared, and how the package is installed.
+# Functions that declare the project's targets and install the package.
 
-# Compile settings of our own code; nothing of this reaches a consumer.
+# Compile settings of the project's own code; they do not reach consumers.
 function(asterism_private_options target)
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wpedantic -Wconversion -Wshadow)
   if(ASTERISM_WERROR)
@@ -10,27 +10,27 @@ function(asterism_private_options target)
     target_compile_options(${target} PRIVATE -fsanitize=thread)
     target_link_options(${target} PRIVATE -fsanitize=thread)
   elseif(ASTERISM_SANITIZE)
-    # Without the checks of every access that AddressSanitizer sees as well: they double the time to compile.
+    # Without the checks that AddressSanitizer duplicates: they double the compile time.
     target_compile_options(${target} PRIVATE -fsanitize=address,undefined -fno-sanitize=null,object-size,vptr,pointer-overflow
                                              -fno-sanitize-recover=undefined -fno-omit-frame-pointer)
     target_compile_definitions(${target} PRIVATE EIGEN_INITIALIZE_MATRICES_BY_NAN)
     target_link_options(${target} PRIVATE -fsanitize=address,undefined)
   endif()
   if(ASTERISM_FUZZ)
-    target_compile_options(${target} PRIVATE -fsanitize=fuzzer-no-link)  # what is covered guides the fuzzers
+    target_compile_options(${target} PRIVATE -fsanitize=fuzzer-no-link)  # coverage guides the fuzzers
   endif()
   set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF CXX_VISIBILITY_PRESET hidden)
 endfunction()
 
-# asterism_command_line(SOURCE): a source that reads a command line with CLI11, which takes the compiler twice as long
-# where it is to run fast; headers are precompiled for the other sources' options.
+# asterism_command_line(SOURCE): for a source that parses a command line with CLI11, which takes twice as long
+# to compile with full optimisation. It cannot share the precompiled headers, which have the other options.
 function(asterism_command_line source)
   set_source_files_properties(${source} PROPERTIES COMPILE_OPTIONS "$<$<CONFIG:Release>:-O1>" SKIP_PRECOMPILE_HEADERS ON)
 endfunction()
 
-# asterism_library(NAME [INTERFACE] [SOURCES ...] [HEADERS ...] [WITHOUT ...]) declares library asterism_NAME, static unless
-# BUILD_SHARED_LIBS, exported as asterism::NAME. Its public headers, in include/ of the current folder, are
-# asterism/NAME.hpp and all of asterism/NAME/ but those in WITHOUT, or else HEADERS.
+# asterism_library(NAME [INTERFACE] [SOURCES ...] [HEADERS ...] [WITHOUT ...]) declares library asterism_NAME,
+# static unless BUILD_SHARED_LIBS, exported as asterism::NAME. Its public headers, in include/ of the current
+# folder, are HEADERS or, by default, asterism/NAME.hpp and all of asterism/NAME/ except those in WITHOUT.
 function(asterism_library name)
   cmake_parse_arguments(PARSE_ARGV 1 arg "INTERFACE" "" "SOURCES;HEADERS;WITHOUT")
   set(target asterism_${name})
@@ -71,7 +71,7 @@ function(asterism_library name)
             LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT Asterism_runtime NAMELINK_COMPONENT Asterism_dev
             ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT Asterism_dev
             FILE_SET HEADERS DESTINATION ${CMAKE_INSTALL_INCLUDEDIR} COMPONENT Asterism_dev
-            INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})  # CMake before 3.23 knows no file sets
+            INCLUDES DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})  # for CMake before 3.23, which has no file sets
     install(EXPORT Asterism_${name} FILE Asterism_${name}.cmake NAMESPACE asterism::
             DESTINATION ${CMAKE_INSTALL_LIBDIR}/cmake/Asterism COMPONENT Asterism_dev)
     export(EXPORT Asterism_${name} FILE ${PROJECT_BINARY_DIR}/Asterism_${name}.cmake NAMESPACE asterism::)
@@ -79,15 +79,15 @@ function(asterism_library name)
 endfunction()
 
 # asterism_pkg_config(NAME [REQUIRES MODULE...] [CFLAGS FLAG...] [INCLUDES DIR...] [LIBRARIES LIBRARY...]
-# [PRIVATE LIBRARY...]): what the users of library NAME need beside it, for asterism-NAME.pc: modules of pkg-config, flags, or
-# libraries (names or files) that have no module.
+# [PRIVATE LIBRARY...]) writes asterism-NAME.pc. The arguments are the dependencies of the library's users:
+# pkg-config modules, flags, and libraries (names or files) that have no module.
 function(asterism_pkg_config name)
   if(NOT ASTERISM_INSTALL)
     return()
   endif()
   cmake_parse_arguments(PARSE_ARGV 1 arg "" "" "REQUIRES;CFLAGS;INCLUDES;LIBRARIES;PRIVATE")
   get_target_property(type asterism_${name} TYPE)
-  if(type STREQUAL "STATIC_LIBRARY") # and its users link what it uses
+  if(type STREQUAL "STATIC_LIBRARY") # its users also link its private libraries
     list(APPEND arg_LIBRARIES ${arg_PRIVATE})
     set(arg_PRIVATE "")
   endif()
@@ -98,7 +98,7 @@ function(asterism_pkg_config name)
     list(PREPEND arg_LIBRARIES "-L\${libdir}" -lasterism_${name})
   endif()
   list(REMOVE_ITEM arg_INCLUDES "" ${CMAKE_CXX_IMPLICIT_INCLUDE_DIRECTORIES})
-  list(TRANSFORM arg_INCLUDES PREPEND "-isystem ") # OpenCV's headers warn of themselves in C++20
+  list(TRANSFORM arg_INCLUDES PREPEND "-isystem ") # as system headers: OpenCV's cause warnings in C++20
   list(PREPEND arg_CFLAGS "-I\${includedir}" ${arg_INCLUDES})
 
   set(dir ${CMAKE_INSTALL_FULL_LIBDIR}/pkgconfig)
@@ -144,7 +144,7 @@ function(asterism_install_tool target)
   endif()
 endfunction()
 
-# asterism_missing(TARGET WHAT PACKAGE): the one line for an optional dependency that is not there.
+# asterism_missing(TARGET WHAT PACKAGE) prints one line for an optional dependency that was not found.
 function(asterism_missing target what package)
   message(STATUS "Asterism: asterism::${target} is off: ${what} not found (Debian package ${package})")
 endfunction()

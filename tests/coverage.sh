@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# What of the libraries and tools the tests run:
+# The coverage of the libraries and tools by the tests:
 #
 #   bash tests/coverage.sh              builds, runs every test, and prints lines and branches of each file
-#   bash tests/coverage.sh FILE...      then or later: the lines of these files with how often each ran
+#   bash tests/coverage.sh FILE...      also, or afterwards: prints the lines of these files with their counts
 set -euo pipefail
 cd "$(dirname "$0")/.."
 profiles=build/coverage/profiles
@@ -12,8 +12,9 @@ if [[ $# == 0 || ! -f $profiles/all.profdata ]]; then
   cmake --preset coverage
   cmake --build --preset coverage
   rm -rf "$profiles"
-  # Processes of one program share a few files, which each of them adds to. The package's tests build programs of their own,
-  # and the counters are symbols that the batch must not have.
+  # The processes of each program share a few files, to which they add their counts. The tests of the package
+  # are left out as they build their own programs, and batch_symbols as the counters are symbols that it
+  # forbids.
   LLVM_PROFILE_FILE=$PWD/$profiles/%4m.profraw ctest --preset coverage --parallel 2 -LE package -E batch_symbols ||
     echo "coverage: a test that fills the disk, or kills a process, fails here with its counters" >&2
   llvm-profdata merge -sparse -failure-mode=all "$profiles"/*.profraw -o "$profiles/all.profdata"

@@ -1,8 +1,9 @@
 #!/usr/bin/env bash
-# The README's two commands in a fresh Debian 12 that holds nothing but git and a clone of the last commit; says how long each
-# took. Root, with debootstrap. An hour or more: downloads, and builds without a cache.
+# Runs the README's two commands in a fresh Debian 12 that holds only git and a clone of the last commit, and
+# reports how long each took. Needs root and debootstrap, and takes an hour or more: downloads, and builds
+# without a cache.
 #
-#   bash tests/newcomer.sh [FOLDER]      keeps the system in FOLDER, and uses one that is there; by default it is removed
+#   bash tests/newcomer.sh [FOLDER]      keeps the system in FOLDER, or reuses the one there; by default it is removed
 #
 # MIRROR in the environment names another mirror of Debian.
 set -euo pipefail

@@ -1,6 +1,6 @@
-# cmake -DPROJECT_SOURCE_DIR=.. -DFOLDER=.. -P build.cmake: puts the playground into FOLDER. If emcc (Debian package
-# emscripten) is there, the solver is compiled to FOLDER/solver.js, once a change of its source; if not, the page says
-# that it is missing.
+# cmake -DPROJECT_SOURCE_DIR=.. -DFOLDER=.. -P build.cmake: puts the playground into FOLDER. If emcc (Debian
+# package emscripten) is found, the solver is compiled to FOLDER/solver.js whenever its source has changed; if
+# not, the page says that it is missing.
 cmake_minimum_required(VERSION 3.21)
 set(here ${PROJECT_SOURCE_DIR}/docs/playground)
 file(MAKE_DIRECTORY ${FOLDER})
@@ -26,14 +26,14 @@ endforeach()
 if(NOT is_old)
   return()
 endif()
-# Each function of playground.h is exported.
+# Export each function of playground.h.
 file(STRINGS ${here}/playground.h declarations REGEX "^[a-z].*asterism_playground_[a-z]+\\(")
 list(TRANSFORM declarations REPLACE ".*(asterism_playground_[a-z]+)\\(.*" "_\\1")
 list(JOIN declarations "," functions)
 message(STATUS "Compiling the playground's solver")
 execute_process(
   COMMAND
-    ${CMAKE_COMMAND} -E env NODE_PATH=/usr/share/nodejs # Debian's modules, for another node than Debian's
+    ${CMAKE_COMMAND} -E env NODE_PATH=/usr/share/nodejs # lets any node find Debian's modules
     ${emxx} -std=c++20 -O3 -fno-exceptions -fno-rtti -Wall -Wextra -include ${here}/emscripten_library.hpp
     -I${PROJECT_SOURCE_DIR}/solver/include -isystem ${eigen} ${here}/playground.cpp -o ${FOLDER}/solver.js
     -sSINGLE_FILE=1 # so that the page works from a folder

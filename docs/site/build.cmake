@@ -1,6 +1,6 @@
-# cmake -DPROJECT_SOURCE_DIR=.. -DPROJECT_VERSION=.. -DPROJECT_DESCRIPTION=.. -DBINARY_DIR=.. -P build.cmake: makes the
-# documentation site BINARY_DIR/site, the pages of docs/ by Sphinx and, below reference/, every public symbol by Doxygen.
-# Warnings are errors, of a symbol without a docstring, too.
+# cmake -DPROJECT_SOURCE_DIR=.. -DPROJECT_VERSION=.. -DPROJECT_DESCRIPTION=.. -DBINARY_DIR=.. -P build.cmake:
+# makes the documentation site BINARY_DIR/site: the pages of docs/ by Sphinx and, below reference/, every
+# public symbol by Doxygen. Warnings are errors, including those for symbols without a docstring.
 cmake_minimum_required(VERSION 3.21)
 set(docs ${PROJECT_SOURCE_DIR}/docs)
 set(site ${BINARY_DIR}/site)
@@ -11,17 +11,18 @@ foreach(program sphinx-build doxygen python3)
     message(FATAL_ERROR "The documentation site needs ${program}: `bash .ci/install-packages docs` installs it")
   endif()
 endforeach()
-# The interpreter itself: a wrapper that looks for it at each of some hundred headers takes minutes.
+# The real interpreter: a wrapper that searches for it, run for some hundred headers, takes minutes.
 execute_process(COMMAND ${python3} -c "import sys; print(sys.executable)" OUTPUT_VARIABLE python3
                 OUTPUT_STRIP_TRAILING_WHITESPACE COMMAND_ERROR_IS_FATAL ANY)
-# A nicer look of the reference, where it is installed; Debian's package puts it below /usr/share.
+# A theme for the reference, if it is installed; Debian's package puts it below /usr/share.
 find_file(doxygen_style doxygen-awesome.css PATHS /usr/share /usr/local/share PATH_SUFFIXES doxygen-awesome-css NO_CACHE)
 if(NOT doxygen_style)
   message("the reference has Doxygen's own look: doxygen-awesome-css is not installed")
   set(doxygen_style "")
 endif()
 
-# The reference goes first: the search of the pages finds its symbols, by the tags that Doxygen writes.
+# The reference is built first: the search of the pages finds its symbols through the tags that Doxygen
+# writes.
 file(MAKE_DIRECTORY ${site} ${BINARY_DIR}/doxygen)
 configure_file(${docs}/site/Doxyfile.in ${BINARY_DIR}/Doxyfile @ONLY)
 execute_process(COMMAND ${doxygen} -w html ${BINARY_DIR}/doxygen/header.html ${BINARY_DIR}/doxygen/footer.html
@@ -33,7 +34,7 @@ string(REPLACE ">$projectname<" "><a href=\"$relpath^../index.html\">$projectnam
 file(WRITE ${BINARY_DIR}/doxygen/header.html "${header}")
 execute_process(COMMAND ${doxygen} ${BINARY_DIR}/Doxyfile COMMAND_ERROR_IS_FATAL ANY)
 file(GLOB references ${site}/reference/class*.html ${site}/reference/struct*.html)
-foreach(page IN LISTS references) # Doxygen links to the list of nested classes of a class that has private ones alone
+foreach(page IN LISTS references) # Doxygen links to a list of nested classes even if all are private
   file(READ ${page} text)
   if(text MATCHES "href=\"#nested-classes\"" AND NOT text MATCHES "id=\"nested-classes\"")
     string(REPLACE "<a href=\"#nested-classes\">Classes</a> &#124;\n" "" text "${text}")
@@ -41,7 +42,8 @@ foreach(page IN LISTS references) # Doxygen links to the list of nested classes 
   endif()
 endforeach()
 
-# Sphinx reads one folder: docs/, and pages beside it. It does so afresh, as it does not see that the reference has changed.
+# Sphinx reads one folder: docs/, and pages beside it. It starts from scratch, as it does not notice changes
+# of the reference.
 set(pages ${BINARY_DIR}/pages)
 file(REMOVE_RECURSE ${pages})
 file(COPY ${docs}/ DESTINATION ${pages} PATTERN site EXCLUDE)

@@ -56,7 +56,7 @@ class MannWhitney(unittest.TestCase):
 
 class Significant(unittest.TestCase):
     def test_benjamini_hochberg(self):
-        # Their paper's table (1995, section 3.2): the first four of these 15 at 0.05.
+        # The example in their paper (1995, section 3.2): the first four of these 15 are significant at 0.05.
         p = [1e-4, 4e-4, 0.0019, 0.0095, 0.0201, 0.0278, 0.0298, 0.0344]
         p += [0.0459, 0.3240, 0.4262, 0.5719, 0.6528, 0.7590, 1.0]
         self.assertEqual(compare_benchmarks.significant(p, 0.05), [True] * 4 + [False] * 11)

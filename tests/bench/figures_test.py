@@ -21,7 +21,7 @@ SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "laboratory" / "figures.p
 EXECUTABLE = sys.argv[1] if len(sys.argv) > 1 else None
 specification = importlib.util.spec_from_file_location("figures", SCRIPT)
 figures = importlib.util.module_from_spec(specification)
-sys.modules["figures"] = figures  # where its dataclasses look for it
+sys.modules["figures"] = figures  # dataclasses look the module up there
 specification.loader.exec_module(figures)
 
 MACHINE = {"cpu": "a CPU", "cores": 2, "compiler": "gcc 1", "build": "Release,  -O3", "packages": ["Eigen 3"]}
@@ -181,7 +181,7 @@ class Figures(unittest.TestCase):
             self.store("scaling", [run_record(), good[1], bad, good[2]])
             self.assertIn("scaling.jsonl, line 3: ", self.complaint())
         self.store("scaling", good)
-        self.assertIn("line 1: ", self.complaint())  # a cell of no run
+        self.assertIn("line 1: ", self.complaint())  # a cell without a run
 
     def test_damage_in_each_experiment(self):
         for experiment in figures.EXPERIMENTS:
@@ -201,7 +201,7 @@ class Figures(unittest.TestCase):
                     continue
                 for value in (None, 5, "text", []):
                     if (field, value) in (("group", "text"), ("solver", "text"), ("systems", 5)):
-                        continue  # may be
+                        continue  # valid
                     self.store(experiment, [run_record(), {**cell, field: value}])
                     self.assertIn("line 2: ", self.complaint())
             (self.results / f"{experiment}.jsonl").unlink()
@@ -236,7 +236,7 @@ class Figures(unittest.TestCase):
     def test_failures_count_null_energies(self):
         self.store("hard", [run_record(), *cells("hard")])
         (levels,) = figures.hard_cases(figures.read(self.results)[0]).values()
-        self.assertAlmostEqual(levels[0].failures("ida"), 1 / 3)  # the one that is no number
+        self.assertAlmostEqual(levels[0].failures("ida"), 1 / 3)  # the one whose energy is null
         self.assertAlmostEqual(levels[0].failures("ncg"), 1)
 
     @unittest.skipUnless(EXECUTABLE, "without asterism-bench")

@@ -13,7 +13,7 @@ import unittest
 EXECUTABLE = sys.argv[1]
 MPIEXEC = sys.argv[2] if len(sys.argv) > 2 else None
 
-# Four nodes near a square's corners, which they want to be at: one minimum, at energy 0.
+# Four nodes near a square's corners, which are their targets: one minimum, of energy 0.
 SQUARE = {
     "asterism_system": 1,
     "dim": 2,

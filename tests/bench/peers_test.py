@@ -23,10 +23,11 @@ import numpy as np
 SCRIPT = pathlib.Path(__file__).parents[2] / "bench" / "laboratory" / "peers.py"
 specification = importlib.util.spec_from_file_location("peers", SCRIPT)
 peers = importlib.util.module_from_spec(specification)
-sys.modules["peers"] = peers  # where its dataclasses look for it
+sys.modules["peers"] = peers  # dataclasses look the module up there
 specification.loader.exec_module(peers)
 
-# Two anchors 2 apart of stiffness 1, a spring of 3 that wants 4: r = (1 + 12) / 3.5 apart, along the line.
+# Two anchors of stiffness 1, at distance 2, and a spring of stiffness 3 and rest length 4: at the minimum the
+# nodes are r = (1 + 12) / 3.5 apart, on the line through the anchors.
 PAIR = {
     "asterism_system": 1,
     "name": "pair",

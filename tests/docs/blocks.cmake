@@ -1,8 +1,9 @@
-# The blocks of README.md and docs/ that are code but no program. Writes them, as they stand, below ${blocks}: PAGE_N.inc is the
-# N-th ```cpp fragment of a page, which fragments_test.cpp includes; PAGE_N.cmake the N-th ```cmake. Sets docs_fragments to their names.
+# Extracts the code blocks of README.md and docs/ that are not programs, unchanged, to ${blocks}: PAGE_N.inc
+# is the N-th ```cpp fragment of a page, which fragments_test.cpp includes; PAGE_N.cmake the N-th ```cmake.
+# Sets docs_fragments to the names of the fragments.
 set(docs_fragments "")
 
-# write_blocks(PAGE TEXT FENCE ENDING LIST): all blocks of one kind.
+# write_blocks(PAGE TEXT FENCE ENDING LIST): writes all blocks of one kind and appends their names to LIST.
 function(write_blocks page text fence ending list)
   set(number 0)
   string(LENGTH "\n```${fence}\n" length)

@@ -34,7 +34,7 @@ def main():
         if path.suffix not in COMMENT or 'corpus' in path.parts or path.name in ('CHANGELOG.md', 'check_pages_test.py'):
             continue
         for line, name in names_in(path):
-            placeholder = re.search(r'[A-Z]{3}', name)  # NAME.cpp
+            placeholder = re.search(r'[A-Z]{3}', name)  # e.g. NAME.cpp
             if name.removeprefix('../') not in ends and name not in OTHERS and not placeholder:
                 print(f'{path.relative_to(root)}:{line}: no file is named {name}')
                 found = True

@@ -23,7 +23,7 @@ import sys
 import urllib.parse
 
 OURS = re.compile(r'asterism-[a-z-]+$')
-# Programs of others; their options are theirs.
+# Programs of others, whose options are not checked.
 FOREIGN = {'apt-get', 'cat', 'cd', 'cmake', 'conan', 'cpack', 'ctest', 'g++', 'git', 'mkdir', 'mpirun', 'ninja', 'pip', 'pkg-config', 'printf', 'sudo', 'vcpkg',
            'vot'}
 INTERPRETERS = {'bash', 'python3'}
@@ -31,7 +31,7 @@ KEYWORDS = {'do', 'done', 'then', 'fi', 'else', '(', ')', '{', '}'}
 
 
 SHOWN = re.compile(r'<!-- file: (\S+) -->')
-MAX_README_LINES = 12  # of a program, beside blank lines and includes: one screen
+MAX_README_LINES = 12  # of a program, without blank lines and includes: one screen
 
 
 def pages_of(root):

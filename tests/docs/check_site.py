@@ -15,7 +15,7 @@ import sys
 import urllib.parse
 
 ADDRESSES = {'href', 'src', 'poster', 'data'}
-SYMBOLS = ['Ida', 'SpringSystem', 'solve', 'Kcf', 'Tracker']  # a class, a function, a concept, of every room
+SYMBOLS = ['Ida', 'SpringSystem', 'solve', 'Kcf', 'Tracker']  # a class, a function and a concept; from each library
 CUT_BRIEF = re.compile(r'[^>]{0,60}\b(?:Secs?|Eqs?|Figs?|e\.g|i\.e|cf)\.\s*(?:<a [^>]*>More|<br|</p|</td|</div)')
 IN_STYLE = re.compile(r'@import\s+["\']([^"\']+)["\']|url\(\s*(?:"([^"]*)"|\'([^\']*)\'|([^"\')\s]*))\s*\)')
 

@@ -1,4 +1,5 @@
-# The plugin of docs/opencv.md (PLUGIN): asterism-track (TRACK) follows the object of the video that VIDEO makes in DIR, with it.
+# With the plugin of docs/opencv.md (PLUGIN), asterism-track (TRACK) must follow the object of the video that
+# VIDEO makes in DIR.
 cmake_minimum_required(VERSION 3.25)
 include(${CMAKE_CURRENT_LIST_DIR}/near.cmake)
 file(MAKE_DIRECTORY ${DIR})

@@ -1,4 +1,4 @@
-// The programs of docs/examples/trackers, as a client of TraX runs them.
+// Runs the programs of docs/examples/trackers as a TraX client does.
 
 #include <gtest/gtest.h>
 #include <unistd.h>
@@ -16,7 +16,7 @@ namespace {
 namespace fs = std::filesystem;
 using testing::texture;
 
-// A textured object on a textured background, of other colors, moved along a known path.
+// A textured object moving along a known path on a textured background of other colors.
 cv::Rect2d true_box(int frame) { return {100.0 + 2 * frame, 80.0 + frame, 48, 64}; }
 cv::Mat draw_frame(int frame) {
   static const cv::Mat background = texture(240, 320, 3) + cv::Scalar(60, 0, 0),
@@ -41,7 +41,7 @@ class ExampleTracker : public ::testing::TestWithParam<const char*> {
     return reply.region.value().box();
   }
 
-  double confidence_ = 0;  // of the last frame
+  double confidence_ = 0;  // in the last frame
 
  private:
   fs::path file_ = fs::temp_directory_path() / ("asterism-example-" + std::to_string(getpid()) + ".png");
@@ -49,7 +49,7 @@ class ExampleTracker : public ::testing::TestWithParam<const char*> {
 };
 
 TEST_P(ExampleTracker, FollowsAMovingObject) {
-  for (int run = 0; run < 2; ++run) {  // a client may start again at any time
+  for (int run = 0; run < 2; ++run) {  // a client may restart at any time
     start(draw_frame(0), true_box(0));
     for (int t = 1; t <= 40; ++t) {
       const cv::Rect2d box = next(draw_frame(t)), truth = true_box(t);
@@ -76,7 +76,7 @@ TEST_P(ExampleTracker, FollowsSize) {
   double side = 60;
   cv::Rect2d box;
   for (int t = 0; t < 40; ++t) box = next(frame(side *= 1.01));
-  // Superpixels, which see coarsely where a part is, follow it at a distance.
+  // Superpixels locate a part only coarsely, so the size lags behind.
   if (GetParam() == std::string("superpixels"))
     EXPECT_GT(box.width, 61);
   else
@@ -102,7 +102,7 @@ TEST_P(ExampleTracker, SurvivesAHalfCoveredObjectAndABlankFrame) {
   for (int t = 17; t <= 20; ++t) box = next(draw_frame(t));
   EXPECT_NEAR(box.x, true_box(20).x, 8);
   if (GetParam() != std::string("keypoints")) return;
-  // Seen again elsewhere: found by its key-points.
+  // The object reappears elsewhere and is found by its key-points.
   for (int t = 0; t < 3; ++t) box = next(draw_frame(30));
   EXPECT_NEAR(box.x, true_box(30).x, 3);
 }

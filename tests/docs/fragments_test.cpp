@@ -1,4 +1,4 @@
-// The ```cpp fragment blocks of the pages, each in what it says that it is in, as it stands there.
+// Includes each ```cpp fragment of the pages, unchanged, in the context that its page names.
 #include <gtest/gtest.h>
 
 #include <asterism/parts/concept/state.hpp>
@@ -36,7 +36,7 @@ cv::Mat texture(const cv::Size& size, std::uint64_t seed) {
   return image;
 }
 
-// A textured object at (60, 50) in the first frame, 2 px further right in each one.
+// A textured object at (60, 50) in the first frame that moves right by 2 px per frame.
 const cv::Rect2d box(60, 50, 64, 64);
 cv::Mat draw(int frame) {
   static const cv::Mat background = texture({240, 180}, 1), object = texture({64, 64}, 2);
@@ -199,7 +199,7 @@ TEST(Parts, ScaleFilter) {
   EXPECT_NEAR(size.x(), 64, 3);
 }
 
-// Compiled alone: it wants a tracker to talk to (tests/trackers/trax_test.cpp has one).
+// Compiled but not run: it needs a tracker to talk to (tests/trackers/trax_test.cpp has one).
 [[maybe_unused]] bool trax() {
   using namespace asterism::tools;
 #include "docs_trax_1.inc"

@@ -1,4 +1,4 @@
-# near(WHAT BOX TRUTH): fails where the numbers of the lists, whole pixels, are more than 4 apart.
+# near(WHAT BOX TRUTH): fails if two corresponding numbers of the lists, whole pixels, differ by more than 4.
 function(near what box truth)
   foreach(value expected IN ZIP_LISTS box truth)
     math(EXPR off "${value} - ${expected}")

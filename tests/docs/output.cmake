@@ -1,5 +1,5 @@
-# The program PROGRAM of the file EXAMPLE, docs/examples/NAME.cpp, ends well, and prints what a page of the project ROOT shows as its
-# output: the ```text block right after the block of the file, if there is one.
+# PROGRAM, built from the file EXAMPLE, docs/examples/NAME.cpp, must succeed and print the output that a page
+# of the project ROOT shows: the ```text block right after the block of the file, if there is one.
 cmake_minimum_required(VERSION 3.25)
 set(expected "")
 set(pages "")

@@ -1,4 +1,4 @@
-// playground_native FILE METHOD TOLERANCE: the first system of a file, solved from its start as the
+// playground_native FILE METHOD TOLERANCE: solves the first system of a file from its start, as the
 // playground does. Prints a JSON object: the system as the library writes it, x, status, energy and
 // iterations.
 #include <asterism/solver/energy/certificate.hpp>

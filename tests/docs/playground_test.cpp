@@ -1,4 +1,4 @@
-// The functions behind the playground's page against the library's own, bit for bit.
+// Compares the functions behind the playground's page with the library's own, bit for bit.
 #include "playground.h"
 
 #include <gtest/gtest.h>
@@ -15,7 +15,7 @@ namespace {
 using System = SpringSystem<double, 2>;
 using Points = System::Points;
 
-/// The page's side: a handle, and its arrays.
+/// What the page holds: a handle and its arrays.
 class Page {
  public:
   explicit Page(const System& system) {
@@ -74,7 +74,7 @@ TEST(Playground, EveryMethodIsTheLibrarys) {
     solver.options().on_iteration = record;
     Points x = problem.start;
     const Summary summary = solver.solve(problem.system, x);
-    for (int again = 0; again < 2; ++again) {  // an object is used many times
+    for (int again = 0; again < 2; ++again) {  // the object is reusable
       page.write(4, problem.start);
       ASSERT_EQ(asterism_playground_solve(page.handle(), method, 1e-9, 10000),
                 static_cast<int>(summary.status));

@@ -19,7 +19,7 @@ import urllib.error
 import urllib.request
 
 METHODS = ['ida', 'ncg', 'lbfgs', 'newton']
-# CG does not converge on this system, which is what it shows.
+# A system on which CG does not converge.
 HARD = 'hard-case'
 FRAME = 1000 / 60  # ms
 KEYS = {'right': '\ue014', 'enter': '\ue007', 'delete': '\ue017', 'control': '\ue009'}

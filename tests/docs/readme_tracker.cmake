@@ -1,4 +1,4 @@
-# The tracker example of README.md (PROGRAM) follows the object of the video that GENERATOR makes in DIR.
+# The tracker example of README.md (PROGRAM) must follow the object of the video that GENERATOR makes in DIR.
 cmake_minimum_required(VERSION 3.25)
 include(${CMAKE_CURRENT_LIST_DIR}/near.cmake)
 file(MAKE_DIRECTORY ${DIR})
@@ -15,13 +15,13 @@ if(NOT result EQUAL 0)
   message(FATAL_ERROR "the example ended with ${result}\n${out}\n${err}")
 endif()
 
-# Without a video it says what it wants.
+# Without a video it must print its usage.
 execute_process(COMMAND ${PROGRAM} OUTPUT_VARIABLE nothing ERROR_VARIABLE err RESULT_VARIABLE result)
 if(NOT result EQUAL 1 OR NOT nothing STREQUAL "" OR NOT err MATCHES "^usage: [^\n]+\n$")
   message(FATAL_ERROR "without an argument the example ended with ${result}\n${nothing}\n${err}")
 endif()
 
-# A line a frame, as OpenCV prints a box: [width x height from (x, y)] confidence
+# One line per frame, with the box as OpenCV prints it: [width x height from (x, y)] confidence
 string(REGEX REPLACE "[][]" "|" text "${out}")
 string(REGEX MATCHALL "[^\n]+\n" lines "${text}")
 list(LENGTH lines count)

@@ -86,7 +86,7 @@ def data(folder):
             check(abs(frame['overlap'] - overlap(frame['box'], clip['boxes'][t])) < 1e-3, f'{what}: overlap {frame["overlap"]} is not that of the boxes')
             for i, part in enumerate(frame['parts']):
                 numbers(part, 6, f'{what}, part {i}')
-                # An update needs the threshold; numbers are rounded to 0.001 and 0.0001.
+                # Updated parts reach the threshold, up to the rounding of the numbers to 0.001 and 0.0001.
                 check(part[5] in (0, 1) and (not part[5] or part[4] >= frame['threshold'] - 1e-3), f'{what}, part {i}: updated below the threshold')
             links = frame.get('links', links)
             check(all(0 <= i < len(frame['parts']) and 0 <= j < len(frame['parts']) for i, j in links), f'{what}: a link without its part')

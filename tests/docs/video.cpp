@@ -1,5 +1,5 @@
-// video FILE: writes a small video of a textured object that starts at the box of README.md's example and
-// moves over a textured background; prints the number of frames and where the object ends.
+// video FILE: writes a small video of a textured object that starts at the box in README.md's example and
+// moves over a textured background; prints the number of frames and the final box.
 #include <iostream>
 #include <opencv2/core.hpp>
 #include <opencv2/imgproc.hpp>
@@ -7,7 +7,7 @@
 
 namespace {
 
-// Blobs of a few pixels, the same on every run.
+// Blobs of a few pixels, the same in every run.
 cv::Mat texture(cv::Size size, std::uint64_t seed, const cv::Scalar& tint) {
   cv::RNG random(seed);
   cv::Mat coarse(size.height / 4, size.width / 4, CV_8UC3), fine;

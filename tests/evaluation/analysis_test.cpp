@@ -1,4 +1,4 @@
-// Campaigns of stored results whose figures are known.
+// Analyses campaigns of stored results with known scores.
 #include "analysis.hpp"
 
 #include <gtest/gtest.h>
@@ -35,7 +35,7 @@ class AnalysisTest : public testing::Test {
   }
   void TearDown() override { fs::remove_all(root_); }
 
-  // The object is at (10, 20), 10 x 8, in all frames; all images are one.
+  // The object is at (10, 20), 10 x 8, in all frames; all frames are one image.
   Sequence sequence(const std::string& name, std::size_t length) const {
     fs::create_directories(root_ / "data" / name);
     const fs::path image = root_ / "data" / name / "image.png";
@@ -53,7 +53,7 @@ class AnalysisTest : public testing::Test {
   }
   static TrajectoryFrame code(int value) { return {std::nullopt, value}; }
 
-  /// A run of one overlap; supervised it fails in the given frame and is started anew five frames later.
+  /// A run of constant overlap; if supervised, it fails in the given frame and restarts five frames later.
   static Trajectory run(std::size_t length, double overlap, std::size_t failure = 0) {
     Trajectory trajectory;
     trajectory.frames.assign(length, with_overlap(overlap));
@@ -76,7 +76,7 @@ class AnalysisTest : public testing::Test {
     return file;
   }
 
-  /// good: overlap 0.8 on the long sequence, 0.6 on the short one, never fails; bad: 0.5 everywhere, fails in
+  /// good: overlap 0.8 on the long sequence, 0.6 on the short one, no failures; bad: 0.5 everywhere, fails in
   /// frame 12 of the long one.
   void store_all() const {
     for (const Protocol protocol : {Protocol::Vot, Protocol::Otb}) {
@@ -118,10 +118,10 @@ TEST_F(AnalysisTest, FiguresAreThoseOfTheDefinitions) {
   EXPECT_NEAR(bad.supervised->python.failures, 30.0 / 50, 1e-12);
   EXPECT_NEAR(bad.supervised->legacy.reliability(), std::exp(-30.0 / 50), 1e-12);
 
-  // Neither ends before frame 16, so both sequences count at each length.
+  // Neither sequence ends before frame 16, so both count at each length.
   EXPECT_NEAR(good.supervised->legacy_eao, 0.7, 1e-12);
-  // Three fragments, from the start, the second start and in the short sequence; the first has 11 frames
-  // with overlap and 0 from then on, the second 13 frames.
+  // Three fragments: from the start, from the restart, and the short sequence. The first has 11 frames with
+  // overlap and 0 from then on, the second 13 frames.
   double expected = 0;
   for (int n = 5; n <= 15; ++n) {
     const double failed = 0.5 * std::min(n - 1, 11) / (n - 1);
@@ -139,7 +139,7 @@ TEST_F(AnalysisTest, FiguresAreThoseOfTheDefinitions) {
   EXPECT_TRUE(std::isnan(bad.sequences[0].overlaps[13]));
   EXPECT_NEAR(good.frames_per_second, 100, 1e-9);
 
-  // The failure costs what is left of its sequence.
+  // The failure costs the rest of its sequence.
   ASSERT_FALSE(bad.losses.empty());
   EXPECT_TRUE(bad.losses[0].failure);
   EXPECT_EQ(bad.losses[0].frame, 12u);
@@ -152,7 +152,7 @@ TEST_F(AnalysisTest, FiguresAreThoseOfTheDefinitions) {
 TEST_F(AnalysisTest, IntervalsAndDifferencesArePaired) {
   store_all();
   const Analysis analysis = analyse(campaign_, {.interval = LengthInterval{5, 15}});
-  // Each draw of two sequences has the overlaps 0.6 and 0.8, or twice one of them.
+  // Each bootstrap sample of two sequences has the overlaps 0.6 and 0.8, or one of them twice.
   const Estimate& overlap = analysis.trackers[0].estimates.at(Measure::Overlap);
   EXPECT_NEAR(overlap.value, 0.7, 1e-12);
   EXPECT_NEAR(overlap.low, 0.6, 1e-12);
@@ -224,7 +224,7 @@ TEST_F(AnalysisTest, MultiStartCountsEachAnchor) {
   const MultiStartScores& scores = *analysis.trackers[0].multi_start;
   EXPECT_EQ(scores.score.robustness, 1);
   EXPECT_NEAR(scores.eao, 0.5, 1e-12);
-  // Each of four runs gives its anchor with 0.
+  // In each of four runs the anchor counts as 0.
   EXPECT_NEAR(scores.score.accuracy, 0.5 * (100 - 4) / 100, 1e-12);
 }
 
@@ -244,7 +244,7 @@ TEST_F(AnalysisTest, ResultsOfOthersTakePart) {
   EXPECT_TRUE(other->estimates.contains(Measure::Eao));
   EXPECT_FALSE(other->estimates.contains(Measure::Overlap));
   EXPECT_EQ(analysis.left_out, std::vector<std::string>{"other has no results of otb"});
-  // Three pairs by the supervised measures, one by the pass.
+  // Three pairs by three supervised measures, and one by the one-pass measure.
   EXPECT_EQ(analysis.differences.size(), 3u * 3u + 1u);
 
   fs::remove_all(campaign_.folder / "results/other/baseline/short");
@@ -335,7 +335,7 @@ TEST_F(AnalysisTest, SequencesWithoutGroundTruthAfterTheFirstBoxChangeNothing) {
   EXPECT_NE(error_of().find("export-got10k"), std::string::npos);
 }
 
-// Cells of text that a spreadsheet would compute; numbers stay numbers.
+// Text cells that a spreadsheet would evaluate are escaped; numbers stay numbers.
 TEST_F(AnalysisTest, CellsAreNoFormulas) {
   campaign_.sequences[0].name = "=1+2";
   campaign_.sequences[1].name = "@sum, \"x\"";

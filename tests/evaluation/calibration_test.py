@@ -36,7 +36,7 @@ class Fits(unittest.TestCase):
         c = np.repeat([0.25, 0.75], [4, 5])
         y = np.array([1, 0, 0, 0, 1, 1, 1, 0, 1], bool)
         w = np.array([2, 1, 1, 1, 1, 1, 1, 1, 1], float)
-        a, b = cal.fit_logistic(c, y, w)  # through the shares 2/5 and 4/5 exactly
+        a, b = cal.fit_logistic(c, y, w)  # passes through the fractions 2/5 and 4/5
         slope = (math.log(4) - math.log(2 / 3)) / 0.5
         self.assertAlmostEqual(b, slope, 7)
         self.assertAlmostEqual(a, math.log(4) - 0.75 * slope, 7)

@@ -90,7 +90,7 @@ class RunTest(Files):
         for number, name in enumerate("abcd"):
             make_sequence(self.folder / "data" / name, number, 30)
         folds = self.write("folds.tsv", "0\ta\n0\tb\n1\tc\n1\td\n")
-        # One that hardly learns to find the object, and one that follows it.
+        # A candidate that hardly moves, and one that follows the object.
         candidates = self.write("candidates.json", json.dumps(
             {"candidates": {"stands": 'dpt_crs_nos{"root": {"model": "template", "padding": 1e-9}}', "kcf": "kcf"}}))
         out = self.folder / "out"
@@ -108,7 +108,7 @@ class RunTest(Files):
                     self.assertEqual(copy.read_text(), path.read_text())
         if set(result["choices"].values()) == {"kcf"}:
             self.assertEqual(result["figures"]["out-of-fold"], result["figures"]["kcf"])
-        # The same command finds everything there, and says the same.
+        # The same command reuses all results and prints the same.
         second = subprocess.run(command, capture_output=True, text=True, check=False)
         self.assertEqual(second.stdout, first.stdout)
         self.assertIn("0 runs made", second.stderr)

@@ -1,4 +1,5 @@
-// Data sets of every layout, made here in a temporary folder, and the annotated sequences where they are.
+// Opens data sets of every layout, made here in a temporary folder, and the annotated sequences if they are
+// present.
 #include "dataset.hpp"
 
 #include <gtest/gtest.h>
@@ -33,7 +34,7 @@ class DatasetTest : public testing::Test {
     std::ofstream(root_ / file) << text;
   }
 
-  // Images first .. last of a folder, whose one color is their number.
+  // Writes images first .. last of a folder; the uniform color of each is its number.
   void images(const std::string& folder, int first, int last, const char* format = "%08d.png") {
     fs::create_directories(root_ / folder);
     for (int i = first; i <= last; ++i) {
@@ -43,7 +44,7 @@ class DatasetTest : public testing::Test {
     }
   }
 
-  // Lines of text, "\n" at the end of each.
+  // Repeated lines, each with "\n" at the end.
   static std::string lines(const std::string& line, int count) {
     std::string text;
     for (int i = 0; i < count; ++i) text += line + "\n";
@@ -62,7 +63,7 @@ class DatasetTest : public testing::Test {
     return std::move(dataset.sequences);
   }
 
-  // That of the data set last opened a note has all these parts.
+  // Checks that the data set opened last has a note with all these parts.
   void expect_note(const std::vector<std::string>& parts) const {
     EXPECT_TRUE(std::any_of(notes_.begin(), notes_.end(),
                             [&](const std::string& note) {
@@ -73,13 +74,13 @@ class DatasetTest : public testing::Test {
         << parts[0] << " is not in: " << testing::PrintToString(notes_);
   }
 
-  // That a sequence is left out with such a note, and others are read.
+  // Checks that a sequence is left out with such a note, and others are read.
   void expect_left_out(const std::string& folder, const std::vector<std::string>& parts) {
     EXPECT_FALSE(open(folder).empty());
     expect_note(parts);
   }
 
-  // That the data set is refused with a message that has all these parts.
+  // Checks that the data set is refused with a message that has all these parts.
   void expect_error(const std::string& folder, const std::vector<std::string>& parts,
                     const std::vector<std::string>& only = {}) {
     try {
@@ -125,7 +126,7 @@ TEST_F(DatasetTest, ReadsVotInTheOrderOfItsList) {
   EXPECT_EQ(car.tags, (std::map<std::string, std::vector<bool>>{{"occlusion", {false, true, true}},
                                                                 {"blur", {true, false, false}}}));
   EXPECT_EQ(car.practical, (std::vector<double>{0.1, 0.2, 0.3}));
-  // One sequence alone, with a separator at the end.
+  // A single sequence, with a separator at the end.
   EXPECT_EQ(open("vot/ball/").at(0).name, "ball");
 }
 
@@ -188,7 +189,7 @@ TEST_F(DatasetTest, ReadsGot10k) {
   EXPECT_EQ(sequence.tags.at("cut_by_image"), (std::vector<bool>{false, false, true, false}));
   write(folder + "/cover.label", "8\n0\n9\n0\n");
   expect_error("got", {"cover.label:3: "});
-  // The test set gives the first box alone.
+  // The test set gives only the first box.
   images("got/test/GOT-10k_Test_000001", 1, 3);
   write("got/test/GOT-10k_Test_000001/groundtruth.txt", "1,2,3,4\n");
   write("got/test/GOT-10k_Test_000001/meta_info.ini", "");
@@ -297,7 +298,7 @@ TEST_F(DatasetTest, ADamagedSequenceIsLeftOutAndTheOthersAreRead) {
   write("vot/car/groundtruth.txt", "1,2,3\n");
   EXPECT_EQ(open("vot").size(), 1u);
   expect_note({"car/groundtruth.txt:1: ", "left out"});
-  expect_error("vot", {"car/groundtruth.txt:1: "}, {"ball", "car"});  // asked for by name
+  expect_error("vot", {"car/groundtruth.txt:1: "}, {"ball", "car"});  // requested by name
   write("vot/ball/groundtruth.txt", "1,2,3\n");
   expect_error("vot", {"ball/groundtruth.txt:1: "});
 }
@@ -366,7 +367,7 @@ TEST_F(DatasetTest, ReadsUav123WithThePublishedPartsOfVideos) {
   images("UAV123/data_seq/UAV123/bike1", 1, 3, "%06d.png");
   write("UAV123/anno/UAV123/bike1.txt", "1,2,3,4\nNaN,NaN,NaN,NaN\n1,2,3,4\n");
   write("UAV123/anno/UAV20L/bike1.txt", lines("1,2,3,4", 3));
-  images("UAV123/data_seq/UAV123/bird1", 250, 253, "%06d.png");  // whose first images are not needed here
+  images("UAV123/data_seq/UAV123/bird1", 250, 253, "%06d.png");  // the first images are not needed
   write("UAV123/anno/UAV123/bird1_1.txt", lines("1,2,3,4", 4));
   write("UAV123/configSeqs.m", "");
   const std::vector<Sequence> sequences = open("UAV123");
@@ -382,7 +383,7 @@ TEST_F(DatasetTest, ReadsUav123WithThePublishedPartsOfVideos) {
   EXPECT_EQ(trucks[0].images.back().filename(), "000577.png");
   EXPECT_EQ(trucks[1].images.front().filename(), "000577.png");
   EXPECT_EQ(open("UAV123", Layout::Uav123, {"truck4_2"}).at(0).truth[0]->box().x, 9);
-  // At a third of the rate.
+  // At a third of the frame rate.
   images("UAV123_10fps/data_seq/UAV123_10fps/truck4", 193, 194, "%06d.png");
   write("UAV123_10fps/anno/UAV123_10fps/truck4_2.txt", lines("1,2,3,4", 2));
   EXPECT_EQ(open("UAV123_10fps").at(0).images.front().filename(), "000193.png");
@@ -399,7 +400,7 @@ TEST_F(DatasetTest, ReadsNeedForSpeedAtEitherRate) {
     return text;
   };
   images("nfs/ball/30/ball", 1, 3, "%05d.png");
-  write("nfs/ball/30/ball.txt", annotation(17));  // of each frame at 240 frames a second
+  write("nfs/ball/30/ball.txt", annotation(17));  // for each frame at 240 frames per second
   images("nfs/ball/240/ball", 1, 18, "%05d.png");
   write("nfs/ball/240/ball.txt", annotation(17));
   const std::vector<Sequence> slow = open("nfs");
@@ -436,11 +437,11 @@ TEST_F(DatasetTest, ReadsVideosOfEveryEnding) {
   EXPECT_EQ(open("videos", Layout::Auto, names).size(), names.size());
 }
 
-// Files of annotations as published data sets have them, or as they come from another system or program.
+// Annotation files as in published data sets, or as other systems and programs write them.
 struct Annotation {
   const char* name;
   std::string text;
-  std::string boxes;   // x of each frame, "-" for none; empty: refused ...
+  std::string boxes;   // x in each frame, "-" for none; empty: refused ...
   std::string reason;  // ... with this
 };
 
@@ -498,7 +499,7 @@ TEST_P(AnnotationFile, IsReadOrRefusedWithWhatToDo) {
 INSTANTIATE_TEST_SUITE_P(Annotations, AnnotationFile, testing::ValuesIn(annotations()),
                          [](const auto& instance) { return std::string(instance.param.name); });
 
-// What VOT's toolkit does where files of a sequence end early.
+// Missing values are filled as VOT's toolkit does.
 TEST_F(DatasetTest, ShortFilesOfVotArePaddedAsByItsToolkit) {
   vot("vot/bag", 5);
   write("vot/bag/occlusion.tag", "1\n1\n");
@@ -520,7 +521,7 @@ TEST_F(DatasetTest, ShortFilesOfVotArePaddedAsByItsToolkit) {
   EXPECT_EQ(notes_.size(), 5u);
 }
 
-// Patterns of files, as a shell has them, and how long the worst of them takes.
+// File patterns as in a shell, and the time that the worst of them takes.
 struct FilePattern {
   std::string name, pattern;
   bool matches;

@@ -26,7 +26,7 @@ EXECUTABLE = sys.argv[1]
 MPIEXEC = sys.argv[2] if len(sys.argv) > 2 else None
 
 
-# A TraX tracker that answers the start with the start box, and later frames by its mode.
+# A TraX tracker that answers the start with the start box, and later frames according to its mode.
 TRACKER = """
 import os, re, sys, time
 mode, number = sys.argv[1], 0
@@ -127,13 +127,13 @@ class Evaluation(unittest.TestCase):
         command = [EXECUTABLE, "run", self.root / "data", "--trackers", "kcf,dpt", "--starts", "8", "--workers", "2",
                    "--out", self.out]
         stopped = 0
-        pause = 0.3  # longer each time: on a slow machine nothing is whole at first
+        pause = 0.3  # grows: on a slow machine nothing is complete at first
         for _ in range(30):
             process = subprocess.Popen(list(map(str, command)), stderr=subprocess.PIPE, text=True)
             time.sleep(pause)
             process.send_signal(signal.SIGTERM)
             message = process.communicate(timeout=60)[1]
-            if process.returncode == 0 and stopped == 0:  # it had ended: once more, with less time
+            if process.returncode == 0 and stopped == 0:  # it finished: try again with less time
                 shutil.rmtree(self.out)
                 pause /= 2
                 continue
@@ -141,7 +141,7 @@ class Evaluation(unittest.TestCase):
                 break
             pause *= 1.2
             if process.returncode == -signal.SIGTERM and not message:
-                continue  # it had not begun
+                continue  # it had not started
             self.assertEqual(process.returncode, 128 + signal.SIGTERM, message)
             self.assertIn("interrupted", message)
             self.assertFalse(list(self.out.rglob(".*")), "left half a file")
@@ -194,7 +194,7 @@ class Evaluation(unittest.TestCase):
         whole = self.out.with_name("whole")
         self.assertEqual(self.evaluate(out=whole).returncode, 0)
         room = (whole / "campaign.json").stat().st_size
-        for limit in (room // 2, room, 10 * room):  # the campaign does not fit, then the results, then all do
+        for limit in (room // 2, room, 10 * room):  # too small for the campaign, for the results, and large enough
             done = self.evaluate(file_limit=limit)
             if limit == 10 * room:
                 self.assertEqual(done.returncode, 0, done.stderr)
@@ -255,7 +255,7 @@ class Evaluation(unittest.TestCase):
             self.assertIn("before its first answer", done.stderr.splitlines()[-1])
             self.assertLess(time.monotonic() - begin, 20)
             self.assertFalse((self.out / "results/my").exists(), command)
-        # With its command mended it needs no other folder.
+        # With its command corrected it can use the same folder.
         done = self.evaluate("--external", tracker("my", "stays"), "--sequences", "first", trackers=())
         self.assertEqual(done.returncode, 0, done.stderr)
         self.assertIn("2 runs made, 0 were there", done.stderr)
@@ -292,7 +292,7 @@ class Evaluation(unittest.TestCase):
 
     def test_report_ends_at_the_first_signal(self):
         self.assertEqual(self.evaluate("--sequences", "first").returncode, 0)
-        rng = random.Random(1)  # polygons that take seconds
+        rng = random.Random(1)  # polygons that take seconds to compare
         lines = [",".join(f"{rng.random() * 2e5:.1f}" for _ in range(20000)) for _ in range(FRAMES - 1)]
         folder = self.out / "results/tangled/baseline/first"
         folder.mkdir(parents=True)
@@ -347,7 +347,7 @@ class Evaluation(unittest.TestCase):
         report = json.loads((self.out / "report/report.json").read_text())
         scores = report["trackers"][0]["sequences"]["GOT-10k_Test_000001"]
         self.assertEqual((scores["A"], scores["F"], scores["AO"]), (None, None, None))
-        # A test set has nothing else; its results go to a server.
+        # A test set alone cannot be scored; its results go to a server.
         third = self.out.with_name("test")
         self.assertEqual(run("run", data, "--trackers", "kcf", "--protocol", "otb", "--starts", 2, "--sequences",
                              "GOT-10k_Test_000001", "--out", third).returncode, 0)
@@ -477,7 +477,7 @@ class Report(unittest.TestCase):
         done = run("run", cls.root / "data", "--trackers", "kcf,dpt", "--external", tracker("dies", "dies"), "--starts", 2,
                    "--overlap", "exact", "--protocol", "vot,otb,tre,sre,multistart", "--out", cls.out)
         assert done.returncode == 0, done.stderr
-        # A tracker that is drawn by hand: away from frame 16 of the first sequence on.
+        # A tracker drawn by hand: it fails in frame 16 of the first sequence.
         for name, length in cls.LENGTHS.items():
             folder = cls.out / "results/drawn/baseline" / name
             folder.mkdir(parents=True)
@@ -540,7 +540,7 @@ class Report(unittest.TestCase):
         files = {f.name: xml.etree.ElementTree.parse(f).getroot() for f in (self.folder / "charts").iterdir()}
         for name in ("ar-raw-legacy.svg", "success-one-pass-ope.svg", "frames-a-second.svg"):
             self.assertIn(".plot", files[name].find("{http://www.w3.org/2000/svg}style").text)
-        self.assertNotIn("third.svg", files)  # of a sequence
+        self.assertNotIn("third.svg", files)  # only for a sequence
 
     def test_csv_says_what_json_says(self):
         summary = self.rows("summary.csv")
@@ -574,7 +574,7 @@ class Report(unittest.TestCase):
     def test_supervised_figures_are_those_of_the_stored_results(self):
         for tracker, scores in self.trackers.items():
             accuracies, failures = [], 0
-            totals, weights = [0] * 41, [0] * 41  # by length
+            totals, weights = [0] * 41, [0] * 41  # for each length
             for name, length in self.LENGTHS.items():
                 runs = self.runs(tracker, "baseline", name)
                 counted = [[] for _ in range(length)]
@@ -614,7 +614,7 @@ class Report(unittest.TestCase):
                 truth = self.truth(name)[0]
                 values, first = [], []
                 for file in sorted((self.out / "results" / tracker / "unsupervised" / name).glob(f"{name}_???.txt")):
-                    box = truth  # what is no box repeats the one before
+                    box = truth  # invalid boxes repeat the previous one
                     first.append(1)
                     for line, now in list(zip(file.read_text().split(), self.truth(name)))[1:]:
                         box = tuple(map(float, line.split(","))) if "," in line else box

@@ -1,5 +1,5 @@
-// Reads cases as numbers from the standard input and prints the measures of them, one a line with its name:
-// the library's side of measures_oracle.py, which writes the cases.
+// Reads cases as numbers from standard input and prints their measures, one per line with its name: the
+// library's side of measures_oracle.py, which writes the cases.
 
 #include <iomanip>
 #include <iostream>
@@ -17,7 +17,7 @@ using namespace asterism::bench;
 
 template <class T>
 T read() {
-  std::string word;  // by way of a word, as streams do not read nan
+  std::string word;  // read as a word, as streams do not parse nan
   if (!(std::cin >> word)) throw std::runtime_error("the input ends early");
   if constexpr (std::is_same_v<T, std::string>)
     return word;
@@ -32,7 +32,7 @@ std::vector<T> read(std::size_t count) {
   return values;
 }
 
-/// A count and as many values.
+/// A count, followed by as many values.
 template <class T>
 std::vector<T> read_list() {
   const auto count = read<std::size_t>();

@@ -39,7 +39,8 @@ def sized(values):
     return [len(values), list(values)]
 
 
-# Supervised runs. A run is (codes, overlaps); a sequence a dictionary with the runs of each tracker.
+# Supervised runs. A run is a pair (codes, overlaps); a sequence is a dictionary with the runs of each
+# tracker.
 
 
 def random_run(random, length, skill):
@@ -432,8 +433,8 @@ class Statistics(unittest.TestCase):
             lengths = np.unique(random.lognormal(5.6, 0.7, n).astype(int) + 20)
             deviation = np.std(lengths)
             z = (lengths - lengths.mean()) / deviation
-            pilot = (4 / (3 * len(z))) ** 0.2  # standard deviation
-            # The fourth derivative of the pilot's kernel at all differences, by its Hermite polynomial.
+            pilot = (4 / (3 * len(z))) ** 0.2  # its standard deviation
+            # Fourth derivative of the pilot's kernel at all differences, by its Hermite polynomial.
             u = np.subtract.outer(z, z) / pilot
             hermite = np.polynomial.hermite_e.hermeval(u, [0, 0, 0, 0, 1])
             roughness = np.mean(hermite * stats.norm.pdf(u)) / pilot**5
@@ -446,7 +447,7 @@ class Statistics(unittest.TestCase):
             x = np.arange(1, lengths.max() + 1)
             p = kde(x) / kde(x).sum()
             low = high = int(np.argmax(p))
-            while True:  # zero-based; the last length counts as a wall when it is reached for
+            while True:  # zero-based; growth stops before the last length
                 down, up = low - 1 >= 0, high + 1 < len(x) - 1
                 if not down and not up:
                     low, high = 0, len(x) - 1

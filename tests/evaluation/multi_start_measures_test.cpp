@@ -10,7 +10,7 @@ namespace {
 
 using Anchors = std::vector<Anchor>;
 
-/// The anchor and then `good` frames of this overlap and `lost` of .1, which is low.
+/// The anchor, `good` frames of this overlap, and `lost` frames of .1, which is low.
 AnchorRun run(std::size_t good, double overlap, std::size_t lost = 0) {
   AnchorRun result{.overlaps = {1}, .visible = std::vector<bool>(1 + good + lost, true)};
   result.overlaps.insert(result.overlaps.end(), good, overlap);
@@ -41,8 +41,8 @@ TEST(FramesTracked, EndWithTenLowOverlapsInARow) {
 }
 
 TEST(MultiStart, ScoreByHand) {
-  // 10 of 20 frames with a sum of 9 x .8, and all 12 frames with a sum of 11 x .6, of sequences of 30 and 12
-  // frames.
+  // 10 of 20 frames with a sum of 9 x .8, and all 12 frames with a sum of 11 x .6; the sequences have 30 and
+  // 12 frames.
   const std::vector<MultiStartSequence> sequences = {{30, {run(9, 0.8, 10)}}, {12, {run(11, 0.6)}}};
   const MultiStartScore score = multi_start_score(sequences);
   EXPECT_NEAR(score.accuracy, (9 * 0.8 + 11 * 0.6) / 22, 1e-15);

@@ -16,7 +16,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 
 OnePassScore score(const OnePassRun& run) { return one_pass_score(std::vector<OnePassSequence>{{{run}}}); }
 
-/// A run of these overlaps and no errors.
+/// A run with these overlaps and zero errors.
 OnePassRun overlapping(std::vector<double> overlaps) {
   const std::vector<double> zeros(overlaps.size());
   return {std::move(overlaps), zeros, zeros};
@@ -66,7 +66,7 @@ TEST(OnePassScore, APerfectTrackerMissesTheLastThreshold) {
   EXPECT_EQ(perfect.normalised_precision_at_20(), 1);
 }
 
-// A test set gives the first box alone; a mean of nothing is none, and no 0.
+// A test set gives only the first box; a mean over no frames is NaN, not 0.
 TEST(OnePassScore, OfFramesWithoutGroundTruthIsNone) {
   const OnePassRun unknown{{1, -1, -1}, {0, -1, -1}, {0, -1, -1}};
   for (const OnePassRun& run : {unknown, overlapping({1})}) {
@@ -111,7 +111,7 @@ TEST(OnePassScore, RunsPoolFramesAndSequencesHaveEqualWeights) {
 }
 
 TEST(TemporalStarts, AreTwentyFromTheFirstFrameToTheLastWithTwentyLeft) {
-  // floor(1 + 81 k / 19), and 81, minus 1: frame 80 is the last that has 20 frames.
+  // floor(1 + 81 k / 19), and 81, minus 1: frame 80 is the last start with 20 frames.
   EXPECT_EQ(temporal_starts(std::vector<bool>(100, true)),
             (std::vector<std::size_t>{0,  4,  8,  12, 17, 21, 25, 29, 34, 38,
                                       42, 46, 51, 55, 59, 63, 68, 72, 76, 80}));

@@ -28,8 +28,8 @@ Region moved(const Region& region, double x, double y) {
   return polygon(points);
 }
 
-// Random regions in a field of 0 .. 60 px; coordinates are whole eighths, so that nothing below is rounded in
-// single precision.
+// Random regions in a field of 0 .. 60 px; coordinates are multiples of 1/8, so that nothing below is rounded
+// in single precision.
 class Random {
  public:
   double eighth(int low, int high) { return std::uniform_int_distribution(low * 8, high * 8)(engine_) / 8.0; }
@@ -73,11 +73,11 @@ TEST(OverlapRules, HaveNames) {
 TEST(ExactOverlap, IsThatOfTheAreas) {
   const auto exact = [](const Region& a, const Region& b) { return overlap(a, b, OverlapRule::Exact); };
   EXPECT_DOUBLE_EQ(exact(rectangle(0, 0, 10, 10), rectangle(5, 0, 10, 10)), 1.0 / 3);
-  // A diamond of area 50 in a square of 100, and its quarter.
+  // A diamond of area 50, with the square of 100 around it and with a quarter of that square.
   const Region diamond = polygon({{5, 0}, {10, 5}, {5, 10}, {0, 5}});
   EXPECT_NEAR(exact(diamond, rectangle(0, 0, 10, 10)), 0.5, 1e-15);
   EXPECT_NEAR(exact(diamond, rectangle(0, 0, 5, 5)), 12.5 / (50 + 25 - 12.5), 1e-15);
-  // An L of area 75 lacks a corner of the square; the square that lies in it is not touched.
+  // An L of area 75 lacks a corner of the square; a square inside that corner does not overlap it.
   const Region l_shape = polygon({{0, 0}, {10, 0}, {10, 5}, {5, 5}, {5, 10}, {0, 10}});
   EXPECT_NEAR(exact(l_shape, rectangle(0, 0, 10, 10)), 0.75, 1e-15);
   EXPECT_EQ(exact(l_shape, rectangle(5, 5, 5, 5)), 0);
@@ -106,18 +106,19 @@ TEST(VotPythonOverlap, RoundsHalfToEvenAndIncludesThePolygonsBoundary) {
   EXPECT_DOUBLE_EQ(vot(rectangle(0, 0, 10, 10), rectangle(5, 0, 10, 10)), 1.0 / 3);
   EXPECT_DOUBLE_EQ(vot(rectangle(0.5, 0, 10, 10), rectangle(0, 0, 10, 10)), 1);
   EXPECT_DOUBLE_EQ(vot(rectangle(1.5, 0, 10, 10), rectangle(0, 0, 10, 10)), 80.0 / 120);
-  // Corners 0 and 9 are ten pixels.
+  // Corners at 0 and 9 span ten pixels.
   EXPECT_DOUBLE_EQ(vot(polygon({{0, 0}, {9, 0}, {9, 9}, {0, 9}}), rectangle(0, 0, 10, 10)), 1);
   // A triangle of 1 + 2 + 3 + 4 pixels.
   EXPECT_DOUBLE_EQ(vot(polygon({{0, 0}, {3, 3}, {0, 3}}), rectangle(0, 0, 4, 4)), 10.0 / 16);
-  // Regions without width: the same to the toolkit.
+  // Regions without width: equal for the toolkit.
   EXPECT_EQ(vot(rectangle(3, 3, 0, 0), rectangle(3, 3, 1, 1)), 1);
 }
 
 TEST(VotPythonOverlap, LimitsRectanglesLeftOfTheImageAsTheToolkitDoes) {
-  // Window -10 .. 9; of the rectangle's columns 0 .. 19 the toolkit keeps those up to 9, the window's right.
+  // The window is -10 .. 9; of the rectangle's columns 0 .. 19 the toolkit keeps those up to 9, its right
+  // border.
   EXPECT_DOUBLE_EQ(overlap(rectangle(-10, 0, 20, 10), rectangle(-10, 0, 10, 10), OverlapRule::VotPython), 1);
-  // With the image as the limit nothing of that happens.
+  // With the image as the bound this does not happen.
   EXPECT_DOUBLE_EQ(
       overlap(rectangle(-10, 0, 20, 10), rectangle(-5, 0, 10, 10), OverlapRule::VotPython, cv::Size(40, 30)),
       0.5);
@@ -129,11 +130,11 @@ TEST(TraxOverlap, CountsARectanglesLastPixelUnlessLegacy) {
                   100.0F / 121.0F);
   EXPECT_EQ(overlap(square, rectangle(0, 0, 10, 10), OverlapRule::TraxLegacy), 1);
   EXPECT_FLOAT_EQ(static_cast<float>(overlap(square, rectangle(0, 0, 5, 10), OverlapRule::TraxLegacy)), 0.5F);
-  // Half a pixel is cut off, not rounded, with the legacy flag: columns 2 .. 9 of 0 .. 9.
+  // In legacy mode half pixels are truncated, not rounded: columns 2 .. 9 of 0 .. 9.
   EXPECT_FLOAT_EQ(static_cast<float>(overlap(square, rectangle(2.5, 0, 7.5, 10), OverlapRule::TraxLegacy)),
                   0.8F);
   EXPECT_FLOAT_EQ(static_cast<float>(overlap(square, rectangle(2.5, 0, 8.5, 11), OverlapRule::Trax)),
-                  88.0F / 121.0F);  // half away from zero: from 3 on
+                  88.0F / 121.0F);  // rounded half away from zero: from 3 on
   EXPECT_EQ(overlap(rectangle(0, 0, 0, 0), rectangle(0, 0, 0, 0), OverlapRule::TraxLegacy), 0);
 }
 
@@ -155,7 +156,7 @@ TEST(EveryOverlap, DoesNotChangeWithAShiftByWholePixels) {
   Random random;
   for (int k = 0; k < 200; ++k) {
     const Region a = random.convex(), b = random.convex();
-    for (const OverlapRule rule : kRules)  // by an even number: halves round to even
+    for (const OverlapRule rule : kRules)  // by even numbers, as halves round to even
       EXPECT_NEAR(overlap(moved(a, 124, 16), moved(b, 124, 16), rule), overlap(a, b, rule), 1e-12)
           << to_string(rule) << ": " << to_string(a) << " and " << to_string(b);
   }
@@ -180,8 +181,7 @@ TEST(EveryOverlap, ConvergesToTheExactOneWithTheResolution) {
   }
 }
 
-// What the toolkits' formulas say of one pixel, evaluated for each by itself: for convex regions at the
-// origin.
+// The toolkits' formulas evaluated for each pixel separately: for convex regions at the origin.
 struct Oracle {
   OverlapRule rule;
 
@@ -246,7 +246,7 @@ TEST(PixelOverlap, IsThatOfEveryPixelByItself) {
     for (const OverlapRule rule : {OverlapRule::VotPython, OverlapRule::Trax, OverlapRule::TraxLegacy}) {
       const double expected = Oracle{rule}(a, b), got = overlap(a, b, rule);
       overlapping += expected > 0;
-      // libtrax's quick test for boxes that do not overlap passes over a common boundary.
+      // libtrax's quick test for disjoint boxes ignores a common boundary.
       if (rule != OverlapRule::VotPython && got == 0 && expected < 0.05) continue;
       EXPECT_FLOAT_EQ(static_cast<float>(got), static_cast<float>(expected))
           << to_string(rule) << ": " << to_string(a) << " and " << to_string(b);
@@ -272,7 +272,7 @@ TEST(EveryOverlap, SurvivesWildRegions) {
   EXPECT_LT(overlap(rectangle(-1e7, 20, 2e7, 2), box, OverlapRule::Trax), 1e-4);
 }
 
-// Results of a run that went astray: what a region is costs, not how far it reaches.
+// Extreme results of a lost tracker: the time to compare them must not grow with their extent.
 struct WildPair {
   const char* name;
   Region wild, box;
@@ -312,7 +312,7 @@ TEST_P(WildOverlap, IsThatOfTheAreasAndCostsWhatAnImageCosts) {
                                     : overlap(wild, box, rule, cv::Size(640, 480));
       EXPECT_TRUE(free >= 0 && free <= 1 && within >= 0 && within <= 1) << to_string(rule);
       if (exact < 0) continue;
-      // Pixels of a boundary, and coordinates that the pixel rules limit.
+      // Tolerances for boundary pixels and for coordinates that the pixel rules clamp.
       EXPECT_NEAR(free, exact, 1e-8 + 1e-4 * exact) << to_string(rule);
       EXPECT_NEAR(within, bounded, 0.01 * bounded) << to_string(rule);
     }

@@ -1,4 +1,4 @@
-// Trackers by name, on a textured square that moves over another texture.
+// Runs trackers by name on a textured square that moves over another texture.
 #include "peers.hpp"
 
 #include <gtest/gtest.h>
@@ -47,10 +47,10 @@ TEST_P(EveryTracker, FollowsAnObjectAndStartsAnewEachTime) {
   EXPECT_EQ(cv::getNumThreads(), 1);
   const std::vector<Report> first = follow(tracker);
   EXPECT_GT(mean_overlap(first), 0.4) << GetParam();
-  // Some have random numbers of their own.
+  // Some use random numbers.
   for (const char* random : {"opencv-mil", "opencv-boosting", "opencv-tld"})
     if (GetParam() == random) return;
-  // Two at once, each with a state of its own.
+  // Two at once, each with its own state.
   const Step other = tracker.start(draw_smooth_frame(5), Region::rectangle(true_box(5)));
   const std::vector<Report> again = follow(tracker);
   for (std::size_t i = 0; i < first.size(); ++i)
@@ -80,7 +80,7 @@ INSTANTIATE_TEST_SUITE_P(Known, EveryTracker, testing::ValuesIn(evaluated_tracke
                            return name;
                          });
 
-// What isolated trackers are asked of, and how they end.
+// A tracker to be isolated: it calls `end` in the frame `last`.
 Start mortal(int last, const std::function<void()>& end) {
   return [last, end](const Image&, const Region& object) -> Step {
     return [last, end, object, t = 0](const Image& image) mutable {
@@ -94,11 +94,11 @@ TEST(IsolatedTrackers, SayWhatTheyWouldSay) {
   const Region object = Region::polygon({{1.5, 2}, {30, 2}, {30, 40.25}});
   const Step step = isolated(mortal(100, [] {}))(draw_smooth_frame(0), object);
   for (int t = 1; t < 5; ++t) {
-    const Report report = step(draw_smooth_frame(t)(cv::Rect(10, 10, 100, 100)));  // rows apart in memory
+    const Report report = step(draw_smooth_frame(t)(cv::Rect(10, 10, 100, 100)));  // rows not contiguous
     EXPECT_EQ(report.region, object);
     EXPECT_EQ(report.confidence, draw_smooth_frame(t).at<cv::Vec3b>(12, 13)[0] + 0.25);
   }
-  // Two of ours at once.
+  // Two of the library's trackers at once.
   const EvaluatedTracker kcf = evaluated_tracker("kcf");
   const std::vector<Report> expected = follow(kcf);
   const Step other = isolated(kcf.start)(draw_smooth_frame(0), Region::rectangle(true_box(0)));
@@ -142,7 +142,7 @@ TEST(EvaluatedTrackers, OfOursSayWhatTheySayAlone) {
   }
 }
 
-// A part model alone, and what others have made of the same idea: they find the object at the same place.
+// A part model and a peer's implementation of the same idea find the object at the same place.
 TEST(EvaluatedTrackers, OtherFiltersFindWhatOursFind) {
   const std::vector<std::string> names = evaluated_tracker_names();
   const auto centres = [](const std::string& tracker) {

@@ -1,4 +1,4 @@
-// Prints a page with a chart of each kind, for plots_test.py and for the eye.
+// Prints a page with a chart of each kind, for plots_test.py and for visual inspection.
 
 #include <cmath>
 #include <iostream>
@@ -10,7 +10,7 @@ namespace {
 
 using namespace asterism::bench;
 
-// Names of ours, and one with all that XML would take for its own.
+// Names of trackers, and one with characters that XML must escape.
 const std::vector<std::string> kNames = {"dpt",        "coarse", "kcf", "CSRT", "a <b> & \"c\" \x01 d",
                                          "MedianFlow", "MOSSE",  "MIL", "TLD",  "Boosting",
                                          "dlib"};

@@ -1,4 +1,4 @@
-// Protocols and what is scored, with trackers that do as they are told: they know the frame by its color.
+// Protocols and their scores, with scripted trackers that recognise the frame by its color.
 #include "protocols.hpp"
 
 #include <gtest/gtest.h>
@@ -28,7 +28,7 @@ class ProtocolsTest : public testing::Test {
   }
   void TearDown() override { fs::remove_all(root_); }
 
-  // Frames of one color, their number from 0; the object is at (10 + t, 20), 10 x 8.
+  // Frames whose uniform color is their number, from 0; the object is at (10 + t, 20), 10 x 8.
   Sequence sequence(int length, const std::string& name = "moving") {
     Sequence result;
     result.name = name;
@@ -56,7 +56,7 @@ class ProtocolsTest : public testing::Test {
 
 int number_of(const Image& image) { return image.pixels.at<cv::Vec3b>(0, 0)[0]; }
 
-/// A tracker that answers answer(t), whatever it was started with.
+/// A tracker that answers answer(t), wherever it was started.
 Start scripted(std::function<Report(int)> answer) {
   return [answer](const Image&, const Region&) -> Step {
     return [answer](const Image& image) { return answer(number_of(image)); };
@@ -103,7 +103,7 @@ TEST_F(ProtocolsTest, ConfidencesAreStoredWhereThereAreAny) {
   const auto result = run(scripted(answer), moving, runs_of(moving, Protocol::Vot, {}).front());
   const std::vector<double>& confidence = result->trajectory.values.at("confidence");
   ASSERT_EQ(confidence.size(), 12u);
-  for (std::size_t t = 0; t < 12; ++t) {  // started in 0 and 9; the failed frame has one
+  for (std::size_t t = 0; t < 12; ++t) {  // started in 0 and 9; the failed frame has a value
     const bool told = (t >= 1 && t <= 4) || t >= 10;
     EXPECT_EQ(std::isnan(confidence[t]), !told) << t;
     if (told) {
@@ -131,7 +131,7 @@ TEST_F(ProtocolsTest, WhatIsNotFoundOrThrownIsAFailure) {
   EXPECT_EQ(failed, (std::vector<int>{3, 12}));
   EXPECT_EQ(result->errors, std::vector<std::string>{"frame 13: no idea"});
 
-  // Uncorrected, what is not found is a frame without region; nothing comes after an error.
+  // Uncorrected: a missing object is a frame without region, and so are all frames after an error.
   const auto once = run(scripted(answer), moving, runs_of(moving, Protocol::Otb, {}).front());
   std::vector<int> expected(20, -1);
   expected[0] = TrajectoryFrame::kStarted;
@@ -171,7 +171,7 @@ TEST_F(ProtocolsTest, StartBoxesMoveByUpToThejitter) {
   EXPECT_LE(most, 0.5);
   EXPECT_GT(most, 0.4);
 
-  // More starts begin with the same ones; polygons move as a whole.
+  // More starts begin with the same ones.
   ProtocolOptions fewer = options;
   fewer.starts = 3;
   const auto all = start_offsets(options), few = start_offsets(fewer);

@@ -18,9 +18,9 @@ using Values = std::vector<double>;
 TEST(SignedRank, ExactByHand) {
   // No negative rank: 2 of 2^5 choices of signs are as extreme.
   EXPECT_NEAR(signed_rank_p(Values{1, 2, 3, 4, 5}), 2 / 32.0, 1e-15);
-  // The negative ranks sum to 4: {}, 1, 2, 3, 4, 1 + 2 and 1 + 3 do not exceed it.
+  // The negative ranks sum to 4: the subsets {}, 1, 2, 3, 4, 1 + 2 and 1 + 3 do not exceed it.
   EXPECT_NEAR(signed_rank_p(Values{1, 2, 3, -4}), 2 * 7 / 16.0, 1e-15);
-  // Ties have rank 2 each: {} and each of the three alone do not exceed 2.
+  // Ties have rank 2 each: {} and each single one do not exceed 2.
   EXPECT_NEAR(signed_rank_p(Values{1, 1, -1}), 1, 1e-15);
   EXPECT_NEAR(signed_rank_p(Values{0, 1, std::nan(""), 2, 3, 4, 5, 0}), 2 / 32.0, 1e-15);
   EXPECT_EQ(signed_rank_p(Values{0, 0}), 1);
@@ -28,7 +28,8 @@ TEST(SignedRank, ExactByHand) {
 }
 
 TEST(SignedRank, NormalByHand) {
-  // n = 16, all positive and equal: deviation 68, variance (16 17 33 - (16^3 - 16) / 2) / 24 = 289, z = 4.
+  // n = 16, all positive and equal: deviation from the mean 68, variance (16 17 33 - (16^3 - 16) / 2) / 24 =
+  // 289, z = 4.
   EXPECT_NEAR(signed_rank_p(Values(16, 0.3)), std::erfc(4 / std::sqrt(2.0)), 1e-15);
 }
 
@@ -62,7 +63,8 @@ TEST(AreaUnderRoc, IsTheShareOfPairsInOrder) {
 }
 
 TEST(RankSum, NormalByHand) {
-  // Twelve zeros and twelve ones: deviation 72 - .5, variance 12 (25 - 2 (12^3 - 12) / (24 23)) = 225.39.
+  // Twelve zeros and twelve ones: deviation from the mean 72 - .5, variance 12 (25 - 2 (12^3 - 12) / (24 23))
+  // = 225.39.
   const double variance = 12 * (25 - 2 * (1728 - 12) / (24.0 * 23));
   EXPECT_NEAR(rank_sum_p(Values(12, 0), Values(12, 1)), std::erfc(71.5 / std::sqrt(2 * variance)), 1e-15);
   EXPECT_EQ(rank_sum_p(Values(20, 3), Values(20, 3)), 1);
@@ -161,7 +163,7 @@ TEST(Resampled, HasTheDrawnRuns) {
   EXPECT_EQ(drawn[1].tags.count("a"), 1U);
 }
 
-// As docs/evaluation-measures.md shows it.
+// The example in docs/evaluation-measures.md.
 TEST(Bootstrap, ComparesTheEaoOfTwoTrackers) {
   const auto tracker = [](double overlap) {
     std::vector<SupervisedSequence> sequences(6);

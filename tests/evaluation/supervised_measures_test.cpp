@@ -11,8 +11,7 @@ namespace {
 
 using Sequences = std::vector<SupervisedSequence>;
 
-/// A run written as one character a frame: S start, F failure, - skipped, and 0 to 9 the tenths of the
-/// overlap.
+/// A run written as one character per frame: S start, F failure, - skipped, 0 to 9 the overlap in tenths.
 SupervisedRun run(std::string_view frames) {
   SupervisedRun result;
   for (const char frame : frames) {
@@ -49,7 +48,7 @@ void expect_near(const std::vector<double>& actual, const std::vector<double>& e
   for (std::size_t i = 0; i < expected.size(); ++i) EXPECT_NEAR(actual[i], expected[i], 1e-14) << i;
 }
 
-// 12 frames, of which 2 after the burn-in at .5; and 31 with 2 frames at .6, a failure, and 4 at .8.
+// 12 frames, 2 of them after the burn-in, at .5; and 31 with 2 frames at .6, a failure, and 4 at .8.
 const Sequences kTwo = {sequence({"S55555555555"}), sequence({"S66666666666F----S8888888888888"})};
 
 TEST(AccuracyRobustness, PythonWeighsSequencesByLength) {
@@ -70,7 +69,7 @@ TEST(AccuracyRobustness, LegacyPoolsFrames) {
 
 TEST(AccuracyRobustness, RepetitionsAreAveragedByRunOrByFrame) {
   const Sequences sequences = {sequence({"S44444444444", "S8888888888F"})};
-  // Frame 11 has .4 and .8, frame 12 has .4 alone.
+  // Frame 11 has .4 and .8, frame 12 only .4.
   EXPECT_NEAR(accuracy_robustness(sequences, Toolkit::Legacy).accuracy, (0.6 + 0.4) / 2, 1e-14);
   EXPECT_NEAR(accuracy_robustness(sequences, Toolkit::Python).accuracy, (0.4 + 0.8) / 2, 1e-14);
   EXPECT_NEAR(accuracy_robustness(sequences, Toolkit::Legacy).failures, 0.5, 1e-14);
@@ -130,7 +129,7 @@ TEST(Tags, NamesNoneWithoutTags) {
   EXPECT_THROW(mean_over_tags(kTwo), std::invalid_argument);
 }
 
-// Run 1 falls apart into "S66F-S", which failed, and "S66", which survived; run 2 survived.
+// Run 1 splits into "S66F-S", which failed, and "S66", which survived; run 2 survived.
 const Sequences kShort = {sequence({"S66F-S66"}), sequence({"S88888"})};
 
 TEST(Eao, LegacyCurveByHand) {
@@ -170,7 +169,7 @@ TEST(Eao, FragmentsWeighAsMuchOfThemAsIsTagged) {
   EXPECT_NEAR(eao(sequences, {2, 10}, Toolkit::Legacy, "a"), (0.5 * 0.2 + 0.8) / 1.5, 1e-14);
   EXPECT_TRUE(std::isnan(eao(sequences, {2, 10}, Toolkit::Legacy, "none such")));
 
-  // Of untagged frames, the toolkit counts all four of the sequence to each fragment, of 6 and of 3 frames.
+  // For untagged frames, the toolkit counts all four of the sequence in each fragment, of 6 and of 3 frames.
   Sequences untagged = {sequence({"S66F-S99"})};
   untagged[0].tags["a"] = frames("xxxx----");
   EXPECT_NEAR(eao_curve(untagged, Toolkit::Legacy, kUntagged)[1], (4.0 / 6 * 0.6 + 4.0 / 3 * 0.9) / 2, 1e-14);
@@ -201,7 +200,7 @@ TEST(TypicalLengths, AreThoseOfTheBenchmarks) {
   EXPECT_THROW(typical_lengths(std::vector<std::size_t>{100, 100}), std::invalid_argument);
 }
 
-/// Two sequences with 50 frames that count, each run 15 times alike.
+/// Two sequences with 50 counted frames; 15 equal runs of each.
 Sequences tracker(double even, double odd, bool fails = false) {
   SupervisedSequence one = sequence({start_and(59, '0')});
   for (std::size_t t = 0; t < 60; ++t) one.runs[0].overlaps[t] = t % 2 == 0 ? even : odd;
@@ -216,7 +215,7 @@ TEST(ArRanks, TrackersThatDoNotDifferShareARank) {
                                            tracker(0.125, 0.125, true)};
   const ArRanks ranks = ar_ranks(trackers);
   expect_near(ranks.accuracy, {1.5, 1.5, 3});
-  expect_near(ranks.robustness, {1.5, 1.5, 3});  // 30 times no failure against 30 times one
+  expect_near(ranks.robustness, {1.5, 1.5, 3});  // no failure in 30 runs against one in each of 30
 }
 
 TEST(ArRanks, AccuracyMustDifferInPracticeToo) {
@@ -243,8 +242,8 @@ TEST(ArRanks, OfTagsHaveEqualWeights) {
     sequence.tags["few"] = std::vector<bool>(60);
     sequence.tags["few"][59] = true;
   }
-  // The tag has one frame a sequence: too few to compare, which counts as different. Robustness differs
-  // there, and nowhere else.
+  // The tag has one frame per sequence: too few to compare, which counts as different. Robustness differs
+  // only there.
   expect_near(ar_ranks(trackers, "few").robustness, {1, 2});
   expect_near(ar_ranks(trackers, kUntagged).robustness, {1.5, 1.5});
   expect_near(mean_ar_ranks(trackers).robustness, {1.25, 1.75});

@@ -70,7 +70,7 @@ TEST_F(TrajectoryTest, ComesBackFromItsFiles) {
   EXPECT_EQ(back.values.at("confidence"), written.values.at("confidence"));
   EXPECT_TRUE(std::isnan(back.values.at("time")[4]));
   EXPECT_EQ(back.values.at("time")[2], 1e-9);
-  // What the toolkit reads.
+  // The format that the toolkit reads.
   EXPECT_EQ(read(file).substr(0, 5), "1\n1.5");
   EXPECT_EQ(read(file.parent_path() / "ball_1_003_time.value"), "0.5\n0.001\n1e-09\n2\n\n");
   written.values["time"].pop_back();
@@ -90,7 +90,7 @@ TEST_F(TrajectoryTest, ReadsWhatToolkitsWrote) {
   EXPECT_EQ(trajectory.frames[1].region->box(), cv::Rect2d(10, 20, 30, 40));
   EXPECT_FALSE(trajectory.frames[5].region->is_rectangle());
   EXPECT_EQ(trajectory.values.at("time")[1], 0.3);
-  // Another tracker's property that is no number is left out.
+  // A tracker's own property is skipped if it is not a number.
   write("car_002_mood.value", "good\n\n\n\n\n\n\n\n\n");
   EXPECT_EQ(read_trajectory(file).values.size(), 1u);
   write("car_002_time.value", "slow\n\n\n\n\n\n\n\n\n");
@@ -119,7 +119,7 @@ TEST_F(TrajectoryTest, ReadsTextOfEverySystem) {
         "1\n1,2,3,10\n0\n",
         "1 \n 1 2\t3 10 \n0\n", "1\n1,2,3,10\n0\n\n \n"})
     EXPECT_EQ(read_trajectory(write("a_001.txt", text)).frames, expected) << text;
-  // What another program writes is not taken for polygons.
+  // Results of another program are not taken for polygons.
   expect_error(write("a_001.txt", "1,1,10,20,30,40\n2,1,11,20,30,40\n"),
                "a_001.txt:1: lines of MOTChallenge");
   std::string corners;
@@ -138,7 +138,7 @@ std::string binary_example() {
 
 TEST_F(TrajectoryTest, ReadsTheToolkitsBinaryFormat) {
   const fs::path file = write("car_001.bin", binary_example());
-  write("car_001.txt", "0\n0\n0\n");  // not read: the toolkit prefers the other
+  write("car_001.txt", "0\n0\n0\n");  // ignored: the toolkit prefers the binary file
   write("car_001_time.value", "1\n2\n3\n");
   const Trajectory trajectory = read_trajectory(root_ / "car_001.txt");
   EXPECT_EQ(trajectory.frames,
@@ -180,7 +180,7 @@ TEST_F(TrajectoryTest, LeavesNoHalfFileOnAFullDisk) {
   write_trajectory(file, trajectory);
   const std::string before = read(file);
   trajectory.frames.resize(100000, {Region::rectangle({1, 2, 3, 4})});
-  // A limit on the size of files fails as a full disk does: within a write.
+  // A limit on file sizes makes a write fail part-way, as a full disk does.
   rlimit old_limit;
   ASSERT_EQ(getrlimit(RLIMIT_FSIZE, &old_limit), 0);
   rlimit limit = old_limit;

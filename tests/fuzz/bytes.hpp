@@ -14,7 +14,7 @@
 
 namespace asterism::fuzz {
 
-/// Values out of a fuzzer's bytes; zeros where these end.
+/// Reads values from a fuzzer's bytes; zeros after their end.
 class Bytes {
  public:
   Bytes(const std::uint8_t* data, std::size_t size) : data_(data), size_(size) {}
@@ -40,7 +40,7 @@ inline std::string_view text(const std::uint8_t* data, std::size_t size) {
   return {reinterpret_cast<const char*>(data), size};
 }
 
-/// A folder of this process alone, which goes with it. In memory where there is such a place.
+/// A folder for this process only, removed in the destructor; in memory if possible.
 class ScratchFolder {
  public:
   explicit ScratchFolder(const std::string& name) {

@@ -1,6 +1,6 @@
-// The inputs in the folders of the command line, each through the fuzzer's entry point once: what a fuzzer
-// has found stays fixed, without one. With `--mutations N` also N inputs that are made of these by chance,
-// which needs neither clang nor its sanitizers; one that ends the process, or takes 20 s, is kept in
+// Runs the inputs in the folders on the command line through the fuzzer's entry point once each, so that what
+// a fuzzer has found stays fixed without libFuzzer. With `--mutations N` also runs N random mutations of
+// them, which needs neither clang nor its sanitizers; one that ends the process, or takes 20 s, is written to
 // mutation.bin.
 
 #include <fcntl.h>
@@ -25,7 +25,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size);
 
 namespace {
 
-std::string input;  // the present one
+std::string input;  // the current one
 
 void keep_input(int signal) {
   const int file = open("mutation.bin", O_WRONLY | O_CREAT | O_TRUNC, 0666);
@@ -43,7 +43,7 @@ class Mutator {
  public:
   explicit Mutator(const std::vector<std::string>& seeds) : seeds_(seeds) {}
 
-  /// A seed, changed in one to eight places, of at most 4096 bytes.
+  /// A seed with one to eight changes, of at most 4096 bytes.
   std::string next() {
     std::string bytes = seeds_[below(seeds_.size())];
     for (std::size_t changes = 1 + below(8); changes > 0; --changes) change(bytes);
@@ -71,7 +71,7 @@ class Mutator {
       case 2:
         bytes.erase(at, length);
         break;
-      case 3:  // twice
+      case 3:  // duplicate
         bytes.insert(below(bytes.size() + 1), bytes.substr(at, length));
         break;
       case 4:
@@ -80,7 +80,7 @@ class Mutator {
       case 5:
         bytes.replace(at, length, kTokens[below(kTokens.size())]);
         break;
-      default: {  // the end of another one
+      default: {  // the end of another seed
         const std::string& other = seeds_[below(seeds_.size())];
         bytes.replace(at, std::string::npos, other.substr(below(other.size() + 1)));
       }
@@ -104,13 +104,13 @@ int main(int argc, char** argv) {
     for (const auto& entry : std::filesystem::directory_iterator(argv[i])) {
       std::ifstream file(entry.path(), std::ios::binary);
       seeds.emplace_back(std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>());
-      std::fprintf(stderr, "%s\n", entry.path().c_str());  // the last one named is the one that failed
+      std::fprintf(stderr, "%s\n", entry.path().c_str());  // the last one printed is the one that failed
       run(seeds.back());
     }
   }
   std::printf("%zu inputs\n", seeds.size());
   if (seeds.empty()) return 1;
-  std::sort(seeds.begin(), seeds.end());  // a folder has no order
+  std::sort(seeds.begin(), seeds.end());  // directories are not sorted
   Mutator mutator(seeds);
   for (const int signal : {SIGABRT, SIGSEGV, SIGFPE, SIGBUS, SIGALRM}) std::signal(signal, keep_input);
   constexpr unsigned kMostSeconds = 20;

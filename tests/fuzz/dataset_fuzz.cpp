@@ -1,5 +1,6 @@
-// Folders that look like data sets. An input is a text: a line "@NAME" begins the file of that name. What is
-// found has a truth and a tag for each of its frames; all else is a std::runtime_error.
+// Fuzzes the reading of folders that look like data sets. In the input, a line "@NAME" begins the file of
+// that name. Sequences that are found must have a truth and a tag for each frame; every error must be a
+// std::runtime_error.
 
 #include <cstdlib>
 #include <dataset.hpp>
@@ -12,7 +13,7 @@ namespace fs = std::filesystem;
 
 namespace {
 
-// A name within the folder.
+// Whether the name is within the folder.
 bool is_ours(const fs::path& name) {
   if (name.empty() || name.is_absolute() || name.native().size() > 100 || !name.has_filename()) return false;
   for (const fs::path& part : name)
@@ -43,7 +44,7 @@ bool build(const fuzz::ScratchFolder& folder, std::string_view input) {
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   static const fuzz::ScratchFolder folder("dataset");
   const std::string_view input = fuzz::text(data, size);
-  // Files that "sequence" and list.txt name may be anywhere; devices never end.
+  // "sequence" and list.txt may name files anywhere, and devices never end.
   if (input.find("dev") != std::string_view::npos || input.find("proc") != std::string_view::npos) return 0;
   folder.clear();
   if (!build(folder, input)) return 0;

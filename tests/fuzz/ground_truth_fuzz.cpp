@@ -1,5 +1,5 @@
-// Files of ground truth and of results: what is read is finite and comes back from what is written; all else
-// is a std::runtime_error.
+// Fuzzes the reading of ground truth and results: what is read must be finite and survive writing; every
+// error must be a std::runtime_error.
 
 #include <cmath>
 #include <cstdlib>

@@ -1,5 +1,6 @@
-// Names of part models, and files in place of the libraries that they name: a part, a std::invalid_argument
-// or, for what cannot be loaded, a std::runtime_error. An input is a name, a line feed, and the file.
+// Fuzzes the names of part models and the files of the plugins in them: the outcome must be a part, a
+// std::invalid_argument or, if the plugin cannot be loaded, a std::runtime_error. An input is a name, a line
+// feed, and the file.
 
 #include <asterism/parts/concept/part_plugin.hpp>
 #include <asterism/parts/concept/part_registry.hpp>
@@ -15,8 +16,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const std::string_view input = fuzz::text(data, size);
   const std::size_t end = input.find('\n');
   std::string name(input.substr(0, end));
-  // Other people's files; and a damaged library that says what we are built for is the dynamic linker's to
-  // survive, which it need not.
+  // Skip names of other files on this system, and damaged plugins for this program, which would reach the
+  // dynamic linker: it need not survive them.
   const bool is_ours = input.find(ASTERISM_PART_PLUGIN_ABI) != std::string_view::npos;
   if (name.find('/') != std::string::npos || is_ours) return 0;
   if (name.find(':') < name.find('{')) name = folder.path().string() + '/' + name;

@@ -1,6 +1,6 @@
 #pragma once
 
-// The least that a tracker can be run on.
+// A minimal scene to run a tracker on.
 
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>

@@ -1,5 +1,5 @@
-// Any springs by any of the library's methods: bad input is refused and named, x being left alone; what is
-// usable is finite and no worse than the start; what has converged is stationary.
+// Solves any spring systems by any of the library's methods: bad input must be refused with a reason, leaving
+// x unchanged; results must be finite and no worse than the start; converged ones must be stationary.
 
 #include <algorithm>
 #include <asterism/solver/energy/stationarity.hpp>
@@ -18,7 +18,7 @@ using bench::System;
 
 namespace {
 
-// Of any magnitude from 1e-16 to 1e12 and, rarely, any double.
+// Magnitudes from 1e-16 to 1e12 and, rarely, any double.
 double number(fuzz::Bytes& bytes) {
   const auto kind = bytes.take<std::uint8_t>();
   if (kind == 255) return bytes.take<double>();
@@ -35,7 +35,7 @@ bench::Problem problem(fuzz::Bytes& bytes) {
   const int nodes = bytes.take<std::uint8_t>() % 10;
   const int count = bytes.take<std::uint8_t>() % 32;
   std::vector<Link> links;
-  const auto node = [&] {  // mostly one of them
+  const auto node = [&] {  // mostly an existing one
     const auto value = bytes.take<std::uint8_t>();
     return value > 250 || nodes == 0 ? value - 253 : value % nodes;
   };
@@ -61,7 +61,7 @@ bench::Problem problem(fuzz::Bytes& bytes) {
   return result;
 }
 
-// The energy, written down once more.
+// An independent implementation of the energy.
 long double energy_of(const System& system, const Points& x) {
   long double sum = 0;
   for (int i = 0; i < system.nodes(); ++i) {
@@ -106,7 +106,7 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
   require(!is_bad(given), summary, "bad input was solved");
   require(x.allFinite() && std::isfinite(summary.final_energy), summary, "a result that is not finite");
   const long double before = energy_of(system, given.start), after = energy_of(system, x);
-  // Distances are known to the rounding of the coordinates.
+  // Distances are only as accurate as the rounding of the coordinates.
   constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   const long double extent = std::max(x.cwiseAbs().maxCoeff(), given.start.cwiseAbs().maxCoeff()) +
                              system.anchors.cwiseAbs().maxCoeff();
@@ -116,7 +116,7 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
   const long double rounding =
       (system.nodes() + system.link_count()) *
       (16 * kEpsilon * (before + extent * force + kEpsilon * stiffness * extent * extent) +
-       std::numeric_limits<double>::min() * (1 + stiffness));  // of what underflows
+       std::numeric_limits<double>::min() * (1 + stiffness));  // underflow
   require(after <= before + rounding, summary, "the energy rose");
   require(std::abs(after - static_cast<long double>(summary.final_energy)) <= rounding, summary,
           "another energy than the summary's");
@@ -139,7 +139,7 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
   const bench::SolverEntry& method = methods[bytes.take<std::uint8_t>() % methods.size()];
   const bench::Limits limits{std::pow(10.0, -(bytes.take<std::uint8_t>() % 16)), bytes.take<std::uint8_t>()};
   const bench::Problem given = problem(bytes);
-  if (given.system.defect()) return 0;  // the laboratory's runners would leave out the link that is none
+  if (given.system.defect()) return 0;  // the laboratory's runners would drop the invalid link
   const auto runner = method.make(given.system.nodes());
   try {
     runner->load(given);

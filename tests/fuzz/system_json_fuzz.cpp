@@ -1,5 +1,5 @@
-// Systems in JSON: what is read is what a solver takes, and is written and read again unchanged; all else is
-// a std::runtime_error.
+// Fuzzes systems in JSON: what is read must be valid for a solver and unchanged when written and read again;
+// every error must be a std::runtime_error.
 
 #include <asterism/solver/io/json.hpp>
 #include <cstdlib>

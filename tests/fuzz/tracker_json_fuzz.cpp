@@ -1,5 +1,5 @@
-// Descriptions of trackers: a std::invalid_argument (or std::runtime_error for a plugin that is none), or a
-// tracker that gives finite boxes or says why not.
+// Fuzzes descriptions of trackers: the outcome must be a std::invalid_argument (or std::runtime_error for an
+// invalid plugin), or a tracker that returns finite boxes or throws with a reason.
 
 #include <algorithm>
 #include <asterism/trackers/tracker/tracker.hpp>
@@ -17,14 +17,14 @@ namespace {
 
 constexpr double kMost = 40;
 
-// Whether the numbers ask for a tracker of a size that fits here: sizes are the user's to choose.
+// Whether the options keep the tracker small enough to run here: large sizes are valid, but slow.
 bool is_small(std::string_view description) {
   const std::size_t brace = description.find('{');
   if (brace == std::string_view::npos) return true;
   const auto json = nlohmann::json::parse(description.substr(brace), nullptr, false);
   const auto leaves = json.is_structured() ? json.flatten() : json;
   return std::all_of(leaves.begin(), leaves.end(), [](const auto& leaf) {
-    // A part or a tracker within, with options of its own.
+    // A nested part or tracker with options of its own.
     if (leaf.is_string()) return is_small(leaf.template get<std::string>());
     return !leaf.is_number() || std::abs(leaf.template get<double>()) <= kMost;
   });
@@ -34,7 +34,7 @@ bool is_small(std::string_view description) {
 
 extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size) {
   const std::string_view description = fuzz::text(data, size);
-  // Other people's files are not for this to load; and parsers of names recurse.
+  // Other files on this system must not be loaded, and parsers of names recurse.
   if (description.find('/') != std::string_view::npos || size > 600) return 0;
   try {
     AnyTracker tracker = make_tracker(description);

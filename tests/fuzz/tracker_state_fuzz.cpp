@@ -1,5 +1,5 @@
-// States that were tampered with, their checksums being right: refused, or a tracker that gives finite boxes
-// or says why not. An input says which tracker, and what is written where into the state that it saves.
+// Fuzzes saved states, changed but with a correct checksum: each must be refused, or give a tracker that
+// returns finite boxes or throws with a reason. An input selects the tracker and the changes to its state.
 
 #include <array>
 #include <asterism/parts/models/color_histogram.hpp>
@@ -45,20 +45,21 @@ std::vector<Saved> saved_trackers() {
     add([=] { return AnyTracker(Dpt(options)); });
   }
   for (const std::string& name : tracker_names()) {
-    // dpt_loc, dpt_3x3_ov and so on save what dpt does, of other links or more parts.
+    // dpt_loc, dpt_3x3_ov and so on save the same as dpt, with other links or more parts.
     if (name.starts_with("dpt_") && name != "dpt_plus") continue;
     try {
       add([=] { return make_tracker(name); });
-    } catch (const std::invalid_argument&) {  // it cannot be saved
+    } catch (const std::invalid_argument&) {  // its state cannot be saved
     }
   }
-  // Last, so that the corpus means what it meant.
+  // Last, so that the existing corpus keeps its meaning.
   coarse.root = Strcf();
   add([=] { return AnyTracker(CoarseTracker(coarse)); });
   return all;
 }
 
-// CRC-32, as the header has it. Its loop tells the fuzzer nothing, and would take it a quarter of its time.
+// The CRC-32 of the header. Not instrumented: its loop does not help the fuzzer, and would take a quarter of
+// its time.
 #ifdef __clang__
 __attribute__((no_sanitize("coverage")))
 #endif
@@ -86,7 +87,7 @@ void seal(State& state) {
   std::memcpy(state.data() + kChecksumAt, &crc, sizeof crc);
 }
 
-// One change: where (32 bits, modulo the state's length), what (8 bits), and a value.
+// One change: position (32 bits, modulo the state's length), kind (8 bits), and value.
 void change(State& state, fuzz::Bytes& bytes) {
   const std::size_t at = kHeader + bytes.take<std::uint32_t>() % (state.size() - kHeader);
   const auto kind = bytes.take<std::uint8_t>();

@@ -1,5 +1,5 @@
-// Lines of hostile bytes: what is read as a message comes back from its own line, and all else is a
-// TraxError.
+// Fuzzes lines of the TraX protocol: what is read as a message must survive formatting and parsing; every
+// error must be a TraxError.
 
 #include <cstddef>
 #include <cstdint>
@@ -19,7 +19,7 @@ extern "C" int LLVMFuzzerTestOneInput(const uint8_t* data, size_t size) {
       if (const auto region = parse_region(argument); region && parse_region(to_string(*region)) != region) {
         std::abort();
       }
-      // Files are not the parser's.
+      // Images in files are not tested here.
       if (argument.starts_with("image:")) decode_trax_image(argument);
     }
     for (const auto& [key, value] : message.properties) split_trax_list(value);

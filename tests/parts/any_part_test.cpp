@@ -32,7 +32,7 @@ TEST(AnyPart, AnswersAsThePartInIt) {
   EXPECT_EQ(any.similarity_at(near), kcf.similarity_at(near));
 }
 
-// A part that answers how often it was adapted.
+// A part that reports how often it was adapted.
 struct Counter {
   std::vector<int> adapted;
   void init(const Frame&, const Point2&, const Size2&) { adapted.clear(); }

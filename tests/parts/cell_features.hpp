@@ -1,6 +1,6 @@
 #pragma once
 
-// The features of CellSpectra in plain code.
+// An independent implementation of the features of CellSpectra.
 
 #include <Eigen/Core>
 #include <asterism/parts/features/cell_spectra.hpp>
@@ -12,8 +12,8 @@
 
 namespace asterism::testing {
 
-/// Features as the class documentation of CellFeatures describes them: one column of cells (row-major) a
-/// channel, under a Hann window.
+/// Features as the documentation of CellFeatures describes them: one column of cells (row-major) per channel,
+/// under a Hann window.
 inline Eigen::MatrixXd cell_features(const Frame& frame, const Point2& centre, const Size2& window, int rows,
                                      int cols, int cell, const CellFeatures& features) {
   cv::Mat patch, lab;

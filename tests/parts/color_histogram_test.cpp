@@ -21,19 +21,19 @@ class ColorHistograms : public ::testing::TestWithParam<Space> {
   }
 };
 
-// The fewer bins, the more alike are neighbouring boxes of one texture.
+// With fewer bins, neighbouring boxes of one texture are more alike.
 TEST_P(ColorHistograms, FulfilThePartAxioms) {
   const double tolerance = GetParam() == Space::Rgb ? 0.5 : GetParam() == Space::Hsv ? 1 : 4;
   testing::check_part_axioms(part(), tolerance);
 }
 TEST_P(ColorHistograms, WithstandFaults) { testing::check_part_faults(part()); }
 
-// At unit scale, with OpenCV's histograms and its comparison, which is the root of 1 - rho.
+// At unit scale, compared with OpenCV's histograms and their distance, the square root of 1 - rho.
 TEST_P(ColorHistograms, EqualCompareHist) {
   const cv::Mat image = texture(120, 160);
   const Frame frame(image);
-  // The pixels of a window as the part makes them: the last bit of OpenCV's hue depends on the place in the
-  // row.
+  // Converts each window separately, as the part does: the last bit of OpenCV's hue depends on the position
+  // in the row.
   const auto window = [&](const cv::Rect& box) {
     cv::Mat pixels = (GetParam() == Space::Gray ? frame.gray() : image)(box).clone();
     if (GetParam() == Space::Hsv) cv::cvtColor(pixels, pixels, cv::COLOR_BGR2HSV_FULL);
@@ -91,7 +91,8 @@ TEST(ColorHistogram, DoesNotCareForTheArrangement) {
   EXPECT_LT((evidence.position - Point2(80, 60)).norm(), 0.3);
 }
 
-// A red box in a wide red region stays where it was searched, sure across the region and not along it.
+// A red box in a wide red region is found where the search starts: certain across the region, uncertain along
+// it.
 TEST(ColorHistogram, StaysOnAPlateau) {
   cv::Mat image(200, 200, CV_8UC3, cv::Scalar(90, 120, 60));
   cv::rectangle(image, {0, 90}, {199, 109}, cv::Scalar(20, 30, 220), cv::FILLED);

@@ -18,7 +18,7 @@ std::vector<float> shares_of(const cv::Mat& bgr, int cell) {
   return planes;
 }
 
-// Colors that everybody calls so, none of them the typical one of the table.
+// Colors with undisputed names, none of them a typical color of the table.
 TEST(ColorTerms, NamesColorsAsPeopleDo) {
   for (const auto& [bgr, term] :
        std::initializer_list<std::pair<cv::Scalar, Term>>{{{10, 10, 10}, Black},
@@ -38,7 +38,7 @@ TEST(ColorTerms, NamesColorsAsPeopleDo) {
   }
 }
 
-// Every color has shares, also those that are far from all terms; a cell's are the mean of its pixels'.
+// Shares are defined even for colors far from all terms; a cell's are the mean of its pixels'.
 TEST(ColorTerms, ACellIsTheMeanOfItsPixels) {
   cv::Mat image(12, 16, CV_8UC3);
   cv::theRNG().state = 7;

@@ -23,7 +23,7 @@ using Histogram = std::array<float, ColorModel::kBins>;
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// Colors with hues that are far apart, as BGR.
+// Colors with well separated hues, as BGR.
 const cv::Scalar kRed(0, 0, 255), kGreen(0, 255, 0), kBlue(255, 0, 0), kYellow(0, 255, 255);
 
 std::size_t bin_of(const cv::Scalar& color) {
@@ -69,8 +69,8 @@ void expect_unit_interval(const cv::Mat& posterior) {
 // ---------------------------------------------------------------------------------------------- histograms
 
 TEST(ColorTest, HistogramsOfATinyImageCountedByHand) {
-  // 5 x 5: the box is the inner 3 x 3; enlarged by 5 / 3 it is the image, so the background is the frame
-  // of 16.
+  // 5 x 5 image: the box is the inner 3 x 3; enlarged by 5 / 3 it is the whole image, so the background is
+  // the border of 16 pixels.
   cv::Mat image = painted({5, 5}, kGreen, {1, 1, 3, 3}, kRed);
   image.at<cv::Vec3b>(2, 2) = {255, 0, 0};
   image.at<cv::Vec3b>(0, 4) = {0, 255, 255};
@@ -88,7 +88,7 @@ TEST(ColorTest, HistogramsOfATinyImageCountedByHand) {
 }
 
 TEST(ColorTest, BoxesCoverPixelCentres) {
-  // The box 1.6 .. 3.6 has the pixels 2 and 3 of both axes; the box 1.4 .. 3.4 has 1 and 2.
+  // The box 1.6 .. 3.6 covers pixels 2 and 3 on both axes; the box 1.4 .. 3.4 covers 1 and 2.
   const Frame frame(painted({6, 6}, kGreen, {2, 2, 2, 2}, kRed));
   ColorModel model;
   model.init(frame, {1.6, 1.6, 2, 2});
@@ -98,7 +98,7 @@ TEST(ColorTest, BoxesCoverPixelCentres) {
 }
 
 TEST(ColorTest, PixelsOutsideTheImageAreNotCounted) {
-  // Half of the box is beyond the corner: what is inside is all red.
+  // Half of the box is outside the image; all of it inside is red.
   const Frame frame(painted({40, 40}, kGreen, {0, 0, 10, 10}, kRed));
   ColorModel model;
   model.init(frame, {-10, -10, 20, 20});
@@ -147,7 +147,7 @@ TEST(ColorTest, AdaptLeavesWhatItCannotSee) {
   model.adapt(frame, {500, 500, 20, 20});
   EXPECT_EQ(model.foreground(), foreground);
   EXPECT_EQ(model.background(), background);
-  // The box covers the frame: there is a foreground, but no background.
+  // The box covers the frame: there is a foreground but no background.
   model.adapt(frame, {0, 0, 60, 60});
   EXPECT_NE(model.foreground(), foreground);
   EXPECT_EQ(model.background(), background);
@@ -191,7 +191,7 @@ TEST(ColorTest, OffWithoutColor) {
     EXPECT_FALSE(model.enabled());
     expect_off(model, color);
 
-    // A model with color is off only for as long as the frames have none.
+    // A model with color is off only while frames have none.
     model.init(color, {20, 20, 20, 20});
     const Histogram before = model.foreground();
     expect_off(model, *frame);
@@ -199,7 +199,7 @@ TEST(ColorTest, OffWithoutColor) {
     EXPECT_EQ(model.foreground(), before);
     EXPECT_TRUE(model.segment(color, {0, 0, 60, 60}, {20, 20}).informative);
 
-    // And off again after init without color.
+    // It is off again after init without color.
     model.init(*frame, {20, 20, 20, 20});
     EXPECT_FALSE(model.enabled());
   }
@@ -258,7 +258,8 @@ TEST(ColorTest, SegmentsAColoredRectangle) {
 }
 
 TEST(ColorTest, RawPosteriorIsBayesRule) {
-  // Red is half of the foreground and a quarter of the background; green is background alone; blue is unseen.
+  // Red is half of the foreground and a quarter of the background; green occurs only in the background; blue
+  // is unseen.
   cv::Mat image = painted({60, 60}, kGreen, {20, 20, 20, 20}, kYellow);
   image(cv::Rect(20, 20, 10, 20)).setTo(kRed);
   ColorOptions options;
@@ -322,7 +323,7 @@ TEST(ColorTest, InformativeWithinTheAreaRatios) {
   EXPECT_TRUE(informative({30, 30, 40, 40}));   // 1.78
   EXPECT_FALSE(informative({20, 20, 50, 50}));  // 2.8
   EXPECT_FALSE(informative({0, 0, 120, 119}));  // all
-  // The foreground of the whole region counts, not that of the box's place alone.
+  // All foreground in the region counts, not only that inside the box.
   EXPECT_FALSE(informative({0, 0, 50, 50}));
 }
 
@@ -343,7 +344,7 @@ TEST(ColorTest, RegionsAcrossTheBorder) {
       if (x < -0.5 || y < -0.5) {
         EXPECT_EQ(p, 0) << x << ' ' << y;
       } else if (x < 25 && y < 35) {
-        // What is outside does not wear off the object at the border.
+        // The region outside the image does not erode the object at the border.
         EXPECT_GT(p, 0.9) << x << ' ' << y;
       }
     }
@@ -398,7 +399,7 @@ TEST(ColorTest, ShiftsWithTheImage) {
   EXPECT_LT((away.origin - at_home.origin - Point2(11, 7)).norm(), 1e-9);
 }
 
-// Memory that is used again is that of segmentations that nobody holds.
+// Only memory of segmentations that nobody holds is reused.
 TEST(ColorTest, WhatIsKeptStaysAsItWas) {
   const cv::Rect object(40, 35, 30, 25);
   const Frame frame(textured({160, 140}, object));
@@ -451,13 +452,13 @@ TEST(ColorTest, InterpolatesBilinearly) {
 TEST(ColorTest, ForegroundFractionByHand) {
   const Segmentation segmentation = four_cells();  // the lower two cells are foreground
   EXPECT_EQ(segmentation.foreground_fraction({8.5, 19.5, 8, 4}), 0.5);
-  EXPECT_EQ(segmentation.foreground_fraction({9, 22, 3, 1}), 1);     // the centre (10, 22) alone
-  EXPECT_EQ(segmentation.foreground_fraction({9, 20, 3, 1}), 0);     // (10, 20) alone
+  EXPECT_EQ(segmentation.foreground_fraction({9, 22, 3, 1}), 1);     // only the centre (10, 22)
+  EXPECT_EQ(segmentation.foreground_fraction({9, 20, 3, 1}), 0);     // only (10, 20)
   EXPECT_EQ(segmentation.foreground_fraction({14, 20, 1, 3}), 0.5);  // (14, 20) and (14, 22)
-  // No centre inside: the nearest one.
+  // No centre inside: the nearest one counts.
   EXPECT_EQ(segmentation.foreground_fraction({11, 22, 1, 1}), 1);
   EXPECT_EQ(segmentation.foreground_fraction({11, 20, 1, 1}), 0);
-  // The grid continues with cells of 0: here with four of them below.
+  // The grid is continued by cells of 0: here four of them below.
   EXPECT_NEAR(segmentation.foreground_fraction({8.5, 21.5, 8, 6}), 2.0 / 6, 1e-12);
   EXPECT_EQ(segmentation.foreground_fraction({100, 100, 20, 20}), 0);
   for (const cv::Rect2d& box :

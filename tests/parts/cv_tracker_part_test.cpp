@@ -10,7 +10,7 @@
 namespace asterism {
 namespace {
 
-// One of OpenCV's trackers, but simple and exact: the shift by which the window's middle matches best.
+// A cv::Tracker that is simple and exact: it finds the shift at which the window's middle matches best.
 class Matcher : public cv::Tracker {
  public:
   void init(cv::InputArray image, const cv::Rect& box) override {
@@ -54,7 +54,7 @@ TEST(CvTrackerPart, FindsAShiftedTexture) {
   }
 }
 
-// In a smaller window a whole pixel of it is more pixels of the image.
+// In a downsampled window one pixel spans several of the image.
 TEST(CvTrackerPart, LargeTargetsAreResampled) {
   const cv::Mat image = testing::texture(480, 640);
   CvTrackerPart tested = part({.window = {.padding = 1, .min_template_side = 16, .max_template_side = 32}});

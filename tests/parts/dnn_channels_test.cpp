@@ -1,5 +1,5 @@
-// Channels of a program's own in the correlation filters; those of a network, which tiny_network.py has
-// written.
+// User-defined channels in the correlation filters, among them those of a network that tiny_network.py
+// writes.
 #include <gtest/gtest.h>
 
 #include <asterism/parts/features/dnn_channels.hpp>
@@ -21,7 +21,7 @@ using testing::texture;
 
 const std::string kNetwork = ASTERISM_TINY_NETWORK;
 
-// The gray level of each cell, as CellFeatures::gray has it.
+// The gray level of each cell, as CellFeatures::gray defines it.
 class Gray : public CellChannels {
  public:
   int channels() const override { return 1; }
@@ -50,7 +50,7 @@ TEST(CellChannels, AreAnotherFeature) {
   EXPECT_LT((own.response().values - built_in.response().values).abs().maxCoeff(), 1e-3F);
 }
 
-// No number is an answer; and a filter with no feature at all is refused.
+// NaN is refused, and so is a filter without any feature.
 TEST(CellChannels, MustBeFinite) {
   struct Bad : Gray {
     void compute(const cv::Mat&, int rows, int cols, float* planes) const override {

@@ -49,13 +49,13 @@ bool same_bits(const std::vector<Value>& a, const std::vector<Value>& b) {
   return a.size() == b.size() && std::memcmp(a.data(), b.data(), a.size() * sizeof(Value)) == 0;
 }
 
-// exp(-2 pi i (a / n + b / m)), better than double: the oracles must not be what rounds.
+// exp(-2 pi i (a / n + b / m)), more accurate than double, so that the oracles do not round.
 std::complex<long double> phase(int a, int n, int b, int m) {
   const long double turns = static_cast<long double>(a % n) / n + static_cast<long double>(b % m) / m;
   return std::polar(1.0L, -2 * std::numbers::pi_v<long double> * turns);
 }
 
-// The definition.
+// The discrete Fourier transform by its definition.
 std::vector<std::complex<float>> definition(const std::vector<float>& image, int rows, int cols) {
   std::vector<std::complex<float>> spectrum;
   for (int u = 0; u < rows; ++u) {
@@ -73,11 +73,11 @@ std::vector<std::complex<float>> definition(const std::vector<float>& image, int
   return spectrum;
 }
 
-// Every radix there is a function for, and those without.
+// Every radix that has its own function, and some that do not.
 constexpr std::pair<int, int> kSizes[] = {{4, 4},   {4, 8},   {8, 4},   {8, 8},   {12, 8}, {4, 32},
                                           {20, 12}, {24, 24}, {28, 44}, {52, 36}, {16, 68}};
 
-// Rounding of sums of up to a few thousand values of size 1/2.
+// Tolerance for the rounding of sums of up to a few thousand values of size 1/2.
 constexpr double kTolerance = 100 * std::numeric_limits<float>::epsilon();
 
 TEST(FftTest, IsTheDefinition) {
@@ -163,7 +163,7 @@ TEST(FftTest, ImpulseHasFlatSpectrum) {
   for (const auto& bin : forward(fft, image)) EXPECT_LT(std::abs(bin - 1.0F), kTolerance);
 }
 
-// Circular convolution through the spectra is what the correlation filters need.
+// The correlation filters rely on circular convolution by products of spectra.
 TEST(FftTest, ProductOfSpectraIsConvolution) {
   const int rows = 8, cols = 12;
   const auto a = noise(rows * cols, 1), b = noise(rows * cols, 2);

@@ -54,7 +54,7 @@ cv::Mat noise(int rows, int cols, std::uint64_t seed = 1) {
   return image;
 }
 
-// Edges and flat regions, as in real images; full contrast.
+// Edges and flat regions, as in real images, with full contrast.
 cv::Mat smooth_noise(int rows, int cols, std::uint64_t seed = 1) {
   cv::Mat image = noise(rows, cols, seed);
   cv::GaussianBlur(image, image, {0, 0}, 2);
@@ -62,7 +62,7 @@ cv::Mat smooth_noise(int rows, int cols, std::uint64_t seed = 1) {
   return image;
 }
 
-// The definition, a pixel at a time, in double.
+// The definition, pixel by pixel, in double.
 Features definition(const cv::Mat& patch, int cell) {
   constexpr std::array<std::array<double, 2>, 9> kDirections = {{{1.0000, 0.0000},
                                                                  {0.9397, 0.3420},
@@ -152,7 +152,7 @@ double max_difference(const Features& a, const Features& b) {
   double difference = 0;
   for (std::size_t i = 0; i < a.values.size(); ++i) {
     const double d = std::abs(double(a.values[i]) - double(b.values[i]));
-    if (!(d <= difference)) difference = d;  // NaN stays
+    if (!(d <= difference)) difference = d;  // NaN is kept
     if (std::isnan(d)) return d;
   }
   return difference;
@@ -250,7 +250,7 @@ TEST(Fhog, HalfTurnOfTheImagePermutesChannels) {
     for (int y = 0; y < a.rows; ++y) {
       for (int x = 0; x < a.cols; ++x) {
         for (int k = 0; k < kChannels; ++k) {
-          // The opposite sense; the block towards the opposite corner.
+          // The opposite direction of the gradient, and the block towards the opposite corner.
           const int opposite = k < 18 ? (k + 9) % 18 : k < 27 ? k : 27 + (30 - k);
           ASSERT_NEAR(a.at(k, y, x), b.at(opposite, a.rows - 1 - y, a.cols - 1 - x), kTolerance);
         }
@@ -312,7 +312,7 @@ TEST(Fhog, PixelsThatAreNotFiniteDoNoHarmElsewhere) {
   for (int y = 5; y < 16; ++y) {
     for (int x = 5; x < 16; ++x) ASSERT_EQ(before.at(3, y, x), after.at(3, y, x));
   }
-  image.at<float>(5, 5) = 100;  // and are forgotten by the next call
+  image.at<float>(5, 5) = 100;  // the next call does not remember large values
   EXPECT_EQ(features_of(fhog, image).values, features_of(image, 4).values);
 }
 

@@ -30,7 +30,8 @@ TEST(Flow, FindsAShiftedTexture) {
   }
 }
 
-// OpenCV's own tracker on the whole images, at points of the target: the median of their displacements.
+// Compared with OpenCV's own optical flow on the whole images at points of the target: the median of their
+// displacements.
 TEST(Flow, IsTheMedianOfOpenCvsFlow) {
   const cv::Mat image = texture(240, 320);
   cv::Mat turned;
@@ -57,11 +58,11 @@ TEST(Flow, IsTheMedianOfOpenCvsFlow) {
   Flow part;
   part.init(Frame(image), {160, 120}, {48, 40});
   const Evidence evidence = part.localize(Frame(turned), {160, 120});
-  EXPECT_LT((evidence.position - expected).norm(), 0.4);  // of other points: they are 0.16 px apart each 4 px
+  EXPECT_LT((evidence.position - expected).norm(), 0.4);  // other points: motion differs by 0.16 px per 4 px
   EXPECT_GT((evidence.position - Point2(160, 120)).norm(), 1.5);
 }
 
-// The target that turns and grows about its centre stays; its points disagree by as much as they move.
+// A target that is stretched about its centre stays in place; the scatter of its points equals their motion.
 TEST(Flow, ScatterMeasuresDeformation) {
   const cv::Mat image = texture(240, 320);
   cv::Mat stretched;
@@ -70,7 +71,7 @@ TEST(Flow, ScatterMeasuresDeformation) {
   part.init(Frame(image), {160, 120}, {60, 60});
   const Evidence evidence = part.localize(Frame(stretched), {160, 120});
   EXPECT_LT((evidence.position - Point2(160, 120)).norm(), 0.3);
-  // 0.1 x, x uniform over 60 px.
+  // Variance of 0.1 x for x uniform over 60 px.
   EXPECT_NEAR(evidence.covariance(0, 0), 0.01 * 60 * 60 / 12, 1.5);
   EXPECT_LT(evidence.covariance(1, 1), 0.1);
 }

@@ -97,14 +97,14 @@ TEST(FrameTest, RefusesBadImages) {
   }
 }
 
-// One line a kind of pixels: the image of what colors() has in 8 bits, what Frame says to it, what it says
-// at a start, and the range that is suggested.
+// One line per kind of pixels: how colors() in 8 bits is converted, whether Frame accepts it, in general and
+// as a first frame, and the range that is suggested.
 struct Kind {
   const char* name;
   int depth;
-  double scale, shift;  // of the 8-bit values
+  double scale, shift;  // applied to the 8-bit values
   bool taken, taken_at_start;
-  std::optional<PixelRange> suggested, right;  // `right` gives the 8-bit values back
+  std::optional<PixelRange> suggested, right;  // `right` restores the 8-bit values
 };
 
 void PrintTo(const Kind& kind, std::ostream* out) { *out << kind.name; }
@@ -113,7 +113,7 @@ class PixelKinds : public testing::TestWithParam<Kind> {};
 
 TEST_P(PixelKinds, AreTakenOrRefusedAndScaled) {
   const Kind& kind = GetParam();
-  cv::Mat reference = colors();  // with both ends of the range
+  cv::Mat reference = colors();  // contains both ends of the range
   reference.at<cv::Vec3b>(0, 0) = {0, 0, 0};
   reference.at<cv::Vec3b>(4, 6) = {255, 255, 255};
   for (const int channels : {1, 3, 4}) {
@@ -122,7 +122,7 @@ TEST_P(PixelKinds, AreTakenOrRefusedAndScaled) {
     cv::cvtColor(reference, expected, cv::COLOR_BGR2GRAY);
     if (channels != 1) expected = reference;
     expected.convertTo(image, kind.depth, kind.scale, kind.shift);
-    // Opaque is the type's largest value: it says nothing of the range of the colors.
+    // An opaque alpha is the largest value of the type: it must not affect the range of the colors.
     if (channels == 4) {
       cv::cvtColor(image, image, cv::COLOR_BGR2BGRA);
       cv::Mat alpha(image.size(), kind.depth, cv::Scalar(kind.depth == CV_32F ? 1 : 65535));
@@ -195,7 +195,7 @@ TEST(FrameTest, ARangeClipsWhatIsBeyondIt) {
   }
 }
 
-// Later frames may go black, with the sensor's noise; a start may not, and a black image has no range.
+// Later frames may be black, with the sensor's noise; a first frame may not, as a black image has no range.
 TEST(FrameTest, ABlackSixteenBitFrameIsTaken) {
   EXPECT_NO_THROW(Frame{cv::Mat(4, 4, CV_16UC1, cv::Scalar(90))});
   EXPECT_NO_THROW(first_frame(cv::Mat(4, 4, CV_16UC1, cv::Scalar(0))));

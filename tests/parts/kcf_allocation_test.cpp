@@ -1,4 +1,4 @@
-// Counts what Kcf takes from the heap, also by malloc, where cv::Mat and FFT libraries get theirs.
+// Counts the heap allocations of Kcf, including those by malloc, which cv::Mat uses.
 
 #include <gtest/gtest.h>
 
@@ -21,7 +21,7 @@ TEST(Kcf, DoesNotAllocateOnceItHasBeenInitialised) {
       Kcf kcf(options);
       long before = allocations;
       kcf.init(frame, {320, 240}, size);
-      ASSERT_GT(allocations, before);  // they are counted
+      ASSERT_GT(allocations, before);  // the counter works
       kcf.localize(frame, {320, 240});
       before = allocations;
       for (const Point2& at : {Point2(320, 240), Point2(317.3, 241.9), Point2(20, 470), Point2(700, -50)}) {

@@ -14,8 +14,7 @@ namespace {
 using testing::shifted;
 using testing::texture;
 
-// A KCF written as what it is: kernel ridge regression on all circular shifts of one sample, with dense
-// matrices.
+// KCF by its definition: kernel ridge regression on all circular shifts of one sample, with dense matrices.
 class DenseKcf {
  public:
   static Eigen::MatrixXd shift(const Eigen::MatrixXd& x, int rows, int cols, int dr, int dc) {
@@ -96,7 +95,7 @@ struct KcfCase {
 };
 class KcfKernels : public ::testing::TestWithParam<KcfCase> {};
 
-// Fourier-domain training, detection and plain update against the dense ridge regression they stand for.
+// Training, detection and the plain update in the Fourier domain equal the dense ridge regression.
 TEST_P(KcfKernels, EqualsRidgeRegressionOnAllCircularShifts) {
   KcfOptions options;
   options.kernel.type = GetParam().kernel;
@@ -149,7 +148,7 @@ INSTANTIATE_TEST_SUITE_P(All, KcfKernels,
                                            KcfCase{Kernel::Type::Linear, {true, true, true}}));
 
 TEST(Kcf, ColorTellsApartWhatGrayCannot) {
-  // Two patches of one gray level, the target's red and another's green; gray video has no color to go by.
+  // Two patches of the same gray level, the target's red and another one green; in gray video they are alike.
   cv::Mat image(120, 200, CV_8UC3, cv::Scalar::all(98));
   image(cv::Rect(40, 40, 40, 40)) = cv::Scalar(60, 60, 186);
   image(cv::Rect(120, 40, 40, 40)) = cv::Scalar(60, 135, 41);
@@ -237,7 +236,7 @@ TEST(Kcf, SmallLargeAndThinTargets) {
     kcf.init(frame, {320, 240}, size);
     const Evidence evidence = kcf.localize(frame, {320, 240});
     EXPECT_LT((evidence.position - Point2(320, 240)).norm(), 0.1 * size.norm() + 0.5) << size.transpose();
-    // All of the target is seen, with about the room around it that was asked for.
+    // All of the target is visible, with about the requested margin around it.
     const double margin = options.window.padding * std::sqrt(size.prod());
     EXPECT_GE(kcf.window().x(), size.x() + 0.6 * margin) << size.transpose();
     EXPECT_GE(kcf.window().y(), size.y() + 0.6 * margin) << size.transpose();

@@ -23,7 +23,7 @@ TEST(Keypoints, FindsAShiftedTexture) {
   for (const auto& [dx, dy] : {std::pair{1.0, 0.0}, {-3, 2}, {15, -17}, {0.5, 0.25}, {-4.3, 2.6}}) {
     const cv::Mat moved = displaced(image, dx, dy);
     const Evidence evidence = part.localize(Frame(moved), {160, 120});
-    // Key-points are whole pixels; their mean over a fraction of one is not.
+    // Key-points are at whole pixels; their mean for a shift by a fraction of a pixel is not exact.
     const bool whole = dx == std::round(dx) && dy == std::round(dy);
     EXPECT_LT((evidence.position - Point2(160 + dx, 120 + dy)).norm(), whole ? 0.05 : 0.3)
         << dx << ", " << dy;
@@ -77,7 +77,7 @@ TEST(Keypoints, AdaptFollowsTheAppearanceAndDoesNotDrift) {
   EXPECT_GT(evidence.peak, 1.3 * fixed.localize(Frame(large), {160, 120}).peak);
   EXPECT_LT((evidence.position - Point2(160, 120)).norm(), 2.5) << "a fifth larger, seen from one side more";
 
-  // Adapted again and again beside the target, it still knows where the target is.
+  // Although adapted repeatedly beside the target, it still finds the target.
   for (int i = 0; i < 10; ++i) fixed.adapt(Frame(image), {163, 118});
   EXPECT_LT((fixed.localize(Frame(image), {160, 120}).position - Point2(160, 120)).norm(), 0.05);
 }

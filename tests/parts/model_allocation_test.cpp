@@ -1,4 +1,4 @@
-// What further part models take from the heap; Kcf has a program of its own.
+// Counts the heap allocations of further part models; Kcf has its own program.
 
 #include <gtest/gtest.h>
 
@@ -12,9 +12,9 @@
 namespace asterism {
 namespace {
 
-// Once it has been initialised.
+// After initialisation.
 void expect_no_allocation(auto& part, const Frame& frame, const Size2& size) {
-  EXPECT_GT(testing::allocations_in([&] { part.init(frame, {160, 120}, size); }), 0);  // counted at all
+  EXPECT_GT(testing::allocations_in([&] { part.init(frame, {160, 120}, size); }), 0);  // the counter works
   part.localize(frame, {160, 120});
   EXPECT_EQ(testing::allocations_in([&] {
               for (const Point2& at : {Point2(160, 120), Point2(157.3, 121.9), Point2(20, 230)}) {
@@ -26,7 +26,7 @@ void expect_no_allocation(auto& part, const Frame& frame, const Size2& size) {
             0);
 }
 
-// The segmentation does allocate.
+// The segmentation allocates.
 TEST(SpatialReliability, DoesNotAllocateOnceItHasBeenInitialisedWithoutSegmentation) {
   const cv::Mat image = testing::texture(240, 320);
   const Frame frame(image);
@@ -36,7 +36,7 @@ TEST(SpatialReliability, DoesNotAllocateOnceItHasBeenInitialisedWithoutSegmentat
   expect_no_allocation(part, frame, {48, 40});
 }
 
-// Color channels do allocate.
+// Color channels allocate.
 TEST(Strcf, DoesNotAllocateOnceItHasBeenInitialisedWithoutColor) {
   const cv::Mat image = testing::texture(240, 320);
   const Frame frame(image);

@@ -53,7 +53,7 @@ TEST(Mosse, FindsAShiftedTexture) {
   }
 }
 
-// The filter of least squared error over two images does not depend on their order.
+// The least-squares filter over two images does not depend on their order.
 TEST(Mosse, RunningAverageWeighsBothImages) {
   MosseOptions options;
   options.perturbations = 0;
@@ -115,7 +115,7 @@ TEST(Mosse, OcclusionShowsInRatioAndCovariance) {
   EXPECT_EQ(part.psr(), 0);
 }
 
-// Light that changes all levels by a factor is the logarithm's to remove.
+// A change of light that scales all levels is removed by the logarithm.
 TEST(Mosse, IsBlindToExposure) {
   const cv::Mat image = texture(240, 320);
   Mosse part;

@@ -26,7 +26,7 @@ bool in_unit_interval(const cv::Mat& map) {
   return std::all_of(map.begin<float>(), map.end<float>(), [](float v) { return v >= 0 && v <= 1; });
 }
 
-/// The equations as they are printed: double precision, both classes, the kernel in two dimensions.
+/// The equations as published: in double precision, for both classes, with the two-dimensional kernel.
 cv::Mat oracle(const cv::Mat& likelihood, const cv::Mat& prior, const MrfOptions& options) {
   const double eps = double(std::numeric_limits<float>::epsilon());
   const int larger = std::max(likelihood.rows, likelihood.cols);
@@ -114,7 +114,7 @@ TEST(MrfTest, AgreesWithTheEquations) {
 }
 
 TEST(MrfTest, AgreesWithTheEquationsOnCertainLabels) {
-  // Likelihoods of exactly 0 and 1 are the norm: most colors are in one histogram only.
+  // Likelihoods of exactly 0 and 1 are common: most colors occur in only one histogram.
   cv::Mat likelihood = uniform_map({32, 30}, 0, 1, 5);
   cv::threshold(likelihood, likelihood, 0.6, 1, cv::THRESH_BINARY);
   EXPECT_LT(largest_difference(regularize_posterior(likelihood), oracle(likelihood, {}, {})), 1e-5);
@@ -170,7 +170,7 @@ TEST(MrfTest, PriorMattersAndEmptyMeansOneHalf) {
 }
 
 TEST(MrfTest, StaysInRangeOnContradictions) {
-  // Priors and likelihoods of exactly 0 and 1 that deny each other, alone and in a checkerboard.
+  // Priors and likelihoods of exactly 0 and 1 that contradict each other, constant and in a checkerboard.
   cv::Mat board(24, 24, CV_32FC1);
   for (int y = 0; y < 24; ++y) {
     for (int x = 0; x < 24; ++x) board.at<float>(y, x) = float((x + y) % 2);
@@ -207,7 +207,7 @@ TEST(MrfTest, AWorkspaceOfOtherMapsChangesNothing) {
       cv::Mat other(3, 3, CV_8UC1), frame(size + cv::Size(2, 2), CV_32FC1, cv::Scalar(2));
       regularize_posterior(map, prior, options, workspace, other);
       EXPECT_EQ(largest_difference(other, expected), 0);
-      // In the place of the map, which is part of a larger one.
+      // Computed in place, on a map that is part of a larger one.
       cv::Mat part = frame(cv::Rect({1, 1}, size));
       map.copyTo(part);
       regularize_posterior(part, prior, options, workspace, part);

@@ -1,4 +1,4 @@
-// The kernels of every instruction set that this machine has, against plain code.
+// Compares the kernels of every instruction set that this machine has with plain code.
 
 #include "kernels/part_kernels.hpp"
 
@@ -82,7 +82,7 @@ TEST_P(PartKernels, FhogIsTheScalarOne) {
   }
 }
 
-// Every radix there is a function for, and those without.
+// Every radix that has its own function, and some that do not.
 constexpr std::pair<int, int> kSizes[] = {{4, 4},   {8, 12},  {12, 8},  {24, 24}, {52, 52}, {20, 28},
                                           {44, 36}, {76, 68}, {48, 64}, {28, 92}, {256, 4}, {4, 256}};
 constexpr int kChannels = 32;
@@ -100,7 +100,7 @@ std::vector<std::complex<double>> half_spectrum(std::vector<double>& image, int 
   return result;
 }
 
-// The channels' spectra, and the same by OpenCV.
+// The spectra of the channels, by the kernels and by OpenCV.
 struct Spectra {
   FilterPlan plan;
   std::vector<float> maps, window, spectra, work;
@@ -256,7 +256,7 @@ TEST_P(PartKernels, MapsTimesWeights) {
   for (const auto& [rows, cols] : kSizes) {
     Spectra s(*set_, rows, cols, 1);
     std::vector<float> weight = random_floats(rows * cols, 9);
-    std::fill(weight.begin() + cols, weight.begin() + 3 * cols, 0.0F);  // rows of zeros, too
+    std::fill(weight.begin() + cols, weight.begin() + 3 * cols, 0.0F);  // including rows of zeros
     std::vector<std::vector<std::complex<double>>> expected;
     const auto plane = static_cast<std::size_t>(rows * cols);
     for (int k = 0; k < kChannels; ++k)
@@ -275,7 +275,7 @@ TEST_P(PartKernels, MapsTimesWeights) {
   }
 }
 
-// All kernels give the same filter but for rounding.
+// All kernels give the same filter up to rounding.
 TEST_P(PartKernels, FiltersAgree) {
   const cv::Mat image = testing::texture(240, 320), moved = testing::shifted(image, 3, -2);
   const Frame frame(image), later(moved);
@@ -300,7 +300,7 @@ TEST_P(PartKernels, FiltersAgree) {
   expect_agreement(Strcf(rounds));
 }
 
-// A saved filter moves to kernels of another layout without a bit of it changed.
+// A saved filter can be loaded by kernels of another layout without changing a bit.
 TEST_P(PartKernels, ASavedFilterMovesToOthers) {
   const Frame frame(testing::texture(240, 320));
   const auto expect_move = [&](const auto& fresh) {

@@ -23,7 +23,7 @@ using ::testing::Contains;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-// What `f` says when it throws an Error.
+// The message of the Error that `f` throws.
 template <typename Error, typename F>
 std::string message(F&& f) {
   try {
@@ -138,8 +138,8 @@ TEST(PartPlugin, IsAPartLikeAnother) {
               HasSubstr("gray_patch: GrayPatch: noise must be in [0.001, 1000], is 0"));
 }
 
-// Every way that we know of in which a file is not a library of part models for this program; the
-// constructors of those that are for another one end the process.
+// Every known way in which a file is not a valid plugin for this program. The constructors in plugins for
+// another program end the process, so they must not be run.
 TEST(PartPlugin, IsRefusedInOneLineThatSaysWhy) {
   struct Case {
     const char *library, *part;
@@ -169,7 +169,8 @@ TEST(PartPlugin, IsRefusedInOneLineThatSaysWhy) {
   }
 }
 
-// A file that is cut or whose table of sections is damaged, made of one that would end the process.
+// A truncated plugin, or one with a damaged section table, made from one that would end the process if
+// loaded.
 TEST(PartPlugin, IsRefusedWhereItsFileIsDamaged) {
   std::ifstream file(ASTERISM_FOREIGN_PLUGIN, std::ios::binary);
   const std::string whole{std::istreambuf_iterator<char>(file), {}};

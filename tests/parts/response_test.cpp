@@ -65,7 +65,7 @@ TEST(Evidence, OfMapsWithoutAPeak) {
 
 TEST(Evidence, IsNotRefinedAcrossABorderThatDoesNotRepeat) {
   ResponseMap map = gaussian_map(0, 20.3, 3, 3);
-  map.values.row(39) = 0.5f * map.values.row(0);  // seen from the first row only where the map repeats
+  map.values.row(39) = 0.5f * map.values.row(0);  // next to the first row only if the map is periodic
   EXPECT_NE(evidence_of(map).position.y(), map.origin.y());
   map.periodic = false;
   EXPECT_EQ(evidence_of(map).position.y(), map.origin.y());
@@ -96,7 +96,7 @@ TEST(ResponseMap, InterpolatesInsideAndIsZeroOutside) {
   EXPECT_DOUBLE_EQ(map.at(map.position(4.5, 8)), 0.875);
   EXPECT_DOUBLE_EQ(map.at(map.position(5, 7)), 0) << "negative responses are no similarity";
   EXPECT_DOUBLE_EQ(map.at(map.position(39, 49)), static_cast<double>(map.values(39, 49)));
-  // A border cell reaches half a cell outwards.
+  // A border cell extends half a cell outwards.
   map.values(0, 5) = 0.5f;
   map.values(5, 49) = 0.25f;
   EXPECT_DOUBLE_EQ(map.at(map.position(-0.4, 5)), 0.5);
@@ -130,7 +130,7 @@ TEST(SamplePatch, ReplicatesBorders) {
   }
 }
 
-// What a window that shrinks sees outside the image is what the box filter makes of its border.
+// When a window is downsampled, positions outside the image see the filtered border.
 TEST(SamplePatch, FiltersAtTheBorderAsInside) {
   cv::Mat gray;
   cv::cvtColor(testing::texture(100, 120), gray, cv::COLOR_BGR2GRAY);

@@ -1,7 +1,7 @@
 #pragma once
 
-// fHOG with scalar votes and no kernels: what asterism::Fhog was before its steps were compiled for several
-// instruction sets, kept as their oracle. Interface and values are Fhog's.
+// fHOG with scalar votes and without kernels: an earlier version of asterism::Fhog, kept as the oracle of the
+// kernels. Its interface and results are those of Fhog.
 
 #include <Eigen/Core>
 #include <algorithm>
@@ -24,16 +24,16 @@ using QuadMap = Eigen::Map<Quad>;
 using ConstQuadMap = Eigen::Map<const Quad>;
 
 inline constexpr int kSigned = 18, kUnsigned = 9;
-// A gradient between -10 and 0 degrees lands in slot 18, which is orientation 0 again: one slot more is
-// cheaper than a test a pixel.
+// A gradient between -10 and 0 degrees lands in slot 18, which is orientation 0 again: an extra slot is
+// cheaper than a test per pixel.
 inline constexpr int kSlots = kSigned + 1;
 inline constexpr float kMaxPixel = 1e8F;  // keeps block energies far from overflow for every cell size
 inline constexpr float kRegulariser = 1e-4F;
-inline constexpr int kMaxCells = 1 << 20;  // of a row; keeps all indices within int
+inline constexpr int kMaxCells = 1 << 20;  // in a row; keeps all indices within int
 
-// Slope |gy| / |gx| above which direction k + 1 has a larger projection than direction k, k = 0..3.
-// Directions with four decimals as they were published: exact ones move a few 8-bit gradients over a bin
-// boundary and away from all other implementations.
+// Slope |gy| / |gx| above which direction k + 1 has a larger projection than direction k, k = 0..3. The
+// directions are rounded to four decimals as published: exact ones would move a few 8-bit gradients across a
+// bin boundary and differ from all other implementations.
 inline constexpr std::array<float, 4> kSlopes = {
     (1.0000F - 0.9397F) / 0.3420F, (0.9397F - 0.7660F) / (0.6428F - 0.3420F),
     (0.7660F - 0.5000F) / (0.8660F - 0.6428F), (0.5000F - 0.1736F) / (0.9848F - 0.8660F)};
@@ -79,8 +79,8 @@ class ScalarFhog {
   int cell_size_;
 
   // Workspace of the current patch; see fhog.cpp for the layout.
-  int cells_x_ = 0;    // cells of a row
-  int intervals_ = 0;  // cells_x_ + 1: gaps between neighbouring cell centres, and the two half ones outside
+  int cells_x_ = 0;    // cells in a row
+  int intervals_ = 0;  // cells_x_ + 1: gaps between neighbouring cell centres, and two half gaps outside
   int stride_ = 0;     // floats of a padded row of cells
   std::vector<Eigen::Array4f> phase_weights_, votes_;
   std::vector<float> pixels_, magnitude_, open_row_, histogram_, energy_, normaliser_;
@@ -146,7 +146,7 @@ inline void ScalarFhog::vote_row(int y, int rows) {
     const float ax = std::abs(gx), ay = std::abs(gy);
     std::int32_t k = 0;
     for (const float slope : kSlopes) k += ay > ax * slope ? step : 0;
-    // gx = 0 ties between 80 and 100 degrees; the first one wins, whichever sense the gradient has.
+    // If gx = 0, then 80 and 100 degrees tie; the first wins, whatever the sign of gy.
     const std::int32_t down = sign_mask(gy), mirrored = sign_mask(gx + 1e-9F * gy) ^ down;
     slot[x] = ((k ^ mirrored) - mirrored) + (mirrored & half_turn) + (down & half_turn);
     magnitude[x] = gx * gx + gy * gy;
@@ -154,7 +154,8 @@ inline void ScalarFhog::vote_row(int y, int rows) {
   // std::sqrt may set errno, which keeps compilers from vectorising it.
   cv::hal::sqrt32f(magnitude, magnitude, width);
 
-  // Position between the upper and lower centres, and the same for each pixel of an interval in x.
+  // Fraction of the way from the upper to the lower cell centres, the same for all pixels of the row. In x it
+  // depends only on the pixel's phase within an interval.
   const int half = cell_size_ / 2;
   const auto fraction = [&](int phase) {
     return (static_cast<float>(half + phase) + 0.5F) / static_cast<float>(cell_size_) - 0.5F;
@@ -237,8 +238,8 @@ inline void ScalarFhog::emit_row(int r, float* features, std::ptrdiff_t plane) c
   const float* const upper = normaliser_.data() + r % 2 * stride_;
   const float* const lower = normaliser_.data() + (r + 1) % 2 * stride_;
 
-  // Four cells at once; put(channel, values) stores them. The factor 1/2 of the features is inside the
-  // clipped product, hence the clip at 0.1 and the doubled texture factor.
+  // Four cells at once; put(channel, values) stores them. The factor 1/2 of the features is applied before
+  // clipping, hence the clip at 0.1 and the doubled texture factor.
   const auto emit_four = [&](int c, auto&& put) {
     const Quad clip = Quad::Constant(0.1F);
     const Quad n0 = 0.5F * ConstQuadMap(lower + c + 1), n1 = 0.5F * ConstQuadMap(upper + c + 1);

@@ -16,7 +16,7 @@ const Point2 kCentre(160, 120);
 // The image enlarged by a factor about kCentre.
 cv::Mat rescaled(const cv::Mat& image, double factor) {
   cv::Mat source = image, result;
-  // Without it, what shrinks would be aliased.
+  // Prevents aliasing when the image shrinks.
   if (factor < 1) cv::GaussianBlur(image, source, {}, 0.5 / factor);
   const cv::Matx23d zoom(factor, 0, (1 - factor) * kCentre.x(), 0, factor, (1 - factor) * kCentre.y());
   cv::warpAffine(source, result, zoom, image.size(), cv::INTER_CUBIC, cv::BORDER_REFLECT);
@@ -37,7 +37,7 @@ TEST(ScaleFilter, RecoversKnownFactors) {
       EXPECT_LT(std::abs(std::log(found / factor)), std::sqrt(filter.log_variance()));
       EXPECT_LT(std::sqrt(filter.log_variance()), 0.2);
     }
-    // The window over the sizes leaves little of the outermost: there in two frames.
+    // The window over the scales suppresses the outermost ones, so they are reached in two frames.
     for (const double factor : {0.8, 1.25}) {
       ScaleFilter learning = filter;
       const cv::Mat half = rescaled(image, std::sqrt(factor));
@@ -60,7 +60,7 @@ TEST(ScaleFilter, AnswersAreMultiplesOfTheSizeLastLearned) {
   EXPECT_NEAR(filter.localize(Frame(image), kCentre), 1 / 1.2, 0.02);
 }
 
-// The composition of the class documentation.
+// The composition in the class documentation.
 TEST(ScaleFilter, FollowsAGrowingTargetWithAPart) {
   const cv::Mat image = texture(240, 320);
   Kcf part;

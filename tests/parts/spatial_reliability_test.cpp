@@ -24,7 +24,7 @@ TEST(SpatialReliability, FulfilsThePartAxiomsWithColorChannels) {
   testing::check_part_faults(SpatialReliability(options));
 }
 
-// An object and a background of one gray level, told apart by color alone.
+// An object and a background of the same gray level, distinguished only by color.
 TEST(SpatialReliability, ColorChannelsSeeWhatGrayDoesNot) {
   const auto frame = [](int x, int y) {
     cv::Mat image(240, 320, CV_8UC3, cv::Scalar(60, 120, 60));
@@ -45,7 +45,7 @@ TEST(SpatialReliability, ColorChannelsSeeWhatGrayDoesNot) {
     const Evidence evidence = part.localize(Frame(frame(153, 97)), {159.5, 113.5});
     const double error = (evidence.position - Point2(172.5, 120.5)).norm();
     if (color) {
-      EXPECT_LT(error, 2);  // cells of 5.5 px, and no gradient within any
+      EXPECT_LT(error, 2);  // cells of 5.5 px, without gradients inside
       EXPECT_GT(evidence.peak, 0.8);
     } else {
       EXPECT_GT(error, 5);
@@ -83,7 +83,7 @@ struct Problem {
     dual.resize(bins);
   }
 
-  // The filter in the image that MaskedRegression finds.
+  // The filter of MaskedRegression, in the spatial domain.
   Eigen::ArrayXf solve(const MaskedRegressionOptions& options, const Eigen::ArrayXf& allowed) {
     MaskedRegression(kRows, kCols, options)
         .solve(cross.data(), energy.data(), allowed.data(), filter.data(), dual.data());
@@ -155,7 +155,7 @@ TEST(MaskedRegression, FourRoundsHoldTheConstraintAndAreNearTheMinimum) {
   EXPECT_LT(reached, 0.2 * (problem.cost(cut, options.lambda) - lowest));
 }
 
-// From frame to frame the problem changes little, and two rounds a frame go where many would.
+// The problem changes little between frames, so two rounds per frame replace many.
 TEST(MaskedRegression, RefiningConverges) {
   Problem problem;
   const MaskedRegressionOptions options;
@@ -175,7 +175,7 @@ TEST(SpatialReliability, FindsAShiftedTexture) {
   SpatialReliabilityOptions fine;
   fine.window.max_template_side = 50;
   for (const auto& [part, size, tolerance] :
-       {std::tuple{SpatialReliability(fine), Size2(60, 48), 0.05},  // 0.93 template pixels an image pixel
+       {std::tuple{SpatialReliability(fine), Size2(60, 48), 0.05},  // 0.93 template pixels per image pixel
         std::tuple{SpatialReliability(), Size2(32, 32), 0.08},
         std::tuple{SpatialReliability(), Size2(22, 26), 0.08}}) {
     SpatialReliability learned = part;
@@ -186,7 +186,7 @@ TEST(SpatialReliability, FindsAShiftedTexture) {
       const Point2 truth(160 + dx, 120 + dy);
       const Evidence first = learned.localize(frame, {160, 120});
       EXPECT_LT((first.position - truth).norm(), 0.3) << dx << ", " << dy;
-      // Around where it was found, the cells lie on the target as when it was learned.
+      // A search around the position found has its cells on the target as when it was learned.
       const Evidence second = learned.localize(frame, first.position);
       EXPECT_LT((second.position - truth).norm(), tolerance) << dx << ", " << dy;
       EXPECT_GT(second.peak, 0.5);
@@ -210,7 +210,7 @@ TEST(SpatialReliability, TheTargetAsLearnedHasResponseOne) {
   }
 }
 
-// A red disc on green, inside a box that is larger.
+// A red disc on green, inside a larger box.
 cv::Mat disc(const Point2& centre, double radius) {
   cv::Mat image(240, 320, CV_8UC3);
   const cv::Mat noise = texture(240, 320);
@@ -232,7 +232,7 @@ TEST(SpatialReliability, MasksTheTargetByItsColor) {
   part.init(Frame(image), centre, {56, 56});
   ASSERT_TRUE(part.segmented());
   const ResponseMap& mask = part.mask();
-  // A cell and the dilation's may be on either side of the contour.
+  // Cells at the contour, and those added by the dilation, may have either value.
   const double cell = mask.spacing.x();
   for (Eigen::Index r = 0; r < mask.values.rows(); ++r)
     for (Eigen::Index c = 0; c < mask.values.cols(); ++c) {
@@ -241,7 +241,7 @@ TEST(SpatialReliability, MasksTheTargetByItsColor) {
       EXPECT_TRUE(distance > radius - cell || value == 1) << r << ", " << c;
       EXPECT_TRUE(distance < radius + 3 * cell || value == 0) << r << ", " << c;
     }
-  // It moves along with the target.
+  // The mask moves with the target.
   const cv::Mat moved = disc({170, 114}, radius);
   part.adapt(Frame(moved), {170, 114});
   EXPECT_TRUE(part.segmented());
@@ -275,7 +275,7 @@ TEST(SpatialReliability, TheMaskIsTheBoxWithoutAPlausibleSegmentation) {
   expect_box(strict, "too large");
 }
 
-// What the mask is for: the background inside the box, which stays where it is, is not learned.
+// The purpose of the mask: the background inside the box, which does not move, is not learned.
 TEST(SpatialReliability, FollowsTheMaskedTargetAndNotItsBackground) {
   const cv::Mat still = texture(240, 320, 3), skin = texture(240, 320, 9);
   const auto scene = [&](int x) {

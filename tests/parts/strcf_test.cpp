@@ -35,7 +35,7 @@ TEST(Strcf, WithstandsFaults) {
   testing::check_part_faults(Strcf(without_color()));
 }
 
-// The problem of one frame, in plain double precision: one column of cells a channel.
+// The problem of one frame in double precision; one column of cells per channel.
 struct Problem {
   int rows, cols;
   double sigma;  // of the label [cells]
@@ -73,7 +73,7 @@ struct Problem {
   }
 
   // The minimum of 1/(2T) |A f - y|^2 + 1/2 |w f|^2 + mu/2 |f - previous|^2 by a dense solve of its normal
-  // equations, all channels below each other.
+  // equations, the channels stacked.
   Eigen::MatrixXd minimum(const Eigen::MatrixXd& x, double temporal, const Eigen::MatrixXd& previous) const {
     const Eigen::Index channels = x.cols(), n = cells();
     Eigen::MatrixXd a(n, n * channels);
@@ -104,7 +104,7 @@ struct Problem {
     return Eigen::Map<const Eigen::VectorXd>(map.ptr<double>(), cells());
   }
 
-  // The rounds of the header's equations, a system of all channels solved in each bin.
+  // The rounds of the header's equations, with a system of all channels solved in each bin.
   Eigen::MatrixXd rounds(const Eigen::MatrixXd& x, double temporal, const Eigen::MatrixXd& previous,
                          const StrcfOptions& options) const {
     const Eigen::Index channels = x.cols();
@@ -140,7 +140,7 @@ struct Problem {
   }
 };
 
-// A part, what it learned, and the same in plain code.
+// A part, its filter, and the same in plain code.
 struct Twin {
   Strcf part;
   Problem problem;
@@ -150,7 +150,7 @@ struct Twin {
   Twin(const StrcfOptions& options, const Size2& size, int rows, int cols, int target_rows, int target_cols)
       : part(options) {
     part.init(first, centre, size);
-    const double spacing = part.window().x() / cols;  // image pixels a cell
+    const double spacing = part.window().x() / cols;  // image pixels per cell
     problem = {rows,
                cols,
                options.label_sigma * std::sqrt(size.prod()) / spacing,
@@ -163,7 +163,7 @@ struct Twin {
     return testing::cell_features(frame, at, part.window(), problem.rows, problem.cols,
                                   part.options().cell_size, part.options().features);
   }
-  // Both frames by `solve`(features, temporal weight, previous filter), compared after each.
+  // Learns both frames by `solve`(features, temporal weight, previous filter) and compares after each.
   using Solve = std::function<Eigen::MatrixXd(const Eigen::MatrixXd&, double, const Eigen::MatrixXd&)>;
   void compare(const Solve& solve, double tolerance) {
     const Eigen::MatrixXd x = features(first, centre);
@@ -176,7 +176,7 @@ struct Twin {
       f = solve(features(second, at), part.options().temporal_weight, f);
       expect_same(f, tolerance);
     }
-    // The response is the correlation with the filter.
+    // The response must be the correlation with the filter.
     part.localize(second, centre);
     const Eigen::MatrixXd y = features(second, centre);
     Eigen::VectorXd response = Eigen::VectorXd::Zero(problem.cells());
@@ -213,7 +213,7 @@ StrcfOptions small(const CellFeatures& features) {
   return options;
 }
 
-// The alternating method converges to the minimum of what the header states.
+// The alternating method converges to the minimum stated in the header.
 TEST(Strcf, ManyRoundsSolveTheStatedProblem) {
   StrcfOptions options = small({.hog = false, .gray = false, .color = true});
   options.admm_iterations = 100;
@@ -228,7 +228,7 @@ TEST(Strcf, ManyRoundsSolveTheStatedProblem) {
       1e-4);
 }
 
-// The published rounds, on grids of different sides and with all features.
+// The published rounds, on grids of different shapes and with all features.
 TEST(Strcf, FewRoundsAreThoseOfDoublePrecision) {
   for (const int rounds : {1, 2, 4}) {
     StrcfOptions options = small({.hog = true, .gray = true, .color = true});
@@ -268,14 +268,14 @@ TEST(Strcf, TheTargetAsLearnedHasResponseOne) {
   Strcf part;
   part.init(frame, {160, 120}, {48, 40});
   EXPECT_NEAR(part.localize(frame, {160, 120}).peak, 1, 1e-3);
-  // However often it is seen, and although the filter fits it better and better.
+  // This stays so although the filter fits better with every frame.
   const double before = part.fit();
   for (int t = 0; t < 30; ++t) {
     part.adapt(frame, {160, 120});
     EXPECT_NEAR(part.localize(frame, {160, 120}).peak, 1, 1e-2) << t;
   }
   EXPECT_GT(part.fit(), 1.2 * before);
-  // Something else is not it, for many frames to come.
+  // Another texture is not taken for it, even after many frames.
   for (int t = 0; t < 5; ++t) {
     EXPECT_LT(part.localize(foreign, {160, 120}).peak, 0.3) << t;
     part.adapt(foreign, {160, 120});
@@ -308,7 +308,7 @@ TEST(Strcf, FollowsAMovingSquare) {
   }
 }
 
-// What the weights are for: the filter has next to nothing to say outside the target.
+// The purpose of the weights: the filter is almost zero outside the target.
 TEST(Strcf, TheFilterIsOnTheTarget) {
   const Frame frame(texture(240, 320));
   const auto outside = [&](double background_weight) {
@@ -332,7 +332,7 @@ TEST(Strcf, TheFilterIsOnTheTarget) {
   EXPECT_GT(outside(1e-3), 0.3);
 }
 
-// Between two appearances the temporal weight decides.
+// The temporal weight decides between two appearances.
 TEST(Strcf, TheTemporalWeightKeepsWhatWasLearned) {
   const Frame frame(texture(240, 320)), other(texture(240, 320, 7));
   const auto change = [&](double weight) {
@@ -350,7 +350,7 @@ TEST(Strcf, TheTemporalWeightKeepsWhatWasLearned) {
 }
 
 TEST(Strcf, ColorTellsApartWhatGrayCannot) {
-  // Two patches of one gray level, the target's red and another's green; gray video has no color to go by.
+  // Two patches of the same gray level, the target's red and another one green; in gray video they are alike.
   cv::Mat image(160, 300, CV_8UC3, cv::Scalar::all(98));
   image(cv::Rect(60, 60, 40, 40)) = cv::Scalar(60, 60, 186);
   image(cv::Rect(200, 60, 40, 40)) = cv::Scalar(60, 135, 41);
@@ -384,7 +384,7 @@ TEST(Strcf, AFlatWindowHasNoResponseAndTeachesNothing) {
       EXPECT_EQ(part.similarity_at({150, 110}), 0);
       part.adapt(*nothing, centre);
       EXPECT_EQ(save_state(part), state);
-      // Learned from nothing, it finds nothing, until there is something.
+      // Initialised on a flat image, it finds nothing until it learns a texture.
       Strcf blank(options);
       blank.init(*nothing, centre, {48, 40});
       EXPECT_EQ(blank.localize(frame, centre).peak, 0);

@@ -21,7 +21,7 @@ Eigen::ArrayX3f lab_of(const cv::Mat& bgr) {
       pixels.ptr<float>(), static_cast<Eigen::Index>(pixels.total()), 3);
 }
 
-// Every pixel is in one piece, and the pieces are what is said of them.
+// Every piece is connected, and its area and color are correct.
 void expect_sound(const SuperpixelMap& map, const Eigen::ArrayX3f& colors) {
   ASSERT_EQ(map.labels.size(), static_cast<std::size_t>(map.cols * map.rows));
   ASSERT_EQ(map.areas.size(), map.colors.rows());
@@ -66,7 +66,7 @@ TEST(Slic, IsAGridWhereThereIsNothing) {
   EXPECT_TRUE((map.colors == 7).all());
 }
 
-// An edge that is in the middle of a cell of the grid.
+// The edge runs through the middle of the grid's cells.
 TEST(Slic, KeepsToEdges) {
   cv::Mat image(40, 60, CV_8UC3, cv::Scalar(40, 160, 60));
   image.colRange(33, 60).setTo(cv::Scalar(200, 60, 50));
@@ -87,7 +87,7 @@ TEST(Slic, TakesASinglePixelAndRefusesWhatIsNoImage) {
   EXPECT_THROW(slic(one, 0), std::invalid_argument);
 }
 
-// Products of its lengths are beyond 32 bits.
+// Products of its side lengths exceed 32 bits.
 TEST(Slic, TakesALongImage) {
   const int cols = 70'000;
   const SuperpixelMap map = slic(Eigen::ArrayX3f::Zero(2 * cols, 3), cols, {.side = 2, .iterations = 1});
@@ -122,7 +122,7 @@ TEST(Superpixels, RespondWithOneToTheTargetAsLearned) {
   EXPECT_LT(part.similarity_at(evidence.position + Point2(15, 0)), 0.7 * evidence.peak);
 }
 
-// Red over blue on green, without any texture: the layout is all that there is.
+// Red over blue on green, without texture: only the layout distinguishes the target.
 TEST(Superpixels, FindTwoColoredHalves) {
   const auto scene = [](int x, int y) {
     cv::Mat image(160, 200, CV_8UC3, cv::Scalar(60, 140, 70));
@@ -155,7 +155,7 @@ TEST(Superpixels, FindATargetThatIsHalfCovered) {
   }
 }
 
-// From red to yellow over 30 frames, seen on a target that has only one color.
+// The target changes from red to yellow over 30 frames and has only one color at a time.
 TEST(Superpixels, AdaptFollowsASlowChangeOfColor) {
   const auto scene = [](double share) {
     cv::Mat image(160, 200, CV_8UC3, cv::Scalar(120, 110, 60));

@@ -24,7 +24,7 @@ class Templates : public ::testing::TestWithParam<std::tuple<Distance, bool>> {
 TEST_P(Templates, FulfilThePartAxioms) { testing::check_part_axioms(Template(options())); }
 TEST_P(Templates, WithstandFaults) { testing::check_part_faults(Template(options())); }
 
-// At unit scale the distances are those of cv::matchTemplate on the image itself, and of the definition.
+// At unit scale the distances equal those of cv::matchTemplate on the image itself, and the definition.
 TEST_P(Templates, EqualMatchTemplateAndTheDefinition) {
   const cv::Mat image = texture(120, 160);
   const Frame frame(image);
@@ -64,7 +64,7 @@ TEST_P(Templates, FindAShiftedTexture) {
   part.init(Frame(image), {160, 120}, {45, 38});
   for (const auto& [dx, dy] : {std::pair{1.0, 0.0}, {-3, 2}, {13, 11}, {0.5, 0.25}, {-7.3, 4.6}}) {
     const Evidence evidence = part.localize(Frame(displaced(image, dx, dy)), {160, 120});
-    // A parabola an axis does not see the slant of a peak; its vertex is off by less than a tenth.
+    // Parabolas along the axes ignore the tilt of a peak; the error is less than a tenth of a pixel.
     const bool whole = dx == std::round(dx) && dy == std::round(dy);
     EXPECT_LT((evidence.position - Point2(160 + dx, 120 + dy)).norm(), whole ? 0.05 : 0.1)
         << dx << ", " << dy;
@@ -73,7 +73,7 @@ TEST_P(Templates, FindAShiftedTexture) {
   }
 }
 
-// A stripe is found across, not along: the covariance says so.
+// The position of a stripe is certain across it and not along it, which the covariance must show.
 TEST_P(Templates, KnowTheDirectionTheyCannotSee) {
   cv::Mat image(200, 200, CV_8UC3, cv::Scalar::all(60));
   cv::line(image, {40, 20}, {160, 180}, cv::Scalar(200, 220, 180), 9, cv::LINE_AA);

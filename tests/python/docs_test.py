@@ -17,7 +17,7 @@ assert len(blocks) == text.count("```python") > 0, "a block that is not found"
 session = {}
 with tempfile.TemporaryDirectory() as folder:
     os.chdir(folder)
-    os.mkdir("images")  # of the page's video
+    os.mkdir("images")  # for the page's video
     for frame in range(8):
         write_png(f"images/{frame:04}.png", draw_frame(frame))
     for block in blocks:
@@ -25,6 +25,6 @@ with tempfile.TemporaryDirectory() as folder:
         line = text.count("\n", 0, block.start(1))
         out = pathlib.Path("out")
         with out.open("w") as file, contextlib.redirect_stdout(file):
-            exec(compile("\n" * line + code, page, "exec"), session)  # errors have the page's lines
+            exec(compile("\n" * line + code, page, "exec"), session)  # errors show the page's line numbers
         assert expected is None or out.read_text() == expected, f"{page}:{line}: prints\n{out.read_text()}"
     os.chdir("/")

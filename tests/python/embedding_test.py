@@ -47,7 +47,7 @@ class MdsTest(unittest.TestCase):
             exact = distances_of(points)
             yield "noisy", exact * symmetric(np.exp(self.random.normal(scale=0.1, size=exact.shape)))
             if n > 30:
-                break  # of those below, nobody finds the least stress of more nodes: the lower one is luck
+                break  # below, no method finds the global minimum reliably for more nodes
             yield "of six dimensions", distances_of(self.random.normal(size=(n, 6)))
             yield "random", symmetric(self.random.uniform(0.5, 1.5, exact.shape))
 
@@ -58,7 +58,7 @@ class MdsTest(unittest.TestCase):
             for name, distances in self.problems():
                 with self.subTest(name, n=len(distances), dim=dim):
                     with warnings.catch_warnings():
-                        warnings.simplefilter("ignore")  # later versions have other defaults
+                        warnings.simplefilter("ignore")  # about defaults that later versions change
                         theirs = MDS(dim, metric=True, dissimilarity="precomputed", n_init=4, max_iter=3000, eps=1e-10, random_state=1)
                         theirs = stress(theirs.fit_transform(distances), distances)
                     found = asterism.mds(distances, dim=dim)
@@ -248,7 +248,7 @@ class LayoutTest(unittest.TestCase):
 
     def test_components_do_not_overlap(self):
         found = asterism.layout([(0, 1), (1, 2), (2, 0), (3, 4), (6, 7)])
-        self.assertEqual(len(found.x), 8)  # 5 is alone
+        self.assertEqual(len(found.x), 8)  # node 5 is isolated
         groups = sorted(sorted(found.x[g, 0]) for g in ([0, 1, 2], [3, 4], [5], [6, 7]))
         for left, right in zip(groups, groups[1:]):
             self.assertGreater(right[0], left[-1])

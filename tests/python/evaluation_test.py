@@ -35,7 +35,7 @@ class EvaluationTest(unittest.TestCase):
         self.assertGreater(len(rows), 50)
         for row in rows:
             self.assertEqual(tables["sequences"][row["tracker"]][row["sequence"]]["AO"], float(row["AO"]))
-        # The summary's AO is the mean over sequences, the number of failures their sum.
+        # The summary's AO is the mean over sequences, its number of failures the sum.
         for tracker, row in tables["summary"].items():
             sequences = tables["sequences"][tracker].values()
             self.assertAlmostEqual(row["F"], sum(sequence["F"] for sequence in sequences), places=9)

@@ -9,7 +9,7 @@ import tempfile
 
 cmake, build, folder = sys.argv[1:]
 with tempfile.TemporaryDirectory() as prefix:
-    for component in ("Asterism_python", "Asterism_runtime"):  # the latter has the shared libraries, if any
+    for component in ("Asterism_python", "Asterism_runtime"):  # the latter holds the shared libraries, if any
         command = [cmake, "--install", build, "--component", component, "--prefix", prefix]
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     package = pathlib.Path(prefix, folder, "asterism")

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-#: Of the first frame.
+#: The box in the first frame.
 BOX = (60, 50, 48, 40)
 
 

@@ -170,7 +170,7 @@ class PickleTest(unittest.TestCase):
 @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
 class TrackersTest(unittest.TestCase):
     frames = [draw_frame(i) for i in range(8)]
-    # Of a result, all but the times of its stages.
+    # Compares all of a result except the times of its stages.
     assert_same = PickleTest.assert_same
 
     def test_trackers_go_on_bit_for_bit(self):

@@ -66,7 +66,7 @@ def relaxation(system, folder):
 class RelaxationTest(unittest.TestCase):
     def test_verdicts_and_bounds(self):
         rng = np.random.default_rng(7)
-        accuracy = 1e-5  # of CSDP's values, relative
+        accuracy = 1e-5  # relative, of CSDP's values
         certified = loose = 0
         with tempfile.TemporaryDirectory() as folder:
             for number in range(100):

@@ -96,13 +96,13 @@ class SystemTest(unittest.TestCase):
     def test_a_view_keeps_its_system_alive(self):
         anchors = random_system()[0].anchors
         expected = random_system()[0].anchors.copy()
-        [random_system(seed=s) for s in range(50)]  # memory that was freed would be written to
+        [random_system(seed=s) for s in range(50)]  # would overwrite memory that was freed
         np.testing.assert_array_equal(anchors, expected)
 
     def test_values_are_set_by_copying(self):
         system, _ = random_system()
         view = system.anchors
-        system.anchors = np.arange(12).reshape(6, 2)  # of another type, too
+        system.anchors = np.arange(12).reshape(6, 2)  # converted from another type
         np.testing.assert_array_equal(view, np.arange(12.0).reshape(6, 2))
         with self.assertRaises(ValueError):
             system.anchors = np.zeros((5, 2))
@@ -296,7 +296,7 @@ class SolveTest(unittest.TestCase):
         solver = asterism.Solver("newton")
         with self.assertRaisesRegex(KeyError, "mine"):
             solver.solve(system, x, on_iteration=fail)
-        self.assertTrue(solver.solve(system, x))  # as before
+        self.assertTrue(solver.solve(system, x))  # the callback is not kept
 
     def test_options_of_every_kind_of_number(self):
         solver = asterism.Solver("multi-start")
@@ -641,7 +641,7 @@ class InterruptTest(unittest.TestCase):
         system = asterism.SpringSystem(asterism.Topology.k_nearest(points, 6))
         system.set_rest_lengths(points)
         system.anchors = points + random.uniform(-0.3, 0.3, points.shape)
-        system.anchor_stiffness = 1e-6  # which takes IDA minutes
+        system.anchor_stiffness = 1e-6  # IDA would take minutes
         system.link_stiffness = 1
         x = system.anchors.copy()
         solver = asterism.Solver("ida-sparse", max_iterations=10**9, tolerance=1e-12)
@@ -740,7 +740,7 @@ class BatchTest(unittest.TestCase):
         with self.assertRaises(KeyboardInterrupt):
             batch.solve()
         timer.join()
-        np.testing.assert_array_equal(batch.x[-1], start)  # it did not get there
+        np.testing.assert_array_equal(batch.x[-1], start)  # not reached
         self.assertEqual(batch.status[-1], int(asterism.Status.INTERRUPTED))
 
 

@@ -10,7 +10,7 @@ import unittest
 import asterism
 from asterism import _asterism
 
-# What every class has.
+# Members of every class.
 COMMON = {name for name in dir(object)} | {"__module__", "__dict__", "__weakref__"}
 OPTIONAL = {"PartState", "TrackResult", "tracker_names", "tracker_options", "part_names", "part_options", "Tracker", "MultiTracker", "_parse_systems", "_system_to_json"}
 
@@ -41,7 +41,7 @@ class StubsTest(unittest.TestCase):
         body = ast.parse(path.read_text()).body
         cls.functions = {node.name: node for node in body if isinstance(node, ast.FunctionDef)}
         cls.classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
-        del cls.classes["_Values"]  # of the stubs alone
+        del cls.classes["_Values"]  # exists only in the stubs
 
     def test_names(self):
         missing = OPTIONAL - set(dir(_asterism))

@@ -88,7 +88,7 @@ class TrackersTest(unittest.TestCase):
         self.assertEqual(result.links.shape, (6, 2))
         part = result.parts[0]
         self.assertEqual(part.position.shape, (2,))
-        # Boxes cover whole pixels, positions are of their centres.
+        # Boxes cover whole pixels; positions refer to pixel centres.
         np.testing.assert_allclose(result.corners(part).mean(axis=0), part.position + 0.5, atol=1e-9)
         self.assertEqual(result.covariance.shape, (3, 3))
         self.assertTrue(np.all(np.linalg.eigvalsh(result.covariance) >= 0))
@@ -118,7 +118,7 @@ class TrackersTest(unittest.TestCase):
 
     def test_values_beyond_the_type_s_range(self):
         expected = boxes(follow(self.started("kcf"), self.frames[1:]))
-        for name, convert, suggested, refused in [  # one line a kind
+        for name, convert, suggested, refused in [  # one line per kind
             ("uint8 in uint16", lambda f: f.astype(np.uint16), (0, 255), "at most 255"),
             ("10 bits in uint16", lambda f: ((f.astype(np.uint32) * 1023 + 127) // 255).astype(np.uint16), (0, 1023), None),
             ("12 bits in uint16", lambda f: (f.astype(np.uint16) << 4) + (f >> 4), (0, 4095), None),
@@ -155,7 +155,7 @@ class TrackersTest(unittest.TestCase):
         large[:240, :320] = self.frames[0]
         tracker.init(large, BOX)
         for image, copies in [(large, 0), (large[100:, 100:-7], 0), (large[..., ::-1], 1)]:
-            tracemalloc.start()  # of NumPy's memory
+            tracemalloc.start()  # traces NumPy's memory
             tracker.update(image)
             _, peak = tracemalloc.get_traced_memory()
             tracemalloc.stop()

@@ -32,7 +32,8 @@ class Alignment : public ::testing::Test {
     return static_cast<double>(energy(system, x));
   }
 
-  /// The textbook's way: SVD of the covariance, last singular vector turned where it would be a mirror.
+  /// The textbook method: SVD of the covariance, with the last singular vector negated if the result would be
+  /// a reflection.
   static Points by_svd(const System& system, const Points& x, bool allow_reflection) {
     using Point = typename System::Point;
     const auto& k = system.anchor_stiffness;
@@ -114,7 +115,7 @@ TYPED_TEST(Alignment, CoincidentPointsTranslate) {
   x.colwise() = start.col(0).eval();
   const auto together = rigid_alignment(system, x);
   EXPECT_LT(double((together.colwise() - together.col(0)).norm()), this->kTolerance);
-  system.anchors.setConstant(7);  // a spread constellation on coincident anchors: its shape does not turn
+  system.anchors.setConstant(7);  // with coincident anchors a spread constellation does not rotate
   const auto spread = rigid_alignment(system, start);
   const typename TypeParam::Point shift = spread.col(0) - start.col(0);
   EXPECT_LT(double((spread - (start.colwise() + shift)).norm()), 100 * this->kTolerance);
@@ -133,7 +134,7 @@ TYPED_TEST(Alignment, LeavesAloneWhatItCannotImprove) {
   EXPECT_TRUE(rigid_alignment(system, huge).allFinite());
 }
 
-// Opposite corners swapped and the rest on the axis: every angle is as good as another.
+// Two opposite corners are swapped: every rotation fits equally well.
 TEST(Alignment2, AmbiguousAngleIsNoRotation) {
   SpringSystem<double, 2, 4> system(Topology<4>::full());
   system.anchors << 1, 0, -1, 0, 0, 1, 0, -1;

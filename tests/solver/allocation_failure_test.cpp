@@ -1,5 +1,5 @@
-// Every allocation of a solver's solve fails once, of its first and of one after a system of another size:
-// OutOfMemory with x as it was, and a solver that then solves as a fresh one does.
+// Makes each allocation of a solve fail once, in a solver's first solve and in one after a system of another
+// size: it must return OutOfMemory, leave x unchanged, and then solve as a fresh solver does.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -31,7 +31,7 @@ namespace {
 using System = SpringSystem<double, 2>;
 using Points = System::Points;
 
-// So many nodes of its tree are enough to allocate all that it allocates.
+// Enough nodes of the search tree to make all its allocations.
 struct ShortSearch : BranchAndBound<System> {
   ShortSearch() {
     options.max_nodes = 8;
@@ -52,14 +52,14 @@ TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;
 
-// After `other`, where there is one.
+// If `other` is given, the solver solves it first.
 template <typename Solver>
 void expect_out_of_memory(const Problem& problem, const Problem* other = nullptr) {
   Points expected = problem.start;
   ASSERT_TRUE(Solver().solve(problem.system, expected).usable());
 
-  // CHOLMOD keeps to another ordering where memory for its best one was lacking. It rounds in another way,
-  // and so the steps to a point within the tolerance are others.
+  // If memory for CHOLMOD's best ordering is lacking, it keeps another one, which rounds differently and so
+  // ends at another point within the tolerance.
   const double rounding = Solver::name().ends_with("CHOLMOD") ? 1e-9 : 0;
   std::optional<Solver> solver;
   Points x;
@@ -81,7 +81,7 @@ void expect_out_of_memory(const Problem& problem, const Problem* other = nullptr
                                       if (summary.status == Status::OutOfMemory) {
                                         ++out_of_memory;
                                         EXPECT_EQ(x, problem.start);
-                                      } else {  // a method may do with less
+                                      } else {  // the method may manage with less memory
                                         EXPECT_TRUE(summary.usable()) << summary;
                                         EXPECT_TRUE(x.allFinite());
                                       }
@@ -109,7 +109,7 @@ TYPED_TEST(OutOfMemory, AfterAnotherSize) {
     const Problem other = testing::random_system<System>(rng, System::TopologyType::full(nodes));
     expect_out_of_memory<TypeParam>(problem, &other);
   }
-  // As many nodes, other links.
+  // The same number of nodes, with other links.
   const Problem star = testing::random_system<System>(rng, System::TopologyType::star(17, 0));
   expect_out_of_memory<TypeParam>(problem, &star);
 }
@@ -123,8 +123,8 @@ using DenseSolvers = ::testing::Types<
     Ida<System>, Newton<System>, Lbfgs<System>, MultiStart<System, Newton<System>>>;
 TYPED_TEST_SUITE(TooLarge, DenseSolvers);
 
-// Dense matrices of 10^13 bytes and more, which an operating system would promise, bit by bit, until it ends
-// the process: refused before anything is allocated, with what would be needed.
+// Dense matrices of 10^13 bytes and more, which an operating system may grant piece by piece until it kills
+// the process, must be refused before anything is allocated.
 TYPED_TEST(TooLarge, IsRefusedBeforeItIsAllocated) {
   constexpr int kNodes = 2'000'000;
   System system(Topology<>::from_links(kNodes, {}));
@@ -161,7 +161,7 @@ TEST(TooLarge, Matrices) {
   EXPECT_THROW((SpringBatch<double, 2>(Topology<>::full(1000), 1'000'000)), std::bad_alloc);
 }
 
-// Allocations between those of the subdomains' solvers, too.
+// Including the allocations outside the subdomains' solvers.
 TEST(OutOfMemorySparse, WithSubdomains) {
   const Problem problem = testing::sparse_system<System>(1, 700);
   expect_out_of_memory<Schwarz<System>>(problem);
@@ -169,7 +169,7 @@ TEST(OutOfMemorySparse, WithSubdomains) {
   expect_out_of_memory<Schwarz<System>>(problem, &other);
 }
 
-// A certificate by a dense and by a sparse matrix, of a first system and of one after another.
+// Certificates with a dense and a sparse matrix, for the first system of a workspace and after another one.
 TEST(OutOfMemoryProof, IsTheReasonAndLeavesNothingBehind) {
   testing::Rng rng(4);
   const Problem dense = testing::random_system<System>(rng, System::TopologyType::full(17));
@@ -203,7 +203,7 @@ TEST(OutOfMemoryProof, IsTheReasonAndLeavesNothingBehind) {
   }
 }
 
-// A batch of the workspace's size, another, and what its kernels leave to Newton.
+// After a batch of another size; with nodes in lanes, and with systems that are left to Newton.
 TEST(OutOfMemoryBatch, IsAStatusAndLeavesNothingBehind) {
   using Batch = SpringBatch<double, 2>;
   testing::Rng rng(3);
@@ -215,7 +215,7 @@ TEST(OutOfMemoryBatch, IsAStatusAndLeavesNothingBehind) {
     }
     return batch;
   };
-  for (const int nodes : {5, 17}) {  // lanes, one by one
+  for (const int nodes : {5, 17}) {  // in lanes, and one by one
     SCOPED_TRACE(nodes);
     const Batch first = batch_of(nodes - 1);
     const Batch second = batch_of(nodes);

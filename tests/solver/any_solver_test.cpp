@@ -1,4 +1,4 @@
-// Solvers chosen at run time, their options by name, and one of one's own.
+// Solvers chosen at run time, their options by name, and a user-defined solver.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -13,7 +13,7 @@ namespace {
 using System = SpringSystem<double, 2>;
 using Points = System::Points;
 
-/// A user's: gradient descent with the step that IDA's majoriser allows everywhere.
+/// A user's solver: gradient descent with the step that IDA's majoriser allows everywhere.
 class Descent {
  public:
   struct Options : SolverOptions {
@@ -127,7 +127,7 @@ TEST(AnySolver, OfOnesOwn) {
   Ida<System>().solve(system, by_ida);
   EXPECT_NEAR(summary.final_energy, energy(system, by_ida), 1e-9);
   EXPECT_THROW(registry.make("descent", {{"share", 2.0}}), std::invalid_argument);
-  // Bad input is the session's.
+  // The session refuses bad input.
   System bad = system;
   bad.anchors(0, 0) = std::numeric_limits<double>::quiet_NaN();
   x = start;

@@ -1,5 +1,6 @@
-# What is compiled for wider instructions must not define anything that another object could define too: the linker would be
-# free to give it to machines without them. OBJECTS, with commas between, are those of asterism::batch.
+# Code compiled for wider instructions must not define symbols that other object files may define too: the
+# linker could keep the wide version for machines without these instructions. OBJECTS, separated by commas,
+# are those of asterism::batch.
 cmake_minimum_required(VERSION 3.25)
 string(REPLACE "," ";" OBJECTS "${OBJECTS}")
 list(FILTER OBJECTS INCLUDE REGEX "batch_avx")

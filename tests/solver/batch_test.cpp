@@ -71,7 +71,7 @@ double least_eigenvalue(const System& system, const typename System::Points& x) 
   return testing::eigenvalues(hessian(system, x).template cast<double>())[0];
 }
 
-/// What holds for every system of a batch whatever it is, against the start it was set from.
+/// Checks what must hold for every system of a batch, given the start it was set from.
 template <typename Batch>
 void expect_sound(const Batch& batch, int s, const typename Batch::Points& start, const char* what = "") {
   typename Batch::System system(batch.topology());
@@ -87,7 +87,7 @@ void expect_sound(const Batch& batch, int s, const typename Batch::Points& start
   EXPECT_TRUE(status == Status::Converged || status == Status::MaxIterations || status == Status::NoProgress);
   EXPECT_TRUE(x.allFinite()) << what;
   const double before = double(energy(system, start)), after = double(energy(system, x));
-  // Of the sums, and of the coordinates.
+  // Rounding of the sums and of the coordinates.
   const double epsilon = double(std::numeric_limits<typename Batch::Scalar>::epsilon());
   const double extent =
       std::max(double(start.cwiseAbs().maxCoeff()), double(system.anchors.cwiseAbs().maxCoeff()));
@@ -100,7 +100,7 @@ void expect_sound(const Batch& batch, int s, const typename Batch::Points& start
   EXPECT_GE(batch.iterations(s), 0);
 }
 
-/// Converged means: by the library's rule, and no saddle.
+/// A converged system satisfies the library's stopping rule and is not at a saddle.
 template <typename Batch>
 void expect_minimum(const Batch& batch, int s, double tolerance, const char* what = "") {
   if (batch.status(s) != Status::Converged) return;
@@ -109,7 +109,7 @@ void expect_minimum(const Batch& batch, int s, double tolerance, const char* wha
   batch.get(s, system, x);
   const double rounding = std::is_same_v<typename Batch::Scalar, float> ? 1e-5 : 1e-13;
   EXPECT_LE(stationarity(system, x), tolerance * (1 + 1e-6) + rounding) << what << " " << s;
-  // In float, Newton may know a saddle and find no step from it beyond rounding.
+  // In float, a known saddle may remain because no step away from it exceeds rounding.
   if (std::is_same_v<typename Batch::Scalar, float> && batch.positive_definite(s) == 0) return;
   const auto H = hessian(system, x);
   const double least = least_eigenvalue(system, x);
@@ -177,7 +177,8 @@ void expect_minima_of_newton(const typename Batch::TopologyType& topology) {
   }
 }
 
-// Fixed kernels, the one for any size, and no kernel at all; kernels are chosen when it runs.
+// Sizes with a kernel of their own, with the kernel for any size, and without a kernel, which is chosen at
+// run time.
 TEST(Batch, EverySizeAndScalar) {
   for (const int nodes : {2, 6, 9}) expect_minima_of_newton<SpringBatch<double, 2>>(Topology<>::full(nodes));
   for (const int nodes : {3, 7}) expect_minima_of_newton<SpringBatch<float, 3>>(Topology<>::full(nodes));
@@ -221,14 +222,14 @@ bool same_bits(const Batch& a, const Batch& b) {
   return true;
 }
 
-/// From the last task to the first.
+/// Runs the tasks from the last to the first.
 struct Backwards {
   void operator()(int task_count, auto&& f) const {
     while (task_count > 0) f(--task_count);
   }
 };
 
-// Nor does a system's result depend on its neighbours and its place.
+// A system's result depends neither on threads nor on its neighbours or its place in the batch.
 TEST(Batch, ThreadsAndPlacesAgreeBitForBit) {
   const int count = 6000;
   const auto systems = samples<Fixed>(count, Topology<4>::full());
@@ -276,7 +277,7 @@ TEST(Batch, AnyNumberOfSystems) {
   }
 }
 
-/// Systems of every awkward sort among ordinary ones.
+/// Makes a system awkward in one of many ways.
 template <typename System>
 void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng) {
   using Scalar = typename System::Scalar;
@@ -328,14 +329,14 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
     case 13:
       system.anchor_stiffness.setZero();
       break;
-    case 14:  // a node that floats
+    case 14:  // a node that nothing holds
       system.anchor_stiffness[0] = 0;
       for (int l = 0; l < system.link_count(); ++l) {
         const Link link = system.links()[static_cast<std::size_t>(l)];
         if (link.i == 0 || link.j == 0) system.link_stiffness[l] = 0;
       }
       break;
-    case 15:  // nodes that hang on others
+    case 15:  // nodes held only by others
       system.anchor_stiffness[0] = system.anchor_stiffness[1] = 0;
       break;
     case 16:
@@ -344,7 +345,7 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
     case 17:
       system.link_stiffness.setConstant(kHuge);
       break;
-    case 18:  // all at rest, at the anchors
+    case 18:  // at rest at the anchors
       system.set_rest_lengths(system.anchors);
       break;
     case 19:
@@ -364,7 +365,7 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
     case 23:
       x(1, 1) = std::numeric_limits<Scalar>::infinity();
       break;
-    case 24:  // a line in the wrong order, its folded saddle near
+    case 24:  // collinear in reverse order, near a saddle
       x.row(1).setConstant(Scalar(1e-9));
       system.anchors.row(1).setZero();
       x.row(0).reverseInPlace();
@@ -372,16 +373,16 @@ void make_awkward(int sort, System& system, typename System::Points& x, Rng& rng
     case 25:
       system.anchor_stiffness *= Scalar(1e12);
       break;
-    case 26:  // springs that are off, with what overflows if it is looked at
+    case 26:  // springs without stiffness whose values would overflow
       system.anchor_stiffness[1] = system.link_stiffness[0] = 0;
       system.anchors.col(1).setConstant(-2 * kHuge);
       system.rest_length[0] = 2 * kHuge;
       break;
-    case 27:  // an anchor that holds next to nothing
+    case 27:  // an anchor with hardly any stiffness
       system.anchor_stiffness[0] *= Scalar(1e-12);
       system.anchors.col(0).setConstant(Scalar(1e8));
       break;
-    case 28:  // starts far off
+    case 28:  // a distant start
       x.array() += Scalar(1e5);
       break;
     case 29:
@@ -429,7 +430,7 @@ void expect_awkward_sound(const typename Batch::TopologyType& topology) {
       expect_minimum(batch, s, solver.options.tolerance, what.c_str());
       const Status status = batch.status(s);
       converged += status == Status::Converged;
-      // Invalid is what Newton calls so; and where it converges, so does the batch.
+      // InvalidInput agrees with Newton; and where Newton converges, so does the batch.
       EXPECT_EQ(status == Status::InvalidInput, expected[at] == Status::InvalidInput) << what;
       EXPECT_EQ(status == Status::NumericalFailure, expected[at] == Status::NumericalFailure) << what;
       if (std::is_same_v<typename Batch::Scalar, double> && expected[at] == Status::Converged) {
@@ -449,7 +450,7 @@ TEST(Batch, AwkwardSystemsAndTheirNeighbours) {
   expect_awkward_sound<SpringBatch<double, 2>>(Topology<>::star(5, 2));
 }
 
-// The lanes' stopping rule is that of stationarity.hpp: the same number, whatever the springs weigh.
+// The lanes' stopping rule gives the same number as stationarity.hpp, whatever the stiffness of the springs.
 TEST(Batch, MeasuresAsTheScalarRule) {
   const auto check = []<typename Batch>(std::type_identity<Batch>, double digits) {
     using System = typename Batch::System;
@@ -463,7 +464,7 @@ TEST(Batch, MeasuresAsTheScalarRule) {
       if (s % 7 == 3) system.anchor_stiffness[2] = 0, system.anchors.col(2).setConstant(Scalar(1e18));
       if (s % 7 == 4) system.link_stiffness[3] = 0, system.rest_length[3] = Scalar(1e18);
       if (s % 7 == 5) system.link_stiffness.setZero();
-      if (s % 7 == 6) {  // a node by itself
+      if (s % 7 == 6) {  // an isolated node
         for (const int l : {0, 1, 2, 3}) system.link_stiffness[l] = 0;
         system.anchors.col(0).setConstant(Scalar(100));
       }
@@ -489,7 +490,8 @@ TEST(Batch, MeasuresAsTheScalarRule) {
   check(std::type_identity<SpringBatch<float, 3>>(), 1e-3);
 }
 
-// A float's infinity is not what a spring that is off had in double, and what holds chooses the origin.
+// Values of springs without stiffness may become infinite in float, and only anchors with stiffness determine
+// the origin.
 TEST(Batch, FloatTakesSpringsThatAreOffAndWeakAnchorsFarOff) {
   for (const double far : {1e6, 1e160, std::numeric_limits<double>::max()}) {
     for (const double stiffness : {0.0, 1e-12}) {
@@ -539,7 +541,7 @@ TEST(Batch, SaddlesAreLeft) {
   }
 }
 
-// Weak anchors are solved in the lanes.
+// Systems with weak anchors are solved in the lanes.
 TEST(Batch, WeakAnchors) {
   for (const double weakness : {1e-2, 1e-4, 1e-8, 1e-12}) {
     auto systems = samples<Fixed>(500, Topology<4>::full());
@@ -557,7 +559,7 @@ TEST(Batch, WeakAnchors) {
 }
 
 TEST(Batch, AnyTopology) {
-  const std::array<Link, 5> chain = {Link{0, 1}, {2, 1}, {2, 3}, {3, 4}, {0, 1}};  // one spring twice
+  const std::array<Link, 5> chain = {Link{0, 1}, {2, 1}, {2, 3}, {3, 4}, {0, 1}};  // with a duplicate link
   const std::array<Link, 3> permuted = {Link{2, 1}, {0, 2}, {1, 0}};
   const std::array<Topology<>, 6> topologies = {Topology<>::star(6, 0),
                                                 Topology<>::from_links(5, chain),
@@ -590,7 +592,7 @@ TEST(Batch, AnyTopology) {
   }
 }
 
-// Errors of the float batch far from the origin, against double at the origin.
+// Errors of the float batch far from the origin, compared with double at the origin.
 TEST(Batch, FloatKeepsItsDigitsFarFromTheOrigin) {
   const auto systems = samples<Fixed>(1000, Topology<4>::full(), Kind::Track);
   for (const double offset : {0.0, 1e4, 1e6}) {
@@ -624,7 +626,7 @@ TEST(Batch, EndsWhereItIsAskedToStop) {
   std::atomic<bool> stop{false};
   BatchNewton solver(batch);
   solver.options.stop = &stop;
-  // Asked after the first of its tasks.
+  // The stop is requested after the first task.
   const BatchSummary summary = solver.solve(batch, [&stop](int tasks, auto&& work) {
     ASSERT_GT(tasks, 1);
     for (int task = 0; task < tasks; ++task, stop = true) work(task);
@@ -764,14 +766,14 @@ TEST(Batch, PlanesAreTheSystems) {
   EXPECT_EQ(BatchNewton(batch).solve(batch).converged, 40);
 }
 
-// Every malloc of the program is counted.
+// Counts every malloc of the program.
 TEST(Batch, AllocatesOnce) {
   const auto check = [](auto batch, const auto& systems) {
     BatchNewton solver(batch);
     const auto solve = [&] {
       for (int s = 0; s < batch.size(); ++s) {
         auto [system, start] = systems[static_cast<std::size_t>(s)];
-        if (s % 50 == 7) start.setConstant(1);  // also the scalar path
+        if (s % 50 == 7) start.setConstant(1);  // takes the scalar path too
         batch.set(s, system, start);
       }
       return allocations_in([&] { solver.solve(batch); });
@@ -850,7 +852,7 @@ TEST(Executors, RunEveryTaskOnce) {
   static_assert(Executor<SerialExecutor> && Executor<ThreadExecutor> && Executor<Backwards>);
 }
 
-// The lanes prove what certify does, with somewhat wider margins for rounding.
+// The lanes prove the same as certify, with somewhat wider margins for rounding.
 template <typename Batch>
 void expect_proofs(const typename Batch::TopologyType& topology, Kind kind, double stiffness, double offset) {
   using System = typename Batch::System;
@@ -885,7 +887,7 @@ void expect_proofs(const typename Batch::TopologyType& topology, Kind kind, doub
       proven += certificate.energy - bound <= 1e-6 * certificate.energy ? 1 : 0;
       if (!(certificate.least_eigenvalue > 0)) continue;
       ++definite;
-      // Both are below the least energy, and above it less the gap.
+      // Both lower bounds are within the gap.
       EXPECT_LE(bound, certificate.energy) << s;
       same += bound >= certificate.lower_bound - accuracy * certificate.energy ? 1 : 0;
       if (!is_hard) {
@@ -895,7 +897,7 @@ void expect_proofs(const typename Batch::TopologyType& topology, Kind kind, doub
         EXPECT_LE(bound, other * (1 + (std::is_same_v<Scalar, float> ? 1e-5 : 1e-12))) << s;
       }
     }
-    if (is_hard) continue;  // where it says less
+    if (is_hard) continue;  // where less can be proven
     EXPECT_GT(definite, 0);
     EXPECT_GE(same, 0.99 * definite) << to_string(simd);
     EXPECT_GE(proven, 0.99 * definite) << to_string(simd);

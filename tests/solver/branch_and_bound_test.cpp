@@ -1,5 +1,5 @@
-// Branch and bound: its intervals against many starts, its cells and quadratics by their definitions, and
-// that its limits are kept.
+// Branch and bound: compares its intervals with many starts, and its cells and quadratics with their
+// definitions; checks that it keeps its limits.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -32,7 +32,7 @@ using Four = SpringSystem<double, 2, 4>;
 using Plane = SpringSystem<double, 2>;
 using Space = SpringSystem<double, 3>;
 
-// Counts those that the certificate does not end.
+// `searched` counts the systems that the certificate alone does not prove.
 template <typename System>
 void expect_global(Kind kind, int nodes, int systems, double gap, double accuracy, int& searched,
                    int fixed = -1) {
@@ -72,8 +72,9 @@ TEST(BranchAndBound, NarrowsTheIntervalToTheGap) {
   EXPECT_GT(searched, 30);
 }
 
-// A loose gap leaves parts alone whose bounds are below the placement found. This is no minimum where the
-// solver may take one iteration only: what the parts are bounded by is then the least energy, not its own.
+// With a loose gap, parts whose bounds are below the energy found stay unsearched. With one iteration per
+// solve, the placement is not a minimum: the bound must then be below the least energy, not only below its
+// own.
 TEST(BranchAndBound, ItsBoundIsThatOfThePartsLeftAlone) {
   int above = 0;
   for (std::uint64_t index = 0; index < 300; ++index) {
@@ -109,7 +110,7 @@ TEST(BranchAndBound, LeavesManyNodesToTheStaircase) {
   EXPECT_NEAR(summary.final_energy, up.final_energy, 1e-6 * up.final_energy);
 }
 
-// In float, what is judged is the rounded placement.
+// In float, the energy and stationarity are those of the rounded placement.
 TEST(BranchAndBound, JudgesWhatItReturns) {
   using Floats = SpringSystem<float, 2, 4>;
   int converged = 0;
@@ -144,7 +145,7 @@ void expect_solves_globally(std::string_view method, int nodes) {
 TEST(SolveGlobal, TakesTheMethodThatGoesFurthest) {
   expect_solves_globally<Four>("branch and bound", 4);
   expect_solves_globally<SpringSystem<double, 1, 3>>("Newton, repaired LDL^T", 3);  // by the staircase
-  // Anisotropic anchors: several starts, of which one is not across the other node.
+  // Anisotropic anchors: several starts, at least one of them with the nodes in the right order.
   using Anisotropic = SpringSystem<double, 2, 2, 2, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
   Anisotropic system(Topology<2>::full());
   system.anchors << 0, 1, 0, 0;
@@ -190,7 +191,7 @@ TEST(BranchAndBound, KeepsToItsLimits) {
     EXPECT_EQ(by_time.iterations, 0);
     EXPECT_EQ(by_time.message, "the limit of time was reached before the gap");
     EXPECT_LE(by_time.lower_bound, by_nodes.lower_bound);
-    // Much better with time.
+    // The bound improves with time.
     solver.options.max_nodes = 2000;
     solver.options.max_seconds = 10;
     EXPECT_GE(solver.solve(system, x = start).lower_bound, by_nodes.lower_bound);
@@ -223,7 +224,7 @@ TEST(BranchAndBound, RefusesBadOptionsAndPassesOnStatuses) {
   EXPECT_EQ(system.anchors, anchors);
 }
 
-// What ends far from the minimum is not proven, and there are no directions to divide.
+// A placement far from the minimum is not proven, and without links there are no directions to divide.
 TEST(BranchAndBound, EndsWithoutLinks) {
   Plane system(Topology<>::from_links(3, {}));
   system.anchors << 0, 1, 2, 0, 0, 1;
@@ -239,12 +240,13 @@ TEST(BranchAndBound, EndsWithoutLinks) {
   EXPECT_EQ(x, system.anchors);
 }
 
-// Springs that contradict each other and may turn together mostly end by a limit: all directions are as good.
+// If contradictory springs can rotate freely, the search mostly ends at a limit, as all directions are
+// equivalent.
 TEST(BranchAndBound, TakesComponentsThatNothingHolds) {
   for (std::uint64_t index = 0; index < 30; ++index) {
     auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(4), index);
     system.anchor_stiffness.setZero();
-    if (index % 2 == 0) system.rest_length[0] *= 3;  // else all lengths are those of a shape
+    if (index % 2 == 0) system.rest_length[0] *= 3;  // otherwise the lengths are consistent
     BranchAndBound<Plane> solver;
     solver.options.gap = 1e-2;
     solver.options.ground_components = true;
@@ -297,7 +299,7 @@ TEST(DirectionCells, HoldEachDirectionOnceAndBoundItsLength) {
   expect_cells<3>();
 }
 
-// Below the energy at every placement whose links' directions are in their cells.
+// The minoriser is below the energy at every placement whose link directions are in their cells.
 TEST(ConeMinoriser, IsBelowTheEnergy) {
   Rng rng(4);
   using Cones = detail::ConeSystem<2>;
@@ -308,7 +310,7 @@ TEST(ConeMinoriser, IsBelowTheEnergy) {
     cones.system = &system;
     cones.shares.assign(6, 1);
     cones.reaches.assign(6, Cones::Point::Zero());
-    for (std::size_t l = 0; l < 6; l += 2) {  // cells that hold the directions of y
+    for (std::size_t l = 0; l < 6; l += 2) {  // cells that contain the directions of y
       const Link& link = system.links()[l];
       const Eigen::Vector2d d = y.col(link.i) - y.col(link.j);
       for (Cell cell : Cell::faces()) {

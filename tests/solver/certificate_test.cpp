@@ -1,5 +1,5 @@
-// Certificates of the global minimum: against exhaustive search, many starts, eigenvalues of W and its
-// inverse, and what they must refuse.
+// Certificates of the global minimum: compared with exhaustive search, many starts, eigenvalues of W and its
+// inverse; and the inputs that they must refuse.
 #include <gtest/gtest.h>
 
 #include <Eigen/Cholesky>
@@ -32,7 +32,7 @@ using testing::Plane;
 using testing::Rng;
 using testing::Space;
 
-/// W of the theory (docs/theory.md), straight from its definition.
+/// The matrix W of docs/theory.md, computed from its definition.
 Eigen::MatrixXd stress_matrix(const Plane& system, const Plane::Points& x) {
   Eigen::MatrixXd W = system.anchor_stiffness.asDiagonal();
   for (int l = 0; const Link& link : system.links()) {
@@ -57,7 +57,7 @@ Solved solved(Kind kind, int n, std::uint64_t index) {
   return {system, x};
 }
 
-// Two and three nodes in one dimension, where a grid sees every minimum.
+// Two and three nodes in one dimension, where a grid finds every minimum.
 void expect_bounds_below_grid(int nodes, int trials, int steps) {
   using Line = testing::Line;
   Rng rng(static_cast<std::uint64_t>(nodes));
@@ -71,7 +71,7 @@ void expect_bounds_below_grid(int nodes, int trials, int steps) {
     const double low = system.anchors.minCoeff() - 2, high = system.anchors.maxCoeff() + 2;
     std::vector<int> at(static_cast<std::size_t>(nodes), 0);
     Line::Points y(1, nodes);
-    for (std::size_t i = 0; i < at.size();) {  // counts in base steps + 1
+    for (std::size_t i = 0; i < at.size();) {  // a counter in base steps + 1
       for (int node = 0; node < nodes; ++node)
         y(0, node) = low + at[static_cast<std::size_t>(node)] * (high - low) / steps;
       lowest = std::min(lowest, energy(system, y));
@@ -138,7 +138,7 @@ TEST(Certificate, HoldsAwayFromStationaryPoints) {
       ASSERT_NEAR(certificate.energy, energy(system, y), 1e-12 * certificate.energy);
       if (!(certificate.least_eigenvalue > 0)) continue;
       ++definite;
-      // The global minimum is where the certificate says.
+      // The global minimum is within the certificate's distance.
       Plane::Points best = x;
       if (std::abs(energy(system, x) - lowest) < 1e-9 * lowest) {
         ASSERT_LE((best - y).colwise().norm().maxCoeff(), certificate.distance);
@@ -180,10 +180,10 @@ TEST(Certificate, IsThatOfTheStressMatrix) {
       }
     }
   }
-  EXPECT_GT(unique, 0.98 * certified);  // the rest for the eigenvalue's bound
+  EXPECT_GT(unique, 0.98 * certified);  // the others are missed by the bound of the eigenvalue
 }
 
-// Turned, moved, scaled, relabelled, and with another unit of stiffness.
+// Rotates, scales and relabels the system, and changes the unit of stiffness.
 TEST(Certificate, DoesNotDependOnFrameUnitOrOrder) {
   for (std::uint64_t index = 0; index < 50; ++index) {
     const auto [system, x] = solved(Kind::Lit, 5, index);
@@ -217,7 +217,7 @@ TEST(Certificate, DoesNotDependOnFrameUnitOrOrder) {
   }
 }
 
-// Stiffness ratios of 1e12 and coordinates far off: what is certified is so.
+// Stiffness ratios of 1e12 and coordinates far from the origin: whatever is certified must be true.
 TEST(Certificate, RoundingCertifiesNothing) {
   int certified = 0;
   for (std::uint64_t index = 0; index < 200; ++index) {
@@ -279,17 +279,17 @@ TEST(Certificate, KnowsFixedNodesAndFloatingComponents) {
   system.anchor_stiffness.setZero();
   system.set_rest_lengths(system.anchors);
   system.link_stiffness.setOnes();
-  // Nothing holds it, and nothing is strained: the least energy, in many places.
+  // Without anchors and without strain: the least energy, at many placements.
   EXPECT_EQ(certify(system, system.anchors).proof, Proof::GlobalMinimum);
   EXPECT_EQ(certify(system, system.anchors).lower_bound, 0);
-  // All nodes held far from each other: the third settles between springs that are stretched.
+  // Two nodes are fixed far apart: the third one settles between stretched springs.
   Plane::Points x = 2 * system.anchors;
   system.fix(0), system.fix(1);
   ASSERT_EQ((Newton<Plane>().solve(system, x).status), Status::Converged);
   const Certificate certificate = certify(system, x);
   const double lowest = lowest_energy(system, x, 30, 1, 1);
   EXPECT_LE(certificate.lower_bound, lowest * (1 + 1e-12));
-  // It may lie on either side of the other two.
+  // It may be on either side of the other two.
   EXPECT_NE(certificate.proof, Proof::UniqueGlobalMinimum);
   system.anchor_stiffness[2] = 10;
   ASSERT_EQ((Newton<Plane>().solve(system, x).status), Status::Converged);
@@ -334,7 +334,7 @@ SpringSystem<double, 2, 4, 4, M> with_model(const Fixed2& system) {
   return other;
 }
 
-/// Hooke's spring of twice the stiffness but for one half of it: convex in the square, and says so or not.
+/// Half of Hooke's potential: convex in the squared length, and declared so or not.
 template <bool kSays>
 struct HalfHooke {
   static constexpr bool kConvexInSquare = kSays;
@@ -345,7 +345,7 @@ struct HalfHooke {
   }
 };
 
-/// No link's.
+/// Hooke's potential without such a declaration.
 struct Undeclared {
   template <typename Scalar>
   Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
@@ -365,7 +365,7 @@ TEST(Certificate, OfOtherModelsSaysWhatItCan) {
     const Certificate expected = certify(plain, x);
     const Certificate same = certify(half, x);
     EXPECT_EQ(same.certified(), expected.certified());
-    EXPECT_NE(same.proof, Proof::UniqueGlobalMinimum);  // which is known of springs alone
+    EXPECT_NE(same.proof, Proof::UniqueGlobalMinimum);  // known only for springs
     EXPECT_NEAR(same.lower_bound, expected.lower_bound, 1e-6 * expected.energy);
     EXPECT_EQ(certify(with_model<Model<HalfHooke<false>>>(plain), x).proof, Proof::NotApplicable);
     EXPECT_EQ(certify(with_model<Model<Undeclared>>(plain), x).reason,
@@ -399,7 +399,7 @@ TEST(Certificate, OfOtherModelsSaysWhatItCan) {
   EXPECT_GT(unique, 20);
 }
 
-// Every method by name ends where the gap is proven, and says so.
+// Every method by name ends once the gap is proven, and reports it.
 TEST(Gap, EndsEverySolver) {
   auto [system, start] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(9), 0);
   Plane::Points best = start;
@@ -409,7 +409,7 @@ TEST(Gap, EndsEverySolver) {
     auto solver = make_solver<Plane>(name);
     Plane::Points x = start;
     const Summary plain = solver.solve(system, x);
-    if (name == "staircase" || name == "branch-and-bound") {  // which always prove
+    if (name == "staircase" || name == "branch-and-bound") {  // these always prove a bound
       EXPECT_GT(plain.lower_bound, 0);
     } else {
       EXPECT_EQ(plain.lower_bound, -1) << name;

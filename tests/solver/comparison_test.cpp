@@ -1,4 +1,5 @@
-// The accelerations of IDA that the benchmarks compare with: fair opponents, right and no slower than IDA.
+// The accelerated variants of IDA that the benchmarks compare with must be fair opponents: correct and no
+// slower than IDA.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -43,7 +44,7 @@ TYPED_TEST(Comparison, ReachesIdasMinimum) {
       EXPECT_LE(stationarity(system, x), 1.0001e-8);
       same += std::abs(summary.final_energy - expected) <= 1e-7 * expected;
 
-      // From close by there is no choice.
+      // From nearby all end in the same minimum.
       System::Points near = by_ida;
       testing::Rng rng(seed);
       near += testing::random_points<System>(rng, n, -0.01, 0.01);
@@ -71,7 +72,7 @@ TYPED_TEST(Comparison, EnergyNeverRises) {
   }
 }
 
-// What they are for.
+// The purpose of the acceleration.
 TYPED_TEST(Comparison, TakesFewerIterationsThanIda) {
   double ratio = 0;
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {

@@ -1,5 +1,6 @@
-# A user of asterism::solver_compiled takes each solver from there: where a compiler inlines or instantiates it all the same,
-# it is not asked for, and the user's source takes many times as long to compile.
+# A user of asterism::solver_compiled must take each solver from that library. If the compiler inlines or
+# instantiates a solver anyway, the symbol is not undefined here, and the user's source takes many times as
+# long to compile.
 cmake_minimum_required(VERSION 3.25)
 execute_process(COMMAND ${NM} --undefined-only ${OBJECT} OUTPUT_VARIABLE symbols COMMAND_ERROR_IS_FATAL ANY)
 string(REGEX MATCHALL "8Compiled5solve" solvers "${symbols}")

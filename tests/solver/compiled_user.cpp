@@ -1,4 +1,4 @@
-// Every solver that asterism::solver_compiled has; compiled_symbols.cmake looks at what this needs of it.
+// Uses every solver of asterism::solver_compiled; compiled_symbols.cmake checks the symbols that this needs.
 #include <asterism/solver.hpp>
 
 namespace asterism {

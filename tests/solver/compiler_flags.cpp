@@ -1,6 +1,6 @@
-// The solver's headers, compiled with flags and macros that change what Eigen and the compiler do (a line
-// each in CMakeLists.txt): the same results to rounding, and bad input refused. Without a test framework, for
-// it may be compiled without exceptions, and small, for it is compiled many times.
+// The solver's headers, compiled with flags and macros that change the behaviour of Eigen and the compiler
+// (one line each in CMakeLists.txt): results must agree up to rounding, and bad input must be refused. There
+// is no test framework, as exceptions may be off, and the file is small, as it is compiled many times.
 #ifdef ASTERISM_TEST_X11_BEFORE
 #define Status int  // as X11/Xlib.h does
 #endif
@@ -27,7 +27,7 @@ void expect(bool holds, const char* what) {
   std::printf("wrong: %s\n", what);
 }
 
-// Kept from the compiler's reasoning, as input from elsewhere is.
+// Hidden from the optimiser, like input from elsewhere.
 double opaque(double value) {
   volatile double copy = value;
   return copy;
@@ -66,7 +66,8 @@ void solve_four_parts() {
   expect((all.matrix * asterism::hessian(system, x)).isIdentity(1e-9), "the inverse of the Hessian");
 }
 
-// Blocks that are not the same transposed: information matrices, and a sparse inverse by columns.
+// Matrices that differ from their transposes in memory: information matrices, and a sparse inverse by
+// columns.
 void invert_many_parts() {
   using Many = asterism::SpringSystem<
       double, 2, Eigen::Dynamic, Eigen::Dynamic,

@@ -20,7 +20,7 @@ namespace {
 }
 #else
 // glibc lets a program replace malloc; operator new and Eigen come through it.
-#pragma GCC visibility push(default)  // for shared libraries to find them
+#pragma GCC visibility push(default)  // so that shared libraries find them
 extern "C" {
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);
@@ -53,7 +53,7 @@ int posix_memalign(void** memory, std::size_t alignment, std::size_t size) {
 
 namespace asterism::testing {
 
-/// The number of allocations that solve() makes.
+/// The number of allocations in solve().
 template <typename Solve>
 long allocations_in(Solve&& solve) {
   const long before = allocations;

@@ -1,4 +1,4 @@
-// Covariances of a fixed or bounded number of nodes never touch the heap.
+// Covariances for a fixed or bounded number of nodes never touch the heap.
 #include <gtest/gtest.h>
 
 #include <asterism/solver/energy/covariance.hpp>
@@ -34,7 +34,7 @@ TEST(Heap, CovariancesOfFixedAndBoundedSizesDoNotUseIt) {
   for (const int n : {1, 8}) expect_no_heap<SpringSystem<float, 3, Eigen::Dynamic, 8>>(n);
 }
 
-// Also shows that the counter counts.
+// Also shows that the counter works.
 TEST(Heap, CovariancesOfDynamicSizesUseIt) {
   using System = SpringSystem<double, 2>;
   testing::Rng rng(6);

@@ -1,4 +1,4 @@
-// Millions of samples: a source of its own, for its own optimisation.
+// Draws millions of samples: a separate source file, compiled with more optimisation.
 #include "covariance_samples.hpp"
 
 #include <asterism/solver/energy/energy.hpp>
@@ -18,7 +18,7 @@ Samples sample(const Fixed2& system, const Fixed2::Points& start, std::uint64_t 
   Fixed2::Points sum = Fixed2::Points::Zero();
   Fixed2::Points squares = Fixed2::Points::Zero();
   int accepted = 0;
-  for (int s = -count / 20; s < count; ++s) {  // some to forget the start
+  for (int s = -count / 20; s < count; ++s) {  // burn-in first
     Fixed2::Points proposal = x;
     for (int i = 0; i < 4; ++i) {
       for (int d = 0; d < 2; ++d) {

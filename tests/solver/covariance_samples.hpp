@@ -6,13 +6,13 @@
 
 namespace asterism::testing {
 
-/// The deviations of the nodes of p, E = -log p, and the share of proposals that were accepted.
+/// The nodes' standard deviations under p, E = -log p, and the fraction of accepted proposals.
 struct Samples {
   Eigen::Vector4d deviations;
   double acceptance;
 };
 
-/// By random walk Metropolis, whose proposals know nothing of H.
+/// Samples by random walk Metropolis, whose proposals do not depend on H.
 Samples sample(const SpringSystem<double, 2, 4>& system, const SpringSystem<double, 2, 4>::Points& start,
                std::uint64_t seed, int count);
 

@@ -1,4 +1,5 @@
-// The covariance at the solution: against dense inverses, against samples, and where it is refused.
+// The covariance at the solution: compared with dense inverses and with samples, and refused where it does
+// not exist.
 #include <gtest/gtest.h>
 
 #include <Eigen/SparseCholesky>
@@ -100,7 +101,7 @@ TEST(Covariance, IsTheInverseOfTheHessian) {
   expect_inverse<Dynamic2>(stretched<Dynamic2>, 1, 1e-9);
 }
 
-// One node on an anchor: the anchor's own variance, in px^2 for stiffness in 1/px^2.
+// One anchored node has the anchor's variance, in px^2 for stiffness in 1/px^2.
 TEST(Covariance, OfOneNodeIsItsAnchors) {
   Dynamic2 system(Topology<>::full(1));
   system.anchors << 3, 5;
@@ -110,7 +111,7 @@ TEST(Covariance, OfOneNodeIsItsAnchors) {
       testing::is_same(node_covariances(system, system.anchors).of(0), 4 * Eigen::Matrix2d::Identity()));
 }
 
-// Two nodes at rest, along the spring: stiffness k_i + k_ij of their difference's half, by hand.
+// Two nodes at rest, calculated by hand.
 TEST(Covariance, OfTwoNodesByHand) {
   SpringSystem<double, 2> system(Topology<>::full(2));
   system.anchors << 0, 10, 0, 0;
@@ -139,7 +140,7 @@ TEST(Covariance, SelectedInverseIsTheInverse) {
       EXPECT_LT((nodes.of(i) - block).norm(), 1e-9 * block.norm()) << "n = " << n << ", node " << i;
     }
   }
-  // Also for patterns that fill in: all linked, a star, a chain, one component a node.
+  // Also for patterns with fill-in: full, a star, a chain, and isolated nodes.
   Rng rng(3);
   std::vector<Link> chain;
   for (int i = 0; i + 1 < 30; ++i) chain.push_back({i + 1, i});
@@ -170,8 +171,8 @@ struct Ratios {
   }
 };
 
-// Ratios of the nodes' standard deviations to those of samples, by H^-1 and by K_dyn^-1, at temperature T:
-// E = -T log p.
+// Ratios of the nodes' standard deviations, by H^-1 and by K_dyn^-1, to those of samples at temperature T: E
+// = -T log p.
 void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
   constexpr int kSystems = 10;
   constexpr int kSamples = 200000;
@@ -196,7 +197,7 @@ void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
     for (int i = 0; i < 4; ++i) {
       ratios.add(std::sqrt(nodes.of(i).trace()) / samples.deviations[i]);
       by_ida.add(std::sqrt(2 * K_inverse(i, i)) / samples.deviations[i]);
-      // K_dyn lies above H, so its inverse below H^-1, in every direction.
+      // K_dyn >= H, so K_dyn^-1 <= H^-1 in every direction.
       const Eigen::Matrix2d missing = nodes.of(i) - K_inverse(i, i) * Eigen::Matrix2d::Identity();
       EXPECT_GT(testing::eigenvalues(missing)[0], -1e-12);
     }
@@ -207,7 +208,7 @@ void compare_with_samples(double temperature, Ratios& ratios, Ratios& by_ida) {
   std::printf("K_dyn^-1 %.3f (%.3f to %.3f)\n", by_ida.mean, by_ida.least, by_ida.most);
 }
 
-// At a tracker's own temperature p is not quite a Gaussian, and now and then has a second mode.
+// At a tracker's temperature p is not exactly Gaussian, and sometimes has a second mode.
 TEST(Covariance, AgreesWithSamplesAndIdasMatrixUnderestimates) {
   Ratios ratios, by_ida;
   compare_with_samples(1, ratios, by_ida);
@@ -242,17 +243,17 @@ TEST(Covariance, RefusesASaddle) {
   NodeCovariances<Dynamic2> sparse;
   EXPECT_EQ(detail::sparse_node_covariances(system, x, sparse.blocks), CovarianceStatus::NotPositiveDefinite);
 
-  Newton<SpringSystem<double, 2>>().solve(system, x);  // at the minimum it is there
+  Newton<SpringSystem<double, 2>>().solve(system, x);  // at the minimum it exists
   EXPECT_TRUE(covariance(system, x));
-  x.setZero();  // a peak, though the Hessian by its convention is positive definite
+  x.setZero();  // a peak, although the Hessian by its convention is positive definite
   const auto peak = covariance(system, x);
   EXPECT_EQ(peak.status, CovarianceStatus::NotPositiveDefinite);
   EXPECT_EQ(peak.message, "link 0 has ends that coincide: x is not a local minimum");
-  system.rest_length << 0;  // a spring that wants them there
+  system.rest_length << 0;  // now the spring is at rest
   EXPECT_TRUE(covariance(system, x));
 }
 
-// Anchors too weak to be seen beside the springs in this scalar: some direction is flat.
+// Anchors too weak to be resolved beside the springs in this scalar: some direction is flat.
 TEST(Covariance, RefusesWhatRoundingHides) {
   auto [system, x] = at_minimum<Dynamic2>(1, 5);
   system.set_rest_lengths(x);
@@ -297,7 +298,7 @@ TEST(Covariance, RefusesBadInput) {
   EXPECT_TRUE(overflow.matrix.array().isNaN().all());
   EXPECT_TRUE(node_covariances(system, x).blocks.array().isNaN().all());
 
-  Dynamic2 loose(Topology<>::full(1));  // its variance is beyond the scalar's range
+  Dynamic2 loose(Topology<>::full(1));  // its variance exceeds the scalar's range
   loose.anchors.setZero();
   loose.anchor_stiffness << 1e-310;
   EXPECT_EQ(covariance(loose, loose.anchors).status, CovarianceStatus::NumericalFailure);
@@ -335,7 +336,7 @@ TEST(Covariance, HasTheUnitsOfTheSystem) {
   EXPECT_LT((4 * covariance(system, x).matrix - before.matrix).norm(), 1e-12 * before.matrix.norm());
 }
 
-// The spread that is left when some nodes are known: those of the others given them.
+// The covariance given the fixed nodes: the conditional one of the others.
 TEST(Covariance, OfFixedNodesIsZeroAndConditionsTheOthers) {
   for (const int n : {6, 100}) {
     auto [system, x] = sparse_at_minimum(6, n);
@@ -364,7 +365,7 @@ TEST(Covariance, OfFixedNodesIsZeroAndConditionsTheOthers) {
   }
 }
 
-// Other models: the same Hessian, seen through the same function.
+// Other models: the same Hessian through the same function.
 TEST(Covariance, OfOtherModels) {
   using System = testing::FixedEllipses;
   System system(Topology<4>::full());
@@ -387,14 +388,14 @@ TEST(Covariance, OfOtherModels) {
 TEST(Covariance, OfAHundredThousandNodes) {
   const int n = 100000;
   auto [system, x] = testing::sparse_system<Dynamic2>(1, n);
-  system.set_rest_lengths(x);  // a minimum without a solve
+  system.set_rest_lengths(x);  // a minimum that needs no solve
   system.anchors = x;
   const auto begin = std::chrono::steady_clock::now();
   const auto nodes = node_covariances(system, x);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
   ASSERT_TRUE(nodes) << nodes.message;
   std::printf("%d nodes: %.2f s\n", n, seconds);
-  // Against solves with some columns of the identity.
+  // Compared with solves for some columns of the identity.
   const Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>> cholesky(sparse_hessian(system, x));
   for (const int node : {0, 4711, 50000, 99999}) {
     Eigen::MatrixX2d columns = Eigen::MatrixX2d::Zero(2 * n, 2);

@@ -1,7 +1,7 @@
 #pragma once
 
-// Methods of descent with their policies on types of systems; those that neither asterism::solver_compiled
-// nor test_systems.hpp have are compiled in descent_cases.cpp.
+// Descent methods with their policies on types of systems; those that are in neither
+// asterism::solver_compiled nor test_systems.hpp are compiled in descent_cases.cpp.
 #include <asterism/solver.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD

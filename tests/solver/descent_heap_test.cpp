@@ -39,7 +39,7 @@ TEST(DescentHeap, FixedAndBoundedSizesDoNotUseIt) {
   for (const int n : {1, 4, 64}) expect_no_heap<SpringSystem<double, 2, Eigen::Dynamic, 64>>(n);
 }
 
-// Also shows that the counter counts.
+// Also shows that the counter works.
 TEST(DescentHeap, DynamicSizesUseItOnce) {
   using System = SpringSystem<double, 2>;
   testing::Rng rng(6);

@@ -36,7 +36,7 @@ void expect_same_minimum_as_ida(int n, int systems) {
   }
   EXPECT_GE(same[0], systems * 90 / 100) << "n = " << n;
   EXPECT_GE(same[1], systems * 85 / 100) << "n = " << n;
-  // The diagonal metric leads elsewhere more often.
+  // With the diagonal metric they end in other minima more often.
   EXPECT_GE(same[2], systems / 2) << "n = " << n;
   EXPECT_GE(same[3], systems / 2) << "n = " << n;
 }
@@ -59,7 +59,7 @@ TEST(DescentOfLargerSystems, TakesFarFewerIterationsThanIda) {
   EXPECT_LT(NewtonCg<System>().solve(system, x).iterations, ida / 6);
 }
 
-// The metric that L-BFGS starts from is rounded to single precision.
+// The initial metric of L-BFGS is rounded to single precision.
 TEST(LbfgsMetric, RoundingLeadsToTheSameMinima) {
   using System = SpringSystem<double, 2>;
   for (const int n : {3, 5, 6, 7, 9, 17, 40, 41, 64}) {
@@ -84,7 +84,7 @@ TEST(LbfgsMetric, UnitsOfStiffnessDoNotMatter) {
     auto [system, start] = testing::random_system<System>(rng, Topology<>::full(n));
     System::Points expected = start;
     const int iterations = Lbfgs<System>().solve(system, expected).iterations;
-    for (const double unit : {0x1p-300, 0x1p+300}) {  // beyond what single precision holds
+    for (const double unit : {0x1p-300, 0x1p+300}) {  // beyond the range of single precision
       auto scaled = system;
       scaled.anchor_stiffness *= unit;
       scaled.link_stiffness *= unit;

@@ -1,4 +1,4 @@
-// L-BFGS and Newton-CG with every policy: same minima as IDA, energy that never rises, robustness.
+// L-BFGS and Newton-CG with every policy: the same minima as IDA, energy that never rises, robustness.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -58,7 +58,7 @@ TYPED_TEST(Descent, FindsIdasMinimumFromItsBasin) {
   }
 }
 
-// From far off the methods may choose different minima; in IDA's metric they hardly ever do.
+// From far away the methods may choose different minima; in IDA's metric they hardly ever do.
 TYPED_TEST(Descent, FindsIdasMinimumFromFarMostly) {
   ASTERISM_USE_FIXTURE;
   constexpr int kSystems = 100;

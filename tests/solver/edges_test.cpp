@@ -1,4 +1,4 @@
-// Inputs with a defined answer however odd: what docs/solver.md promises under "Edge cases", on Ida, Newton,
+// Odd inputs that have a defined result, as docs/solver.md promises under "Edge cases", with Ida, Newton,
 // Lbfgs, NewtonCg and Auto.
 #include <gtest/gtest.h>
 
@@ -35,7 +35,7 @@ testing::RandomSystem<System> random(std::uint64_t seed, int n = 5) {
   return testing::random_system<System>(rng, Topology<>::full(n));
 }
 
-// Converged at a point that is stationary, and no higher than the start.
+// Checks that the solve converged at a stationary point no higher than the start.
 void expect_solved(const System& system, const Points& x, const Summary& summary) {
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   EXPECT_TRUE(x.allFinite());
@@ -68,7 +68,7 @@ TYPED_TEST(Edges, ZeroRestLengthsPullTogether) {
   system.rest_length.setZero();
   Points x = start;
   expect_solved(system, x, TestFixture::solve(system, x));
-  // Convex then, and linear: K_dyn x = k a.
+  // The problem is convex and linear: K_dyn x = k a.
   Eigen::MatrixXd K = system.anchor_stiffness.asDiagonal();
   for (int l = 0; const Link& link : system.links()) {
     const double k = system.link_stiffness[l++];
@@ -89,7 +89,7 @@ TYPED_TEST(Edges, LinksWithoutStiffnessLeaveNodesToTheirAnchors) {
 }
 
 TYPED_TEST(Edges, StiffnessFromTheSmallestToTheLargest) {
-  for (const double unit : {1e-12, 1.0, 1e14}) {  // of all springs: no difference
+  for (const double unit : {1e-12, 1.0, 1e14}) {  // for all springs: makes no difference
     auto [system, start] = random(4);
     Points expected = start;
     expect_solved(system, expected, TestFixture::solve(system, expected));
@@ -99,7 +99,7 @@ TYPED_TEST(Edges, StiffnessFromTheSmallestToTheLargest) {
     expect_solved(system, x, TestFixture::solve(system, x));
     EXPECT_LT((x - expected).cwiseAbs().maxCoeff(), 1e-5) << unit;
   }
-  for (const double factor : {1e-12, 1e14}) {  // of one spring beside the others
+  for (const double factor : {1e-12, 1e14}) {  // for one spring
     for (std::uint64_t seed = 1; seed <= 10; ++seed) {
       auto [system, start] = random(seed);
       system.link_stiffness[0] *= factor;
@@ -143,7 +143,7 @@ TYPED_TEST(Edges, NothingButAFloatingConstellation) {
     Points x = start;
     expect_solved(system, x, TestFixture::solve(system, x, options));
     EXPECT_EQ(x.col(0), start.col(0));
-    EXPECT_LT((x - start).cwiseAbs().maxCoeff(), 5);  // it does not run away
+    EXPECT_LT((x - start).cwiseAbs().maxCoeff(), 5);  // it does not diverge
   }
 }
 
@@ -217,8 +217,8 @@ TYPED_TEST(Edges, BadInputIsNamedAndCostsNothing) {
             "system has no nodes");
 }
 
-// The ends of a rod whose anchors lie the other way round are balanced, and at a saddle: no step has been
-// made yet when the way out is looked for, be the workspace new or that of a smaller system.
+// Rods between anchors in reverse order start in equilibrium at a saddle. The way out is then searched before
+// any step, with a new workspace or that of a smaller system.
 TEST(SaddleAsStart, IsLeftByNewtonWithAnyWorkspace) {
   const auto rod = [](int rods) {
     std::vector<Link> links;
@@ -236,7 +236,7 @@ TEST(SaddleAsStart, IsLeftByNewtonWithAnyWorkspace) {
   Newton<System> solver;
   for (const int rods : {1, 2, 8, 3}) {
     const System system = rod(rods);
-    Points x = -3 * system.anchors;  // s (1 + 2 k) = k mu - 1
+    Points x = -3 * system.anchors;  // equilibrium: s (1 + 2 k) = k mu - 1
     x.row(1) = system.anchors.row(1);
     const Summary summary = solver.solve(system, x);
     expect_solved(system, x, summary);
@@ -244,8 +244,8 @@ TEST(SaddleAsStart, IsLeftByNewtonWithAnyWorkspace) {
   }
 }
 
-// Both IDA and Newton's method stay on the line of a collinear start; what leaves it is the search for
-// negative curvature.
+// Steps of IDA and of Newton's method stay on the line of a collinear start; the search for negative
+// curvature leaves it.
 TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
   System system(Topology<>::full(3));
   system.anchors << 0, 0.4, 1, 0, 0, 0;
@@ -257,7 +257,7 @@ TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
   Points by_ida = start;
   const Summary ida = Ida<System>().solve(system, by_ida);
   EXPECT_EQ(ida.status, Status::Converged);
-  EXPECT_EQ(ida.positive_definite, -1);  // it does not look
+  EXPECT_EQ(ida.positive_definite, -1);  // not examined
   EXPECT_EQ(by_ida.row(1).norm(), 0);
 
   Points held = start;
@@ -274,8 +274,9 @@ TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
   }
 }
 
-// Two nodes on one point that want to be apart, each held there by a spring to a fixed node: the gradient of
-// the convention for coincident nodes vanishes, and its Hessian is positive definite, on a conic peak.
+// Two coincident nodes with a rest length between them, each held there by a spring to a fixed node: by the
+// convention for coincident nodes the gradient vanishes and the Hessian is positive definite, although this
+// is a conic peak.
 TEST(ConicPeak, IsNoLocalMinimum) {
   const std::vector<Link> links{{0, 1}, {0, 2}, {1, 3}};
   System system(Topology<>::from_links(4, links));
@@ -301,7 +302,7 @@ TEST(ConicPeak, IsNoLocalMinimum) {
             energy(system, at));
 }
 
-// Squares of such lengths are zero: "stationary" would be an answer without a question.
+// Squares of such lengths underflow to zero, so stationarity would be meaningless.
 TYPED_TEST(Edges, LengthsWhoseSquaresUnderflowAreOutOfRange) {
   System system(Topology<>::full(2));
   system.anchor_stiffness.setOnes();
@@ -321,7 +322,7 @@ TYPED_TEST(Edges, LengthsWhoseSquaresUnderflowAreOutOfRange) {
   EXPECT_EQ(point.final_energy, 0);
 }
 
-// Any part of x in any part of a system.
+// Any part of x may overlap any part of a system.
 TEST(SharedMemory, IsFoundWhereverItOverlaps) {
   const auto expect_found = [](auto& system, const auto& apart) {
     const auto shares = [&system](const double* first, std::ptrdiff_t count) {
@@ -361,7 +362,7 @@ TEST(SharedMemory, IsRefusedByMultiStart) {
   EXPECT_EQ(system.anchors, anchors);
 }
 
-// Nor does it start from there.
+// Anchors without stiffness are not used as a start.
 TEST(MultiStartSolver, DoesNotStartFromAnchorsThatAreOff) {
   auto [system, start] = random(5);
   system.anchor_stiffness[1] = 0;
@@ -377,7 +378,7 @@ TEST(MultiStartSolver, DoesNotStartFromAnchorsThatAreOff) {
 }
 
 TEST(LargeSystem, OfAMillionNodesIsAccepted) {
-  // A chain: the memory and the time of one iteration, no more.
+  // A chain: needs only the memory and time of one iteration.
   constexpr int kNodes = 1000000;
   std::vector<Link> links;
   links.reserve(kNodes - 1);
@@ -464,7 +465,7 @@ TEST(MultiStartSolver, NeverEndsHigherAndOftenLower) {
     lower += best.final_energy < 0.999 * one.final_energy;
     auto again = start;
     solver.solve(system, again);
-    EXPECT_EQ(again, many);  // no randomness that is not its own
+    EXPECT_EQ(again, many);  // the random numbers are its own
   }
   EXPECT_GE(lower, 3);
   EXPECT_LE(lower, 40);

@@ -23,11 +23,11 @@ namespace {
 template <typename System>
 class Energy : public ::testing::Test {};
 
-// Each dimension, way of storage and scalar once; every_solver.cpp has more of their combinations.
+// Each dimension, storage and scalar once; every_solver.cpp has more combinations.
 using Systems = ::testing::Types<testing::Line, testing::Fixed2, testing::Bounded2, testing::Spacef>;
 TYPED_TEST_SUITE(Energy, Systems);
 
-// Of one node too where the number of nodes is not fixed.
+// Random systems; if the number of nodes is not fixed, of seven nodes and of one.
 template <typename System>
 std::vector<testing::RandomSystem<System>> make(std::uint64_t seed) {
   std::vector<testing::RandomSystem<System>> result;
@@ -40,7 +40,7 @@ std::vector<testing::RandomSystem<System>> make(std::uint64_t seed) {
   return result;
 }
 
-// The same system in double, where differences have digits to spare.
+// The same system in double, where differences are more accurate.
 template <typename System>
 auto in_double(const testing::RandomSystem<System>& from) {
   using Double = SpringSystem<double, System::kDim>;
@@ -63,7 +63,7 @@ constexpr double rounding() {
   return std::is_same_v<Scalar, float> ? 2e-5 : 1e-12;
 }
 
-// The formula, word for word.
+// The energy's formula, term by term.
 double sum_over_springs(const Eigen::MatrixXd& anchors, const Eigen::VectorXd& anchor_stiffness,
                         std::span<const Link> links, const Eigen::VectorXd& rest_length,
                         const Eigen::VectorXd& link_stiffness, const Eigen::MatrixXd& x) {
@@ -131,7 +131,7 @@ TYPED_TEST(Energy, SparseHessianIsTheDenseOne) {
   }
 }
 
-// x_i = x_j: the gradient is that of a spring along u, the limit of x_i - x_j -> 0 along u.
+// For x_i = x_j the gradient is that of a spring along u, the limit x_i - x_j -> 0 along u.
 void expect_coincident_limit(const testing::Plane& system, const Eigen::Matrix2Xd& x,
                              const Eigen::Vector2d& u) {
   const auto g = gradient(system, x);
@@ -165,7 +165,7 @@ TEST(CoincidentNodes, PartAlongAFixedDirectionWhereAnchorsCoincideToo) {
   const auto g = gradient(system, x);
   EXPECT_GT(g.colwise().norm().minCoeff(), 0.1);
   EXPECT_TRUE(testing::is_same(g, gradient(system, x)));
-  EXPECT_LT(g.rowwise().sum().norm(), 1e-15);  // internal forces balance
+  EXPECT_LT(g.rowwise().sum().norm(), 1e-15);  // internal forces cancel
   const Link forward[] = {{0, 1}};
   const Link backward[] = {{1, 0}};
   for (const auto& links : {forward, backward}) {
@@ -259,7 +259,7 @@ using ModelSystems =
                      SpringSystem<float, 2, -1, -1, Model<Logarithm, GemanMcClure>>>;
 TYPED_TEST_SUITE(SpringsThatAreOff, ModelSystems);
 
-// All that is computed from a system at x; `v` is any vector.
+// All quantities computed from a system at x; `v` is any vector.
 template <typename System>
 std::vector<Eigen::MatrixXd> numbers_of(const System& system, const typename System::Points& x,
                                         const typename System::Points& v) {
@@ -313,7 +313,7 @@ TYPED_TEST(SpringsThatAreOff, MeanNothing) {
   system.link_stiffness[0] = system.link_stiffness[4] = 0;
   for (const bool coincide : {false, true}) {
     Points x = start;
-    if (coincide) x.col(1) = x.col(2);  // linked, by a spring of stiffness
+    if (coincide) x.col(1) = x.col(2);  // linked by a spring with stiffness
     const std::vector<Eigen::MatrixXd> expected = numbers_of(system, x, start);
     for (const Scalar idle : {Scalar(0), 10 * std::sqrt(kMost), kMost}) {
       system.anchors.col(1).setConstant(idle);
@@ -352,11 +352,11 @@ TEST(Stationarity, LengthFallsBackToTheSpreadOfX) {
   x(0, 1) -= 4;
   EXPECT_DOUBLE_EQ(characteristic_length(system, x), 4);
   EXPECT_GT(stationarity(system, x), 0.1);
-  x.array() += 1e18;  // a start far off does not loosen the tolerance
+  x.array() += 1e18;  // a distant start does not loosen the tolerance
   EXPECT_DOUBLE_EQ(characteristic_length(system, x), 5);
 }
 
-// Where nothing but fixed nodes holds links without length, the length is that of x, wherever x is.
+// Without anchors and rest lengths, the length is the spread of x, independent of translation.
 TEST(Stationarity, LengthWithoutAnchorsIsInvariantToTranslation) {
   SpringSystem<double, 2> system(Topology<>::full(2));
   system.anchor_stiffness.setZero();
@@ -378,7 +378,7 @@ TEST(Stationarity, IgnoresAnchorsAndLinksWithoutStiffness) {
   EXPECT_NEAR(characteristic_length(system, system.anchors), 1, 1e-15);
 }
 
-// What a spring measures is bounded by what it holds; what holds alike counts alike.
+// A spring that holds little counts little; springs that hold enough count equally.
 TEST(Stationarity, LengthIsOfWhatHolds) {
   SpringSystem<double, 2> system(Topology<>::from_links(3, std::vector<Link>{{0, 1}}));
   system.anchors << -1, 1, 0, 0, 0, 0;
@@ -387,17 +387,17 @@ TEST(Stationarity, LengthIsOfWhatHolds) {
   system.link_stiffness << 1;
   const auto length = [&] { return characteristic_length(system, system.anchors); };
   EXPECT_NEAR(length(), 1, 1e-15);
-  system.anchors.col(2).setConstant(1e8);  // holds a node that is by itself
+  system.anchors.col(2).setConstant(1e8);  // the anchor of an isolated node
   EXPECT_NEAR(length(), 1, 1e-15);
   system.link_stiffness << 1e-9;  // a link that holds little
   system.rest_length << 10;
   EXPECT_NEAR(length(), 1, 1e-3);
   system.link_stiffness << 1e-3;
   EXPECT_NEAR(length(), std::sqrt((2 + 100) / 3.0), 1e-12);
-  system.fix(1);  // its anchor pulls in vain
+  system.fix(1);  // its anchor has no effect
   EXPECT_NEAR(length(), std::sqrt(100 / 2.0), 1e-12);
   system.release(1);
-  system.link_stiffness << 0;  // nothing but nodes by themselves
+  system.link_stiffness << 0;  // only isolated nodes
   system.anchors.col(2) << 0, 3;
   EXPECT_NEAR(length(), std::sqrt((2 + 6) / 3.0), 1e-15);
 }

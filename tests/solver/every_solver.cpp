@@ -1,4 +1,4 @@
-// What every solver promises.
+// Tests of the guarantees of every solver.
 #include "every_solver.hpp"
 
 #include <gtest/gtest.h>
@@ -72,7 +72,7 @@ class EverySolver : public ::testing::Test {
     return testing::random_system<System>(rng, System::TopologyType::full(kNodes));
   }
 
-  // A minimum, and a start in its basin.
+  // A system with a start in the basin of a minimum.
   static testing::RandomSystem<System> near_minimum(std::uint64_t seed) {
     auto result = random(seed);
     EXPECT_EQ(DenseIda<System>().solve(result.system, result.start).status, Status::Converged);
@@ -87,7 +87,8 @@ class EverySolver : public ::testing::Test {
            kind_.name.ends_with("differences");
   }
   double tolerance() const { return loose() ? 1e-6 : 1e-8; }
-  // What two solves to that tolerance may differ by: energies relatively, positions in units of the system.
+  // Allowed differences between two solves to that tolerance: relative for energies, in units of the system
+  // for positions.
   double energy_tolerance() const { return kDouble ? (loose() ? 1e-7 : 1e-9) : 1e-3; }
   double point_tolerance() const { return kDouble ? (loose() ? 1e-4 : 1e-5) : 2e-3; }
 
@@ -110,8 +111,7 @@ class EverySolver : public ::testing::Test {
     }
   }
 
-  // From the paper's start the solvers may part ways, the energy having several minima; most often they do
-  // not.
+  // From the paper's start solvers may end in different minima; mostly they do not.
   void ReachesStationaryPointsOfThePapersSystems() {
     int same = 0;
     constexpr int kSystems = 30;
@@ -187,7 +187,7 @@ class EverySolver : public ::testing::Test {
     stopped = start;
     EXPECT_EQ(solver.solve(system, stopped).status, unasked.status);
     EXPECT_EQ(stopped, x);
-    stop = true;  // what is stationary has converged all the same
+    stop = true;  // a stationary start still counts as converged
     if (unasked.status == Status::Converged) {
       EXPECT_EQ(solver.solve(system, stopped).status, Status::Converged);
     }
@@ -220,7 +220,7 @@ class EverySolver : public ::testing::Test {
     EXPECT_EQ(last, summary.iterations);
     EXPECT_NEAR(last_energy, summary.final_energy, energy_tolerance() * (1 + summary.final_energy));
     EXPECT_LT((last_x - x).norm(), point_tolerance() * x.norm());
-    // It looks on and changes nothing.
+    // Observing changes nothing.
     Points alone = start;
     solver.options().on_iteration = {};
     EXPECT_EQ(solver.solve(system, alone).iterations, summary.iterations);
@@ -253,7 +253,7 @@ class EverySolver : public ::testing::Test {
     const Summary coarse = solver.solve(system, x);
     EXPECT_EQ(coarse.status, Status::Converged);
     EXPECT_LE(coarse.stationarity, 1e-2);
-    if (!kind_.name.starts_with("Newton")) {  // whose last step squares the error
+    if (!kind_.name.starts_with("Newton")) {  // its last step squares the error
       EXPECT_GT(coarse.stationarity, 1e-5);
     }
     x = start;
@@ -295,7 +295,7 @@ class EverySolver : public ::testing::Test {
   void SolvesUnanchoredNodesOfAnAnchoredComponent() {
     auto [system, start] = random(8);
     system.anchor_stiffness[1] = 0;
-    system.anchors.col(1).setConstant(1000);  // means nothing
+    system.anchors.col(1).setConstant(1000);  // must be ignored
     system.link_stiffness[system.link_count() - 1] = 0;
     const Summary summary = solve(system, start);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
@@ -317,7 +317,7 @@ class EverySolver : public ::testing::Test {
     EXPECT_GT((x - start).norm(), 1e-3);
   }
 
-  // Invariances: the solution moves with the system, in as many iterations.
+  // Equivariance: the solution moves with the system, in as many iterations.
   template <typename Change>
   void expect_equivariant(Change&& change, double scale_of_length, double scale_of_energy) {
     for (std::uint64_t seed = 31; seed <= 35; ++seed) {
@@ -335,7 +335,7 @@ class EverySolver : public ::testing::Test {
       EXPECT_LT(double((changed_x - expected).norm()), point_tolerance() * scale_of_length);
       EXPECT_NEAR(changed_summary.final_energy, summary.final_energy * scale_of_energy,
                   energy_tolerance() * summary.final_energy * scale_of_energy);
-      // The iterations of those that rounding restarts are their own.
+      // Solvers that restart because of rounding may take other numbers of iterations.
       if (kDouble && !loose()) {
         EXPECT_NEAR(changed_summary.iterations, summary.iterations, 3 + summary.iterations / 10);
       }
@@ -441,7 +441,7 @@ class EverySolver : public ::testing::Test {
          [](System& s, Points&) {
            s.anchor_stiffness[2] = s.anchor_stiffness[3] = 0;
            int l = 0;
-           for (const Link& link : s.links()) {  // 2 and 3 linked to each other alone
+           for (const Link& link : s.links()) {  // 2 and 3 linked only to each other
              if ((link.i == 2 || link.i == 3) != (link.j == 2 || link.j == 3)) s.link_stiffness[l] = 0;
              ++l;
            }
@@ -481,7 +481,7 @@ class EverySolver : public ::testing::Test {
       EXPECT_EQ(std::string_view(summary.message), message);
       EXPECT_FALSE(summary.usable());
       ASSERT_EQ(x.size(), before.size());
-      for (Eigen::Index c = 0; c < x.size(); ++c) {  // NaN is equal to itself here
+      for (Eigen::Index c = 0; c < x.size(); ++c) {  // bitwise, as NaN != NaN
         EXPECT_EQ(std::memcmp(x.data() + c, before.data() + c, sizeof(Scalar)), 0) << message;
       }
       EXPECT_EQ(summary.final_energy, -1);
@@ -492,7 +492,7 @@ class EverySolver : public ::testing::Test {
     EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
   }
 
-  // The anchors would be overwritten with the solution, whose energy is then zero.
+  // Otherwise the anchors would be overwritten with the solution, whose energy would then be zero.
   void RefusesXInTheSystemsMemory() {
     auto [system, start] = random(9);
     const Points anchors = system.anchors;
@@ -505,11 +505,11 @@ class EverySolver : public ::testing::Test {
     EXPECT_EQ(solver.solve(system, start).status, Status::Converged);
   }
 
-  // The same to the bit whatever position or rest length a spring without stiffness has, also where the
-  // direction between nodes that coincide is looked for.
+  // Results are the same bit for bit whatever anchor position or rest length a spring without stiffness has,
+  // even where the direction between coincident nodes is determined.
   void SpringsWithoutStiffnessAreOff() {
     constexpr Scalar kMost = std::numeric_limits<Scalar>::max();
-    const Scalar square = 10 * std::sqrt(kMost);  // of which overflows
+    const Scalar square = 10 * std::sqrt(kMost);  // its square overflows
     for (const bool coincide : {false, true}) {
       auto [system, start] = random(15);
       system.anchor_stiffness[1] = 0;
@@ -532,11 +532,11 @@ class EverySolver : public ::testing::Test {
     }
   }
 
-  // What the rule counts as the tolerance, see SolverOptions.
+  // The tolerance that the stopping rule applies, see SolverOptions.
   double counted_tolerance() const {
     return std::max(tolerance(), 64.0 * double(std::numeric_limits<Scalar>::epsilon()));
   }
-  // Converged is what is stationary at the x returned; anything else says why.
+  // The status must be Converged exactly if the returned x is stationary; any other needs a reason.
   void expect_honest(const System& system, const Points& x, const Summary& summary, double what) const {
     EXPECT_TRUE(summary.usable()) << what << ": " << summary;
     EXPECT_TRUE(x.allFinite()) << what;
@@ -546,10 +546,10 @@ class EverySolver : public ::testing::Test {
     EXPECT_FALSE(summary.message.empty());
   }
 
-  // The start loses its digits far off, and its shape: but the rule knows nothing of it.
+  // Far from the origin the start loses its digits and its shape, but not the stopping rule's scale.
   void JudgesThePointThatItReturns() {
     for (const double off : {1e2, 1e5, 1e10, 1e15, 1e18}) {
-      if (!kDouble && off > 1e10) continue;  // whose squares overflow, times the stiffness
+      if (!kDouble && off > 1e10) continue;  // the square times the stiffness overflows
       const auto [system, start] = near_minimum(16);
       Points x = start.array() + static_cast<Scalar>(off);
       const Summary summary = solve(system, x);
@@ -560,7 +560,7 @@ class EverySolver : public ::testing::Test {
     }
   }
 
-  // Of a system all of which is far from the origin.
+  // The whole system is far from the origin.
   void SaysThatTheRoundingIsAboveTheTolerance() {
     for (const double off : {1e2, 1e4, 1e7, 1e10, 1e13}) {
       if (!kDouble && off > 1e4) continue;
@@ -584,7 +584,7 @@ class EverySolver : public ::testing::Test {
       for (const double at : {1e4, 1e8, 1e12}) {
         if (!kDouble && (at > 1e4 || stiffness < 1e-3)) continue;
         auto [system, start] = near_minimum(18);
-        for (int l = 0; const Link& link : system.links()) {  // the last node is by itself
+        for (int l = 0; const Link& link : system.links()) {  // isolates the last node
           if (link.j == kLast) system.link_stiffness[l] = 0;
           ++l;
         }

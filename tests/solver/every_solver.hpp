@@ -1,7 +1,7 @@
 #pragma once
 
-// What every solver promises (every_solver.cpp), tested for the solvers that a test file registers, as
-// AnySolver: compiled again for every type, the tests would take minutes.
+// Tests of the guarantees of every solver (every_solver.cpp), for the solvers that a test file registers.
+// They use AnySolver: compiled for every type, they would take minutes.
 
 #include <asterism/solver.hpp>
 #include <string>
@@ -16,7 +16,7 @@ using Dynamic3 = SpringSystem<double, 3>;
 using Fixed2f = SpringSystem<float, 2, 4>;
 using Bounded3f = SpringSystem<float, 3, Eigen::Dynamic, 8>;
 
-/// How to make the solvers of one type.
+/// How to make a solver for systems of one type.
 template <typename System>
 struct SolverKind {
   std::string_view name;
@@ -36,7 +36,7 @@ SolverKind<System> solver_kind() {
 template <typename System>
 using DenseIda = Ida<System>;
 
-/// Registers every test for solvers of one of these types of systems; to be called before main().
+/// Registers every test for solvers of one type of system; to be called before main().
 template <typename System>
 void register_solvers(const std::string& system, const std::vector<SolverKind<System>>& kinds);
 

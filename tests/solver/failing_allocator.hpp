@@ -1,7 +1,7 @@
 #pragma once
 
-// Makes one allocation of this thread fail. It replaces malloc, or operator new under a sanitizer, which
-// has a malloc of its own: include it in one source file of an executable.
+// Makes one allocation of this thread fail. It replaces malloc, or operator new under a sanitizer, which has
+// its own malloc: include it in one source file of an executable.
 
 #include <cerrno>
 #include <cstddef>
@@ -12,13 +12,12 @@
 
 namespace asterism::testing {
 
-inline thread_local long allocations_left = -1;  // before the one that fails; none does where negative
+inline thread_local long allocations_left = -1;  // before the one that fails; negative: none fails
 
 inline bool fails() { return allocations_left >= 0 && allocations_left-- == 0; }
 
-/// Calls f() with its first allocation failing, then with the second, and so on, every one at first and fewer
-/// later, and after(k) each time, until none does. Returns the last k, which is the number of allocations in
-/// f at least.
+/// Calls f() with its first allocation failing, then the second, and so on (every one at first, later fewer),
+/// and after(k) after each, until none fails. Returns the last k, at least the number of allocations in f.
 template <typename F, typename After>
 long fail_each_allocation(F&& f, After&& after) {
   for (long k = 0;; k += 1 + k / 25) {
@@ -46,7 +45,7 @@ void operator delete(void* memory, std::size_t) noexcept { std::free(memory); }
 void operator delete[](void* memory, std::size_t) noexcept { std::free(memory); }
 #else
 // glibc lets a program replace malloc; operator new, Eigen and OpenCV come through it.
-#pragma GCC visibility push(default)  // for shared libraries to find them
+#pragma GCC visibility push(default)  // so that shared libraries find them
 extern "C" {
 void* __libc_malloc(std::size_t);
 void* __libc_calloc(std::size_t, std::size_t);

@@ -1,4 +1,4 @@
-// Newton, L-BFGS and Newton-CG by what every solver promises.
+// Newton, L-BFGS and Newton-CG have the guarantees of every solver.
 #include "every_solver.hpp"
 
 namespace asterism {

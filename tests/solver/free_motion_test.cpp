@@ -1,6 +1,6 @@
-// Rigid motions that nothing holds, of a component or of a part of one: every solver that says what the
-// Hessian is has to say 0, and every covariance is refused by a message that names the motion. One line a
-// kind of holding.
+// Rigid motions that cost no energy, of a component or a part of it: every solver that reports whether the
+// Hessian is positive definite must report 0, and every covariance must be refused with a message that names
+// the motion. One line per way of holding the nodes.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -30,9 +30,9 @@ struct Held {
       : name(kind), motion(std::move(message)), hold(std::move(how)), links(std::move(linked)) {}
 
   const char* name;
-  std::string motion;  ///< the message of the covariance's refusal; empty where all is held
+  std::string motion;  ///< message of the covariance's refusal; empty if all is held
   Hold hold;
-  std::vector<Link> links;  ///< all pairs where there are none
+  std::vector<Link> links;  ///< empty: all pairs
 };
 
 template <typename System>
@@ -43,7 +43,7 @@ void hold_by_anchors(System& system, const std::vector<int>& nodes, double stiff
 
 constexpr int kNodes = 6;
 
-/// The same in another scalar or storage; anchors that may be ellipses are circles.
+/// The same with another scalar or storage; anisotropic anchors become isotropic.
 template <typename System, typename Given>
 testing::RandomSystem<System> as(const testing::RandomSystem<Given>& given) {
   using Scalar = typename System::Scalar;
@@ -69,7 +69,7 @@ testing::RandomSystem<System> as(const testing::RandomSystem<Given>& given) {
   }
 }
 
-// Nodes in general position, anchored nowhere, with a start near by; links want some other lengths.
+// Nodes in general position without anchors, and a start nearby; the rest lengths differ from it.
 template <typename Springs>
 testing::RandomSystem<Springs> unheld_springs(std::uint64_t seed, const std::vector<Link>& links) {
   testing::Rng rng(seed);
@@ -109,7 +109,7 @@ void expect_covariance(const std::string& motion, const System& system, const ty
 template <typename System>
 using Solve = std::function<Summary(const System& system, typename System::Points& x)>;
 
-/// The solver with this tolerance.
+/// A solver with this tolerance.
 template <typename Solver>
 auto with(double tolerance) {
   return [tolerance](const auto& system, auto& x) {
@@ -143,7 +143,7 @@ using Dynamic2 = testing::Plane;
 using Dynamic3 = testing::Space;
 using Fixed2f = SpringSystem<float, 2, kNodes>;
 
-// For float, anchors that are not as weak and places that are not as far.
+// For float, with stronger anchors and shorter distances.
 std::vector<Held<Dynamic2>> in_the_plane(bool for_float = false) {
   using System = Dynamic2;
   using Points = System::Points;
@@ -263,7 +263,7 @@ TEST(FreeMotion, IsNoStrictMinimumInThePlane) {
     expect_verdict<Dynamic2>(table, with<Ida<Dynamic2>>(tolerance));
     expect_verdict<Dynamic2>(table, with<Auto<Dynamic2>>(tolerance));
   }
-  // Where these stop short of a minimum, weak anchors have not turned the constellation yet.
+  // Tight, as with looser tolerances these stop before weak anchors have rotated the constellation.
   expect_verdict<Dynamic2>(table, with<SparseNewton<Dynamic2>>(1e-12));
   expect_verdict<Dynamic2>(table, with<Schwarz<Dynamic2, SparseNewton<Dynamic2>>>(1e-12));
 }
@@ -294,7 +294,7 @@ TEST(FreeMotion, IsNoStrictMinimumInABatch) {
       has_fixed |= system.fixed_count() > 0;
       batch.set(s, system, x);
     }
-    if (has_fixed) continue;  // springs alone
+    if (has_fixed) continue;  // a batch has no fixed nodes
     BatchNewton(batch).solve(batch);
     for (int s = 0; s < kSystems; ++s) {
       if (batch.status(s) != Status::Converged) continue;
@@ -303,7 +303,7 @@ TEST(FreeMotion, IsNoStrictMinimumInABatch) {
   }
 }
 
-// The same whatever the scale, the place and the unit of stiffness.
+// Independent of scale, position and the unit of stiffness.
 TEST(FreeMotion, IsFoundAtAnyScale) {
   for (const double length : {1e-6, 1.0, 1e6}) {
     for (const double stiffness : {1e-6, 1.0, 1e6}) {
@@ -336,7 +336,7 @@ TEST(FreeMotion, OfComponentsThatWereGrounded) {
   EXPECT_EQ(solver.solve(system, x).positive_definite, 0);
 }
 
-// Anchors that hold one direction alone, robust ones, and links that are slack.
+// Anchors that hold only one direction, and robust anchors.
 TEST(FreeMotion, OfOtherModels) {
   using Along = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
                              Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
@@ -377,7 +377,7 @@ TEST(FreeMotion, OfOtherModels) {
   expect_verdict<Robust>(robust, with<Newton<Robust>>(1e-10));
 }
 
-// One node, or all nodes on one point, cannot turn.
+// A single node, or coincident nodes, cannot rotate.
 TEST(FreeMotion, OfPointsThatDoNotTurn) {
   SpringSystem<double, 3> system(Topology<>::full(3));
   system.anchors.setConstant(3, 3, 7.0);
@@ -391,7 +391,7 @@ TEST(FreeMotion, OfPointsThatDoNotTurn) {
   line.set_rest_lengths(line.anchors);
   line.link_stiffness << 1;
   EXPECT_TRUE(covariance(line, line.anchors));
-  // Rotation about their own line moves nothing.
+  // Rotation about the line through the nodes moves nothing.
   for (const int n : {2, 3}) {
     SpringSystem<double, 3> rod(Topology<>::full(n));
     for (int i = 0; i < n; ++i) rod.anchors.col(i) << 0.3 + 0.7 * i, 0.1 - 0.9 * i, 0.2 + 0.4 * i;

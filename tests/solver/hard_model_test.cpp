@@ -1,4 +1,4 @@
-// Every solver on models that are hard.
+// Every solver on difficult models.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -23,7 +23,7 @@ using PlainNonlinearCg = NonlinearCg<System>;
 template <typename System>
 using PlainSparseNewton = SparseNewton<System>;
 
-// A potential that bends, a loss that is not convex, and both with anchors that are ellipses.
+// A nonlinear potential, a loss that is not convex, and both with anisotropic anchors.
 template <typename K>
 class HardModel : public ::testing::Test {};
 using HardKits = ::testing::Types<Cables, Gemans, Everything>;

@@ -22,7 +22,7 @@ void expect_no_heap(int n) {
   EXPECT_EQ(allocations_in([&] { summary = Solver<System>().solve(system, x); }), 0) << "n = " << n;
   EXPECT_EQ(summary.status, Status::Converged) << summary;
 
-  // Values are refilled, and faults reported, without it too.
+  // Changing values and reporting faults does not use the heap either.
   auto refilled = system;
   EXPECT_EQ(allocations_in([&] {
               refilled.anchors += start;
@@ -49,7 +49,7 @@ void expect_no_heap_of_any_size() {
 TEST(Heap, IdaOfFixedAndBoundedSizesDoesNotUseIt) { expect_no_heap_of_any_size<Ida>(); }
 TEST(Heap, NonlinearCgOfFixedAndBoundedSizesDoesNotUseIt) { expect_no_heap_of_any_size<NonlinearCg>(); }
 
-// Also shows that the counter counts.
+// Also shows that the counter works.
 TEST(Heap, DynamicSizesUseItOnce) {
   using System = SpringSystem<double, 2>;
   testing::Rng rng(6);

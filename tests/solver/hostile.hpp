@@ -1,7 +1,7 @@
 #pragma once
 
-// Systems that are hard on a solver, of 26 kinds, and every solver behind one interface. What they return is
-// judged in hostile_test.cpp.
+// 26 kinds of systems that are hard to solve, and all solvers behind one interface. hostile_test.cpp judges
+// the results.
 
 #include <Eigen/Core>
 #include <asterism/solver/problem/topology.hpp>
@@ -14,7 +14,7 @@
 
 namespace asterism::hostile {
 
-/// The types of systems that the solvers are instantiated for. A plane of four nodes also goes through the
+/// The types of systems for which the solvers are instantiated. A plane of four nodes also goes through the
 /// solvers of fixed size.
 enum class Type { Line, Plane, Space, PlaneInFloat, RobustPlane };
 
@@ -24,24 +24,25 @@ constexpr double epsilon(Type type) {
                                     : std::numeric_limits<double>::epsilon();
 }
 
-/// A system, its start, and what is expected of a solver. The numbers are what the type's scalar holds.
+/// A system, its start, and what is expected of a solver. The numbers are rounded to the type's scalar.
 struct Problem {
   Type type = Type::Plane;
   std::vector<Link> links;
   Eigen::MatrixXd anchors, start;  ///< Dim x N
   Eigen::VectorXd anchor_stiffness, rest_length, link_stiffness;
-  /// Of a RobustPlane: information matrices over k_i, Dim x (Dim N), and the scale of Geman and McClure's
-  /// loss.
+  /// For RobustPlane: information matrices relative to k_i, Dim x (Dim N), and the scale of Geman and
+  /// McClure's loss.
   Eigen::MatrixXd shapes;
   double scale = 1;
   std::vector<int> fixed;
   bool ground_components = false;
   bool align = true;
 
-  bool refused = false;       ///< it is no system: InvalidInput
-  bool may_overflow = false;  ///< NumericalFailure is an answer, too
+  bool refused = false;       ///< not a valid system: InvalidInput
+  bool may_overflow = false;  ///< NumericalFailure is allowed
   bool moves_freely = false;  ///< a rotation or translation costs nothing: no minimum is strict
-  /// Where every descent ends in the same minimum, all methods have to find it to a millionth of its energy.
+  /// If all reference descents end in the same minimum, every method must find it, to a millionth of its
+  /// energy.
   bool agrees = false;
 
   int nodes() const { return static_cast<int>(anchors.cols()); }
@@ -55,7 +56,7 @@ struct Kind {
 };
 const std::vector<Kind>& kinds();
 
-/// What a solver made of a problem.
+/// A solver's result for a problem.
 struct Attempt {
   std::string solver;
   Summary summary;
@@ -66,11 +67,10 @@ struct Attempt {
 inline constexpr double kTolerance = 1e-8;
 inline constexpr int kIterations = 2000;
 
-/// The problem solved by every solver of its type. The solvers keep their workspaces from one problem to the
-/// next.
+/// Solves the problem with every solver of its type. The solvers keep their workspaces between problems.
 std::vector<Attempt> solve_by_all(const Problem& problem);
 
-// Of solve_by_all, a source file each.
+// Parts of solve_by_all, in one source file each.
 void solve_line(const Problem& problem, std::vector<Attempt>& attempts);
 void solve_plane(const Problem& problem, std::vector<Attempt>& attempts);
 void solve_space(const Problem& problem, std::vector<Attempt>& attempts);

@@ -1,4 +1,4 @@
-// The types that asterism::solver_compiled has, the batch, and the adapters of other libraries.
+// The types in asterism::solver_compiled, the batch, and the adapters of other libraries.
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/method/multi_start.hpp>
@@ -24,7 +24,7 @@ using Plane = SpringSystem<double, 2>;
 using Space = SpringSystem<double, 3>;
 using FourParts = SpringSystem<double, 2, 4>;
 
-// A few nodes of the tree are as good as many for what is asked here.
+// A few nodes of the search tree are enough for this test.
 struct ShortSearch : BranchAndBound<Plane> {
   ShortSearch() { options.max_nodes = 20; }
 };
@@ -41,7 +41,7 @@ using Adapters = std::tuple<
 #endif
     MultiStart<Plane, Newton<Plane>>, detail::AutoStaircase<Plane>, ShortSearch>;
 
-// The batch has neither fixed nodes nor grounded components, and says no more than status and energy.
+// The batch has neither fixed nodes nor grounded components, and reports only status and energy.
 void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {
   const auto system = system_of<Plane>(problem);
   if (system.defect() || !problem.fixed.empty() || problem.ground_components) return;
@@ -75,7 +75,7 @@ void solve_plane(const Problem& problem, std::vector<Attempt>& attempts) {
   solve_with<Plane>(sparse, problem, attempts);
   solve_with<Plane>(adapters, problem, attempts);
   solve_batch(problem, attempts);
-  // Its storage has room for as many links as there are pairs.
+  // FourParts stores at most one link per pair.
   if (problem.nodes() != 4 || problem.links.size() > 6) return;
   const auto first = attempts.size();
   solve_with<FourParts>(four_parts, problem, attempts);

@@ -1,6 +1,6 @@
 #pragma once
 
-// How a problem gets into a type of systems, and through its solvers.
+// Converts a problem to a type of system and solves it.
 
 #include <asterism/solver.hpp>
 #include <cstring>
@@ -24,7 +24,7 @@ System system_of(const Problem& problem) {
   return system;
 }
 
-/// Appends what each solver of the tuple makes of the problem.
+/// Appends the result of each solver of the tuple.
 template <typename System, typename Solvers>
 void solve_with(Solvers& solvers, const Problem& problem, std::vector<Attempt>& attempts) {
   using Points = typename System::Points;
@@ -46,7 +46,7 @@ void solve_with(Solvers& solvers, const Problem& problem, std::vector<Attempt>& 
   std::apply([&](auto&... solver) { (call(solver), ...); }, solvers);
 }
 
-/// What is instantiated for every type.
+/// The solvers that are instantiated for every type.
 template <typename System>
 using CommonSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
                                  NonlinearCg<System>, Auto<System>>;

@@ -1,4 +1,4 @@
-// The kinds of systems. Each starts from a plain one, that any solver solves, and spoils it.
+// The kinds of systems. Each starts from a plain system, which any solver solves, and makes it difficult.
 #include <algorithm>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
@@ -37,7 +37,7 @@ void displace(Rng& rng, Eigen::MatrixXd& points, double by) {
   for (double& coordinate : points.reshaped()) coordinate += rng.uniform(-by, by);
 }
 
-// Nodes some 50 px apart; anchors and start nearby; anchors about as stiff as links.
+// Nodes about 50 px apart; anchors and start nearby; anchors about as stiff as links.
 Problem plain(Rng& rng, Type type, int nodes, Shape shape) {
   Problem problem;
   problem.type = type;
@@ -77,7 +77,7 @@ Problem plain(Rng& rng, Type type = Type::Plane) {
   return plain(rng, type, nodes, kShapes[integer(rng, 0, 5)]);
 }
 
-// The same numbers, rounded to what the type holds.
+// The problem with its numbers rounded to the type's scalar.
 Problem stored(Problem problem) {
   if (problem.type != Type::PlaneInFloat) return problem;
   const auto round = [](auto& values) {
@@ -177,7 +177,7 @@ Problem switched_off(Rng& rng) {
     problem.link_stiffness[l] = 0;
     problem.rest_length[l] = sentinel();
   }
-  // What it leaves unconnected is held by its own anchors.
+  // Nodes that are no longer connected keep their own anchors.
   const bool is_full =
       (problem.link_stiffness.array() > 0).all() && problem.nodes() > 1 && !problem.links.empty();
   for (int i = 1; is_full && i < problem.nodes(); ++i) {
@@ -214,7 +214,7 @@ Problem fixed_nodes(Rng& rng) {
   for (int i = 0; i < problem.nodes(); ++i) {
     if (chance(rng, 0.4)) problem.fixed.push_back(i);
   }
-  if (!problem.fixed.empty() && chance(rng, 0.5)) {  // these alone hold the others
+  if (!problem.fixed.empty() && chance(rng, 0.5)) {  // only these hold the others
     const bool connected = !problem.links.empty();
     if (connected) problem.anchor_stiffness.setZero();
     problem.moves_freely = connected && problem.fixed.size() == 1 && problem.dim() > 1 && problem.nodes() > 1;
@@ -237,7 +237,7 @@ Problem components(Rng& rng) {
     problem.rest_length.conservativeResize(problem.rest_length.size() - 1);
     problem.links.erase(cut);
   }
-  if (chance(rng, 0.5)) {  // the second one floats
+  if (chance(rng, 0.5)) {  // nothing holds the second one
     problem.ground_components = true;
     problem.anchor_stiffness.tail(problem.nodes() - 1 - at).setZero();
     problem.moves_freely = problem.dim() > 1 && problem.nodes() - 1 - at > 1;
@@ -267,7 +267,7 @@ Problem mirrored(Rng& rng) {
   return problem;
 }
 Problem at_a_peak(Rng& rng) {
-  // Nodes on one point and their anchors around it: forces cancel, or are of a direction that is chosen.
+  // Coincident nodes with their anchors around them: forces cancel, or their direction is arbitrary.
   Problem problem = plain(rng, chance(rng, 0.7) ? Type::Plane : Type::Space);
   const Eigen::VectorXd centre = problem.anchors.rowwise().mean();
   problem.start.colwise() = centre;
@@ -297,7 +297,7 @@ Problem weak_anchors(Rng& rng) {
   return problem;
 }
 Problem far_weak_anchor(Rng& rng) {
-  // With links: nodes that have none are measured by all anchors.
+  // With links, as isolated nodes are measured by all anchors.
   Problem problem =
       plain(rng, any_dimension(rng), integer(rng, 2, 8), chance(rng, 0.5) ? Shape::Full : Shape::Tree);
   const int n = problem.nodes();
@@ -324,7 +324,7 @@ Problem stiff_pair(Rng& rng) {
   problem.may_overflow = true;
   return problem;
 }
-// A sheet of springs without bending, shorter than its anchors want it or longer.
+// A sheet of springs without bending stiffness, shorter or longer than its anchors require.
 Problem cloth(Rng& rng) {
   const int side = integer(rng, 3, 5);
   Problem problem;

@@ -1,7 +1,6 @@
-// Hostile systems of 26 kinds through every solver: some dozens of each, or as many as
-// ASTERISM_HOSTILE_SYSTEMS says, from number ASTERISM_HOSTILE_FIRST on. The judge shares no code with the
-// library: energy, forces and curvature are written down here once more, in long double, and minimised by a
-// descent of its own.
+// Solves hostile systems of 26 kinds with every solver: 20 of each, or ASTERISM_HOSTILE_SYSTEMS, from number
+// ASTERISM_HOSTILE_FIRST on. The judge shares no code with the library: it implements energy, forces and
+// curvature independently, in long double, and has its own descent.
 #include "hostile.hpp"
 
 #include <gtest/gtest.h>
@@ -45,7 +44,7 @@ using Real = long double;
 using Matrix = Eigen::Matrix<Real, Eigen::Dynamic, Eigen::Dynamic>;
 using Vector = Eigen::Matrix<Real, Eigen::Dynamic, 1>;
 
-/// The problem in long double. Springs without stiffness are left out: what they would like means nothing.
+/// The problem in long double. Springs without stiffness are left out.
 class Judge {
  public:
   explicit Judge(const Problem& problem)
@@ -68,7 +67,7 @@ class Judge {
 
   Real energy(const Matrix& x) const { return evaluate(x, nullptr, nullptr); }
 
-  /// Energy; optionally its gradient (Dim x N) and the Hessian with negative curvature clamped or not.
+  /// Energy; optionally its gradient (Dim x N) and its Hessian, with negative curvature clamped on request.
   Real evaluate(const Matrix& x, Matrix* gradient, Matrix* hessian, bool clamp = false) const {
     const int dim = problem_.dim(), n = problem_.nodes();
     if (gradient != nullptr) gradient->setZero(dim, n);
@@ -128,7 +127,7 @@ class Judge {
     return energy;
   }
 
-  /// The largest coordinate that counts.
+  /// The largest coordinate that matters.
   Real extent(const Matrix& x) const {
     Real largest = x.cwiseAbs().maxCoeff();
     for (int i = 0; i < problem_.nodes(); ++i)
@@ -137,12 +136,12 @@ class Judge {
     return largest;
   }
 
-  /// What the energy at x is known to, where coordinates are rounded at their own magnitude.
+  /// The accuracy of the energy at x if coordinates are rounded relative to the largest one.
   Real rounding(const Matrix& x, Real energy) const {
     const Real eps = epsilon(problem_.type), step = eps * extent(x);
     const Real stiffness = node_stiffness_.sum();
     const auto terms = static_cast<Real>(problem_.nodes()) + static_cast<Real>(problem_.links.size());
-    if (problem_.type == Type::RobustPlane) {  // information matrices are so up to rounding
+    if (problem_.type == Type::RobustPlane) {  // information matrices are rounded too
       for (int i = 0; i < problem_.nodes(); ++i)
         energy += problem_.anchor_stiffness[i] * (x.col(i) - anchors_.col(i)).squaredNorm();
     }
@@ -150,8 +149,7 @@ class Judge {
            std::numeric_limits<double>::min() * (1 + stiffness);
   }
 
-  /// What the energy may be above the minimum where forces are as the tolerance allows and anchors are not
-  /// weak.
+  /// How far the energy may be above the minimum if forces are within the tolerance and anchors are not weak.
   Real allowed(const Matrix& x, Real energy) const {
     Real sum = rounding(x, energy);
     for (int i = 0; i < problem_.nodes(); ++i) {
@@ -161,13 +159,13 @@ class Judge {
     return sum;
   }
 
-  /// By how much more than the tolerance allows the worst node's force exceeds what rounding leaves: at most
-  /// 1 where x is stationary.
+  /// The largest ratio of a node's force to what the tolerance and rounding allow: at most 1 if x is
+  /// stationary.
   Real excess(const Matrix& x) const {
     Matrix gradient;
     evaluate(x, &gradient, nullptr);
     const Real rounded = 32 * epsilon(problem_.type) * extent(x);
-    // A tolerance that is less counts as that.
+    // Smaller tolerances count as this one.
     const Real tolerance = std::max<Real>(kTolerance, 64 * epsilon(problem_.type));
     Real worst = 0;
     for (int i = 0; i < problem_.nodes(); ++i) {
@@ -178,7 +176,7 @@ class Judge {
     return worst;
   }
 
-  /// Whether the Hessian over the nodes' stiffness has no eigenvalue below -slack.
+  /// Whether the Hessian, scaled by the nodes' stiffness, has no eigenvalue below -slack.
   bool is_convex(const Matrix& x, Real slack) const {
     Matrix hessian;
     evaluate(x, nullptr, &hessian);
@@ -186,8 +184,8 @@ class Judge {
     return factorize(hessian, slack);
   }
 
-  /// Newton's method with a Hessian that is clamped or raised where it is not positive definite. Moves x to
-  /// where it ends; the energy there.
+  /// Newton's method with a Hessian that is clamped, or shifted if it is not positive definite. Moves x to
+  /// its end and returns the energy there.
   Real descend(Matrix& x) const {
     Matrix gradient, trial;
     Real energy = evaluate(x, &gradient, nullptr);
@@ -248,7 +246,7 @@ class Judge {
       for (Eigen::Index r = 0; r < hessian.rows(); ++r) hessian(r, c) /= root(r) * root(c);
   }
 
-  // Cholesky's factor of matrix + shift I into its lower triangle; false where that is not positive definite.
+  // Cholesky factor of matrix + shift I in its lower triangle; false if that is not positive definite.
   static bool factorize(Matrix& matrix, Real shift) {
     const Eigen::Index n = matrix.rows();
     for (Eigen::Index c = 0; c < n; ++c) {
@@ -276,9 +274,9 @@ class Judge {
     });
   }
 
-  // Holds the first node of each component that nothing holds.
+  // Fixes the first node of each component that nothing holds.
   void ground() {
-    std::vector<bool> is_held(component_.size(), false);  // by the component's number
+    std::vector<bool> is_held(component_.size(), false);  // indexed by component
     const auto held = [&](int i) -> std::vector<bool>::reference {
       return is_held[static_cast<std::size_t>(component_[static_cast<std::size_t>(i)])];
     };
@@ -290,8 +288,8 @@ class Judge {
     }
   }
 
-  // Lengths to measure a node's forces by: the root mean square of rest lengths and of anchors about their
-  // centroid, of the node's own component, or of all of them weighted by stiffness, whichever is more.
+  // Lengths that scale the nodes' forces: the root mean square of rest lengths and of anchors about their
+  // centroid, either in the node's component or of all weighted by stiffness, whichever is larger.
   void set_lengths() {
     const auto of = [&](const auto& weight_of_anchor, const auto& weight_of_link) {
       Vector centroid = Vector::Zero(problem_.dim());
@@ -313,7 +311,7 @@ class Judge {
     };
     const Real all = of([&](int i) { return Real(problem_.anchor_stiffness[i]); },
                         [&](int l, Link) { return Real(problem_.link_stiffness[l]); });
-    // Of one node, or where all anchors are on one point, the way that the start has to go.
+    // For a single node or coincident anchors: the distance that the start has to move.
     const Real way = (problem_.start.cast<Real>() - anchors_).norm();
     const Real rounded = 1e-12L * extent(problem_.start.cast<Real>());
     for (int i = 0; i < problem_.nodes(); ++i) {
@@ -334,7 +332,7 @@ class Judge {
   std::vector<Real> lengths_;
 };
 
-/// What descents from several starts end in.
+/// Results of descents from several starts.
 struct Reference {
   Real lowest = std::numeric_limits<Real>::infinity();
   bool is_unique = true;  ///< all ended in the same minimum
@@ -372,7 +370,7 @@ int environment(const char* name, int otherwise) {
   return value == nullptr ? otherwise : std::atoi(value);
 }
 
-/// Solves and, of those, converged ones and those that ended at the lowest energy known, by solver.
+/// Per solver: solves, converged ones, and those that ended at the lowest energy known.
 struct Count {
   long solves = 0, converged = 0, lowest = 0;
 };
@@ -384,10 +382,10 @@ class Hostile : public ::testing::TestWithParam<std::size_t> {
     const auto seed = static_cast<std::uint64_t>(index) * 64 + GetParam() + 1;
     const Problem problem = kind.make(seed);
     const std::vector<Attempt> attempts = solve_by_all(problem);
-    std::optional<Judge> judge;  // of what is a system
+    std::optional<Judge> judge;  // only for a valid system
     if (!problem.refused) judge.emplace(problem);
     std::optional<Reference> reference;
-    constexpr int kSoon = 36;  // coordinates
+    constexpr int kSoon = 36;  // most coordinates that are fast to descend
     if (judge && !problem.may_overflow && problem.anchors.size() <= kSoon)
       reference = reference_of(*judge, problem, seed);
     for (const Attempt& attempt : attempts) {

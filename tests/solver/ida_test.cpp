@@ -13,7 +13,7 @@
 #include "matrices.hpp"
 #include "test_systems.hpp"
 
-// Read by AddressSanitizer, which would rather abort than let an allocation fail.
+// Options for AddressSanitizer, which would otherwise abort when an allocation fails.
 extern "C" __attribute__((visibility("default"), used)) const char* __asan_default_options() {
   return "allocator_may_return_null=1";
 }
@@ -21,7 +21,7 @@ extern "C" __attribute__((visibility("default"), used)) const char* __asan_defau
 namespace asterism {
 namespace {
 
-/// Algorithm 1 word for word, with B, K, C and K_hat as the dense matrices of Eqs. 13-19. Springs are the
+/// Algorithm 1 literally, with B, K, C and K_hat as the dense matrices of Eqs. 13-19. Springs are the
 /// anchors, then the links; nodes are the dynamic ones, then the static ones.
 class LiteralIda {
  public:
@@ -113,7 +113,7 @@ TEST(Ida, SparseAndDenseIteratesAgree) {
   }
 }
 
-// A factorisation keeps its ordering while the topology stays, and notices when it does not.
+// A factorisation keeps its ordering as long as the topology stays the same, and detects a change.
 template <typename Solver>
 void expect_reuse_follows_values_and_topology() {
   using System = SpringSystem<double, 2>;
@@ -233,7 +233,7 @@ TEST(Ida, CoincidentNodesPart) {
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   EXPECT_LT((x - system.anchors).norm(), 1e-4);
 
-  system.anchors.setConstant(5);  // and nothing but the node numbers to tell them apart
+  system.anchors.setConstant(5);  // only the node numbers distinguish them
   x = system.anchors;
   const Summary collapsed = solve_ida(system, x);
   EXPECT_TRUE(collapsed.usable()) << collapsed;
@@ -257,7 +257,7 @@ TEST(Ida, CountsWhatItDoes) {
   EXPECT_EQ(summary.factorizations, 1);
 }
 
-// Anchors beyond the digits of the scalar: refused rather than answered with rounding noise.
+// Anchors too weak for the scalar's precision are refused, as the result would be rounding noise.
 template <typename Solver, typename System>
 void expect_refusal_of_hopeless_stiffness() {
   System system(System::TopologyType::full(4));

@@ -1,4 +1,4 @@
-// Spring systems as JSON: every bit comes back, and every error says where it is.
+// Spring systems as JSON: every bit is restored, and every error names its place.
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -114,7 +114,7 @@ TEST(Json, KeepsLinksThatAreGivenTwice) {
   expect_same(parse_systems<Plane>(file.str()).at(0).system, system);
 }
 
-// Two linked nodes of the plane.
+// Two linked nodes in the plane.
 json pair() {
   return {{"asterism_system", 1},           {"dim", 2},
           {"anchors", {{0, 0}, {10, 1}}},   {"anchor_stiffness", {1, 0.5}},
@@ -171,7 +171,7 @@ TEST(Json, ReadsPlaneAndSpaceFromOneFile) {
   EXPECT_EQ(std::get<1>(systems[1]).start(2, 1), 2);
 }
 
-// What `call` throws.
+// The message of the exception that `call` throws.
 template <typename Call>
 std::string error_of(Call&& call) {
   try {
@@ -182,7 +182,7 @@ std::string error_of(Call&& call) {
   return "(none)";
 }
 
-// The error of `pair` with `key` set to `value`.
+// The error for `pair` with `key` set to `value`.
 std::string error_with(const char* key, const json& value) {
   json object = pair();
   object[key] = value;
@@ -313,7 +313,7 @@ TEST(Json, NamesSourceLineAndSystem) {
   object["dim"] = 4;
   EXPECT_EQ(error_of([&] { parse_systems(object.dump(), "f"); }), "f:1: dim is 4, expected 2 or 3");
 
-  // What is no JSON.
+  // Input that is not JSON.
   using ::testing::HasSubstr;
   using ::testing::StartsWith;
   EXPECT_THAT(error(good + "\n" + good.substr(0, 40)), StartsWith("f:2: not JSON: "));
@@ -339,7 +339,8 @@ TEST(Json, NamesSourceLineAndSystem) {
 }
 
 TEST(Json, SurvivesGarbage) {
-  // Mutations of a good text: each is read or refused with its source's name, and what is read can be solved.
+  // Mutations of a valid text: each is read, or refused with its source's name; systems that are read can be
+  // solved.
   testing::Rng rng(11);
   json object = pair();
   object["fixed"] = {1};
@@ -425,7 +426,7 @@ TEST(Json, WritesNothingThatCannotBeRead) {
   bad.origin = {{"in", std::move(bad.origin)}};
   EXPECT_EQ(error(bad), prefix + "origin is nested more than 98 deep");
   bad = stored;
-  bad.system.anchor_stiffness.setZero();  // nothing holds it: that is for a solver to say
+  bad.system.anchor_stiffness.setZero();  // nothing holds it: reported by a solver
   EXPECT_EQ(error(bad), "(none)");
 }
 

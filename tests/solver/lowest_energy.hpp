@@ -1,6 +1,6 @@
 #pragma once
 
-// What many starts find, for the tests of proofs to be judged by.
+// The lowest energy that many starts find, a reference for the tests of proofs.
 
 #include <algorithm>
 #include <asterism/solver/energy/stationarity.hpp>

@@ -1,6 +1,6 @@
 #pragma once
 
-// What tests ask of matrices, in double and of any size, so that Eigen's larger functions are compiled once.
+// Matrix functions for tests, in double and of any size, so that Eigen's larger functions are compiled once.
 
 #include <gtest/gtest.h>
 
@@ -9,17 +9,16 @@
 
 namespace asterism::testing {
 
-/// Ascending, of the symmetric matrix whose lower triangle is A's.
+/// Ascending eigenvalues of the symmetric matrix with A's lower triangle.
 Eigen::VectorXd eigenvalues(const Eigen::MatrixXd& A);
 /// A^-1, by LU with full pivoting.
 Eigen::MatrixXd inverse(const Eigen::MatrixXd& A);
-/// Whether |a - b| is less than `accuracy` |b|, by the norm.
+/// Whether |a - b| is less than `accuracy` |b|, in the Frobenius norm.
 ::testing::AssertionResult is_near(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b, double accuracy);
-/// Whether all entries are the same.
+/// Whether all entries are equal.
 ::testing::AssertionResult is_same(const Eigen::MatrixXd& a, const Eigen::MatrixXd& b);
 
-/// dF/dx by central differences with step h, x being seen as a vector: a row an entry of F, a column an entry
-/// of x.
+/// dF/dx by central differences with step h: a row per entry of F, a column per entry of x.
 Eigen::MatrixXd differences(const std::function<Eigen::MatrixXd(const Eigen::MatrixXd&)>& F,
                             const Eigen::MatrixXd& x, double h);
 

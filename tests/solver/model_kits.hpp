@@ -1,6 +1,6 @@
 #pragma once
 
-// Models of springs, and what every solver promises for them: shared by the tests of models.
+// Models of springs, and the guarantees of every solver for them; shared by the tests of models.
 
 #include <gtest/gtest.h>
 
@@ -12,7 +12,7 @@
 
 namespace asterism::testing {
 
-/// A user's potential: a spring that gives way, phi = c^2 (sqrt(1 + (r - mu)^2 / c^2) - 1).
+/// A user-defined potential: a spring that yields, phi = c^2 (sqrt(1 + (r - mu)^2 / c^2) - 1).
 struct SoftSpring {
   double c = 0.2;
 
@@ -25,7 +25,7 @@ struct SoftSpring {
   }
 };
 
-/// A cable: pulls when it is taut, does not push.
+/// A cable: pulls when taut, never pushes.
 struct Cable {
   template <typename Scalar>
   Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
@@ -37,7 +37,7 @@ struct Cable {
 template <typename ModelType, int kDimension = 2>
 struct Kit {
   static constexpr int kNodes = 6;
-  // Springs are of a type whose solvers are compiled already.
+  // For springs, a type whose solvers are compiled already.
   static constexpr int kMaxNodes = std::is_same_v<ModelType, Springs> ? Eigen::Dynamic : 8;
   using System = SpringSystem<double, kDimension, Eigen::Dynamic, kMaxNodes, ModelType>;
 
@@ -64,7 +64,7 @@ using Ellipses = Kit<Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
 using Everything = Kit<Model<SoftSpring, Huber, AnchorShape::Anisotropic>, 3>;
 using Plain = Kit<Springs>;
 
-/// From near one of its minima every solver finds that minimum.
+/// From nearby, every solver finds the minimum.
 template <typename Kit, template <typename> typename SolverOf>
 void finds_minimum() {
   using System = typename Kit::System;
@@ -84,8 +84,7 @@ void finds_minimum() {
   }
 }
 
-// Eliminating nodes by hand: their links become anchors on a line of sight, which for springs at rest length
-// 0 are exactly those of the remaining system.
+// Fixed nodes stay at their start; for the others the gradient vanishes.
 template <typename Kit, typename Solver>
 void expect_fixed_nodes_to_stay() {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {
@@ -97,7 +96,7 @@ void expect_fixed_nodes_to_stay() {
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     EXPECT_EQ(x.col(1), start.col(1));
     EXPECT_EQ(x.col(4), start.col(4));
-    // The gradient of the free system vanishes for the others alone.
+    // In the free system the gradient vanishes only for the others.
     system.release(1);
     system.release(4);
     const auto g = gradient(system, x);
@@ -109,7 +108,7 @@ void expect_fixed_nodes_to_stay() {
 
 }  // namespace asterism::testing
 
-// In model_kits.cpp.
+// Instantiated in model_kits.cpp.
 namespace asterism {
 inline namespace ASTERISM_ABI {
 

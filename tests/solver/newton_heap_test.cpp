@@ -53,7 +53,7 @@ void expect_no_heap(int n) {
   EXPECT_EQ(allocations_in([&] { summary = solve(random.system, x); }), 0);
   EXPECT_TRUE(summary.usable()) << summary;
   Certificate certificate;
-  for (const double stretch : {1.0, 1.5}) {  // where springs push, W is factored twice
+  for (const double stretch : {1.0, 1.5}) {  // with compressed springs W is factored twice
     x *= static_cast<typename System::Scalar>(stretch);
     EXPECT_EQ(allocations_in([&] { certificate = certify(random.system, x); }), 0) << "n = " << n;
     EXPECT_NE(certificate.proof, Proof::NotApplicable);
@@ -76,7 +76,7 @@ TEST(Heap, NewtonOfFixedAndBoundedSizesDoesNotUseIt) {
   for (const int n : {1, 4, 30}) expect_no_heap<SpringSystem<float, 3, Eigen::Dynamic, 32>>(n);
 }
 
-// Also shows that the counter counts.
+// Also shows that the counter works.
 TEST(Heap, NewtonOfDynamicSizesUsesItOnce) {
   using System = SpringSystem<double, 2>;
   testing::Rng rng(6);

@@ -54,7 +54,7 @@ TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
       EXPECT_LT(curvature, 0);
       const Eigen::Map<const Eigen::Matrix<double, 8, 1>> v(direction.data());
       EXPECT_LE(v.dot(H * v), curvature + 1e-8 * H.norm() * v.squaredNorm());
-      EXPECT_GT(matrix.solve(step), 0);  // repaired: a direction of descent
+      EXPECT_GT(matrix.solve(step), 0);  // repaired: a descent direction
     }
     matrix.assemble(system, x, true, gradient);
     EXPECT_TRUE(matrix.factorize());
@@ -63,7 +63,7 @@ TEST(NewtonMatrix, AgreesWithTheLibrarysHessianAndEigen) {
   EXPECT_LT(definite, 180);
 }
 
-// One code path unrolled, one with loops.
+// Compares the unrolled code path with the one with loops.
 TEST(NewtonMatrix, SizesAgree) {
   testing::Rng rng(3);
   for (int round = 0; round < 50; ++round) {
@@ -218,7 +218,7 @@ TYPED_TEST(NewtonOf, CoincidentNodesPart) {
     const Summary summary = Newton<TypeParam>().solve(system, x);
     EXPECT_TRUE(summary.usable()) << summary;
     EXPECT_LT(summary.final_energy, summary.initial_energy);
-    system.anchors.setConstant(5);  // nothing but the node numbers to tell them apart
+    system.anchors.setConstant(5);  // only the node numbers distinguish them
     x = system.anchors;
     const Summary collapsed = Newton<TypeParam>().solve(system, x);
     EXPECT_TRUE(collapsed.usable()) << collapsed;
@@ -227,7 +227,7 @@ TYPED_TEST(NewtonOf, CoincidentNodesPart) {
   }
 }
 
-// All on a line, in the wrong order: IDA cannot leave the line.
+// Collinear in the wrong order: IDA cannot leave the line.
 TEST(Newton, LeavesTheLineThatIdaStaysOn) {
   Fixed system(Topology<4>::full());
   system.anchors << 0, 10, 20, 30, 0, 0, 0, 0;
@@ -242,7 +242,7 @@ TEST(Newton, LeavesTheLineThatIdaStaysOn) {
   EXPECT_EQ(ida.positive_definite, -1);
   EXPECT_LT(least_eigenvalue(system, x), -0.1);
 
-  // From the line and from the saddle itself, alike every time.
+  // From the line and from the saddle itself, with the same result every time.
   for (const Fixed::Points& start : {system.anchors, x}) {
     Fixed::Points y = start;
     const Summary newton = Newton(system).solve(system, y);
@@ -264,7 +264,7 @@ TEST(Newton, LeavesTheLineThatIdaStaysOn) {
   EXPECT_EQ(y, x);
 }
 
-// N = 2 between its anchors the wrong way round: the counterexample to convexity.
+// Two nodes in reverse order between their anchors: the counterexample to convexity.
 TEST(Newton, LeavesTheSaddleOfTwoNodes) {
   SpringSystem<double, 2> system(Topology<>::full(2));
   system.anchors << -0.1, 0.1, 0, 0;

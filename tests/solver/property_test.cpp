@@ -1,6 +1,6 @@
-// What holds for any system, on random ones: some thousands, or as many as ASTERISM_PROPERTY_SYSTEMS says,
-// from number ASTERISM_PROPERTY_FIRST on. Energy and forces are written down here once more, in long double;
-// tolerances are what rounding may do.
+// Properties of any system, tested on random ones: 1000, or ASTERISM_PROPERTY_SYSTEMS, from number
+// ASTERISM_PROPERTY_FIRST on. Energy and forces are implemented independently here, in long double;
+// tolerances follow from rounding.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -55,7 +55,7 @@ int environment(const char* name, int otherwise) {
   return value == nullptr ? otherwise : std::atoi(value);
 }
 
-// Calls check(index) for the systems' numbers, or every `stride`-th of them, until one fails.
+// Calls check(index) for the numbers of the systems, or every `stride`-th of them, until one fails.
 template <typename Check>
 void for_each_index(Check&& check, int stride = 1) {
   const int first = environment("ASTERISM_PROPERTY_FIRST", 0);
@@ -73,7 +73,7 @@ int integer(Rng& rng, int low, int high) {  // in [low, high]
   return std::min(high, low + static_cast<int>(rng.uniform(0, high - low + 1)));
 }
 
-// Connected, so that one anchor suffices: full, or a random tree with further links.
+// Connected, so that one anchor suffices: full, or a random tree with additional links.
 template <typename Topology>
 Topology random_topology(Rng& rng, int nodes) {
   if (rng.uniform(0, 1) < 0.3) return Topology::full(nodes);
@@ -89,7 +89,7 @@ Topology random_topology(Rng& rng, int nodes) {
 
 bool is_wild(int index) { return index % 3 == 0; }
 
-// Stiffnesses from 1e-12 to 1e12, of anchors also none.
+// Stiffness from 1e-12 to 1e12; for anchors also zero.
 template <typename System>
 void make_wild(Rng& rng, System& system) {
   const auto wild = [&rng] { return std::pow(10, rng.uniform(-12, 12)); };
@@ -98,7 +98,7 @@ void make_wild(Rng& rng, System& system) {
   system.anchor_stiffness[0] = wild();
 }
 
-// The generator's kinds; one in five with a fixed node, one in five far from the origin.
+// A system of one of the generator's kinds; one in five has a fixed node, one in five is far from the origin.
 template <typename System>
 testing::RandomSystem<System> random_problem(Rng& rng, const typename System::TopologyType& topology,
                                              bool wild) {
@@ -124,7 +124,7 @@ testing::RandomSystem<System> random_problem(int index) {
 
 struct Value {
   long double energy = 0;
-  std::vector<double> forces;  // their norms, node by node
+  std::vector<double> forces;  // norm per node
 
   double force() const {
     return std::sqrt(std::inner_product(forces.begin(), forces.end(), forces.begin(), 0.0));
@@ -174,7 +174,7 @@ double extent(const System& system, const typename System::Points& x) {
   return std::max(x.cwiseAbs().maxCoeff(), system.anchors.cwiseAbs().maxCoeff());
 }
 
-// What energy and force are known to where coordinates are rounded at their own magnitude.
+// The accuracy of energy and force if coordinates are rounded relative to the largest one.
 struct Rounding {
   double energy, force;
 };
@@ -188,8 +188,8 @@ Rounding rounding(const System& system, const typename System::Points& x, long d
           stiffness * step};
 }
 
-// What the energy may rise by in a step of IDA, which has no line search: K_dyn^-1 of what forces are known
-// to. No entry of that inverse is negative, so that forces all of one sign are the worst.
+// How much the energy may rise in a step of IDA, which has no line search: K_dyn^-1 applied to the rounding
+// of the forces. No entry of that inverse is negative, so forces of one sign are the worst case.
 template <typename System>
 double rounding_of_step(const System& system, const typename System::Points& x) {
   using Matrix = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
@@ -215,7 +215,7 @@ double rounding_of_step(const System& system, const typename System::Points& x) 
   return static_cast<double>(System::kDim * force.dot(stiffness.ldlt().solve(force)) / 2);
 }
 
-// Follows solves of one system from one start by a solver that is given more and more iterations.
+// Judges solves of one system from one start as the solver is given more and more iterations.
 template <typename System>
 class Judge {
  public:
@@ -228,8 +228,8 @@ class Judge {
         tolerance_(std::max(tolerance, 8 * kEpsilon * (1 + extent(system_, start_) / length_))),
         stiffness_(node_stiffness(system_)) {}
 
-  // Expects that the energy has not risen, that the summary says what x is, and that it has converged only
-  // where forces are within the tolerance. True where the solver may go on.
+  // Expects that the energy has not risen, that the summary describes x, and that it reports convergence only
+  // if forces are within the tolerance. True if the solver may continue.
   bool goes_on(const Summary& summary, const typename System::Points& x) {
     EXPECT_FALSE(summary.message.empty());
     if (!summary.usable()) {
@@ -276,7 +276,7 @@ using SparseSolvers = std::tuple<
     SparseIda<System>, SparseNewton<System>, Schwarz<System>, Schwarz<System, SparseNewton<System>>,
     NewtonCg<System>, Lbfgs<System>>;
 
-// Calls visit(solve) for each, where solve(max_iterations, x) does.
+// Calls visit(solve) for each solver, where solve(max_iterations, x) runs it.
 template <typename System, typename Solvers, typename Visit>
 void for_each_solver(Solvers& solvers, const System& system, const AlignedOptions& options,
                      const Visit& visit) {
@@ -284,9 +284,10 @@ void for_each_solver(Solvers& solvers, const System& system, const AlignedOption
     SCOPED_TRACE(solver.name());
     solver.options.tolerance = options.tolerance;
     if constexpr (requires { solver.options.align; }) solver.options.align = options.align;
-    // Of stronger anchors, the energy falls; that of the given system may rise on the way.
+    // Continuation lowers the energy of systems with stronger anchors, while that of the given system may
+    // rise.
     if constexpr (requires { solver.options.continuation; }) solver.options.continuation = false;
-    // One type of them all, for visit to be compiled once.
+    // One type for all solvers, so that visit is compiled once.
     visit(std::function<Summary(int, typename System::Points&)>(
         [&](int max_iterations, typename System::Points& x) {
           solver.options.max_iterations = max_iterations;
@@ -296,7 +297,7 @@ void for_each_solver(Solvers& solvers, const System& system, const AlignedOption
   std::apply([&](auto&... solver) { (call(solver), ...); }, solvers);
 }
 
-// Judges each solver after these numbers of iterations, and counts what converged.
+// Judges each solver after these numbers of iterations, and counts the converged solves.
 struct Converged {
   long solves = 0, all = 0;
   template <typename System, typename Solvers>
@@ -444,7 +445,7 @@ TEST(BatchProperty, EnergyNeverRisesAndTheStatusIsTrue) {
   std::printf("%ld of %ld systems converged\n", converged, all);
 }
 
-// Turns or mirrors, moves, scales, relabels, and changes the unit of stiffness.
+// Rotates or reflects, translates, scales, relabels, and changes the unit of stiffness.
 template <typename System>
 class Change {
  public:
@@ -499,14 +500,14 @@ class Change {
   std::vector<int> labels_;
 };
 
-// A minimum, and a start from which each way downhill ends there.
+// A minimum, and a start from which every descent ends there.
 template <typename System>
 struct Basin {
   typename System::Points minimum, start;
-  double curvature = 0;  // there is no less at the minimum
+  double curvature = 0;  // a lower bound at the minimum
 };
 
-// Whether all eigenvalues are above `least`: Cholesky, whose pivots are positive then.
+// Whether all eigenvalues are above `least`: then the pivots of Cholesky are positive.
 bool has_curvature(Eigen::MatrixXd matrix, double least) {
   const Eigen::Index n = matrix.rows();
   for (Eigen::Index k = 0; k < n; ++k) matrix(k, k) -= least;
@@ -520,9 +521,9 @@ bool has_curvature(Eigen::MatrixXd matrix, double least) {
   return true;
 }
 
-// The curvature stays above half of the minimum's within a radius, as a spring's changes by some k mu / r^2 a
-// pixel. The start's energy is too low for the rim. False where there is no such minimum, or rounding is
-// wider.
+// Within a radius the curvature stays above half of that at the minimum, as a spring's curvature changes by
+// about k mu / r^2 per pixel, and the start's energy is too low to leave it. False if there is no such
+// minimum, or the radius is not well above rounding.
 template <typename System>
 bool find_basin(Rng& rng, const testing::RandomSystem<System>& problem, Basin<System>& basin) {
   const System& system = problem.system;
@@ -535,7 +536,7 @@ bool find_basin(Rng& rng, const testing::RandomSystem<System>& problem, Basin<Sy
   for (basin.curvature = stiffness; !has_curvature(at_minimum, basin.curvature); basin.curvature /= 2) {
     if (!(basin.curvature > 1e-6 * stiffness)) return false;
   }
-  double change = 0;  // of the curvature, a pixel
+  double change = 0;  // of the curvature per pixel
   for (int l = 0; const Link& link : system.links()) {
     const double square = (basin.minimum.col(link.i) - basin.minimum.col(link.j)).squaredNorm();
     change += 4 * system.link_stiffness[l] * system.rest_length[l] / square;
@@ -557,7 +558,7 @@ TYPED_TEST(Property, SolutionsMoveWithTheSystem) {
   DenseSolvers<System> solvers;
   AlignedOptions options;
   options.tolerance = 1e-10;
-  options.align = false;  // which may leave the basin
+  options.align = false;  // alignment may leave the basin
   int tried = 0, all = 0;
   for_each_index([&](int index) {
     SCOPED_TRACE(reproduce(index));
@@ -570,8 +571,8 @@ TYPED_TEST(Property, SolutionsMoveWithTheSystem) {
     const Change<System> change(rng, problem.system);
     const System changed = change(problem.system);
     const auto expected = change(basin.minimum);
-    const double unit = change.scale() * change.stiffness();  // of forces
-    // What is left of the forces at either end, numbers being rounded on their way there, too.
+    const double unit = change.scale() * change.stiffness();  // unit of the forces
+    // Remaining forces at either end, including those from the rounding of the changed numbers.
     const double force = unit * (evaluate(problem.system, basin.minimum).force() +
                                  rounding(problem.system, basin.minimum, 0).force) +
                          rounding(changed, expected, 0).force;
@@ -599,7 +600,7 @@ void expect_agreement(const System& system, const Basin<System>& basin, int& tri
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) in_float.fix(i);
   }
-  // What rounding to float does to forces; where that leaves the basin, there is nothing to compare.
+  // Forces caused by rounding to float; if these leave the basin, there is nothing to compare.
   const double stiffness = system.anchor_stiffness.sum() + 2 * system.link_stiffness.sum();
   const double rounded = 8 * static_cast<double>(std::numeric_limits<float>::epsilon()) * stiffness *
                          (extent(system, basin.minimum) + system.rest_length.maxCoeff());

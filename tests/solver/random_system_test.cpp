@@ -1,4 +1,4 @@
-// The random systems are the same everywhere: their digests are stored here.
+// The random systems are the same on all platforms: their digests are stored here.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -50,7 +50,7 @@ TEST(RandomSystem, SizesAndScalarsAreTheSameSystems) {
   }
 }
 
-// As the paper's Sec. 3.2.1 words it, by what the numbers of a system say of each other.
+// The systems follow Sec. 3.2.1 of the paper, as far as relations between their numbers show.
 TEST(RandomSystem, IsThePapers) {
   using System = SpringSystem<double, 2>;
   for (const Kind kind : {Kind::Lit, Kind::Orig, Kind::Disp}) {

@@ -1,4 +1,5 @@
-// The references, Ceres, liblbfgs and nonlinear CG with numeric gradients, by what every solver promises.
+// The references, Ceres, liblbfgs and nonlinear CG with numeric gradients, have the guarantees of every
+// solver.
 #include <gtest/gtest.h>
 
 #include "every_solver.hpp"
@@ -68,9 +69,9 @@ void expect_differences(int energies_a_gradient, double accuracy) {
   const Dynamic2::Points analytic = gradient(system, start);
   const double error = (numeric - analytic).norm() / analytic.norm();
   EXPECT_LT(error, accuracy);
-  EXPECT_GT(error, accuracy * 1e-4);  // they are differences
+  EXPECT_GT(error, accuracy * 1e-4);  // it is not the analytic gradient
 
-  // As many for each gradient that a solve takes, the one at the start included.
+  // A solve takes this many for each gradient, including the one at the start.
   auto x = start;
   NonlinearCg<Dynamic2, Gradient> solver;
   solver.options.tolerance = 1e-6;
@@ -99,7 +100,7 @@ TEST(LiblbfgsWords, AreInTheMessage) {
   EXPECT_EQ(few.message, "LBFGSERR_MAXIMUMITERATION: the maximum number of iterations (-997)");
   EXPECT_EQ(few.iterations, 3);
   EXPECT_EQ(few.energy_evaluations, few.gradient_evaluations);
-  // Where it gives up, it says so, and the library says how far it came.
+  // If liblbfgs gives up, the message says so, and the summary shows how far it came.
   x = start;
   solver.options.max_iterations = 10000;
   solver.options.tolerance = 0;

@@ -1,6 +1,6 @@
 #pragma once
 
-// ASTERISM_TEST_SANITIZED where AddressSanitizer or ThreadSanitizer has replaced malloc.
+// Defines ASTERISM_TEST_SANITIZED if AddressSanitizer or ThreadSanitizer has replaced malloc.
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define ASTERISM_TEST_SANITIZED
 #elif defined(__has_feature)

@@ -1,4 +1,4 @@
-// Alternating minimisation over subdomains: how the nodes are divided, and the minima it finds.
+// Alternating minimisation over subdomains: the partition of the nodes, and the minima it finds.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -297,7 +297,7 @@ TYPED_TEST(SchwarzTest, AnyNumberOfThreadsGivesTheSameBits) {
   }
 }
 
-// Two constellations side by side, nodes without links, fixed nodes, and one node that all others hang on.
+// Two separate constellations, nodes without links, fixed nodes, and one node that is linked to all others.
 TYPED_TEST(SchwarzTest, AnyTopology) {
   ASTERISM_USE_FIXTURE;
   const auto solved = [&](int n, const std::vector<Link>& links, bool fix) {
@@ -357,8 +357,8 @@ TEST(Schwarz, TakesManyNodes) {
   EXPECT_LT(summary.final_energy, 0.1 * summary.initial_energy);
 }
 
-// A node that is linked to all others is next to every subdomain, and its neighbours are no part of them:
-// four times the nodes take four times as long, not sixteen.
+// A node that is linked to all others borders on every subdomain, but its neighbours must not be included in
+// them: four times the nodes must take about four times as long, not sixteen.
 TEST(Schwarz, HubsCostNoMoreThanTheirLinks) {
   const auto seconds = [](int n) {
     std::vector<Link> links;

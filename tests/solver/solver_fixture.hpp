@@ -7,7 +7,7 @@
 
 namespace asterism {
 
-/// Typed tests of a solver C::Solver on systems of type C::System.
+/// Fixture for typed tests of a solver C::Solver on systems of type C::System.
 template <typename C>
 class SolverFixture : public ::testing::Test {
  public:
@@ -19,7 +19,7 @@ class SolverFixture : public ::testing::Test {
   static_assert(asterism::Solver<SolverType, SystemType>);
   static constexpr bool kDouble = std::is_same_v<ScalarType, double>;
 
-  /// In double; float may stop short of the tolerance.
+  /// Required only in double; float may stop short of the tolerance.
   static void expect_converged(const Summary& summary) {
     if (kDouble) {
       EXPECT_EQ(summary.status, Status::Converged) << summary;
@@ -32,7 +32,7 @@ class SolverFixture : public ::testing::Test {
 
 }  // namespace asterism
 
-/// The types of a SolverFixture by their short names, which a dependent base class does not give.
+/// Short names for the types of a SolverFixture, which names from a dependent base class would need.
 #define ASTERISM_USE_FIXTURE                                        \
   using System [[maybe_unused]] = typename TestFixture::SystemType; \
   using Points [[maybe_unused]] = typename TestFixture::PointsType; \

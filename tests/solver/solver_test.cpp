@@ -1,4 +1,4 @@
-// IDA and nonlinear CG by what every solver promises, and the texts of a Summary.
+// IDA and nonlinear CG have the guarantees of every solver; and the texts of a Summary.
 #include <gtest/gtest.h>
 
 #include "every_solver.hpp"

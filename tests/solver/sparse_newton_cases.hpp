@@ -1,7 +1,7 @@
 #pragma once
 
-// Sparse Newton on types of systems by its factorizations; what asterism::solver_compiled does not have is
-// compiled in sparse_newton_cases.cpp.
+// Sparse Newton with its factorisations on types of systems; those that are not in asterism::solver_compiled
+// are compiled in sparse_newton_cases.cpp.
 #include <asterism/solver/method/sparse_newton.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD

@@ -1,4 +1,4 @@
-// Newton's method with a sparse factorisation: Ida's minima, weak anchors, and the sparse Hessian itself.
+// Newton's method with a sparse factorisation: IDA's minima, weak anchors, and the sparse Hessian itself.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -33,7 +33,7 @@ TYPED_TEST_SUITE(SparseNewtonMatrix, MatrixSystems);
 TYPED_TEST(SparseNewtonMatrix, IsTheHessian) {
   using System = TypeParam;
   using Scalar = typename System::Scalar;
-  const std::vector<Link> links = {{3, 0}, {1, 2}, {0, 3}, {4, 1}, {2, 0}, {2, 1}};  // some of them parallel
+  const std::vector<Link> links = {{3, 0}, {1, 2}, {0, 3}, {4, 1}, {2, 0}, {2, 1}};  // some are duplicates
   testing::Rng rng(1);
   const auto [system, x] = testing::random_system<System>(rng, System::TopologyType::from_links(6, links));
   detail::SparseHessian<System, Scalar> sparse;
@@ -53,7 +53,7 @@ TYPED_TEST(SparseNewtonMatrix, IsTheHessian) {
                           .template cast<double>());
   const Eigen::MatrixXd difference = clamped - dense;
   EXPECT_GT(testing::eigenvalues(clamped)[0], 0);
-  EXPECT_GT(testing::eigenvalues(difference)[0], -1e-4 * dense.norm());  // adds curvature alone
+  EXPECT_GT(testing::eigenvalues(difference)[0], -1e-4 * dense.norm());  // only adds curvature
 }
 
 TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
@@ -141,7 +141,7 @@ TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
   }
 }
 
-// What holds the free end of a short link along an axis is across that axis nothing.
+// Across its axis, nothing holds the free end of a compressed link.
 TYPED_TEST(SparseNewtonTest, CurvatureThatIsNoneIsRaised) {
   ASTERISM_USE_FIXTURE;
   System system(System::TopologyType::from_links(2, std::vector<Link>{{0, 1}}));
@@ -236,8 +236,7 @@ TEST(SparseNewton, RobustAndAnisotropicAnchors) {
   EXPECT_EQ(summary.positive_definite, 1);
 }
 
-/// A crumpled sheet of springs in space that does not resist bending, on anchors of `share` of their
-/// strength.
+/// A crumpled sheet of springs in space without bending stiffness, on anchors of stiffness `share`.
 testing::RandomSystem<Space> crumpled_cloth(double share) {
   constexpr int kSide = 16;
   std::vector<Link> links;
@@ -256,8 +255,8 @@ testing::RandomSystem<Space> crumpled_cloth(double share) {
   return {system, grid + testing::random_points<Space>(rng, kSide * kSide, -0.3, 0.3)};
 }
 
-// Weaker anchors move its minimum hardly, and need hardly more steps, where straight steps from the start
-// take thousands.
+// Weaker anchors hardly move the minimum and need hardly more steps, whereas direct steps from the start take
+// thousands.
 TEST(Continuation, FollowsTheMinimumAsAnchorsWeaken) {
   for (const double share : {1e-4, 1e-6, 1e-8}) {
     const auto [system, start] = crumpled_cloth(share);
@@ -267,11 +266,11 @@ TEST(Continuation, FollowsTheMinimumAsAnchorsWeaken) {
     ASSERT_EQ(summary.status, Status::Converged) << summary;
     EXPECT_LT(summary.iterations, 200) << share;
     EXPECT_EQ(summary.positive_definite, 1);
-    // At its end it does not begin again.
+    // A solve from the solution does not begin again.
     auto again = x;
     EXPECT_LE(solver.solve(system, again).iterations, 1);
     EXPECT_EQ(again, x);
-    // Never worse than the start, with any limit.
+    // Never worse than the start, for any limit.
     for (const int limit : {0, 1, 2, 5}) {
       solver.options.max_iterations = limit;
       auto y = start;
@@ -289,7 +288,7 @@ TEST(Continuation, FollowsTheMinimumAsAnchorsWeaken) {
   }
 }
 
-// What is reported on the way are energies and gradients of the system that was given.
+// The energies and gradients reported during continuation are those of the given system.
 TEST(Continuation, ReportsTheGivenSystem) {
   const auto [system, start] = crumpled_cloth(1e-6);
   SparseNewton<Space> solver;

@@ -1,5 +1,5 @@
-// The energy of full topologies, whose springs are taken some at a time, against that of the same links one
-// by one.
+// The energy of full topologies, whose springs are computed several at a time, compared with the same links
+// one by one.
 #include <gtest/gtest.h>
 
 #include <asterism/solver/energy/energy.hpp>
@@ -45,7 +45,7 @@ void expect_same_of_random(std::initializer_list<int> sizes) {
     ASSERT_TRUE(detail::SpringRows<System>::serve(system)) << n;
     expect_same(system, x);
     auto parted = x;
-    parted.col(3) = parted.col(n - 1);  // coincident, the anchors say whereto
+    parted.col(3) = parted.col(n - 1);  // coincident: the anchors define the direction
     expect_same(system, parted);
     parted.col(2).array() = parted.col(n - 2).array() + 1e-30f;
     expect_same(system, parted);
@@ -72,7 +72,7 @@ TEST(SpringRows, AgreeWithSpringsOneByOne) {
 TEST(SpringRows, ServeWhatTheyCan) {
   using Dynamic = SpringSystem<double, 2>;
   EXPECT_TRUE(detail::SpringRows<Dynamic>::serve(Dynamic(Topology<>::full(1024))));
-  EXPECT_FALSE(detail::SpringRows<Dynamic>::serve(Dynamic(Topology<>::full(1025))));  // the stack
+  EXPECT_FALSE(detail::SpringRows<Dynamic>::serve(Dynamic(Topology<>::full(1025))));  // stack limit
   EXPECT_FALSE(detail::SpringRows<Dynamic>::serve(Dynamic(Topology<>::full(8))));
   EXPECT_FALSE(detail::SpringRows<Dynamic>::serve(Dynamic(Topology<>::star(20, 0))));
   using Soft =

@@ -1,4 +1,5 @@
-// The staircase: against many starts, the minima that are known, and what is to pass through it unchanged.
+// The staircase: compared with many starts and known minima, and the inputs that must pass through it
+// unchanged.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -64,7 +65,7 @@ TEST(Staircase, EndsInTheLowestMinimumThatManyStartsFind) {
   expect_lowest<Fixed2f>(Kind::Lit, 4, 100, 0.97, 1e-4);
 }
 
-// Two nodes on a line that have changed places: they cannot pass each other, but in the plane they can.
+// Two nodes on a line that start in swapped order cannot pass each other there, but can in the plane.
 TEST(Staircase, LetsNodesPassEachOther) {
   Line system(Topology<>::full(2));
   system.anchors << 0, 1;
@@ -135,7 +136,7 @@ TEST(Staircase, PassesOnWhatItsMethodSays) {
   staircase.options = {};
   staircase.options.max_iterations = 0;
   EXPECT_EQ(staircase.solve(system, x).status, Status::MaxIterations);
-  // Another size, and the first again: the same to the last bit.
+  // After a system of another size, the first one gives the same bits.
   staircase.options = {};
   const Summary first = staircase.solve(system, x);
   auto [other, other_x] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(9), 3);
@@ -145,7 +146,7 @@ TEST(Staircase, PassesOnWhatItsMethodSays) {
   EXPECT_EQ(again, x);
 }
 
-// Touching links beyond their length, a quadratic is still below the energy, wherever it is taken.
+// Even if it touches links beyond their length, the quadratic is below the energy, wherever it is expanded.
 TEST(Staircase, StretchedMinorisersAreBelowTheEnergy) {
   Rng rng(5);
   detail::Prover<Plane, detail::SparseFactor<double>> prover;
@@ -167,7 +168,7 @@ TEST(Staircase, StretchedMinorisersAreBelowTheEnergy) {
   EXPECT_GT(positive, 100);
 }
 
-// Lower than a robust loss's weights allow to prove, and no lower bound.
+// It lowers the energy, but robust losses allow no lower bound.
 TEST(Staircase, ClaimsNothingOfRobustAnchors) {
   using Robust = SpringSystem<double, 2, 4, 4, Model<Hooke, GemanMcClure>>;
   for (std::uint64_t index = 0; index < 20; ++index) {

@@ -1,7 +1,8 @@
 #pragma once
 
-// The types of systems that several tests use beside those of asterism::solver_compiled, and what they want
-// of all of these: compiled once, in test_systems_*.cpp, where it would take each test seconds a type.
+// The types of systems that several tests use besides those of asterism::solver_compiled, and the functions
+// that they need for all of them: compiled once, in test_systems_*.cpp, as they would take each test seconds
+// per type.
 
 #include <asterism/solver.hpp>
 #include <asterism/testing/random_system.hpp>
@@ -20,16 +21,16 @@ using Fixed2f = SpringSystem<float, 2, 4>;
 using Planef = SpringSystem<float, 2>;
 using Spacef = SpringSystem<float, 3>;
 using Bounded3f = SpringSystem<float, 3, Eigen::Dynamic, 8>;
-/// Robust anchors that are ellipses.
+/// Robust anisotropic anchors.
 using FixedEllipses = SpringSystem<double, 2, 4, 4, Model<Hooke, Huber, AnchorShape::Anisotropic>>;
 
 }  // namespace testing
 
 inline namespace ASTERISM_ABI {
 
-// Each list is of declarations where `Extern` is `extern`, and of definitions where it is nothing.
-// NOLINTBEGIN(bugprone-macro-parentheses): types have none
-// What solvers share.
+// Each list declares if `Extern` is `extern`, and defines if it is empty.
+// NOLINTBEGIN(bugprone-macro-parentheses): types cannot have them
+// Functions that all solvers use.
 #define ASTERISM_TEST_ENERGY(Extern, System)                                                                 \
   Extern template System::Scalar energy(const System&, const System::Points&);                               \
   Extern template System::Scalar energy_and_gradient(const System&, const System::Points&, System::Points&); \

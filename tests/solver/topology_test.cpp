@@ -42,7 +42,7 @@ TEST(Topology, StarLinksTheCentreToTheOthers) {
   EXPECT_TRUE(Topology<>::star(5, -1).defect());
 }
 
-/// Where points may be; each is tried by brute force, and for its time. One line a distribution.
+/// A distribution of points, compared with brute force and timed. One line per distribution.
 struct Distribution {
   const char* name;
   void (*place)(testing::Rng& rng, int i, Eigen::Ref<Eigen::VectorXd> point);
@@ -130,8 +130,8 @@ TEST(Topology, NearestNeighboursAsByBruteForce) {
   }
 }
 
-// Wherever the points are, within some times what points anywhere take; comparing all pairs takes hundreds of
-// times as long.
+// For any distribution the time is within a small multiple of that for uniform points; comparing all pairs
+// takes hundreds of times as long.
 TEST(Topology, NearestNeighboursTakeNoLongerOfOddPoints) {
   constexpr int kNodes = 8000;
   const auto seconds = [](const Eigen::MatrixXd& points) {
@@ -184,7 +184,7 @@ TEST(Topology, RefusesWhatItsTypeCannotHold) {
   EXPECT_TRUE(Topology<>::full(-2).defect());
   const Link repeated[] = {{0, 1}, {1, 0}};
   EXPECT_FALSE(Topology<>::from_links(2, repeated).defect());
-  EXPECT_EQ(Topology<2>::from_links(2, repeated).defect().index, 1);  // room for one link
+  EXPECT_EQ(Topology<2>::from_links(2, repeated).defect().index, 1);  // space for one link
 }
 
 TEST(Topology, HasNoLinksLeftOnceMovedFrom) {

@@ -1,6 +1,6 @@
 #pragma once
 
-// What X11/X.h and X11/Xlib.h define as macros, of words that others use.
+// Common words that X11/X.h and X11/Xlib.h define as macros.
 #define Status int
 #define Bool int
 #define True 1

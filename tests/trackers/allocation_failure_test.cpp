@@ -1,5 +1,5 @@
-// Every allocation of init and update fails once: an exception of memory, and a tracker that can be begun
-// anew as if nothing had been.
+// Makes each allocation in init and update fail once: the exception must be for memory, and the tracker must
+// restart as if nothing had happened.
 #include <gtest/gtest.h>
 
 #include <asterism/trackers/tracker/tracker.hpp>
@@ -15,7 +15,7 @@ namespace {
 
 class OutOfMemory : public ::testing::TestWithParam<const char*> {
  protected:
-  // What f throws, if anything, is of memory.
+  // Runs f, which may throw only exceptions for memory.
   template <typename F>
   static void attempt(F&& f) {
     try {
@@ -26,7 +26,7 @@ class OutOfMemory : public ::testing::TestWithParam<const char*> {
     }
   }
 
-  // As a fresh one.
+  // A new start gives the same as a fresh tracker.
   void expect_new_start(AnyTracker& tracker) const {
     tracker.init(draw_frame(0), true_box(0));
     expect_same(tracker.update(draw_frame(1)), expected_);
@@ -62,7 +62,7 @@ TEST_P(OutOfMemory, InUpdate) {
       testing::fail_each_allocation([&] { attempt([&] { tracker.update(first); }); },
                                     [&](long k) {
                                       SCOPED_TRACE(k);
-                                      tracker.update(second);  // it goes on, from somewhere
+                                      tracker.update(second);  // continues from an unspecified state
                                       expect_new_start(tracker);
                                       tracker = make_tracker(GetParam());
                                       tracker.init(draw_frame(0), true_box(0));

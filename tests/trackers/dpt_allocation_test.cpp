@@ -1,11 +1,11 @@
-// What Dpt takes from the heap once it runs.
+// Counts the heap allocations of Dpt once it runs.
 
 #include <gtest/gtest.h>
 
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <vector>
 #ifdef __GLIBC__
-#include <malloc.h>  // before it is replaced
+#include <malloc.h>  // must precede the replacement of malloc
 #endif
 
 #include "../solver/counting_allocator.hpp"
@@ -14,7 +14,7 @@
 namespace asterism {
 namespace {
 
-// There and back again, for ever.
+// Plays a clip forwards and backwards without end.
 class Clip {
  public:
   Clip() {
@@ -30,7 +30,7 @@ class Clip {
   std::vector<cv::Mat> images_;
 };
 
-// The largest number in one of 30 frames, after ten.
+// The most allocations in one of 30 frames, after ten.
 template <typename Input>
 long allocations_a_frame(Dpt& tracker) {
   const Clip clip;
@@ -48,9 +48,9 @@ TEST(Dpt, TakesLittleFromTheHeapOnceItRuns) {
   DptOptions options;
   options.coarse.use_color = false;
   Dpt plain(options), full;
-  // The parts, links and times of the result, which is the caller's.
+  // The parts, links and times of the result, which the caller owns.
   EXPECT_EQ(allocations_a_frame<Frame>(plain), 3);
-  // OpenCV's two for the gray image.
+  // Two by OpenCV for the gray image.
   EXPECT_LE(allocations_a_frame<cv::Mat>(plain), 3 + 2);
   EXPECT_EQ(allocations_a_frame<Frame>(full), 3);
 }

@@ -33,7 +33,7 @@ Eigen::Matrix3d sample_covariance(const Eigen::Matrix3Xd& samples) {
   return centred * centred.transpose() / static_cast<double>(samples.cols());
 }
 
-// Centre and logarithm of the size of a box that follows its parts.
+// Centre and log size of a box that follows its parts.
 Eigen::Vector3d followed(const Eigen::Matrix2Xd& from, const Eigen::Matrix2Xd& to, TransformModel model,
                          const Eigen::Vector2d& point) {
   const PlaneTransform transform = fit_transform(from, to, model);
@@ -62,7 +62,7 @@ TEST(FitJacobian, IsTheDerivativeOfTheFit) {
     }
 }
 
-// Where turn and scale are undetermined the fit keeps them, and so they do not follow the points.
+// Rotation and scale that the points do not determine are kept, so their derivatives are zero.
 TEST(FitJacobian, OfPointsThatDetermineNoScaleIsThatOfTheTranslation) {
   for (const int n : {1, 3}) {
     const Eigen::Matrix2Xd from = Eigen::Matrix2Xd::Constant(2, n, 7);
@@ -73,7 +73,8 @@ TEST(FitJacobian, OfPointsThatDetermineNoScaleIsThatOfTheTranslation) {
   }
 }
 
-/// A part that always says the same: it is where `law` puts what was started at `first`, looked for `around`.
+/// A part with constant evidence, at law(first, around): `first` is where it started, `around` where it is
+/// searched.
 class StubPart {
  public:
   using Law = std::function<Point2(const Point2& first, const Point2& around)>;
@@ -93,12 +94,12 @@ class StubPart {
   Point2 first_ = Point2::Zero();
 };
 
-// Evidence that is not where the parts were, by a few pixels of no pattern.
+// Evidence that is a few pixels off the parts in no regular pattern.
 Point2 wobbling(const Point2& first, const Point2& around) {
   return around + Point2(3 * std::sin(first.x() + around.y()), 2 * std::cos(first.y() - around.x()));
 }
 
-/// DPT of stub parts; the root moves by (3, 1) a frame.
+/// DPT with stub parts; the root moves by (3, 1) per frame.
 DptOptions stub_options(StubPart::Law law, const Evidence& evidence) {
   DptOptions options;
   options.coarse.use_color = false;
@@ -121,7 +122,7 @@ Eigen::Matrix2Xd positions(const TrackResult& result) {
   return x;
 }
 
-// Samples of exp(-E) itself by random walk, each taken to a box by the fit: neither Hessian nor derivative.
+// Samples exp(-E) by a random walk and fits a box to each sample, without Hessian or derivatives.
 TEST(BoxCovariance, IsThatOfBoxesOfSampledConstellations) {
   Evidence evidence{Point2::Zero(), 0.8, Eigen::Matrix2d(Eigen::Vector2d(0.1, 0.4).asDiagonal())};
   DptOptions options = stub_options(wobbling, evidence);
@@ -169,7 +170,7 @@ TEST(BoxCovariance, IsThatOfBoxesOfSampledConstellations) {
   }
 }
 
-// All evidence in one point: the chain of parts is pressed together along a line, and a saddle.
+// All evidence in one point compresses the chain of parts along a line: a saddle point.
 TEST(BoxCovariance, IsNotThereWhereThePlacementIsNoMinimum) {
   DptOptions options = stub_options([](const Point2&, const Point2&) { return Point2(150, 111.5); },
                                     {Point2::Zero(), 0.8, 4 * Eigen::Matrix2d::Identity()});
@@ -180,8 +181,8 @@ TEST(BoxCovariance, IsNotThereWhereThePlacementIsNoMinimum) {
   EXPECT_FALSE(saddle.update(any_image()).covariance);
 }
 
-// All frames at once: the joint Gaussian of every state, as one linear least-squares problem, of which the
-// last state's marginal is what a filter must have.
+// The joint Gaussian of all frames' states, as one linear least-squares problem; the filter must give the
+// marginal of the last state.
 TEST(ConstantVelocityFilter, IsTheMarginalOfTheJointGaussian) {
   constexpr int kFrames = 12;
   std::mt19937 random(5);
@@ -249,7 +250,7 @@ TrackResult answer(const cv::Rect2d& box, std::optional<Eigen::Matrix3d> covaria
   return result;
 }
 
-/// Says what it was told to.
+/// Returns the given results in order.
 class ScriptedTracker {
  public:
   explicit ScriptedTracker(std::vector<TrackResult> script) : script_(std::move(script)) {}
@@ -261,7 +262,7 @@ class ScriptedTracker {
   std::size_t next_ = 0;
 };
 
-// Moves and grows steadily.
+// A box that moves and grows steadily.
 cv::Rect2d steady(int t) {
   const double scale = std::exp(0.01 * t);
   return box_around({60 + 2.5 * t, 200 - 1.5 * t}, {40 * scale, 30 * scale});
@@ -270,7 +271,7 @@ cv::Rect2d steady(int t) {
 std::vector<TrackResult> filtered(const cv::Rect2d& first, const std::vector<TrackResult>& script,
                                   const KalmanOptions& options = {}) {
   KalmanTracker tracker(ScriptedTracker(script), options);
-  const cv::Mat image(2000, 2000, CV_8UC1, cv::Scalar(0));  // all boxes are in it
+  const cv::Mat image(2000, 2000, CV_8UC1, cv::Scalar(0));  // contains all boxes
   tracker.init(image, first);
   std::vector<TrackResult> results;
   for (std::size_t t = 0; t < script.size(); ++t) results.push_back(tracker.update(image));
@@ -292,7 +293,7 @@ TEST(KalmanTracker, FollowsConstantVelocityExactlyAndBelievesInItWhileLost) {
   EXPECT_LT(distance(results[29].box, steady(30)), 1e-3);
   EXPECT_NEAR(results[29].box.width, steady(30).width, 1e-2);
   EXPECT_EQ(results[29].confidence, 0.7);
-  // Boxes that stay behind while the tracker is lost hardly hold the object back.
+  // Boxes that stop while the tracker is lost hardly slow the filtered box.
   EXPECT_LT(distance(results[34].box, steady(35)), 0.35 * distance(steady(30), steady(35)));
   EXPECT_TRUE(results[34].lost);
   EXPECT_GT((*results[34].covariance)(0, 0), 4 * (*results[29].covariance)(0, 0));
@@ -320,7 +321,7 @@ TEST(KalmanTracker, IsNearerToTheObjectThanItsNoisyTracker) {
     claimed += results[at].covariance->topLeftCorner<2, 2>().trace();
   }
   EXPECT_LT(smooth, 0.6 * noisy);
-  EXPECT_LT(smooth, 1.2 * claimed);  // and it is no surer than it may be
+  EXPECT_LT(smooth, 1.2 * claimed);  // it is not overconfident
 }
 
 TEST(KalmanTracker, KnowsNeitherOriginNorUnitOfTheImage) {

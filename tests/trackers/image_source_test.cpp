@@ -1,5 +1,5 @@
-// What programs read: image files of all kinds, folders, and videos as phones and recorders write them. A new
-// kind is one more line in a table.
+// The input of programs: image files of all kinds, folders, and videos as phones and recorders write them. A
+// new kind is one more line in a table.
 #include "image_source.hpp"
 
 #include <gtest/gtest.h>
@@ -34,7 +34,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// What libraries print of damaged files does not belong into the report.
+// Messages of libraries about damaged files do not belong in the report.
 const bool kSilent = (silence_libraries(), true);
 
 using Bytes = std::string;
@@ -85,7 +85,7 @@ Bytes little(std::uint64_t value, int bytes) { return number(value, bytes, false
 
 Bytes patched(Bytes file, std::size_t at, const Bytes& by) { return file.replace(at, by.size(), by); }
 
-Bytes png_chunk(const Bytes& body) {  // with its name
+Bytes png_chunk(const Bytes& body) {  // body includes the chunk's name
   std::uint32_t crc = ~0u;
   for (const char c : body) {
     crc ^= static_cast<unsigned char>(c);
@@ -94,7 +94,7 @@ Bytes png_chunk(const Bytes& body) {  // with its name
   return number(body.size() - 4, 4) + body + number(~crc, 4);
 }
 
-// Two frames, the second as it is in a PNG of its own.
+// Two frames, the second one taken from a separate PNG.
 Bytes animated_png() {
   const Bytes first = encoded(".png"), second = encoded(".png", {}, 1);
   const auto data = [](const Bytes& png) {
@@ -132,7 +132,7 @@ Bytes stack(int pages) {
   return bytes;
 }
 
-// Two pages of 4 x 2 pixels of gray 10 and 20 in the 64-bit form, in either byte order.
+// Two pages of 4 x 2 pixels with gray levels 10 and 20, in the 64-bit format, in either byte order.
 Bytes big_stack(bool big_endian) {
   const auto n = [&](std::uint64_t value, int bytes) { return number(value, bytes, big_endian); };
   Bytes file = (big_endian ? "MM" : "II") + n(43, 2) + n(8, 2) + n(0, 2) + n(16, 8);
@@ -148,8 +148,8 @@ Bytes big_stack(bool big_endian) {
   return file;
 }
 
-// With another value of a tag in a TIFF as OpenCV writes it, little endian; in its first directory, or that
-// at `directory`.
+// Changes the value of a tag in a little-endian TIFF written by OpenCV, in its first directory or in that at
+// `directory`.
 Bytes with_tag(Bytes tiff, std::uint16_t tag, std::uint32_t value, std::size_t directory = 0) {
   const auto at = [&](std::size_t where, int count) {
     std::size_t found = 0;
@@ -236,7 +236,7 @@ std::vector<File> files() {
 
 class ImageFiles : public Folder, public testing::WithParamInterface<File> {};
 
-// Between two whole frames, by every way in.
+// Each file is put between two intact frames and read through every interface.
 TEST_P(ImageFiles, AreFramesBlankFramesOrRefused) {
   const File& file = GetParam();
   const fs::path path = write("frames/2.img", file.bytes);
@@ -280,7 +280,7 @@ TEST_P(ImageFiles, AreFramesBlankFramesOrRefused) {
   EXPECT_EQ(source.damaged().size(), file.outcome == File::Damaged ? 1u : 0u);
   if (file.outcome == File::Damaged) {
     EXPECT_EQ(source.damaged()[0], "frame 2, " + (folder_ / "frames/2.png").string());
-    // As a first frame, whose size is in its header or unknown.
+    // As the first frame, whose size is in its header or unknown.
     const std::string reason =
         reason_of([&] { EXPECT_EQ(read_frame(folder_ / "frames/2.png").pixels.size(), size); });
     EXPECT_TRUE(reason.empty() || reason.find("a damaged image of unknown size") != std::string::npos)
@@ -293,7 +293,7 @@ INSTANTIATE_TEST_SUITE_P(Kinds, ImageFiles, testing::ValuesIn(files()),
 
 void PrintTo(const File& file, std::ostream* out) { *out << file.name; }
 
-// Whatever the bytes, a header is read without a fault and in a time that their number bounds.
+// Reading a header of any bytes must not fail, and its time is bounded by their number.
 TEST(ImageHeader, IsReadFromAnyBytes) {
   std::vector<File> all = files();
   all.push_back({"BigTiff", big_stack(false), File::Frame});
@@ -311,7 +311,7 @@ TEST(ImageHeader, IsReadFromAnyBytes) {
       EXPECT_TRUE(!header || header->size.width >= 0);
     }
   }
-  // A ring of pages.
+  // A cyclic chain of pages.
   Bytes ring = "II*\0"s + little(8, 4) + little(0, 2) + little(8, 4);
   EXPECT_EQ(
       read_image_header({reinterpret_cast<const unsigned char*>(ring.data()), ring.size()})->pages.size(),
@@ -381,8 +381,8 @@ TEST_F(Folder, AnAnimatedPngIsAVideo) {
 struct Content {
   std::string name;
   std::vector<std::string> files;
-  std::vector<std::string> frames;  // in their order, or ..
-  std::vector<std::string> reason;  // .. what the error says
+  std::vector<std::string> frames;  // in order, or ..
+  std::vector<std::string> reason;  // .. parts of the error message
   std::string pattern = {};
 };
 
@@ -392,7 +392,7 @@ class Folders : public Folder, public testing::WithParamInterface<Content> {};
 
 TEST_P(Folders, AreReadInOrderOrRefused) {
   for (const std::string& file : GetParam().files) write("in/" + file, "");
-  fs::create_directory(folder_ / "in/7.png");  // no frame, it is a folder
+  fs::create_directory(folder_ / "in/7.png");  // a folder, not a frame
   std::vector<std::string> frames;
   const std::string reason = reason_of([&] {
     const ImageSource source = ImageSource::open((folder_ / "in" / GetParam().pattern).string());
@@ -480,7 +480,7 @@ cv::Mat quarters() {
 
 class Videos : public Folder {
  protected:
-  // The matrix in its header is that of a phone held so that frames are to be turned by as many degrees.
+  // A video with the header matrix of a rotated phone: frames must be rotated by `turned` degrees.
   fs::path mp4(int turned) {
     const fs::path path = folder_ / "video.mp4";
     cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', '4', 'v'), 20,
@@ -526,7 +526,7 @@ TEST_F(Videos, OfPhonesStandUpright) {
     ASSERT_TRUE(source.skip(1) && source.next(image));
     EXPECT_EQ(image.size(), degrees % 180 == 0 ? kVideo : cv::Size(kVideo.height, kVideo.width));
     EXPECT_EQ(corners(image), expected);
-    // What the user says counts instead, for images too.
+    // The user's option takes precedence, for images too.
     for (const auto& [asked, answer] : turned) {
       ASSERT_TRUE(ImageSource::open(video, {.rotate = asked}).next(image));
       EXPECT_EQ(corners(image), answer) << asked;
@@ -549,7 +549,7 @@ Bytes element(std::uint32_t id, const Bytes& body) {
   return number(id, length) + '\x01' + number(body.size(), 7) + body;
 }
 
-// Frames at times of their own [ms], announced as 1000 a second.
+// Frames at individual times [ms]; the header announces 1000 per second.
 Bytes matroska(const std::vector<int>& times, int end) {
   double duration = end;
   std::uint64_t bits = 0;
@@ -569,7 +569,7 @@ Bytes matroska(const std::vector<int>& times, int end) {
                                  element(0x1654ae6b, element(0xae, track)) + clusters);
 }
 
-// The same in a container without times: a place for every millisecond, most of them empty.
+// The same in a container without timestamps: one slot per millisecond, most of them empty.
 Bytes avi(const std::vector<int>& times, int end, int rate) {
   const auto chunk = [](const Bytes& name, const Bytes& body) {
     return name + little(body.size(), 4) + body + Bytes(body.size() % 2, '\0');
@@ -649,7 +649,7 @@ TEST_F(Videos, ThatAreCutHaveEndedEarly) {
 
 // ---- Outputs ----
 
-// One line a way to name a file of the input.
+// One line per way to name a file of the input.
 TEST_F(Folder, FilesOfTheInputAreSeenThroughLinks) {
   for (const int t : {1, 2, 3}) write("in/" + std::to_string(t) + ".png", encoded(".png"));
   write("elsewhere/4.png", "");

@@ -1,4 +1,4 @@
-// Videos that are interrupted: frames that show nothing of the scene, or little of it.
+// Interrupted videos: frames that show nothing, or little, of the scene.
 
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ bool in_image(const TrackResult& result, const cv::Mat& image) {
 
 double distance(const cv::Rect2d& a, const cv::Rect2d& b) { return (centre_of(a) - centre_of(b)).norm(); }
 
-// Without the variants of DPT that differ from it in the number of parts and links alone.
+// Without the variants of DPT that differ only in the number of parts and links.
 std::vector<std::string> trackers() {
   std::vector<std::string> names = tracker_names();
   std::erase_if(names,
@@ -35,7 +35,7 @@ std::vector<std::string> trackers() {
 
 class Interrupted : public ::testing::TestWithParam<std::string> {
  protected:
-  // After some frames of the scene.
+  // A tracker after some frames of the scene.
   static constexpr int kSeen = 8;
   AnyTracker running() const {
     AnyTracker tracker = make_tracker(GetParam());
@@ -93,14 +93,14 @@ TEST_P(Interrupted, StaysWhereTheVideoIsFrozenAndFollowsWhereFramesAreMissing) {
   EXPECT_LT(distance(result.box, true_box(kSeen + 7)), 6);
 }
 
-// Neither an object that goes, nor whatever is taken for it, leads the box out of the image.
+// Neither an object that leaves the image nor a false match may lead the box out of it.
 TEST_P(Interrupted, KeepsTheCentreOfItsBoxInTheImage) {
   const cv::Mat wide = draw_frame(0);
   AnyTracker tracker = running();
   const cv::Rect2d box = true_box(kSeen);
   for (int t = 1; t <= 60; ++t) {
     cv::Mat image;
-    const cv::Matx23d camera(1, 0, -6.0 * t, 0, 1, -5.0 * t);  // turns away
+    const cv::Matx23d camera(1, 0, -6.0 * t, 0, 1, -5.0 * t);  // pans away
     cv::warpAffine(draw_frame(kSeen), image, camera, wide.size(), cv::INTER_LINEAR, cv::BORDER_REFLECT);
     ASSERT_TRUE(in_image(tracker.update(image), image)) << t << " from " << box;
   }
@@ -112,7 +112,7 @@ INSTANTIATE_TEST_SUITE_P(All, Interrupted, ::testing::ValuesIn(trackers()), [](c
   return name;
 });
 
-// A frame that is blank from the start on is nothing to compare with.
+// If the first frame is blank, there is nothing to compare with.
 TEST(InterruptionGate, AVideoMayBeginBlank) {
   const cv::Mat blank(240, 320, CV_8UC3, cv::Scalar::all(128));
   AnyTracker tracker = make_tracker("kcf");
@@ -122,7 +122,7 @@ TEST(InterruptionGate, AVideoMayBeginBlank) {
   EXPECT_TRUE(tracker.update(blank).interrupted);
 }
 
-// Real sequences with frames that show nothing in the place of some of theirs, or between them.
+// Real sequences in which frames without the scene replace some frames or are inserted.
 class InterruptedSequence : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {};
 
 TEST_P(InterruptedSequence, IsTrackedAsWellAsWithoutTheInterruption) {
@@ -139,7 +139,7 @@ TEST_P(InterruptedSequence, IsTrackedAsWellAsWithoutTheInterruption) {
     images.push_back(image.clone());
   ASSERT_EQ(images.size(), kFrames);
 
-  // Average overlap of the frames but the interrupted ones: the video itself, or `replaced` of its frames
+  // Average overlap of the uninterrupted frames: of the video itself, or with `replaced` of its frames
   // replaced and `inserted` ones before them.
   const auto average = [&](const testing::Interruption* kind, int replaced, int inserted) {
     AnyTracker tracker = make_tracker(description);

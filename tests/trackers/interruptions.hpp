@@ -9,18 +9,18 @@
 
 namespace asterism::testing {
 
-/// A way in which a video is interrupted: what comes in the place of frame i of n.
+/// A kind of interruption: `show` gives the image in place of frame i of n.
 struct Interruption {
   std::string name;
   std::function<cv::Mat(const cv::Mat& clean, int i, int n)> show;
-  bool blind;  ///< nothing of the scene is in it, nor anything that an object may look like
+  bool blind;  ///< shows nothing of the scene, nor anything like an object
 };
 
 inline cv::Mat of_one_color(const cv::Mat& like, const cv::Scalar& color) {
   return cv::Mat(like.size(), like.type(), color);
 }
 
-/// Gaussian noise about gray, other in each frame.
+/// Gaussian noise about gray, different in each frame.
 inline cv::Mat gray_noise(const cv::Mat& like, double deviation, int seed) {
   cv::Mat wide(like.size(), CV_MAKETYPE(CV_32F, like.channels())), result;
   cv::RNG(static_cast<std::uint64_t>(seed) + 7).fill(wide, cv::RNG::NORMAL, 128, deviation);
@@ -49,14 +49,14 @@ inline cv::Mat scaled(const cv::Mat& clean, double gain, double offset = 0) {
   return result;
 }
 
-/// The part of a frame that a decoder did not get is gray.
+/// A frame whose part `missing`, which a decoder did not receive, is gray.
 inline cv::Mat with_gray(const cv::Mat& clean, const cv::Rect& missing) {
   cv::Mat result = clean.clone();
   result(missing & cv::Rect({}, clean.size())).setTo(cv::Scalar::all(128));
   return result;
 }
 
-/// All that are tried; a new kind is a line here.
+/// All kinds that are tested; add new ones here.
 inline std::vector<Interruption> interruptions() {
   const auto one_color = [](const cv::Scalar& color) {
     return [color](const cv::Mat& clean, int, int) { return of_one_color(clean, color); };

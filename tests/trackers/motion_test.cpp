@@ -1,4 +1,4 @@
-// What moves otherwise than the camera, on scenes whose motion is known.
+// MotionModel on scenes with known motion of camera and object.
 #include <gtest/gtest.h>
 
 #include <asterism/trackers/constellation/motion.hpp>
@@ -11,7 +11,7 @@
 namespace asterism {
 namespace {
 
-// Noise of about three pixels' grain, the same for a seed.
+// Noise with a grain of about three pixels, determined by the seed.
 cv::Mat texture(cv::Size size, std::uint64_t seed) {
   cv::Mat noise(size, CV_8U);
   cv::RNG(seed).fill(noise, cv::RNG::UNIFORM, 0, 256);
@@ -20,7 +20,7 @@ cv::Mat texture(cv::Size size, std::uint64_t seed) {
   return noise;
 }
 
-// A camera that turns, zooms and pans over a wall, and a poster that moves in front of it.
+// A camera that rotates, zooms and pans over a wall, and a poster that moves in front of it.
 class Scene {
  public:
   cv::Mat image(int frame, const Point2& object) const {
@@ -50,7 +50,7 @@ class Scene {
 struct Means {
   double object = 0, around = 0;
 };
-// Mean posterior of the cells in a box, and of the others in the image.
+// Mean posterior of the cells inside a box and of the others in the image.
 Means means(const Segmentation& segmentation, const cv::Rect2d& box, const cv::Size& image) {
   Means sums, counts;
   for (int row = 0; row < segmentation.posterior.rows; ++row)
@@ -65,7 +65,7 @@ Means means(const Segmentation& segmentation, const cv::Rect2d& box, const cv::S
   return {sums.object / counts.object, sums.around / counts.around};
 }
 
-// The model along the truth; the last frame's means.
+// Runs the model along the true boxes; returns the last frame's means.
 Means follow(const Scene& scene, const Point2& first, const Point2& velocity, int frames) {
   MotionModel model;
   model.init(Frame(scene.image(0, first)), Scene::box(first));
@@ -100,7 +100,7 @@ TEST_F(Motion, OfTheObjectIsSeenWhateverTheCameraDoes) {
       }
 }
 
-// The camera follows the object: in the image only what is behind it moves.
+// The camera follows the object: in the image only the background moves.
 TEST_F(Motion, OfAnObjectThatStandsStillInTheImage) {
   Scene scene;
   scene.pan = {3, 2};
@@ -195,7 +195,7 @@ TEST_F(Motion, CopiesShareNothing) {
   EXPECT_EQ(cv::norm(a.posterior, b.posterior, cv::NORM_INF), 0);
 }
 
-// The flow's solver is one of a thread, and adapts itself to small images.
+// Each thread has one flow solver, which adapts itself to small images.
 TEST_F(Motion, DoesNotDependOnWhatTheThreadDidBefore) {
   const Scene scene;
   const auto last = [&](const cv::Size2d& before) {
@@ -226,7 +226,7 @@ TEST_F(Motion, DoesNotDependOnWhatTheThreadDidBefore) {
     EXPECT_EQ(cv::norm(last(before), expected, cv::NORM_INF), 0) << before;
 }
 
-// An object whose appearance is another in each frame: only its motion tells where it is.
+// The object's appearance changes every other frame: only its motion identifies it.
 TEST_F(Motion, KeepsAnObjectThatNoFilterKnows) {
   const cv::Mat wall = texture({320, 240}, 7);
   const auto last_error = [&](double share) {
@@ -239,7 +239,7 @@ TEST_F(Motion, KeepsAnObjectThatNoFilterKnows) {
     double error = 0;
     for (int i = 0; i < 40; ++i, object.x() += 3) {
       cv::Mat image = wall.clone();
-      // Every other frame has a new poster.
+      // A new poster every other frame.
       texture(size, 100 + static_cast<std::uint64_t>(i / 2))
           .copyTo(
               image(cv::Rect(static_cast<int>(object.x()) - 24, static_cast<int>(object.y()) - 18, 48, 36)));
@@ -251,7 +251,7 @@ TEST_F(Motion, KeepsAnObjectThatNoFilterKnows) {
     return error;
   };
   EXPECT_LT(last_error(0.5), 18);
-  EXPECT_GT(last_error(0), 48);  // without it the object is lost
+  EXPECT_GT(last_error(0), 48);  // without motion the object is lost
 }
 
 TEST(MotionOptionsTest, OutOfRangeAreRefused) {

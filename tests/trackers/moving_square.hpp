@@ -1,6 +1,6 @@
 #pragma once
 
-// A scene that any tracker follows: a bright textured square that moves over dim texture.
+// A scene that every tracker can follow: a bright textured square that moves over a dim texture.
 
 #include <cstdint>
 #include <opencv2/core.hpp>
@@ -17,10 +17,10 @@ inline cv::Mat noise(cv::Size size, int blur, double low, double high, std::uint
   return image;
 }
 
-/// Frames count from 0.
+/// The object's box; frames count from 0.
 inline cv::Rect2d true_box(int frame) { return {60.0 + 3 * frame, 50.0 + frame, 48, 40}; }
 
-/// `blur`: side of the Gaussian that smooths the square's texture [px], odd.
+/// Draws a frame. `blur`: side of the Gaussian that smooths the square's texture [px], odd.
 inline cv::Mat draw_frame(int frame, int blur = 5) {
   static const cv::Mat background = noise({320, 240}, 15, 20, 90, 1);
   cv::Mat image = background.clone();

@@ -15,7 +15,7 @@ namespace {
 const std::vector<cv::Rect2d> kBoxes{
     true_box(0), {150, 120, 60, 50}, {20, 150, 40, 40}, {200, 20, 50, 70}, {100, 60, 40, 60}};
 
-// Takes images alone, and throws where it is told to.
+// A tracker that takes only images, and throws on request.
 struct Fussy {
   bool* throws;
   cv::Rect2d box;
@@ -40,7 +40,7 @@ TEST(MultiTracker, IsAsManySingleTrackersForAnyNumberOfThreads) {
   for (std::size_t i = 0; i < kBoxes.size(); ++i) {
     alone.push_back(make_tracker(trackers[i]));
     alone.back().init(draw_frame(0), kBoxes[i]);
-    // Ids are the user's, and give the order.
+    // Ids are chosen by the user and define the order.
     const int id = 10 - static_cast<int>(i);
     for (MultiTracker& multi : together) multi.add(id, make_tracker(trackers[i]), draw_frame(0), kBoxes[i]);
   }
@@ -67,7 +67,7 @@ TEST(MultiTracker, ObjectsComeAndGoWithoutAnEffectOnOthers) {
   multi.add(1, make_tracker("dpt"), draw_frame(0), kBoxes[0]);
   for (int t = 1; t <= 9; ++t) {
     const cv::Mat image = draw_frame(t);
-    const Frame frame(image);  // shared also by what starts on it
+    const Frame frame(image);  // shared with trackers that start on it
     const std::vector<MultiTracker::Object> found = multi.update(frame);
     ASSERT_EQ(found.size(), t > 3 && t <= 6 ? 2u : 1u);
     expect_same(found[0].result, alone.update(image));
@@ -131,7 +131,7 @@ TEST(KalmanTracker, SharesAFrameThatIsConvertedAlready) {
   EXPECT_THROW(of_frames.init(Frame(draw_frame(0)), {0, 0, 0, 0}), std::invalid_argument);
 }
 
-// A tracker that takes images alone sees the frame's 8-bit pixels.
+// A tracker that takes only images gets the frame's 8-bit pixels.
 TEST(AnyTracker, GivesImagesToATrackerThatKnowsNoFrames) {
   bool throws = false;
   AnyTracker tracker = Fussy{&throws, {}};

@@ -1,4 +1,4 @@
-// OpenCV's interface for our trackers, and its trackers behind ours.
+// The library's trackers behind OpenCV's interface, and OpenCV's trackers as the library's.
 #include <gtest/gtest.h>
 
 #include <asterism/trackers/tracker/multi_tracker.hpp>
@@ -47,7 +47,7 @@ TEST(OpenCvTracker, TakesWhateverOpenCvPassesOn) {
   EXPECT_TRUE(tracker->update(image, box));
 }
 
-// A tracker that says what it is told to.
+// A tracker that reports given results.
 struct Scripted {
   bool lost;
   cv::Rect2d box;
@@ -89,7 +89,7 @@ TEST(OpenCvTracker, ReportsErrorsAsOpenCvDoes) {
   EXPECT_THROW(OpenCvTracker::create("no-such-tracker"), std::invalid_argument);
 }
 
-// One of OpenCV's: it moves on by (3, 1) pixels a frame, until it is out of steps.
+// A cv::Tracker that moves by (3, 1) pixels per frame until its steps are used up.
 class Steps : public cv::Tracker {
  public:
   explicit Steps(int steps) : steps_(steps) {}
@@ -111,7 +111,7 @@ class Steps : public cv::Tracker {
 
 TEST(CvTracker, IsOpenCvsTrackerBehindOurInterface) {
   AnyTracker tracker = CvTracker([] { return cv::makePtr<Steps>(kFrames); });
-  for (const bool gray : {false, true}) {  // started anew, it has all its steps again
+  for (const bool gray : {false, true}) {  // a new start resets its steps
     const auto frame = [gray](int t) {
       cv::Mat image = draw_frame(t);
       if (gray) cv::cvtColor(image, image, cv::COLOR_BGR2GRAY);

@@ -1,5 +1,5 @@
-// Every option of every part model and tracker at the ends of its range and beyond: it is refused by a
-// message that names it, or a start and one more frame take little time and memory.
+// Sets every option of every part model and tracker to the ends of its range and beyond: either a message
+// that names it refuses it, or a start and one more frame take little time and memory.
 
 #include <gtest/gtest.h>
 
@@ -21,14 +21,14 @@
 namespace asterism {
 namespace {
 
-/// A number among the options, and its range.
+/// A numerical option and its range.
 struct Number {
   std::string path;
   OptionRange range;
   bool whole;
 };
 
-/// Walks through options; sets that of `path`, if any, to `value`.
+/// Lists the numerical options; sets the one with the given path, if any, to `value`.
 class Walk final : public OptionVisitor {
  public:
   explicit Walk(std::string path = {}, double value = 0) : path_(std::move(path)), value_(value) {}
@@ -91,7 +91,7 @@ void run_tracker(Tracker tracker) {
     EXPECT_TRUE(std::isfinite(value));
 }
 
-/// What has options: its name, its numbers, and a run with one of them set.
+/// A class with options: its name, its numerical options, and a run with one of them set.
 struct Case {
   std::string name;
   std::vector<Number> numbers;
@@ -128,7 +128,7 @@ DptOptions everything() {
   return options;
 }
 
-// The next model or tracker is a line here.
+// A new model or tracker is added here.
 const std::vector<Case>& cases() {
   static const std::vector<Case> all = {
     part<ColorHistogram, ColorHistogramOptions>("color_histogram"),
@@ -164,7 +164,7 @@ double cpu_seconds() {
   return static_cast<double>(time.tv_sec) + 1e-9 * static_cast<double>(time.tv_nsec);
 }
 
-/// A line of /proc/self/status [MB], or 0.
+/// A value in /proc/self/status [MB], or 0.
 double memory(const std::string& name) {
   std::ifstream status("/proc/self/status");
   for (std::string word; status >> word;)
@@ -172,13 +172,13 @@ double memory(const std::string& name) {
   return 0;
 }
 
-/// What a call takes [s, MB], where the system tells.
+/// The cost of a call [s, MB], if the system reports it.
 struct Cost {
   double seconds, megabytes;
 };
 template <typename Call>
 Cost cost_of(Call call) {
-  std::ofstream("/proc/self/clear_refs") << '5';  // the peak begins at what there is
+  std::ofstream("/proc/self/clear_refs") << '5';  // resets the peak
   const double before = memory("VmRSS"), start = cpu_seconds();
   call();
   return {cpu_seconds() - start, memory("VmHWM") - before};
@@ -187,7 +187,7 @@ Cost cost_of(Call call) {
 #if defined(NDEBUG) && !defined(ASTERISM_TEST_SANITIZED)
 constexpr double kMostSeconds = 2, kMostMegabytes = 300;
 #else
-constexpr double kMostSeconds = 60, kMostMegabytes = 3000;  // freed memory is kept for a while
+constexpr double kMostSeconds = 60, kMostMegabytes = 3000;  // with freed memory that is not returned yet
 #endif
 
 TEST_P(Options, AllNumbersHaveFiniteRanges) {
@@ -241,7 +241,7 @@ TEST_P(Options, AtTheEndsOfTheirRangesTakeLittleTimeAndMemory) {
       const Cost cost = cost_of([&, &path = path] {
         try {
           GetParam().run(path, value);
-        } catch (const std::invalid_argument& error) {  // two options that do not fit together
+        } catch (const std::invalid_argument& error) {  // two options that contradict each other
           EXPECT_NE(std::string(error.what()).find("must"), std::string::npos) << error.what();
         }
       });

@@ -1,4 +1,4 @@
-// Where an object is, under all trackers.
+// The object's pose, which all trackers share.
 
 #include <gtest/gtest.h>
 
@@ -22,7 +22,7 @@ TEST(ObjectPose, TakesPositionsInTheObjectToTheImage) {
   EXPECT_FALSE(pose.covers({10, 5.1}));
 }
 
-// Two steps are as good as the transform that they make up.
+// Two steps move the pose as their composition does.
 TEST(ObjectPose, MovesByStepsAsByTheirProduct) {
   ObjectPose stepped(kBox), moved(kBox);
   const PlaneTransform step{.scale = 1.2, .angle = 0.3, .translation = {4, -1}};
@@ -68,7 +68,7 @@ TEST(ObjectPose, IsSavedAndRestored) {
   EXPECT_EQ(restored.transform().scale, pose.transform().scale);
 }
 
-// Of a size that is not the scale times the first one.
+// The size is not the scale times the first size.
 TEST(ObjectPose, RefusesAStateThatDoesNotHoldTogether) {
   StateArchive written;
   Size2 first(20, 10), size(40, 20);

@@ -1,4 +1,4 @@
-// Where an object is at the start, and the box that is followed.
+// Regions of the object at the start, and the box that is tracked.
 
 #include <gtest/gtest.h>
 
@@ -42,8 +42,8 @@ TEST(Region, OfATurnedBoxItHasTheSameAreaAndCentre) {
   }
 }
 
-// Any polygon against the pixels of its hull, drawn large; the order of the corners does not matter, so that
-// a quadrilateral whose corners cross has the area that it encloses.
+// Compares any polygon with the pixels of its convex hull, drawn large. The order of the corners does not
+// matter, so a self-crossing quadrilateral has the area of its hull.
 TEST(Region, OfAnyPolygonItIsThatOfTheHullsPixels) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> coordinate(100, 900);
@@ -78,7 +78,7 @@ TEST(Region, CornersOnALineHaveTheirBoundingBox) {
   EXPECT_EQ(line.equal_area_box(), line.box());
   const Region point = Region::polygon({{1, 2}, {1, 2}, {1, 2}});
   EXPECT_EQ(point.equal_area_box(), cv::Rect2d(1, 2, 0, 0));
-  // A sliver would be a box of a hundredth of a pixel.
+  // Without a limit the box of a sliver would be a hundredth of a pixel wide.
   const cv::Rect2d sliver = Region::polygon({{0, 0}, {100, 2}, {100, 2.001}, {0, 0.001}}).equal_area_box();
   EXPECT_GE(std::min(sliver.width, sliver.height), 1);
   const double infinity = std::numeric_limits<double>::infinity();
@@ -96,7 +96,7 @@ TEST(Region, MasksAreRefusedWithAReason) {
   expect_near(Region::mask(mask).box(), {4, 6, 10, 5}, 1e-12);
 }
 
-// Trackers of every kind start on it, by image and by frame, as on its box.
+// All kinds of trackers start on a region, by image and by frame, as on its box.
 TEST(Region, TrackersStartOnIt) {
   const Region region = Region::rotated({{130, 100}, {60, 40}, 30});
   const cv::Mat first = draw_frame(0), second = draw_frame(1);

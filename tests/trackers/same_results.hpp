@@ -6,7 +6,7 @@
 
 namespace asterism {
 
-/// Bit for bit, but for the times.
+/// Equality bit for bit, except for the times.
 inline void expect_same(const TrackResult& a, const TrackResult& b) {
   EXPECT_EQ(a.box, b.box);
   EXPECT_EQ(a.angle, b.angle);

@@ -1,5 +1,5 @@
-// DPT on real sequences, one pass from the first box, and from two beside it. Skipped, with a line that says
-// so, where they are absent.
+// DPT on real sequences, one pass each from the first box and from two shifted ones. Skipped with a message
+// if the sequences are missing.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -18,7 +18,7 @@ namespace fs = std::filesystem;
 
 struct Sequence {
   const char* name;
-  double least_overlap;  // of the whole run; measured values are in docs/results/evaluation.md
+  double least_overlap;  // average of the run; measured values are in docs/results/evaluation.md
 };
 
 void PrintTo(const Sequence& sequence, std::ostream* out) { *out << sequence.name; }
@@ -33,8 +33,8 @@ TEST_P(RealSequence, IsTrackedFromTheFirstBox) {
 
   tools::ImageSource source = tools::ImageSource::open(folder.string());
   const auto truth = tools::read_ground_truth(folder / "groundtruth.txt");
-  // Where an object passes others, a start that differs by a millionth of a pixel may end elsewhere: the
-  // median of starts that differ by a pixel is what is judged.
+  // When an object passes similar ones, a start that differs by a millionth of a pixel may end elsewhere. So
+  // the median over starts that differ by a pixel is judged.
   const std::array<cv::Point2d, 3> shifts = {cv::Point2d(0, 0), {1, 0}, {0, 1}};
   std::array<Dpt, shifts.size()> trackers;
   std::array<double, shifts.size()> sums{};
@@ -57,7 +57,7 @@ TEST_P(RealSequence, IsTrackedFromTheFirstBox) {
   EXPECT_EQ(usable, trackers.size() * frames) << "every constellation was solved, and no energy rose";
 }
 
-// Margins below the measured averages are those of start boxes that differ by up to a pixel.
+// The margins below the measured averages allow for start boxes that differ by up to a pixel.
 INSTANTIATE_TEST_SUITE_P(Development, RealSequence,
                          ::testing::Values(Sequence{"FaceOcc1", 0.70}, Sequence{"david", 0.65},
                                            Sequence{"woman", 0.60}),

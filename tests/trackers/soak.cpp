@@ -1,5 +1,5 @@
-// A tracker for as many frames as wanted on a clip that begins anew again and again: after each beginning its
-// results are bit for bit those of a fresh start, it holds no more memory and takes no more time.
+// Runs a tracker for any number of frames on a clip that restarts again and again. After each restart its
+// results must be those of a fresh start bit for bit, and memory and time per frame must not grow.
 //
 //   soak [FRAMES [TRACKER]]
 
@@ -22,7 +22,7 @@ namespace {
 
 constexpr int kClip = 50;  // frames
 
-// FNV-1a of what a tracker answers.
+// FNV-1a hash of a tracker's results.
 class Digest {
  public:
   void add(const TrackResult& result) {
@@ -89,7 +89,7 @@ int soak(long frames, const char* name) {
       "%s: %ld frames from %ld starts, all as from the first; %.2f MB resident, %+.2f MB since the first "
       "tenth;\n%.2f ms of CPU a frame in the first tenth, %.3f times that in the last\n",
       name, rounds * (kClip - 1), rounds, megabytes + grown, grown, milliseconds, drift);
-  // What other processes do to caches and clocks is more than a tenth at times, and more on few frames.
+  // Other processes may change the time by more than a tenth, and by more if there are few frames.
   return grown <= 1 && (drift <= 1.5 || frames < 10000) ? 0 : 1;
 }
 

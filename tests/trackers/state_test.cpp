@@ -47,7 +47,7 @@ std::string refusal(AnyTracker& tracker, const Bytes& state) {
   return "taken";
 }
 
-// Small enough for every byte of its state to be tried.
+// Small enough to change every byte of its state.
 CoarseTracker small_tracker() {
   CoarseOptions options;
   options.use_color = false;
@@ -91,14 +91,14 @@ TEST(State, ARestoredTrackerGoesOnBitByBit) {
     for (int t = 1; t <= 20; ++t) saved.update(draw_frame(t));
     const Bytes state = saved.save();
     EXPECT_EQ(state, saved.save());
-    // Into a new one, and into one that follows something else.
+    // Restore into a new tracker, and into one that follows something else.
     AnyTracker fresh = make(), other = make();
     other.init(draw_frame(9), {100, 90, 70, 30});
     other.update(draw_frame(8));
     fresh.restore(state);
     other.restore(state);
     EXPECT_EQ(fresh.save(), state);
-    // The object is hidden for a while; from there on, too.
+    // The object is hidden for a while; also restore afterwards.
     AnyTracker without = make();
     for (int t = 21; t <= 40; ++t) {
       const cv::Mat image =
@@ -158,7 +158,7 @@ TEST(State, EveryFlippedByteAndEveryLengthIsRefused) {
   }
   damaged.push_back({});
   EXPECT_THROW(target.restore(damaged), std::runtime_error);
-  // It is as it was.
+  // The refused state left the tracker unchanged.
   for (int t = 1; t <= 3; ++t) expect_same(target.update(draw_frame(t)), reference.update(draw_frame(t)));
   EXPECT_EQ(refusal(target, {}), "state: these bytes are not a saved state");
   EXPECT_EQ(refusal(target, Bytes(100)), "state: these bytes are not a saved state");
@@ -168,7 +168,7 @@ TEST(State, EveryFlippedByteAndEveryLengthIsRefused) {
   EXPECT_EQ(refusal(target, state), "taken");
 }
 
-// A state that has been tampered with, its checksum being right: an error, or a tracker that gives boxes.
+// A corrupted state with a correct checksum gives an error, or a tracker that returns boxes.
 TEST(State, NothingInASealedStateCrashes) {
   std::uint32_t random = 1;
   const auto next = [&] { return (random = random * 1664525u + 1013904223u) >> 8; };
@@ -179,7 +179,7 @@ TEST(State, NothingInASealedStateCrashes) {
     int refused = 0;
     for (int i = 0; i < 60; ++i) {
       Bytes changed = state;
-      // Half of them among the options and sizes at the beginning.
+      // Half of the changes are among the options and sizes at the beginning.
       const std::size_t from = kHeader + next() % (i % 2 == 0 ? 2000 : state.size() - kHeader - 8);
       const double values[]{0, -1, 1e308, 1e-308, 1e6, -1e6};
       if (i % 3 == 0)
@@ -204,7 +204,7 @@ TEST(State, NothingInASealedStateCrashes) {
       }
       for (int t = 1; t <= 2; ++t) try {
           target.update(draw_frame(t));
-        } catch (const std::exception&) {  // positions that are not finite are refused by the parts
+        } catch (const std::exception&) {  // parts refuse positions that are not finite
         }
     }
     EXPECT_GT(refused, 20);
@@ -212,7 +212,7 @@ TEST(State, NothingInASealedStateCrashes) {
   }
 }
 
-// As many things as follow, or a model's list would be as long as a damaged number says.
+// Otherwise a model's list would be as long as the damaged number.
 TEST(State, ADamagedLengthIsRefusedBeforeItIsUsed) {
   struct List {
     std::vector<double> values;
@@ -296,7 +296,7 @@ TEST(State, OfWhatHasNoneIsRefused) {
     } catch (const std::invalid_argument& error) {
       EXPECT_EQ(error.what(), reason);
     }
-    tracker.update(draw_frame(1));  // no worse for it
+    tracker.update(draw_frame(1));  // the tracker still works
   }
   EXPECT_THROW(AnyTracker(cases[0].first), std::invalid_argument);
 }

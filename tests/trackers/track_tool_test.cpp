@@ -1,4 +1,4 @@
-// asterism-track as a user runs it: the built program on images and videos made here.
+// Runs asterism-track as a user does: the built program on images and videos made here.
 
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -93,7 +93,7 @@ class TrackTool : public testing::Test {
     return path;
   }
 
-  // The exit code; what the program prints is in out_ and err_ then.
+  // Runs the program and returns its exit code; its output is in out_ and err_.
   int run(const std::string& arguments, bool with_tracker = true) {
     const std::string command = limits_ + "env -u DISPLAY -u WAYLAND_DISPLAY " ASTERISM_TRACK_TOOL " " +
                                 arguments + (with_tracker ? " --tracker kcf" : "") + " > " + path("out") +
@@ -104,7 +104,7 @@ class TrackTool : public testing::Test {
     return WIFEXITED(status) ? WEXITSTATUS(status) : -1;
   }
 
-  // Runs into one line of error that has all of `parts`.
+  // Checks that the run fails with one line of error that has all of `parts`.
   void expect_error(const std::string& arguments, const std::vector<std::string>& parts,
                     bool with_tracker = true) {
     SCOPED_TRACE(arguments);
@@ -115,7 +115,7 @@ class TrackTool : public testing::Test {
       EXPECT_NE(err_.find(part), std::string::npos) << part << " in " << err_;
   }
 
-  // A CSV with frames first .. first + count - 1, in which the boxes are on the object.
+  // Checks that the CSV has frames first .. first + count - 1, with the boxes on the object.
   void expect_boxes(const fs::path& csv, int first, int count) {
     const std::vector<std::string> lines = lines_of(csv);
     ASSERT_EQ(static_cast<int>(lines.size()), count + 1);
@@ -195,7 +195,7 @@ TEST_F(TrackTool, FollowsSeveralObjects) {
   const std::vector<std::string> lines = lines_of(folder_ / "boxes.csv");
   ASSERT_EQ(lines.size(), 2u * kFrames + 1);
   EXPECT_EQ(lines[0], "frame,id,x,y,width,height,confidence,lost,milliseconds");
-  // The first is what it is alone.
+  // The first object's boxes are the same as alone.
   ASSERT_EQ(run(path("images") + kBox + " --out " + path("alone.csv")), 0) << err_;
   const std::vector<std::string> alone = lines_of(folder_ / "alone.csv");
   for (size_t i = 1; i < lines.size(); ++i) {
@@ -233,7 +233,7 @@ TEST_F(TrackTool, WritesOverlayVideoAndContactSheet) {
   ASSERT_FALSE(sheet.empty());
   EXPECT_GT(sheet.cols, 1600);
   EXPECT_GT(sheet.rows, 600);
-  cv::Mat yellow;  // of the eight boxes
+  cv::Mat yellow;  // the eight boxes
   cv::inRange(sheet, cv::Scalar(0, 220, 220), cv::Scalar(40, 255, 255), yellow);
   EXPECT_GT(cv::countNonZero(yellow), 8 * 4 * 40);
 }
@@ -260,8 +260,8 @@ TEST_F(TrackTool, ComparesTrackersOnAContactSheet) {
   expect_error(sequence + " --compare magic --sheet " + sheet, {"magic"});
 }
 
-// The left half of the square is covered from the middle of the run on: its parts, and no others, are shown
-// as not updated from then on.
+// The left half of the square is covered from the middle of the run on: from then on its parts, and no
+// others, are shown as not updated.
 TEST_F(TrackTool, DrawsThePartsWeightsOverTime) {
   fs::create_directories(folder_ / "covered");
   for (int i = 1; i <= kFrames; ++i) {
@@ -302,7 +302,7 @@ TEST_F(TrackTool, DrawsTheLastConstellationBeforeAndAfterItsSolve) {
   EXPECT_GT(both.cols, 1.8 * both.rows);
   expect_error(images + " --constellation " + picture, {"--constellation", "kcf"});
 
-  // There is none in the first frame.
+  // There is no picture of the first frame.
   fs::remove(picture);
   for (const std::string option : {"--constellation", "--timeline"}) {
     expect_error(images + csv() + " --frames 1 --tracker dpt " + option + " " + picture,
@@ -381,7 +381,7 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
     EXPECT_EQ(origin.at("status"), "converged");
     EXPECT_EQ(system.nodes(), 4);
     EXPECT_NE(start, system.anchors);
-    // Solved from its start again, it ends as it did.
+    // Solving it again from its start gives the same result.
     Dpt::Placement x = start;
     const Summary summary = Ida<Dpt::System>(system).solve(system, x);
     EXPECT_NEAR(summary.iterations, origin.at("iterations").get<int>(), 1);
@@ -389,10 +389,10 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
     EXPECT_NEAR(summary.final_energy, origin.at("final_energy").get<double>(), 1e-12);
   }
 
-  // The paper's springs: they can be read as such.
+  // They use the paper's springs, so they can be read as such systems.
   EXPECT_EQ((read_systems<SpringSystem<double, 2>>(path("systems.jsonl")).size()), systems.size());
 
-  // The tracker does not notice.
+  // Recording does not affect the tracker.
   ASSERT_EQ(run(images + " --out " + path("alone.csv"), false), 0) << err_;
   const std::vector<std::string> with = lines_of(path("boxes.csv")), without = lines_of(path("alone.csv"));
   ASSERT_EQ(with.size(), without.size());
@@ -437,7 +437,7 @@ TEST_F(TrackTool, ReportsSystemsThatItCannotRecord) {
   if (fs::exists("/dev/full")) {
     expect_error(images + kBox + dpt + "/dev/full", {"/dev/full", "No space left"}, false);
   }
-  // The former frames' systems are kept where one fails.
+  // The systems of earlier frames are kept when one fails.
   std::ofstream(images + "/img_3.png", std::ios::trunc) << "broken";
   expect_error(images + kBox + dpt + path("s.jsonl"), {"img_3.png"}, false);
   EXPECT_EQ(read_systems(path("s.jsonl")).size(), 1u);
@@ -515,7 +515,7 @@ TEST_F(TrackTool, DoesNotOverwriteTheFilesOfItsInput) {
                {"is the file of"}, false);
   EXPECT_FALSE(fs::exists(images + "/img_99.png") || fs::exists(path("boxes.csv")));
 
-  // New ones that the next run would take for frames; others may lie beside them.
+  // New files that the next run would take for frames are refused; others may be in the same folder.
   refused(images + kBox, " --sheet " + images + "/new.png");
   refused("'" + images + "/img_%d.png'" + kBox, " --sheet " + images + "/img_21.png");
   EXPECT_FALSE(fs::exists(images + "/new.png") || fs::exists(images + "/img_21.png"));
@@ -533,8 +533,8 @@ TEST_F(TrackTool, WritesNoFileTwice) {
   EXPECT_FALSE(fs::exists(file));
 }
 
-// As from a service manager. What is printed lands in no file that takes the streams' numbers, and boxes that
-// nobody can read are an error.
+// As under a service manager. Output must not end up in a file that gets a stream's number, and it is an
+// error if the boxes cannot be written.
 TEST_F(TrackTool, StartsWithClosedStreams) {
   const std::string arguments = make_images("images", 3).string() + kBox + " --tracker kcf --out ";
   for (const std::string closed : {"2>&-", ">&- 2>&-", "<&- >&- 2>&-"}) {
@@ -552,7 +552,7 @@ TEST_F(TrackTool, ReportsAFullDisk) {
 
 TEST_F(TrackTool, ReportsADiskThatFillsUp) {
   const std::string images = make_images("images").string() + kBox;
-  limits_ = "trap '' XFSZ; ulimit -f 1; ";  // blocks of 512 bytes a file
+  limits_ = "trap '' XFSZ; ulimit -f 1; ";  // file size in blocks of 512 bytes
   for (const auto& [option, file] :
        {std::pair(" --out ", "boxes.csv"), {" --save ", "overlay.mp4"}, {" --sheet ", "sheet.png"}})
     expect_error(images + option + path(file), {file});
@@ -677,7 +677,7 @@ TEST_F(TrackTool, RefusesTwoImagesOfAFrame) {
 }
 
 TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {
-  // Far more frames than it can track before the signal comes.
+  // Far more frames than can be tracked before the signal.
   const fs::path image = make_images("images", 1) / "img_1.png";
   fs::create_directory(path("long"));
   for (int i = 1; i <= 3000; ++i) fs::create_symlink(image, path("long/" + std::to_string(i) + ".png"));
@@ -718,7 +718,7 @@ TEST_F(TrackTool, KeepsWhatThereIsWhenInterrupted) {
 
 TEST_F(TrackTool, NotesAVideoThatEndsEarly) {
   const std::string video = make_video().string();
-  // The index at the end goes, the header still announces all frames.
+  // The index at the end is lost; the header still announces all frames.
   fs::resize_file(video, fs::file_size(video) / 2);
   ASSERT_EQ(run(video + kBox + csv()), 0) << err_;
   const std::vector<std::string> lines = lines_of(path("boxes.csv"));
@@ -748,7 +748,7 @@ TEST_F(TrackTool, SurvivesVideosThatAreCutOrDamaged) {
   }
 }
 
-// As a camera that is pulled out amid a frame: what there is until then is kept.
+// As when a camera is unplugged within a frame: results so far are kept.
 TEST_F(TrackTool, KeepsWhatThereIsWhenACameraDisappears) {
   const std::string stream = read(make_video()), camera = path("camera.avi");
   ASSERT_EQ(mkfifo(camera.c_str(), 0600), 0);

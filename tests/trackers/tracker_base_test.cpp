@@ -1,4 +1,4 @@
-// What a tracker gets from TrackerBase.
+// Functions that trackers inherit from TrackerBase.
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 namespace asterism {
 namespace {
 
-// Moves its box to the right, and counts what it is asked for.
+// Moves its box to the right, and counts the calls.
 template <class Gate>
 class Drifting : public TrackerBase<Drifting<Gate>, Gate> {
  public:

@@ -28,11 +28,11 @@ namespace {
 
 using testing::texture;
 
-// A textured object on a textured background, moved along a known path.
+// A textured object that moves along a known path on a textured background.
 class Scene {
  public:
   Scene() : background_(texture(240, 320, 3)), object_(texture(64, 48, 9)) {
-    // Reddish, so that the color model has something to hold on to.
+    // Reddish, so that the color model can distinguish it.
     object_ += cv::Scalar(0, 0, 80);
     background_ += cv::Scalar(60, 0, 0);
   }
@@ -69,7 +69,7 @@ TEST_P(Trackers, FollowsAMovingObject) {
 TEST_P(Trackers, IsDeterministicAndStartsAnew) {
   const Scene scene;
   AnyTracker once = make_tracker(GetParam()), twice = make_tracker(GetParam());
-  // A life before must leave no trace, not even with another frame size.
+  // Earlier use must leave no trace, even with another frame size.
   twice.init(texture(100, 100, 5), {20, 20, 30, 40});
   twice.update(texture(100, 100, 6));
   once.init(scene.frame(0), Scene::box(0));
@@ -77,7 +77,7 @@ TEST_P(Trackers, IsDeterministicAndStartsAnew) {
   for (int t = 1; t <= 10; ++t) expect_same(once.update(scene.frame(t)), twice.update(scene.frame(t)));
 }
 
-// No test but a program of its own, which prints every bit of a run for the test below.
+// Not a test but a helper program: prints every bit of a run for the test below.
 TEST_P(Trackers, DISABLED_Digest) {
   const Scene scene;
   AnyTracker tracker = make_tracker(GetParam());
@@ -92,7 +92,7 @@ TEST_P(Trackers, DISABLED_Digest) {
   }
 }
 
-// The same boxes bit for bit in every process, FFT plans included.
+// Results are the same bit for bit in every process.
 TEST_P(Trackers, GivesTheSameBitsInAnotherProcess) {
   if (!std::filesystem::exists("/proc/self/exe")) GTEST_SKIP() << "no /proc/self/exe here";
   const std::string self = std::filesystem::read_symlink("/proc/self/exe").string();
@@ -102,7 +102,7 @@ TEST_P(Trackers, GivesTheSameBitsInAnotherProcess) {
     std::string digest;
     FILE* pipe = popen((self + " --gtest_also_run_disabled_tests --gtest_filter=" + filter).c_str(), "r");
     if (pipe == nullptr) return digest;
-    std::string line(1 << 16, '\0');  // hundreds of parts fit
+    std::string line(1 << 16, '\0');  // room for hundreds of parts
     while (std::fgets(line.data(), static_cast<int>(line.size()), pipe) != nullptr)
       if (line.starts_with("digest")) digest += line.c_str();
     pclose(pipe);
@@ -113,7 +113,7 @@ TEST_P(Trackers, GivesTheSameBitsInAnotherProcess) {
   EXPECT_EQ(first, run());
 }
 
-// The same pixels in any form that Frame takes give the same boxes.
+// The same pixels in every format that Frame accepts give the same boxes.
 TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
   const Scene scene;
   const auto convert = [](const cv::Mat& image, int code) {
@@ -136,7 +136,7 @@ TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
     const std::vector<std::function<cv::Mat(int)>> forms{
         [&](int t) { return deepen(frame(t), CV_16U); }, [&](int t) { return deepen(frame(t), CV_32F); },
         with_alpha, [&](int t) { return deepen(with_alpha(t), CV_16U); },
-        [&](int t) {  // a part of a larger image: rows with a gap between
+        [&](int t) {  // part of a larger image: rows with gaps between them
           cv::Mat large;
           cv::copyMakeBorder(frame(t), large, 3, 3, 5, 5, cv::BORDER_CONSTANT);
           return large(cv::Rect({5, 3}, frame(t).size()));
@@ -148,13 +148,13 @@ TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
       trackers.push_back(make_tracker(GetParam()));
       trackers.back().init(form(0), Scene::box(0));
     }
-    // LGT's box reaches parts that join beside the object: without color little speaks against them.
+    // LGT's box includes parts that were added beside the object: without color little prevents that.
     const double near = GetParam() == "lgt" && !color ? 8 : 2;
     for (int t = 1; t <= 5; ++t) {
       const TrackResult result = expected.update(frame(t));
       EXPECT_NEAR(result.box.x, Scene::box(t).x, near) << t;
       for (std::size_t i = 0; i < forms.size(); ++i) {
-        // Gray levels in four channels are color video without colors, to models that count colors.
+        // Models that use color treat gray levels in four channels as a color video.
         const bool another = !color && (i == 2 || i == 3);
         if (another) {
           EXPECT_NEAR(trackers[i].update(forms[i](t)).box.x, Scene::box(t).x, near) << t;
@@ -163,7 +163,7 @@ TEST_P(Trackers, TakesGrayAndAlphaAndDeepImages) {
         }
       }
     }
-    // A gray frame in a color video is a frame like any other, and the other way round.
+    // A gray frame in a color video is valid, and vice versa.
     EXPECT_NO_THROW(expected.update(color ? convert(frame(6), cv::COLOR_BGR2GRAY) : scene.frame(6)));
   }
 }
@@ -187,7 +187,7 @@ TEST_P(Trackers, RefusesBadStartsAndKeepsItsState) {
   for (int t = 1; t <= 3; ++t) expect_same(tracker.update(scene.frame(t)), reference.update(scene.frame(t)));
 }
 
-// The inputs of reference trackers' crashes: thin, tiny, as large as the frame, over its edge, on a constant
+// Boxes that crashed reference trackers: thin, tiny, as large as the frame, across its edge, on a constant
 // image.
 TEST_P(Trackers, HandlesOddBoxes) {
   const cv::Mat first = texture(720, 1280, 2), second = testing::shifted(first, 1, 1);
@@ -210,8 +210,7 @@ TEST_P(Trackers, HandlesOddBoxes) {
   for (int t = 0; t < 3; ++t) EXPECT_NEAR(tracker.update(flat).box.x, 100, 5);
 }
 
-// Frames that have nothing in common drive models and constellation wherever they like, but not out of the
-// numbers.
+// Unrelated frames may drive models and constellation anywhere, but all numbers stay finite.
 TEST_P(Trackers, SurvivesNoise) {
   AnyTracker tracker = make_tracker(GetParam());
   tracker.init(texture(120, 160, 1), {50, 40, 40, 30});
@@ -237,7 +236,7 @@ TEST_P(Trackers, SurvivesAChangeOfFrameSize) {
   }
 }
 
-// Without the variants of DPT that are options of another name (MakeTracker.VariantsAreOptions).
+// Without the variants of DPT that only set options (MakeTracker.VariantsAreOptions).
 std::vector<std::string> distinct_names() {
   std::vector<std::string> names = tracker_names();
   std::erase_if(names,
@@ -280,7 +279,7 @@ TEST(MakeTracker, TakesOptionsAsJson) {
   EXPECT_EQ(parts(R"(coarse{"use_color": false, "root": "mosse"})"), 0u);
 }
 
-// Names of variants are options.
+// The names of variants stand for options.
 TEST(MakeTracker, VariantsAreOptions) {
   const Scene scene;
   const auto last = [&](std::string_view description) {
@@ -303,7 +302,7 @@ TEST(MakeTracker, VariantsAreOptions) {
   }
 }
 
-// The options that are listed make the same tracker, and are listed alike.
+// The listed options make the same tracker, and list the same.
 TEST(TrackerOptions, AreADescription) {
   const Scene scene;
   std::vector<std::string> descriptions = tracker_names();
@@ -360,15 +359,15 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
   EXPECT_EQ(refusal("kalman{\"of\": " + deep), "kalman: options nested more than 100 deep");
 }
 
-// The root of the coarse layer may be any model: with color where it has a response map, alone where not.
+// Any model can be the root of the coarse layer: with color if it has a response map, otherwise without.
 TEST(Coarse, AnyModelCanBeTheRoot) {
   const Scene scene;
   PartRegistry registry;
   for (const std::string& model : registry.names()) {
     CoarseOptions options;
     options.root = registry.make(model);
-    // A color field that has converged, level on the object: some responses are so flat around their maximum
-    // that they would follow its slope.
+    // Color options with which the random field converges and the posterior is flat on the object: some
+    // models' responses are so flat at their maximum that they would follow a slope.
     options.color = ColorOptions();
     CoarseTracker tracker(options);
     tracker.init(scene.frame(0), Scene::box(0));
@@ -380,7 +379,7 @@ TEST(Coarse, AnyModelCanBeTheRoot) {
 }
 #endif
 
-// The object vanishes: the tracker says so.
+// The tracker reports that the object has vanished.
 TEST(Coarse, ReportsALostTarget) {
   const Scene scene;
   Dpt tracker;
@@ -389,7 +388,7 @@ TEST(Coarse, ReportsALostTarget) {
   EXPECT_TRUE(tracker.update(cv::Mat(240, 320, CV_8UC3, cv::Scalar(20, 200, 20))).lost);
 }
 
-// The mean posterior of the box leads to the object where its filter sees nothing.
+// The mean posterior of the box leads to the object where the filter finds nothing.
 TEST(Coarse, ColorAloneFindsTheObject) {
   const Scene scene;
   CoarseOptions options;
@@ -415,10 +414,10 @@ TEST(Dpt, PartsTileTheBoxAndTheirSpringsFollowTheEquations) {
     EXPECT_LT((part.position - centre_of(quarter)).norm(), 1.5) << i;
     EXPECT_TRUE(part.updated) << i;
   }
-  // The placement is a stationary point of the energy of the springs that it was found with.
+  // The placement is a stationary point of the energy of its spring system.
   EXPECT_TRUE(tracker.summary().usable());
   EXPECT_LE(tracker.summary().final_energy, tracker.summary().initial_energy);
-  // alpha_spr = 0.95: nominal lengths are nearly those of the new placement.
+  // alpha_spr = 0.95: the rest lengths nearly equal those of the new placement.
   ASSERT_EQ(result.links.size(), static_cast<std::size_t>(tracker.springs().link_count()));
   for (int l = 0; const Link& link : result.links) {
     const double now = (result.parts[static_cast<std::size_t>(link.i)].position -
@@ -428,7 +427,8 @@ TEST(Dpt, PartsTileTheBoxAndTheirSpringsFollowTheEquations) {
   }
 }
 
-// Nine parts of the size of four: they still cover the box, the middle of one on the corner of its neighbour.
+// Nine parts of the size of four: together they still cover the box, each part's centre on its neighbour's
+// corner.
 TEST(Dpt, OverlappingPartsCoverTheBox) {
   const Scene scene;
   DptOptions options;
@@ -465,7 +465,7 @@ TEST(Dpt, ShowsWhatItSolves) {
   for (int t = 1; t <= 10; ++t) {
     const TrackResult result = watched.update(scene.frame(t));
     expect_same(result, alone.update(scene.frame(t)));
-    // The recorded system leads from the recorded start to the tracker's own placement.
+    // Solving the recorded system from the recorded start gives the tracker's own placement.
     ASSERT_EQ(solves.size(), static_cast<std::size_t>(t));
     const Solve& last = solves.back();
     Dpt::Placement x = last.start;
@@ -499,7 +499,7 @@ TEST(Dpt, GoesOnAfterAnObserverThatThrows) {
   }
 }
 
-// Half of the object is covered: the covered parts must not learn the cover.
+// Half of the object is covered: the covered parts must not learn the occluder.
 TEST(Dpt, OccludedPartsAreNotUpdated) {
   const Scene scene;
   Dpt tracker;
@@ -519,7 +519,7 @@ TEST(Dpt, OccludedPartsAreNotUpdated) {
   EXPECT_EQ(right_updates, 0);
 }
 
-// An object that grows is followed in size through its constellation, and through a scale filter.
+// The size of a growing object is followed through its constellation, and through a scale filter.
 TEST(Dpt, FollowsSize) {
   const cv::Mat background = texture(240, 320, 3), object = texture(60, 60, 9);
   const auto frame = [&](double scale) {
@@ -539,10 +539,10 @@ TEST(Dpt, FollowsSize) {
     TrackResult result;
     for (int t = 0; t < 40; ++t) result = tracker.update(frame(scale *= 1.01));
     EXPECT_NEAR(result.box.width, 60 * scale, 8) << share;
-    // Parts that follow keep their share of the box; the others their size.
+    // Parts that are resized keep their share of the box; the others keep their size.
     const double side = share > 0 ? result.box.width / 2 : 30;
     for (const PartState& part : result.parts) EXPECT_NEAR(part.size.x(), side, 1e-9) << share;
-    // The placement has the box's size.
+    // The placement is scaled with the box.
     if (share > 0) {
       const double spread = (result.parts[1].position - result.parts[0].position).norm();
       EXPECT_NEAR(spread, result.box.width / 2, 0.1 * spread) << share;
@@ -555,11 +555,11 @@ TEST(TrackResult, CornersGoRoundTheTurnedBox) {
   result.box = {10, 20, 40, 10};
   using Corners = std::array<cv::Point2d, 4>;
   EXPECT_EQ(result.corners(), (Corners{{{10, 20}, {50, 20}, {50, 30}, {10, 30}}}));
-  // A quarter turn from x to y about the middle (30, 25): what was at the top left is at the top right.
+  // A quarter turn from x to y about the middle (30, 25): the top left corner becomes the top right one.
   result.angle = std::acos(-1) / 2;
   const Corners expected{{{35, 5}, {35, 45}, {25, 45}, {25, 5}}}, found = result.corners();
   for (std::size_t i = 0; i < 4; ++i) EXPECT_LT(cv::norm(found[i] - expected[i]), 1e-12) << i;
-  // A part, whose position is a pixel's centre.
+  // A part, whose position refers to a pixel's centre.
   PartState part;
   part.position = {29.5, 24.5};
   part.size = {40, 10};
@@ -567,7 +567,7 @@ TEST(TrackResult, CornersGoRoundTheTurnedBox) {
   for (std::size_t i = 0; i < 4; ++i) EXPECT_LT(cv::norm(of_part[i] - expected[i]), 1e-12) << i;
 }
 
-// An object that turns is followed in its angle through its parts.
+// The angle of a rotating object is followed through its parts.
 TEST(Dpt, FollowsRotation) {
   const cv::Mat background = texture(240, 320, 3) + cv::Scalar(60, 0, 0),
                 object = texture(60, 80, 9) + cv::Scalar(0, 0, 80);
@@ -585,7 +585,7 @@ TEST(Dpt, FollowsRotation) {
     TrackResult result;
     for (int t = 0; t < 30; ++t) result = tracker.update(frame(angle += step));
     EXPECT_NEAR(result.angle, angle, 0.12) << "filters that learn the turning appearance lag behind";
-    // The corners are where those of the drawn object are, in coordinates of pixels' edges.
+    // The corners match those of the drawn object, in coordinates of pixel edges.
     const double c = std::cos(angle), s = std::sin(angle);
     for (std::size_t i = 0; i < 4; ++i) {
       const double x = i == 1 || i == 2 ? 40 : -40, y = i >= 2 ? 30 : -30;
@@ -663,7 +663,7 @@ TEST(Stiffness, BothLawsOfAnAnchorAreOneWhereNoDirectionIsSpecial) {
   Evidence evidence{{3, 4}, 0.7, 5 * Eigen::Matrix2d::Identity()};
   EXPECT_NEAR(static_stiffness(evidence), 0.07, 1e-15);  // w / sigma^2
   EXPECT_TRUE(static_information(evidence).isApprox(0.07 * Eigen::Matrix2d::Identity()));
-  // Unsure along a diagonal: softer there, by as much.
+  // Uncertain along a diagonal: softer there in proportion.
   const Eigen::Vector2d along = Eigen::Vector2d(1, 1).normalized(),
                         across = Eigen::Vector2d(1, -1).normalized();
   evidence.covariance = 9 * along * along.transpose() + across * across.transpose();
@@ -713,7 +713,7 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = 0; });
   refused([](DptOptions& o) { o.grid_cols = -1; });
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 5; });
-  refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 65536; });  // a product of 0 in 32 bits
+  refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 65536; });  // the product is 0 in 32 bits
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
   refused([](DptOptions& o) { o.solver.options = {{"tolerance", -1.0}}; });
@@ -731,7 +731,7 @@ TEST(Lgt, FollowsSize) {
   cv::Mat background = texture(240, 320, 3) + cv::Scalar(60, 0, 0),
           object = texture(60, 60, 9) + cv::Scalar(0, 0, 80);
   const auto frame = [&](double side) {
-    // Sub-pixel: the object is drawn by a transform.
+    // Warped, so that size and position are sub-pixel.
     cv::Mat image = background.clone();
     const double scale = side / 60;
     const cv::Matx23d place(scale, 0, 160 - 29.5 * scale, 0, scale, 120 - 29.5 * scale);
@@ -743,9 +743,9 @@ TEST(Lgt, FollowsSize) {
   double side = 60;
   TrackResult result;
   for (int t = 0; t < 40; ++t) result = tracker.update(frame(side *= 1.01));
-  // Histograms, which see where a part is coarsely, follow it at a distance.
+  // Histograms locate a part only coarsely, so the size lags behind.
   EXPECT_GT(result.box.width, 61);
-  // The box goes as far as its outermost part does, and the background rests as well as the object does.
+  // The box extends to the outermost part, and the background is as still as the object.
   EXPECT_NEAR(result.box.x + result.box.width / 2, 160, 8);
 }
 
@@ -804,7 +804,7 @@ TEST(Delaunay, LinksNeighboursAlone) {
   const Topology<> links = delaunay(points);
   EXPECT_EQ(links.link_count(), 8);
   for (const auto& [i, j] : links.links()) EXPECT_NE(i + j, 3) << "a diagonal";
-  // Few points, points on a line, points that coincide.
+  // Few points, coincident points, collinear points.
   EXPECT_EQ(delaunay(points.leftCols(2)).link_count(), 1);
   EXPECT_GE(delaunay(ElasticConstellation::Points::Ones(2, 4)).link_count(), 0);
   ElasticConstellation::Points line(2, 4);
@@ -812,7 +812,7 @@ TEST(Delaunay, LinksNeighboursAlone) {
   EXPECT_GE(delaunay(line).link_count(), 3);
 }
 
-// Lgt predicts the motion: the object moves five deviations of the search a frame in the end.
+// Lgt predicts the motion: finally the object moves five deviations of the search per frame.
 TEST(Lgt, FollowsANearlyConstantVelocity) {
   const cv::Mat background = texture(240, 320, 3), object = texture(64, 48, 9);
   double x = 20, velocity = 0;
@@ -854,7 +854,7 @@ TEST(Lgt, SaysHowTheObjectTurns) {
   }
 }
 
-// The box of the first frame has only two thirds of the object: parts join on the rest.
+// The first box covers only two thirds of the object: parts are added on the rest.
 TEST(Lgt, PartsJoinWhereTheObjectIs) {
   const cv::Mat shades = texture(240, 320, 3);
   const cv::Rect2d object(130, 90, 60, 60);
@@ -875,7 +875,7 @@ TEST(Lgt, PartsJoinWhereTheObjectIs) {
 
 #ifdef ASTERISM_TEST_JSON
 TEST(Lgt, BadPartsLeave) {
-  // The lower half of the object changes, and stays so.
+  // The lower half of the object changes permanently.
   const Scene scene;
   const auto changed = [&](int t) {
     cv::Mat image = scene.frame(t);

@@ -29,7 +29,7 @@ TEST(FitTransform, RecoversASimilarity) {
     }
 }
 
-// The residual of the fit against Eigen's umeyama and against perturbed transforms: no one is better.
+// The residual of the fit is no larger than that of Eigen's umeyama and of perturbed transforms.
 TEST(FitTransform, IsTheLeastSquaresFit) {
   const Eigen::Matrix2Xd from = square();
   Eigen::Matrix2Xd to = 1.1 * from;
@@ -53,7 +53,7 @@ TEST(FitTransform, IsTheLeastSquaresFit) {
       PlaneTransform other = best;
       other.translation.x() += d;
       EXPECT_GT(residual(other), residual(best));
-      other = best;  // turned about the centroid
+      other = best;  // rotated about the centroid
       other.angle += d;
       other.translation += best(from.rowwise().mean()) - other(from.rowwise().mean());
       EXPECT_GT(residual(other), residual(best));
@@ -92,7 +92,7 @@ TEST(FitRobustTransform, IgnoresWhatDoesNotAgree) {
   EXPECT_EQ(none.transform.scale, truth.scale);
 }
 
-// One point says nothing of angle and scale: they stay what they were.
+// One point does not determine angle and scale: they are kept.
 TEST(FitRobustTransform, KeepsWhatThePointsDoNotDetermine) {
   const PlaneTransform start{1.4, 0.5, {3, 4}};
   Eigen::Matrix2Xd from(2, 3), to(2, 3);
@@ -109,7 +109,7 @@ TEST(FitRobustTransform, KeepsWhatThePointsDoNotDetermine) {
   for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {
     expect_moved(from.leftCols(1), to.leftCols(1), Eigen::VectorXd::Ones(1), model);
     expect_moved(from, to, Eigen::Vector3d(0.7, 0, 0), model);
-    // Coincident ones, whose mean is rounded.
+    // Coincident points, whose mean is rounded.
     expect_moved(from.col(0).replicate(1, 7), to.col(0).replicate(1, 7), Eigen::VectorXd::Constant(7, 0.3),
                  model);
   }

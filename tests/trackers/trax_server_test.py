@@ -156,7 +156,7 @@ class Server(unittest.TestCase):
             else:
                 session.say("frame", image, "number=1")
             box, properties = session.state()
-            if polygon:  # of a tracker that does not turn
+            if polygon:  # the tracker does not rotate
                 points, box = box, [box[0], box[1], box[4] - box[0], box[5] - box[1]]
                 self.assertEqual(rounded(points), rounded(corners(*box)))
             self.assertEqual(len(box), 4)

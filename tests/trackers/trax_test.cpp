@@ -1,4 +1,4 @@
-// TraX: its messages, and asterism-trax as a client runs it.
+// The messages of the TraX protocol, and asterism-trax as a client runs it.
 
 #include <gtest/gtest.h>
 #include <signal.h>
@@ -37,7 +37,7 @@ namespace fs = std::filesystem;
 using Type = TraxMessage::Type;
 using testing::Test;
 
-// The reason of the TraxError that `call` throws; empty where it throws none.
+// The reason of the TraxError that `call` throws; empty if it throws none.
 template <class Call>
 std::string reason_of(Call call) {
   try {
@@ -61,7 +61,7 @@ TEST(TraxMessages, ReadAsTheProtocolWritesThem) {
   EXPECT_EQ(parse_trax_message("@@TRAX:quit \r"), (TraxMessage{Type::Quit, {}, {}}));
   EXPECT_EQ(parse_trax_message("@@TRAX:status 1,2,3,4"), (TraxMessage{Type::State, {"1,2,3,4"}, {}}))
       << "the old name of state, and no quotes";
-  // libtrax leaves a blank at the end of each line.
+  // libtrax writes a blank at the end of each line.
   EXPECT_EQ(
       parse_trax_message(R"(@@TRAX:hello "trax.version=4" trax.name=ncc "trax.image=path;memory;" )"),
       (TraxMessage{
@@ -298,7 +298,7 @@ class Trax : public Test {
     folder_ = name;
     for (int i = 0; i < kFrames; ++i) {
       images_.push_back(draw_frame(i));
-      // A name with all that a line could stumble over.
+      // A file name with all characters that need quoting or escapes.
       files_.push_back(folder_ / ("a=b \"" + std::to_string(i) + "\" \\n\n.png"));
       ASSERT_TRUE(cv::imwrite(files_.back().string(), images_.back()));
     }
@@ -322,7 +322,7 @@ class Trax : public Test {
     return {std::istreambuf_iterator<char>(file), {}};
   }
 
-  // A tracker of the shell: what it answers, one line of input each.
+  // A tracker as a shell script, which answers one line of input at a time.
   std::string script(const std::string& text) const {
     const fs::path path = folder_ / "tracker.sh";
     std::ofstream(path) << text;
@@ -337,8 +337,8 @@ class Trax : public Test {
     return images;
   }
 
-  // A rectangle is the tracker's box; a polygon the start's, by the similarity of the plane that takes the
-  // start's box to it.
+  // For a rectangle, the region is the tracker's box; for a polygon, it is the first polygon moved by the
+  // similarity transform that takes the first box to it.
   static void expect_region(const Region& region, const Region& start, const TrackResult& result) {
     ASSERT_EQ(region.is_rectangle(), start.is_rectangle());
     if (start.is_rectangle()) {
@@ -360,7 +360,7 @@ class Trax : public Test {
     }
   }
 
-  // What the tracker says through TraX is what it says when called.
+  // Through TraX the tracker gives the same results as when it is called directly.
   static void expect_same_track(TraxClient& client, const std::vector<TraxImage>& images,
                                 const std::vector<Region>& objects, const std::string& name = "kcf") {
     std::vector<AnyTracker> trackers;
@@ -397,7 +397,7 @@ class Trax : public Test {
     }
   }
 
-  // What asterism-trax answers to `input` on its standard input.
+  // The answer of asterism-trax to `input` on its standard input.
   struct Answer {
     int code;
     std::vector<std::string> lines;
@@ -416,7 +416,7 @@ class Trax : public Test {
     return answer;
   }
 
-  // The session ends with `part` in the reason that the client is told and in one line of error.
+  // The session must end with `part` in the reason that the client is told and in one line of error.
   void expect_error(const std::string& input, const std::string& part,
                     const std::string& options = "--tracker kcf") {
     SCOPED_TRACE(input.substr(0, 200));
@@ -457,7 +457,7 @@ TEST_F(Trax, TracksAsTheTrackerDoesInAllVersions) {
     EXPECT_EQ(client.hello().contains("trax.channels"), version >= 2);
     EXPECT_EQ(client.hello().contains("trax.multiobject"), version >= 4);
     expect_same_track(client, sequence(true), {rectangle()});
-    expect_same_track(client, sequence(false), {polygon()});  // begins anew
+    expect_same_track(client, sequence(false), {polygon()});  // starts again
   }
   EXPECT_EQ(log(), "") << "nothing but the protocol";
 }
@@ -482,7 +482,7 @@ TEST_F(Trax, TurnsAPolygonWithTheObject) {
   for (const int version : {3, 4}) {
     TraxClient client(server("--tracker dpt --trax-version " + std::to_string(version)));
     expect_same_track(client, turning, {start}, "dpt");
-    // It has turned by some degrees, and clockwise on the screen as the object has.
+    // It has rotated by some degrees, clockwise on the screen like the object.
     const Region last = *client.frame(turning.back())[0].region;
     const auto direction = [](const Region& region) {
       const cv::Point2d d = region.points()[1] - region.points()[0];
@@ -511,7 +511,7 @@ TEST_F(Trax, TakesImagesInAllEncodings) {
   }
 }
 
-// An object is kept over images that are damaged, and they are counted; a start in one is refused.
+// Tracking continues over damaged images, which are counted; a start in one is refused.
 TEST_F(Trax, TakesDamagedImagesAsBlank) {
   std::vector<unsigned char> bytes;
   cv::imencode(".jpg", images_[3], bytes);
@@ -562,7 +562,7 @@ TEST_F(Trax, TakesARangeForDeepImages) {
 TEST_F(Trax, TracksSeveralObjectsInVersion4) {
   const Region other = Region::rectangle({200, 100, 40, 60});
   TraxClient client(server(4));
-  expect_same_track(client, sequence(true), {rectangle(), other, polygon()});  // each in its own form
+  expect_same_track(client, sequence(true), {rectangle(), other, polygon()});  // each in its own format
   expect_same_track(client, sequence(true), {other});
   TraxClient single(server(3));
   EXPECT_THROW(single.initialize(files_[0], {rectangle(), other}), std::invalid_argument);
@@ -652,7 +652,7 @@ TEST_F(Trax, EndsASessionOfALineWithoutEnd) {
 }
 
 TEST_F(Trax, NoticesThatTheClientIsGone) {
-  // The reply has no reader any more.
+  // Nobody reads the reply any more.
   const std::string at = folder_.string();
   std::ofstream(folder_ / "in") << initialize();
   EXPECT_EQ(std::system(("(sleep 0.3; cat " + at + "/in) | (timeout 60 " + server() + " 2> " + at +
@@ -690,7 +690,7 @@ TEST_F(Trax, RefusesItsArgumentsInOneLine) {
   }
 }
 
-// ---- The client and trackers of others ----
+// ---- The client and other trackers ----
 
 constexpr char kHello[] = "echo '@@TRAX:hello trax.version=3 trax.image=path trax.channels='\n";
 
@@ -847,7 +847,7 @@ TEST_F(Trax, ClientSaysWhatIsWrongWithTheTracker) {
   expect_reply("while true; do echo '@@TRAX:hello'; done", "answers with hello");
 }
 
-// Each of these would be taken for the answer to a later image.
+// Each of these would be mistaken for the answer to a later image.
 TEST_F(Trax, ClientRefusesWhatItHasNotAskedFor) {
   constexpr char kState[] = "@@TRAX:state 1,2,3,4\\n",
                  kHi[] = "@@TRAX:hello trax.version=3 trax.image=path\\n";
@@ -932,8 +932,8 @@ TEST_F(Trax, ClientKeepsTheTrackerWhereAnImageIsMissing) {
 }
 
 TEST_F(Trax, ClientWritesWhileTheTrackerPrints) {
-  // Neither side could go on if both only wrote; and a tracker that has quit is heard although it reads no
-  // more.
+  // If both sides only wrote, neither could continue. The message of a tracker that has quit is read even
+  // though it no longer reads.
   TraxClientOptions options = logged();
   options.timeout = 20;
   const std::string printing = "head -c 3000000 /dev/zero | tr '\\0' x | fold -w 1000; echo\n";
@@ -950,7 +950,7 @@ TEST_F(Trax, ClientWritesWhileTheTrackerPrints) {
 }
 
 TEST_F(Trax, ClientLeavesNoProcessBehind) {
-  // The shell's child, and one that does not heed quit.
+  // A child of the shell, which does not react to quit.
   const std::string pid = (folder_ / "pid").string();
   const auto start = std::chrono::steady_clock::now();
   {
@@ -962,7 +962,7 @@ TEST_F(Trax, ClientLeavesNoProcessBehind) {
   std::ifstream file(pid);
   pid_t child = 0;
   ASSERT_TRUE(file >> child);
-  // It is this process's no more to wait for; the system may take a moment to forget it.
+  // The child is not this process's to wait for; the system may take a moment to remove it.
   const auto is_there = [&] {
     std::ifstream stat("/proc/" + std::to_string(child) + "/stat");
     std::string number, name, state;

@@ -1,4 +1,4 @@
-// Trackers on NumPy images.
+// Bindings of the trackers, whose images are NumPy arrays.
 
 #include <pybind11/stl.h>
 
@@ -20,7 +20,7 @@ namespace asterism::python {
 
 namespace {
 
-/// The image's pixels as they are, where those of a row are next to each other; else `copy` holds them.
+/// The image's pixels without a copy if those of each row are contiguous; otherwise `copy` holds them.
 cv::Mat mat_of(const py::object& image, py::array& copy) {
   if (!py::isinstance<py::array>(image)) {
     throw py::type_error("image: expected a NumPy array, found " + type_name(image));
@@ -55,7 +55,7 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
 }
 
 using Range = std::optional<std::pair<double, double>>;
-/// ValueError for one that Frame would refuse.
+/// Raises ValueError for a range that Frame would refuse.
 std::optional<PixelRange> range_of(const Range& range) {
   if (!range) return {};
   const PixelRange found{range->first, range->second};
@@ -63,8 +63,8 @@ std::optional<PixelRange> range_of(const Range& range) {
   return found;
 }
 
-/// Where an object is at the start: x, y, width, height; the corners of a polygon, flat or (N, 2); or a mask
-/// of bool or uint8 of the image's size. ValueError for anything else.
+/// The object's region in the first frame: x, y, width, height; the corners of a polygon, flat or (N, 2); or
+/// a mask of bool or uint8 of the image's size. Raises ValueError for anything else.
 Region region_of(const py::object& object, const cv::Size& image) {
   const auto array = py::array::ensure(object);
   if (!array) {
@@ -91,8 +91,8 @@ Region region_of(const py::object& object, const cv::Size& image) {
   return *region;
 }
 
-/// What make_tracker and tracker_options take. TypeError for options that are no dict of numbers, bools,
-/// names and dicts.
+/// The description that make_tracker and tracker_options take. Raises TypeError for options that are not a
+/// dict of numbers, bools, names and dicts.
 std::string description_of(const std::string& name, const py::object& options) {
   if (options.is_none()) return name;
   if (!py::isinstance<py::dict>(options)) {
@@ -111,7 +111,7 @@ std::string description_of(const std::string& name, const py::object& options) {
 
 py::dict dict_of(const std::string& json) { return py::module_::import("json").attr("loads")(json); }
 
-/// All options of a tracker that a description stands for.
+/// All options of the tracker with this description.
 py::dict options_of(const std::string& description) {
   py::dict options = dict_of(tracker_options(description));
   options.attr("pop")("tracker");
@@ -134,8 +134,8 @@ py::dict part_options(const std::string& name) {
 #endif
 }
 
-/// The arguments of a call by position and by name, of which the first `required` must be there, and the
-/// others are None by default: for functions of images, as pybind11's own TypeError prints all arguments.
+/// The arguments of a call, by position and by name: the first `required` must be given, the others default
+/// to None. Used for functions that take images, as pybind11's own TypeError would print all arguments.
 class Arguments {
  public:
   Arguments(const char* function, std::vector<const char*> names, std::size_t required, const py::args& args,
@@ -163,14 +163,14 @@ class Arguments {
 
   const py::object& operator[](std::size_t i) const { return values_[i]; }
 
-  /// One of another type.
+  /// Argument i, converted.
   template <typename T>
   T as(std::size_t i, const char* expected) const {
     const bool is_number = !std::is_same_v<T, int> ||
                            (PyIndex_Check(values_[i].ptr()) != 0 && !py::isinstance<py::bool_>(values_[i]));
     try {
       if (is_number) return values_[i].template cast<T>();
-    } catch (const py::cast_error&) {  // refused below
+    } catch (const py::cast_error&) {  // reported below
     }
     refuse(std::string("expected ") + expected + " as '" + names_[i] + "', found " + type_name(values_[i]));
   }

@@ -20,15 +20,15 @@ as_root() {
   if [[ $(id -u) == 0 ]]; then "$@"; else sudo "$@"; fi
 }
 
-# The package itself is not installed: only the one file is wanted, and some systems leave documentation out when they
-# install.
+# Downloads the package without installing it: only this file is needed, and some systems skip documentation
+# on installation.
 fetch_video() {
   command -v apt-get >/dev/null || fail "vtest.avi comes from a Debian package: without apt, put it into $data"
-  # As root, apt would drop to a user that may not write here, and warn.
+  # As root, apt would switch to a user that may not be allowed to write here, and warn.
   local download=(apt-get -q -o APT::Sandbox::User=root download opencv-doc)
   echo "fetching the video (Debian package opencv-doc, about 95 MB)"
   work=$(mktemp -d -p "$data")
-  trap 'rm -rf "$work"' EXIT  # so that an interrupted download is not taken for the file
+  trap 'rm -rf "$work"' EXIT  # so that an interrupted download leaves nothing behind
   cd "$work"
   if ! "${download[@]}" >/dev/null 2>&1; then
     as_root apt-get update -qq

@@ -15,7 +15,7 @@ constexpr std::size_t kMostParts = 16;
 const cv::Scalar kPaper(24, 24, 24), kAxis(150, 150, 150), kBlocked(50, 40, 150), kOrange(40, 140, 255),
     kYellow(0, 255, 255);
 
-// Of the timeline.
+// Layout of the timeline [px].
 constexpr int kLeft = 110, kRight = 20, kFooter = 34, kStrip = 110, kStripGap = 10;
 constexpr int kShots = 10;
 const cv::Size kShot(150, 150);
@@ -34,7 +34,7 @@ void blend(cv::Mat area, const cv::Scalar& color, double opacity) {
 }  // namespace
 
 void Timeline::add(const cv::Mat& frame, const TrackResult& result, int number) {
-  if (frames_++ == 0 && result.parts.empty()) return;  // the start
+  if (frames_++ == 0 && result.parts.empty()) return;  // the result of init
   if (result.parts.empty() || result.parts.size() > kMostParts ||
       (!moments_.empty() && moments_.front().weights.size() != result.parts.size()))
     throw std::runtime_error("--timeline: needs a tracker with 1 to 16 parts whose number does not change");
@@ -53,7 +53,7 @@ double Timeline::position(int number) const {
   return last > first ? (number - first) / (last - first) : 0.5;
 }
 
-// Each place of the film shows the frame that is nearest to its middle in time.
+// Each place in the film shows the frame nearest in time to the middle of that place.
 void Timeline::draw_film(const cv::Mat& film) const {
   const std::vector<Shot>& shots = shots_.members();
   const std::size_t parts = moments_.front().weights.size();

@@ -10,12 +10,12 @@
 
 namespace asterism::tools {
 
-/// The parts' weights over a run, a strip of time for each, with the threshold of the update gate (gray);
-/// above them frames of the run, each at its time. A part's strip is red while it is not updated.
+/// The parts' weights over a run: a strip along time for each, with the threshold of the update gate (gray),
+/// and above them frames of the run at their times. The strip of a part is red while it is not updated.
 class Timeline {
  public:
-  /// `result` has no parts at the run's start. Throws std::runtime_error where a tracker has none in a later
-  /// frame, more than 16, or another number than before.
+  /// `result` may lack parts only at the start of the run. Throws std::runtime_error if a later one has none,
+  /// more than 16, or a different number than before.
   void add(const cv::Mat& frame, const TrackResult& result, int number);
   /// Empty before the first frame with parts.
   cv::Mat draw() const;
@@ -31,7 +31,7 @@ class Timeline {
     Still still;
     TrackResult result;
   };
-  double position(int number) const;  // on the axis of time, in [0, 1]
+  double position(int number) const;  // on the time axis, in [0, 1]
   void draw_film(const cv::Mat& film) const;
   void draw_strip(cv::Mat strip, std::size_t part, double top) const;
 
@@ -40,8 +40,9 @@ class Timeline {
   Thinned<Shot> shots_;
 };
 
-/// The constellation as its solve starts and as it ends, side by side: parts and springs (stretched: orange,
-/// pressed: blue, at most 0.1 % off their nominal length: white), and where each part looks best (crosses).
+/// The constellation before and after its solve, side by side: parts and springs (stretched: orange,
+/// compressed: blue, at most 0.1 % off their nominal length: white), and the best match of each part
+/// (crosses).
 cv::Mat draw_solve(const cv::Mat& frame, const SolveWatch::Solve& solve, const TrackResult& result,
                    int number);
 

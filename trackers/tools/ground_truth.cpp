@@ -17,11 +17,11 @@ namespace {
 
 bool is_whole(double value) { return std::isfinite(value) && value == std::floor(value); }
 
-// Why the numbers of one line are not an annotation; empty where they are one.
+// The reason why the numbers of one line are not an annotation; empty if they are.
 std::string reason_against(const std::string& line, const std::vector<double>& v) {
   if (line.starts_with('m')) return "masks are not supported: boxes or polygons are needed";
   if (v.size() == 1 && is_whole(v[0]) && v[0] >= 0)
-    return {};  // the toolkit's code of a frame without object
+    return {};  // the toolkit's code for a frame without an object
   if (v.size() < 4 || v.size() % 2 != 0)
     return "4, 6, 8, .. numbers expected: x,y,width,height or the corners of a polygon";
   if (std::any_of(v.begin(), v.end(), [](double d) { return std::isinf(d); }))
@@ -59,13 +59,13 @@ std::vector<std::string> read_lines(const std::filesystem::path& path) {
 }
 
 bool are_mot_lines(std::span<const std::vector<double>> lines) {
-  std::map<double, double> last;  // frame of each id
+  std::map<double, double> last;  // last frame of each id
   size_t columns = 0;
   double first = 2;
   for (const std::vector<double>& line : lines) {
     if (line.empty()) continue;
     if (columns == 0) columns = line.size();
-    // Eight numbers are VOT's polygons.
+    // Eight numbers are polygons of VOT.
     if (line.size() != columns || columns < 6 || columns > 10 || columns == 8) return false;
     if (!is_whole(line[0]) || !is_whole(line[1]) || !(line[4] > 0) || !(line[5] > 0)) return false;
     const auto [found, is_new] = last.emplace(line[1], line[0]);
@@ -89,7 +89,7 @@ std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path
   std::vector<std::optional<Region>> truths;
   size_t first_empty = 0, first_code = 0;
   for (size_t i = 0; i < lines.size(); ++i) {
-    // Empty lines may end the file; before an annotation they would silently shift all frames that follow.
+    // Empty lines are allowed at the end of the file; elsewhere they would silently shift all later frames.
     if (lines[i].find_first_not_of(" \t") == std::string::npos) {
       if (first_empty == 0) first_empty = i + 1;
       continue;
@@ -97,7 +97,7 @@ std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path
     if (first_empty != 0) fail(first_empty, "empty line");
     if (const std::string reason = reason_against(lines[i], numbers[i]); !reason.empty()) fail(i + 1, reason);
     if (first_code == 0 && numbers[i].size() == 1) first_code = i + 1;
-    std::optional<Region> region = to_region(numbers[i]);  // NaN and codes are none
+    std::optional<Region> region = to_region(numbers[i]);  // none for NaN and codes
     if (region && region->box().empty()) region.reset();
     truths.push_back(std::move(region));
   }

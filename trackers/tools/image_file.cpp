@@ -19,7 +19,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Reads numbers of a file; what is beyond its end is 0 and sets `ended`.
+// Reads numbers from a file; beyond its end they are 0, and `ended` is set.
 class Bytes {
  public:
   explicit Bytes(std::span<const unsigned char> bytes, bool big_endian = true)
@@ -41,7 +41,7 @@ class Bytes {
       value = value << 8 | bytes_[static_cast<std::size_t>(at) + (big_endian_ ? i : count - 1 - i)];
     return value;
   }
-  // The first 0xff from there on; the size where there is none.
+  // Position of the first 0xff from `at` on; the size if there is none.
   std::size_t find_ff(std::size_t at) const {
     const void* found = at < size() ? std::memchr(bytes_.data() + at, 0xff, size() - at) : nullptr;
     return found == nullptr
@@ -59,13 +59,13 @@ cv::Size size_of(std::uint64_t width, std::uint64_t height) {
   return {static_cast<int>(std::min(width, kMost)), static_cast<int>(std::min(height, kMost))};
 }
 
-// Marker by marker to the end of the image; what may follow it (padding, a preview, a clip) does not count.
+// Reads marker by marker to the end of the image; anything after it (padding, a preview, a clip) is ignored.
 ImageHeader read_jpeg(std::span<const unsigned char> file) {
   Bytes bytes(file);
   ImageHeader header{.size = {}, .whole = false};
   for (std::size_t at = 2; (at = bytes.find_ff(at)) + 1 < bytes.size();) {
     const auto marker = static_cast<unsigned>(bytes.number(at + 1, 1));
-    if (marker == 0xff) {  // filling
+    if (marker == 0xff) {  // padding
       ++at;
       continue;
     }
@@ -96,7 +96,7 @@ std::uint32_t crc32(std::span<const unsigned char> bytes) {
   return ~crc;
 }
 
-// Chunk by chunk; those that an image can do without (their names begin with a small letter) may be damaged.
+// Reads chunk by chunk. Ancillary chunks (their names begin with a small letter) may be damaged.
 ImageHeader read_png(std::span<const unsigned char> file) {
   Bytes bytes(file);
   ImageHeader header{.size = size_of(bytes.number(16, 4), bytes.number(20, 4)), .whole = false};
@@ -116,7 +116,7 @@ ImageHeader read_png(std::span<const unsigned char> file) {
 ImageHeader read_bmp(std::span<const unsigned char> file) {
   Bytes bytes(file, false);
   if (bytes.number(14, 4) == 12) return {.size = size_of(bytes.number(18, 2), bytes.number(20, 2))};
-  const auto height = static_cast<std::int32_t>(bytes.number(22, 4));  // negative: from top to bottom
+  const auto height = static_cast<std::int32_t>(bytes.number(22, 4));  // negative: rows from top to bottom
   return {.size = size_of(bytes.number(18, 4), static_cast<std::uint64_t>(std::abs(std::int64_t{height})))};
 }
 
@@ -125,7 +125,7 @@ ImageHeader read_tiff(std::span<const unsigned char> file) {
   const bool big = bytes.number(2, 2) == 43;
   const unsigned word = big ? 8 : 4, counts = big ? 8 : 2, entry = big ? 20 : 12;
   ImageHeader header;
-  std::set<std::uint64_t> seen;  // a chain of pages may be a ring
+  std::set<std::uint64_t> seen;  // a damaged chain of pages may be cyclic
   for (std::uint64_t page = bytes.number(big ? 8 : 4, word); page != 0 && seen.insert(page).second;) {
     std::uint64_t width = 0, height = 0, kind = 0;
     const std::uint64_t count = bytes.number(page, counts);
@@ -138,7 +138,7 @@ ImageHeader read_tiff(std::span<const unsigned char> file) {
       if (tag == 257) height = bytes.number(value, bits);
     }
     if (bytes.ended()) break;
-    // Not a smaller version of another page, and no mask.
+    // Neither a reduced version of another page nor a mask.
     if ((kind & 5) == 0) header.pages.push_back(page);
     const cv::Size size = size_of(width, height);
     if (std::int64_t{size.width} * size.height >= std::int64_t{header.size.width} * header.size.height)
@@ -164,7 +164,7 @@ ImageHeader read_webp(std::span<const unsigned char> file) {
 ImageHeader read_jpeg2000(std::span<const unsigned char> file) {
   Bytes bytes(file);
   std::uint64_t at = 0;
-  if (!bytes.has(0, "\xff\x4f")) {  // a file of boxes, one of which holds the codestream
+  if (!bytes.has(0, "\xff\x4f")) {  // a file of boxes; "jp2c" holds the codestream
     while (!bytes.ended() && !bytes.has(at + 4, "jp2c")) {
       const std::uint64_t length = bytes.number(at, 4);
       if (length == 0) return {};
@@ -181,7 +181,7 @@ ImageHeader read_jpeg2000(std::span<const unsigned char> file) {
   return {.size = size_of(side(8), side(12))};
 }
 
-// "P6 640 480 255", also over several lines with comments, or a list of keywords.
+// "P6 640 480 255", possibly over several lines with comments, or a list of keywords (PAM).
 ImageHeader read_anymap(std::span<const unsigned char> file) {
   const std::string text(file.begin(), file.begin() + std::min<std::ptrdiff_t>(std::ssize(file), 4096));
   std::size_t at = 2;
@@ -209,7 +209,7 @@ ImageHeader read_anymap(std::span<const unsigned char> file) {
   width = number(), height = number();
   ImageHeader header{.size = size_of(width, height)};
   if (text[1] < '4' || text[1] > '6') return header;
-  // Several images may follow each other.
+  // A further image may follow.
   const std::uint64_t most = text[1] == '4' ? 1 : number();
   const std::uint64_t row =
       text[1] == '4' ? (width + 7) / 8 : width * (text[1] == '6' ? 3 : 1) * (most > 255 ? 2 : 1);
@@ -276,7 +276,7 @@ FrameImage decode_frame(std::span<const unsigned char> bytes, const std::string&
 
 void make_first_page(std::span<unsigned char> tiff, std::uint64_t page) {
   const bool big_endian = tiff[0] == 'M';
-  const std::size_t count = tiff[big_endian ? 3 : 2] == 43 ? 8 : 4;  // BigTIFF, and where its address stands
+  const std::size_t count = tiff[big_endian ? 3 : 2] == 43 ? 8 : 4;  // size and position of the address
   for (std::size_t i = 0; i < count; ++i)
     tiff[count + (big_endian ? count - 1 - i : i)] = static_cast<unsigned char>(page >> (8 * i));
 }

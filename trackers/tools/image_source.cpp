@@ -32,7 +32,7 @@ bool is_image(const fs::path& path) {
   return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
 }
 
-// Files of a folder in natural order; hidden ones are left out (macOS puts "._x.jpg" beside x.jpg).
+// Files in a folder, in natural order, without hidden ones (macOS puts "._x.jpg" beside x.jpg).
 template <class Predicate>
 std::vector<fs::path> files_of(const fs::path& folder, Predicate wanted) {
   std::vector<fs::path> files;
@@ -48,7 +48,8 @@ std::vector<fs::path> files_of(const fs::path& folder, Predicate wanted) {
   return files;
 }
 
-// A file's name without its ending, and without leading zeros of numbers: of two of one frame the same.
+// A file's name without its extension and without leading zeros in numbers, to detect two files for one
+// frame.
 std::string frame_name(const fs::path& file) {
   std::string name;
   for (const char c : file.stem().string()) {
@@ -66,7 +67,7 @@ fs::path folder_of(const fs::path& pattern) {
   return folder;
 }
 
-// Whether a file is named by a printf pattern with one %d, e.g. img_%05d.jpg.
+// Tests whether a file's name matches a printf pattern with one %d, e.g. img_%05d.jpg.
 std::function<bool(const fs::path&)> numbered(const fs::path& pattern) {
   const std::string name = pattern.filename().string();
   const size_t percent = name.find('%');
@@ -81,7 +82,7 @@ std::function<bool(const fs::path&)> numbered(const fs::path& pattern) {
   size_t width = 1;
   std::from_chars(format.data(), format.data() + format.size(), width);
 
-  // printf writes more digits than the width where the number needs them, but pads with zeros up to it only.
+  // printf exceeds the width if the number has more digits, but pads with zeros only up to it.
   return [=](const fs::path& file) {
     const std::string candidate = file.filename().string();
     if (candidate.size() <= before.size() + after.size() || !candidate.starts_with(before) ||
@@ -96,11 +97,11 @@ std::function<bool(const fs::path&)> numbered(const fs::path& pattern) {
   };
 }
 
-// `*` and `?` as a shell has them. Where letters do not fit, the last `*` takes one more: what an earlier one
-// takes need never change, so the time is at most the product of both lengths.
+// Matches `*` and `?` as a shell does. On a mismatch the last `*` takes one more character; earlier ones
+// never need to change, so the time is at most the product of both lengths.
 bool matches(std::string_view text, std::string_view pattern) {
   constexpr size_t kNone = std::string_view::npos;
-  size_t star = kNone, after_star = 0, p = 0;  // of `pattern`; of `text`, where what follows the star begins
+  size_t star = kNone, after_star = 0, p = 0;  // star, p: in `pattern`; after_star: in `text`
   for (size_t t = 0; t < text.size();) {
     if (p < pattern.size() && pattern[p] == '*') {
       star = p++;
@@ -138,7 +139,7 @@ bool natural_less(const std::string& a, const std::string& b) {
     }
   }
   if (a.size() - i != b.size() - j) return a.size() - i < b.size() - j;
-  return a < b;  // 01 and 1: any order, as long as it is one
+  return a < b;  // 01 and 1: any consistent order
 }
 
 ImageSource ImageSource::open(const std::string& input, const FrameOptions& options) {
@@ -152,7 +153,7 @@ ImageSource ImageSource::open(const std::string& input, const FrameOptions& opti
         fs::is_directory(path / "color") && (source.ground_truth_ || files_of(path, is_image).empty());
     source.use_folder(color ? path / "color" : path, is_image, input);
   } else if (fs::exists(path, error)) {
-    // OpenCV would take the name of one image for a pattern and read all its neighbours.
+    // VideoCapture would take an image's name for a pattern and read all its neighbours.
     if (is_image(path)) {
       source.use_image(path, input);
     } else {
@@ -193,11 +194,11 @@ void ImageSource::use_folder(const fs::path& folder, IsFrame is_frame, const std
   }
 }
 
-// One image, or a file of several: a TIFF's pages, an animation.
+// A single image, or a file with several: a TIFF with pages or an animation.
 void ImageSource::use_image(const fs::path& image, const std::string& input) {
   std::vector<unsigned char> bytes = read_bytes(image);
   const std::optional<ImageHeader> header = read_image_header(bytes);
-  if (header && header->animated && bytes[0] == 0x89) return use_video(input);  // PNG, which FFmpeg plays
+  if (header && header->animated && bytes[0] == 0x89) return use_video(input);  // PNG: FFmpeg plays it
   if (!header || header->pages.size() < 2) return use_images({image}, input);
   stack_ = std::move(bytes);
   pages_ = header->pages;
@@ -207,14 +208,15 @@ void ImageSource::use_image(const fs::path& image, const std::string& input) {
 
 namespace {
 
-// Of what a video announces without timestamps to bear it out; 1000 is what a writer of milliseconds leaves.
+// The highest frame rate accepted from a header that no timestamps confirm; some writers of milliseconds
+// leave 1000.
 constexpr double kFastest = 240;
 bool plausible(double fps) { return fps >= 1 && fps <= kFastest; }
 
-// Clockwise degrees by which a video's frames are turned to stand upright.
+// Clockwise rotation that makes a video's frames upright [degrees].
 int rotation_of(const cv::VideoCapture& video) {
   const int angle = static_cast<int>(video.get(cv::CAP_PROP_ORIENTATION_META));
-  // OpenCV 4.6.0 has it counterclockwise, and turns frames by it the wrong way (its issue 22088).
+  // OpenCV 4.6.0 reports it counterclockwise and rotates frames the wrong way (its issue 22088).
   const bool counterclockwise =
       cv::getVersionMajor() == 4 && cv::getVersionMinor() == 6 && cv::getVersionRevision() == 0;
   return ((counterclockwise ? -angle : angle) % 360 + 360) % 360;
@@ -230,12 +232,13 @@ void ImageSource::use_video(const std::string& input) {
     if (all_digits(input) && error == std::errc{} && !fs::exists(input)) {
       video_.open(camera);
     } else {
-      // The other back ends take seconds to refuse what is no video, and start camera drivers for it.
+      // The other back ends take seconds to refuse a file that is not a video, and start camera drivers for
+      // it.
       const bool ffmpeg = cv::videoio_registry::hasBackend(cv::CAP_FFMPEG) && fs::exists(input);
       video_.open(input, ffmpeg ? cv::CAP_FFMPEG : cv::CAP_ANY);
     }
   } catch (const cv::Exception&) {
-    video_.release();  // a back end that is not there: the same to the user as one that refuses
+    video_.release();  // the back end is missing: reported below like one that refuses
   }
   if (!video_.isOpened()) throw std::runtime_error("cannot open " + input + " as a video, camera or image");
   const double width = video_.get(cv::CAP_PROP_FRAME_WIDTH), height = video_.get(cv::CAP_PROP_FRAME_HEIGHT);
@@ -249,7 +252,8 @@ void ImageSource::use_video(const std::string& input) {
     frame_count_ = static_cast<int>(count);
 }
 
-// The rate and number of a video's frames where its header and the timestamps of its first frames disagree.
+// Determines the rate and number of a video's frames if the timestamps of its first frames contradict its
+// header.
 void ImageSource::measure_video() {
   if (std::exchange(measured_, true) || !video_.isOpened()) return;
   const double announced = video_.get(cv::CAP_PROP_FPS),
@@ -277,7 +281,7 @@ void ImageSource::measure_video() {
     frame_count_ = first;
     return take(rate);
   }
-  // Packets are frames, and are counted without being decoded.
+  // Count packets, one per frame, without decoding them.
   frame_count_ = 0;
   if (cv::videoio_registry::hasBackend(cv::CAP_FFMPEG))
     for (video.open(file_.string(), cv::CAP_FFMPEG, {cv::CAP_PROP_FORMAT, -1}); video.grab();) ++frame_count_;
@@ -323,7 +327,7 @@ cv::Mat ImageSource::upright(const cv::Mat& image) const {
   }
 }
 
-// The image or page after `position_`, with the depth of the file where there is no range.
+// The image or page after `position_`, at the file's depth unless a range is given.
 cv::Mat ImageSource::read_image() try {
   const auto index = static_cast<size_t>(position_);
   const fs::path& file = stack_.empty() ? images_[index] : file_;
@@ -339,7 +343,7 @@ cv::Mat ImageSource::read_image() try {
   throw std::runtime_error("cannot decode frame " + std::to_string(position_ + 1) + ", " + e.what());
 }
 
-// A deep image by the range that Frame assumes. The first one says whether that is right.
+// Converts a deep image by the range that Frame assumes, which the first image is used to check.
 cv::Mat ImageSource::in_8_bits(const cv::Mat& image) try {
   if (decoded_) return to_bgr8(image);
   const std::optional<PixelRange> suggested = suggested_range(image);

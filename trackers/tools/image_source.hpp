@@ -14,12 +14,12 @@
 
 namespace asterism::tools {
 
-/// How frames are read.
+/// Options for reading frames.
 struct FrameOptions {
-  std::optional<PixelRange> range = {};  ///< of the pixels; without one what Frame assumes
+  std::optional<PixelRange> range = {};  ///< of the pixels; default: that of Frame
   std::optional<int> rotate =
-      {};          ///< clockwise [degrees], a multiple of 90; without one as a video says itself
-  double fps = 0;  ///< frames a second; 0: as a video says, or its timestamps
+      {};          ///< clockwise [degrees], a multiple of 90; default: as announced by the video
+  double fps = 0;  ///< frames per second; 0: from the video's header or timestamps
 };
 
 /// The frames of a video, a camera or a list of images, one after another.
@@ -27,13 +27,13 @@ class ImageSource {
  public:
   /// `input` is a video file or stream address, a camera's index (digits), an image, a TIFF of several pages,
   /// a folder of images, a pattern of images ("img_%05d.jpg" in the order of the numbers, "*.jpg" in natural
-  /// order), or a sequence in the VOT toolkit's layout: a folder with groundtruth.txt, its images in color/
-  /// or beside it. Throws std::runtime_error where it cannot be read, has no frames, or has two images of one
+  /// order), or a sequence in the VOT toolkit's layout: a folder with groundtruth.txt and its images, there
+  /// or in color/. Throws std::runtime_error if it cannot be read, has no frames, or has two images with one
   /// number (0001.jpg and 0001.png).
   static ImageSource open(const std::string& input, const FrameOptions& options = {});
 
-  /// The next frame, 8-bit BGR; false after the last one. An image that is damaged is a blank frame, see
-  /// `read_frame`. Throws std::runtime_error that names the image where it can be no frame at all.
+  /// The next frame, 8-bit BGR; false after the last one. A damaged image is a blank frame, see `read_frame`.
+  /// Throws std::runtime_error, which names the image, if it cannot be a frame at all.
   bool next(cv::Mat& image);
 
   /// Skips `count` frames without decoding images; false if there are fewer.
@@ -41,23 +41,23 @@ class ImageSource {
 
   /// The number, from 1, of the last frame that `next` returned; 0 before the first.
   int position() const { return position_; }
-  /// Frames of the whole input, an estimate for some video files; 0 where unknown.
+  /// Frames of the whole input, an estimate for some video files; 0 if unknown.
   int frame_count() const { return frame_count_; }
-  /// After the last frame: whether more were announced. A video file whose header cannot be right is read
-  /// once more for that.
+  /// After the last frame: whether more were announced. A video file with an implausible header is read again
+  /// to find out.
   bool ended_early();
-  /// Frames a second, what the options say if anything. Of a video file whose timestamps do not bear out what
-  /// it announces (a variable rate) their mean, for which the file is read through once. 25 for images, and
-  /// where unknown, which adds a note.
+  /// Frames per second: from the options if given. If a video file's timestamps contradict its header (a
+  /// variable rate), their mean, for which the file is read through once. 25 for images and if unknown, which
+  /// adds a note.
   double fps();
-  /// The images in their order; empty for a video, a camera and a TIFF of several pages.
+  /// The images in order; empty for a video, a camera and a TIFF of several pages.
   const std::vector<std::filesystem::path>& images() const { return images_; }
   /// The frames that were damaged, as "frame 11, images/img_11.png".
   const std::vector<std::string>& damaged() const { return damaged_; }
   /// Notes for the user since the last call, one line each.
   std::vector<std::string> take_notes() { return std::exchange(notes_, {}); }
   /// Whether this source reads a file, or would read it as a frame if it were created; also true for links to
-  /// such a file.
+  /// it.
   bool reads(const std::filesystem::path& path) const;
   /// The annotation file of a sequence folder; see `read_ground_truth`.
   const std::optional<std::filesystem::path>& ground_truth() const { return ground_truth_; }
@@ -75,16 +75,16 @@ class ImageSource {
   cv::Mat upright(const cv::Mat& image) const;
 
   FrameOptions options_;
-  std::vector<std::filesystem::path> images_;  // empty where `video_` or `stack_` is the source
-  std::filesystem::path folder_;               // whose images they are ...
-  IsFrame is_frame_;                           // ... that satisfy this; none for a single image
+  std::vector<std::filesystem::path> images_;  // empty if `video_` or `stack_` is the source
+  std::filesystem::path folder_;               // of the images ...
+  IsFrame is_frame_;                           // ... that satisfy this; empty for a single image
   cv::VideoCapture video_;
-  std::filesystem::path file_;        // of `video_`, where it is a file, or of `stack_`
-  std::vector<unsigned char> stack_;  // a TIFF of several pages ...
-  std::vector<std::uint64_t> pages_;  // ... and where they begin
+  std::filesystem::path file_;        // of `video_`, if it is a file, or of `stack_`
+  std::vector<unsigned char> stack_;  // bytes of a TIFF of several pages ...
+  std::vector<std::uint64_t> pages_;  // ... and the pages' offsets
   std::optional<std::filesystem::path> ground_truth_;
   std::vector<std::string> damaged_, notes_;
-  cv::Size size_;  // of the last frame that was not damaged
+  cv::Size size_;  // of the last undamaged frame
   int position_ = 0, frame_count_ = 0, rotation_ = 0;
   double fps_ = 25;
   bool decoded_ = false, measured_ = false;

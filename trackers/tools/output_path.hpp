@@ -4,12 +4,12 @@
 
 namespace asterism::tools {
 
-/// The file that is made or changed where `path` is opened for writing: links are followed, also one to a
-/// file that does not exist yet.
+/// The file that opening `path` for writing creates or changes: links are followed, even to a file that does
+/// not exist yet.
 std::filesystem::path written_file(const std::filesystem::path& path);
 
-/// Whether what is written to one of the paths would overwrite what is written to, or read from, the other;
-/// they need not exist. Hard links are one file, too.
+/// Whether writing to one path would overwrite the file at the other; neither needs to exist. Hard links
+/// count as one file.
 bool same_file(const std::filesystem::path& a, const std::filesystem::path& b);
 
 }  // namespace asterism::tools

@@ -15,7 +15,7 @@ namespace {
 
 namespace fs = std::filesystem;
 
-// Not printf: a window's toolkit may have set a locale with decimal commas.
+// printf is not used, as a window's toolkit may have set a locale with decimal commas.
 void append(std::string& line, double value, int decimals = 4) {
   std::array<char, 400> buffer;
   const auto end =
@@ -65,7 +65,7 @@ void CsvFile::write(const std::string& line) {
 
 void VideoFile::add(const cv::Mat& frame) {
   if (!writer_.isOpened()) {
-    // The encoder wants even sizes.
+    // The encoder needs even sizes.
     size_ = cv::Size(frame.cols & ~1, frame.rows & ~1);
     bool opened = false;
     try {
@@ -95,7 +95,7 @@ void VideoFile::add(const cv::Mat& frame) {
 void VideoFile::close() {
   if (!writer_.isOpened()) return;
   writer_.release();
-  // OpenCV reports no failed write, but the index at the file's end is missing then.
+  // OpenCV does not report failed writes, but then the index at the end of the file is missing.
   cv::VideoCapture written(path_.string());
   cv::Mat frame;
   if (!written.isOpened() || !written.read(frame)) {
@@ -113,7 +113,7 @@ void check_output(const std::string& option, const fs::path& path) {
 }
 
 void write_image(const fs::path& path, const cv::Mat& image) {
-  // Encoded in memory: the codecs' own writing does not say why it failed.
+  // Encoded in memory, as the codecs' own writing does not give the reason for a failure.
   std::vector<unsigned char> bytes;
   try {
     cv::imencode(path.extension().string(), image, bytes);

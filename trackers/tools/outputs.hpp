@@ -10,14 +10,13 @@
 
 namespace asterism::tools {
 
-/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds`, each written out at once; of
-/// several objects as lines of `frame,id,x,..`.
+/// Boxes as lines of `frame,x,y,width,height,confidence,lost,milliseconds`, each flushed at once; for several
+/// objects `frame,id,x,..`. All functions throw std::runtime_error if the file cannot be written.
 class CsvFile {
  public:
-  /// `path` "-" is the standard output. Throws std::runtime_error where the file cannot be written; so do
-  /// all.
+  /// `path` "-" is standard output.
   CsvFile(const std::string& path, bool several);
-  /// A line an object, with ids from 1 in their order; milliseconds: of all objects in this frame.
+  /// Adds a line per object, with ids from 1 in their order; milliseconds: for all objects in this frame.
   void add(int frame, std::span<const TrackResult> objects, double milliseconds);
 
  private:
@@ -29,11 +28,11 @@ class CsvFile {
   std::ostream* stream_ = nullptr;  // `file_` or std::cout
 };
 
-/// An mp4 video of frames that all get the size of the first.
+/// An mp4 video whose frames are all resized to the size of the first.
 class VideoFile {
  public:
   VideoFile(std::filesystem::path path, double fps) : path_(std::move(path)), fps_(fps) {}
-  /// Throws std::runtime_error where the file cannot be opened for writing.
+  /// Throws std::runtime_error if the file cannot be opened for writing.
   void add(const cv::Mat& frame);
   /// Completes the file; throws std::runtime_error if it cannot be played, for example because the disk is
   /// full.
@@ -46,7 +45,7 @@ class VideoFile {
   cv::VideoWriter writer_;
 };
 
-/// The reason in errno as ": reason", empty where it is 0.
+/// The reason in errno as ": reason"; empty if errno is 0.
 std::string why();
 
 /// Throws std::runtime_error, which names `option`, if a file cannot be created at `path` because its folder

@@ -11,8 +11,8 @@ namespace asterism::tools {
 namespace {
 
 const cv::Scalar kRed(0, 0, 255);
-constexpr double kFaded = 0.35;    // opacity of what was not updated
-constexpr int kMinReadable = 480;  // rows below which the overlay is drawn at twice the size
+constexpr double kFaded = 0.35;    // opacity of parts that were not updated
+constexpr int kMinReadable = 480;  // height below which the overlay is drawn at twice the size [px]
 
 void draw_part(const Pen& pen, const TrackResult& result, const PartState& part) {
   pen.outline(result.corners(part), kBlue, 1);
@@ -86,7 +86,7 @@ cv::Mat draw_overlay(const cv::Mat& frame, std::span<const TrackResult> objects,
       const TrackResult& object = objects[i];
       draw_track(canvas, object, {scale, {}}, color_of(i, objects.size()));
       const cv::Rect2d& box = object.box;
-      if (!(std::abs(box.x) < 1e6 && std::abs(box.y) < 1e6)) continue;  // no place to write at
+      if (!(std::abs(box.x) < 1e6 && std::abs(box.y) < 1e6)) continue;  // nowhere to write
       draw_text(canvas, {std::to_string(i + 1) + (object.lost ? "  LOST" : "")},
                 {cvRound(box.x * scale) + 4, cvRound(box.y * scale) + 4});
     }
@@ -160,7 +160,8 @@ void ContactSheet::add(const cv::Mat& frame, const std::vector<TrackResult>& res
   if (entries_.next()) entries_.keep({Still(frame, number), results, truth});
 }
 
-// All tiles show the same magnification, in which the largest box has this part of a tile's height or width.
+// All tiles have the same magnification, at which the largest box fills this fraction of a tile's width or
+// height.
 cv::Size2d ContactSheet::region() const {
   constexpr double kBoxInTile = 0.4;
   double width = 64;
@@ -181,7 +182,7 @@ void ContactSheet::draw_tile(cv::Mat& tile, const Entry& entry, const View& view
   }
   const Pen pen{tile, view};
   if (entry.truth) pen.box(*entry.truth, kWhite, 1);
-  // The first is on top.
+  // In reverse, so that the first is on top.
   for (std::size_t i = entry.results.size(); i-- > 0;) {
     pen.box(entry.results[i].box, kDark, 4);
     pen.box(entry.results[i].box, color_of(i, names_.size()), 2);

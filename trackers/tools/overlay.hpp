@@ -12,17 +12,17 @@
 
 namespace asterism::tools {
 
-/// Where a part of a frame is drawn: magnified by `scale`, its top left corner at `origin` of the frame [px].
+/// A magnified section of a frame: by `scale`, with its top left corner at `origin` in the frame [px].
 struct View {
   double scale = 1;
   cv::Point2d origin;
 };
 
-/// The scale at which a frame of this size is drawn so that text on it can be read: small ones are doubled.
+/// The scale at which text on a frame of this size is readable: small frames are doubled.
 double overlay_scale(cv::Size frame);
 
-/// Draws the object's box (in `color`, red where lost), thinly also as it is turned, its parts (blue) as
-/// they are turned, and their springs; parts that were not updated, and springs that end in one, are faded.
+/// Draws the object's box (in `color`, red if lost), its rotated box with a thin line, its parts (blue),
+/// rotated too, and their springs. Parts that were not updated and their springs are faded.
 void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view,
                 const cv::Scalar& color = {0, 255, 255});
 
@@ -30,34 +30,35 @@ void draw_track(cv::Mat& canvas, const TrackResult& result, const View& view,
 /// line.
 void draw_text(cv::Mat& canvas, const std::vector<std::string>& lines, cv::Point corner, double size = 0.45);
 
-/// A copy of the frame at `overlay_scale` with the tracks of all objects, the frame's number and `fps` on it;
-/// with the stages' times of a single object, or the number of each, from 1, at its box.
+/// A copy of the frame at `overlay_scale` with the tracks of all objects, the frame's number and `fps`; for a
+/// single object also the times of the stages, for several each object's number, from 1, at its box.
 cv::Mat draw_overlay(const cv::Mat& frame, std::span<const TrackResult> objects, int number, double fps);
 
 /// A copy of a frame in 8-bit BGR.
 cv::Mat to_bgr(const cv::Mat& frame);
 
-/// The part of a frame of about the size of `region` around a box [px].
+/// The section of a frame of about the size of `region` around a box [px].
 cv::Rect cut_around(cv::Size frame, const cv::Rect2d& box, const cv::Size2d& region);
 
 /// Colors (BGR) that can be told apart, for `index` of `count`.
 cv::Scalar color_of(std::size_t index, std::size_t count);
 
-/// A frame kept to be drawn later; large ones are kept smaller.
+/// A frame kept to be drawn later; large ones are stored at a smaller size.
 struct Still {
   Still(const cv::Mat& image, int frame_number);
 
-  /// What is around a box, enlarged or shrunk to fit into a tile, and where that is; all in px of the input.
+  /// The surroundings of a box, enlarged or shrunk to fit into a tile; `view` receives their place. All in px
+  /// of the input.
   cv::Mat cut(const cv::Rect2d& box, const cv::Size2d& region, cv::Size tile, View& view) const;
 
   cv::Mat frame;
-  double scale = 1;  ///< of `frame` to the frame of the input
+  double scale = 1;  ///< of `frame` relative to the input's frame
   int number = 0;    ///< of the frame, from 1
 };
 
-/// Eight frames evenly spread over a run of a length not known before, in two rows, each cut to the first
-/// tracker's object and what is around it. One tracker is drawn with its parts, of several the boxes alone,
-/// with a legend and the ground truth. Memory is bounded whatever the run's length.
+/// Eight frames, evenly spread over a run whose length is not known in advance, in two rows, each cut to the
+/// surroundings of the first tracker's object. A single tracker is drawn with its parts; for several, the
+/// boxes are drawn with a legend and the ground truth. Memory is bounded whatever the length of the run.
 class ContactSheet {
  public:
   /// Names of the trackers, at least one.
@@ -65,7 +66,7 @@ class ContactSheet {
   /// Results of all trackers, in the order of their names.
   void add(const cv::Mat& frame, const std::vector<TrackResult>& results,
            const std::optional<cv::Rect2d>& truth, int number);
-  /// The sheet of what was added until now; empty where nothing was.
+  /// The sheet of all frames added so far; empty if there are none.
   cv::Mat draw() const;
 
  private:

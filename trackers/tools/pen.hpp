@@ -14,10 +14,10 @@ namespace asterism::tools {
 
 inline const cv::Scalar kBlue(255, 112, 16), kWhite(255, 255, 255), kDark(0, 0, 0);
 
-/// Drawing in frame coordinates, in which integers are pixel centres, as cv::resize maps them. What is not
-/// finite is left out.
+/// Draws in frame coordinates, in which integers are pixel centres, mapped as by cv::resize. Shapes that are
+/// not finite are left out.
 struct Pen {
-  static constexpr int kBits = 4;  // of the coordinates that OpenCV draws, below the pixel
+  static constexpr int kBits = 4;  // fractional bits of OpenCV's coordinates
 
   cv::Mat& canvas;
   View view;
@@ -30,7 +30,7 @@ struct Pen {
     std::array<cv::Point, 4> drawn;
     for (std::size_t i = 0; i < corners.size(); ++i) {
       if (!std::isfinite(corners[i].x + corners[i].y)) return;
-      // From the outer edge of the first pixel to that of the last one.
+      // The corners are pixel edges, half a pixel from the centre.
       drawn[i] = fixed(map(corners[i].x - 0.5, corners[i].y - 0.5));
     }
     cv::polylines(canvas, std::vector<cv::Point>(drawn.begin(), drawn.end()), true, color, width, cv::LINE_AA,
@@ -47,7 +47,7 @@ struct Pen {
     if (!a.allFinite() || !b.allFinite()) return;
     cv::line(canvas, at(a), at(b), color, width, cv::LINE_AA, kBits);
   }
-  /// A diagonal cross of a size on the canvas [px].
+  /// A diagonal cross; `size` on the canvas [px].
   void cross(const Point2& p, const cv::Scalar& color, int width, double size) const {
     const Point2 arm(size / view.scale, size / view.scale), other(arm.x(), -arm.y());
     line(p - arm, p + arm, color, width);
@@ -57,7 +57,7 @@ struct Pen {
  private:
   cv::Point at(const Point2& p) const { return fixed(map(p.x(), p.y())); }
   static cv::Point fixed(const cv::Point2d& p) {
-    // Far outside is drawn as far outside: coordinates beyond OpenCV's integers would wrap around.
+    // Clamped: coordinates beyond OpenCV's integers would wrap around.
     const auto one = [](double v) {
       return static_cast<int>(std::lround(std::clamp(v, -1e6, 1e6) * (1 << kBits)));
     };

@@ -4,13 +4,13 @@
 
 namespace asterism::tools {
 
-/// The progress of a run, on standard error: one updated line on a terminal, otherwise a line every 5
+/// Prints the progress of a run on standard error: one updated line on a terminal, otherwise a line every 5
 /// seconds.
 class Progress {
  public:
-  /// total: frames to come, 0 where unknown.
+  /// total: number of frames, 0 if unknown.
   explicit Progress(int total);
-  /// Wipes the refreshed line.
+  /// Erases the updated line.
   ~Progress();
   Progress(const Progress&) = delete;
   Progress& operator=(const Progress&) = delete;

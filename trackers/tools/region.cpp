@@ -31,7 +31,7 @@ std::vector<double> parse_numbers(std::string_view text) {
     if (text.empty()) break;
     if (text.front() == ',' || text.front() == ';') {
       text = trim(text.substr(1));
-      if (text.empty()) return {};  // ends in a separator: a number is missing
+      if (text.empty()) return {};  // a separator at the end: a number is missing
     } else if (text.size() == rest.size()) {
       return {};  // no separator: "12px"
     }

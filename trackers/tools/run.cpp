@@ -40,7 +40,7 @@ cv::Rect2d parse_box(const std::string& text) {
   return region->equal_area_box();
 }
 
-// The files that are to be written, with their options.
+// The files to be written, with their options.
 std::vector<std::pair<std::string, std::string>> files_of(const Options& options) {
   std::vector<std::pair<std::string, std::string>> files{{"--save", options.save},
                                                          {"--record-systems", options.systems},
@@ -52,7 +52,7 @@ std::vector<std::pair<std::string, std::string>> files_of(const Options& options
   return files;
 }
 
-// Nothing that is read is written, and nothing twice.
+// Throws if a file would be both read and written, or written twice.
 void check_kept(const Options& options, const ImageSource& source) {
   const auto files = files_of(options);
   for (std::size_t i = 0; i < files.size(); ++i) {
@@ -66,11 +66,11 @@ void check_kept(const Options& options, const ImageSource& source) {
   }
 }
 
-// What can be seen to be wrong before the first frame is read.
+// Checks that need no frame.
 void check(const Options& options) {
-  const AnyTracker tracker = make_tracker(options.tracker);  // throws for a name that it does not know
+  const AnyTracker tracker = make_tracker(options.tracker);  // throws if the name is unknown
   for (const std::string& box : options.boxes) parse_box(box);
-  if (std::isnan(options.source.fps)) throw std::runtime_error("--fps: not a number");  // CLI lets it by
+  if (std::isnan(options.source.fps)) throw std::runtime_error("--fps: not a number");  // passes CLI's check
   if (options.boxes.size() > 1) {
     for (const auto& [option, path] : {std::pair("--sheet", options.sheet),
                                        {"--record-systems", options.systems},
@@ -126,24 +126,24 @@ std::vector<cv::Rect2d> first_boxes(const Options& options, const std::vector<st
       "use a folder with groundtruth.txt");
 }
 
-// What the recorded systems are called after: the last part of the input's path.
+// The name of the recorded systems: the last part of the input's path.
 std::string name_of(const std::string& input) {
   const std::filesystem::path path = std::filesystem::absolute(input).lexically_normal();
   return (path.has_filename() ? path : path.parent_path()).filename().string();
 }
 
-// Everything that a run leaves behind.
+// All outputs of a run.
 class Outputs {
  public:
-  /// `watch` sees the tracker's solves where a picture of them is asked for.
+  /// `watch` must observe the tracker's solves if a picture of them is requested.
   Outputs(const Options& options, Window* window, const SolveWatch& watch, double fps)
       : options_(options), window_(window), watch_(watch), sheet_(names(options)) {
     if (!options.out.empty()) csv_.emplace(options.out, options.boxes.size() > 1);
     if (!options.save.empty()) video_.emplace(options.save, fps);
   }
 
-  /// False where the user closes the window.
-  /// The objects' results, and after them those of the other trackers on the sheet.
+  /// `results`: those of the objects, then those of the other trackers on the sheet. Returns false if the
+  /// user closes the window.
   bool add(const cv::Mat& image, const std::vector<TrackResult>& results,
            const std::optional<cv::Rect2d>& truth, int frame, double milliseconds) {
     const std::span objects = std::span(results).first(results.size() - options_.compare.size());
@@ -151,7 +151,7 @@ class Outputs {
     if (!options_.sheet.empty()) sheet_.add(image, results, truth, frame);
     if (!options_.timeline.empty()) timeline_.add(image, objects.front(), frame);
     if (!options_.constellation.empty()) last_.emplace(Last{image.clone(), objects.front(), frame});
-    // Of about the last ten frames; the first one is `init`.
+    // Averages about the last ten frames; the first one is `init` and is left out.
     if (frames_++ > 0) recent_ = frames_ == 2 ? milliseconds : 0.9 * recent_ + 0.1 * milliseconds;
     if (!video_ && window_ == nullptr) return true;
     const cv::Mat overlay = draw_overlay(image, objects, frame, recent_ > 0 ? 1000 / recent_ : 0);
@@ -180,7 +180,7 @@ class Outputs {
     TrackResult result;
     int frame = 0;
   };
-  // The tracker and those beside it on the sheet.
+  // The tracker, then the others on the sheet.
   static std::vector<std::string> names(const Options& options) {
     std::vector<std::string> all = options.compare;
     all.insert(all.begin(), options.tracker);
@@ -206,7 +206,7 @@ class Outputs {
   Timeline timeline_;
   std::optional<Last> last_;
   int frames_ = 0;
-  double recent_ = 0;  // milliseconds a frame
+  double recent_ = 0;  // milliseconds per frame
 };
 
 struct Score {
@@ -225,7 +225,7 @@ void print_damaged(const ImageSource& source) {
                source.damaged().size(), source.damaged().front().c_str());
 }
 
-// A tracker's description as its name in a message: on one line, and cut if it is long.
+// A tracker's description for a message: on one line and cut if long.
 std::string shown(const std::string& description) {
   constexpr std::size_t kMost = 120;
   std::string line = one_line(description);
@@ -270,7 +270,8 @@ void run(const Options& options) {
   if (!options.systems.empty()) recorder.emplace(options.systems, name_of(options.input), options.tracker);
   SolveWatch watch;
   const bool watched = recorder || !options.constellation.empty();
-  // The objects, and the first of them again for each tracker beside; the box is an answer, too.
+  // The objects, then the first of them again for each tracker that is compared. Their results start as the
+  // boxes.
   const std::vector<cv::Rect2d> boxes = first_boxes(options, truth, window ? &*window : nullptr, image);
   std::vector<std::string> names(boxes.size(), options.tracker);
   names.insert(names.end(), options.compare.begin(), options.compare.end());
@@ -279,13 +280,13 @@ void run(const Options& options) {
     results[i].box = boxes[i < boxes.size() ? i : 0];
     results[i].confidence = 1;
   }
-  MultiTracker tracker(0), beside(0);  // apart, so that only the tracker's own time is told
+  MultiTracker tracker(0), beside(0);  // separate, so that only the tracker's own time is reported
   Outputs outputs(options, window ? &*window : nullptr, watch, options.save.empty() ? 0 : source.fps());
   print_notes(source);
   Score score;
   std::string error;
   try {
-    // Milliseconds of a call, which says which tracker is at work.
+    // Milliseconds of a call, which sets the index of the tracker at work, for errors.
     const auto timed = [&](auto&& call) {
       size_t at_work = 0;
       const auto begin = std::chrono::steady_clock::now();
@@ -348,7 +349,7 @@ void run(const Options& options) {
   } catch (const std::exception& e) {
     error = e.what();
   }
-  // What there is by now is kept, whatever has happened.
+  // Keep what has been written so far, whatever has happened.
   try {
     outputs.finish();
   } catch (const std::exception& e) {

@@ -7,8 +7,8 @@
 
 namespace asterism::tools {
 
-/// The body of `main`: reads the command line, calls `run`, and returns the exit code. Errors are printed in
-/// one line; the code is 2 for errors in the command line, and 1 for exceptions of `run`.
+/// The body of `main`: parses the command line, calls `run`, and returns the exit code. Errors are printed on
+/// one line; the code is 2 for errors in the command line and 1 for exceptions of `run`.
 template <typename Run>
 int run_tool(CLI::App& app, int argc, char** argv, Run&& run) {
   open_standard_streams();

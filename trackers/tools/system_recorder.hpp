@@ -7,7 +7,7 @@
 
 namespace asterism::tools {
 
-/// Keeps the last system that a Dpt solved.
+/// Stores the last system that a Dpt solved.
 class SolveWatch {
  public:
   struct Solve {
@@ -19,8 +19,8 @@ class SolveWatch {
   SolveWatch(const SolveWatch&) = delete;
   SolveWatch& operator=(const SolveWatch&) = delete;
 
-  /// The Dpt of a description, watched; not to be used beyond this object's life. Empty where the description
-  /// is another tracker's.
+  /// Makes the Dpt of a description and observes it; it must not outlive this object. Empty if the
+  /// description is of another tracker.
   std::optional<Dpt> make_tracker(const std::string& description);
   /// Empty before the first solve.
   const std::optional<Solve>& last() const { return last_; }
@@ -33,15 +33,16 @@ class SolveWatch {
 /// (docs/system-json.md).
 class SystemRecorder {
  public:
-  /// Throws std::runtime_error where the program was built without asterism::json, which the others need.
+  /// Throws std::runtime_error if the program was built without asterism::json, which the other functions
+  /// need.
   static void check_built();
 
-  /// `name` is what the systems are called after, `tracker` the description of what solves them. Throws
-  /// std::runtime_error where the file cannot be written.
+  /// `name`: of the systems; `tracker`: the description of the tracker that solves them. Throws
+  /// std::runtime_error if the file cannot be written.
   SystemRecorder(const std::string& path, std::string name, std::string tracker);
 
-  /// Writes the system of a frame. Apart from the solve, so that it does not count as the tracker's time.
-  /// Throws std::runtime_error where it cannot.
+  /// Writes the system of a frame. Separate from the solve, so that it does not count as the tracker's time.
+  /// Throws std::runtime_error on failure.
   void write(int frame, const SolveWatch::Solve& solve);
 
  private:

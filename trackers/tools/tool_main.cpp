@@ -18,7 +18,8 @@ namespace asterism::tools {
 
 void open_standard_streams() {
 #if __has_include(<unistd.h>)
-  // In the wrong direction: writing to a closed output stays an error. Each gets the lowest free number.
+  // Opened in the wrong direction, so that using a closed stream remains an error. `open` returns the lowest
+  // free number, which is that of the stream.
   for (const int stream : {STDIN_FILENO, STDOUT_FILENO, STDERR_FILENO})
     if (fcntl(stream, F_GETFD) == -1 && errno == EBADF)
       (void)!open("/dev/null", stream == STDIN_FILENO ? O_WRONLY : O_RDONLY);

@@ -5,21 +5,21 @@
 
 namespace asterism::tools {
 
-/// Gives a process that was started without standard streams ones that cannot be used, so that no file it
-/// opens takes their place and gets what is printed. To be called first.
+/// Replaces standard streams that were closed at the start of the process by unusable ones; otherwise a file
+/// that it opens could take their place and receive what is printed. To be called first.
 void open_standard_streams();
 
-/// Keeps OpenCV and FFmpeg from printing: what they say only repeats the errors that a tool reports. Nothing
-/// can be printed by std::cerr any more.
+/// Stops OpenCV and FFmpeg from printing: their messages only repeat the errors that a tool reports.
+/// std::cerr no longer prints anything.
 void silence_libraries();
 
-/// A text with a blank for each break of a line and what it is indented by.
+/// A text with each line break and the indentation after it replaced by a blank.
 std::string one_line(const std::string& text);
 
-/// Throws std::runtime_error unless all that was printed on standard output has been written.
+/// Throws std::runtime_error unless everything printed on standard output has been written.
 void flush_output();
 
-/// Prints an error in one line, "program: reason", also where a library's message has more; returns `code`.
+/// Prints an error on one line, "program: reason", even if a library's message has several; returns `code`.
 int fail(std::string_view program, const std::string& reason, int code);
 
 }  // namespace asterism::tools

@@ -1,4 +1,4 @@
-// asterism-track: follows objects through a video and writes where it was.
+// asterism-track: follows objects through a video and writes their boxes.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -22,7 +22,7 @@ void stop_cleanly_on_signals() {
       static_cast<int>(SA_RESETHAND | SA_RESTART);  // the second Ctrl-C ends the process at once
   sigaction(SIGINT, &action, nullptr);
   sigaction(SIGTERM, &action, nullptr);
-  std::signal(SIGPIPE, SIG_IGN);  // a reader of `--out -` that goes is a failed write like another
+  std::signal(SIGPIPE, SIG_IGN);  // if the reader of `--out -` exits, the write fails like any other
 }
 
 int run_command_line(int argc, char** argv) {
@@ -74,7 +74,7 @@ int run_command_line(int argc, char** argv) {
     run(options);
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app.exit(e);
-    // A shell makes many arguments of an unquoted *.jpg.
+    // A shell expands an unquoted *.jpg to many arguments.
     const std::vector<std::string> rest = app.remaining();
     const bool inputs =
         !rest.empty() && std::none_of(rest.begin(), rest.end(),

@@ -13,9 +13,9 @@
 
 namespace asterism::tools {
 
-/// A tracker's description, a JSON object as `make_tracker` takes it, from a file or a named pipe. Throws
-/// std::runtime_error that names the file if it cannot be read, has more than 1 MiB, or does not describe a
-/// tracker.
+/// Reads a tracker's description, a JSON object as `make_tracker` takes it, from a file or a named pipe.
+/// Throws std::runtime_error, which names the file, if it cannot be read, has more than 1 MiB, or does not
+/// describe a tracker.
 inline std::string read_tracker(const std::string& path) {
   constexpr std::size_t kMost = std::size_t{1} << 20;
   std::ifstream file(path);
@@ -37,8 +37,8 @@ inline std::string read_tracker(const std::string& path) {
   return text;
 }
 
-/// The options --tracker and --config, which set the description of a tracker, and --options, which prints
-/// one and ends the program.
+/// Adds the options --tracker and --config, which set the description of a tracker, and --options, which
+/// prints one and ends the program.
 inline void add_tracker_options(CLI::App& app, std::string& description) {
   std::string names;
   for (const std::string& name : tracker_names()) names += name + ", ";

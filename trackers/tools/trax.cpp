@@ -1,4 +1,4 @@
-// asterism-trax: a tracker at the service of a TraX client, for instance the VOT toolkit.
+// asterism-trax: runs a tracker for a TraX client, for instance the VOT toolkit.
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -31,7 +31,7 @@ constexpr char kProgram[] = "asterism-trax";
   throw std::system_error(errno, std::generic_category(), what);
 }
 
-// The number that an environment variable holds, `otherwise` where there is none.
+// The number in an environment variable; `otherwise` if it is not set.
 int number_from_environment(const char* name, int most, int otherwise) {
   const char* text = std::getenv(name);
   if (text == nullptr) return otherwise;
@@ -44,19 +44,19 @@ int number_from_environment(const char* name, int most, int otherwise) {
   return value;
 }
 
-// The client listens on a port of this machine.
+// Connects to the client, which listens on a port of this machine.
 int connect_to(int port) {
   sockaddr_in address = {};
   address.sin_family = AF_INET;
   address.sin_port = htons(static_cast<uint16_t>(port));
   address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  // A client may start the tracker first and listen then.
+  // Retries, as a client may start the tracker before it listens.
   const auto deadline = std::chrono::steady_clock::now() + std::chrono::seconds(5);
   while (true) {
     const int descriptor = socket(AF_INET, SOCK_STREAM, 0);
     if (descriptor < 0) throw_errno("cannot open a socket");
     if (connect(descriptor, reinterpret_cast<const sockaddr*>(&address), sizeof address) == 0) {
-      const int on = 1;  // replies are small and waited for
+      const int on = 1;  // replies are small, and the client waits for them
       setsockopt(descriptor, IPPROTO_TCP, TCP_NODELAY, &on, sizeof on);
       return descriptor;
     }
@@ -70,7 +70,7 @@ int connect_to(int port) {
   }
 }
 
-// On the streams or the socket that the environment names.
+// Uses the streams or the socket that the environment variables name.
 void serve(const asterism::tools::TraxServerOptions& options) {
   int in = -1, out = -1;
   if (std::getenv("TRAX_SOCKET") != nullptr) {
@@ -81,7 +81,7 @@ void serve(const asterism::tools::TraxServerOptions& options) {
     out = dup(number_from_environment("TRAX_OUT", kMostDescriptor, STDOUT_FILENO));
     if (out < 0) throw_errno("cannot write to the client");
   }
-  // Whatever a library may print goes with the errors: the client reads nothing but the protocol.
+  // Anything that a library prints goes to standard error: the client expects only the protocol.
   dup2(STDERR_FILENO, STDOUT_FILENO);
   asterism::tools::serve_trax(options, in, out);
 }
@@ -90,7 +90,7 @@ void serve(const asterism::tools::TraxServerOptions& options) {
 
 int main(int argc, char** argv) {
   using namespace asterism::tools;
-  std::signal(SIGPIPE, SIG_IGN);  // a client that goes is a failed write like another
+  std::signal(SIGPIPE, SIG_IGN);  // if the client exits, the write fails like any other
 
   TraxServerOptions options;
   CLI::App app("Runs a tracker for a client of the TraX protocol, on the standard streams or on TRAX_SOCKET.",

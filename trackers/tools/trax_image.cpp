@@ -20,7 +20,7 @@ struct PixelFormat {
   std::string_view name;
   int type;
 };
-// Colors are RGB on the line.
+// Colors are transmitted as RGB.
 constexpr std::array kPixelFormats = {PixelFormat{"rgb", CV_8UC3}, PixelFormat{"gray8", CV_8UC1},
                                       PixelFormat{"gray16", CV_16UC1}};
 
@@ -34,7 +34,7 @@ FrameImage read_file(const std::string& path, const std::optional<PixelRange>& r
   }
 }
 
-// Takes what stands before the next semicolon.
+// Removes the text before the next semicolon, and the semicolon, from `rest`; returns the text.
 std::string_view take_field(std::string_view& rest) {
   const size_t end = rest.find(';');
   if (end == std::string_view::npos) throw TraxError("the header of an image is not complete");
@@ -64,7 +64,7 @@ cv::Mat decode_memory(std::string_view rest, const std::optional<PixelRange>& ra
   const auto format = std::find_if(kPixelFormats.begin(), kPixelFormats.end(),
                                    [&](const PixelFormat& f) { return f.name == name; });
   if (format == kPixelFormats.end()) throw TraxError("unknown pixel format of an image");
-  // The announced size allocates nothing: that many bytes must have come.
+  // Nothing is allocated for the announced size until that many bytes have come.
   const std::string bytes = to_bytes(rest);
   if (std::uint64_t(width) * std::uint64_t(height) * CV_ELEM_SIZE(format->type) != bytes.size()) {
     throw TraxError("an image of " + std::to_string(width) + " x " + std::to_string(height) +
@@ -79,8 +79,8 @@ cv::Mat decode_memory(std::string_view rest, const std::optional<PixelRange>& ra
 }
 
 FrameImage decode_data(std::string_view rest, const std::optional<PixelRange>& range, cv::Size otherwise) {
-  take_field(rest);  // the file itself says what it is
-  // Documented is "data:image/jpeg;base64;", a data URI has "base64,", and what is in use leaves it out.
+  take_field(rest);  // the format is read from the file itself
+  // The documentation has "data:image/jpeg;base64;", a data URI has "base64,", and clients in use omit it.
   for (const std::string_view word : {"base64;", "base64,"}) {
     if (rest.starts_with(word)) rest.remove_prefix(word.size());
   }

@@ -20,7 +20,7 @@ struct Name {
   std::string_view text;
   Type type;
 };
-// "status" is what the first implementations sent for "state".
+// The first implementations sent "status" for "state".
 constexpr std::array kNames = {Name{"hello", Type::Hello}, Name{"initialize", Type::Initialize},
                                Name{"frame", Type::Frame}, Name{"state", Type::State},
                                Name{"quit", Type::Quit},   Name{"status", Type::State}};
@@ -40,7 +40,7 @@ bool is_property(std::string_view argument) {
   return equals != std::string_view::npos && is_key(argument.substr(0, equals));
 }
 
-// Takes an argument from the front of `rest`, quoted or not, and resolves its escapes.
+// Removes an argument, quoted or not, from the front of `rest` and resolves its escapes.
 std::string take_argument(std::string_view& rest) {
   const bool quoted = rest.front() == '"';
   if (quoted) rest.remove_prefix(1);
@@ -151,7 +151,7 @@ std::string format_trax_message(const TraxMessage& message) {
 }
 
 std::vector<std::string> split_trax_list(std::string_view list) {
-  // The documentation has commas, what is in use has semicolons.
+  // The documentation has commas, implementations in use have semicolons.
   constexpr std::string_view kSeparators = ";, ";
   std::vector<std::string> items;
   while (true) {
@@ -200,7 +200,7 @@ bool LineReader::fill() {
       buffer_.append(chunk.data(), static_cast<size_t>(count));
       return count > 0;
     }
-    if (errno == ECONNRESET) return false;  // the other side has gone with something unread
+    if (errno == ECONNRESET) return false;  // the other side closed with unread data
     if (errno != EINTR) throw std::system_error(errno, std::generic_category(), "cannot read");
   }
 }

@@ -26,24 +26,24 @@ struct TraxMessage {
   friend bool operator==(const TraxMessage&, const TraxMessage&) = default;
 };
 
-/// The message's name in its line.
+/// The name that begins the message's line.
 std::string_view to_string(TraxMessage::Type type);
 
-/// True for a line that begins as a message does; all others are what a tracker happens to print.
+/// True if a line begins as a message does; all others are other output of a tracker.
 bool is_trax_message(std::string_view line);
 
-/// A message from its line, without the line's end. An argument is a property where letters, digits, dots and
-/// underscores, at most 64, stand before its first '='. Throws TraxError.
+/// Parses a message from its line, without the line's end. An argument is a property if at most 64 letters,
+/// digits, dots and underscores precede its first '='. Throws TraxError.
 TraxMessage parse_trax_message(std::string_view line);
 
-/// The line that `parse_trax_message` reads, without its end. Throws std::invalid_argument where no line says
-/// the message: an argument that would be a property, a property's name that is none, a NUL byte.
+/// The line that `parse_trax_message` reads, without its end. Throws std::invalid_argument if no line can
+/// express the message: an argument that would be a property, an invalid name of a property, a NUL byte.
 std::string format_trax_message(const TraxMessage& message);
 
 /// The items of a list in a hello message, "path;memory;".
 std::vector<std::string> split_trax_list(std::string_view list);
 
-/// Lines from a file descriptor, as they come.
+/// Reads lines from a file descriptor as they arrive.
 class LineReader {
  public:
   /// Room for a frame of 7680 x 4320 pixels in base64.
@@ -52,26 +52,26 @@ class LineReader {
   explicit LineReader(int descriptor, size_t longest = kLongestLine)
       : descriptor_(descriptor), longest_(longest) {}
 
-  /// The next line without its end, waiting for it; empty at the end of the input, where a line that is not
-  /// ended is dropped.
+  /// The next line without its end, waiting for it; empty at the end of the input, where an incomplete line
+  /// is dropped.
   std::optional<std::string> next();
 
-  /// The next line if it has come already. Throws TraxError for a line that is too long.
+  /// The next line if it has arrived already. Throws TraxError if a line is too long.
   std::optional<std::string> take();
-  /// Waits for more input and takes in what there is; false at its end. Throws std::system_error where it
-  /// cannot be read and TraxError where too much waits to be taken.
+  /// Waits for more input and reads what there is; false at its end. Throws std::system_error if it cannot be
+  /// read, and TraxError if an unfinished line is too long.
   bool fill();
 
  private:
   int descriptor_;
   size_t longest_;
   std::string buffer_;
-  size_t begin_ = 0, searched_ = 0;  // of the next line; how far there is no end of it
+  size_t begin_ = 0, searched_ = 0;  // of the next line; end of the part without a line break
 };
 
 /// Base64 with padding (RFC 4648, section 4).
 std::string to_base64(std::string_view bytes);
-/// The bytes of a base64 text; empty if it is not one.
+/// Decodes base64; empty if the text is not valid.
 std::optional<std::string> from_base64(std::string_view text);
 
 }  // namespace asterism::tools

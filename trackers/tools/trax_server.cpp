@@ -36,7 +36,7 @@ void write_all(int descriptor, std::string_view bytes) {
   }
 }
 
-// The digits that make the number come back exactly.
+// The shortest digits that reproduce the number exactly.
 std::string to_text(double value) {
   std::array<char, 32> buffer;
   return {buffer.data(), std::to_chars(buffer.data(), buffer.data() + buffer.size(), value).ptr};
@@ -55,7 +55,7 @@ TraxMessage hello(const TraxServerOptions& options) {
   return message;
 }
 
-// In the form of the start: a polygon moves, grows and turns with the box, in which it began.
+// The region in the form of the first one: a polygon is moved, scaled and rotated with the box around it.
 Region region_of(const TrackResult& result, const Region& start) {
   if (start.is_rectangle()) return Region::rectangle(result.box);
   const std::array<cv::Point2d, 4> corners = result.corners();
@@ -126,12 +126,12 @@ class Session {
     try {
       send({Type::Quit, {}, {{"trax.reason", std::string(reason)}}});
     } catch (const std::exception&) {
-      return;  // nobody is there any more
+      return;  // the client has gone
     }
   }
 
-  // From version 4 on, each object comes with an initialize of its own, the first image with the frame after
-  // them, and an initialize with nothing forgets all objects.
+  // From version 4 on, each object has its own initialize, the first image comes with the frame after them,
+  // and an initialize without arguments removes all objects.
   void initialize(const TraxMessage& message) {
     const std::vector<std::string>& arguments = message.arguments;
     if (options_.version >= 4) {
@@ -175,7 +175,7 @@ class Session {
                    damaged_, first_damaged_);
   }
 
-  // One state an object, in the order in which they came.
+  // Sends one state per object, in the order in which they were added.
   void reply(const std::string& argument) {
     const auto [image, damaged] = decode_trax_image(argument, options_.range, size_);
     ++frames_;
@@ -209,15 +209,15 @@ class Session {
   LineReader reader_;
   int out_;
   std::vector<Object> objects_;
-  std::vector<Region> starts_;  // of objects that wait for their first image
+  std::vector<Region> starts_;  // of objects waiting for their first image
   int frames_ = 0, damaged_ = 0, first_damaged_ = 0;
-  cv::Size size_;  // of the last image that was not damaged
+  cv::Size size_;  // of the last undamaged image
 };
 
 }  // namespace
 
 void serve_trax(const TraxServerOptions& options, int in, int out) {
-  make_tracker(options.tracker);  // an unknown name is refused before the client is greeted
+  make_tracker(options.tracker);  // refuses an unknown name before greeting the client
   Session(options, in, out).run();
 }
 

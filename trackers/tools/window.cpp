@@ -16,8 +16,8 @@ namespace {
 
 const std::string kName = "asterism-track";
 
-// True where a window can be opened. Qt and GTK end the process where they cannot reach the display that the
-// environment names, so a child tries first.
+// Whether a window can be opened. Tried in a child process, as Qt and GTK end the process if they cannot
+// reach the display that the environment names.
 bool display_works() {
 #ifdef __linux__
   const auto set = [](const char* name) {
@@ -59,7 +59,7 @@ Window::~Window() {
   try {
     cv::destroyWindow(kName);
   } catch (const cv::Exception&) {
-    return;  // the user has closed it
+    return;  // the user has closed the window already
   }
 }
 

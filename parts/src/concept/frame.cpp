@@ -9,8 +9,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace {
 
-// Of floats without a range: what interpolation overshoots by is less, and an image of 0 to 255 or of -1 to 1
-// is not within.
+// Tolerance for float images without a given range: interpolation overshoots [0, 1] by less than this,
+// whereas images in [0, 255] or [-1, 1] exceed it.
 constexpr double kOvershoot = 0.5;
 
 std::string text(double value) {
@@ -41,7 +41,7 @@ void check(const cv::Mat& image) {
     throw std::invalid_argument("Frame: pixels must be 8 or 16 bit unsigned or float");
 }
 
-// The range that is asked for, else that of the depth.
+// The requested range, or else the default for the depth.
 PixelRange range_of(const cv::Mat& image, const std::optional<PixelRange>& range) {
   if (range) {
     const double span = range->white - range->black;
@@ -60,7 +60,7 @@ PixelRange range_of(const cv::Mat& image, const std::optional<PixelRange>& range
   return PixelRange::of_bits(image.depth() == CV_8U ? 8 : 16);
 }
 
-// With 8 bits a channel; what is beyond the range saturates.
+// Converts to 8 bits a channel; values outside the range saturate.
 cv::Mat to_8_bit(const cv::Mat& image, const std::optional<PixelRange>& asked) {
   // The conversion would turn NaN into an arbitrary gray level that nobody notices.
   if (image.depth() == CV_32F && !cv::checkRange(image))
@@ -73,7 +73,7 @@ cv::Mat to_8_bit(const cv::Mat& image, const std::optional<PixelRange>& asked) {
     image.convertTo(result, CV_8U, scale);
     return result;
   }
-  // Beyond the range of int the conversion itself does not saturate.
+  // Clamp first: convertTo does not saturate values outside the range of int.
   image.reshape(1).convertTo(result, CV_32F);
   result = cv::min(cv::max(result, range.black), range.white);
   result.convertTo(result, CV_8U, scale, -range.black * scale);
@@ -124,7 +124,7 @@ Frame first_frame(const cv::Mat& image) {
 bool Frame::has_color() const {
   for (int row = 0; row < bgr_.rows; ++row) {
     const uchar* pixel = bgr_.ptr<uchar>(row);
-    // Differences are collected over a row: the inner loop has no exit, so that it vectorises.
+    // Differences are collected over a whole row: without an early exit the inner loop vectorises.
     unsigned difference = 0;
     for (int col = 0; col < bgr_.cols; ++col, pixel += 3) {
       difference |= unsigned(pixel[0] ^ pixel[1]) | unsigned(pixel[1] ^ pixel[2]);

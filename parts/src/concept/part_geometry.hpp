@@ -11,36 +11,36 @@
 #include <stdexcept>
 #include <string>
 
-// What the part models share of checks and sizes.
+// Checks and sizes that the part models share.
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// However thin a target is, its window is no longer than this [template pixels].
+/// Longest side of a window, however thin the target is [template pixels].
 inline constexpr double kMaxWindowSide = option_ranges::kLongestSide;
 
-/// Shorter ones: of 256 cells where a model keeps tens of channels of each, of 64 superpixels where all are
-/// compared with all.
+/// Shorter limits for costly models: 256 cells where a model keeps tens of channels per cell, 64 superpixels
+/// where each is compared with every other.
 inline double max_window_side(int cell_size) { return std::min(kMaxWindowSide, 256.0 * cell_size); }
 inline double max_superpixel_window_side(int side) { return std::min(kMaxWindowSide, 64.0 * side); }
 
-/// Nothing larger is a target in an image [px]; the squares of such numbers are well within float.
+/// Largest side of a target [px]; the square of such a number is well within the range of float.
 inline constexpr double kMaxTargetSide = 1e9;
 
 inline void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }
 
-/// Of the range that a target's side in the template is brought to.
+/// Checks the range of the target's side in the template; `of` names the options.
 inline void require_ordered(const TemplateWindow& window, const char* of) {
   require(window.ordered(), std::string(of).append(": template sides must satisfy min <= max").c_str());
 }
-/// Of cells, none of which is larger than the target.
+/// The same for a model of cells, none of which may be larger than the target.
 inline void require_ordered(const TemplateWindow& window, int cell_size, const char* of) {
   require(window.ordered() && window.min_template_side >= cell_size,
           std::string(of).append(": template sides must satisfy cell_size <= min <= max").c_str());
 }
 
-/// The contract of PartModel::resize, and of PartModel::init.
+/// Checks the arguments of PartModel::resize and PartModel::init.
 inline void require_size(const Size2& size) {
   require(size.allFinite() && size.minCoeff() > 0, "part: the size must be finite and positive");
 }
@@ -50,11 +50,11 @@ inline void require_target(const Point2& centre, const Size2& size) {
   require(size.maxCoeff() <= kMaxTargetSide, "part: the size must be at most 1e9 px");
 }
 
-/// Geometric mean of the sides, of any size that is finite.
+/// Geometric mean of the sides; does not overflow for any finite size.
 inline double mean_side(const Size2& size) { return std::sqrt(size.x()) * std::sqrt(size.y()); }
 
-/// Template pixels an image pixel: the mean side of the target is in the window's range, and unscaled
-/// between; no side of the window exceeds `longest`.
+/// Template pixels per image pixel. Brings the target's mean side into the window's range, with scale 1 if it
+/// is there already, and keeps each side of the window within `longest`.
 inline double template_scale(const Size2& size, const TemplateWindow& window,
                              double longest = kMaxWindowSide) {
   const double side = mean_side(size);
@@ -64,10 +64,10 @@ inline double template_scale(const Size2& size, const TemplateWindow& window,
 
 /// Template and search window of a model that is matched at every whole shift within `reach`.
 struct MatchGeometry {
-  double spacing;        ///< image pixels a template pixel
+  double spacing;        ///< image pixels per template pixel
   int cols, rows;        ///< of the template
-  int reach;             ///< of the search to each side [template pixels]
-  ResponseMap response;  ///< of all shifts
+  int reach;             ///< of the search, to each side [template pixels]
+  ResponseMap response;  ///< one value per shift
 };
 inline MatchGeometry match_geometry(const Size2& size, const TemplateWindow& window,
                                     double longest = kMaxWindowSide) {
@@ -84,8 +84,9 @@ inline MatchGeometry match_geometry(const Size2& size, const TemplateWindow& win
   return result;
 }
 
-/// Of matches at every shift: where they differ by no more than `rounding`, they are 0; one at the border of
-/// the search counts 1e-4 less than an equal one in its middle.
+/// Prepares the match values of all shifts: if they differ by no more than `rounding`, all become 0. Towards
+/// the border of the search values are lowered, by up to 1e-4 of their size along each axis, so that of equal
+/// ones the most central wins.
 inline void settle_ties(decltype(ResponseMap::values)& values, float rounding) {
   if (values.maxCoeff() - values.minCoeff() <= rounding) values.setZero();
   const Eigen::ArrayXf weight = 1 - 1e-4F * Eigen::ArrayXf::LinSpaced(values.rows(), -1, 1).square();
@@ -93,9 +94,9 @@ inline void settle_ties(decltype(ResponseMap::values)& values, float rounding) {
   values.rowwise() *= weight.transpose();
 }
 
-/// A target with its surroundings.
+/// Template size of a target with its surroundings.
 struct WindowGeometry {
-  double to_template;  ///< template pixels an image pixel
+  double to_template;  ///< template pixels per image pixel
   int cols, rows;      ///< [template pixels], at least `least`
 };
 inline WindowGeometry window_geometry(const Size2& size, const TemplateWindow& window, int least) {
@@ -105,7 +106,7 @@ inline WindowGeometry window_geometry(const Size2& size, const TemplateWindow& w
           std::max(least, static_cast<int>(std::lround((size.y() + margin) * to_template)))};
 }
 
-/// A window of the frame (sample_patch) in BGR; of a gray frame, three equal channels.
+/// A window of the frame (sample_patch) in BGR; three equal channels for a gray frame.
 inline void sample_bgr(const Frame& frame, const Point2& centre, const Size2& window, const cv::Size& grid,
                        cv::Mat& patch) {
   sample_patch(frame.bgr().empty() ? frame.gray() : frame.bgr(), centre, window, grid, patch);
@@ -120,9 +121,9 @@ inline Eigen::ArrayXf hann(int n) {
 /// Signed circular distance of index i from 0 on a period of n.
 inline int wrapped(int i, int n) { return i > n / 2 ? i - n : i; }
 
-/// Vertex of a Gaussian through three values, the middle one the largest and positive: that of the parabola
-/// through their logarithms. Where the label is a Gaussian of about a cell, a parabola through the values
-/// would err by up to 0.1 cells.
+/// Vertex of a Gaussian through three values, of which the middle one is the largest and positive: the vertex
+/// of the parabola through their logarithms. For a label that is a Gaussian about one cell wide, a parabola
+/// through the values themselves would err by up to 0.1 cells.
 inline double gaussian_vertex(float before, float middle, float after) {
   const float least = 1e-3F * middle;
   const double left = std::log(std::max(before, least) / middle),

@@ -25,7 +25,7 @@ namespace {
 
 using Json = nlohmann::ordered_json;
 
-// Sets options to what a JSON object has for them.
+// Sets options to their values in a JSON object.
 class OptionReader : public OptionVisitor {
  public:
   OptionReader(std::string of, const Json& options, PartRegistry& models)
@@ -58,7 +58,7 @@ class OptionReader : public OptionVisitor {
     }
   }
 
-  /// No more options on this level: what was not visited is unknown.
+  /// All options of this level have been visited: any other member is unknown.
   void leave() override {
     const Level& level = levels_.back();
     for (const auto& [name, value] : level.json->items())
@@ -86,7 +86,7 @@ class OptionReader : public OptionVisitor {
       *solver = solver_of(name, *json, *solver);
     }
   }
-  // NAME or NAME{OPTIONS} of a part.
+  // Returns NAME or NAME{OPTIONS} for a part.
   std::string part_of(std::string_view name, const Json& json) const {
     if (json.is_string()) return json.get<std::string>();
     if (!json.is_object() || !json.contains("model") || !json.at("model").is_string())
@@ -95,7 +95,8 @@ class OptionReader : public OptionVisitor {
     options.erase("model");
     return json.at("model").get<std::string>() + options.dump();
   }
-  // A solver's name, or an object with it as "method" and options beside it; without it, `now` is kept.
+  // `json` is a solver's name, or an object with the name as "method" and options beside it; without "method"
+  // the name of `now` is kept.
   SolverDescription solver_of(std::string_view name, const Json& json, const SolverDescription& now) const {
     if (json.is_string()) return {json.get<std::string>(), {}};
     if (!json.is_object()) refuse(name, "must be a solver's name or an object with it as \"method\"", json);
@@ -168,7 +169,7 @@ void for_each_model(F&& f) {
   f.template operator()<Template, TemplateOptions>("template");
 }
 
-// Writes down the values that options have.
+// Lists options with their values as JSON.
 class OptionLister : public OptionVisitor {
  public:
   explicit OptionLister(Json& json) : levels_{&json} {}
@@ -214,7 +215,7 @@ class OptionLister : public OptionVisitor {
   std::vector<Json*> levels_;
 };
 
-// What `f` throws in a plugin's code, with the name of the model, which may be there already.
+// Calls `f`, a plugin's code, and puts the name of the model in front of what it throws, unless it is there.
 template <typename F>
 auto guarded(const std::string& name, F&& f) {
   try {
@@ -229,7 +230,7 @@ auto guarded(const std::string& name, F&& f) {
   }
 }
 
-// A plugin's model, which is not trusted.
+// Wraps a plugin's model, whose results and exceptions are not trusted.
 class PluginPart {
  public:
   PluginPart(std::string name, AnyPart part) : name_(std::move(name)), part_(std::move(part)) {}
@@ -273,9 +274,10 @@ class PluginPart {
   AnyPart part_;
 };
 
-// A section of a file in this machine's ELF format; nothing if the file is not one, or has no such section.
+// Reads a section of a file in this machine's ELF format; nothing if it is not such a file or has no such
+// section.
 std::optional<std::string> elf_section(const std::string& path, std::string_view wanted) {
-  constexpr std::uint64_t kMost = std::uint64_t{1} << 24;  // bytes of a table: 2^18 sections, and their names
+  constexpr std::uint64_t kMost = std::uint64_t{1} << 24;  // bytes of one table, e.g. 2^18 section headers
   std::ifstream file(path, std::ios::binary);
   const auto read = [&file](std::uint64_t at, std::uint64_t size) -> std::optional<std::string> {
     if (size > kMost || !file.seekg(static_cast<std::streamoff>(at))) return {};
@@ -303,7 +305,7 @@ std::optional<std::string> elf_section(const std::string& path, std::string_view
   return {};
 }
 
-// Refuses what is not a library of part models for this program, without loading it.
+// Throws unless the file is a library of part models that was built for this program; does not load it.
 void check_plugin(const std::string& library, const std::string& path) {
   const std::string is_none = library + " is not a library of part models: ";
   std::error_code error;
@@ -356,7 +358,7 @@ void PartRegistry::add(const std::string& name, Factory&& factory) {
 }
 
 std::vector<std::string> PartRegistry::load(const std::string& library) {
-  // Without a slash, dlopen looks for it in the system's folders.
+  // Without a slash, dlopen would search the system's folders.
   const std::string path = library.find('/') == std::string::npos ? "./" + library : library;
   check_plugin(library, path);
   // Never closed: parts and their exceptions may outlive any registry.
@@ -371,7 +373,7 @@ std::vector<std::string> PartRegistry::load(const std::string& library) {
   PartRegistry models{Factories()};
   try {
     guarded(library, [&] { add_models(models); });
-  } catch (const std::invalid_argument& error) {  // a name
+  } catch (const std::invalid_argument& error) {  // a model's name was refused
     throw std::runtime_error(error.what());
   }
   std::vector<std::string> names;
@@ -408,7 +410,7 @@ void PartRegistry::read_json(const std::string& of, std::string_view json, const
   Json object;
   try {
     object = Json::parse(json);
-  } catch (const Json::exception& error) {  // also of a number beyond double's range
+  } catch (const Json::exception& error) {  // also for a number beyond the range of double
     throw std::invalid_argument(of + ": its options are not a JSON object: " + error.what());
   }
   if (!object.is_object())

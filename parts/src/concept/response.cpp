@@ -7,18 +7,19 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Vertex of the parabola through (-1, left), (0, centre), (1, right), centre being the largest; in [-1/2,
-// 1/2].
+// Vertex of the parabola through (-1, left), (0, centre), (1, right); within [-1/2, 1/2], as centre is the
+// largest.
 double parabola_vertex(double left, double centre, double right) {
   const double curvature = 2 * centre - left - right;
   return curvature > 0 ? 0.5 * (right - left) / curvature : 0;
 }
 
-// Responses whose range is at most this share of the largest one are all the same: rounding of the
-// transforms.
+// Responses whose range is at most this fraction of the largest one count as equal: the difference is
+// rounding of the transforms.
 constexpr float kOneResponse = 1e-4f;
 
-// The largest response and its grid position; the middle and 0 if none is positive, or if all are equal.
+// The largest response and its grid position; value 0 at the middle of the grid if no response is positive or
+// all are equal.
 struct Peak {
   double row, col, value;
 };
@@ -41,11 +42,11 @@ Peak peak_of(const ResponseMap& response, bool sub_pixel) {
   return peak;
 }
 
-// Second moments about a grid position; of a constant map unless `any` response is positive.
+// Second moments of the positive responses about a grid position; with `any` false, those of a constant map.
 Eigen::Matrix2d moments(const ResponseMap& response, double row, double col, bool any) {
   const auto& r = response.values;
   const Eigen::Index rows = r.rows(), cols = r.cols();
-  // Moments in grid units, separable sums over rows first.
+  // In grid units; each row is summed first.
   double mass = 0, xx = 0, yy = 0, xy = 0;
   for (Eigen::Index i = 0; i < rows; ++i) {
     double row_mass = 0, row_x = 0, row_xx = 0;
@@ -66,7 +67,8 @@ Eigen::Matrix2d moments(const ResponseMap& response, double row, double col, boo
   Eigen::Matrix2d covariance;
   covariance << xx * sx * sx, xy * sx * sy, xy * sx * sy, yy * sy * sy;
   covariance /= mass;
-  // A single-cell peak has no spread of its own: the grid's quantisation (uniform over a cell) remains.
+  // Add the variance of the grid's quantisation (uniform over a cell): a peak of one cell has no other
+  // spread.
   covariance.diagonal() += response.spacing.cwiseAbs2() / 12;
   return covariance;
 }

@@ -20,7 +20,7 @@ struct Header {
   std::array<char, 8> mark = kMark;
   std::uint32_t version = StateArchive::kVersion;
   std::uint32_t byte_order = kByteOrder;
-  std::uint64_t size = 0;  // of what follows
+  std::uint64_t size = 0;  // of the payload [bytes]
   std::uint32_t checksum = 0, reserved = 0;
 };
 static_assert(sizeof(Header) == 32);
@@ -156,7 +156,7 @@ void StateArchive::name(std::string_view what) {
                               quoted(expected) + " is");
 }
 
-// A part's options are checked with the state of its own.
+// A part made by name is skipped: its own state holds its options.
 void StateArchive::OptionCheck::made_by_name(std::string_view name, MemberReference member,
                                              std::string_view made) {
   const SolverDescription* const solver = member.as<SolverDescription>();
@@ -170,7 +170,7 @@ void StateArchive::OptionCheck::made_by_name(std::string_view name, MemberRefere
 void StateArchive::OptionCheck::check(std::string_view name, double value) {
   archive_.name(name);
   double saved = value;
-  archive_.raw(&saved, sizeof saved);  // an option may be infinite
+  archive_.raw(&saved, sizeof saved);  // raw, as an option may be infinite
   if (std::bit_cast<std::uint64_t>(saved) == std::bit_cast<std::uint64_t>(value)) return;
   throw std::invalid_argument("state: of other options: '" + std::string(name) + "' was " +
                               std::to_string(saved) + " and is " + std::to_string(value));

@@ -13,7 +13,7 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// exp(-i^2 / (2 sigma^2)) over wrapped distances, and the real spectrum of that, first n / 2 + 1 or all bins.
+// The spectrum of exp(-i^2 / (2 sigma^2)) over wrapped distances i, which is real: its first `bins` bins.
 Eigen::ArrayXd gaussian_spectrum(int n, double sigma, int bins) {
   Eigen::ArrayXd spectrum = Eigen::ArrayXd::Zero(bins);
   for (int i = 0; i < n; ++i) {
@@ -86,8 +86,7 @@ double CellSpectra::transform(const Frame& frame, const Point2& centre, const Si
                                 sample_.data(), work_.data());
 }
 
-// The gray level of a cell is the mean of its pixels in whole levels; the window's mean goes, as in
-// Henriques' gray template.
+// The gray level of a cell is the mean of its pixels, rounded to a whole level, less one half.
 void CellSpectra::add_gray(float* plane) {
   const int cell = cell_size_;
   for (int r = 0; r < rows_; ++r) {
@@ -153,7 +152,7 @@ bool CellSpectra::flat() const {
 
 Eigen::ArrayXd CellSpectra::gaussian_label(double sigma) const {
   const part_kernels_v0_1::Transform& t = plan_->transform;
-  // A product of one Gaussian of each axis, as is its spectrum.
+  // A product of a Gaussian along each axis; so is its spectrum.
   const Eigen::ArrayXd across = gaussian_spectrum(cols_, sigma, t.bins),
                        down = gaussian_spectrum(rows_, sigma, rows_);
   Eigen::ArrayXd label = Eigen::ArrayXd::Zero(plan_->half_floats());

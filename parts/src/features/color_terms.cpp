@@ -25,8 +25,8 @@ constexpr std::array<std::array<int, 3>, kColorTerms> kTypical{{{0, 0, 0},
                                                                 {210, 20, 30},
                                                                 {255, 255, 255},
                                                                 {250, 230, 40}}};
-constexpr float kSigma = 20;  // of the Gaussian, in CIELAB
-constexpr int kBits = 5;      // of a channel that the table tells apart
+constexpr float kSigma = 20;  // of the Gaussian [CIELAB units]
+constexpr int kBits = 5;      // of each channel that index the table
 constexpr int kLevels = 1 << kBits, kColors = kLevels * kLevels * kLevels;
 
 int index_of(const cv::Vec3b& bgr) {
@@ -55,7 +55,7 @@ std::vector<Shares> make_table() {
       const cv::Vec3f d = lab.at<cv::Vec3f>(i) - lab.at<cv::Vec3f>(kColors + k);
       squares[static_cast<std::size_t>(k)] = d.dot(d);
     }
-    // Relative to the nearest: colors far from all have a share that is not 0 / 0.
+    // Relative to the nearest term: otherwise a color far from all of them would give 0 / 0.
     const float nearest = *std::min_element(squares.begin(), squares.end());
     float sum = 0;
     for (std::size_t k = 0; k < shares.size(); ++k)

@@ -10,12 +10,11 @@ inline namespace ASTERISM_ABI {
 /// white, yellow.
 inline constexpr int kColorTerms = 11;
 
-/// How much of each cell of an image has each of the colors: the mean over its pixels of the share of each
-/// term, shares adding to 1. A pixel's share of a term falls with the distance in CIELAB from the term's
-/// typical color as a Gaussian.
+/// The share of each color term in each cell of an image: the mean over its pixels of their shares, which add
+/// to 1. A pixel's share of a term falls as a Gaussian of the distance in CIELAB to the term's typical color.
 ///
-/// bgr: CV_8UC3, rows x cols cells of `cell` x `cell` pixels -> planes: kColorTerms x rows x cols, in [0,
-/// 1]. Does not allocate, but for a table at the first call.
+/// bgr: CV_8UC3, rows x cols cells of `cell` x `cell` pixels -> planes: kColorTerms x rows x cols, in [0, 1].
+/// Allocates only a table, at the first call.
 void color_term_cells(const cv::Mat& bgr, int cell, float* planes);
 
 }  // namespace ASTERISM_ABI

@@ -11,7 +11,7 @@
 // cache:
 //
 //   load_row     a row of pixels as floats, with the border replicated
-//   vote_row     magnitude and orientation of each gradient, then one vote a pixel
+//   vote_row     magnitude and orientation of each gradient, then one vote per pixel
 //   collect      votes -> histograms of the row of cells that is now complete, and its energy
 //   normalise_blocks  1 / sqrt of the 2 x 2 block energies between two rows of cells
 //   emit_row     normalise, clip and sum one row of cells into the 31 planes
@@ -29,12 +29,12 @@ inline namespace ASTERISM_ABI {
 namespace {
 
 constexpr int kSigned = 18;
-// A gradient between -10 and 0 degrees lands in slot 18, which is orientation 0 again: one slot more is
-// cheaper than a test a pixel.
+// A gradient between -10 and 0 degrees lands in slot 18, which is orientation 0 again: an extra slot is
+// cheaper than a test per pixel.
 constexpr int kSlots = kSigned + 1;
 constexpr float kMaxPixel = 1e8F;  // keeps block energies far from overflow for every cell size
 constexpr float kRegulariser = 1e-4F;
-constexpr int kMaxCells = 1 << 20;  // of a row; keeps all indices within int
+constexpr int kMaxCells = 1 << 20;  // in a row; keeps all indices within int
 constexpr int kPadding = part_kernels_v0_1::kMaxLanes;
 
 int padded(int n) { return (n + kPadding - 1) / kPadding * kPadding; }
@@ -86,7 +86,8 @@ void Fhog::load_row(const cv::Mat& patch, int y) {
 // Votes of pixel row y; `rows` of the patch are loaded or replicated.
 void Fhog::vote_row(int y, int rows) {
   const auto row_at = [&](int i) { return pixels_.data() + i % 3 * row_ + 1; };
-  // Position between the upper and lower centres, and the same for each pixel of an interval in x.
+  // Fraction of the way from the upper to the lower cell centres, the same for all pixels of the row. In x it
+  // depends only on the pixel's phase within an interval.
   const int half = cell_size_ / 2;
   const auto fraction = [&](int phase) {
     return (static_cast<float>(half + phase) + 0.5F) / static_cast<float>(cell_size_) - 0.5F;

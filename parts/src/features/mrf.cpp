@@ -11,15 +11,16 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace {
 
-/// Keeps every class possible in every cell.
+/// Added to posteriors so that every class stays possible in every cell.
 constexpr float kEps = std::numeric_limits<float>::epsilon();
 
-/// Convolution with the neighbourhood's weights lambda: a Gaussian of radius r and deviation r / 3 whose
-/// centre is zero, normalised to sum 1; the border is reflected (cv::BORDER_REFLECT).
+/// Convolution with the neighbourhood's weights lambda: a Gaussian of radius r and standard deviation r / 3
+/// whose centre is zero, normalised to sum 1; the border is reflected (cv::BORDER_REFLECT).
 ///
-/// Zeroing the centre makes the kernel inseparable. The full Gaussian is separable, but subtracting its
-/// centre afterwards cancels: nearly all weight is there when r = 1. So the neighbours are summed in two
-/// parts, those in the same row and those in other rows, and no term is ever subtracted.
+/// Zeroing the centre makes the kernel inseparable. Convolving with the full, separable Gaussian and
+/// subtracting the centre's term would cancel badly: for r = 1 nearly all weight is at the centre. So the
+/// neighbours are summed in two parts, those in the same row and those in other rows, and nothing is
+/// subtracted.
 class Neighbourhood {
  public:
   Neighbourhood(cv::Size size, int radius, MrfWorkspace& workspace)
@@ -93,14 +94,14 @@ void check_map(const cv::Mat& map, const char* message) {
   if (map.dims > 2 || map.type() != CV_32FC1) throw std::invalid_argument(message);
   for (int y = 0; y < map.rows; ++y) {
     const float* value = map.ptr<float>(y);
-    // Written so that NaN fails.
+    // Written so that NaN is not valid.
     const bool valid = std::all_of(value, value + map.cols, [](float v) { return v >= 0 && v <= 1; });
     if (!valid) throw std::invalid_argument(message);
   }
 }
 
-/// sum_i log(f_i b_i) with one logarithm for eight elements: f_i + b_i = 2 and f_i, b_i > 1e-15, so that the
-/// product of eight pairs is far from the ends of double.
+/// sum_i log(f_i b_i) with one logarithm per eight elements: f_i + b_i = 2 and f_i, b_i > 1e-15, so that the
+/// product of eight pairs stays well within the range of double.
 double log_of_product(std::span<const float> f, std::span<const float> b) {
   constexpr std::size_t kGroup = 8;
   double sum = 0;
@@ -136,9 +137,9 @@ void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& f
   check_options("MrfOptions", options);
   if (!options.enabled) return foreground_likelihood.copyTo(posterior);
 
-  // All maps are contiguous planes. Only the foreground's is stored of pi and s, whose classes sum to one:
-  // lambda keeps that sum. Both are stored of q, since the background's is needed where it is far below
-  // rounding of one.
+  // All maps are contiguous planes. For pi and s only the foreground's plane is stored: their classes sum to
+  // one, which lambda preserves. For q both are stored, since the background's value matters where it is far
+  // below the rounding error of one.
   const auto off_the_ends = [](float pi_f) { return std::min(std::max(pi_f, kEps), 1 - kEps); };
   const cv::Size size = foreground_likelihood.size();
   const std::size_t cells = foreground_likelihood.total();
@@ -169,13 +170,13 @@ void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& f
       p_f[i] = pi[i] * l[i] + kEps;
       p_b[i] = (1 - pi[i]) * (1 - l[i]) + kEps;
     }
-    // s_k = pi_k (lambda * pi_k), normalised over k: the prior's agreement with its neighbourhood.
+    // s_k = pi_k (lambda * pi_k), normalised over k: the prior weighted by that of its neighbourhood.
     lambda.apply(pi.data(), mean_f.data());
     for (std::size_t i = 0; i < cells; ++i) {
       const float f = pi[i] * mean_f[i], b = (1 - pi[i]) * (1 - mean_f[i]);
       s[i] = f / (f + b);
     }
-    // q_k = P_k (lambda * P_k), normalised over k: the same of the posterior.
+    // q_k = P_k (lambda * P_k), normalised over k: the same for the posterior.
     lambda.apply(p_f.data(), mean_f.data());
     lambda.apply(p_b.data(), mean_b.data());
     for (std::size_t i = 0; i < cells; ++i) {
@@ -190,7 +191,7 @@ void regularize_posterior(const cv::Mat& foreground_likelihood, const cv::Mat& f
       q_f[i] += mean_f[i];
       q_b[i] += mean_b[i];
     }
-    // e = -1/(2N) sum_i sum_k log Q_k. It grows while the labels sharpen; only its change says anything.
+    // e = -1/(2N) sum_i sum_k log Q_k. It grows while the labels sharpen; only its change is meaningful.
     const double energy = -log_of_product(q_f, q_b) / (2.0 * double(cells));
     if (std::abs(energy - previous) < options.tolerance) break;
     previous = energy;

@@ -11,15 +11,15 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Width of the box filter for one axis: the odd number nearest to the shrink factor, so that it moves
-// nothing. From twice the image's `pixels` on it sees all of them anyway.
+// Width of the box filter for one axis: the odd number nearest to the shrink factor; odd, so that it shifts
+// nothing. A width of twice the image's `pixels` covers them all already.
 int box_filter_width(double shrink, int pixels) {
   shrink = std::min(shrink, 2.0 * pixels);
   return 2 * static_cast<int>(std::lround((shrink - 1) / 2)) + 1;
 }
 
-// The pixels in [0, n) that bilinear sampling of [low, high] reads, with a margin. Outside the image it is
-// the border pixel that is read, filtered as any other: it has the margin too.
+// The pixels in [0, n) that bilinear sampling of [low, high] reads, with a margin. Positions outside the
+// image read the border pixel, which is filtered too and therefore needs the margin as well.
 cv::Range source_range(double low, double high, int margin, int n) {
   const double last = n - 1;
   const int from = static_cast<int>(std::floor(std::clamp(low, 0.0, last)));
@@ -27,11 +27,11 @@ cv::Range source_range(double low, double high, int margin, int n) {
   return {std::max(from - margin, 0), std::min(to + margin, n - 1) + 1};
 }
 
-// A window as the grid that it is sampled on.
+// The grid on which a window is sampled.
 struct Lattice {
-  Size2 step;          // image pixels a patch pixel
+  Size2 step;          // image pixels per patch pixel
   Point2 first, last;  // image positions of the centres of the first and the last patch pixel
-  cv::Size filter;     // box filter
+  cv::Size filter;     // size of the box filter
 
   Lattice(const cv::Mat& image, const Point2& centre, const Size2& size, const cv::Size& grid)
       : step(size.cwiseQuotient(Size2(grid.width, grid.height))) {
@@ -62,12 +62,12 @@ void sample_patch(const cv::Mat& image, const Point2& centre, const Size2& size,
                  cv::BORDER_REPLICATE);
 }
 
-// OpenCV's fixed-point coordinates: 1024ths of a pixel, rounded to 32nds. Along x it rounds the step and the
-// origin apart, along y their sum.
+// Reproduces the fixed-point coordinates of OpenCV: in 1024ths of a pixel, then rounded to 32nds. OpenCV
+// rounds step and origin separately along x (`apart`), but their sum along y.
 void PatchSampler::Axis::place(double first, double step, int count, int limit, bool apart) {
   pixel.resize(static_cast<std::size_t>(count));
   fraction.resize(static_cast<std::size_t>(count));
-  // Beyond these, which are far from every image, the numbers only have to keep their sign.
+  // Clamped: positions so far outside the image only have to keep their sign.
   const auto fixed = [](double v) { return std::llrint(std::clamp(v * 1024, -1e15, 1e15)); };
   for (int i = 0; i < count; ++i) {
     const long long sum = apart ? fixed(first) + fixed(step * i) : fixed(step * i + first);
@@ -78,7 +78,7 @@ void PatchSampler::Axis::place(double first, double step, int count, int limit, 
   }
 }
 
-// Means over the filter's box around the pixels first .. last of row y, borders replicated.
+// Means over the filter's box around pixels first .. last of row y; borders are replicated.
 void PatchSampler::box_filter_row(const cv::Mat& image, int y, const cv::Size& filter, int first, int last,
                                   std::vector<std::uint8_t>& out) {
   const int half = filter.width / 2, limit = image.cols;
@@ -92,7 +92,7 @@ void PatchSampler::box_filter_row(const cv::Mat& image, int y, const cv::Size& f
   out.resize(static_cast<std::size_t>(limit));
   const float scale = 1 / static_cast<float>(filter.area());
   const auto mean = [scale](auto box) {
-    // NOLINTNEXTLINE(bugprone-incorrect-roundings): of what is not negative
+    // NOLINTNEXTLINE(bugprone-incorrect-roundings): never negative
     return static_cast<std::uint8_t>(static_cast<float>(box) * scale + 0.5F);
   };
   const auto running = [&](int from, int to) {
@@ -105,8 +105,8 @@ void PatchSampler::box_filter_row(const cv::Mat& image, int y, const cv::Size& f
       box -= at(x - half);
     }
   };
-  // Narrow boxes are added up pixel by pixel, all along the row at once; those at the border, and wide ones,
-  // are a running sum.
+  // Narrow boxes are summed offset by offset along the whole row, which vectorises; wide boxes and those at
+  // the border use a running sum.
   constexpr int kNarrow = 9;
   const int inner = std::max(first, half), inner_end = std::min(last + 1, limit - half);
   if (filter.width > kNarrow || filter.height > kNarrow || inner_end <= inner) return running(first, last);
@@ -138,7 +138,7 @@ void PatchSampler::sample(const cv::Mat& image, const Point2& centre, const Size
   row.column = x_.pixel.data();
   row.fraction = x_.fraction.data();
   row.work = work_.data();
-  // Where nothing is resampled, all pixels but those at the border are a run.
+  // The run of consecutive pixels with equal fractions: without resampling, all but those at the border.
   int run = 1;
   while (row.run_first + run < grid.width && row.column[row.run_first + run] == row.column[row.run_first]) {
     ++row.run_first;

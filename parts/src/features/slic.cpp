@@ -17,13 +17,13 @@ using Centre = Eigen::Array<float, 5, 1>;
 // Number of seeds along a side of the image.
 int seeds(int pixels, int side) { return std::max(1, (pixels + side / 2) / side); }
 
-// floor(value * numerator / denominator); the product of two lengths of a long image is beyond int.
+// floor(value * numerator / denominator) in 64 bits: for long images the product of two lengths exceeds int.
 int scaled(int value, int numerator, int denominator) {
   return static_cast<int>(std::int64_t{value} * numerator / denominator);
 }
 
-// The pieces of equal label, numbered anew; small ones go to the piece on the left of their first pixel or
-// above it, which was there before.
+// Splits labels into connected pieces and numbers them from 0. A small piece joins the piece to the left of
+// its first pixel, or above it, which already has its number.
 int join_small_pieces(std::vector<int>& labels, int cols, std::size_t least) {
   const std::vector<int> before = std::exchange(labels, std::vector<int>(labels.size(), -1));
   const int count = static_cast<int>(before.size());
@@ -71,7 +71,7 @@ SuperpixelMap slic(const Eigen::ArrayX3f& colors, int cols, const SlicOptions& o
   SuperpixelMap result{.cols = cols, .rows = rows, .labels = {}, .areas = {}, .colors = {}};
   result.labels.resize(static_cast<std::size_t>(count));
   int* const label = result.labels.data();
-  // Pixels that no centre reaches stay in the cell of the grid that they begin in.
+  // Initial labels: the cells of the grid. A pixel that no centre reaches keeps its own.
   std::vector<Centre> centres(static_cast<std::size_t>(across * down));
   for (int y = 0; y < rows; ++y)
     for (int x = 0; x < cols; ++x)

@@ -9,7 +9,7 @@
 namespace asterism::part_kernels_v0_1 {
 namespace {
 
-// Few passes, and as many as possible of radix 4, which is the cheapest a point.
+// Few passes, as many as possible of radix 4, which costs least per point.
 std::vector<int> radices(int n) {
   std::vector<int> result;
   const auto take = [&](int radix) {

@@ -1,15 +1,15 @@
 #pragma once
 
-// The kernels of Kcf and Fhog, in vectors of lanes. A filter's channels are the lanes of its transforms, so
-// that these need no shuffles and no code for real input that is any different from complex; a single plane's
-// are its rows in the transform along them, and its columns in the other.
+// The kernels of the part models' filters and of Fhog, in vectors of lanes. In the transforms of a filter,
+// the lanes are its channels: these need no shuffles, and real input needs no special code. In those of a
+// single plane, the lanes are its rows in the transform along the rows, and its columns in the other.
 #include "part_lanes.hpp"
 
 namespace asterism::part_kernels_v0_1 {
 namespace {
 
-// Complex numbers of kLanes at a time: real and imaginary parts of element i are at re + i * stride and
-// im + i * stride. Transforms with the two exchanged on both sides are inverse ones.
+// kLanes complex numbers at a time: real and imaginary parts of element i are at re + i * stride and im + i *
+// stride. Exchanging re and im in both input and output gives the inverse transform.
 struct Input {
   const float *re, *im;
   std::ptrdiff_t stride;
@@ -30,8 +30,8 @@ ASTERISM_INLINE Complex operator*(float a, const Complex& b) { return {a * b.re,
 ASTERISM_INLINE Complex minus_i(const Complex& a, const Complex& b) { return {a.re + b.im, a.im - b.re}; }
 ASTERISM_INLINE Complex plus_i(const Complex& a, const Complex& b) { return {a.re - b.im, a.im + b.re}; }
 
-/// Cosines and sines of 2 pi j / kRadix, j = 1 .. kRadix / 2, in all lanes: what radices above 4 that are odd
-/// multiply with, the others of their roots being these but for signs.
+/// Cosines and sines of 2 pi j / kRadix, j = 1 .. kRadix / 2, in all lanes: the factors of an odd radix above
+/// 4, whose other roots differ from these only in sign.
 template <int kRadix>
 struct Roots {
   static constexpr bool kUsed = kRadix > 4 && kRadix % 2 != 0;
@@ -67,7 +67,7 @@ ASTERISM_INLINE void butterfly(Complex* x, const R& roots) {
     x[2] = a - c;
     x[3] = plus_i(b, d);
   } else if constexpr (kRadix == 6) {
-    // Three transforms of two points and two of three; 2 and 3 share no factor, so without twiddles.
+    // Three transforms of two points and two of three. No twiddle factors, as 2 and 3 are coprime.
     Complex a[3] = {x[0] + x[3], x[4] + x[1], x[2] + x[5]};
     Complex b[3] = {x[0] - x[3], x[4] - x[1], x[2] - x[5]};
     butterfly<3>(a, roots);
@@ -112,8 +112,8 @@ ASTERISM_INLINE void butterfly(Complex* x, const R& roots) {
   }
 }
 
-/// The pass `index` of a transform: m times s transforms of kRadix points, of which the first s have no
-/// twiddles.
+/// Pass `index` of a transform: m times s transforms of kRadix points, of which the first s have no twiddle
+/// factors.
 template <int kRadix>
 void pass(const Passes& plan, int index, int m, int s, const Input& in, const Output& out) {
   const Roots<kRadix> roots(plan.roots[index]);
@@ -148,7 +148,7 @@ void pass(const Passes& plan, int index, int m, int s, const Input& in, const Ou
   }
 }
 
-/// The same for an odd radix that has no function of its own.
+/// The same for any odd radix that has no butterfly of its own.
 void any_pass(const Passes& plan, int index, int m, int s, const Input& in, const Output& out) {
   const int radix = plan.radix[index];
   const float* const roots = plan.roots[index];
@@ -183,7 +183,7 @@ void any_pass(const Passes& plan, int index, int m, int s, const Input& in, cons
   }
 }
 
-/// in -> out, which may be the same; work: 4 n kLanes floats.
+/// in -> out, which may be the same memory; work: 4 n kLanes floats.
 [[gnu::noinline]] void transform(const Passes& plan, const Input& in, const Output& out, float* work) {
   const std::ptrdiff_t stride = 2 * kLanes;
   const Output buffers[2] = {{work, work + kLanes, stride},
@@ -229,7 +229,7 @@ void any_pass(const Passes& plan, int index, int m, int s, const Input& in, cons
 }
 
 /// `cols` real numbers at `row`, kLanes of them side by side -> their bins; z: a buffer of cols / 2 elements.
-/// Even and odd ones are the real and imaginary parts of a transform of half the size.
+/// Even and odd numbers become the real and imaginary parts of a transform of half the size.
 void forward_row(const Transform& t, const float* row, const Output& out, float* z, float* work) {
   const int half = t.cols / 2;
   transform(t.across, {row, row + kLanes, 2 * kLanes}, {z, z + kLanes, 2 * kLanes}, work);
@@ -245,7 +245,7 @@ void forward_row(const Transform& t, const float* row, const Output& out, float*
   put(half, dc.re - dc.im, V{});
   for (int k = 1; 2 * k <= half; ++k) {
     const Complex a = at(k), b = at(half - k);
-    // Transforms of the even ones, E = (a + b*) / 2, and of the odd ones, O = -i (a - b*) / 2.
+    // Transforms of the even numbers, E = (a + b*) / 2, and of the odd ones, O = -i (a - b*) / 2.
     const V even_re = 0.5F * (a.re + b.re), even_im = 0.5F * (a.im - b.im);
     const V odd_re = 0.5F * (a.im + b.im), odd_im = 0.5F * (b.re - a.re);
     const float re = t.real_twiddles[2 * k], im = t.real_twiddles[2 * k + 1];
@@ -280,7 +280,7 @@ void inverse_row(const Transform& t, const Input& in, float* row, float* z, floa
   transform(t.across, {z + kLanes, z, 2 * kLanes}, {row + kLanes, row, 2 * kLanes}, work);
 }
 
-// What the functions below cut their workspace into.
+// The buffers into which the functions below divide their workspace.
 struct Work {
   float *passes, *z, *rows;
   Work(const Transform& t, float* work) {
@@ -384,7 +384,7 @@ double train(const Transform& t, int channels, float rate, const float* sample, 
           of_template += z_re * z_re + z_im * z_im;
         }
         energy[b] = of_sample;
-        // By Parseval; all columns but the first and the last stand for two of the full spectrum.
+        // By Parseval; each bin except the first and the last stands for two of the full spectrum.
         if (bin + b == 0 || bin + b == t.bins - 1)
           ends += of_template;
         else
@@ -400,8 +400,8 @@ double train(const Transform& t, int channels, float rate, const float* sample, 
   return norm / (static_cast<double>(t.rows) * t.cols);
 }
 
-/// In each bin (x x^H + ridge I) f = x y + ridge b with b = (gamma g - h + mu f_prev) / (gamma + mu), by
-/// Sherman and Morrison: f = b + x (y - x^H b) / (|x|^2 + ridge).
+/// Solves (x x^H + ridge I) f = x y + ridge b in each bin, with b = (gamma g - h + mu f_prev) / (gamma + mu),
+/// by Sherman and Morrison: f = b + x (y - x^H b) / (|x|^2 + ridge).
 template <bool kFirst, bool kLast>
 double regress_as(const Transform& t, const RegressionRound& round) {
   const std::ptrdiff_t block = std::ptrdiff_t{2} * kLanes * t.bins * t.rows;
@@ -456,7 +456,7 @@ double regress_as(const Transform& t, const RegressionRound& round) {
       const V q_re = (load(round.label + std::ptrdiff_t{row} * t.padded_bins + bin) - fit_re) * share;
       store(factor_re, q_re);
       store(factor_im, -fit_im * share);
-      // The response's real part, x^H f; all columns but the first and the last stand for two.
+      // The real part of the response, x^H f; each bin except the first and the last stands for two.
       const V reached = fit_re + power * q_re;
       all += reached;
       if (bin == 0) ends += reached[0];
@@ -598,7 +598,7 @@ void gaussian(float norms, float factor, std::ptrdiff_t count, float* plane) {
 
 constexpr int kSigned = 18, kUnsigned = 9;
 
-// Slopes |gy| / |gx| as in fhog.cpp.
+// Slope |gy| / |gx| above which direction k + 1 has a larger projection than direction k, k = 0..3.
 constexpr float kSlopes[4] = {(1.0000F - 0.9397F) / 0.3420F, (0.9397F - 0.7660F) / (0.6428F - 0.3420F),
                               (0.7660F - 0.5000F) / (0.8660F - 0.6428F),
                               (0.5000F - 0.1736F) / (0.9848F - 0.8660F)};
@@ -608,7 +608,7 @@ ASTERISM_INLINE void vote(const VoteRow& row, Cell cell) {
   const int half = cell / 2, width = row.width;
   const float* const magnitude = row.magnitude;
   const std::int32_t* const slot = row.slot;
-  // A phase at a time: neighbours that fall into one entry would wait for each other.
+  // One phase at a time: consecutive votes then go to different entries and do not wait for each other.
   for (int phase = 0; phase < cell; ++phase) {
     const Quad weights = reinterpret_cast<const UnalignedQuad*>(row.weights + 4 * phase)->v;
     // Interval i has the pixels half + (i - 1) cell + phase.
@@ -639,7 +639,7 @@ void vote_row(const VoteRow& row) {
     const V ax = abs(gx), ay = abs(gy);
     Ints k = {};
     for (const float slope : kSlopes) k -= Ints(ay > ax * slope);
-    // gx = 0 ties between 80 and 100 degrees; the first one wins, whichever sense the gradient has.
+    // If gx = 0, then 80 and 100 degrees tie; the first wins, whatever the sign of gy.
     const Ints down = bits(gy) >> 31, mirrored = (bits(gx + 1e-9F * gy) >> 31) ^ down;
     store(slot + x, (((k ^ mirrored) - mirrored) + (mirrored & kUnsigned) + (down & kUnsigned)) * stride);
     store(magnitude + x, sqrt(gx * gx + gy * gy));
@@ -667,8 +667,8 @@ void collect(float* votes, int intervals, int cells, std::ptrdiff_t stride, floa
     float *const of_open = open + o * stride, *const of_done = done + o * stride;
     int c = 0;
     for (; c + kLanes <= cells; c += kLanes) {
-      // From the right half of entry c on: (right, left of the next) pairs of (top, bottom), a cell after
-      // the other.
+      // From the right half of entry c on: pairs (top, bottom), alternately from the right of an entry and
+      // the left of the next, one cell after the other.
       const float* const from = v + 4 * c + 2;
       const V a = load(from), b = load(from + kLanes), d = load(from + 2 * kLanes),
               e = load(from + 3 * kLanes);
@@ -697,8 +697,8 @@ void collect(float* votes, int intervals, int cells, std::ptrdiff_t stride, floa
 }
 
 void emit_row(const CellRow& row) {
-  // The factor 1/2 of the features is inside the clipped product, hence the clip at 0.1 and the doubled
-  // texture factor.
+  // The factor 1/2 of the features is applied before clipping, hence the clip at 0.1 and the doubled texture
+  // factor.
   const V clip = set(0.1F);
   const auto emit = [&](int c, float* to, std::ptrdiff_t plane) ASTERISM_INLINED {
     const V n0 = 0.5F * load(row.lower + c + 1), n1 = 0.5F * load(row.upper + c + 1);
@@ -727,7 +727,7 @@ void emit_row(const CellRow& row) {
   };
   if (row.cells >= kLanes) {
     for (int c = 0; c + kLanes <= row.cells; c += kLanes) emit(c, row.features + c, row.plane);
-    // The last ones again, with what is left.
+    // The last kLanes cells, some of them a second time.
     if (row.cells % kLanes != 0) emit(row.cells - kLanes, row.features + row.cells - kLanes, row.plane);
   } else {
     float features[31 * kLanes];
@@ -742,7 +742,8 @@ void emit_row(const CellRow& row) {
 // ------------------------------------------------------------------------------------------------ sampling
 
 void sample_row(const SampledRow& row) {
-  // Bytes and integers may be anything's, also of `row`: without copies and __restrict nothing is vectorised.
+  // Without local copies and __restrict nothing is vectorised: the bytes and integers might alias anything,
+  // even `row`.
   const std::uint8_t* __restrict const above = row.above, * __restrict const below = row.below;
   const std::int32_t* __restrict const column = row.column, * __restrict const fraction = row.fraction;
   std::int32_t* __restrict const work = row.work;

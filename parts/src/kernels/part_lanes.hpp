@@ -1,12 +1,12 @@
 #pragma once
 
-// Vectors of floats of the width that a file is compiled for, for the kernels alone. Everything is inlined or
-// has internal linkage, and there is no standard library (part_kernels.hpp says why).
+// Vectors of floats of the width that a file is compiled for, for the kernels only. Everything is inlined or
+// has internal linkage, and the standard library is not used (part_kernels.hpp says why).
 #include "part_kernels.hpp"
 
 #if defined(__SSE2__)
 #if defined(__GNUC__) && !defined(__clang__)
-// GCC's own headers leave operands of masked intrinsics undefined, and its warning finds them.
+// GCC's own headers leave operands of masked intrinsics undefined, which sets off its warnings.
 #pragma GCC diagnostic ignored "-Wuninitialized"
 #pragma GCC diagnostic ignored "-Wmaybe-uninitialized"
 #endif
@@ -30,7 +30,7 @@ constexpr int kLanes = 4;
 using V = float __attribute__((vector_size(4 * kLanes), may_alias));
 using Ints = std::int32_t __attribute__((vector_size(4 * kLanes), may_alias));
 using Quad = float __attribute__((vector_size(16), may_alias));
-// The same anywhere in memory.
+// V without an alignment requirement.
 struct __attribute__((packed, may_alias)) UnalignedV {
   V v;
 };
@@ -50,7 +50,7 @@ ASTERISM_INLINE V from_bits(Ints v) { return reinterpret_cast<V>(v); }
 ASTERISM_INLINE V abs(V v) { return from_bits(bits(v) & 0x7FFFFFFF); }
 
 #if defined(ASTERISM_LANES_AVX512)
-ASTERISM_INLINE V min(V a, V b) { return _mm512_min_ps(a, b); }  // b where one is NaN
+ASTERISM_INLINE V min(V a, V b) { return _mm512_min_ps(a, b); }  // b if either is NaN
 ASTERISM_INLINE V max(V a, V b) { return _mm512_max_ps(a, b); }
 ASTERISM_INLINE V sqrt(V a) { return _mm512_sqrt_ps(a); }
 #elif defined(ASTERISM_LANES_AVX2)
@@ -71,8 +71,8 @@ ASTERISM_INLINE V sqrt(V a) {
 }
 #endif
 
-// Two vectors in, lanes picked from both: the first and the second halves interleaved, lanes of even and of
-// odd number, and the same of pairs of lanes.
+// Shuffles of two vectors: the first halves interleaved, the second halves interleaved, the even lanes, the
+// odd lanes, and the last two for pairs of lanes.
 #if defined(__clang__)
 #define ASTERISM_SHUFFLE(a, b, ...) __builtin_shufflevector(a, b, __VA_ARGS__)
 #else
@@ -107,10 +107,10 @@ ASTERISM_INLINE V odd(V a, V b) { return ASTERISM_SHUFFLE(a, b, ASTERISM_ODD); }
 ASTERISM_INLINE V even_pairs(V a, V b) { return ASTERISM_SHUFFLE(a, b, ASTERISM_EVEN2); }
 ASTERISM_INLINE V odd_pairs(V a, V b) { return ASTERISM_SHUFFLE(a, b, ASTERISM_ODD2); }
 
-/// Of four vectors of (t, b, t', b', ..): the sums t + t' and b + b', in order.
+/// From four vectors of (t, b, t', b', ..): the sums t + t' and b + b', in order.
 ASTERISM_INLINE void sum_pairs(V a, V b, V c, V d, V& top, V& bottom) {
 #if defined(ASTERISM_LANES_AVX2)
-  // Shuffles within halves, and one across them at the end.
+  // Shuffle within halves, then once across them.
   const auto sum = [](V x, V y) ASTERISM_INLINED -> V {
     const __m256d p = _mm256_castps_pd(x), q = _mm256_castps_pd(y);
     return _mm256_castpd_ps(_mm256_unpacklo_pd(p, q)) + _mm256_castpd_ps(_mm256_unpackhi_pd(p, q));
@@ -142,8 +142,8 @@ ASTERISM_INLINE void transpose(V* v) {
 
 /// Lane i is the sum of the lanes of v[i].
 ASTERISM_INLINE V sums(const V* v) {
-  // Halves are added and interleaved until one vector is left, which ends up in the order of bit-reversed
-  // indices; so they are taken in that order.
+  // Halves are added and interleaved until one vector is left. This bit-reverses the indices, so the vectors
+  // are taken in that order.
   V left[kLanes];
   for (int i = 0; i < kLanes; ++i) {
     int reversed = 0;
@@ -173,7 +173,7 @@ ASTERISM_INLINE V exp_minus_one(V x) {
   const V shifted = x * 1.44269504F + 12582912.0F;
   const V n = shifted - 12582912.0F;
   const V r = (x - n * 0.693359375F) + n * 2.12194440e-4F;
-  // Taylor's series to r^7, whose remainder is below 1e-8 of r.
+  // Taylor's series to r^7; the remainder is below 1e-8 r.
   V p = set(1.0F / 5040);
   p = p * r + 1.0F / 720;
   p = p * r + 1.0F / 120;

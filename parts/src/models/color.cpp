@@ -10,13 +10,13 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace {
 
-/// At most about this many pixels are read for one histogram; larger regions are sampled on a regular grid.
+/// Approximate limit of the pixels read for one histogram; larger regions are sampled on a regular grid.
 constexpr double kSamples = 10000;
-/// Cells of a segmentation, about; and the most along one side, for regions that are extremely long.
+/// Approximate number of cells of a segmentation, and the limit along one side, for extremely long regions.
 constexpr double kCells = 1000;
 constexpr double kMaxSide = 1000;
-/// A histogram's bins below this are emptied by the update: a color not seen for hundreds of frames is
-/// unseen again, and no arithmetic on denormal numbers is done.
+/// The update sets bins below this to 0: a color not seen for hundreds of frames counts as never seen, and no
+/// arithmetic on denormal numbers is done.
 constexpr float kForgotten = 1e-12f;
 
 bool is_box(const cv::Rect2d& box) {
@@ -83,7 +83,7 @@ bool ColorModel::collect(const cv::Mat& bgr, const cv::Rect& region, const cv::R
 }
 
 const std::vector<cv::Vec3b>& ColorModel::samples_in_hsv() {
-  hsv_.reserve(samples_.capacity());  // grows as seldom
+  hsv_.reserve(samples_.capacity());  // reallocates no more often than samples_
   cv::cvtColor(samples_, hsv_, cv::COLOR_BGR2HSV_FULL);
   return hsv_;
 }
@@ -94,7 +94,7 @@ void ColorModel::Axis::place(double begin, double length, double scale, int limi
   origin = begin - 0.5 + spacing / 2;
   count.assign(std::size_t(cells), 0);
   pixel.clear(), cell.clear();
-  pixel.reserve(6 * std::size_t(cells)), cell.reserve(6 * std::size_t(cells));  // or less
+  pixel.reserve(6 * std::size_t(cells)), cell.reserve(6 * std::size_t(cells));  // an upper bound
   valid = {0, 0};
   const int stride = int(std::clamp(std::floor(spacing / 3), 1.0, double(limit)));
   for (int i = 0; i < cells; ++i) {
@@ -104,7 +104,7 @@ void ColorModel::Axis::place(double begin, double length, double scale, int limi
     valid.end = i + 1;
     Span span = pixels_along(centre - spacing / 2 + 0.5, spacing, limit);
     if (span.length() == 0) {
-      // Cells smaller than a pixel: the nearest one.
+      // A cell smaller than a pixel takes the nearest one.
       span.first = std::clamp(int(std::lround(centre)), 0, limit - 1);
       span.end = span.first + 1;
     }
@@ -124,7 +124,7 @@ double Segmentation::at(const Point2& position) const {
   const double x = (position.x() - origin.x()) / spacing.x(), y = (position.y() - origin.y()) / spacing.y();
   // Written so that NaN is outside.
   if (!(x >= -0.5 && x <= posterior.cols - 0.5 && y >= -0.5 && y <= posterior.rows - 0.5)) return 0;
-  // Between the border of the grid and the outermost centres: the outermost value.
+  // Beyond the outermost centres the value is constant.
   const double cx = std::clamp(x, 0.0, posterior.cols - 1.0), cy = std::clamp(y, 0.0, posterior.rows - 1.0);
   const int x0 = int(cx), y0 = int(cy);
   const int x1 = std::min(x0 + 1, posterior.cols - 1), y1 = std::min(y0 + 1, posterior.rows - 1);
@@ -136,7 +136,7 @@ double Segmentation::at(const Point2& position) const {
 
 double Segmentation::foreground_fraction(const cv::Rect2d& box) const {
   if (posterior.empty() || !is_box(box)) return 0;
-  // The lattice's cells whose centres are in the box: first .. end - 1, also beyond the grid.
+  // The cells first .. end - 1 whose centres are in the box, counted beyond the grid too.
   struct Cells {
     double first, end;
     cv::Range inside(int limit) const {
@@ -158,7 +158,7 @@ double Segmentation::foreground_fraction(const cv::Rect2d& box) const {
     const float* value = posterior.ptr<float>(row);
     foreground += int(std::count_if(value + cols.start, value + cols.end, [](float p) { return p > 0.5f; }));
   }
-  if (foreground == 0) return 0;  // also where the box is too far away to count cells
+  if (foreground == 0) return 0;  // also if the box is so far away that its cells cannot be counted
   return foreground / ((x.end - x.first) * (y.end - y.first));
 }
 
@@ -215,9 +215,9 @@ Segmentation ColorModel::segment(const Frame& frame, const cv::Rect2d& region, c
   result.origin = {x_axis_.origin, y_axis_.origin};
   result.spacing = {x_axis_.spacing, y_axis_.spacing};
   cv::Mat& posterior = posterior_.mat;
-  if (posterior.u != nullptr && posterior.u->refcount > 1) posterior.release();  // a result that is kept
+  if (posterior.u != nullptr && posterior.u->refcount > 1) posterior.release();  // in use elsewhere
   posterior.create(y_axis_.cells, x_axis_.cells, CV_32FC1);
-  std::fill_n(posterior.ptr<float>(), posterior.total(), 0.0f);  // setTo takes from the heap
+  std::fill_n(posterior.ptr<float>(), posterior.total(), 0.0f);  // setTo would allocate
   result.posterior = posterior;
   if (x_axis_.pixel.empty() || y_axis_.pixel.empty()) return result;
 
@@ -229,8 +229,8 @@ Segmentation ColorModel::segment(const Frame& frame, const cv::Rect2d& region, c
     posterior_of_bin[i] = f + b > 0 ? f / (f + b) : prior_f;
   }
 
-  // The pixels' posteriors are averaged over each cell, not their colors: a mean color may be neither of
-  // those that it is made of, nor one that a histogram of single pixels has seen.
+  // Each cell averages its pixels' posteriors, not their colors: a mean color may be unlike all the colors
+  // that were averaged and like none that the histograms have seen.
   samples_.resize(y_axis_.pixel.size() * x_axis_.pixel.size());
   cv::Vec3b* sample = samples_.data();
   for (const int y : y_axis_.pixel) {
@@ -252,7 +252,7 @@ Segmentation ColorModel::segment(const Frame& frame, const cv::Rect2d& region, c
     }
   }
 
-  // The random field covers the cells in the image only: cells outside have no effect and no posterior.
+  // The random field covers only the cells inside the image: those outside have no effect and posterior 0.
   regularize_posterior(valid, {}, options_.mrf, mrf_, valid);
 
   // Eq. 6, with M_fg in pixels.
@@ -272,7 +272,7 @@ void ColorModel::visit_state(StateArchive& archive) {
     if (!enabled_) continue;
     for (float& share : *histogram) {
       archive(share);
-      archive.require(share >= 0 && share <= 2);  // of sum 1, but for rounding
+      archive.require(share >= 0 && share <= 2);  // the sum is 1 up to rounding
     }
   }
 }

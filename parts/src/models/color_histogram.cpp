@@ -48,7 +48,7 @@ Evidence ColorHistogram::localize(const Frame& frame, const Point2& around) {
   sample(frame, around, {width, rows_ + 2 * reach_});
   response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
 
-  // rho of the box that slides along a row, its histogram and the sum over the bins kept up to date.
+  // rho of a box that slides along a row; its histogram and the sum over the bins are updated at each step.
   auto& values = response_.values;
   const float norm = 1 / roots_(roots_.size() - 1);
   for (int r = 0; r < displacements; ++r) {

@@ -53,7 +53,7 @@ Evidence CvTrackerPart::localize(const Frame& frame, const Point2& around) {
 
 void CvTrackerPart::adapt(const Frame& frame, const Point2& at) {
   if (learned_.empty()) throw std::logic_error("CvTrackerPart: adapt before init");
-  cv::Mat seen = sample(frame, at);  // refuses a position that is not finite, whatever the options
+  cv::Mat seen = sample(frame, at);  // before the test: also throws if the position is not finite
   if (options_.adaptive) learned_ = seen;
 }
 

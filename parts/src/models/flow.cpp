@@ -12,10 +12,10 @@ namespace {
 
 // Shortest side of a search window [template pixels].
 constexpr int kMinWindowSide = 16;
-// Deviation of a displacement that Lucas-Kanade has converged to [template pixels].
+// Standard deviation of a displacement to which Lucas-Kanade has converged [template pixels].
 constexpr double kConvergence = 0.05;
 
-// Where one point went, and how far from itself it came back [template pixels].
+// Displacement of one point, and how far its backward track ends from where it started [template pixels].
 struct Track {
   Point2 displacement, error;
   double squared_error;
@@ -105,7 +105,7 @@ Evidence Flow::localize(const Frame& frame, const Point2& around) {
     return evidence;
   }
 
-  // The better half.
+  // Keep the better half.
   std::sort(tracks.begin(), tracks.end(),
             [](const Track& a, const Track& b) { return a.squared_error < b.squared_error; });
   tracks.resize((tracks.size() + 1) / 2);

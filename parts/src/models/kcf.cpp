@@ -18,7 +18,7 @@ Kcf::Kcf(const KcfOptions& options)
   if (options.kernel.type == Kernel::Type::Gaussian) kernel_base_ = 1;
   if (options.kernel.type == Kernel::Type::Polynomial) {
     const auto [type, sigma, offset, exponent] = options.kernel;
-    // c may be negative, and a fractional power of it is not a number.
+    // c may be negative, and then a fractional power is not a real number.
     require(exponent == std::floor(exponent), "KcfOptions: the kernel's exponent must be a whole number");
     kernel_base_ = std::pow(offset, exponent);
     require(std::abs(kernel_base_) <= 1e6, "KcfOptions: the kernel's offset^exponent must be at most 1e6");
@@ -98,7 +98,7 @@ Evidence Kcf::localize(const Frame& frame, const Point2& around) {
   const part_kernels_v0_1::KernelSet& kernels = sample_.plan()->kernels;
   kernels.correlate(t, sample_.padded_channels(), sample_.data(), template_.data(), split_.data());
   map_kernel(norm + template_norm_);
-  // Eq. 3: the response at all shifts is F^-1[A . U_y], that of U_y's constant a constant.
+  // Eq. 3: the response at all shifts is F^-1[A . U_y]; the constant of U_y contributes a constant.
   const Eigen::Index half = alpha_.size();
   Eigen::Map<Eigen::ArrayXf>(split_.data(), half) *= alpha_float_;
   Eigen::Map<Eigen::ArrayXf>(split_.data() + half, half) *= alpha_float_;
@@ -120,11 +120,11 @@ void Kcf::train(double sample_norm, double rate) {
                                  template_.data(), split_.data());
   map_kernel(2 * sample_norm);  // U_z
   const double base = kernel_base_ * sample_.rows() * sample_.cols(), lambda = options_.lambda;
-  // U_z is the spectrum of a symmetric positive definite map: real and positive but for rounding.
+  // U_z is the spectrum of a symmetric positive definite map: real and, up to rounding, positive.
   const auto of_kernel = [&](Eigen::Index i) {
     return std::max(static_cast<double>(split_.data()[i]) + (i == 0 ? base : 0), 1e-12);
   };
-  // Eq. 2, A = Phi / (U_z + lambda), as a fraction whose halves are averaged apart.
+  // Eq. 2, A = Phi / (U_z + lambda), as a fraction whose numerator and denominator are averaged separately.
   for (Eigen::Index i = 0; i < alpha_.size(); ++i) {
     const double kernel = of_kernel(i);
     if (options_.separate_update) {

@@ -11,7 +11,7 @@ namespace {
 
 // Shortest side of a search window [template pixels]: that of a descriptor.
 constexpr int kDescriptorSide = 32;
-// With fewer key-points than this no target is sure: a peak of 1 needs as many votes.
+// A peak of 1 needs at least this many votes: with fewer key-points no match is certain.
 constexpr std::size_t kFewest = 5;
 // Bits of an ORB descriptor.
 constexpr int kDescriptorBits = 256;
@@ -72,7 +72,7 @@ Evidence Keypoints::localize(const Frame& frame, const Point2& around) {
                     offsets_[static_cast<std::size_t>(best.queryIdx)]);
   }
 
-  // The vote with which most others agree; the first of equals.
+  // The vote with which most others agree; the first if several tie.
   std::vector<Point2> agreed;
   for (const Point2& vote : votes) {
     std::vector<Point2> group;
@@ -121,7 +121,7 @@ void Keypoints::adapt(const Frame& frame, const Point2& at) {
 
 Keypoints::Detection Keypoints::detect(const Frame& frame, const Point2& centre) {
   sample_patch(frame.gray(), centre, window(), {cols_, rows_}, patch_.mat);
-  // One scale, and up to the window's border, which ORB continues by itself.
+  // One scale, with key-points up to the window's border, where ORB extrapolates the image itself.
   const auto orb = cv::ORB::create(options_.max_points, 1.2f, 1, 0, 0, 2, cv::ORB::HARRIS_SCORE, 31,
                                    options_.fast_threshold);
   std::vector<cv::KeyPoint> points;

@@ -11,9 +11,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Half the side of the square around the peak that is no sidelobe (Bolme et al., Sec. 3.5).
+// Half the side of the square around the peak that is excluded from the sidelobe (Bolme et al., Sec. 3.5).
 constexpr int kPeakReach = 5;
-// -log of a likelihood that counts as none, before denormal numbers make it slow.
+// -log of the smallest likelihood kept; smaller ones would become denormal numbers, which are slow.
 constexpr float kUnlikely = 60;
 
 // splitmix64 (Steele, Lea & Flood 2014), uniform in [-1, 1).
@@ -33,11 +33,11 @@ const std::array<float, 256>& log_levels() {
   return levels;
 }
 
-// Sizes that every FFT is fast at.
+// Multiples of 8, for which the FFT is fast.
 int fast_side(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
-// Mean and standard deviation of a periodic response outside the peak's square: sums over all, less those of
-// the square.
+// Mean and standard deviation of a periodic response outside the peak's square: sums over the whole map less
+// those of the square.
 struct Sidelobe {
   double mean = 0, deviation = 0;
   Sidelobe(const ResponseMap& response, Eigen::Index peak_row, Eigen::Index peak_col) {
@@ -45,7 +45,7 @@ struct Sidelobe {
     const Eigen::Index rows = r.rows(), cols = r.cols();
     double sum = r.cast<double>().sum(), squares = r.cast<double>().square().sum();
     auto count = static_cast<double>(r.size());
-    // A square that is larger than a thin window covers each row or column of it once.
+    // Where the window is thinner than the square, each row or column counts once.
     const Eigen::Index down = std::min<Eigen::Index>(2 * kPeakReach + 1, rows),
                        across = std::min<Eigen::Index>(2 * kPeakReach + 1, cols);
     for (Eigen::Index i = 0; i < down; ++i)
@@ -105,7 +105,7 @@ void Mosse::init(const Frame& frame, const Point2& centre, const Size2& size) {
   require_target(centre, size);
   prepare(size);
 
-  // The filter that is best for the target and for perturbed images of it: means over all of them.
+  // The first filter fits the target and perturbed images of it: means over all of them.
   sample(frame, centre);
   transform(patch_.mat);
   learn(1);
@@ -140,7 +140,7 @@ Evidence Mosse::localize(const Frame& frame, const Point2& around) {
   transform(patch_.mat);
   spectrum_ *= filter_;
   fft_.inverse(spectrum_.data(), plane_.data());
-  // Zero displacement to the middle of the map, so that it is a picture of the search window.
+  // Zero displacement goes to the middle of the map, so that the map has the layout of the search window.
   for (int r = 0; r < rows_; ++r) {
     const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
     auto row = response_.values.row((r + rows_ / 2) % rows_);
@@ -182,7 +182,7 @@ void Mosse::transform(const cv::Mat& patch) {
   const std::array<float, 256>& levels = log_levels();
   const uchar* pixel = patch.ptr<uchar>();  // continuous: made by OpenCV at this size
   for (Eigen::Index i = 0; i < plane_.size(); ++i) plane_(i) = levels[pixel[i]];
-  // In double precision the mean of a constant patch is exact, and nothing is left of it.
+  // In double precision the mean of a constant patch is exact, so that subtracting it leaves exactly 0.
   plane_ -= static_cast<float>(plane_.cast<double>().mean());
   const float square = plane_.square().sum();
   if (square > 0) plane_ *= hann_ / std::sqrt(square);

@@ -10,9 +10,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Of a template. Each is 31 channels in every size.
+// Limit of the cells in a template, each of which has 31 channels at every scale.
 constexpr double kMaxScaleCells = 4096;
-// Side of the patch that all sizes are sampled from.
+// Limit of the side of the patch from which all scales are sampled.
 constexpr double kMaxSourceSide = 4096;
 
 }  // namespace
@@ -27,7 +27,7 @@ ScaleFilter::ScaleFilter(const ScaleFilterOptions& options)
           "ScaleFilterOptions: max_template_area must be in [1, 4096] cell_size^2");
 
   const int n = options.scales, bins = n / 2 + 1;
-  // No size has weight 0: the window would be at one step beyond both ends.
+  // The window reaches 0 one step beyond both ends, so that no scale has weight 0.
   hann_ =
       0.5f - 0.5f * Eigen::ArrayXf::LinSpaced(n + 2, 0, 2 * std::numbers::pi_v<float>).cos().segment(1, n);
   cosines_.resize(bins, n);
@@ -38,7 +38,7 @@ ScaleFilter::ScaleFilter(const ScaleFilterOptions& options)
       cosines_(k, i) = std::cos(angle);
       sines_(k, i) = std::sin(angle);
     }
-  // The label: a Gaussian at no change, wrapped.
+  // The label: a Gaussian at scale 1, wrapped.
   const double sigma = options.label_sigma * std::sqrt(n);  // [steps]
   correlation_.resize(n);
   for (int i = 0; i < n; ++i) correlation_(i) = std::exp(-0.5 * std::pow(std::min(i, n - i) / sigma, 2));
@@ -91,10 +91,10 @@ double ScaleFilter::localize(const Frame& frame, const Point2& centre) {
   // sum_d conj(F_d) Z_d, the spectrum of the correlation of template and sample over all features.
   correlate(template_);
   real_.noalias() = cosines_ * correlation_;
-  imaginary_.noalias() = sines_ * correlation_;  // of the conjugate
+  imaginary_.noalias() = sines_ * correlation_;  // conjugated
   real_.array() *= label_.array() / (energy_.array() + options_.lambda);
   imaginary_.array() *= label_.array() / (energy_.array() + options_.lambda);
-  // Back; all bins but the first stand for two. No change goes to the middle.
+  // Inverse transform; each bin except the first stands for two. Scale 1 goes to the middle.
   real_.tail(real_.size() - 1) *= 2;
   imaginary_.tail(real_.size() - 1) *= 2;
   correlation_.noalias() = cosines_.transpose() * real_;
@@ -144,7 +144,7 @@ void ScaleFilter::learn(double rate) {
 }
 
 void ScaleFilter::correlate(const Eigen::MatrixXf& first) {
-  // In chunks, for which Eigen's product needs no heap.
+  // In chunks that are small enough for Eigen's product not to allocate.
   constexpr Eigen::Index kChunk = 256;
   gram_.setZero();
   for (Eigen::Index d = 0; d < first.rows(); d += kChunk) {
@@ -159,7 +159,8 @@ void ScaleFilter::correlate(const Eigen::MatrixXf& first) {
 
 void ScaleFilter::compute_features(const Frame& frame, const Point2& centre, const Size2& size) {
   const int n = options_.scales;
-  // All patches are sampled from one of the largest size, as fine as the smallest needs it, or the image is.
+  // All patches are sampled from one patch of the largest size. Its resolution is what the smallest size
+  // needs, or that of the image if lower.
   const double reach = std::pow(options_.step, n / 2);
   const Size2 pixels =
       (reach * (reach * Size2(grid_.width, grid_.height)).cwiseMin(size)).cwiseMin(kMaxSourceSide);

@@ -13,16 +13,16 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// The segmentation's region adds this much around the target, x its mean side: the spatial prior says nothing
-// farther away.
+// Margin of the segmented region around the target, x its mean side: farther away the spatial prior carries
+// no information.
 constexpr double kSegmentationPadding = 2;
-// Bounds of the spatial prior (Lukezic et al.): even where it knows nothing, never certain.
+// Bounds of the spatial prior (Lukezic et al.): 0.5 far from the target, and never certain.
 constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
 
-// Near to `wanted`: a number of cells whose FFT is fast.
+// The number of cells nearest to `wanted` for which the FFT is fast.
 int multiple_of_eight(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
 
-// A spectrum as real numbers: real and imaginary parts in turn.
+// A spectrum as real numbers: alternating real and imaginary parts.
 Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
   return {reinterpret_cast<const float*>(spectrum), 2 * bins};
 }
@@ -53,7 +53,7 @@ void MaskedRegression::solve(const std::complex<float>* cross, const float* ener
   load(energy);
   const auto lambda = static_cast<float>(options_.lambda);
   filter_ = parts_of(cross, bins_) / (energy_ + lambda);
-  // The dual of a constraint that holds already: a mask that is 1 everywhere keeps the ridge regression.
+  // The dual of a constraint that already holds: with a mask of ones the ridge regression stays as it is.
   dual_ = lambda * filter_;
   constrain(mask);
   iterate(cross, mask, options_.iterations, options_.penalty);
@@ -95,7 +95,7 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
       fhog_(options.cell_size),
       color_([&options] {
         ColorOptions color = options.color;
-        color.mrf.enabled = false;  // the field comes after the spatial prior
+        color.mrf.enabled = false;  // applied in segment(), after the spatial prior
         return color;
       }()) {
   const MaskedRegression checks_its_penalties(4, 4, options.regression);
@@ -152,7 +152,7 @@ void SpatialReliability::prepare(const Size2& size) {
       const double dr = wrapped(r, rows_), dc = wrapped(c, cols_);
       plane_(r * cols_ + c) = static_cast<float>(std::exp(-0.5 * (dr * dr + dc * dc) / variance));
     }
-  // Its spectrum is real: it is symmetric.
+  // The label is symmetric, so its spectrum is real.
   plane_fft_.forward(plane_.data(), spectrum_.data());
   label_ = spectrum_.real();
 }
@@ -189,7 +189,7 @@ void SpatialReliability::resize(const Size2& size) {
 Evidence SpatialReliability::localize(const Frame& frame, const Point2& around) {
   transform_patch(frame, around);
   respond(sample_);
-  // Zero shift to the middle of the map, so that it is a picture of the search window.
+  // Zero shift goes to the middle of the map, so that the map has the layout of the search window.
   for (int r = 0; r < rows_; ++r) {
     const auto line = plane_.segment(Eigen::Index{r} * cols_, cols_).transpose();
     auto row = response_.values.row((r + rows_ / 2) % rows_);
@@ -249,13 +249,13 @@ void SpatialReliability::train(bool first) {
     plane_fft_.inverse(spectrum_.data(), plane_.data());
     reliability_(k) = std::max(0.0f, plane_.maxCoeff());
   }
-  // Weights that give these responses, if at the same place, the weighted sum 1.
+  // Weights for which the weighted sum of these responses is 1 if all are at the same place.
   const float sum = options_.channel_weights ? reliability_.square().sum() : reliability_.sum();
   if (!options_.channel_weights) reliability_.setOnes();
   if (sum > 0)
     weights_ += static_cast<float>(first ? 1 : options_.weight_rate) * (reliability_ / sum - weights_);
 
-  // After few rounds the filters are not quite those of the label: their response to the template is off
+  // After few rounds the filters have not converged: the peak of their response to the template is off
   // centre, which would make the target drift from frame to frame.
   respond(template_);
   using Map = Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
@@ -279,7 +279,7 @@ bool SpatialReliability::segment(const Frame& frame, const Point2& at) {
   Segmentation foreground = color_.segment(frame, box_around(at, padded.cwiseMin(window())), size_);
   if (foreground.posterior.empty()) return false;
 
-  // The spatial prior, an Epanechnikov kernel that reaches the box's corners, by Bayes' rule.
+  // By Bayes' rule, combine with the spatial prior: an Epanechnikov kernel that reaches the box's corners.
   const Size2 reach = size_.array() / std::numbers::sqrt2 + 1;
   cv::Mat prior(foreground.posterior.size(), CV_32FC1);
   for (int r = 0; r < prior.rows; ++r) {
@@ -298,7 +298,7 @@ bool SpatialReliability::segment(const Frame& frame, const Point2& at) {
       mask_.values(r, c) = foreground.at(mask_.position(r, c)) > 0.5 ? 1.0f : 0.0f;
   const double area = static_cast<double>(mask_.values.sum()) * mask_.spacing.prod() / size_.prod();
   if (!(area > options_.min_mask_area && area < options_.max_mask_area)) return false;
-  // The contour's gradients belong to the target.
+  // Include the gradients of the contour, which belong to the target.
   cv::Mat mask(rows_, cols_, CV_32FC1, mask_.values.data());
   cv::dilate(mask, dilated_.mat, cv::Mat());
   dilated_.mat.copyTo(mask);
@@ -311,7 +311,7 @@ void SpatialReliability::transform_patch(const Frame& frame, const Point2& centr
   sampler_.sample(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
   fhog_.compute(patch_.mat, features_.data());
 
-  // The gray level of a cell is the mean of its pixels; it takes the place of the first channel not used.
+  // The gray level of a cell is the mean of its pixels; it overwrites the first unused channel of fHOG.
   float* gray = features_.data() + kHogChannels * plane;
   const float scale = 1 / (255 * static_cast<float>(cell * cell));
   for (int r = 0; r < rows_; ++r) {
@@ -325,7 +325,7 @@ void SpatialReliability::transform_patch(const Frame& frame, const Point2& centr
     }
     for (const int sum : cell_sums_) *gray++ = static_cast<float>(sum) * scale - 0.5f;
   }
-  // So do the colors.
+  // The colors take the next channels.
   if (options_.color_channels) {
     if (!frame.bgr().empty()) {
       sample_patch(frame.bgr(), centre, window(), {cols_ * cell, rows_ * cell}, color_patch_.mat);

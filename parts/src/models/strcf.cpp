@@ -14,21 +14,21 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Of n cells, which are even, those whose middle is within half the target's side [cells] of the window's
-// middle; two at least.
+// Range of the cells, out of n (even), whose middle is within half the target's side [cells] of the window's
+// middle; at least two.
 std::pair<int, int> target_cells(int n, double side) {
   const int half = std::clamp(static_cast<int>(std::lround(side / 2)), 1, n / 2);
   return {n / 2 - half, n / 2 + half};
 }
 
-// Cells whose share in the filter is less than this part of the largest are left out: it is less than the
+// Cells whose share in the filter is below this fraction of the largest are left out: it is less than the
 // rounding of the transforms.
 constexpr double kLeastShare = 1e-8;
 
-// Below this the filter has learned nothing that could be told from rounding.
+// Below this the filter has learned nothing that can be distinguished from rounding.
 constexpr double kLeastFit = 1e-12;
 
-// Of a state that is read: numbers above may come to infinity in products of them.
+// Limits when a state is loaded: products of larger numbers might become infinite.
 constexpr float kLargestFilter = 1e12F;
 constexpr double kLargestFit = 1e12;
 
@@ -123,8 +123,8 @@ void Strcf::adapt(const Frame& frame, const Point2& at) {
   if (sample_.flat()) return;
   std::swap(filter_, previous_);
   const double response = regress(options_.temporal_weight);
-  // It rises at once, as the filter does to a target that stays, and forgets slowly: what is hidden for some
-  // frames does not become the measure.
+  // It rises at once, as the filter does for a target that stays visible, and falls slowly, so that an
+  // occlusion of some frames does not become the norm.
   fit_ = std::max(response, fit_ + (response - fit_) / (1 + options_.temporal_weight));
 }
 

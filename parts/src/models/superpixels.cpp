@@ -9,9 +9,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Density of colors that are neither the target's nor its surroundings'.
+// Density of colors that neither the target nor its surroundings have.
 constexpr float kForeign = 1e-3f;
-// No coordinate of CIELAB is beyond.
+// Bound of the coordinates of CIELAB.
 constexpr float kFarthestColor = 200;
 
 }  // namespace
@@ -54,12 +54,12 @@ Evidence Superpixels::localize(const Frame& frame, const Point2& around) {
   const SuperpixelMap seen = slic(pixels_, width, options_.slic);
   response_.origin = likelihood_.origin = around - spacing_ * Point2::Constant(reach_);
 
-  // What a pixel of superpixel j of the frame gives to superpixel i of the target that lies on it.
+  // The vote that each pixel of superpixel j in the frame gives to superpixel i of the target that covers it.
   const auto beta = static_cast<float>(options_.confidence_weight);
   const Eigen::ArrayXXf votes =
       (alike(seen.colors, foreground_.colors).rowwise() * weights_.transpose()).colwise() +
       beta * confidence(seen.colors);
-  // Sums over the pixels of a superpixel at every displacement, from running sums along the window's rows.
+  // Sums over the pixels of a superpixel at every displacement, by running sums along the window's rows.
   auto& values = response_.values;
   values.setZero();
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> running(rows_ + 2 * reach_, width + 1);
@@ -110,7 +110,7 @@ void Superpixels::cut() {
     }
   }
 
-  // Those on the target; those that reach beyond it are both.
+  // The superpixels on the target; those that reach beyond it count both as target and as surroundings.
   regions_.clear();
   std::vector<Eigen::Index> on_target;
   for (Eigen::Index j = 0; j < inside.size(); ++j) {
@@ -128,7 +128,7 @@ void Superpixels::cut() {
                                std::max(0.0f, (foreground_.shares * confident).sum()));
 }
 
-// k of every pair.
+// The kernel k for every pair.
 Eigen::ArrayXXf Superpixels::alike(const Eigen::ArrayX3f& rows, const Eigen::ArrayX3f& cols) const {
   Eigen::ArrayXXf result = Eigen::ArrayXXf::Zero(rows.rows(), cols.rows());
   for (Eigen::Index j = 0; j < cols.rows(); ++j)
@@ -137,7 +137,7 @@ Eigen::ArrayXXf Superpixels::alike(const Eigen::ArrayX3f& rows, const Eigen::Arr
   return (static_cast<float>(scale) * result).exp();
 }
 
-// (F - B) / (F + B) of the densities of colors on the target, F, and around it, B.
+// (F - B) / (F + B) for the densities of colors on the target, F, and around it, B.
 Eigen::ArrayXf Superpixels::confidence(const Eigen::ArrayX3f& colors) const {
   const Eigen::ArrayXf f = alike(colors, foreground_.colors).matrix() * foreground_.shares.matrix(),
                        b = alike(colors, background_.colors).matrix() * background_.shares.matrix();
@@ -150,11 +150,11 @@ void Superpixels::sample(const Frame& frame, const Point2& centre) {
   cv::Mat& patch = patch_.mat;
   sample_patch(color ? frame.bgr() : frame.gray(), centre, spacing_ * Size2(grid.width, grid.height), grid,
                patch);
-  // Gray is three equal channels.
+  // A gray patch becomes three equal channels.
   if (!color) cv::cvtColor(patch, patch, cv::COLOR_GRAY2BGR);
   cv::cvtColor(patch, patch, cv::COLOR_BGR2Lab);
 
-  // 8 bits: L is stretched to 0 .. 255, a and b are moved by 128.
+  // In 8 bits, OpenCV scales L to 0 .. 255 and adds 128 to a and b.
   const Eigen::Map<const Eigen::Array<uchar, Eigen::Dynamic, 3, Eigen::RowMajor>> lab(patch.ptr<uchar>(),
                                                                                       grid.area(), 3);
   pixels_ = lab.cast<float>();

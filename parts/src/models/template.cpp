@@ -10,9 +10,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Variance below which a template has no contrast: that of rounding to whole gray levels.
+// Variance below which a template has no contrast: the variance of rounding to whole gray levels.
 constexpr double kFlat = 1.0 / 12;
-// Responses in a smaller range are the same: rounding of OpenCV's correlation.
+// Responses within a smaller range count as equal: the difference is rounding of OpenCV's correlation.
 constexpr float kSame = 1e-3f;
 
 }  // namespace

@@ -1,4 +1,4 @@
-// A part model that does what none may, and one that counts.
+// A plugin with a model that violates the contract, one that counts, and some that throw.
 #include <asterism/parts/concept/part_plugin.hpp>
 #include <limits>
 #include <stdexcept>
@@ -41,7 +41,7 @@ struct Counter {
   }
 };
 
-// Those that throw what is no std::exception before they are parts, or as they are copied.
+// Models that throw something other than a std::exception when they are constructed or copied.
 struct ThrowingOptions {};
 void visit_options(OptionVisitor&, ThrowingOptions&) { throw 42; }
 

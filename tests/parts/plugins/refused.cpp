@@ -1,5 +1,5 @@
-// Libraries that are refused, each by what REFUSED_... is defined. Their constructors must not run, but where
-// the library is for this program.
+// Plugins that must be refused; a macro REFUSED_... selects which. The constructors of those that are not for
+// this program must not run.
 #include <asterism/parts/concept/part_plugin.hpp>
 #include <cstdlib>
 #include <stdexcept>
@@ -27,13 +27,13 @@ static_assert(asterism::PartModel<Nothing>);
 
 }  // namespace
 
-#if defined(REFUSED_FOREIGN)  // made for another version
+#if defined(REFUSED_FOREIGN)  // built for another version
 const Trap trap;
 SECTION const char asterism_part_plugin_abi[];
 const char asterism_part_plugin_abi[] = "Asterism v0_0_align16, Eigen 3.4, OpenCV 4.6, C++ ABI 1017";
 EXPORTED void asterism_part_plugin_add(void*) { std::abort(); }
 
-#elif defined(REFUSED_EMPTY)  // nothing to do with parts
+#elif defined(REFUSED_EMPTY)  // unrelated to parts
 const Trap trap;
 EXPORTED int answer() { return 42; }
 
@@ -43,7 +43,7 @@ const Trap trap;
 EXPORTED const char* asterism_part_plugin_abi() { return nullptr; }
 EXPORTED void asterism_part_plugin_add(void*) { std::abort(); }
 
-#elif defined(REFUSED_GARBLED)  // without an end, and not of letters
+#elif defined(REFUSED_GARBLED)  // not terminated, and not printable
 const Trap trap;
 SECTION const unsigned char asterism_part_plugin_abi[];
 const unsigned char asterism_part_plugin_abi[] = {'A', '\n', 0xff, 0x1b, '[', '2', 'J'};

@@ -1,4 +1,4 @@
-// The solvers of Dpt's systems, compiled here alone.
+// The solvers of Dpt's systems, compiled only here.
 
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/covariance.hpp>

@@ -24,7 +24,7 @@ Summary ElasticConstellation::place(const ObjectPose& pose, std::span<const Evid
     return part.peak > 0 ? Eigen::Matrix2d(part.peak * part.covariance.inverse()) : Eigen::Matrix2d::Zero();
   });
   const double scale = pose.transform().scale;
-  // Parts nearer to each other than this have no length to be relative to.
+  // Bounds the length to which the deviation is relative: parts may coincide.
   const double shortest = 0.01 * pose.mean_side();
   set_links([&](int i, int j, double& length) {
     length = scale * (layout_.col(i) - layout_.col(j)).norm();
@@ -43,7 +43,7 @@ ElasticConstellation::Points ElasticConstellation::posed(const ObjectPose& pose)
 Topology<> delaunay(const ElasticConstellation::Points& points) {
   const auto n = static_cast<int>(points.cols());
   if (n < 3) return Topology<>::full(n);
-  // Within a square well inside that of the triangulation, whose own corners are no parts.
+  // Scaled into a square well inside the triangulation's, whose own corner vertices are not parts.
   constexpr double kSide = 1024;
   const Point2 first = points.rowwise().minCoeff();
   const double extent = (points.rowwise().maxCoeff() - first).maxCoeff();
@@ -61,7 +61,7 @@ Topology<> delaunay(const ElasticConstellation::Points& points) {
     const auto a = part_at.find({edge[0], edge[1]}), b = part_at.find({edge[2], edge[3]});
     if (a != part_at.end() && b != part_at.end()) links.push_back({a->second, b->second});
   }
-  if (std::ssize(links) + 1 < std::ssize(part_at)) return Topology<>::full(n);  // on a line, to rounding
+  if (std::ssize(links) + 1 < std::ssize(part_at)) return Topology<>::full(n);  // collinear up to rounding
   return Topology<>::from_links(n, links);
 }
 

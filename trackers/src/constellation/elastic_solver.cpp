@@ -1,4 +1,4 @@
-// The solver of ElasticConstellation's systems, compiled here alone.
+// The solver of ElasticConstellation's systems, compiled only here.
 
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/trackers/constellation/spring_solvers.hpp>
@@ -24,7 +24,7 @@ Summary ElasticSolver::solve(const ElasticSystem& system, ElasticSystem::Points&
                              const SolverOptions& options) {
   Auto<ElasticSystem>& solver = (*workspace_).solver;
   solver.options = options;
-  solver.options.ground_components = true;  // parts that nothing holds stay
+  solver.options.ground_components = true;  // parts without an anchor stay in place
   return solver.solve(system, x);
 }
 

@@ -7,22 +7,23 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Views that correlate less are of two scenes: they share less than a quarter of their variance.
+// Correlation below which two views show different scenes: they share less than a quarter of their variance.
 constexpr double kSameScene = 0.5;
-// Variance of a view [gray levels^2] below which nothing is to be seen in it.
+// Variance of a view [gray levels^2] below which it counts as blank.
 constexpr double kLeastVariance = 1;
-// Gray levels that differ by no more than this are one: a decoder's blank blocks, light that is clipped.
+// A cell whose gray levels differ by at most this is blank: filler of a decoder, or saturated light.
 constexpr int kOneLevel = 2;
-// One in so many cells about the object that are blank now and were not are many.
+// The view is doubtful if more than one in this many of the cells with content around the object is now
+// blank.
 constexpr int kHidden = 4;
-// The neighbourhood of the object [sides of its box].
+// Side of the neighbourhood of the object [sides of its box].
 constexpr double kNear = 2;
 
-// Samples of each cell on a side.
+// Samples along each side of a cell.
 constexpr int kSamples = 4;
 
-// Mean and range of the gray levels in the cells of a window, row by row; what is outside the image is its
-// border.
+// Visits the cells of a window row by row with the sum and range of their sampled gray levels; outside the
+// image its border is continued.
 template <std::size_t kCells, typename Visit>
 void visit_cells(const cv::Mat& gray, const cv::Rect2d& window, Visit&& visit) {
   constexpr std::size_t kSide = kCells * kSamples;
@@ -58,8 +59,8 @@ double variance(const InterruptionGate::View& view) {
   return (squares - sum * sum / n) / n;
 }
 
-// Correlation of two views, one of them moved by whole cells, over what they have in common; 0 where one is
-// of one level.
+// Correlation of two views over their overlap, one of them shifted by whole cells; 0 if either is constant
+// there.
 double correlation(const InterruptionGate::View& a, const InterruptionGate::View& b, int right, int down) {
   constexpr int kSide = InterruptionGate::kViewCells;
   double n = 0, sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
@@ -73,7 +74,7 @@ double correlation(const InterruptionGate::View& a, const InterruptionGate::View
   return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
 }
 
-// Whether two views are of one scene, wherever the camera turned: at most so far that half of it is in both.
+// Whether two views show one scene, allowing for shifts of the camera that leave at least half of it in both.
 bool of_one_scene(const InterruptionGate::View& a, const InterruptionGate::View& b) {
   if (correlation(a, b, 0, 0) >= kSameScene) return true;  // nearly always
   constexpr int kSide = InterruptionGate::kViewCells;
@@ -115,7 +116,7 @@ void InterruptionGate::learn(const Frame& frame, const cv::Rect2d& box, double c
 InterruptionGate::Sight InterruptionGate::judge(const Frame& frame) const {
   const View view = view_of(frame);
   const Blanks blanks = blanks_of(frame);
-  int shown = 0, hidden = 0;  // cells that were not blank, and those of them that are now
+  int shown = 0, hidden = 0;  // cells that were not blank, and those of them that now are
   for (std::size_t i = 0; i < blanks.size(); ++i) {
     shown += blanks_[i] == 0;
     hidden += blanks_[i] == 0 && blanks[i] != 0;

@@ -15,28 +15,29 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Window pixels from one cell of the posterior to the next; the flow's patches are 4 apart.
+// Spacing of the posterior's cells [window pixels]; the flow's patches are 4 apart.
 constexpr int kStep = 2;
-// About as many points as this tell the camera's motion, ...
+// Approximate number of points that determine the camera's motion.
 constexpr int kCameraPoints = 256;
-// ... which they follow to within this [window pixels].
+// Typical error of these points [window pixels].
 constexpr double kCameraError = 0.5;
-// Speed of the first bin's end, squared [mean sides of the object a frame]; each bin ends at twice the one
-// before.
+// Upper end of the first bin: squared speed [(mean sides of the object per frame)^2]. Each further bin ends
+// at twice the previous one.
 constexpr double kSlowest = 0.0025 * 0.0025;
 // Bin of a cell outside the image.
 constexpr std::uint8_t kNone = 255;
 
-// Flow from the pixels of `to` back to those of `from`, both of 8 bits and one size.
+// Optical flow from the pixels of `to` back to those of `from`, both 8-bit and of one size.
 cv::Mat flow_between(const cv::Mat& to, const cv::Mat& from) {
 #ifdef ASTERISM_TRACKERS_FLOW
-  // Buffers; the result depends on nothing before, nor on the number of threads without the propagation.
+  // Kept only for its buffers: without spatial propagation the result depends neither on earlier calls nor on
+  // the number of threads.
   thread_local const cv::Ptr<cv::DISOpticalFlow> solver = [] {
     auto result = cv::DISOpticalFlow::create(cv::DISOpticalFlow::PRESET_ULTRAFAST);
     result->setUseSpatialPropagation(false);
     return result;
   }();
-  // At full resolution. It changes these where an image is small, and keeps them.
+  // At full resolution. Set for each call, as calc changes these for a small image and keeps the change.
   solver->setFinestScale(0);
   solver->setPatchSize(8);
   solver->setPatchStride(4);
@@ -51,7 +52,7 @@ cv::Mat flow_between(const cv::Mat& to, const cv::Mat& from) {
 
 bool contains(const cv::Rect2d& box, const Point2& x) { return box.contains({x.x(), x.y()}); }
 
-// Pixels, as the corners of a box.
+// A box between pixel centres, to test whether it contains a position.
 cv::Rect2d pixels_of(const Point2& centre, const Size2& size) {
   return {centre.x() - size.x() / 2, centre.y() - size.y() / 2, size.x(), size.y()};
 }
@@ -100,7 +101,7 @@ Segmentation MotionModel::segment(const Frame& frame) {
     return Eigen::Vector2d(col, row) + Eigen::Vector2d(u.x, u.y);
   };
 
-  // The camera's motion is that of the object's surroundings.
+  // The camera's motion is estimated from the object's surroundings.
   const int stride =
       std::max(1, static_cast<int>(std::sqrt(static_cast<double>(flow.total()) / kCameraPoints)));
   std::vector<Eigen::Vector2d> points, images;
@@ -121,7 +122,7 @@ Segmentation MotionModel::segment(const Frame& frame) {
                            TransformModel::Similarity, kCameraError, {})
           .transform;
 
-  // What is left, in octaves of its square.
+  // The remaining motion, binned in octaves of its squared speed.
   bins_ = cv::Mat_<std::uint8_t>((flow.rows + kStep - 1) / kStep, (flow.cols + kStep - 1) / kStep, kNone);
   const double slowest = kSlowest * size_.prod() / (window_.spacing() * window_.spacing());
   const PlaneTransform turn{camera.scale, camera.angle, Eigen::Vector2d::Zero()};
@@ -147,7 +148,7 @@ Segmentation MotionModel::segment(const Frame& frame) {
 }
 
 std::array<float, MotionModel::kBins> MotionModel::posterior() const {
-  // Neighbouring speeds are as likely by half; one in kBins is any of those that were not seen.
+  // Smooths over neighbouring bins (weights 1 : 2 : 1) and leaves `novelty` for speeds not seen before.
   const auto likelihood = [](const Histogram& histogram, double novelty, int bin) {
     const auto at = [&](int k) { return histogram[static_cast<std::size_t>(std::clamp(k, 0, kBins - 1))]; };
     return (1 - novelty) * (at(bin - 1) + 2 * at(bin) + at(bin + 1)) / 4 + novelty / kBins;

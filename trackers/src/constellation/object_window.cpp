@@ -7,9 +7,9 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// However thin an object is, its window is no longer than this [window pixels], ...
+// Largest side of a window, however thin the object is [window pixels].
 constexpr double kMaxWindow = 1024;
-// ... and no shorter.
+// Smallest side of a window [window pixels].
 constexpr int kMinWindow = 16;
 
 }  // namespace

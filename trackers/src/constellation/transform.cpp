@@ -20,12 +20,13 @@ struct Moments {
   double dot = 0;                         // p . q
   double cross = 0;                       // p x q
   double spread = 0, to_spread = 0;       // |p|^2, |q|^2
-  double from_square = 0, to_square = 0;  // of the points themselves
+  double from_square = 0, to_square = 0;  // of the points, not centred
 
   double aligned() const { return std::hypot(dot, cross); }
-  // Whether the points have an angle and a scale: coincident ones are apart by the rounding of their mean.
+  // Whether the points determine an angle and a scale. Coincident points do not, although rounding of their
+  // mean leaves them a spread.
   bool determined() const {
-    constexpr double kLeastSpread = 1e-24;  // of squares
+    constexpr double kLeastSpread = 1e-24;  // relative
     return aligned() > 0 && spread > kLeastSpread * from_square && to_spread > kLeastSpread * to_square;
   }
 };
@@ -53,8 +54,8 @@ Moments moments_of(const Eigen::Ref<const Eigen::Matrix2Xd>& from,
                        [](Eigen::Index) { return 1.0; });
 }
 
-// The least-squares transform: its angle maximises sum q . R p = cos sum p . q + sin sum p x q. What the
-// points do not determine, or the model does not change, is that of `otherwise`.
+// The least-squares transform: its angle maximises sum q . R p = cos sum p . q + sin sum p x q. Components
+// that the points do not determine, or the model does not have, are those of `otherwise`.
 PlaneTransform transform_of(const Moments& sums, TransformModel model, const PlaneTransform& otherwise = {}) {
   PlaneTransform transform = otherwise;
   if (sums.determined()) {
@@ -131,7 +132,7 @@ RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& f
   const double total = weights.sum();
   if (!(total > 0)) return best;
 
-  // 1 / (1 + (error / radius)^2) of each point.
+  // 1 / (1 + (error / radius)^2) for each point.
   const auto shares = [&](const PlaneTransform& transform) {
     const Eigen::Matrix2d turn = transform.scale * rotation(transform.angle);
     Eigen::VectorXd result(from.cols());
@@ -152,7 +153,7 @@ RobustTransform fit_robust_transform(const Eigen::Ref<const Eigen::Matrix2Xd>& f
   std::vector<Eigen::Index> used;
   for (Eigen::Index i = 0; i < from.cols(); ++i)
     if (weights[i] > 0) used.push_back(i);
-  // Partners far away in the order of the points, which mostly is far in the plane: the angle is surer.
+  // Pairs points far apart in their order, and so mostly in the plane: this makes their angle more accurate.
   for (const std::size_t stride : {used.size() / 2, used.size() / 3 + 1})
     for (std::size_t i = 0; i < used.size() && i < kHypotheses / 2; ++i) {
       const std::size_t first = i * std::max<std::size_t>(1, used.size() / (kHypotheses / 2)) % used.size();

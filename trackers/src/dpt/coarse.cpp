@@ -37,7 +37,7 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   estimate.similarity = estimate.evidence.peak;
   estimate.root_milliseconds = clock.lap();
   const ResponseMap* const response = root_.response();
-  bool combined = false;  // with another cue, in density_
+  bool combined = false;  // with another cue, into density_
   if (response != nullptr && (options_.use_color || options_.motion_share > 0)) density_ = *response;
   if (options_.use_color && color_.enabled()) {
     const Segmentation& segmentation = estimate.segmentation =
@@ -58,7 +58,7 @@ CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   }
   if (combined) {
     estimate.evidence = evidence_of(density_, options_.sub_pixel);
-    // A root without a peak is as similar everywhere as nowhere.
+    // If the root found no peak, the similarity stays 0.
     if (estimate.similarity > 0) estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   evidence_ = estimate.evidence;
@@ -85,7 +85,8 @@ void CoarseLayer::multiply_color(const Segmentation& segmentation) {
 }
 
 void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight) {
-  // Sums of the posterior above and left of the cells' corners, bilinear between them; 0 beyond the grid.
+  // Sum of the posterior above and to the left of a point: bilinear between the corners of the cells, as the
+  // posterior is constant in each; it is 0 beyond the grid.
   cv::Mat sums;
   cv::integral(segmentation.posterior, sums, CV_64F);
   const int cols = segmentation.posterior.cols, rows = segmentation.posterior.rows;

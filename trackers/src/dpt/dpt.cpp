@@ -31,7 +31,7 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
     case Constellation::Star:
       return Links::star(rows * cols, rows / 2 * cols + cols / 2);
     case Constellation::Local: {
-      // Parts that touch along a side.
+      // Links between parts that share a side.
       std::vector<Link> links;
       for (int r = 0; r < rows; ++r)
         for (int c = 0; c < cols; ++c) {
@@ -75,7 +75,7 @@ void Dpt::for_each_part(F&& f) {
     if (exception) std::rethrow_exception(exception);
 }
 
-// Sec. 2.5.3: the box is split into equal non-overlapping parts; overlapping ones have their middles closer.
+// Sec. 2.5.3: the box is split into equal non-overlapping parts; with overlap their centres are closer.
 void Dpt::start(const Frame& frame, const cv::Rect2d& box) {
   coarse_.init(frame, box);
   scale_.init(frame, coarse_.pose());
@@ -96,7 +96,7 @@ TrackResult Dpt::standing() const { return constellation_.standing(coarse_.pose(
 
 TrackResult Dpt::follow(const Frame& frame) {
   TrackResult result;
-  result.times.reserve(9);  // of update(image) too
+  result.times.reserve(9);  // including those that update(image) adds
 
   // 1: Coarsely estimate the object position by the root node and displace the mid-level parts.
   const CoarseLayer::Estimate root = coarse_.localize(frame);
@@ -171,7 +171,7 @@ void Dpt::update_root(const Frame& frame, Placement& x) {
     x = ((growth / step.scale) * (x.colwise() - middle)).colwise() + middle;
   }
   pose.move_by(step, growth);
-  x.colwise() -= pose.keep_in(frame);  // the parts go along
+  x.colwise() -= pose.keep_in(frame);  // the parts move with it
   if (options_.resize_parts) {
     part_size_ = part_size_.cwiseProduct(pose.size().cwiseQuotient(coarse_.pose().size()));
     for (AnyPart& part : parts_) part.resize(part_size_);
@@ -186,7 +186,7 @@ void Dpt::update_constellation(const Frame& frame, const Segmentation& segmentat
   result.update_threshold = options_.response_gate * strongest;
   for (PartState& part : result.parts) {
     const bool matches = part.weight >= result.update_threshold;
-    // A segmentation that failed its test says nothing of the parts.
+    // A segmentation that failed its test carries no information about the parts.
     const bool on_object = !segmentation.informative || segmentation.foreground_fraction(box_around(
                                                             part.position, part.size)) >= options_.mask_gate;
     part.updated = matches && on_object;

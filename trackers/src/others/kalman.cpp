@@ -13,7 +13,7 @@ namespace {
 
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
-// Before anything is known of its motion the object may move by its mean side in a frame, and grow by e^0.1.
+// Standard deviations of the initial velocity: the object's mean side per frame, and a growth by e^0.1.
 constexpr double kVelocity = 1, kSizeVelocity = 0.1;
 
 double log_mean_side(const cv::Rect2d& box) { return (std::log(box.width) + std::log(box.height)) / 2; }
@@ -38,7 +38,7 @@ void ConstantVelocityFilter::predict(const Vector& density) {
   motion.topRightCorner<3, 3>().setIdentity();
   state_ = motion * state_;
   covariance_ = motion * covariance_ * motion.transpose();
-  // White noise through one and two integrators over a frame.
+  // White noise acceleration, integrated over a frame once (velocity) and twice (position).
   covariance_.topLeftCorner<3, 3>() += (density / 3).asDiagonal();
   covariance_.topRightCorner<3, 3>() += (density / 2).asDiagonal();
   covariance_.bottomLeftCorner<3, 3>() += (density / 2).asDiagonal();
@@ -49,7 +49,7 @@ void ConstantVelocityFilter::update(const Vector& measured, const Matrix& covari
   const Matrix innovation = covariance_.topLeftCorner<3, 3>() + covariance;
   const Eigen::Matrix<double, 6, 3> gain = innovation.ldlt().solve(covariance_.topRows<3>()).transpose();
   state_ += gain * (measured - position());
-  // Joseph's form: symmetric and positive whatever the rounding.
+  // Joseph form: symmetric and positive semi-definite in spite of rounding.
   Matrix6 rest = Matrix6::Identity();
   rest.leftCols<3>() -= gain;
   covariance_ = rest * covariance_ * rest.transpose() + gain * covariance * gain.transpose();
@@ -70,7 +70,7 @@ Eigen::Matrix3d KalmanTracker::covariance_of(const TrackResult& result) const {
 void KalmanTracker::start(const Frame& frame, const cv::Rect2d& box) {
   tracker_.init(frame, box);
   const double side = std::exp(log_mean_side(box));
-  // The first box is the object.
+  // The first box is exact.
   filter_.start(measured(box), Eigen::Matrix3d::Zero(), {kVelocity * side, kVelocity * side, kSizeVelocity});
 }
 

@@ -19,39 +19,39 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Lengths in units: the arithmetic mean of the sides of the object's first box has so many.
+// The unit of the lengths below: the mean side (arithmetic) of the object's first box is this many units.
 constexpr double kObjectSide = 60;
 constexpr int kPartSide = 6;
-// How far a part is searched to each side: as far as the common motion takes it, and the local one.
+// Search range of a part to each side: covers the common motion and the local one.
 constexpr double kReach = 24;
-// First parts are so far apart.
+// Spacing of the first parts.
 constexpr double kSpacing = 10;
 constexpr double kNewWeight = 0.5;
-// Parts of this weight or more are believed by the global layer.
+// Parts with at least this weight define the shape in the global layer.
 constexpr double kDefinite = 0.5;
 
-// The cross-entropy method: samples at first, how many more at a time, at most; the best of them that the
-// next distribution is fitted to; how often.
+// The cross-entropy method: initial number of samples, how many are added at a time, at most; how many of the
+// best the next distribution is fitted to; number of iterations.
 constexpr int kFirstSamples = 50, kMoreSamples = 10, kMostSamples = 300, kElite = 10, kIterations = 10;
-// Deviation of a part's own motion: LGT has the variance 10.
+// Standard deviation of a part's own motion: LGT has the variance 10.
 constexpr double kLocalDeviation = 3.162;
 
-// A part's weight: how fast it falls with dissimilarity, and with its median distance from the others beyond
-// the largest one.
+// A part's weight: rate of decay with dissimilarity, and with its median distance from the others beyond
+// kMostDistance.
 constexpr double kSimilarityDecay = 3, kDistanceDecay = 3, kMostDistance = 40;
 constexpr double kMergeDistance = 3;
-// So many parts stay in any case, and at most as many leave in a frame.
+// Number of parts that always stay, and the most that are removed in one frame.
 constexpr int kFewest = 3;
 
-// The map of probabilities: its side, and below which share of its maximum no part joins. Around a part it is
-// damped by a Gaussian of this variance.
+// The map of probabilities: its side, the fraction of its maximum below which no part is added, and the
+// variance of the Gaussian that damps it around a part.
 constexpr double kMapSide = 150, kLikely = 0.2, kDampingVariance = 20;
 constexpr double kCapacityRate = 0.2, kShapeRate = 0.3;
-// The shape: certainty between the parts' convex hull and the hull widened by so much.
+// The shape: width of the margin around the parts' convex hull, and the probability in it.
 constexpr double kHullMargin = 15, kMarginProbability = 0.7;
 
-// Normally distributed but for the tails, and the same with every compiler: sums of twelve uniform numbers
-// from splitmix64 (Steele, Lea and Flood 2014).
+// Approximately normal numbers, the same with every compiler: sums of twelve uniform numbers from splitmix64
+// (Steele, Lea and Flood 2014).
 class Normal {
  public:
   explicit Normal(int seed) : state_(static_cast<std::uint64_t>(seed) << 32) {}
@@ -132,7 +132,7 @@ void Lgt::start(const Frame& frame, const cv::Rect2d& box) {
   color_.init(frame, box);
   if (options_.use_motion) motion_.init(frame, box);
 
-  // Parts on a grid.
+  // Place the parts on a grid.
   parts_.clear();
   std::vector<Point2> placement;
   const double spacing = unit() * std::max(kSpacing, kObjectSide / std::sqrt(options_.max_parts));
@@ -184,7 +184,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   const double unit_variance = unit() * unit();
   const Eigen::Vector3d density(unit_variance, unit_variance, 0);
 
-  // What the Kalman filter expects of nearly constant velocity.
+  // The Kalman filter's prediction for nearly constant velocity.
   filter_.predict(density);
   const Point2 velocity = filter_.velocity().head<2>();
   placement.colwise() += velocity;
@@ -200,7 +200,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   pose_.move_by(step, step.scale);
   result.times.push_back({"motion", clock.lap()});
 
-  // ... and that of each by itself, coupled by the springs: these take the place of LGT's second stage.
+  // ... and the motion of each part by itself, coupled by springs, which replace LGT's second stage.
   std::vector<Evidence> evidence;
   for (std::size_t i = 0; i < parts_.size(); ++i)
     evidence.push_back(evidence_near(parts_[i], placement.col(static_cast<Eigen::Index>(i))));
@@ -210,7 +210,7 @@ TrackResult Lgt::follow(const Frame& frame) {
       fit_pose(constellation_.layout(), placement, old_weights, pose_, options_.springs.reach).transform);
   result.times.push_back({"springs", clock.lap()});
 
-  // The centre is that of the parts, filtered; it stays in the image, and the parts with it.
+  // The filter is updated with the parts' centre; it and the parts are kept in the image.
   const Point2 middle = placement * old_weights / std::max(old_weights.sum(), 1e-12);
   const Point2 kept = kept_in_image(frame, middle);
   placement.colwise() += kept - middle;
@@ -218,7 +218,7 @@ TrackResult Lgt::follow(const Frame& frame) {
   pose_.move_to(Point2(filter_.position().head<2>()));
   pose_.keep_in(frame);
 
-  // How well the parts do.
+  // The similarity of each part at its position.
   double similarity = 0;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
     const Point2 position = placement.col(static_cast<Eigen::Index>(i));
@@ -245,13 +245,13 @@ TrackResult Lgt::follow(const Frame& frame) {
 }
 
 void Lgt::renew(const Frame& frame, const Segmentation& moving) {
-  // Parts that are one merge, and bad ones leave.
+  // Merge coincident parts and remove those of low weight.
   reweight(frame);
   std::vector<Point2> positions = placement();
   merge(frame, positions);
   remove(positions);
 
-  // New ones join where the global layer has the object.
+  // Add parts where the global layer finds the object.
   learn_shape(positions);
   const cv::Rect2d region = box_around(pose_.centre(), Size2::Constant(kMapSide * unit()));
   const Segmentation color =
@@ -269,16 +269,16 @@ PlaneTransform Lgt::common_motion() const {
   };
   const Points& placement = constellation_.placement();
   const Points offsets = placement.colwise() - pose_.centre();
-  // About the object's centre.
+  // Transforms about the object's centre.
   const auto moved = [&](const Parameters& p) -> Points {
     const Eigen::Matrix2d turn = std::exp(p[3]) * Eigen::Rotation2Dd(p[2]).toRotationMatrix();
     return (turn * offsets).colwise() + (pose_.centre() + p.head<2>().matrix());
   };
-  Normal normal(frames_);  // other numbers in each frame, so that their error does not add up
+  Normal normal(frames_);  // different in each frame, so that sampling errors do not add up
   Parameters mean = Parameters::Zero();
   Parameters deviation(options_.translation * unit(), options_.translation * unit(), options_.rotation,
                        options_.scale);
-  // In pairs on both sides of the mean, so that they do not push it to one.
+  // In pairs on opposite sides of the mean, so that the samples do not bias it.
   const auto draw = [&](std::vector<Sample>& samples, int count) {
     for (int sample = 0; sample < count; sample += 2) {
       Parameters offset;
@@ -305,14 +305,14 @@ PlaneTransform Lgt::common_motion() const {
                        [](const Sample& a, const Sample& b) { return a.similarity > b.similarity; });
     };
     sort();
-    // More samples where these are no better than the last ones.
+    // Draw more samples while these are no better than those of the last iteration.
     while (samples[kElite - 1].similarity <= worst_elite && samples[0].similarity <= best &&
            std::ssize(samples) < kMostSamples) {
       draw(samples, kMoreSamples);
       sort();
     }
     worst_elite = samples[kElite - 1].similarity, best = samples[0].similarity;
-    if (!(worst_elite > 0)) return {};  // there is nothing to follow
+    if (!(worst_elite > 0)) return {};  // no part is found anywhere
     const std::span<const Sample> elite(samples.data(), kElite);
     double total = 0;
     mean.setZero();
@@ -379,7 +379,7 @@ void Lgt::merge(const Frame& frame, std::vector<Point2>& placement) {
         ++j;
         continue;
       }
-      // The two become one between them, which looks as the image does there.
+      // The two are replaced by one between them, which learns the image there.
       const double total = std::max(parts_[i].weight + parts_[j].weight, 1e-12);
       placement[i] += parts_[j].weight / total * (placement[j] - placement[i]);
       parts_[i].weight = std::max(parts_[i].weight, parts_[j].weight);
@@ -442,7 +442,7 @@ Lgt::Map Lgt::probability(const Segmentation& color, const Segmentation& moving)
 }
 
 void Lgt::add_likely(const Frame& frame, std::vector<Point2>& placement, Map probability) {
-  constexpr double kFar = 10 * kDampingVariance;  // e^-5 of the damping is left
+  constexpr double kFar = 10 * kDampingVariance;  // where e^-5 of the damping is left
   const auto damp = [&](const Point2& part) {
     for (int row = 0; row < kShapeCells; ++row)
       for (int col = 0; col < kShapeCells; ++col) {
@@ -458,7 +458,7 @@ void Lgt::add_likely(const Frame& frame, std::vector<Point2>& placement, Map pro
   auto places =
       std::min(std::lround(capacity_) + 1, static_cast<long>(options_.max_parts)) - std::ssize(parts_);
   for (; places > 0; --places) {
-    // LGT draws from the map; this takes the most likely place, and the same in every run.
+    // LGT draws places from the map; taking the most likely one makes every run the same.
     Eigen::Index row = 0, col = 0;
     if (probability.maxCoeff(&row, &col) < kLikely) break;
     add(frame, placement, cell(static_cast<int>(row), static_cast<int>(col)));

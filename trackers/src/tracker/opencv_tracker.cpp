@@ -13,7 +13,7 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// Runs `work`, and throws what it throws as OpenCV's programs expect it.
+// Runs `work` and converts its exceptions to cv::Exception.
 template <class Work>
 auto with_opencv_errors(Work&& work) {
   try {
@@ -25,7 +25,7 @@ auto with_opencv_errors(Work&& work) {
   }
 }
 
-// With each edge at the nearest whole pixel, and at least a pixel wide and high.
+// Rounds each edge to the nearest whole pixel; width and height are at least 1.
 cv::Rect whole_pixels(const cv::Rect2d& box) {
   const auto edge = [](double x) { return static_cast<int>(std::lround(std::clamp(x, -1e9, 1e9))); };
   const int left = edge(box.x), top = edge(box.y);

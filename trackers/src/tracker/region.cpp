@@ -16,8 +16,8 @@ constexpr std::size_t kMostCorners = 10'000;
 
 double cross(const cv::Point2d& a, const cv::Point2d& b) { return a.x * b.y - a.y * b.x; }
 
-// The corners' convex hull, by OpenCV in single precision: it chooses among them in units of the bounding
-// box.
+// The convex hull of the corners. OpenCV selects them in single precision, hence from coordinates relative to
+// the bounding box.
 std::vector<cv::Point2d> convex_hull(const std::vector<cv::Point2d>& points, const cv::Rect2d& bounds) {
   std::vector<cv::Point2f> scaled;
   scaled.reserve(points.size());
@@ -82,7 +82,7 @@ Region Region::mask(const cv::Mat& pixels) {
 
 cv::Rect2d Region::equal_area_box() const {
   if (rectangle_ || box_.empty()) return box_;
-  // Of triangles from one corner: near the origin nothing is lost to cancellation.
+  // Area and centroid from triangles with a common corner; positions relative to it avoid cancellation.
   const std::vector<cv::Point2d> hull = convex_hull(points_, box_);
   double twice_area = 0;
   cv::Point2d moment;

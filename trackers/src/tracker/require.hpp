@@ -6,7 +6,7 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Refuses options out of range.
+/// Throws std::invalid_argument unless `holds`: for options that are out of range.
 inline void require(bool holds, const char* what) {
   if (!holds) throw std::invalid_argument(what);
 }

@@ -1,4 +1,4 @@
-// What the trackers save.
+// The state of the trackers that is saved.
 
 #include <Eigen/Eigenvalues>
 #include <asterism/trackers/dpt/coarse.hpp>
@@ -15,7 +15,7 @@ inline namespace ASTERISM_ABI {
 
 namespace {
 
-// How far rounding takes correlations from a matrix that is symmetric and positive semi-definite.
+// Tolerance for rounding, e.g. of a correlation matrix that should be symmetric and positive semi-definite.
 constexpr double kRounding = 1e-6;
 
 }  // namespace
@@ -44,7 +44,7 @@ void CoarseTracker::visit_learned(StateArchive& archive) { layer_.visit_state(ar
 
 void Dpt::visit_learned(StateArchive& archive) {
   DptOptions same = options_;
-  same.threads = 1;  // of no influence on results
+  same.threads = 1;  // without influence on the results
   archive.begin("dpt", same);
   coarse_.visit_state(archive);
   scale_.visit_state(archive);
@@ -60,7 +60,7 @@ void ConstantVelocityFilter::visit_state(StateArchive& archive) {
   using Correlation = Eigen::Matrix<double, 6, 6>;
   archive(state_);
   archive(covariance_);
-  // Of correlations, not variances: the units of the coordinates differ.
+  // Checks correlations, not variances, as the units of the coordinates differ.
   const auto variance = covariance_.diagonal().array();
   archive.require((variance >= 0).all());
   const Eigen::Vector<double, 6> weight = variance.max(std::numeric_limits<double>::min()).rsqrt();
@@ -75,7 +75,7 @@ void KalmanTracker::visit_learned(StateArchive& archive) {
   archive.begin("kalman", options_);
   tracker_.visit_state(archive);
   filter_.visit_state(archive);
-  // Centre and mean side as the archive has positions and sizes; no faster than from one end to the other.
+  // The archive's limits of positions and sizes; the velocity may cross them in one frame.
   const Eigen::Vector3d most(1e6, 1e6, std::log(1e6));
   archive.require((filter_.position().cwiseAbs().array() <= most.array()).all() &&
                   (filter_.velocity().cwiseAbs().array() <= 2 * most.array()).all());
@@ -83,7 +83,7 @@ void KalmanTracker::visit_learned(StateArchive& archive) {
 
 void ElasticConstellation::visit_state(StateArchive& archive) {
   int parts = size(), links = system().link_count();
-  bool full = system().topology().is_full();  // solvers are faster for it, and round otherwise
+  bool full = system().topology().is_full();  // solvers have a faster path for it, which rounds differently
   archive.count(parts, 2 * sizeof(Point2));
   layout_.resize(2, parts), placement().resize(2, parts);
   visit_points(archive, layout_);

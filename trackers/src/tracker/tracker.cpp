@@ -24,7 +24,7 @@ constexpr char kNeedsJson[] =
     "options of trackers need a build with nlohmann-json (Debian package nlohmann-json3-dev)";
 #endif
 
-// The options with the values that a JSON object has for them; an empty text is no object and sets none.
+// `options` with the values in a JSON object; an empty text sets none.
 template <class Options>
 Options with(Options options, std::string_view name, std::string_view json) {
   if (json.empty()) return options;
@@ -37,7 +37,7 @@ Options with(Options options, std::string_view name, std::string_view json) {
 }
 
 #ifdef ASTERISM_TRACKERS_JSON
-// What becomes of any tracker with `options()`: these as JSON.
+// The options of any tracker as JSON: the alternative to AnyTracker as `Made` below.
 struct ListedTracker {
   nlohmann::ordered_json options;
 
@@ -49,13 +49,13 @@ struct ListedTracker {
 nlohmann::ordered_json parse(std::string_view text) { return nlohmann::ordered_json::parse(text); }
 #endif
 
-// A tracker around another one, which the option `of` describes.
+// A Kalman tracker around the tracker that the option `of` describes.
 template <class Made>
 Made make_kalman(std::string_view name, std::string_view json) {
   std::string of = "dpt", options(json);
 #ifdef ASTERISM_TRACKERS_JSON
   detail::check_nesting(std::string(name), json);
-  auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // what is no object is refused below
+  auto object = nlohmann::ordered_json::parse(json, nullptr, false);  // refused below if not an object
   if (object.is_object() && object.contains("of")) {
     of = object["of"].is_string() ? object["of"].get<std::string>() : object["of"].dump();
     object.erase("of");
@@ -73,7 +73,7 @@ Made make_kalman(std::string_view name, std::string_view json) {
   return made;
 }
 
-// The paper's Table 1, and what comes of DPT beyond the paper.
+// The variants in the paper's Table 1, and dpt_plus, which goes beyond the paper.
 std::optional<DptOptions> dpt_variant(std::string_view name) {
   DptOptions options;
   if (name == "dpt") return options;
@@ -112,7 +112,7 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   return {};
 }
 
-// A tracker by its name, as an AnyTracker or another type that takes any tracker.
+// Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to.
 template <class Made>
 Made make_named(std::string_view name, std::string_view json) {
   if (const auto options = dpt_variant(name)) return Dpt(with(*options, name, json));
@@ -124,7 +124,7 @@ Made make_named(std::string_view name, std::string_view json) {
   throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
 }
 
-// A tracker by its description; its name goes to `name`.
+// Makes a tracker by its description and stores its name in `name`.
 template <class Made>
 Made make_described(std::string_view description, std::string& name) {
 #ifdef ASTERISM_TRACKERS_JSON
@@ -140,7 +140,7 @@ Made make_described(std::string_view description, std::string& name) {
     nlohmann::ordered_json object;
     try {
       object = parse(description);
-    } catch (const nlohmann::json::exception& error) {  // also of a number beyond double's range
+    } catch (const nlohmann::json::exception& error) {  // also for a number beyond the range of double
       throw std::invalid_argument(std::string("a tracker's description is not a JSON object: ") +
                                   error.what());
     }
