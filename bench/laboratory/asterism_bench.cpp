@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdio>
 #include <exception>
+#include <filesystem>
 #include <fstream>
 #include <iterator>
 #include <stdexcept>
@@ -14,6 +15,7 @@
 #include "experiments.hpp"
 #include "kinds.hpp"
 #include "parts_bench.hpp"
+#include "problems.hpp"
 #include "process.hpp"
 #include "solve.hpp"
 
@@ -163,6 +165,24 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   solve->add_option("--tolerance", limits.tolerance, "tolerance of the stopping rule")->capture_default_str();
   solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();
 
+  CLI::App* problems = app.add_subcommand(
+      "problems", "scores solvers on the problem set, systems whose least energy is known");
+  std::string set = "bench/problems";
+  int written = 0;
+  std::vector<std::filesystem::path> recorded;
+  problems->add_option("--set", set, "folder of the problem set")->capture_default_str();
+  problems->add_option("--solvers", chosen, "names, separated by commas, or all")->capture_default_str();
+  problems->add_option("--tolerance", limits.tolerance, "tolerance of the stopping rule")
+      ->capture_default_str();
+  problems->add_option("--iterations", limits.iterations, "maximum number of iterations")
+      ->capture_default_str();
+  problems
+      ->add_option("--make", written,
+                   "makes the set, with so many problems a family, instead of scoring on it")
+      ->check(CLI::Range(1, 1000));
+  problems->add_option("--recorded", recorded,
+                       "with --make: files of asterism-track --record-systems, as a family");
+
   CLI::App* kind_table = app.add_subcommand("kinds", "prints how the kinds of systems differ");
   const SelectionOptions of_kinds(*kind_table, {4}, "ida,newton", 1000);
 
@@ -234,6 +254,14 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   if (solver_list->parsed()) return list_solvers();
   if (solve->parsed()) {
     solve_file(file, solvers_named(chosen), limits);
+    return 0;
+  }
+  if (problems->parsed()) {
+    if (written > 0) {
+      write_problem_set(set, written, recorded);
+    } else {
+      score_problem_set(set, solvers_named(chosen), limits);
+    }
     return 0;
   }
   if (kind_table->parsed()) {

@@ -37,6 +37,13 @@ Experiment convergence(const Selection& selection);
 Experiment scaling(const Selection& selection);
 /// Near-coincident pairs, weak anchors, stiff pairs and saddles (Figure 8).
 Experiment hard(const Selection& selection);
+/// A way to make systems of four nodes hard, and how far it is taken.
+struct HardCase {
+  std::string name;
+  std::vector<double> levels;
+  std::function<Problem(int index, double level)> problem;
+};
+const std::vector<HardCase>& hard_cases();
 /// How often solvers and starts end in different minima.
 Experiment minima(const Selection& selection);
 /// How often each start ends above the lowest minimum, without and with MultiStart.

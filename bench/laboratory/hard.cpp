@@ -12,14 +12,6 @@ namespace asterism::bench {
 
 namespace {
 
-/// A way to make systems hard, and how far it is taken.
-struct Case {
-  std::string name;
-  std::vector<double> levels;
-  /// Problem number `index` of four nodes, at a level.
-  std::function<Problem(int index, double level)> problem;
-};
-
 Problem lit(int index) {
   return testing::numbered_system<System>(testing::Kind::Lit, Topology<>::full(4),
                                           static_cast<std::uint64_t>(index));
@@ -66,15 +58,6 @@ Problem saddle(int index, double level) {
   return problem;
 }
 
-const std::vector<Case>& cases() {
-  static const std::vector<Case> result = {
-      {"near-coincident", {1e-1, 1e-2, 1e-3, 1e-4, 1e-6}, near_coincident},
-      {"weak-anchors", {1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12}, weak_anchors},
-      {"stiff-pair", {1e2, 1e4, 1e6, 1e8, 1e12}, stiff_pair},
-      {"saddle", {1, 1e-1, 1e-2}, saddle}};
-  return result;
-}
-
 Json coordinates(const Points& x) {
   Json result = Json::array();
   for (const auto& column : x.colwise()) result.push_back({column[0], column[1]});
@@ -82,7 +65,7 @@ Json coordinates(const Points& x) {
 }
 
 // Stores the nodes of the first problem before and after, to be drawn.
-Json measure(Runner& runner, const Case& hard, double level, int systems) {
+Json measure(Runner& runner, const HardCase& hard, double level, int systems) {
   Json cell{{"energies", Json::array()}, {"iterations", Json::array()}, {"statuses", Json::array()}};
   Points x;
   for (int index = 0; index < systems; ++index) {
@@ -103,7 +86,7 @@ Json measure(Runner& runner, const Case& hard, double level, int systems) {
 
 // Lowers the energies in `best` to those of the Staircase if these are lower. Returns how many are proven to
 // be the least possible, up to a relative gap of 1e-6.
-int lower_to_proven(const Case& hard, double level, std::vector<double>& best) {
+int lower_to_proven(const HardCase& hard, double level, std::vector<double>& best) {
   detail::AutoStaircase<System> staircase;
   int proven = 0;
   for (std::size_t s = 0; s < best.size(); ++s) {
@@ -118,10 +101,19 @@ int lower_to_proven(const Case& hard, double level, std::vector<double>& best) {
 
 }  // namespace
 
+const std::vector<HardCase>& hard_cases() {
+  static const std::vector<HardCase> result = {
+      {"near-coincident", {1e-1, 1e-2, 1e-3, 1e-4, 1e-6}, near_coincident},
+      {"weak-anchors", {1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12}, weak_anchors},
+      {"stiff-pair", {1e2, 1e4, 1e6, 1e8, 1e12}, stiff_pair},
+      {"saddle", {1, 1e-1, 1e-2}, saddle}};
+  return result;
+}
+
 Experiment hard(const Selection& selection) {
   const int systems = std::min(selection.systems, 100);
   std::vector<Cell> cells;
-  for (const Case& hard : cases()) {
+  for (const HardCase& hard : hard_cases()) {
     for (const double level : hard.levels) {
       const std::string group = hard.name + "/" + format("%g", level);
       for (const SolverEntry& solver : selection.solvers) {
@@ -140,7 +132,7 @@ Experiment hard(const Selection& selection) {
 
   const auto report = [selection, systems](const Results& results) {
     double worst_ida = 0, worst_cg = 0;  // greatest share of near-coincident systems far above the best
-    for (const Case& hard : cases()) {
+    for (const HardCase& hard : hard_cases()) {
       for (const double level : hard.levels) {
         const std::string group = hard.name + "/" + format("%g", level);
         std::vector<double> best(static_cast<std::size_t>(systems), std::numeric_limits<double>::infinity());
