@@ -3,6 +3,7 @@
 
 import json
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -74,6 +75,33 @@ class Laboratory(unittest.TestCase):
         energies = {row[0]: float(row[-6]) for row in rows}
         for name, energy in energies.items():
             self.assertAlmostEqual(energy / energies["newton"], 1, delta=1e-6, msg=name)
+
+    def test_problem_set(self):
+        """Every stored problem is scored; the strongest method solves more than the paper's, and all that are made anew."""
+        stored = pathlib.Path(__file__).parents[2] / "bench/problems"
+        result = run("problems", "--set", stored, "--solvers", "ida,staircase")
+        self.assertEqual((result.returncode, result.stderr), (0, ""))
+        solved = dict(re.findall(r"^(\S+): (\d+) of \d+ solved$", result.stdout, re.MULTILINE))
+        count = sum(len(file.read_text().splitlines()) for file in stored.glob("*.jsonl"))
+        self.assertIn(f"of {count} solved", result.stdout)
+        self.assertGreater(int(solved["staircase"]), int(solved["ida"]))
+
+        made = self.folder / "made"
+        self.assertEqual(run("problems", "--set", made, "--make", 1).returncode, 0)
+        for file in made.glob("*.jsonl"):
+            self.assertEqual(len(file.read_text().splitlines()), 1)
+            remade, kept = (json.loads(f.read_text().splitlines()[0]) for f in (file, stored / file.name))
+            self.assertEqual(remade["anchors"], kept["anchors"])
+            self.assertAlmostEqual(remade["origin"]["minimum"] / kept["origin"]["minimum"], 1, delta=1e-6, msg=file.stem)
+
+        worse = json.loads((made / "lit-4.jsonl").read_text())
+        worse["origin"]["minimum"] *= 1.1
+        (made / "lit-4.jsonl").write_text(json.dumps(worse))
+        result = run("problems", "--set", made)
+        self.assertEqual(result.returncode, 1)
+        self.assertRegex(result.stderr, r"^asterism-bench: .*lit-4\.jsonl: lit-4/0: the energy of origin\.minimiser is .*\n$")
+        result = run("problems", "--set", self.folder)
+        self.assertRegex(result.stderr, r"^asterism-bench: .*: no files \*\.jsonl of problems\n$")
 
     def test_problems_are_one_line(self):
         broken = self.folder / "broken.json"

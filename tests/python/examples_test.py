@@ -47,6 +47,15 @@ class ExamplesTest(unittest.TestCase):
         self.assertLess(max(value for name, value in rows.items() if "SciPy" not in name), 1e-7)
         self.assert_drawn(300)
 
+    @unittest.skipUnless(hasattr(asterism, "read_systems"), "built without nlohmann-json")
+    def test_score_solver(self):
+        out = self.run_example("score_solver.py", PROJECT / "bench/problems")
+        scores = {words[0]: list(map(int, words[1:])) for words in map(str.split, out.splitlines()[1:])}
+        self.assertEqual(set(scores), {file.stem for file in (PROJECT / "bench/problems").glob("*.jsonl")})
+        for problems, mine, ida, staircase in scores.values():
+            self.assertLessEqual(max(mine, ida, staircase), problems)
+        self.assertGreater(sum(score[3] for score in scores.values()), sum(score[2] for score in scores.values()))
+
     @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
     def test_track_video(self):
         for frame in range(12):
