@@ -1,7 +1,7 @@
 import asterism
 import numpy as np
 
-anchors = np.array([[0.0, 0], [40, 0], [0, 40], [40, 40]])  # (N, dim): a row a node
+anchors = np.array([[0.0, 0], [40, 0], [0, 40], [40, 40]])  # (N, dim): one row for each node
 system = asterism.SpringSystem(asterism.Topology.full(4), dim=2)
 system.set_rest_lengths(anchors)
 system.anchors = anchors

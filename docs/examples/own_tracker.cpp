@@ -52,7 +52,7 @@ class FourParts {
   cv::Rect2d box_;
   std::vector<asterism::Kcf> parts_;
   Springs springs_{asterism::Topology<kParts>::full()};
-  Springs::Points x_ = Springs::Points::Zero();  // the parts' centres [px], one a column
+  Springs::Points x_ = Springs::Points::Zero();  // the parts' centres [px], a column for each
 };
 static_assert(asterism::Tracker<FourParts>);
 

@@ -63,7 +63,7 @@ class PatchTracker {
   cv::Size size_;  // of a patch [px]
   std::array<cv::Mat, kParts> patches_;
   Springs springs_{asterism::Topology<kParts>::full()};
-  Springs::Points x_;  // top left corners of the patches [px], one a column
+  Springs::Points x_;  // top left corners of the patches [px], a column for each
 };
 
 // A clip with a known answer: a textured object crosses the frame, a bar crosses it.

@@ -9,7 +9,7 @@ int main() {
   system.link_stiffness.setConstant(1.0);
   system.anchor_stiffness << 0.5, 0.5, 0.5, 0.05;
   system.anchors.col(3) << 70, 55;  // the last part was seen far off, with little certainty
-  auto x = system.anchors;          // the start, then the result: a column a part
+  auto x = system.anchors;          // the start, then the result: one column for each part
   const asterism::Summary summary = asterism::solve(system, x);
   std::cout << x << "\n" << summary.status << ", energy " << summary.final_energy << "\n";
 }
