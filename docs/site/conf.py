@@ -51,12 +51,23 @@ def contents(text):
     return '\n\n' + '\n\n'.join(trees) + '\n'
 
 
-def read_source(_, page, source):
-    """build.cmake puts the pages of the project's root beside those of docs/."""
+def header_pages(tags):
+    """The page of the reference for each public header, by the header's path below its include folder."""
+    files = xml.etree.ElementTree.parse(tags).getroot().iter('compound') if tags else ()
+    return {(file.findtext('path') + file.findtext('name')).rpartition('/include/')[2]: file.findtext('filename').removesuffix('.html')
+            for file in files if file.get('kind') == 'file'}
+
+
+def read_source(app, page, source):
+    """build.cmake puts the pages of the project's root beside those of docs/. Links to headers lead to the reference."""
     if page in ROOT_PAGES:
         source[0] = source[0].replace('](docs/', '](')
     else:
         source[0] = re.sub(rf'\]\(\.\./({"|".join(ROOT_PAGES)})\.md', r'](\1.md', source[0])
+    if (header := re.compile(r'\[`([^`\]]+)`\]\((?:\.\./)+\w+/include/([^)]+\.hpp)\)')).search(source[0]):
+        pages, up = header_pages(app.config.reference_tags), '../' * page.count('/')
+        source[0] = header.sub(lambda link: f'<a href="{up}reference/{pages[link[2]]}.html"><code>{link[1]}</code></a>'
+                               if link[2] in pages else link[0], source[0])
     if page == root_doc:
         source[0] += contents(source[0])
 
