@@ -93,6 +93,16 @@ def mark_charts(app, document):
             image['classes'].append('chart')
 
 
+SHELL = re.compile(r'<div class="highlight-sh .*?</pre>', re.DOTALL)
+OPTION = re.compile(r'(?<=[>\s])--?[A-Za-z][\w-]*(?:<span class="o">=</span>[\w./-]*)?')
+
+
+def mark_options(app, page, template, context, document):
+    """A class for site.css: a browser would break a line after each hyphen of an option."""
+    if 'body' in context:
+        context['body'] = SHELL.sub(lambda block: OPTION.sub(r'<span class="option">\g<0></span>', block[0]), context['body'])
+
+
 class Reference(Domain):
     """Doxygen's symbols, for the search of the pages and for objects.inv."""
     name = 'reference'
@@ -173,5 +183,6 @@ def setup(app):
     app.connect('source-read', read_source)
     app.connect('doctree-read', mark_charts)
     app.connect('doctree-read', mark_cells)
+    app.connect('html-page-context', mark_options)
     app.connect('html-collect-pages', index_reference)
     app.connect('build-finished', mend_theme)
