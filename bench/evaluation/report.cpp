@@ -211,8 +211,8 @@ std::string summary(const Analysis& analysis) {
   std::string remark = "The best value of each column is marked.";
   if (std::ranges::any_of(analysis.trackers, [](const auto& tracker) { return !tracker.estimates.empty(); }))
     remark +=
-        " Small figures: 95 % intervals by bootstrap over sequences and starts, with few sequences somewhat "
-        "too short.";
+        " The small figures are the 95 % interval of a bootstrap over sequences and starts; with few "
+        "sequences it is somewhat too short.";
   return content + note(remark);
 }
 
@@ -236,23 +236,25 @@ std::string supervised(const Analysis& analysis) {
   const auto rank = [&](const std::string& of) {  // best at the right and at the top, as in the other plot
     return PlotAxis{of + " rank", 0.5, static_cast<double>(analysis.trackers.size()) + 0.5, true};
   };
-  ScatterChart raw{
-      "AR raw (legacy)", {"still tracking after 30 frames, exp(-30 F / frames)", {}, 1.0}, {"accuracy"}, {}};
+  ScatterChart raw{"AR plot (legacy toolkit)",
+                   {"no failure in 30 frames, exp(-30 F / frames)", {}, 1.0},
+                   {"accuracy"},
+                   {}};
   ScatterChart ranks{"AR ranks on all frames", rank("robustness"), rank("accuracy"), {}};
   ScatterChart mean_ranks{
       "AR ranks, mean over attributes (VOT2014)", rank("robustness"), rank("accuracy"), {}};
-  LineChart curves{.title = "Expected average overlap (legacy)",
+  LineChart curves{.title = "Expected average overlap (legacy toolkit)",
                    .x = {"sequence length [frames]", 1},
                    .y = {"expected average overlap", 0, 1},
                    .series = {},
                    .shaded = std::pair(static_cast<double>(analysis.supervised.lengths.low),
                                        static_cast<double>(analysis.supervised.lengths.high))};
-  LineChart python_curves{.title = "Expected average overlap (Python)",
+  LineChart python_curves{.title = "Expected average overlap (Python toolkit)",
                           .x = curves.x,
                           .y = curves.y,
                           .series = {},
                           .shaded = curves.shaded};
-  BarChart ranking{"EAO ranking (legacy)", {"expected average overlap", 0}, {}};
+  BarChart ranking{"EAO ranking (legacy toolkit)", {"expected average overlap", 0}, {}};
   for (std::size_t i = 0; i < analysis.trackers.size(); ++i) {
     const TrackerScores& tracker = analysis.trackers[i];
     if (!tracker.supervised) continue;
@@ -281,8 +283,8 @@ std::string supervised(const Analysis& analysis) {
                  "Rank 1 is best; trackers that do not differ significantly share the mean of their ranks ") +
              (analysis.practical
                   ? "(accuracy must also differ by more than the practical difference)."
-                  : "(practical differences are not known of every sequence and do not count).")) +
-         details("As today's Python toolkit defines them",
+                  : "(some sequences have no practical differences, so these do not count).")) +
+         details("As the Python toolkit defines them",
                  html(today) + element("div", svg(python_curves), "charts"));
 }
 
@@ -290,10 +292,10 @@ std::string one_pass(const Analysis& analysis) {
   std::string charts;
   const auto chart = [&](Protocol protocol, const std::string& title) {
     LineChart success{
-        "Success: " + title, {"overlap threshold", 0, 1}, {"share of frames above it", 0, 1}, {}};
+        "Success: " + title, {"overlap threshold", 0, 1}, {"share of frames above the threshold", 0, 1}, {}};
     LineChart precision{"Precision: " + title,
                         {"threshold of the centre error [px]", 0, 50},
-                        {"share of frames within it", 0, 1},
+                        {"share of frames within the threshold", 0, 1},
                         {}};
     for (std::size_t i = 0; i < analysis.trackers.size(); ++i) {
       const auto found = analysis.trackers[i].one_pass.find(protocol);
@@ -314,7 +316,7 @@ std::string one_pass(const Analysis& analysis) {
   chart(Protocol::Sre, "spatial robustness (SRE)");
   if (charts.empty()) return {};
   return element("div", charts, "charts") +
-         note("Figures beside the names: the area under the success curve, the precision at 20 px.");
+         note("The number after a name is the area under the success curve, or the precision at 20 px.");
 }
 
 std::string multi_start(const Analysis& analysis) {
@@ -451,7 +453,7 @@ std::string attributes(const Analysis& analysis) {
 }
 
 std::string speed(const Campaign& campaign, const Analysis& analysis) {
-  BarChart chart{"Frames a second", {"frames a second", 0}, {}};
+  BarChart chart{"Frames per second", {"frames per second", 0}, {}};
   for (std::size_t i = 0; i < analysis.trackers.size(); ++i)
     if (const double fps = analysis.trackers[i].frames_per_second; !std::isnan(fps))
       chart.bars.push_back({analysis.trackers[i].name, fps, {}, i});

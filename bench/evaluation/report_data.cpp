@@ -115,7 +115,7 @@ std::vector<SummaryColumn> summary_columns(const Analysis& analysis) {
       {true, "AO", 3, false, "average overlap of one pass", {}},
       {true, "AUC", 3, false, "area under OTB's success plot", {}},
       {true, "P20", 3, false, "share of frames with a centre error of at most 20 px", {}},
-      {true, "fps", 1, false, "frames a second", {}},
+      {true, "fps", 1, false, "frames per second", {}},
       {false, "TRE AUC", 3, false, "AUC of starts in 20 frames", {}},
       {false, "TRE P20", 3, false, "precision at 20 px of the same", {}},
       {false, "SRE AUC", 3, false, "AUC of 12 wrong start boxes", {}},

@@ -480,7 +480,7 @@ function inspect() {
   const button = (text, act) => { const b = document.createElement('button'); b.textContent = text; b.onclick = act; return b; };
   const row = (...children) => { const d = document.createElement('div'); d.className = 'row'; d.append(...children); return d; };
   const text = (t) => { const p = document.createElement('p'); p.textContent = t; return p; };
-  if (!selected) return box.replaceChildren(text('Nothing. Click a part, an anchor or a link.'));
+  if (!selected) return box.replaceChildren(text('Nothing is selected. Click a part, an anchor or a link.'));
   const i = selected.index;
   if (selected.kind === 'link') {
     const [a, b] = problem.links[i];

@@ -83,17 +83,17 @@ const PRESETS = (() => {
   };
 
   return [
-    ['parts', 'Five parts', 'Found at their anchors (squares), held at their distances by springs. Drag either.', parts],
+    ['parts', 'Five parts', 'Springs keep five parts near the places where they were found, their anchors (squares). Drag a part or an anchor.', parts],
     ['two-minima', 'Two minima', 'The third part started above the line of the others; the lower minimum is below it, where its anchor is.', twoMinima],
-    ['one-anchor', 'Two parts on one anchor', 'Any direction is as good as another until a third part decides.', oneAnchor],
-    ['near-coincident', 'Near-coincident parts', 'Two parts to be 0.01 apart, where parts are 0.5 apart: the kind of Figure 8 of the paper.', nearCoincident],
-    ['hard-case', 'The hard case of Figure 8', 'The same with 1e-6, and a spring of stiffness 1e14: methods end at different energies.', hardCase],
-    ['weak-anchors', 'Weak anchors', 'The shape is found at once; turning it to its anchors is what takes iterations.', weakAnchors],
+    ['one-anchor', 'Two parts on one anchor', 'The first two parts could lie in any direction from their anchor; the third part decides.', oneAnchor],
+    ['near-coincident', 'Near-coincident parts', 'As in Figure 8 of the paper: the first two parts should be 0.01 apart, while the others are about 0.5 apart.', nearCoincident],
+    ['hard-case', 'The hard case of Figure 8', 'The same with a distance of 1e-6 and a spring of stiffness 1e14: methods end at different energies.', hardCase],
+    ['weak-anchors', 'Weak anchors', 'The shape is found at once; turning it to its anchors takes many iterations.', weakAnchors],
     ['tracked', 'A tracked pedestrian', 'Four parts as the DPT tracker recorded them in frame 61 of the sequence woman.', tracked],
-    ['cable', 'A cable', 'A chain between two fixed parts; far and weak anchors below act as weight.', cable],
+    ['cable', 'A cable', 'A chain between two fixed parts; weak anchors far below act like weights.', cable],
     ['cloth', 'A cloth', '100 parts, 342 links, two corners fixed.', cloth],
-    ['graph', 'A graph', 'Layout by stress majorisation, all pairs of a dodecahedron weighted by 1 / distance²: methods end in different minima.', dodecahedron],
-    ['contradiction', 'Contradictory lengths', 'No placement has them all: nothing is certified, and the bound stays below the energy.', contradiction],
+    ['graph', 'A graph', 'A dodecahedron drawn by stress majorisation: all pairs are linked, with the weight 1 / distance². Methods end in different minima.', dodecahedron],
+    ['contradiction', 'Contradictory lengths', 'No placement has all these lengths: nothing is certified, and the bound stays below the energy.', contradiction],
     ['bridge', 'A bridge', 'A truss on two supports with weights on its other joints.', truss],
   ].map(([id, title, about, make]) => ({id, title, about, make}));
 })();

@@ -51,12 +51,23 @@ def contents(text):
     return '\n\n' + '\n\n'.join(trees) + '\n'
 
 
-def read_source(_, page, source):
-    """build.cmake puts the pages of the project's root beside those of docs/."""
+def header_pages(tags):
+    """The page of the reference for each public header, by the header's path below its include folder."""
+    files = xml.etree.ElementTree.parse(tags).getroot().iter('compound') if tags else ()
+    return {(file.findtext('path') + file.findtext('name')).rpartition('/include/')[2]: file.findtext('filename').removesuffix('.html')
+            for file in files if file.get('kind') == 'file'}
+
+
+def read_source(app, page, source):
+    """build.cmake puts the pages of the project's root beside those of docs/. Links to headers lead to the reference."""
     if page in ROOT_PAGES:
         source[0] = source[0].replace('](docs/', '](')
     else:
         source[0] = re.sub(rf'\]\(\.\./({"|".join(ROOT_PAGES)})\.md', r'](\1.md', source[0])
+    if (header := re.compile(r'\[`([^`\]]+)`\]\((?:\.\./)+\w+/include/([^)]+\.hpp)\)')).search(source[0]):
+        pages, up = header_pages(app.config.reference_tags), '../' * page.count('/')
+        source[0] = header.sub(lambda link: f'<a href="{up}reference/{pages[link[2]]}.html"><code>{link[1]}</code></a>'
+                               if link[2] in pages else link[0], source[0])
     if page == root_doc:
         source[0] += contents(source[0])
 
@@ -65,21 +76,43 @@ MAX_UNBROKEN, MIN_TEXT = 28, 60  # characters: a figure with its interval, a sen
 
 
 def mark_cells(_, document):
-    """Classes for site.css, which tells figures from sentences by them."""
+    """Classes for site.css, which tells figures from sentences by them, and tables of two columns from others."""
     for cell in document.findall(nodes.entry):
         size = len(cell.astext())
         if size <= MAX_UNBROKEN:
             cell['classes'].append('short')
         elif size >= MIN_TEXT:
             cell['classes'].append('text')
+    for group in document.findall(nodes.tgroup):
+        if group['cols'] == 2:
+            group.parent['classes'].append('pairs')
 
 
 def mark_charts(app, document):
-    """Charts are drawn on white; site.css inverts them in dark mode. A picture is a chart if it is an SVG or has one beside it."""
+    """Charts are drawn on white; site.css inverts them in dark mode. A picture is a chart if it is an SVG or has one beside it, and so are
+    those of the gallery."""
     for image in document.findall(nodes.image):
         drawing = pathlib.Path(app.srcdir, image['uri']).with_suffix('.svg')
-        if drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8'):
+        white = drawing.is_file() and 'prefers-color-scheme' not in drawing.read_text(encoding='utf-8')
+        if white or drawing.name.startswith('gallery-'):
             image['classes'].append('chart')
+
+
+def mark_literals(_, document):
+    """A class for site.css: a browser would break a line after each hyphen of an option."""
+    for literal in document.findall(nodes.literal):
+        if literal.astext().startswith('-') and max(map(len, literal.astext().split())) <= MAX_UNBROKEN:
+            literal['classes'].append('option')
+
+
+SHELL = re.compile(r'<div class="highlight-sh .*?</pre>', re.DOTALL)
+OPTION = re.compile(r'(?<=[>\s])--?[A-Za-z][\w-]*(?:<span class="o">=</span>[\w./-]*)?')
+
+
+def mark_options(app, page, template, context, document):
+    """The same class in commands."""
+    if 'body' in context:
+        context['body'] = SHELL.sub(lambda block: OPTION.sub(r'<span class="option">\g<0></span>', block[0]), context['body'])
 
 
 class Reference(Domain):
@@ -162,5 +195,7 @@ def setup(app):
     app.connect('source-read', read_source)
     app.connect('doctree-read', mark_charts)
     app.connect('doctree-read', mark_cells)
+    app.connect('doctree-read', mark_literals)
+    app.connect('html-page-context', mark_options)
     app.connect('html-collect-pages', index_reference)
     app.connect('build-finished', mend_theme)

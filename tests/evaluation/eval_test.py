@@ -531,14 +531,14 @@ class Report(unittest.TestCase):
         charts = re.findall(r"<svg.*?</svg>", self.page, re.DOTALL)
         self.assertGreater(len(charts), 14)
         titles = [xml.etree.ElementTree.fromstring(chart).get("aria-label") for chart in charts]
-        for title in ("AR raw (legacy)", "AR ranks on all frames", "AR ranks, mean over attributes (VOT2014)",
-                      "EAO ranking (legacy)", "Success: one pass (OPE)", "Frames a second", "third"):
+        for title in ("AR plot (legacy toolkit)", "AR ranks on all frames", "AR ranks, mean over attributes (VOT2014)",
+                      "EAO ranking (legacy toolkit)", "Success: one pass (OPE)", "Frames per second", "third"):
             self.assertIn(title, titles)
         self.assertFalse(re.search(r"\b(nan|inf)\b", " ".join(charts)))
 
     def test_charts_are_files_too(self):
         files = {f.name: xml.etree.ElementTree.parse(f).getroot() for f in (self.folder / "charts").iterdir()}
-        for name in ("ar-raw-legacy.svg", "success-one-pass-ope.svg", "frames-a-second.svg"):
+        for name in ("ar-plot-legacy-toolkit.svg", "success-one-pass-ope.svg", "frames-per-second.svg"):
             self.assertIn(".plot", files[name].find("{http://www.w3.org/2000/svg}style").text)
         self.assertNotIn("third.svg", files)  # only for a sequence
 

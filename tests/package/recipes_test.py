@@ -1,11 +1,15 @@
-"""The recipes for vcpkg and Conan, which are not at hand: read as far as Python and CMake can, they agree with the project."""
+"""The recipes for vcpkg and Conan, which are not at hand: read as far as Python and CMake can, they agree with the project. The
+source distribution for pip, which setuptools makes."""
 
+import importlib.util
 import json
 import os
 import pathlib
 import re
+import shutil
 import subprocess
 import sys
+import tarfile
 import tempfile
 import types
 import unittest
@@ -17,6 +21,10 @@ PROJECT = (ROOT / "CMakeLists.txt").read_text()
 VERSION = re.search(r"VERSION ([0-9.]+)\n", PROJECT)[1]
 DESCRIPTION = re.search(r'DESCRIPTION "(.*)"', PROJECT)[1]
 OPTIONS = set(re.findall(r"^option\((\w+)", PROJECT, re.MULTILINE))
+# Without tests, benchmarks and docs.
+ROOMS = set(re.findall(r"^ *add_subdirectory\((\w+)\)", PROJECT, re.MULTILINE)) - {"bench", "tests", "docs"}
+ROOMS |= set(re.findall(r"^add_subdirectory\((\w+)\)", PROJECT, re.MULTILINE))  # read in any case
+INCLUDED = re.findall(r"^include\((\.\S+)\)", PROJECT, re.MULTILINE)
 
 # What vcpkg has, as far as the portfile calls it: it prints the options that the project is configured with.
 STUBS = """
@@ -167,12 +175,34 @@ class Conan(unittest.TestCase):
         self.make().export_sources()
         for folder, pattern in self.copied:
             self.assertTrue(list(pathlib.Path(os.path.normpath(folder)).glob(pattern)), pattern)
-        rooms = re.findall(r"add_subdirectory\((\w+)\)", PROJECT)
         patterns = [pattern for _, pattern in self.copied]
-        for room in set(rooms) - {"bench", "tests", "docs"}:
+        for room in ROOMS:
             self.assertIn(f"{room}/*", patterns)
-        for file in re.findall(r"include\((\.\S+)\)", PROJECT):
+        for file in INCLUDED:
             self.assertIn(f"{pathlib.Path(file).parent}/*", patterns)
+
+
+@unittest.skipUnless(importlib.util.find_spec("setuptools"), "setuptools is not installed")
+class SourceDistribution(unittest.TestCase):
+    def test_files(self):
+        """Every file of the rooms and of CMake is in it."""
+        with tempfile.TemporaryDirectory() as folder:
+            project = pathlib.Path(folder) / "project"
+            for room in {*ROOMS, *(os.path.dirname(file) for file in INCLUDED)}:
+                shutil.copytree(ROOT / room, project / room, ignore=shutil.ignore_patterns("__pycache__"))
+            for file in ROOT.iterdir():
+                if file.is_file():
+                    shutil.copy(file, project)
+            wanted = {f.relative_to(project).as_posix() for f in project.rglob("*") if f.is_file() and f.parent != project}
+            wanted |= {"CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml", "setup.py"}
+            command = [sys.executable, "setup.py", "-q", "sdist", "--dist-dir", folder]
+            run = subprocess.run(command, cwd=project, capture_output=True, text=True)
+            self.assertEqual(run.returncode, 0, run.stderr)
+            (archive,) = pathlib.Path(folder).glob("*.tar.gz")
+            self.assertEqual(archive.name, f"asterism-{VERSION}.tar.gz")
+            with tarfile.open(archive) as files:
+                held = {name.partition("/")[2] for name in files.getnames()}
+            self.assertEqual(wanted - held, set())
 
 
 if __name__ == "__main__":

@@ -68,9 +68,10 @@ class ExamplesTest(unittest.TestCase):
     def test_programs_of_pages(self):
         """Each prints what its page shows, if that shows its output; the README's says in a comment what x is."""
         self.assertIn("converged", self.run_example("solve.py"))
-        page = (PROJECT / "docs/python.md").read_text()
-        shown = re.search(r"examples/constellation.py -->\n```python\n.*?^```\n\n```text\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
-        self.assertEqual(self.run_example("constellation.py"), shown[1])
+        for page, name in [("python.md", "constellation.py"), ("coming-from.md", "coming_from_mds.py")]:
+            text = (PROJECT / "docs" / page).read_text()
+            shown = re.search(rf"examples/{name} -->\n```python\n.*?^```\n\n```text\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+            self.assertEqual(self.run_example(name), shown[1])
 
     def test_gallery(self):
         page = (PROJECT / "docs/gallery.md").read_text()
