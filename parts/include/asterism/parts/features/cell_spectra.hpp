@@ -30,8 +30,8 @@ struct CellFeatures {
 /// Strcf are trained on and searched with. Transforms are single precision and the library's own
 /// (docs/parts-reference.md).
 ///
-/// Once it has been prepared, nothing is allocated, but for color channels and a program's own. One object is
-/// for one thread at a time; copies are independent.
+/// Once it has been prepared, nothing is allocated, except for color channels and a program's own. One object
+/// is for one thread at a time; copies are independent.
 class ASTERISM_API CellSpectra {
  public:
   using Plan = part_kernels_v0_1::FilterPlan;  ///< sizes and tables of the transforms

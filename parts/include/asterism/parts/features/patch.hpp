@@ -32,8 +32,8 @@ struct Scratch {
 /// a time; copies share nothing.
 class ASTERISM_API PatchSampler {
  public:
-  /// image: CV_8UC1; otherwise `sample_patch`'s conditions and, but for rounding in windows that shrink, its
-  /// result.
+  /// image: CV_8UC1; otherwise `sample_patch`'s conditions and, except for rounding in windows that shrink,
+  /// its result.
   void sample(const cv::Mat& image, const Point2& centre, const Size2& size, const cv::Size& grid,
               cv::Mat& patch);
 

@@ -62,8 +62,8 @@ struct KcfOptions {
 /// offset^exponent, everywhere: only its deviation from that is transformed, and the spectrum's DC, about
 /// 1e3, is added in double precision, where single precision would err by as much as lambda. A is double.
 ///
-/// Once it has been initialised, `localize` and `adapt` do not allocate, but for color channels. One object
-/// is for one thread at a time, different ones are independent.
+/// Once it has been initialised, `localize` and `adapt` do not allocate, except for color channels. One
+/// object is for one thread at a time, different ones are independent.
 class ASTERISM_API Kcf {
  public:
   /// Throws std::invalid_argument for options out of range.

@@ -35,7 +35,7 @@ struct ScaleFilterOptions {
 /// of the label, the filter is H_d* = A_d* / (B + lambda), A_d and B running averages of G* F_d and sum_d
 /// |F_d|^2; the response at all sizes is the inverse transform of sum_d H_d* Z_d. As G is the same for all,
 /// A_d = G* (average of F_d), and all sums over d are of products of signals: no signal is transformed by
-/// itself. Once initialised, `localize` and `adapt` do not allocate (but for targets below the template's
+/// itself. Once initialised, `localize` and `adapt` do not allocate (except for targets below the template's
 /// size when they grow).
 ///
 ///     x = part.localize(frame, x).position;

@@ -63,8 +63,8 @@ struct StrcfOptions {
 /// zero fit the label only in part: the response is divided by what it was for the samples (`fit`), so that
 /// the peak is about 1 for a perfect match.
 ///
-/// Once it has been initialised, `localize` and `adapt` do not allocate, but for color channels. One object
-/// is for one thread at a time, different ones are independent.
+/// Once it has been initialised, `localize` and `adapt` do not allocate, except for color channels. One
+/// object is for one thread at a time, different ones are independent.
 class ASTERISM_API Strcf {
  public:
   /// Throws std::invalid_argument for options out of range.
@@ -95,7 +95,7 @@ class ASTERISM_API Strcf {
   /// Number of channels of a cell.
   int channels() const { return sample_.channels(); }
   /// A channel's filter over the window's cells, rows x cols, row-major, for drawings and tests: its
-  /// correlation with the sample is the response, but for the division by `fit`. Needs an `init` before;
+  /// correlation with the sample is the response, except for the division by `fit`. Needs an `init` before;
   /// throws std::invalid_argument for a channel out of range.
   Eigen::Array<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> filter(int channel) const;
   /// What the responses are divided by: the response to a sample that was learned, at zero shift. A larger

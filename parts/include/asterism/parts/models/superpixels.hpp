@@ -45,7 +45,7 @@ class ASTERISM_API Superpixels {
   void init(const Frame& frame, const Point2& centre, const Size2& size);
   /// Search the window around a position. Keeps the response map for `response` and `similarity_at`.
   Evidence localize(const Frame& frame, const Point2& around);
-  /// Average the target and its surroundings at a position into those learned, and cut them anew.
+  /// Average the target and its surroundings at a position into those learned, and cut them again.
   void adapt(const Frame& frame, const Point2& at);
 
   double similarity_at(const Point2& position) const { return response_.at(position); }

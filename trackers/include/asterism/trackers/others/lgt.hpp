@@ -110,7 +110,7 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   void add_likely(const Frame& frame, std::vector<Point2>& placement, Map probability);
 
   std::vector<Point2> placement() const;
-  // The parts are here now, and linked anew.
+  // The parts are here now, and linked again.
   void assign(const std::vector<Point2>& placement);
 
   LgtOptions options_;
