@@ -17,7 +17,7 @@ using NodeBlocks = Eigen::Matrix<typename System::Scalar, System::kDim, times<Sy
                                  times<System::kMaxNodes>(System::kDim)>;
 
 /// The Hessian of the energy at one x as an operator: a symmetric Dim x Dim block a link, and a node's
-/// anchor. Conventions are those of hessian(), except for the rows of fixed nodes, which are zero.
+/// anchor. Conventions are those of hessian(), but for the rows of fixed nodes, which are zero.
 template <typename System>
 class HessianOperator {
  public:

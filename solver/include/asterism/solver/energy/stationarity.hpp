@@ -232,7 +232,7 @@ typename System::NodeVector node_stiffness(const System& system) {
 ///     rest would give no length.
 /// Where all those lengths are zero, the root mean square of x about that centroid, or about its own where no
 /// anchor has stiffness; or, for a start far off not to loosen the tolerance, the largest coordinate of the
-/// anchors, if that is less and not 0. Invariant, except for this last case, to translation.
+/// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
   return detail::characteristic_length(system, x, node_stiffness(system));
