@@ -143,8 +143,8 @@ class CeresTiny {
   };
 
   // TinySolver has one trust region, and takes any factorisation of Eigen. For eight numbers PartialPivLU was
-  // the fastest: of systems of four nodes TinySolver took 15 % less with it than with its default LDLT on LIT
-  // and 20 % less on TRACK, and with LLT 4 to 7 % more. From 9 to 16 nodes the three did not differ.
+  // the fastest: systems of four nodes took about 15 % less time than with the default LDLT, and with LLT
+  // about 5 % more. From 9 to 16 nodes the three did not differ.
   using Square = Eigen::Matrix<double, Springs::NUM_PARAMETERS, Springs::NUM_PARAMETERS>;
   using Solver = ceres::TinySolver<
       Springs, std::conditional_t<Springs::kIsFixed, Eigen::PartialPivLU<Square>, Eigen::LDLT<Square>>>;
