@@ -61,7 +61,7 @@ void dense_bars(Bars& bars) {
     against(bars, name, nearest("lbfgs", {"ceres"}, all, 5), 35, 35);
   }
 
-  const std::vector<std::string> general = {"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen"};
+  const std::vector<std::string> general = {"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen", "dlib"};
   for (const int nodes : {2, 4, 6, 9, 12, 16, 25, 36, 64, 100, 200, 400, 1000}) {
     if (bars.quick() && nodes > 36) break;
     const std::string ours = nodes <= 12 ? "newton" : "lbfgs";

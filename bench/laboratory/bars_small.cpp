@@ -29,6 +29,11 @@ void speed(Bars& bars) {
     bars.times_faster(name + " against Ceres dense LM, median", newton.median_seconds,
                       times_to_gap("ceres-dense", few).median_seconds, lit ? 45 : 25, lit ? 45 : 25);
 #endif
+#ifdef ASTERISM_BENCH_CERES_TINY
+    const auto [ours, tiny] = times_to_gap("newton", "ceres-tiny", all);
+    bars.times_faster(name + " against Ceres TinySolver, mean", ours.mean_seconds, tiny.mean_seconds,
+                      lit ? 18 : 6, lit ? 25 : 10);
+#endif
   }
 }
 

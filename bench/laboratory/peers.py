@@ -110,6 +110,23 @@ class System:
         both = np.concatenate([of_anchors.reshape(n * dim, n, dim), of_links])
         return both[:, self.free].reshape(len(both), -1)
 
+    def hessian(self, x: Points) -> np.ndarray:
+        """d2E / dx2 of the free nodes; of a link whose ends coincide the curvature along its direction alone."""
+        n, dim = x.shape
+        length, direction = self.springs(x)
+        across = np.zeros(len(length))
+        np.divide(length - self.rest_length, length, out=across, where=length > 0)
+        axis = direction[:, :, None] * direction[:, None, :]
+        blocks = axis + across[:, None, None] * (np.eye(dim) - axis)
+        blocks *= self.link_stiffness[:, None, None]
+        result = np.zeros((n, n, dim, dim))
+        i, j = self.links.T
+        for at, sign in (((i, i), 1), ((j, j), 1), ((i, j), -1), ((j, i), -1)):
+            np.add.at(result, at, sign * blocks)
+        result[np.arange(n), np.arange(n)] += self.anchor_stiffness[:, None, None] * self.anchor_shape
+        size = dim * int(self.free.sum())
+        return result[np.ix_(self.free, self.free)].transpose(0, 2, 1, 3).reshape(size, size)
+
     def anchor_root(self) -> np.ndarray:
         """R_i with R_i R_i' = k_i S_i."""
         values, vectors = np.linalg.eigh(self.anchor_shape)
@@ -296,6 +313,9 @@ class Objective:
         g = self.system.gradient(self.points(numbers))[self.system.free]
         return g.ravel() / (self.stiffness * self.unit)
 
+    def hessian(self, numbers: np.ndarray) -> np.ndarray:
+        return self.system.hessian(self.points(numbers)) / self.stiffness
+
     def residuals(self, numbers: np.ndarray) -> np.ndarray:
         self.evaluations += 1
         x = self.points(numbers)
@@ -324,11 +344,17 @@ class Objective:
         return Solution(self.best, self.iterations, self.evaluations, note)
 
 
-def scipy_minimize(method: str, numeric: bool = False) -> Callable[[System, Limits], Solution]:
+def scipy_minimize(
+    method: str, numeric: bool = False, second: bool = False
+) -> Callable[[System, Limits], Solution]:
+    """With numeric gradients, or with the Hessian beside the gradient."""
+
     def solve(system: System, limits: Limits) -> Solution:
         objective = Objective(system, limits)
         # SciPy's own stopping rules are off: the library's apply.
-        options = {"maxiter": limits.iterations, "gtol": 0.0}
+        options = {"maxiter": limits.iterations}
+        # With 0, Newton-CG would not begin.
+        options |= {"xtol": np.finfo(float).tiny} if method == "Newton-CG" else {"gtol": 0.0}
         if method == "L-BFGS-B":
             options |= {"ftol": 0.0, "maxfun": 10**9}
         try:
@@ -338,6 +364,7 @@ def scipy_minimize(method: str, numeric: bool = False) -> Callable[[System, Limi
                 objective.value,
                 objective.start,
                 jac=jac,
+                hess=objective.hessian if second else None,
                 method=method,
                 options=options,
                 callback=objective.after_iteration,
@@ -415,9 +442,13 @@ def solvers() -> Iterator[Solver]:
     else:
         yield Solver("scipy-cg", scipy_minimize("CG"))
         yield Solver("scipy-cg-numeric", scipy_minimize("CG", numeric=True))
+        yield Solver("scipy-bfgs", scipy_minimize("BFGS"))
         yield Solver("scipy-lbfgsb", scipy_minimize("L-BFGS-B"))
+        yield Solver("scipy-newton-cg", scipy_minimize("Newton-CG", second=True))
+        yield Solver("scipy-trust-exact", scipy_minimize("trust-exact", second=True))
         yield Solver("scipy-lm", scipy_least_squares("lm"))
         yield Solver("scipy-trf", scipy_least_squares("trf"))
+        yield Solver("scipy-dogbox", scipy_least_squares("dogbox"))
     if manifold is None:
         print("without scikit-learn's SMACOF: sklearn is not installed (Debian package python3-sklearn)")
     else:

@@ -107,7 +107,16 @@ class Peers(unittest.TestCase):
         self.assertAlmostEqual(0.5 * r @ r, system.energy(x), places=13)
         gradient = system.gradient(x)
         np.testing.assert_allclose(system.jacobian(x).T @ r, gradient[system.free].ravel(), atol=1e-13)
+        hessian = system.hessian(x)
+        np.testing.assert_array_equal(hessian, hessian.T)
         step = 1e-6
+        for column, (i, d) in enumerate((i, d) for i in (0, 2) for d in (0, 1)):  # of the free nodes
+            e = np.zeros_like(x)
+            e[i, d] = step
+            difference = system.gradient(x + e) - system.gradient(x - e)
+            np.testing.assert_allclose(
+                hessian[:, column], difference[system.free].ravel() / (2 * step), atol=1e-7
+            )
         for i, d in ((0, 0), (2, 1)):
             e = np.zeros_like(x)
             e[i, d] = step

@@ -2,6 +2,7 @@
 
 #include <Eigen/Core>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -47,6 +48,12 @@ class Objective {
     const double unit = stiffness_ * length_;
     if (wants_gradient) Eigen::Map<Points>(gradient, 2, x_.cols()) = gradient_ / unit;
     return energy / (unit * length_);
+  }
+
+  /// Writes the second derivatives at `numbers`, a symmetric matrix of size() x size().
+  void hessian(const double* numbers, double* matrix) {
+    x_ = length_ * Eigen::Map<const Points>(numbers, 2, x_.cols());
+    Eigen::Map<Eigen::MatrixXd>(matrix, size(), size()) = asterism::hessian(system_, x_) / stiffness_;
   }
 
   /// Whether the lowest point seen is stationary by the stopping rule, or the caller has asked to stop.
