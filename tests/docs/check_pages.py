@@ -242,6 +242,8 @@ def command_problems(root, command, help_of):
     rest = command[1:]
     if program in INTERPRETERS and not rest:
         return
+    if program == 'python3' and rest[0] == '-m':
+        return
     if program in INTERPRETERS:
         script = rest[0]
         if not (root / script).is_file():
@@ -267,7 +269,7 @@ def command_problems(root, command, help_of):
             yield from option_problems([tool], rest, program, help_of)
         elif not tool_exists(root, pathlib.Path(program).name):
             yield f'{program} is no program of the project'
-    elif program not in FOREIGN:
+    elif pathlib.Path(program).name not in FOREIGN:
         yield f'{program} is not a known command'
 
 
