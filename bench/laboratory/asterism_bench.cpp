@@ -180,8 +180,10 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->add_option("--make", written,
                    "makes the set, with so many problems a family, instead of scoring on it")
       ->check(CLI::Range(1, 1000));
-  problems->add_option("--recorded", recorded,
-                       "with --make: files of asterism-track --record-systems, as a family");
+  problems
+      ->add_option("--recorded", recorded,
+                   "with --make: files of asterism-track --record-systems, as a family")
+      ->needs("--make");
 
   CLI::App* kind_table = app.add_subcommand("kinds", "prints how the kinds of systems differ");
   const SelectionOptions of_kinds(*kind_table, {4}, "ida,newton", 1000);

@@ -119,6 +119,12 @@ std::vector<std::string> groups(const Selection& selection) {
   return result;
 }
 
+Json coordinates(const Points& x) {
+  Json result = Json::array();
+  for (const auto& column : x.colwise()) result.push_back({column[0], column[1]});
+  return result;
+}
+
 void claim(const char* text, bool reproduced, const std::string& evidence) {
   std::printf("  %s: %s\n    %s\n", reproduced ? "reproduced" : "NOT reproduced", text, evidence.c_str());
 }

@@ -83,6 +83,9 @@ std::vector<const Json*> cells_with(const Results& results, const std::string& g
 /// The groups of a selection, in order.
 std::vector<std::string> groups(const Selection& selection);
 
+/// The points as [[x, y], ...].
+Json coordinates(const Points& x);
+
 /// Prints a line on one of the paper's claims.
 void claim(const char* text, bool reproduced, const std::string& evidence);
 

@@ -58,12 +58,6 @@ Problem saddle(int index, double level) {
   return problem;
 }
 
-Json coordinates(const Points& x) {
-  Json result = Json::array();
-  for (const auto& column : x.colwise()) result.push_back({column[0], column[1]});
-  return result;
-}
-
 // Stores the nodes of the first problem before and after, to be drawn.
 Json measure(Runner& runner, const HardCase& hard, double level, int systems) {
   Json cell{{"energies", Json::array()}, {"iterations", Json::array()}, {"statuses", Json::array()}};

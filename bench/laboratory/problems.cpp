@@ -12,6 +12,7 @@
 #include <cstdio>
 #include <fstream>
 #include <functional>
+#include <limits>
 #include <map>
 #include <stdexcept>
 
@@ -110,12 +111,6 @@ std::vector<Family> families() {
   return result;
 }
 
-Json to_json(const Points& x) {
-  Json result = Json::array();
-  for (const auto& column : x.colwise()) result.push_back({column[0], column[1]});
-  return result;
-}
-
 void write(std::ostream& out, const std::string& family, int number, const Problem& problem, Json origin) {
   const std::string name = family + "/" + std::to_string(number);
   Points minimiser;
@@ -123,8 +118,9 @@ void write(std::ostream& out, const std::string& family, int number, const Probl
   const double minimum = least_energy(problem, minimiser, lower_bound);
   origin["minimum"] = minimum;
   origin["lower_bound"] = lower_bound;
-  origin["minimiser"] = to_json(minimiser);
+  origin["minimiser"] = coordinates(minimiser);
   write_system(out, problem.system, problem.start, name, origin);
+  if (!out.flush()) throw std::runtime_error(name + ": cannot be written");
   std::printf("%s: %.15g, proven to be at least %.15g\n", name.c_str(), minimum, lower_bound);
 }
 
