@@ -3,6 +3,7 @@
 #
 #   bash tests/fuzz.sh [EXECUTIONS [TARGET...]]      20000 of all targets by default
 #
+# With CI set in the environment, warnings are errors.
 # What is found stays in build/fuzz/findings. New inputs that reach new code are kept in build/fuzz/corpus.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -12,7 +13,10 @@ targets=("$@")
 [[ ${#targets[@]} -gt 0 ]] || mapfile -t targets < <(basename -a -s _fuzz.cpp tests/fuzz/*_fuzz.cpp)
 
 bash .ci/install-packages build test
-cmake --preset fuzz
+options=()
+[ -z "${CI:-}" ] || options+=(-DASTERISM_WERROR=ON)
+! command -v ccache >/dev/null || options+=(-DCMAKE_CXX_COMPILER_LAUNCHER=ccache)
+cmake --preset fuzz "${options[@]}"
 cmake --build --preset fuzz --target "${targets[@]/#/fuzz_}"
 
 failed=0
