@@ -37,6 +37,7 @@ void RunnerOf<Native>::load(const Problem& problem) {
   native.anchor_stiffness = system.anchor_stiffness;
   native.rest_length = system.rest_length;
   native.link_stiffness = system.link_stiffness;
+  native.rest_offset = system.rest_offset;
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) native.fix(i);
   }

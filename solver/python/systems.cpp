@@ -175,12 +175,19 @@ void bind_systems(py::module_& m) {
       m, "SpringSystem",
       "A constellation as a spring system: a spring of stiffness k_i ties node i to its anchor, and springs\n"
       "of stiffness k_ij and rest length mu_ij join linked nodes. Its energy is\n"
-      "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2.\n\n"
+      "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2. With rest_offset, x_i - x_j\n"
+      "is less the link's offset m_ij.\n\n"
       "The arrays are the system's own memory: assign to them in place. They start as NaN, so that a\n"
       "forgotten value is an error. Do not change them while another thread solves the system.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
            "dim: coordinates of a point, 2 or 3.");
   constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness"};
+  const auto offsets = [](const py::object& self) {
+    return self.cast<AnySystem&>().visit([](auto& system) -> py::object {
+      if (!system.has_offsets()) return py::none();
+      return py::array_t<double>(Shape{system.link_count(), system.kDim}, system.rest_offset.data());
+    });
+  };
   type.def(py::pickle(
       [kArrays](const py::object& self) {
         const auto& system = self.cast<AnySystem&>();
@@ -196,14 +203,16 @@ void bind_systems(py::module_& m) {
             },
             system.of_dim);
         state.append(fixed);
+        state.append(self.attr("rest_offset"));
         return py::tuple(state);
       },
       [kArrays](const py::tuple& state) {
-        const Fields fields(state, 7);
+        const Fields fields(state, 8);
         AnySystem made = make_system(fields[0].cast<const Topology<>&>(), fields[1].cast<int>());
         const py::object view = py::cast(&made, py::return_value_policy::reference);
         for (std::size_t i = 0; i < 4; ++i) view.attr(kArrays[i]) = fields[i + 2];
         for (const py::handle node : py::list(fields[6])) view.attr("fix")(node);
+        view.attr("rest_offset") = fields[7];
         return made;
       }));
   def_copy(type);
@@ -218,7 +227,30 @@ void bind_systems(py::module_& m) {
   def_values(
       type, "link_stiffness", [](auto& s) -> auto& { return s.link_stiffness; },
       "k_ij >= 0, (L,), in the order of the topology's links.");
-  type.def(
+  type.def_property(
+          "rest_offset", offsets,
+          [](AnySystem& self, const py::object& values) {
+            self.visit([&]<int Dim>(System<Dim>& system) {
+              if (values.is_none()) {
+                system.rest_offset.resize(Dim, 0);
+              } else {
+                system.rest_offset = map_points<Dim>(numbers(values, "rest_offset", {system.link_count(), Dim}));
+              }
+            });
+          },
+          "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at the\n"
+          "distance rest_length of it. None, as at first: no link has one. Reading makes a copy; assign a whole\n"
+          "array.")
+      .def(
+          "set_rest_offsets",
+          [](AnySystem& self, const py::object& points) {
+            self.visit([&]<int Dim>(System<Dim>& system) {
+              system.set_rest_offsets(map_points<Dim>(numbers(points, "points", {system.nodes(), Dim})));
+            });
+          },
+          py::arg("points"),
+          "Sets every offset to the difference of its two nodes in points (N, dim), and every rest length to 0.")
+      .def(
           "set_rest_lengths",
           [](AnySystem& self, const py::object& points) {
             self.visit([&]<int Dim>(System<Dim>& system) {

@@ -65,14 +65,17 @@ class AnchorResidual final : public ceres::CostFunction {
   const double* anchor_;
 };
 
-// sqrt(k_ij) (|x_i - x_j| - mu_ij)
+// sqrt(k_ij) (|x_i - x_j - m_ij| - mu_ij)
 class LinkResidual final : public ceres::CostFunction {
  public:
   LinkResidual(const CeresProblem& problem, int link)
       : problem_(problem),
         link_(problem.links[static_cast<std::size_t>(link)]),
         weight_(std::sqrt(problem.link_stiffness[link])),
-        rest_length_(problem.rest_length[link]) {
+        rest_length_(problem.rest_length[link]),
+        offset_(problem.rest_offset != nullptr
+                    ? problem.rest_offset + static_cast<std::ptrdiff_t>(link) * problem.dim
+                    : nullptr) {
     set_num_residuals(1);
     mutable_parameter_block_sizes()->assign(2, problem.dim);
   }
@@ -82,6 +85,9 @@ class LinkResidual final : public ceres::CostFunction {
     thread_local std::vector<double> direction;
     direction.resize(static_cast<std::size_t>(dim));
     std::transform(x[0], x[0] + dim, x[1], direction.begin(), std::minus<>());
+    if (offset_ != nullptr) {
+      std::transform(direction.begin(), direction.end(), offset_, direction.begin(), std::minus<>());
+    }
     const double length = problem_.spring(link_, direction.data());
     residuals[0] = weight_ * (length - rest_length_);
     for (int end = 0; jacobians != nullptr && end < 2; ++end) {
@@ -98,6 +104,34 @@ class LinkResidual final : public ceres::CostFunction {
   Link link_;
   double weight_;
   double rest_length_;
+  const double* offset_;  // m_ij, or none
+};
+
+// sqrt(k_ij) (x_i - x_j - m_ij), of a link without rest length: as one length it would bend where that is 0.
+class OffsetResidual final : public ceres::CostFunction {
+ public:
+  OffsetResidual(const CeresProblem& problem, int link)
+      : dim_(problem.dim),
+        weight_(std::sqrt(problem.link_stiffness[link])),
+        offset_(problem.rest_offset + static_cast<std::ptrdiff_t>(link) * problem.dim) {
+    set_num_residuals(dim_);
+    mutable_parameter_block_sizes()->assign(2, dim_);
+  }
+
+  bool Evaluate(const double* const* x, double* residuals, double** jacobians) const override {
+    for (int d = 0; d < dim_; ++d) residuals[d] = weight_ * (x[0][d] - x[1][d] - offset_[d]);
+    for (int end = 0; jacobians != nullptr && end < 2; ++end) {
+      if (jacobians[end] == nullptr) continue;
+      std::fill_n(jacobians[end], dim_ * dim_, 0.0);
+      for (int d = 0; d < dim_; ++d) jacobians[end][d * dim_ + d] = end == 0 ? weight_ : -weight_;
+    }
+    return true;
+  }
+
+ private:
+  int dim_;
+  double weight_;
+  const double* offset_;
 };
 
 // Stops Ceres by the library's rule.
@@ -159,7 +193,14 @@ Status minimise(const CeresProblem& problem, CeresMethod method, int max_iterati
   int l = 0;
   for (const Link& link : problem.links) {
     if (problem.link_stiffness[l] > 0) {
-      ceres_problem.AddResidualBlock(new LinkResidual(problem, l), nullptr, node(link.i), node(link.j));
+      const bool is_vector = problem.rest_offset != nullptr && problem.rest_length[l] == 0;
+      ceres::CostFunction* residual = nullptr;
+      if (is_vector) {
+        residual = new OffsetResidual(problem, l);
+      } else {
+        residual = new LinkResidual(problem, l);
+      }
+      ceres_problem.AddResidualBlock(residual, nullptr, node(link.i), node(link.j));
     }
     ++l;
   }

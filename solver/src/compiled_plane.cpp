@@ -9,7 +9,7 @@ template ASTERISM_API void detail::GlobalSearch<2>::run(const detail::PlaneSyste
                                                         detail::PlaneSystem::Points&,
                                                         const BranchAndBoundOptions&, Summary&);
 template ASTERISM_API detail::FreeMotion detail::RigidMotion<2>::find(const RigidNodes<2>&, const int*,
-                                                                      const int*);
+                                                                      const int*, bool);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -9,7 +9,7 @@ template ASTERISM_API void detail::GlobalSearch<3>::run(const detail::SpaceSyste
                                                         detail::SpaceSystem::Points&,
                                                         const BranchAndBoundOptions&, Summary&);
 template ASTERISM_API detail::FreeMotion detail::RigidMotion<3>::find(const RigidNodes<3>&, const int*,
-                                                                      const int*);
+                                                                      const int*, bool);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -10,9 +10,9 @@
 namespace asterism {
 namespace {
 
-using testing::Cables;
 using testing::Everything;
 using testing::Gemans;
+using testing::Ropes;
 
 template <typename System>
 using PlainLbfgs = Lbfgs<System>;
@@ -26,7 +26,7 @@ using PlainSparseNewton = SparseNewton<System>;
 // A nonlinear potential, a loss that is not convex, and both with anisotropic anchors.
 template <typename K>
 class HardModel : public ::testing::Test {};
-using HardKits = ::testing::Types<Cables, Gemans, Everything>;
+using HardKits = ::testing::Types<Ropes, Gemans, Everything>;
 TYPED_TEST_SUITE(HardModel, HardKits);
 
 TYPED_TEST(HardModel, SolversAgree) {

@@ -25,15 +25,6 @@ struct SoftSpring {
   }
 };
 
-/// A cable: pulls when taut, never pushes.
-struct Cable {
-  template <typename Scalar>
-  Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
-    if (r <= mu) return {0, 0, 0};
-    return {(r - mu) * (r - mu) / 2, r - mu, 1};
-  }
-};
-
 template <typename ModelType, int kDimension = 2>
 struct Kit {
   static constexpr int kNodes = 6;
@@ -57,7 +48,8 @@ struct Kit {
 };
 
 using Soft = Kit<Model<SoftSpring>>;
-using Cables = Kit<Model<Cable>>;
+using Ropes = Kit<Model<Rope>>;
+using Spacers = Kit<Model<Repulsion>>;
 using Hubers = Kit<Model<Hooke, Huber>>;
 using Gemans = Kit<Model<Hooke, GemanMcClure>, 3>;
 using Ellipses = Kit<Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
@@ -117,7 +109,8 @@ inline namespace ASTERISM_ABI {
   ASTERISM_TEST_SOLVER(Extern, testing::Kit::System, Newton<testing::Kit::System>)
 #define ASTERISM_TEST_KITS(Extern)    \
   ASTERISM_TEST_KIT(Extern, Soft)     \
-  ASTERISM_TEST_KIT(Extern, Cables)   \
+  ASTERISM_TEST_KIT(Extern, Ropes)    \
+  ASTERISM_TEST_KIT(Extern, Spacers)  \
   ASTERISM_TEST_KIT(Extern, Hubers)   \
   ASTERISM_TEST_KIT(Extern, Gemans)   \
   ASTERISM_TEST_KIT(Extern, Ellipses) \

@@ -13,7 +13,6 @@
 namespace asterism {
 namespace {
 
-using testing::Cable;
 using testing::SoftSpring;
 
 struct TooStiff {
@@ -40,10 +39,16 @@ struct ConvexLoss {
 TEST(CheckModel, AcceptsWhatSolversCanRelyOn) {
   EXPECT_STREQ(check_link_potential(Hooke()).problem, nullptr);
   EXPECT_STREQ(check_link_potential(SoftSpring(), 0.5).problem, nullptr);
-  EXPECT_STREQ(check_link_potential(Cable()).problem, nullptr);
+  EXPECT_STREQ(check_link_potential(Rope()).problem, nullptr);
+  EXPECT_STREQ(check_link_potential(Repulsion()).problem, nullptr);
+  EXPECT_STREQ(check_link_potential(RobustHooke<Huber>{{3}}, 3).problem, nullptr);
+  EXPECT_STREQ(check_link_potential(RobustHooke<GemanMcClure>{{0.1}}, 0.1).problem, nullptr);
+  EXPECT_STREQ(check_link_potential(RobustHooke<Truncated>{{2, 3}}, 2).problem, nullptr);
   EXPECT_STREQ(check_anchor_loss(Quadratic()).problem, nullptr);
   EXPECT_STREQ(check_anchor_loss(Huber{3}, 3).problem, nullptr);
   EXPECT_STREQ(check_anchor_loss(GemanMcClure{0.1}, 0.1).problem, nullptr);
+  EXPECT_STREQ(check_anchor_loss(Truncated{0.1}, 0.1).problem, nullptr);
+  EXPECT_STREQ(check_anchor_loss(Truncated{5, 0.01}, 5).problem, nullptr);
 }
 
 TEST(CheckModel, NamesWhatIsWrong) {
@@ -52,17 +57,18 @@ TEST(CheckModel, NamesWhatIsWrong) {
   EXPECT_STREQ(check_anchor_loss(ConvexLoss()).problem, "is not concave");
 }
 
-using testing::Cables;
 using testing::Ellipses;
 using testing::Everything;
 using testing::Gemans;
 using testing::Hubers;
 using testing::Plain;
+using testing::Ropes;
 using testing::Soft;
+using testing::Spacers;
 
 template <typename K>
 class EveryModel : public ::testing::Test {};
-using Kits = ::testing::Types<Soft, Cables, Hubers, Gemans, Ellipses, Everything, Plain>;
+using Kits = ::testing::Types<Soft, Ropes, Spacers, Hubers, Gemans, Ellipses, Everything, Plain>;
 TYPED_TEST_SUITE(EveryModel, Kits);
 
 TYPED_TEST(EveryModel, GradientAndHessianAreTheEnergys) {

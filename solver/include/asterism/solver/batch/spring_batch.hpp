@@ -103,8 +103,8 @@ class SpringBatch {
   /// Copies a system of the same topology and its start (Dim x N) to place `index`, from float or double. In
   /// a batch of float they are taken relative to the centroid of the anchors of stiffness (weak ones counting
   /// less), in double: a constellation far from the origin loses no digits. For springs only: with fixed
-  /// nodes the system is invalid. If a spring has no stiffness, a finite position or rest length is kept as
-  /// far as Scalar holds it.
+  /// nodes or offsets of links the system is invalid. If a spring has no stiffness, a finite position or rest
+  /// length is kept as far as Scalar holds it.
   template <typename OtherSystem>
   void set(int index, const OtherSystem& system, const typename OtherSystem::Points& start) {
     static_assert(OtherSystem::kDim == Dim);
@@ -145,7 +145,8 @@ class SpringBatch {
     }
     constexpr double kInvalid = std::numeric_limits<double>::quiet_NaN();
     for (int i = 0; i < nodes(); ++i) {
-      put(system.is_fixed(i) ? kInvalid : static_cast<double>(system.anchor_stiffness[i]));
+      const bool is_invalid = system.is_fixed(i) || system.has_offsets();
+      put(is_invalid ? kInvalid : static_cast<double>(system.anchor_stiffness[i]));
     }
     for (int l = 0; l < link_count(); ++l) put_of(system.link_stiffness[l], system.rest_length[l]);
     for (int l = 0; l < link_count(); ++l) put(system.link_stiffness[l]);

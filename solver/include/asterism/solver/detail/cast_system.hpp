@@ -8,7 +8,7 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// The same springs as another type of system, of any size and of at least as many dimensions, in the first
-/// of which the anchors are.
+/// of which the anchors and the offsets are.
 template <typename To, typename From>
 To cast_system(const From& from) {
   static_assert(To::kNodes == Eigen::Dynamic && To::kDim >= From::kDim);
@@ -19,6 +19,10 @@ To cast_system(const From& from) {
   to.anchor_stiffness = from.anchor_stiffness.template cast<Scalar>();
   to.rest_length = from.rest_length.template cast<Scalar>();
   to.link_stiffness = from.link_stiffness.template cast<Scalar>();
+  if (from.has_offsets()) {
+    to.rest_offset.setZero(To::kDim, from.link_count());
+    to.rest_offset.template topRows<From::kDim>() = from.rest_offset.template cast<Scalar>();
+  }
   to.anchor_loss = from.anchor_loss;
   to.link_potential = from.link_potential;
   for (int i = 0; i < from.nodes(); ++i) {

@@ -79,6 +79,12 @@ struct ConeSystem {
   std::vector<double> shares;  ///< 1 for a link without a cell
 
   int nodes() const { return system->nodes(); }
+  /// d = x_i - x_j - m_ij of link l.
+  Point difference(int l, const Link& link, const Points& x) const {
+    Point d = x.col(link.i) - x.col(link.j);
+    if (system->has_offsets()) d.template head<kDim>() -= system->rest_offset.col(l);
+    return d;
+  }
 };
 
 /// The quadratic below the energy of a ConeSystem: as that of a SpringSystem.
@@ -113,7 +119,8 @@ class Minoriser<ConeSystem<kDim>> {
     for (const Link& link : system.links()) {
       const double k = system.link_stiffness[l];
       const double mu = k > 0 ? system.rest_length[l] : 0;
-      const Point d = x.col(link.i) - x.col(link.j);
+      const Point d = cones.difference(l, link, x);
+      const double offset = system.has_offsets() ? system.rest_offset.col(l).norm() : 0;
       const double square = d.squaredNorm(), length = std::sqrt(square), touched = stretch * length;
       const double share = cones.shares[static_cast<std::size_t>(l)];
       is_known &= touched > 0 || !(share * mu > 0);
@@ -126,13 +133,14 @@ class Minoriser<ConeSystem<kDim>> {
         pull -= towards;
         add(-d.dot(towards));
       }
+      rounding_ += (k * (length + mu) + std::abs(w) * length) * offset;
       weights_[l] = w;
       gradient.col(link.i) += pull;
       gradient.col(link.j) -= pull;
       for (const int i : {link.i, link.j}) {
         stiffness_[i] += w;
-        scale[i] += k + std::abs(w - k);
-        gradient_scale[i] += k * (length + 2 * mu) + std::abs(w) * length;
+        scale[i] += k + std::abs(w - k) * (offset > 0 ? 1 + offset / length : 1);
+        gradient_scale[i] += k * (length + 2 * mu + 2 * offset) + std::abs(w) * (length + 2 * offset);
       }
       ++l;
     }

@@ -144,10 +144,10 @@ class RigidNodes {
 template <int kDim>
 class RigidMotion {
  public:
-  /// One such motion of the nodes begin to end, or none. The links' energy does not change along a rigid
-  /// motion, so where x is stationary the second derivative of the anchors' energy along it is that of all: a
-  /// matrix of the size of the motions.
-  static FreeMotion find(const RigidNodes<kDim>& nodes, const int* begin, const int* end);
+  /// One such motion of the nodes begin to end, or none; without `turns`, translations alone. The links'
+  /// energy does not change along a rigid motion, so where x is stationary the second derivative of the
+  /// anchors' energy along it is that of all: a matrix of the size of the motions.
+  static FreeMotion find(const RigidNodes<kDim>& nodes, const int* begin, const int* end, bool turns);
 
  private:
   using Nodes = RigidNodes<kDim>;
@@ -265,7 +265,8 @@ class RigidMotion {
 };
 
 template <int kDim>
-FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* begin, const int* end) {
+FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* begin, const int* end,
+                                   bool turns) {
   const auto at = [&](int i) { return nodes.place(i); };
   const double rounding = nodes.rounding();
   double largest = 0;  // stiffness
@@ -289,7 +290,9 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
                                          [&](int m, int c) { return nodes.place(begin[m])[c]; }) > 0)
       return {};
   }
-  if (const FreeMotion motion = about_hull(nodes, begin, end, extent)) return motion;
+  if (turns) {
+    if (const FreeMotion motion = about_hull(nodes, begin, end, extent)) return motion;
+  }
   double total = 0;
   Vector centre = Vector::Zero();
   for (const int* m = begin; m != end; ++m) {
@@ -331,6 +334,11 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     }
   }
 
+  if (!turns) {
+    speed.template tail<kModes - kDim>().setZero();
+    slope.template tail<kModes - kDim>().setZero();
+  }
+
   // In units of what each motion's rounding is a share of.
   double imbalance = 0;
   for (int a = 0; a < kModes; ++a) {
@@ -338,7 +346,7 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
   }
   for (int a = 0; a < kModes; ++a) {
-    if (!(speed[a] > rounding * extent)) {  // a rotation that moves no node
+    if (!(speed[a] > rounding * extent)) {  // a rotation that moves no node, or is not wanted
       for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
       curvature(a, a) = 1;
       scale[a] = 0;
@@ -369,8 +377,10 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
 }
 
 #ifdef ASTERISM_SOLVER_COMPILED
-extern template ASTERISM_API FreeMotion RigidMotion<2>::find(const RigidNodes<2>&, const int*, const int*);
-extern template ASTERISM_API FreeMotion RigidMotion<3>::find(const RigidNodes<3>&, const int*, const int*);
+extern template ASTERISM_API FreeMotion RigidMotion<2>::find(const RigidNodes<2>&, const int*, const int*,
+                                                             bool);
+extern template ASTERISM_API FreeMotion RigidMotion<3>::find(const RigidNodes<3>&, const int*, const int*,
+                                                             bool);
 #endif
 
 /// Looks for rigid motions that neither anchors nor fixed nodes hold: of a connected component, and of what
@@ -387,6 +397,7 @@ class FreeMotions {
   FreeMotion find(const System& system, const Points& x) {
     if (is_clearly_held(system, x)) [[likely]]
       return {};
+    mark_offsets(system, x);
     if (const FreeMotion motion = of_components(system, x)) return motion;
     return of_parts(system, x);
   }
@@ -447,7 +458,7 @@ class FreeMotions {
   static bool connects(const System& system, const Points& x, int l, const Link& link) {
     if (!(system.link_stiffness[l] > 0)) return false;
     if constexpr (!kSprings) {
-      const auto force = link_force(system, l, spring(system, link, x.col(link.i) - x.col(link.j)));
+      const auto force = link_force(system, l, spring(system, link, link_difference(system, l, link, x)));
       return force.along != 0 || force.across != 0 || force.tension != 0;
     }
     return true;
@@ -460,6 +471,19 @@ class FreeMotions {
       if (connects(system, x, l++, link)) visit(link);
     }
   }
+
+  // The nodes whose links have an offset, which does not turn with them.
+  void mark_offsets(const System& system, const Points& x) {
+    has_offset_.setZero(system.has_offsets() ? system.nodes() : 0);
+    if (!system.has_offsets()) return;
+    int l = 0;
+    for (const Link& link : system.links()) {
+      if (!system.rest_offset.col(l).isZero(0) && connects(system, x, l, link))
+        has_offset_[link.i] = has_offset_[link.j] = 1;
+      ++l;
+    }
+  }
+  bool has_offset(int i) const { return has_offset_.size() > 0 && has_offset_[i] != 0; }
 
   // The nodes that move in each connected component, and the fixed ones that they are linked to, which hold
   // each component on its own.
@@ -484,9 +508,11 @@ class FreeMotions {
     const Nodes nodes(system, x);
     for (int r = 0; r < n; ++r) {
       if (first_[r] == first_[r + 1]) continue;
-      if (const FreeMotion motion =
-              RigidMotion<kDim>::find(nodes, &entries_[first_[r]], &entries_[first_[r + 1] - 1] + 1))
-        return motion;
+      const int* const begin = &entries_[first_[r]];
+      const int* const end = &entries_[first_[r + 1] - 1] + 1;
+      const bool turns =
+          std::none_of(begin, end, [&](int i) { return !system.is_fixed(i) && has_offset(i); });
+      if (const FreeMotion motion = RigidMotion<kDim>::find(nodes, begin, end, turns)) return motion;
     }
     return {};
   }
@@ -510,7 +536,9 @@ class FreeMotions {
   // (Hopcroft & Tarjan 1973).
   FreeMotion of_parts(const System& system, const Points& x) {
     const int n = system.nodes();
-    const auto is_held = [&](int i) { return system.anchor_stiffness[i] > 0 || system.is_fixed(i); };
+    const auto is_held = [&](int i) {
+      return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i);
+    };
     bool all_held = kDim == 1;
     if (kDim > 1) {
       all_held = true;
@@ -577,6 +605,7 @@ class FreeMotions {
   NodeIndices first_;  // entries of a node
   Indices<kMaxLinks == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 2 * kMaxLinks> entries_;
   NodeIndices time_, low_, next_, holds_, seen_;  // of the search
+  NodeIndices has_offset_;                        // empty where no link has one
 };
 
 }  // namespace detail

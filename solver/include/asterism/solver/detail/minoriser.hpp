@@ -60,7 +60,7 @@ double gap_with_rounding(const MinoriserView& minoriser, double norm, double shi
 }
 
 /// The quadratic below the energy that touches it at x, q(y) = E(x) + g . (y - x) + 1/2 (y - x)^T W (y - x):
-/// each link is replaced by 1/2 w |y_i - y_j|^2 plus a constant, with w = phi'(r) / r, for a spring
+/// each link is replaced by 1/2 w |y_i - y_j - m_ij|^2 plus a constant, with w = phi'(r) / r, for a spring
 /// k (1 - mu / r), its curvature across. So W has a row a node, for anisotropic anchors one a coordinate.
 ///
 /// With `clamp`, links that push count for nothing (their energy is at least 0): W is then positive
@@ -204,13 +204,16 @@ class Minoriser {
       weights_[l] = 0;
       return;
     }
-    const double reach = k * (spring.length + system.rest_length[l]);
-    const double size = k + std::abs(force.across - k);  // k (1 + mu / r) of a spring
+    const double offset = system.has_offsets() ? system.rest_offset.col(l).norm() : 0;
+    const double rest = system.rest_length[l] + 2 * offset;  // in proportion to which the length is rounded
+    const double reach = k * (spring.length + rest);
+    double size = std::abs(force.across - k);
+    if (offset > 0) size *= 1 + offset * spring.inverse;
+    size += k;  // k (1 + mu / r) of a spring
     weights_[l] = force.across;
     energy += force.energy + force.tension * spring.length / 2 * (share * share - 1);
-    energy_rounding +=
-        8 * (std::abs(force.tension) + kEpsilon * reach) * (spring.length + system.rest_length[l]);
-    stored += reach * (spring.length + system.rest_length[l]) / 2;
+    energy_rounding += 8 * (std::abs(force.tension) + kEpsilon * reach) * (spring.length + rest);
+    stored += reach * (spring.length + rest) / 2;
     const Point pull = force.tension * share * spring.direction;
     gradient.col(link.i) += pull;
     gradient.col(link.j) -= pull;

@@ -237,7 +237,7 @@ class NewtonMatrix {
     if constexpr (!kUnrolled || System::kNodes < 2) {
       return false;
     } else {
-      if (!system.topology().is_full()) return false;
+      if (!system.topology().is_full() || system.has_offsets()) return false;
       constexpr int kNodes = System::kNodes;
       constexpr int kLinks = kNodes * (kNodes - 1) / 2;
       constexpr auto for_each_link = [](auto&& visit) {

@@ -29,10 +29,11 @@ class SpringRows {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  /// Whether it serves: springs alone, in a few dimensions, enough of them and not too many for the stack.
+  /// Whether it serves: springs without offsets alone, in a few dimensions, enough of them and not too many
+  /// for the stack.
   static bool serve(const System& system) {
-    return kPossible && system.topology().is_full() && system.nodes() >= kLeastNodes &&
-           system.nodes() <= kMostNodes;
+    return kPossible && system.topology().is_full() && !system.has_offsets() &&
+           system.nodes() >= kLeastNodes && system.nodes() <= kMostNodes;
   }
 
   /// The springs' energy.

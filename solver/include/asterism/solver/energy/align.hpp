@@ -173,7 +173,7 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
   const Scalar rounding = kRounding * kRounding * offset;
-  if (!(spread > rounding && anchor_spread > rounding)) M.setZero();
+  if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets()) M.setZero();
   const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
 
   if constexpr (System::kPlainAnchors) {
@@ -206,8 +206,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 /// slowest modes of a system with weak anchors vanish in one step. With `allow_reflection`, x may become its
 /// mirror image, if that is nearer. Does not allocate.
 ///
-/// If all nodes whose anchor has stiffness coincide, or all these anchors do (for example, if only one anchor
-/// has stiffness), x is moved and not turned. x is returned unchanged if no rigid motion is better, if no
+/// If links have offsets, x is moved and not turned, as offsets do not turn with it. The same holds if all
+/// nodes whose anchor has stiffness coincide, or all these anchors do (for example, if only one anchor
+/// has stiffness). x is returned unchanged if no rigid motion is better, if no
 /// anchor has stiffness, if numbers overflow, or if a node is fixed. For a robust loss, the springs that lie
 /// above it at x stand for the anchors; for information matrices, their largest eigenvalue. In these two
 /// cases x is returned unchanged if the motion does not lower the energy.

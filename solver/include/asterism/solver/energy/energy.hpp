@@ -56,8 +56,8 @@ typename System::Scalar anchor_energy(const System& system, const typename Syste
 
 /// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
 /// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)
-/// + sum_ij k_ij phi(|x_i - x_j|, mu_ij). Not convex: a spring shorter than its rest length has negative
-/// curvature across its axis.
+/// + sum_ij k_ij phi(|x_i - x_j|, mu_ij), where x_i - x_j is less the link's offset m_ij if it has one. Not
+/// convex: a spring shorter than its rest length has negative curvature across its axis.
 template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
   if (detail::SpringRows<System>::serve(system))
@@ -90,7 +90,7 @@ template <typename System>
 int peaked_link(const System& system, const typename System::Points& x) {
   int l = 0;
   for (const Link& link : system.links()) {
-    if (x.col(link.i) == x.col(link.j) && system.link_stiffness[l] > 0 &&
+    if (link_difference(system, l, link, x).isZero(0) && system.link_stiffness[l] > 0 &&
         !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
         system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0)
       return l;

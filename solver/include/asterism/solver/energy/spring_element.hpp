@@ -13,8 +13,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// The spring of a link as it lies in x: its length r = |x_i - x_j|, 1 / r, and its direction
-/// u = (x_i - x_j) / r.
+/// The spring of a link as it lies in x, with d of link_difference: its length r = |d|, 1 / r, and its
+/// direction u = d / r.
 template <typename System>
 struct Spring {
   typename System::Scalar length;
@@ -51,7 +51,7 @@ Point fixed_direction(Link link) {
   return link.i < link.j ? direction : Point(-direction);
 }
 
-/// The one convention for coincident nodes, of energy, gradient, Hessian and every solver: where x_i = x_j, u
+/// The one convention for coincident nodes, of energy, gradient, Hessian and every solver: where d = 0, u
 /// is the direction of a_i - a_j, or fixed_direction where that vanishes too or one of these anchors has no
 /// stiffness. The energy has a conic peak there (a spring with mu_ij > 0 wants its nodes apart), and any unit
 /// u makes -gradient a direction of strict descent.
@@ -71,7 +71,16 @@ Spring<System> coincident_spring(const System& system, Link link, const typename
 template <typename Scalar>
 constexpr Scalar kLeastSquare = std::numeric_limits<Scalar>::min() / std::numeric_limits<Scalar>::epsilon();
 
-/// The spring of `link` with d = x_i - x_j.
+/// d = x_i - x_j - m_ij of link l. All that depends on a link's offset m_ij does so by d.
+template <typename System, typename Points>
+typename System::Point link_difference(const System& system, int l, const Link& link, const Points& x) {
+  typename System::Point d = x.col(link.i) - x.col(link.j);
+  if (system.has_offsets()) [[unlikely]]
+    d -= system.rest_offset.col(l);
+  return d;
+}
+
+/// The spring of `link` with d of link_difference.
 template <typename System>
 Spring<System> spring(const System& system, Link link, const typename System::Point& d) {
   using Scalar = typename System::Scalar;
@@ -201,7 +210,7 @@ void for_each_spring(const System& system, const typename System::Points& x, OnA
   for (int i = 0; i < system.nodes(); ++i) on_anchor(i, anchor_offset(system, i, x));
   int l = 0;
   for (const Link& link : system.links()) {
-    const Spring<System> here = spring(system, link, x.col(link.i) - x.col(link.j));
+    const Spring<System> here = spring(system, link, link_difference(system, l, link, x));
     on_link(l, link, link_force(system, l, here), here);
     ++l;
   }

@@ -57,8 +57,9 @@ class SpringWeight {
   Scalar full_;
 };
 
-/// The mean square of the rest lengths and of the anchors about their centroid, by SpringWeight, and the
-/// centroid. Counted are the anchors of nodes that move and have links, or, with `all`, every anchor.
+/// The mean square of the rest lengths, with their offsets, and of the anchors about their centroid, by
+/// SpringWeight, and the centroid. Counted are the anchors of nodes that move and have links, or, with `all`,
+/// every anchor.
 template <typename System>
 typename System::Scalar mean_square_length(const System& system,
                                            const typename System::NodeVector& node_stiffness, bool all,
@@ -90,6 +91,7 @@ typename System::Scalar mean_square_length(const System& system,
     if (!(weight > 0)) continue;
     total += weight;
     sum += weight * (system.rest_length[l] * system.rest_length[l]);
+    if (system.has_offsets()) sum += weight * system.rest_offset.col(l).squaredNorm();
   }
   return sum > 0 ? sum / total : Scalar(0);
 }
@@ -108,8 +110,9 @@ typename System::Scalar plain_mean_square_length(const System& system,
     if (!(node_stiffness[i] > anchor_stiffness[i])) return 0;
   }
   const typename System::Point centroid = system.anchors.rowwise().sum() / Scalar(system.nodes());
-  return ((system.anchors.colwise() - centroid).squaredNorm() + system.rest_length.squaredNorm()) /
-         Scalar(system.nodes() + system.link_count());
+  Scalar sum = (system.anchors.colwise() - centroid).squaredNorm() + system.rest_length.squaredNorm();
+  if (system.has_offsets()) sum += system.rest_offset.squaredNorm();
+  return sum / Scalar(system.nodes() + system.link_count());
 }
 
 /// characteristic_length, with the system's node_stiffness.
@@ -192,7 +195,9 @@ class StoppingRule {
       if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
     }
     for (int l = 0; l < system.link_count(); ++l) {
-      if (system.link_stiffness[l] > 0 && system.rest_length[l] > 0) return false;
+      if (!(system.link_stiffness[l] > 0)) continue;
+      if (system.rest_length[l] > 0 || (system.has_offsets() && !system.rest_offset.col(l).isZero(0)))
+        return false;
     }
     return true;
   }
@@ -224,8 +229,8 @@ typename System::NodeVector node_stiffness(const System& system) {
   return result;
 }
 
-/// The length L that a system's distances are measured in: the root mean square of its rest lengths and of
-/// its anchors about their centroid [px], of what holds:
+/// The length L that a system's distances are measured in: the root mean square of its rest lengths and
+/// offsets (each link's (mu^2 + |m|^2)^(1/2)), and of its anchors about their centroid [px], of what holds:
 ///   - springs without stiffness do not count, those weaker than a ten-thousandth of the strongest count in
 ///     proportion to their stiffness, all others alike;
 ///   - the anchor of a node without links, or of a fixed one, holds nothing else, and counts only where the

@@ -62,13 +62,14 @@ namespace detail::stored {
 using Json = nlohmann::json;
 
 inline constexpr int kVersion = 1;
-inline constexpr std::array<const char*, 12> kKeys = {
+inline constexpr std::array<const char*, 13> kKeys = {
     "asterism_system", "name",
     "origin",          "dim",
     "anchors",         "anchor_stiffness",
     "anchor_shape",    "links",
     "rest_length",     "link_stiffness",
-    "fixed",           "start",
+    "rest_offset",     "fixed",
+    "start",
 };
 
 /// The texts one after the other.
@@ -334,6 +335,10 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
   read_vector(member(object, "anchor_stiffness"), {"anchor_stiffness"}, kNode, system.anchor_stiffness);
   read_vector(member(object, "rest_length"), {"rest_length"}, kLink, system.rest_length);
   read_vector(member(object, "link_stiffness"), {"link_stiffness"}, kLink, system.link_stiffness);
+  if (const auto offsets = object.find("rest_offset"); offsets != object.end()) {
+    system.rest_offset.resize(kDim, system.link_count());
+    read_points(*offsets, {"rest_offset"}, kLink, system.rest_offset);
+  }
   const auto shapes = object.find("anchor_shape");
   if constexpr (System::kAnisotropic) {
     if (shapes != object.end()) array(*shapes, {"anchor_shape"}, nodes, kNode);
@@ -459,6 +464,7 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
   for (const Link& link : system.links()) links.push_back({link.i, link.j});
   object["rest_length"] = numbers(system.rest_length);
   object["link_stiffness"] = numbers(system.link_stiffness);
+  if (system.has_offsets()) object["rest_offset"] = points_to_json(system.rest_offset);
   if (system.fixed_count() > 0) {
     auto& fixed = object["fixed"] = nlohmann::ordered_json::array();
     for (int i = 0; i < system.nodes(); ++i) {

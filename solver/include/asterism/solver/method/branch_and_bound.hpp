@@ -203,7 +203,7 @@ class GlobalSearch {
       for (Confined& c : part.links) {
         const Link& link = system.links()[static_cast<std::size_t>(c.link)];
         const Direction& reach = cones_.reaches[static_cast<std::size_t>(c.link)];
-        const Direction d = part.x.col(link.i) - part.x.col(link.j);
+        const Direction d = cones_.difference(c.link, link, part.x);
         const double length = d.norm();
         const double excess = (d.dot(reach) - length) / ((reach.norm() - 1) * length);
         c.rest = std::clamp(c.rest * std::exp(-2 * std::clamp(excess, -1.0, 1.0) / (1 + turn / 2)),
@@ -228,7 +228,7 @@ class GlobalSearch {
     part.loosest = -1;
     int l = 0;
     for (const Link& link : system.links()) {
-      const Direction d = part.x.col(link.i) - part.x.col(link.j);
+      const Direction d = cones_.difference(l, link, part.x);
       const double flat = d.template head<kDim>().norm();
       const auto at = static_cast<std::size_t>(l);
       const double counted =

@@ -76,8 +76,10 @@ void gather(const System& from, std::span<const int> nodes, std::span<const int>
     }
     ++k;
   }
+  to.rest_offset.resize(System::kDim, from.has_offsets() ? to.link_count() : 0);
   for (int k = 0; const int l : links) {
     to.rest_length[k] = from.rest_length[l];
+    if (from.has_offsets()) to.rest_offset.col(k) = from.rest_offset.col(l);
     to.link_stiffness[k] = from.link_stiffness[l];
     ++k;
   }

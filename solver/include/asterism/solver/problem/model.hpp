@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <cmath>
@@ -17,7 +18,8 @@ struct Derivatives {
   Scalar second;  ///< derivative
 };
 
-/// The energy of a link of unit stiffness as a function phi of its length r >= 0 and its rest length mu; the
+/// The energy of a link of unit stiffness as a function phi of its length r >= 0 (that of x_i - x_j - m_ij if
+/// the link has an offset) and its rest length mu; the
 /// link's energy is k_ij phi(r, mu). phi >= 0, its curvatures along and across the link are at most those of
 /// a spring, phi'' <= 1 and phi' / r <= 1, so that k_ij bounds the link's curvature from above. The author of
 /// a potential has to ensure both; check_link_potential tests them, and this bound, on which IDA relies:
@@ -58,6 +60,31 @@ struct Hooke {
   }
 };
 
+/// A rope: a spring that pulls where it is longer than mu and does nothing where it is slack.
+struct Rope {
+  static constexpr bool kConvexInSquare = true;  // Hooke's where it pulls, else 0
+
+  /// phi at length r and rest length mu, and its derivatives by r.
+  template <typename Scalar>
+  constexpr Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
+    if (r <= mu) return {0, 0, 0};
+    return Hooke()(r, mu);
+  }
+};
+
+/// A spring that pushes its ends apart where they are nearer than mu and does nothing beyond: parts that may
+/// not overlap.
+struct Repulsion {
+  static constexpr bool kConvexInSquare = true;  // Hooke's where it pushes, else 0
+
+  /// phi at length r and rest length mu, and its derivatives by r.
+  template <typename Scalar>
+  constexpr Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
+    if (r >= mu) return {0, 0, 0};
+    return Hooke()(r, mu);
+  }
+};
+
 /// The paper's anchor: a spring, rho = s.
 struct Quadratic {
   /// rho at s = |x_i - a_i|^2, and its derivatives by s.
@@ -68,6 +95,9 @@ struct Quadratic {
 };
 
 namespace detail {
+
+/// A scale beyond all lengths, whose square is still a double.
+inline constexpr double kUnlimited = 1e150;
 
 constexpr const char* scale_problem(double scale) {
   return scale > 0 && is_finite(scale) ? nullptr : "is not a positive, finite scale";
@@ -107,6 +137,71 @@ struct GemanMcClure {
   }
 
   constexpr const char* problem() const { return detail::scale_problem(scale); }
+
+  /// For Graduated: the same loss with mu >= 1 times the square of its scale; the spring that it is near the
+  /// anchor; and a mu that makes it convex in the distance, up to the square s of that.
+  GemanMcClure graduated(double mu) const { return {scale * std::sqrt(mu)}; }
+  GemanMcClure unlimited() const { return {detail::kUnlimited}; }
+  double graduation(double s) const { return 3 * s / (scale * scale); }
+};
+
+/// A spring near the anchor and a constant beyond about `scale`: least squares that are truncated at `scale`,
+/// rho = min(s, scale^2), with the corner rounded off between 1 - 1 / (sharpness + 1) and 1 + 1 / sharpness
+/// times scale^2 (Yang et al., Graduated non-convexity for robust spatial perception, 2020, Eq. 14). The more
+/// sharpness, the more minima.
+struct Truncated {
+  double scale = 1;      ///< [px]
+  double sharpness = 4;  ///< > 0
+
+  /// rho at s = |x_i - a_i|^2, and its derivatives by s.
+  template <typename Scalar>
+  Derivatives<Scalar> operator()(Scalar s) const {
+    const auto square = static_cast<Scalar>(scale * scale), mu = static_cast<Scalar>(sharpness);
+    if (s <= mu / (mu + 1) * square) return {s, 1, 0};
+    if (s >= (mu + 1) / mu * square) return {square, 0, 0};
+    const Scalar root = std::sqrt(square * mu * (mu + 1) / s);
+    return {2 * root * s - mu * (square + s), root - mu, -root / (2 * s)};
+  }
+
+  constexpr const char* problem() const {
+    if (!(sharpness > 0 && detail::is_finite(sharpness)))
+      return "has a sharpness that is not positive and finite";
+    return detail::scale_problem(scale);
+  }
+
+  /// For Graduated: the same loss with 1 / mu times its sharpness; the spring that it is near the anchor; and
+  /// a mu for which no square up to s is so far off that it has no force.
+  Truncated graduated(double mu) const { return {scale, sharpness / mu}; }
+  Truncated unlimited() const { return {detail::kUnlimited, sharpness}; }
+  double graduation(double s) const { return sharpness * std::max(2 * s / (scale * scale) - 1, 0.0); }
+};
+
+/// A spring whose stretch counts by a robust loss, phi = 1/2 rho((r - mu)^2): a link that may be an outlier,
+/// such as a distance that was measured wrongly.
+template <AnchorLoss Loss>
+struct RobustHooke {
+  [[no_unique_address]] Loss loss;  ///< rho, of a link's (r - mu)^2
+
+  /// phi at length r and rest length mu, and its derivatives by r.
+  template <typename Scalar>
+  Derivatives<Scalar> operator()(Scalar r, Scalar mu) const {
+    const Scalar stretch = r - mu, square = stretch * stretch;
+    const Derivatives<Scalar> rho = loss(square);
+    return {rho.value / 2, rho.first * stretch, rho.first + 2 * square * rho.second};
+  }
+
+  constexpr const char* problem() const {
+    if constexpr (requires { loss.problem(); }) return loss.problem();
+    return nullptr;
+  }
+
+  /// For Graduated, as the loss has them.
+  RobustHooke graduated(double mu) const requires requires { loss.graduated(mu); }
+  { return {loss.graduated(mu)}; }
+  RobustHooke unlimited() const requires requires { loss.unlimited(); }
+  { return {loss.unlimited()}; }
+  double graduation(double s) const requires requires { loss.graduation(s); }
+  { return loss.graduation(s); }
 };
 
 /// Whether an anchor pulls equally hard in all directions.

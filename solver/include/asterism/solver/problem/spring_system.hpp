@@ -32,6 +32,11 @@ constexpr int times(int factor) {
 /// Points are Dim x N, a node is a column. Coordinates and rest lengths share one unit of length [px];
 /// stiffness may have any unit [1/px^2 for E = -log p], as only ratios of stiffness move the solution.
 ///
+/// A link may also prefer an offset m_ij, a vector (rest_offset): its energy is then 1/2 k_ij (mu_ij - |x_i -
+/// x_j - m_ij|)^2. With mu_ij = 0, 1/2 k_ij |x_i - x_j - m_ij|^2, it is the link of pictorial structures
+/// (Fischler and Elschlager 1973; Felzenszwalb and Huttenlocher 2005). If all links are, the energy is
+/// convex.
+///
 /// A `Model` other than Springs replaces the link's potential or the anchor's loss, or gives anchors an
 /// information matrix; k_i and k_ij then bound the curvature of anchor and link from above.
 ///
@@ -64,13 +69,19 @@ class SpringSystem {
   static constexpr bool kPlainAnchors =
       !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
 
-  /// No value is set yet: all are NaN.
+  /// One vector for each link, Dim x L.
+  using LinkPoints =
+      Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
+                    TopologyType::kMaxLinks>;
+
+  /// No value is set yet: all are NaN. No link has an offset.
   explicit SpringSystem(TopologyType topology) : topology_(std::move(topology)) {
     constexpr Scalar kUnset = std::numeric_limits<Scalar>::quiet_NaN();
     anchors.setConstant(Dim, nodes(), kUnset);
     anchor_stiffness.setConstant(nodes(), kUnset);
     rest_length.setConstant(link_count(), kUnset);
     link_stiffness.setConstant(link_count(), kUnset);
+    rest_offset.resize(Dim, 0);
     fixed_.setConstant(nodes(), false);
     if constexpr (kAnisotropic) anchor_shape.setConstant(Dim, Dim * nodes(), kUnset);
   }
@@ -82,6 +93,20 @@ class SpringSystem {
     int l = 0;
     for (const Link& link : links()) rest_length[l++] = (points.col(link.i) - points.col(link.j)).norm();
   }
+
+  /// Sets every offset m_ij to p_i - p_j for the columns p of `points` (Dim x N), and every rest length to 0:
+  /// the links then prefer the shape of these points as it lies, not only its distances.
+  template <typename Derived>
+  void set_rest_offsets(const Eigen::MatrixBase<Derived>& points) {
+    eigen_assert(points.rows() == Dim && points.cols() == nodes());
+    rest_offset.resize(Dim, link_count());
+    rest_length.setZero(link_count());
+    int l = 0;
+    for (const Link& link : links()) rest_offset.col(l++) = points.col(link.i) - points.col(link.j);
+  }
+
+  /// Whether links have offsets.
+  bool has_offsets() const { return rest_offset.cols() > 0; }
 
   /// Holds node i where the start of a solve has it. It is eliminated from the unknowns, and its springs pull
   /// on the other nodes. A node number out of range is a defect() of the system.
@@ -121,6 +146,7 @@ class SpringSystem {
     other.anchor_stiffness = anchor_stiffness.template cast<Other>();
     other.rest_length = rest_length.template cast<Other>();
     other.link_stiffness = link_stiffness.template cast<Other>();
+    other.rest_offset = rest_offset.template cast<Other>();
     if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
     other.anchor_loss = anchor_loss;
     other.link_potential = link_potential;
@@ -142,6 +168,10 @@ class SpringSystem {
   NodeVector anchor_stiffness;  ///< k_i >= 0, N; at least one > 0 in each connected component
   LinkVector rest_length;       ///< mu_ij >= 0, one for each link, in the order of links() [px]
   LinkVector link_stiffness;    ///< k_ij >= 0, one for each link, in the order of links()
+
+  /// m_ij, Dim x L, one column for each link (i, j), in the order of links() [px]. Without columns, as at
+  /// first, all are 0.
+  LinkPoints rest_offset;
 
   /// Of anchor_shape.
   using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,

@@ -124,6 +124,8 @@ Defect validate_values(const System& system, const typename System::Points& x) {
     return {"rest length", -1, "must have one entry for each link"};
   if (system.link_stiffness.size() != system.link_count())
     return {"link stiffness", -1, "must have one entry for each link"};
+  if (system.has_offsets() && system.rest_offset.cols() != system.link_count())
+    return {"rest offset", -1, "must have one column for each link, or none"};
   if (x.cols() != n) return {"x", -1, "must have one column for each node"};
 
   constexpr auto kNotFinite = "is not finite";
@@ -134,6 +136,8 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   if (const int l = first_bad_entry(system.rest_length); l >= 0) return {"rest length", l, kNotPositive};
   if (const int l = first_bad_entry(system.link_stiffness); l >= 0)
     return {"link stiffness", l, kNotPositive};
+  if (const int l = first_column_not_finite(system.rest_offset); l >= 0)
+    return {"rest offset", l, kNotFinite};
   if constexpr (System::kAnisotropic) {
     if (system.anchor_shape.cols() != System::kDim * n)
       return {"anchor shape", -1, "must have one matrix for each node"};
@@ -161,7 +165,8 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
       return meets(matrix.data(), sizeof(typename System::Scalar) * static_cast<std::size_t>(matrix.size()));
     };
     if (is_in(system.anchors) || is_in(system.anchor_stiffness) || is_in(system.rest_length) ||
-        is_in(system.link_stiffness) || meets(system.links().data(), system.links().size_bytes()))
+        is_in(system.link_stiffness) || is_in(system.rest_offset) ||
+        meets(system.links().data(), system.links().size_bytes()))
       return true;
     if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
   }

@@ -38,9 +38,10 @@ struct CeresProblem {
   const double* anchors = nullptr;  // dim x nodes
   const double* anchor_stiffness = nullptr;
   const double* rest_length = nullptr;
+  const double* rest_offset = nullptr;  // dim x links, or none
   const double* link_stiffness = nullptr;
   std::function<bool(int node)> is_fixed;
-  /// Replaces d = x_i - x_j (dim) by the direction of spring `link`, and returns its length.
+  /// Replaces d = x_i - x_j - m_ij (dim) by the direction of spring `link`, and returns its length.
   std::function<double(const Link& link, double* d)> spring;
   /// Whether to end at x (dim x nodes), after this many iterations.
   std::function<bool(const double* x, int iteration)> done;
@@ -116,6 +117,7 @@ class Ceres {
       copy.anchors = system.anchors.template cast<double>() / unit;
       copy.anchor_stiffness = system.anchor_stiffness.template cast<double>() / stiffness;
       copy.rest_length = system.rest_length.template cast<double>() / unit;
+      copy.rest_offset = system.rest_offset.template cast<double>() / unit;
       copy.link_stiffness = system.link_stiffness.template cast<double>() / stiffness;
       typename SpringSystem<double, kDim>::Points nodes = x.template cast<double>() / unit;
 
@@ -126,6 +128,7 @@ class Ceres {
       problem.anchors = copy.anchors.data();
       problem.anchor_stiffness = copy.anchor_stiffness.data();
       problem.rest_length = copy.rest_length.data();
+      problem.rest_offset = copy.has_offsets() ? copy.rest_offset.data() : nullptr;
       problem.link_stiffness = copy.link_stiffness.data();
       problem.is_fixed = [&system](int node) { return system.is_fixed(node); };
       problem.spring = [&copy](const Link& link, double* d) {
