@@ -73,7 +73,8 @@ requires(detail::is_graduable<System>()) class Graduated {
 
   static constexpr std::string_view name() { return "graduated non-convexity"; }
 
-  /// Moves x (Dim x N) to a stationary point of the energy. The Summary is that of the last solve, except
+  /// Moves x (Dim x N) to a stationary point of the energy. SolverOptions::on_iteration sees all solves, each
+  /// with the energy of its own losses. The Summary is that of the last solve, except
   /// that iterations, evaluations, linear solves, factorisations and time are totals, and the initial energy
   /// is that of the given x. Statuses are those of `Solver`. If the sequence fails or leads above the start,
   /// the result is that of `Solver` alone.
@@ -89,15 +90,15 @@ requires(detail::is_graduable<System>()) class Graduated {
     bool is_ready = false;
     const auto prepare = [&] {
       // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
-      if (!relaxed_ || given_.size() != x.size() || relaxed_->nodes() != system.nodes() ||
-          relaxed_->link_count() != system.link_count()) {
-        given_ = Points();
-        relaxed_.reset();
-        relaxed_.emplace(system);
-      } else {
-        *relaxed_ = system;
-      }
+      if (given_.size() != x.size()) given_ = Points();
       given_ = x;
+      if (relaxed_ && (relaxed_->nodes() != system.nodes() || relaxed_->link_count() != system.link_count()))
+        relaxed_.reset();
+      if (relaxed_) {
+        *relaxed_ = system;
+      } else {
+        relaxed_.emplace(system);
+      }
       is_ready = true;
     };
     detail::attempt<std::bad_alloc>(prepare, [&result](const std::bad_alloc& error) {
