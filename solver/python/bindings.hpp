@@ -19,6 +19,7 @@ namespace asterism::python {
 namespace py = pybind11;
 
 void bind_systems(py::module_& m);
+void bind_random(py::module_& m);
 void bind_solvers(py::module_& m);
 void bind_batch(py::module_& m);
 void bind_json(py::module_& m);

@@ -8,6 +8,7 @@ PYBIND11_MODULE(_asterism, m) {
   m.attr("__name__") = "asterism";
   m.attr("__version__") = ASTERISM_VERSION;
   bind_systems(m);
+  bind_random(m);
   bind_solvers(m);
   bind_batch(m);
 #ifdef ASTERISM_PYTHON_JSON

@@ -58,6 +58,10 @@ bench::Problem problem(fuzz::Bytes& bytes) {
   const auto fixed = bytes.take<std::uint8_t>();
   for (int i = 0; i < nodes; ++i)
     if (fixed >> i % 8 & 1) system.fix(i);
+  if (bytes.take<std::uint8_t>() % 2 == 1) {
+    system.rest_offset.resize(2, system.link_count());
+    for (double& m : system.rest_offset.reshaped()) m = number(bytes);
+  }
   return result;
 }
 
@@ -71,8 +75,12 @@ long double energy_of(const System& system, const Points& x) {
   }
   for (int l = 0; l < system.link_count(); ++l) {
     const Link link = system.links()[static_cast<std::size_t>(l)];
-    const long double u = x(0, link.i) - static_cast<long double>(x(0, link.j));
-    const long double v = x(1, link.i) - static_cast<long double>(x(1, link.j));
+    long double u = x(0, link.i) - static_cast<long double>(x(0, link.j));
+    long double v = x(1, link.i) - static_cast<long double>(x(1, link.j));
+    if (system.has_offsets()) {
+      u -= system.rest_offset(0, l);
+      v -= system.rest_offset(1, l);
+    }
     const long double stretch = system.rest_length[l] - std::sqrt(u * u + v * v);
     sum += system.link_stiffness[l] * stretch * stretch / 2;
   }
@@ -83,7 +91,8 @@ bool is_bad(const bench::Problem& given) {
   const System& system = given.system;
   const auto is_good = [](const auto& values) { return values.allFinite() && (values.array() >= 0).all(); };
   return system.nodes() == 0 || !is_good(system.anchor_stiffness) || !is_good(system.link_stiffness) ||
-         !is_good(system.rest_length) || !system.anchors.allFinite() || !given.start.allFinite();
+         !is_good(system.rest_length) || !system.rest_offset.allFinite() || !system.anchors.allFinite() ||
+         !given.start.allFinite();
 }
 
 void require(bool holds, const Summary& summary, const char* what) {
@@ -109,7 +118,8 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
   // Distances are only as accurate as the rounding of the coordinates.
   constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   const long double extent = std::max(x.cwiseAbs().maxCoeff(), given.start.cwiseAbs().maxCoeff()) +
-                             system.anchors.cwiseAbs().maxCoeff();
+                             system.anchors.cwiseAbs().maxCoeff() +
+                             (system.has_offsets() ? system.rest_offset.cwiseAbs().maxCoeff() : 0);
   const long double stiffness =
       system.anchor_stiffness.cast<long double>().sum() + system.link_stiffness.cast<long double>().sum();
   const long double force = std::sqrt(2 * stiffness * before);

@@ -78,6 +78,10 @@ class PickleTest(unittest.TestCase):
                     for array in ARRAYS:
                         self.assertFalse(np.shares_memory(getattr(other, array), getattr(system, array)))
                     self.assert_same(make(system.topology), system.topology)
+        system.set_rest_offsets(system.anchors)
+        for name, make in COPIES.items():
+            with self.subTest(name, "offsets"):
+                self.assert_same(make(system), system)
         unset = asterism.SpringSystem(asterism.Topology.full(3)).copy()
         self.assertTrue(np.isnan(unset.anchors).all())
         self.assertEqual(asterism.SpringSystem(asterism.Topology.full(1), 3).copy().rest_length.shape, (0,))

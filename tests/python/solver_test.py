@@ -655,6 +655,47 @@ class InterruptTest(unittest.TestCase):
         self.assertTrue(asterism.solve(system, x).usable)
 
 
+class OffsetTest(unittest.TestCase):
+    def test_the_minimum_is_that_of_least_squares(self):
+        for dim in (2, 3):
+            system, x = random_system(6, dim, 3)
+            self.assertIsNone(system.rest_offset)
+            shape = x.copy()
+            system.set_rest_offsets(shape)
+            i, j = system.topology.links.T
+            np.testing.assert_array_equal(system.rest_offset, shape[i] - shape[j])
+            self.assertTrue((system.rest_length == 0).all())
+            differences = np.zeros((len(i), 6))
+            differences[np.arange(len(i)), i], differences[np.arange(len(i)), j] = 1, -1
+            rows = np.vstack([differences * np.sqrt(system.link_stiffness)[:, None], np.diag(np.sqrt(system.anchor_stiffness))])
+            right = np.vstack(
+                [system.rest_offset * np.sqrt(system.link_stiffness)[:, None], system.anchors * np.sqrt(system.anchor_stiffness)[:, None]]
+            )
+            expected = np.linalg.lstsq(rows, right, rcond=None)[0]
+            for method in ("auto", "ida", "staircase", "branch-and-bound"):
+                x = system.anchors.copy()
+                self.assertTrue(asterism.solve(system, x, method))
+                np.testing.assert_allclose(x, expected, atol=1e-6)
+            self.assertTrue(asterism.certify(system, x).unique)
+
+    def test_assignment(self):
+        system, x = random_system(4, 2, 1)
+        before = asterism.energy(system, x)
+        system.rest_offset = np.zeros((6, 2))
+        self.assertEqual(asterism.energy(system, x), before)
+        view = system.rest_offset
+        view[:] = 5  # a copy
+        self.assertTrue((system.rest_offset == 0).all())
+        system.rest_offset = [[1, 0]] * 6
+        self.assertNotEqual(asterism.energy(system, x), before)
+        system.rest_offset = None
+        self.assertIsNone(system.rest_offset)
+        self.assertEqual(asterism.energy(system, x), before)
+        for wrong in (np.zeros((5, 2)), np.zeros((6, 3)), "abc", 1j * np.zeros((6, 2))):
+            with self.assertRaises((ValueError, TypeError)):
+                system.rest_offset = wrong
+
+
 class BatchTest(unittest.TestCase):
     def batch(self, count=200, nodes=4, dim=2):
         batch = asterism.SpringBatch(asterism.Topology.full(nodes), count, dim=dim)

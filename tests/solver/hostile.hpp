@@ -1,6 +1,6 @@
 #pragma once
 
-// 26 kinds of systems that are hard to solve, and all solvers behind one interface. hostile_test.cpp judges
+// 27 kinds of systems that are hard to solve, and all solvers behind one interface. hostile_test.cpp judges
 // the results.
 
 #include <Eigen/Core>
@@ -30,6 +30,7 @@ struct Problem {
   std::vector<Link> links;
   Eigen::MatrixXd anchors, start;  ///< Dim x N
   Eigen::VectorXd anchor_stiffness, rest_length, link_stiffness;
+  Eigen::MatrixXd rest_offset;  ///< Dim x L, or empty
   /// For RobustPlane: information matrices relative to k_i, Dim x (Dim N), and the scale of Geman and
   /// McClure's loss.
   Eigen::MatrixXd shapes;

@@ -41,10 +41,10 @@ using Adapters = std::tuple<
 #endif
     MultiStart<Plane, Newton<Plane>>, detail::AutoStaircase<Plane>, ShortSearch>;
 
-// The batch has neither fixed nodes nor grounded components, and reports only status and energy.
+// The batch has neither fixed nodes, offsets nor grounded components, and reports only status and energy.
 void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {
   const auto system = system_of<Plane>(problem);
-  if (system.defect() || !problem.fixed.empty() || problem.ground_components) return;
+  if (system.defect() || system.has_offsets() || !problem.fixed.empty() || problem.ground_components) return;
   constexpr int kLanes = 3;
   SpringBatch<double, 2> batch(system.topology(), kLanes);
   const Plane::Points start = problem.start;

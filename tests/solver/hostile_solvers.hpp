@@ -18,6 +18,7 @@ System system_of(const Problem& problem) {
   system.anchor_stiffness = problem.anchor_stiffness.template cast<Scalar>();
   system.rest_length = problem.rest_length.template cast<Scalar>();
   system.link_stiffness = problem.link_stiffness.template cast<Scalar>();
+  if (problem.rest_offset.size() > 0) system.rest_offset = problem.rest_offset.template cast<Scalar>();
   if constexpr (System::kAnisotropic) system.anchor_shape = problem.shapes.template cast<Scalar>();
   if constexpr (requires { system.anchor_loss.scale; }) system.anchor_loss.scale = problem.scale;
   for (const int i : problem.fixed) system.fix(i);

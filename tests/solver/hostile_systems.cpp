@@ -84,7 +84,7 @@ Problem stored(Problem problem) {
     values = values.template cast<float>().template cast<double>().eval();
   };
   round(problem.anchors), round(problem.start), round(problem.anchor_stiffness);
-  round(problem.rest_length), round(problem.link_stiffness);
+  round(problem.rest_length), round(problem.link_stiffness), round(problem.rest_offset);
   return problem;
 }
 
@@ -95,6 +95,7 @@ void move(Problem& problem, const Eigen::VectorXd& by) {
 
 void scale(Problem& problem, double length, double stiffness) {
   problem.anchors *= length, problem.start *= length, problem.rest_length *= length;
+  problem.rest_offset *= length;
   problem.scale *= length;
   problem.anchor_stiffness *= stiffness, problem.link_stiffness *= stiffness;
 }
@@ -248,6 +249,23 @@ Problem no_rest_lengths(Rng& rng) {
   Problem problem = plain(rng, any_dimension(rng));
   problem.rest_length.setZero();
   problem.agrees = true;
+  return problem;
+}
+Problem offsets(Rng& rng) {
+  Problem problem = plain(rng, any_dimension(rng));
+  const auto count = static_cast<Eigen::Index>(problem.links.size());
+  problem.rest_offset.setZero(problem.dim(), count);
+  const bool alone = chance(rng, 0.4);
+  const double size = chance(rng, 0.3) ? decades(rng, -9, 9) : 1;
+  for (Eigen::Index l = 0; l < count; ++l) {
+    const Link link = problem.links[static_cast<std::size_t>(l)];
+    const bool has_offset = alone || chance(rng, 0.7);
+    if (has_offset)
+      problem.rest_offset.col(l) = size * (problem.anchors.col(link.i) - problem.anchors.col(link.j));
+    if (alone || (has_offset && chance(rng, 0.5))) problem.rest_length[l] = 0;
+  }
+  if (chance(rng, 0.2)) move(problem, decades(rng, 3, 9) * direction(rng, problem.dim()));
+  problem.agrees = alone;  // convex
   return problem;
 }
 Problem robust_anchors(Rng& rng) { return plain(rng, Type::RobustPlane); }
@@ -414,6 +432,7 @@ const std::vector<Kind>& kinds() {
       {"FixedNodes", seeded<fixed_nodes>},
       {"Components", seeded<components>},
       {"NoRestLengths", seeded<no_rest_lengths>},
+      {"Offsets", seeded<offsets>},
       {"RobustAnisotropicAnchors", seeded<robust_anchors>},
       {"Float", seeded<in_float>},
       {"Line", seeded<on_a_line>},

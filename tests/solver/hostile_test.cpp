@@ -1,4 +1,4 @@
-// Solves hostile systems of 26 kinds with every solver: 20 of each, or ASTERISM_HOSTILE_SYSTEMS, from number
+// Solves hostile systems of 27 kinds with every solver: 20 of each, or ASTERISM_HOSTILE_SYSTEMS, from number
 // ASTERISM_HOSTILE_FIRST on. The judge shares no code with the library: it implements energy, forces and
 // curvature independently, in long double, and has its own descent.
 #include "hostile.hpp"
@@ -96,7 +96,7 @@ class Judge {
     }
     for_each_link([&](int l, Link link) {
       const Real k = problem_.link_stiffness[l], mu = problem_.rest_length[l];
-      const Vector d = x.col(link.i) - x.col(link.j);
+      const Vector d = x.col(link.i) - x.col(link.j) - offset(l);
       const Real length = d.norm();
       energy += k * (length - mu) * (length - mu) / 2;
       if (!(length > 0)) {
@@ -133,6 +133,7 @@ class Judge {
     for (int i = 0; i < problem_.nodes(); ++i)
       if (problem_.anchor_stiffness[i] > 0)
         largest = std::max(largest, anchors_.col(i).cwiseAbs().maxCoeff());
+    for_each_link([&](int l, Link) { largest = std::max(largest, offset(l).cwiseAbs().maxCoeff()); });
     return largest;
   }
 
@@ -223,6 +224,11 @@ class Judge {
   }
 
  private:
+  Vector offset(int l) const {
+    if (problem_.rest_offset.size() == 0) return Vector::Zero(problem_.dim());
+    return problem_.rest_offset.col(l).cast<Real>();
+  }
+
   template <typename Visit>
   void for_each_link(const Visit& visit) const {
     for (std::size_t l = 0; l < problem_.links.size(); ++l)
@@ -305,7 +311,7 @@ class Judge {
       }
       for_each_link([&](int l, Link link) {
         const Real w = weight_of_link(l, link), mu = problem_.rest_length[l];
-        weight += w, sum += w * mu * mu;
+        weight += w, sum += w * (mu * mu + offset(l).squaredNorm());
       });
       return weight > 0 ? std::sqrt(sum / weight) : Real(0);
     };

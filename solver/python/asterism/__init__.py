@@ -12,7 +12,7 @@ A spring system is solved in place:
 
 Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
-`asterism.evaluation` reads the reports of asterism-eval.
+`asterism.evaluation` reads the reports of asterism-eval, and `asterism.bench` compares a solver of your own with the library's.
 """
 
 
@@ -44,13 +44,13 @@ except ImportError as error:
     if (reason := _why_missing()) is None:
         raise
     raise ImportError(reason) from error
-from . import evaluation
+from . import bench, evaluation
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, mds
 
 # What help(asterism) lists.
-__all__ = ["evaluation", "Embedding", "layout", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
+__all__ = ["bench", "evaluation", "Embedding", "layout", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
 if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
 
