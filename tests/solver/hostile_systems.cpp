@@ -432,7 +432,6 @@ const std::vector<Kind>& kinds() {
       {"FixedNodes", seeded<fixed_nodes>},
       {"Components", seeded<components>},
       {"NoRestLengths", seeded<no_rest_lengths>},
-      {"Offsets", seeded<offsets>},
       {"RobustAnisotropicAnchors", seeded<robust_anchors>},
       {"Float", seeded<in_float>},
       {"Line", seeded<on_a_line>},
@@ -445,6 +444,7 @@ const std::vector<Kind>& kinds() {
       {"StiffPair", seeded<stiff_pair>},
       {"Cloth", seeded<cloth>},
       {"NoSystem", seeded<no_system>},
+      {"Offsets", seeded<offsets>},
   };
   return all;
 }
