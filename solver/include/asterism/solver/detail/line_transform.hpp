@@ -1,0 +1,361 @@
+#pragma once
+
+#include <Eigen/Core>
+#include <algorithm>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/discrete/displacement_cost.hpp>
+#include <cmath>
+#include <cstddef>
+#include <limits>
+#include <vector>
+
+#if defined(__SSE2__)
+#include <xmmintrin.h>
+#endif
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+// The widest vector of floats that the code is compiled for.
+#if defined(__AVX512F__)
+inline constexpr int kFloatLanes = 16;
+#elif defined(__AVX__)
+inline constexpr int kFloatLanes = 8;
+#else
+inline constexpr int kFloatLanes = 4;
+#endif
+typedef float FloatLanes __attribute__((vector_size(sizeof(float) * kFloatLanes)));
+// The same anywhere in memory.
+typedef float StoredLanes __attribute__((vector_size(sizeof(float) * kFloatLanes), aligned(4), may_alias));
+typedef int IntLanes __attribute__((vector_size(sizeof(float) * kFloatLanes)));
+
+inline constexpr int kLineBlock = 16;  ///< lines that are transformed together
+
+/// One step of a chain of steps: out(q) = min(in(q), in(q + 1) + up, in(q - 1) + down), row by row as `in`
+/// comes in.
+struct ChainStep {
+  FloatLanes up, down;
+  FloatLanes here, before;  // the last row and the one before it
+
+  [[gnu::always_inline]] void start(float cost_up, float cost_down) {
+    up = FloatLanes{} + cost_up;
+    down = FloatLanes{} + cost_down;
+    here = before = FloatLanes{} + std::numeric_limits<float>::infinity();
+  }
+  // Takes a row and replaces it by the row before it of the output.
+  [[gnu::always_inline]] void operator()(FloatLanes& row) {
+    const FloatLanes from_above = row + up, from_below = before + down;
+    FloatLanes out = from_above < from_below ? from_above : from_below;
+    out = out < here ? out : here;
+    before = here;
+    here = row;
+    row = out;
+  }
+};
+
+/// The lower envelope of the costs from the sites of a line, for kLineBlock lines at once:
+///   D(q) = min_p f(p) + cost(p - q),   p = 0 .. sites - 1,  q = 0 .. queries - 1.
+///
+/// Quadratic costs are a chain of steps to the neighbours. As d^2 is the sum of the first |d| odd numbers,
+/// and odd numbers grow, K steps that cost a, 3 a, 5 a, ... give the least cost over |d| <= K (Huang and
+/// Mitchell, PAMI 1994). A step that changes nothing is the last that is needed, as later ones cost more.
+/// Steps run in SIMD lanes, one line a lane. Lines that need more than kMostSteps steps go through the lower
+/// envelope of parabolas (Felzenszwalb and Huttenlocher 2012), line by line, which takes O(sites + queries).
+/// Absolute costs need one step for the fraction of the offset, and a pass in each direction.
+class LineTransform {
+ public:
+  static constexpr int kMostSteps = 32;
+  static constexpr int kStepsAtOnce = 4;
+
+  /// Prepares for a cost, and for numbers of sites and queries, at least 1 each.
+  void plan(const AxisCost& cost, int sites, int queries);
+
+  /// The costs f to be set: site p of line l is at [p * kLineBlock + l]; infinity forbids a site.
+  float* source() { return source_.data(); }
+  /// Transforms all lines.
+  void run();
+  /// The results of a query for all lines.
+  const float* result(int query) const { return work_.data() + row_of(query) * kLineBlock; }
+
+ private:
+  static constexpr float kInfinity = std::numeric_limits<float>::infinity();
+
+  FloatLanes source(std::ptrdiff_t site, int lane) const {
+    return reinterpret_cast<const StoredLanes&>(source_[static_cast<std::size_t>(site * kLineBlock + lane)]);
+  }
+  StoredLanes& work(std::ptrdiff_t row, int lane) {
+    return reinterpret_cast<StoredLanes&>(work_[static_cast<std::size_t>(row * kLineBlock + lane)]);
+  }
+  // The rows of work_: queries whose site is below 0, all sites, queries whose site is beyond the last.
+  std::ptrdiff_t row_of(int query) const {
+    if (query < below_) return query;
+    const std::ptrdiff_t site = std::ptrdiff_t{query} + shift_;
+    return site < sites_ ? below_ + site : std::ptrdiff_t{below_} + sites_ + query - first_above_;
+  }
+  void quadratic(int lane);
+  void absolute(int lane);
+  bool sweep(const float* from, float* to, int step) const;
+  void outside(int lane, int window);
+  void envelope(int line);
+  // The cost, without truncation, of a place that is d from the query's site.
+  double cost(double d) const {
+    const double excess = d - fraction_;
+    return weight_ * (shape_ == CostShape::Quadratic ? excess * excess : std::abs(excess));
+  }
+  static float rounded(double cost) {
+    return cost > std::numeric_limits<float>::max() ? kInfinity : static_cast<float>(cost);
+  }
+
+  // The plan. A query's site is query + shift_, its ideal place fraction_ beyond it, |fraction_| <= 1/2.
+  AxisCost planned_;
+  CostShape shape_ = CostShape::Quadratic;
+  double weight_ = 0, fraction_ = 0;
+  float base_ = 0, truncation_ = 0;
+  int sites_ = 0, queries_ = 0;
+  int below_ = 0;        // queries below the first site
+  int first_above_ = 0;  // query above the last site
+  std::ptrdiff_t shift_ = 0, rows_ = 0;
+  int steps_ = 0;         // as many as are taken at most
+  bool is_short_ = true;  // they are always enough
+  float up_[kMostSteps], down_[kMostSteps];
+  std::vector<float> above_cost_, below_cost_;
+
+  std::vector<float> source_, work_;
+  // Of the envelope: 1 / (2 a k), and a stack of parabolas.
+  std::vector<double> inverse_, height_, begin_;
+  std::vector<int> site_;
+};
+
+inline void LineTransform::plan(const AxisCost& planned, int sites, int queries) {
+  if (planned == planned_ && sites == sites_ && queries == queries_) return;
+  sites_ = 0;  // until all is done
+  shape_ = planned.shape;
+  weight_ = planned.weight;
+  const double whole = std::round(planned.offset);
+  shift_ = static_cast<std::ptrdiff_t>(whole);
+  fraction_ = planned.offset - whole;
+  base_ = rounded(cost(0));
+  truncation_ = rounded(planned.truncation);
+  const auto clamp = [&](std::ptrdiff_t query) {
+    return static_cast<int>(std::clamp<std::ptrdiff_t>(query, 0, queries));
+  };
+  below_ = clamp(-shift_);
+  first_above_ = clamp(sites - shift_);
+  const int above = queries - first_above_;
+  rows_ = std::ptrdiff_t{below_} + sites + above;
+
+  // Steps until the far end of the line, or until a step costs more than the truncation.
+  steps_ = 0;
+  is_short_ = false;
+  for (int k = 1; k <= kMostSteps; ++k) {
+    up_[k - 1] = rounded(cost(k) - cost(k - 1));
+    down_[k - 1] = rounded(cost(-k) - cost(1 - k));
+    is_short_ |= k >= sites || std::min(cost(k), cost(-k)) >= planned.truncation;
+    steps_ += !is_short_;
+  }
+  steps_ = (steps_ + kStepsAtOnce - 1) / kStepsAtOnce * kStepsAtOnce;
+
+  const auto size = static_cast<std::size_t>(sites);
+  source_.resize(size * kLineBlock);
+  work_.resize(static_cast<std::size_t>(rows_) * kLineBlock);
+  if (shape_ == CostShape::Quadratic && weight_ > 0) {
+    const auto fill = [](std::vector<float>& costs, int count, auto&& cost_at) {
+      costs.resize(static_cast<std::size_t>(count));
+      for (int k = 0; k < count; ++k) costs[static_cast<std::size_t>(k)] = rounded(cost_at(k));
+    };
+    // From the last site for the first query above, and on.
+    fill(above_cost_, above ? above + kMostSteps : 0,
+         [&](int k) { return cost(static_cast<double>(sites - 1 - k - (first_above_ + shift_))); });
+    fill(below_cost_, below_ ? below_ + kMostSteps : 0,
+         [&](int k) { return cost(static_cast<double>(k - (below_ - 1 + shift_))); });
+    inverse_.resize(size);
+    height_.resize(size);
+    begin_.resize(size + 1);
+    site_.resize(size);
+    for (int k = 1; k < sites; ++k) inverse_[static_cast<std::size_t>(k)] = 1 / (2 * weight_ * k);
+  }
+  planned_ = planned;
+  queries_ = queries;
+  sites_ = sites;
+}
+
+inline void LineTransform::run() {
+  for (int lane = 0; lane < kLineBlock; lane += kFloatLanes) {
+    FloatLanes least = FloatLanes{} + kInfinity;
+    const bool is_flat = weight_ <= 0;
+    if (is_flat || truncation_ < kInfinity) {
+      for (int p = 0; p < sites_; ++p) {
+        const FloatLanes f = source(p, lane);
+        least = f < least ? f : least;
+      }
+    }
+    if (is_flat) {
+      for (std::ptrdiff_t row = 0; row < rows_; ++row) work(row, lane) = least;
+      continue;
+    }
+    if (shape_ == CostShape::Quadratic) {
+      quadratic(lane);
+    } else {
+      absolute(lane);
+    }
+    if (truncation_ < kInfinity) {
+      least += truncation_;
+      for (std::ptrdiff_t row = 0; row < rows_; ++row) {
+        const FloatLanes all = work(row, lane);
+        work(row, lane) = all < least ? all : least;
+      }
+    }
+  }
+}
+
+inline void LineTransform::quadratic(int lane) {
+  float* const inside = work_.data() + std::ptrdiff_t{below_} * kLineBlock + lane;
+  const float* from = source_.data() + lane;
+  int step = 0;
+  bool is_done = false;
+  for (; step < steps_ && !is_done; step += kStepsAtOnce) {
+    is_done = !sweep(from, inside, step);
+    from = inside;
+  }
+  if (!is_done && !is_short_) {
+    for (int line = lane; line < lane + kFloatLanes; ++line) envelope(line);
+    return;
+  }
+  if (step == 0 || base_ > 0) {
+    for (int p = 0; p < sites_; ++p) {
+      const FloatLanes f = reinterpret_cast<const StoredLanes&>(from[std::ptrdiff_t{p} * kLineBlock]);
+      work(below_ + p, lane) = f + base_;
+    }
+  }
+  // The last step that changes something is at most this one; queries beyond the sites take no site that is
+  // farther from the end.
+  outside(lane, std::min(is_done ? step : step + 1, sites_));
+}
+
+inline bool LineTransform::sweep(const float* from, float* to, int step) const {
+  static_assert(kStepsAtOnce == 4 && kMostSteps % kStepsAtOnce == 0);
+  ChainStep first, second, third, last;
+  first.start(up_[step], down_[step]);
+  second.start(up_[step + 1], down_[step + 1]);
+  third.start(up_[step + 2], down_[step + 2]);
+  last.start(up_[step + 3], down_[step + 3]);
+  IntLanes changed = {};
+  for (int p = 0; p < sites_ + kStepsAtOnce; ++p) {
+    FloatLanes row = FloatLanes{} + kInfinity;
+    if (p < sites_) row = reinterpret_cast<const StoredLanes&>(from[std::ptrdiff_t{p} * kLineBlock]);
+    first(row);
+    second(row);
+    third(row);
+    const FloatLanes unchanged = last.here;
+    last(row);
+    if (p < kStepsAtOnce) continue;  // a row below the first
+    changed |= row < unchanged;
+    reinterpret_cast<StoredLanes&>(to[std::ptrdiff_t{p - kStepsAtOnce} * kLineBlock]) = row;
+  }
+  int any = 0;
+  for (int l = 0; l < kFloatLanes; ++l) any |= changed[l];
+  return any != 0;
+}
+
+inline void LineTransform::absolute(int lane) {
+  // A step for the fraction, then passes in both directions.
+  ChainStep step;
+  const bool has_fraction = fraction_ < 0 || fraction_ > 0;
+  step.start(has_fraction ? up_[0] : kInfinity, has_fraction ? down_[0] : kInfinity);
+  const float slope = rounded(weight_);
+  FloatLanes run = FloatLanes{} + kInfinity;
+  FloatLanes to_above = run, to_below = run;
+  for (int p = 0; p <= sites_; ++p) {
+    FloatLanes row = FloatLanes{} + kInfinity;
+    if (p < sites_) {
+      row = source(p, lane);
+      to_above += slope;
+      to_above = row < to_above ? row : to_above;
+    }
+    step(row);
+    if (p == 0) continue;
+    run += slope;
+    run = row < run ? row : run;
+    work(below_ + p - 1, lane) = run;
+  }
+  run = FloatLanes{} + kInfinity;
+  for (int p = sites_ - 1; p >= 0; --p) {
+    const FloatLanes f = source(p, lane), row = work(below_ + p, lane);
+    to_below += slope;
+    to_below = f < to_below ? f : to_below;
+    run += slope;
+    run = row < run ? row : run;
+    work(below_ + p, lane) = run + base_;
+  }
+  // A query beyond the sites sees all of them in one direction.
+  for (int q = 0; q < below_; ++q) {
+    work(q, lane) = to_below + rounded(cost(static_cast<double>(-(q + shift_))));
+  }
+  for (int q = first_above_; q < queries_; ++q) {
+    work(row_of(q), lane) = to_above + rounded(cost(static_cast<double>(sites_ - 1 - (q + shift_))));
+  }
+}
+
+inline void LineTransform::outside(int lane, int window) {
+  for (int q = 0; q < below_; ++q) {
+    const float* const costs = below_cost_.data() + (below_ - 1 - q);
+    FloatLanes least = FloatLanes{} + kInfinity;
+    for (int k = 0; k < window; ++k) {
+      const FloatLanes one = source(k, lane) + costs[k];
+      least = one < least ? one : least;
+    }
+    work(q, lane) = least;
+  }
+  for (int q = first_above_; q < queries_; ++q) {
+    const float* const costs = above_cost_.data() + (q - first_above_);
+    FloatLanes least = FloatLanes{} + kInfinity;
+    for (int k = 0; k < window; ++k) {
+      const FloatLanes one = source(sites_ - 1 - k, lane) + costs[k];
+      least = one < least ? one : least;
+    }
+    work(row_of(q), lane) = least;
+  }
+}
+
+inline void LineTransform::envelope(int line) {
+  const float* const f = source_.data() + line;
+  // Parabolas by where they begin to be the least: site_[0 .. count - 1] from begin_[0 .. count - 1] on.
+  int count = 0;
+  for (int p = 0; p < sites_; ++p) {
+    const float value = f[std::ptrdiff_t{p} * kLineBlock];
+    if (!(value < kInfinity)) continue;
+    const double height = static_cast<double>(value) + cost(p);
+    double begin = -std::numeric_limits<double>::infinity();
+    for (; count > 0; --count) {
+      const auto last = static_cast<std::size_t>(count - 1);
+      begin = (height - height_[last]) * inverse_[static_cast<std::size_t>(p - site_[last])];
+      if (begin > begin_[last]) break;
+      begin = -std::numeric_limits<double>::infinity();
+    }
+    const auto next = static_cast<std::size_t>(count++);
+    site_[next] = p;
+    height_[next] = height;
+    begin_[next] = begin;
+  }
+  begin_[static_cast<std::size_t>(count)] = std::numeric_limits<double>::infinity();
+  std::size_t best = 0;
+  const auto fill = [&](std::ptrdiff_t row, std::ptrdiff_t query_site) {
+    float& result = work_[static_cast<std::size_t>(row * kLineBlock + line)];
+    if (count == 0) {
+      result = kInfinity;
+      return;
+    }
+    const auto q = static_cast<double>(query_site);
+    while (begin_[best + 1] < q) ++best;
+    const int p = site_[best];
+    result = rounded(static_cast<double>(f[std::ptrdiff_t{p} * kLineBlock]) + cost(p - q));
+  };
+  for (int q = 0; q < below_; ++q) fill(q, q + shift_);
+  for (int p = 0; p < sites_; ++p) fill(below_ + p, p);
+  for (int q = first_above_; q < queries_; ++q) fill(row_of(q), q + shift_);
+}
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
