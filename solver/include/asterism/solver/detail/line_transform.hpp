@@ -156,23 +156,26 @@ inline void LineTransform::plan(const AxisCost& planned, int sites, int queries)
   }
   steps_ = (steps_ + kStepsAtOnce - 1) / kStepsAtOnce * kStepsAtOnce;
 
-  const auto size = static_cast<std::size_t>(sites);
+  // As much as any cost needs, so that another cost does not allocate.
+  const auto size = static_cast<std::size_t>(sites), most = size + static_cast<std::size_t>(queries);
   source_.resize(size * kLineBlock);
-  work_.resize(static_cast<std::size_t>(rows_) * kLineBlock);
+  work_.resize(most * kLineBlock);
+  above_cost_.resize(static_cast<std::size_t>(queries) + kMostSteps);
+  below_cost_.resize(static_cast<std::size_t>(queries) + kMostSteps);
+  inverse_.resize(size);
+  height_.resize(size);
+  begin_.resize(size + 1);
+  site_.resize(size);
   if (shape_ == CostShape::Quadratic && weight_ > 0) {
-    const auto fill = [](std::vector<float>& costs, int count, auto&& cost_at) {
-      costs.resize(static_cast<std::size_t>(count));
-      for (int k = 0; k < count; ++k) costs[static_cast<std::size_t>(k)] = rounded(cost_at(k));
-    };
-    // From the last site for the first query above, and on.
-    fill(above_cost_, above ? above + kMostSteps : 0,
-         [&](int k) { return cost(static_cast<double>(sites - 1 - k - (first_above_ + shift_))); });
-    fill(below_cost_, below_ ? below_ + kMostSteps : 0,
-         [&](int k) { return cost(static_cast<double>(k - (below_ - 1 + shift_))); });
-    inverse_.resize(size);
-    height_.resize(size);
-    begin_.resize(size + 1);
-    site_.resize(size);
+    // From the last site for the first query above, and on; and the same below.
+    for (int k = 0; k < (above > 0 ? above + kMostSteps : 0); ++k) {
+      const double d = static_cast<double>(sites - 1 - k - (first_above_ + shift_));
+      above_cost_[static_cast<std::size_t>(k)] = rounded(cost(d));
+    }
+    for (int k = 0; k < (below_ > 0 ? below_ + kMostSteps : 0); ++k) {
+      const double d = static_cast<double>(k - (below_ - 1 + shift_));
+      below_cost_[static_cast<std::size_t>(k)] = rounded(cost(d));
+    }
     for (int k = 1; k < sites; ++k) inverse_[static_cast<std::size_t>(k)] = 1 / (2 * weight_ * k);
   }
   planned_ = planned;
