@@ -28,11 +28,27 @@ inline constexpr int kFloatLanes = 4;
 typedef float FloatLanes __attribute__((vector_size(sizeof(float) * kFloatLanes)));
 // The same anywhere in memory.
 typedef float StoredLanes __attribute__((vector_size(sizeof(float) * kFloatLanes), aligned(4), may_alias));
-typedef int IntLanes __attribute__((vector_size(sizeof(float) * kFloatLanes)));
+
+// Where the compiler was not told of AVX, the processor is asked.
+#if defined(__x86_64__) && !defined(__AVX__) && !defined(EIGEN_DONT_VECTORIZE)
+#define ASTERISM_CHOOSE_LANES
+#endif
+
+/// The lines that are stepped together: 4, 8 or 16.
+inline int chain_lanes() {
+#ifdef ASTERISM_CHOOSE_LANES
+  static const int lanes = __builtin_cpu_supports("avx512f") ? 16
+                           : __builtin_cpu_supports("avx2")  ? 8
+                                                             : kFloatLanes;
+  return lanes;
+#else
+  return kFloatLanes;
+#endif
+}
 
 inline constexpr int kLineBlock = 16;  ///< lines that are transformed together
 
-/// One step of a chain of steps: out(q) = min(in(q), in(q + 1) + up, in(q - 1) + down), row by row as `in`
+/// One step to the neighbours: out(q) = min(in(q), in(q + 1) + up, in(q - 1) + down), row by row as `in`
 /// comes in.
 struct ChainStep {
   FloatLanes up, down;
@@ -93,9 +109,13 @@ class LineTransform {
     const std::ptrdiff_t site = std::ptrdiff_t{query} + shift_;
     return site < sites_ ? below_ + site : std::ptrdiff_t{below_} + sites_ + query - first_above_;
   }
-  void quadratic(int lane);
+  void quadratic(int lane, int lanes);
   void absolute(int lane);
   bool sweep(const float* from, float* to, int step) const;
+#ifdef ASTERISM_CHOOSE_LANES
+  bool sweep_avx2(const float* from, float* to, int step) const;
+  bool sweep_avx512(const float* from, float* to, int step) const;
+#endif
   void outside(int lane, int window);
   void envelope(int line);
   // The cost, without truncation, of a place that is d from the query's site.
@@ -122,8 +142,8 @@ class LineTransform {
   std::vector<float> above_cost_, below_cost_;
 
   std::vector<float> source_, work_;
-  // Of the envelope: 1 / (2 a k), and a stack of parabolas.
-  std::vector<double> inverse_, height_, begin_;
+  // Of the envelope: 1 / (2 a k), the cost from 0, and a stack of parabolas.
+  std::vector<double> inverse_, site_cost_, height_, begin_;
   std::vector<int> site_;
 };
 
@@ -163,6 +183,7 @@ inline void LineTransform::plan(const AxisCost& planned, int sites, int queries)
   above_cost_.resize(static_cast<std::size_t>(queries) + kMostSteps);
   below_cost_.resize(static_cast<std::size_t>(queries) + kMostSteps);
   inverse_.resize(size);
+  site_cost_.resize(size);
   height_.resize(size);
   begin_.resize(size + 1);
   site_.resize(size);
@@ -176,7 +197,10 @@ inline void LineTransform::plan(const AxisCost& planned, int sites, int queries)
       const double d = static_cast<double>(k - (below_ - 1 + shift_));
       below_cost_[static_cast<std::size_t>(k)] = rounded(cost(d));
     }
-    for (int k = 1; k < sites; ++k) inverse_[static_cast<std::size_t>(k)] = 1 / (2 * weight_ * k);
+    for (int k = 0; k < sites; ++k) {
+      inverse_[static_cast<std::size_t>(k)] = 1 / (2 * weight_ * k);
+      site_cost_[static_cast<std::size_t>(k)] = cost(k);
+    }
   }
   planned_ = planned;
   queries_ = queries;
@@ -184,82 +208,114 @@ inline void LineTransform::plan(const AxisCost& planned, int sites, int queries)
 }
 
 inline void LineTransform::run() {
+  const bool is_flat = weight_ <= 0;
+  if (shape_ == CostShape::Quadratic && !is_flat) {
+    const int lanes = chain_lanes();
+    for (int lane = 0; lane < kLineBlock; lane += lanes) quadratic(lane, lanes);
+  }
   for (int lane = 0; lane < kLineBlock; lane += kFloatLanes) {
+    if (shape_ == CostShape::Absolute && !is_flat) absolute(lane);
+    if (!is_flat && !(truncation_ < kInfinity)) continue;
     FloatLanes least = FloatLanes{} + kInfinity;
-    const bool is_flat = weight_ <= 0;
-    if (is_flat || truncation_ < kInfinity) {
-      for (int p = 0; p < sites_; ++p) {
-        const FloatLanes f = source(p, lane);
-        least = f < least ? f : least;
-      }
+    for (int p = 0; p < sites_; ++p) {
+      const FloatLanes f = source(p, lane);
+      least = f < least ? f : least;
     }
-    if (is_flat) {
-      for (std::ptrdiff_t row = 0; row < rows_; ++row) work(row, lane) = least;
-      continue;
-    }
-    if (shape_ == CostShape::Quadratic) {
-      quadratic(lane);
-    } else {
-      absolute(lane);
-    }
-    if (truncation_ < kInfinity) {
-      least += truncation_;
-      for (std::ptrdiff_t row = 0; row < rows_; ++row) {
-        const FloatLanes all = work(row, lane);
-        work(row, lane) = all < least ? all : least;
-      }
+    least += is_flat ? 0 : truncation_;
+    for (std::ptrdiff_t row = 0; row < rows_; ++row) {
+      const FloatLanes all = is_flat ? least : work(row, lane);
+      work(row, lane) = all < least ? all : least;
     }
   }
 }
 
-inline void LineTransform::quadratic(int lane) {
+inline void LineTransform::quadratic(int lane, int lanes) {
   float* const inside = work_.data() + std::ptrdiff_t{below_} * kLineBlock + lane;
   const float* from = source_.data() + lane;
   int step = 0;
   bool is_done = false;
   for (; step < steps_ && !is_done; step += kStepsAtOnce) {
+#ifdef ASTERISM_CHOOSE_LANES
+    is_done = lanes == 16  ? !sweep_avx512(from, inside, step)
+              : lanes == 8 ? !sweep_avx2(from, inside, step)
+                           : !sweep(from, inside, step);
+#else
     is_done = !sweep(from, inside, step);
+#endif
     from = inside;
   }
   if (!is_done && !is_short_) {
-    for (int line = lane; line < lane + kFloatLanes; ++line) envelope(line);
+    for (int line = lane; line < lane + lanes; ++line) envelope(line);
     return;
-  }
-  if (step == 0 || base_ > 0) {
-    for (int p = 0; p < sites_; ++p) {
-      const FloatLanes f = reinterpret_cast<const StoredLanes&>(from[std::ptrdiff_t{p} * kLineBlock]);
-      work(below_ + p, lane) = f + base_;
-    }
   }
   // The last step that changes something is at most this one; queries beyond the sites take no site that is
   // farther from the end.
-  outside(lane, std::min(is_done ? step : step + 1, sites_));
+  const int window = std::min(is_done ? step : step + 1, sites_);
+  for (const int end = lane + lanes; lane < end; lane += kFloatLanes, from += kFloatLanes) {
+    if (step == 0) {
+      for (int p = 0; p < sites_; ++p) {
+        const FloatLanes f = reinterpret_cast<const StoredLanes&>(from[std::ptrdiff_t{p} * kLineBlock]);
+        work(below_ + p, lane) = f + base_;
+      }
+    }
+    outside(lane, window);
+  }
 }
 
-inline bool LineTransform::sweep(const float* from, float* to, int step) const {
-  static_assert(kStepsAtOnce == 4 && kMostSteps % kStepsAtOnce == 0);
-  ChainStep first, second, third, last;
-  first.start(up_[step], down_[step]);
-  second.start(up_[step + 1], down_[step + 1]);
-  third.start(up_[step + 2], down_[step + 2]);
-  last.start(up_[step + 3], down_[step + 3]);
-  IntLanes changed = {};
-  for (int p = 0; p < sites_ + kStepsAtOnce; ++p) {
-    FloatLanes row = FloatLanes{} + kInfinity;
-    if (p < sites_) row = reinterpret_cast<const StoredLanes&>(from[std::ptrdiff_t{p} * kLineBlock]);
-    first(row);
-    second(row);
-    third(row);
-    const FloatLanes unchanged = last.here;
-    last(row);
-    if (p < kStepsAtOnce) continue;  // a row below the first
-    changed |= row < unchanged;
-    reinterpret_cast<StoredLanes&>(to[std::ptrdiff_t{p - kStepsAtOnce} * kLineBlock]) = row;
-  }
-  int any = 0;
-  for (int l = 0; l < kFloatLanes; ++l) any |= changed[l];
+// kStepsAtOnce steps in one pass, for as many lines as a vector of kBytes has floats. Written once for all
+// instructions; as functions that they call could not be compiled for the same, it is a macro. Row p of a
+// step is known when row p + 1 of the step before it is. Returns whether the last step changed anything.
+#define ASTERISM_CHAIN_STEP(k)         \
+  above = row + up##k;                 \
+  below = before##k + down##k;         \
+  out = above < below ? above : below; \
+  out = out < here##k ? out : here##k; \
+  before##k = here##k;                 \
+  here##k = row;                       \
+  row = out;
+#define ASTERISM_SWEEP(kBytes)                                                                 \
+  typedef float V __attribute__((vector_size(kBytes)));                                        \
+  typedef float Stored __attribute__((vector_size(kBytes), aligned(4), may_alias));            \
+  typedef int Bits __attribute__((vector_size(kBytes)));                                       \
+  const float *const up = up_ + step, *const down = down_ + step;                              \
+  const V infinite = V{} + kInfinity, up0 = V{} + up[0], up1 = V{} + up[1], up2 = V{} + up[2], \
+          up3 = V{} + up[3], base = V{} + (step == 0 ? base_ : 0), down0 = V{} + down[0],      \
+          down1 = V{} + down[1], down2 = V{} + down[2], down3 = V{} + down[3];                 \
+  V here0 = infinite, here1 = infinite, here2 = infinite, here3 = infinite;                    \
+  V before0 = infinite, before1 = infinite, before2 = infinite, before3 = infinite;            \
+  V row, above, below, out;                                                                    \
+  Bits changed = {};                                                                           \
+  for (std::ptrdiff_t p = 0; p < sites_ + kStepsAtOnce; ++p) {                                 \
+    row = infinite;                                                                            \
+    if (p < sites_) row = reinterpret_cast<const Stored&>(from[p * kLineBlock]) + base;        \
+    ASTERISM_CHAIN_STEP(0)                                                                     \
+    ASTERISM_CHAIN_STEP(1)                                                                     \
+    ASTERISM_CHAIN_STEP(2)                                                                     \
+    const V unchanged = here3;                                                                 \
+    ASTERISM_CHAIN_STEP(3)                                                                     \
+    if (p < kStepsAtOnce) continue; /* a row below the first */                                \
+    changed |= reinterpret_cast<Bits>(row) ^ reinterpret_cast<Bits>(unchanged);                \
+    reinterpret_cast<Stored&>(to[(p - kStepsAtOnce) * kLineBlock]) = row;                      \
+  }                                                                                            \
+  int any = 0;                                                                                 \
+  for (std::size_t l = 0; l < kBytes / sizeof(float); ++l) any |= changed[l];                  \
   return any != 0;
+
+static_assert(LineTransform::kStepsAtOnce == 4 && LineTransform::kMostSteps % 4 == 0);
+inline bool LineTransform::sweep(const float* from, float* to, int step) const {
+  ASTERISM_SWEEP(sizeof(FloatLanes))
 }
+#ifdef ASTERISM_CHOOSE_LANES
+[[gnu::target("avx2")]] inline bool LineTransform::sweep_avx2(const float* from, float* to, int step) const {
+  ASTERISM_SWEEP(32)
+}
+[[gnu::target("avx512f")]] inline bool LineTransform::sweep_avx512(const float* from, float* to,
+                                                                   int step) const {
+  ASTERISM_SWEEP(64)
+}
+#endif
+#undef ASTERISM_SWEEP
+#undef ASTERISM_CHAIN_STEP
 
 inline void LineTransform::absolute(int lane) {
   // A step for the fraction, then passes in both directions.
@@ -322,43 +378,61 @@ inline void LineTransform::outside(int lane, int window) {
 }
 
 inline void LineTransform::envelope(int line) {
+  constexpr double kNever = std::numeric_limits<double>::infinity();
   const float* const f = source_.data() + line;
-  // Parabolas by where they begin to be the least: site_[0 .. count - 1] from begin_[0 .. count - 1] on.
-  int count = 0;
+  // Parabolas by where they begin to be the least, below a first one that begins nowhere. The last one is in
+  // variables: most are not removed, and to store and load it again takes time.
+  std::size_t count = 0;
+  int last_site = 0;
+  double last_height = 0, last_begin = -kNever;
   for (int p = 0; p < sites_; ++p) {
-    const float value = f[std::ptrdiff_t{p} * kLineBlock];
-    if (!(value < kInfinity)) continue;
-    const double height = static_cast<double>(value) + cost(p);
-    double begin = -std::numeric_limits<double>::infinity();
-    for (; count > 0; --count) {
-      const auto last = static_cast<std::size_t>(count - 1);
-      begin = (height - height_[last]) * inverse_[static_cast<std::size_t>(p - site_[last])];
-      if (begin > begin_[last]) break;
-      begin = -std::numeric_limits<double>::infinity();
+    const double value = f[std::ptrdiff_t{p} * kLineBlock];
+    if (!(value < kNever)) continue;
+    const double height = value + site_cost_[static_cast<std::size_t>(p)];
+    double begin = -kNever;
+    while (count > 0) {
+      begin = (height - last_height) * inverse_[static_cast<std::size_t>(p - last_site)];
+      if (begin > last_begin) [[likely]]
+        break;
+      begin = -kNever;
+      if (--count == 0) break;
+      last_site = site_[count - 1];
+      last_height = height_[count - 1];
+      last_begin = begin_[count - 1];
     }
-    const auto next = static_cast<std::size_t>(count++);
-    site_[next] = p;
-    height_[next] = height;
-    begin_[next] = begin;
+    site_[count] = last_site = p;
+    height_[count] = last_height = height;
+    begin_[count] = last_begin = begin;
+    ++count;
   }
-  begin_[static_cast<std::size_t>(count)] = std::numeric_limits<double>::infinity();
+  if (count == 0) site_[count++] = 0;  // whose value is infinity
+  begin_[count] = kNever;
   std::size_t best = 0;
-  const auto fill = [&](std::ptrdiff_t row, std::ptrdiff_t query_site) {
-    float& result = work_[static_cast<std::size_t>(row * kLineBlock + line)];
-    if (count == 0) {
-      result = kInfinity;
-      return;
+  const auto fill = [&](std::ptrdiff_t row, int rows, std::ptrdiff_t first) {
+    float* result = work_.data() + row * kLineBlock + line;
+    auto q = static_cast<double>(first);
+    double value = 0, place = 0;
+    const auto take = [&] {
+      value = f[std::ptrdiff_t{site_[best]} * kLineBlock];
+      place = site_[best] - fraction_;
+    };
+    take();
+    for (int k = 0; k < rows; ++k, result += kLineBlock, q += 1) {
+      if (begin_[best + 1] < q) {
+        do ++best;
+        while (begin_[best + 1] < q);
+        take();
+      }
+      *result = rounded(value + weight_ * (place - q) * (place - q));
     }
-    const auto q = static_cast<double>(query_site);
-    while (begin_[best + 1] < q) ++best;
-    const int p = site_[best];
-    result = rounded(static_cast<double>(f[std::ptrdiff_t{p} * kLineBlock]) + cost(p - q));
   };
-  for (int q = 0; q < below_; ++q) fill(q, q + shift_);
-  for (int p = 0; p < sites_; ++p) fill(below_ + p, p);
-  for (int q = first_above_; q < queries_; ++q) fill(row_of(q), q + shift_);
+  fill(0, below_, shift_);
+  fill(below_, sites_, 0);
+  if (first_above_ < queries_) fill(row_of(first_above_), queries_ - first_above_, first_above_ + shift_);
 }
 
 }  // namespace detail
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
+
+#undef ASTERISM_CHOOSE_LANES

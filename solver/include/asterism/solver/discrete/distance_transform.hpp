@@ -139,8 +139,12 @@ void DistanceTransform::write(const MapView<const float>& f, const MapView<float
     const int lanes = std::min(kBlock, result.height - y);
     for (int x = 0; x < result.width; x += kBlock) {
       const int count = std::min(kBlock, result.width - x);
-      for (int q = 0; q < count; ++q) std::copy_n(rows_.result(x + q), kBlock, block[q]);
-      transpose(block[0], kBlock, block[0], kBlock);
+      const float* results = rows_.result(x);
+      if (count < kBlock || rows_.result(x + kBlock - 1) - results != (kBlock - 1) * kBlock) {
+        for (int q = 0; q < count; ++q) std::copy_n(rows_.result(x + q), kBlock, block[q]);
+        results = block[0];
+      }
+      transpose(results, kBlock, block[0], kBlock);
       for (int l = 0; l < lanes; ++l) {
         float* const to = &result(x, y + l);
         const auto put = [&](int q, std::ptrdiff_t at) {
