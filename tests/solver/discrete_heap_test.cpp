@@ -1,6 +1,7 @@
 // Pictorial structures use the heap in the first solve of its sizes only.
 #include <gtest/gtest.h>
 
+#include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <vector>
@@ -53,6 +54,16 @@ TEST(DiscreteHeap, IsUsedByTheFirstSolveOnly) {
               good &= !structure.solve(joints, maps, best).usable();
             }),
             0);
+  EXPECT_TRUE(good);
+
+  LoopyStructure loopy;
+  loopy.options.max_iterations = 3;
+  joints.push_back({3, 2, {AxisCost::quadratic(0.03, 1), AxisCost::quadratic(0.1, 2.5)}});
+  const auto solve = [&] { good &= loopy.solve(joints, maps, best).usable(); };
+  EXPECT_GT(allocations_in(solve), 0);
+  fill();
+  joints[0].cost.x.offset = -40;
+  EXPECT_EQ(allocations_in(solve), 0);
   EXPECT_TRUE(good);
 
   DistanceTransform transform;

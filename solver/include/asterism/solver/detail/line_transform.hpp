@@ -48,6 +48,23 @@ inline int chain_lanes() {
 
 inline constexpr int kLineBlock = 16;  ///< lines that are transformed together
 
+/// The least of some numbers, infinity of none.
+inline float least_of(const float* numbers, std::ptrdiff_t count) {
+  FloatLanes a = FloatLanes{} + std::numeric_limits<float>::infinity(), b = a;
+  std::ptrdiff_t k = 0;
+  for (; k + 2 * kFloatLanes <= count; k += 2 * kFloatLanes) {
+    const FloatLanes one = reinterpret_cast<const StoredLanes&>(numbers[k]);
+    const FloatLanes two = reinterpret_cast<const StoredLanes&>(numbers[k + kFloatLanes]);
+    a = one < a ? one : a;
+    b = two < b ? two : b;
+  }
+  a = a < b ? a : b;
+  float least = std::numeric_limits<float>::infinity();
+  for (int l = 0; l < kFloatLanes; ++l) least = std::min(least, a[l]);
+  for (; k < count; ++k) least = std::min(least, numbers[k]);
+  return least;
+}
+
 /// One step to the neighbours: out(q) = min(in(q), in(q + 1) + up, in(q - 1) + down), row by row as `in`
 /// comes in.
 struct ChainStep {

@@ -61,6 +61,7 @@ class DistanceTransform {
   }
 
  private:
+  friend class LoopyStructure;
   friend class PictorialStructure;
 
   // For valid input: allocates what a run needs.

@@ -31,6 +31,17 @@ struct Joint {
   DisplacementCost cost;
 };
 
+namespace detail {
+
+/// What is wrong with a joint of so many parts, nullptr for nothing.
+inline const char* joint_problem(const Joint& joint, int parts) {
+  const auto is_part = [parts](int index) { return 0 <= index && index < parts; };
+  if (!is_part(joint.parent) || !is_part(joint.child)) return "has an end that is out of range";
+  return joint.parent == joint.child ? "joins a part to itself" : joint.cost.problem();
+}
+
+}  // namespace detail
+
 /// A place for each part.
 struct PartPlacement {
   double energy = std::numeric_limits<double>::infinity();
@@ -139,7 +150,6 @@ class PictorialStructure {
   void collect();
   PictorialSummary place_root(PartPlacement& best);
   bool backtrack(int x, int y, PartPlacement& placement) const;
-  static float least_of(const float* row, int count);
   static bool find_least(const MapView<const float>& map, int& x, int& y);
   static MapView<float> compact(std::vector<float>& numbers, const MapView<const float>& shape) {
     const auto size = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
@@ -177,12 +187,8 @@ inline Defect PictorialStructure::find_defect(std::span<const Joint> joints,
   }
   if (joints.size() + 1 != maps.size()) return {"joints", -1, "are not one fewer than maps: no tree of all"};
   for (int k = 0; k < parts - 1; ++k) {
-    const Joint& joint = joints[static_cast<std::size_t>(k)];
-    const auto is_part = [parts](int index) { return 0 <= index && index < parts; };
-    if (!is_part(joint.parent) || !is_part(joint.child))
-      return {"joint", k, "has an end that is out of range"};
-    if (joint.parent == joint.child) return {"joint", k, "joins a part to itself"};
-    if (const char* problem = joint.cost.problem()) return {"joint", k, problem};
+    if (const char* problem = detail::joint_problem(joints[static_cast<std::size_t>(k)], parts))
+      return {"joint", k, problem};
   }
   return {};
 }
@@ -280,30 +286,12 @@ inline bool PictorialStructure::backtrack(int x, int y, PartPlacement& placement
   return detail::is_finite(placement.energy);
 }
 
-inline float PictorialStructure::least_of(const float* row, int count) {
-  using detail::FloatLanes;
-  constexpr float kInfinity = std::numeric_limits<float>::infinity();
-  FloatLanes a = FloatLanes{} + kInfinity, b = a;
-  int x = 0;
-  for (; x + 2 * detail::kFloatLanes <= count; x += 2 * detail::kFloatLanes) {
-    const FloatLanes one = reinterpret_cast<const detail::StoredLanes&>(row[x]);
-    const FloatLanes two = reinterpret_cast<const detail::StoredLanes&>(row[x + detail::kFloatLanes]);
-    a = one < a ? one : a;
-    b = two < b ? two : b;
-  }
-  a = a < b ? a : b;
-  float least = kInfinity;
-  for (int l = 0; l < detail::kFloatLanes; ++l) least = std::min(least, a[l]);
-  for (; x < count; ++x) least = std::min(least, row[x]);
-  return least;
-}
-
 // The first of the least numbers of a map without gaps, if one is finite.
 inline bool PictorialStructure::find_least(const MapView<const float>& map, int& x, int& y) {
   float least = std::numeric_limits<float>::infinity();
   bool found = false;
   for (int row = 0; row < map.height; ++row) {
-    const float of_row = least_of(map.row(row), map.width);
+    const float of_row = detail::least_of(map.row(row), map.width);
     if (!(of_row < least)) continue;
     least = of_row;
     y = row;
