@@ -32,6 +32,7 @@ int run_bars(bool quick, const std::string& group) {
   batch_bars(bars);
   robustness_bars(bars);
   proof_bars(bars);
+  discrete_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
 }
@@ -137,7 +138,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       app.add_subcommand("bars", "measures the solvers against their targets, one line for each target");
   bars->add_flag("--quick", quick, "fewer and smaller systems");
   bars->add_option("--group", group, "one group only")
-      ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness", "proof"}));
+      ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness", "proof", "discrete"}));
 
   CLI::App* crossovers = app.add_subcommand(
       "crossovers", "times the methods that Auto chooses from, by size, linking and strength of the anchors");

@@ -11,6 +11,7 @@ PYBIND11_MODULE(_asterism, m) {
   bind_random(m);
   bind_solvers(m);
   bind_batch(m);
+  bind_discrete(m);
 #ifdef ASTERISM_PYTHON_JSON
   bind_json(m);
 #endif

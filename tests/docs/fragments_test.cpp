@@ -7,6 +7,7 @@
 #include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -184,6 +185,20 @@ TEST(OwnPart, Page) {
 #include "docs_own-part_1.inc"
   tracker.init(draw(0), box);
   EXPECT_NEAR(tracker.update(draw(1)).box.x, 62, 1);
+}
+
+TEST(PictorialStructures, Page) {
+  std::vector<float> costs(25, 1);
+  costs[7] = 0;
+  const std::vector<MapView<const float>> maps(3, MapView<const float>(costs.data(), 5, 5));
+  const std::vector<Joint> joints{{0, 1, {}}, {1, 2, {}}, {2, 0, {}}};
+  PartPlacement best;
+  const auto use = [&](double energy, double lower_bound) {
+    EXPECT_EQ(energy, 0);
+    EXPECT_NEAR(lower_bound, 0, 1e-3);
+  };
+#include "docs_pictorial-structures_1.inc"
+  EXPECT_EQ(summary.status, Status::Converged);
 }
 
 TEST(Parts, ScaleFilter) {

@@ -10,7 +10,8 @@ A spring system is solved in place:
     x = anchors.copy()
     summary = asterism.solve(system, x)
 
-Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. Trackers
+Points with given distances are found by `asterism.mds`, graphs are drawn by `asterism.layout`, and parts with maps of costs are
+placed by `asterism.pictorial_structure`. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
 `asterism.evaluation` reads the reports of asterism-eval, and `asterism.bench` compares a solver of your own with the library's.
 """
@@ -48,9 +49,13 @@ from . import bench, evaluation
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, mds
+from .structures import Joint, PictorialResult, pictorial_structure
 
 # What help(asterism) lists.
-__all__ = ["bench", "evaluation", "Embedding", "layout", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
+__all__ = [
+    "bench", "evaluation", "Embedding", "Joint", "PictorialResult", "layout", "mds", "pictorial_structure",
+    *(name for name in dir(_asterism) if not name.startswith("_")),
+]
 if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
 

@@ -1,0 +1,71 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <bit>
+#include <cmath>
+#include <cstddef>
+#include <cstdint>
+#include <limits>
+#include <type_traits>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// A map of numbers over pixels that lives elsewhere: x runs from 0 to width - 1, y from 0 to height - 1.
+/// `T` is const float for a map that is read, float for one that is written.
+template <typename T>
+struct MapView {
+  T* data = nullptr;                 ///< the number at (0, 0)
+  int width = 0;                     ///< [px]
+  int height = 0;                    ///< [px]
+  std::ptrdiff_t row_stride = 0;     ///< numbers from (x, y) to (x, y + 1)
+  std::ptrdiff_t column_stride = 1;  ///< numbers from (x, y) to (x + 1, y)
+
+  MapView() = default;
+  /// A map without gaps, row by row.
+  MapView(T* numbers, int columns, int rows) : MapView(numbers, columns, rows, columns) {}
+  MapView(T* numbers, int columns, int rows, std::ptrdiff_t to_next_row, std::ptrdiff_t to_next_column = 1)
+      : data(numbers), width(columns), height(rows), row_stride(to_next_row), column_stride(to_next_column) {}
+  /// A map that is written can be read.
+  operator MapView<const T>() const requires(!std::is_const_v<T>) {
+    return {data, width, height, row_stride, column_stride};
+  }
+
+  T& operator()(int x, int y) const { return data[y * row_stride + x * column_stride]; }
+  T* row(int y) const { return data + y * row_stride; }
+  bool empty() const { return data == nullptr || width <= 0 || height <= 0; }
+};
+
+namespace detail {
+
+/// Whether no number is NaN or minus infinity, by their bits: see finite.hpp.
+inline bool all_are_costs(const MapView<const float>& map) {
+  constexpr std::uint32_t kInfinity = 0x7f800000, kSign = 0x80000000;
+  std::uint32_t bad = 0;
+  for (int y = 0; y < map.height; ++y) {
+    const float* const row = map.row(y);
+    const auto test = [&](float value) {
+      const auto bits = std::bit_cast<std::uint32_t>(value);
+      bad |= static_cast<std::uint32_t>((bits & ~kSign) > kInfinity) |
+             static_cast<std::uint32_t>(bits == (kInfinity | kSign));
+    };
+    if (map.column_stride == 1) {
+      for (int x = 0; x < map.width; ++x) test(row[x]);
+    } else {
+      for (int x = 0; x < map.width; ++x) test(row[x * map.column_stride]);
+    }
+  }
+  return bad == 0;
+}
+
+/// What is wrong with a map of costs, nullptr for nothing.
+inline const char* map_problem(const MapView<const float>& map) {
+  if (map.empty()) return "is empty";
+  if (map.width > 1 << 20 || map.height > 1 << 20) return "is wider or higher than 2^20";
+  if (!all_are_costs(map)) return "has a number that is NaN or minus infinity";
+  return nullptr;
+}
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
