@@ -75,39 +75,38 @@ class Solve {
   static constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
 
  private:
-  // Newton's method of SNES. Far from a minimum without negative curvature, the line search on the energy; from
-  // where that is stationary to `near` with the exact Hessian and, as energies no longer differ, the line
-  // search on the gradient. If the exact Hessian is not positive definite there, or does not converge soon, it
-  // waits for a better point.
+  // Newton's method of SNES, in rounds: steps without negative curvature, the line search on the energy, and then
+  // steps with the exact Hessian for as long as it is positive definite. Near a minimum energies no longer differ,
+  // so that the line search of these is on the gradient; they must not raise the energy in all.
   Status newton(Message& message) {
-    const OwnedMat hessian = field_.make_matrix(x_);
+    constexpr int kClamped = 8, kExact = 20;  // steps a round
+    constexpr double kNear = 1e-3;            // stationarity where exact steps are tried at once
+    const OwnedMat hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
     OwnedVec before;
     check(VecDuplicate(x_, &before));
-    double near = 1e-2;
-    while (true) {
-      target_ = std::max(near, tolerance_);
+    for (bool first = true;; first = false) {
+      const int begin = iterations_;
       clamp_ = true;
-      last_iteration_ = options_.max_iterations;
+      target_ = first ? std::max(kNear, tolerance_) : tolerance_;
+      last_iteration_ = std::min(options_.max_iterations, iterations_ + kClamped);
       solve_snes(hessian, message);
+      if (is_reached_ && target_ <= tolerance_) return Status::Converged;
       if (has_ended()) return Status::MaxIterations;
-      if (!is_reached_) return Status::NoProgress;
-      if (target_ <= tolerance_) return Status::Converged;
 
       check(VecCopy(x_, before));
       const double energy_before = energy();
-      target_ = tolerance_;
       clamp_ = false;
-      constexpr int kSoon = 20;
-      last_iteration_ = std::min(options_.max_iterations, iterations_ + kSoon);
+      target_ = tolerance_;
+      last_iteration_ = std::min(options_.max_iterations, iterations_ + kExact);
       solve_snes(hessian, message);
-      const double limit = energy_before * (1 + 1e-10);
-      if (!(energy() <= limit)) {
+      constexpr double kRounding = 1e-10;
+      if (!(energy() <= energy_before * (1 + kRounding))) {
         check(VecCopy(before, x_));
         is_reached_ = false;
       }
       if (is_reached_) return Status::Converged;
       if (has_ended()) return Status::MaxIterations;
-      near *= 1e-2;
+      if (iterations_ == begin) return Status::NoProgress;
     }
   }
 
@@ -154,7 +153,7 @@ class Solve {
     check(TaoSetObjectiveAndGradient(tao, nullptr, both_of_tao, this));
     const bool is_newton = options_.method != PetscMethod::TaoLmvm && options_.method != PetscMethod::TaoCg;
     if (is_newton) {
-      hessian = field_.make_matrix(x_);
+      hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
       check(TaoSetHessian(tao, hessian, hessian, hessian_of_tao, this));
       KSP ksp = nullptr;
       check(TaoGetKSP(tao, &ksp));

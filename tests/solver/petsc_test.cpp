@@ -103,10 +103,10 @@ void expect_minimum(const SpringSystem<double, kDim>& system,
     EXPECT_NEAR(summary.final_energy, energy(system, x), 1e-12 * summary.final_energy);
     EXPECT_NEAR(summary.stationarity, stationarity(system, x), 1e-3 * options.tolerance + 1e-12);
     if (from == &near) {
-      EXPECT_NEAR(summary.final_energy, energy(system, minimum), 1e-9 * summary.final_energy);
+      EXPECT_NEAR(summary.final_energy, energy(system, minimum), 1e-8 * summary.final_energy);
       EXPECT_LT((x - minimum).cwiseAbs().maxCoeff(), 1e3 * options.tolerance * minimum.norm());
     }
-    EXPECT_NEAR(summary.final_energy, ours(x).final_energy, 1e-9 * summary.final_energy);
+    EXPECT_NEAR(summary.final_energy, ours(x).final_energy, 1e-8 * summary.final_energy);
   }
 }
 
