@@ -48,6 +48,8 @@ class SpringField {
     return x;
   }
 
+  int own_nodes() const { return local_.own; }
+
   /// Of own nodes and ghosts, where x is; valid until the next call of a function with an x.
   const Points& fetch(Vec x) {
     check(update(x));

@@ -79,7 +79,7 @@ class Solve {
   // steps with the exact Hessian for as long as it is positive definite. Near a minimum energies no longer differ,
   // so that the line search of these is on the gradient; they must not raise the energy in all.
   Status newton(Message& message) {
-    constexpr int kClamped = 8, kExact = 20;  // steps a round
+    constexpr int kClamped = 8, kExact = 6;  // steps a round
     constexpr double kNear = 1e-3;            // stationarity where exact steps are tried at once
     const OwnedMat hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
     OwnedVec before;
@@ -177,7 +177,9 @@ class Solve {
   void precondition(KSP ksp) {
     PC pc = nullptr;
     check(KSPGetPC(ksp, &pc));
-    if (options_.preconditioner == PetscPreconditioner::Gamg) {
+    if (comm_.min(field_.own_nodes()) == 0) {
+      check(PCSetType(pc, PCJACOBI));  // PETSc 3.18's incomplete factors crash on a process without nodes
+    } else if (options_.preconditioner == PetscPreconditioner::Gamg) {
       check(PCSetType(pc, PCGAMG));
       // With the interpolation of another iterate, the preconditioner of these Hessians can be indefinite.
       check(PCGAMGSetReuseInterpolation(pc, PETSC_FALSE));

@@ -82,7 +82,8 @@ enum class PetscMethod {
   TaoBoundedNewton,      ///< TAOBNTR: the trust region of TAO's solvers with bounds, here without bounds
 };
 
-/// The preconditioner of the conjugate gradients that solve Newton's equations.
+/// The preconditioner of the conjugate gradients that solve Newton's equations. Where a process has no nodes, it is
+/// the diagonal.
 enum class PetscPreconditioner {
   Gamg,             ///< PETSc's algebraic multigrid, with the rigid motions as near null space
   AdditiveSchwarz,  ///< a subdomain a process, overlap 1, incomplete factors
