@@ -179,11 +179,15 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->needs("--distributed")
       ->check(CLI::IsMember(distributed_methods()))
       ->capture_default_str();
-  solve->add_option("--preconditioner", distributed.preconditioner, "with --distributed: of Newton's equations")
+  solve
+      ->add_option("--preconditioner", distributed.preconditioner,
+                   "with --distributed: of Newton's equations")
       ->needs("--distributed")
       ->check(CLI::IsMember(distributed_preconditioners()))
       ->capture_default_str();
-  solve->add_option("--save", distributed.save, "with --distributed: writes the solved system, in PETSc's format")
+  solve
+      ->add_option("--save", distributed.save,
+                   "with --distributed: writes the solved system, in PETSc's format")
       ->needs("--distributed");
 
   CLI::App* petsc_file = app.add_subcommand(
@@ -301,7 +305,8 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     return solve_distributed(distributed);
   }
   if (petsc_file->parsed())
-    return write_distributed(petsc_path, json_path, petsc_nodes, petsc_dim, static_cast<std::uint64_t>(petsc_seed));
+    return write_distributed(petsc_path, json_path, petsc_nodes, petsc_dim,
+                             static_cast<std::uint64_t>(petsc_seed));
 #endif
   if (solve->parsed()) {
     solve_file(file, solvers_named(chosen), limits);

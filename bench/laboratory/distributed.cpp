@@ -40,7 +40,8 @@ std::vector<std::string> names(const Pairs& pairs) {
 }
 template <typename Pairs>
 auto named(const Pairs& pairs, const std::string& name) {
-  return std::find_if(pairs.begin(), pairs.end(), [&](const auto& pair) { return name == pair.first; })->second;
+  return std::find_if(pairs.begin(), pairs.end(), [&](const auto& pair) { return name == pair.first; })
+      ->second;
 }
 
 using AnyShare = std::variant<SystemShare<2>, SystemShare<3>>;
@@ -99,7 +100,8 @@ AnyShare read(const std::filesystem::path& file) {
   const bool is_json = on_first([&] {
                          std::ifstream in(file, std::ios::binary);
                          char first = 0;
-                         if (!(in >> std::ws).get(first)) throw std::runtime_error(file.string() + ": cannot be read");
+                         if (!(in >> std::ws).get(first))
+                           throw std::runtime_error(file.string() + ": cannot be read");
                          return first == '{' || first == '[' ? 1 : 0;
                        }) != 0;
   if (is_json) return read_json(file);
@@ -135,7 +137,8 @@ double flops() {
 }
 
 template <int kDim>
-void solve(const DistributedRun& run, SystemShare<kDim> share, double read_seconds, double first_memory, Laps& laps) {
+void solve(const DistributedRun& run, SystemShare<kDim> share, double read_seconds, double first_memory,
+           Laps& laps) {
   DistributedSystem<kDim> system(PETSC_COMM_WORLD, share);
   const double partition_seconds = laps.lap();
   if (!system.problem().empty())
@@ -151,7 +154,9 @@ void solve(const DistributedRun& run, SystemShare<kDim> share, double read_secon
   const Summary summary = system.solve(options);
   const double solve_seconds = laps.lap();
   const double flops_a_node = (flops() - flops_before) / static_cast<double>(system.nodes());
-  const auto bytes_a_node = [&](double bytes) { return (bytes - first_memory) / static_cast<double>(system.nodes()); };
+  const auto bytes_a_node = [&](double bytes) {
+    return (bytes - first_memory) / static_cast<double>(system.nodes());
+  };
   const double solve_memory = peak_memory();
 
   int processes = 1;
@@ -160,17 +165,18 @@ void solve(const DistributedRun& run, SystemShare<kDim> share, double read_secon
   const double most = reduce(static_cast<double>(system.own_nodes()), MPI_MAX);
   if (rank() == 0) {
     std::printf("%s: %lld nodes, %lld links, %d processes with %.0f to %.0f nodes, %lld links between them\n",
-                run.file.c_str(), static_cast<long long>(system.nodes()), static_cast<long long>(system.links()),
-                processes, fewest, most, static_cast<long long>(system.cut_links()));
+                run.file.c_str(), static_cast<long long>(system.nodes()),
+                static_cast<long long>(system.links()), processes, fewest, most,
+                static_cast<long long>(system.cut_links()));
     std::printf("solver        %s\n", std::string(summary.solver).c_str());
     std::printf("status        %s (%s)\n", std::string(to_string(summary.status)).c_str(),
                 std::string(std::string_view(summary.message)).c_str());
     std::printf("energy        %.15g -> %.15g\n", summary.initial_energy, summary.final_energy);
     std::printf("stationarity  %.2e\n", summary.stationarity);
-    std::printf("iterations    %d, with %d evaluations of the energy, %d of the gradient\n", summary.iterations,
-                summary.energy_evaluations, summary.gradient_evaluations);
-    std::printf("time          read %.2f s, partition %.2f s, solve %.2f s\n", read_seconds, partition_seconds,
-                solve_seconds);
+    std::printf("iterations    %d, with %d evaluations of the energy, %d of the gradient\n",
+                summary.iterations, summary.energy_evaluations, summary.gradient_evaluations);
+    std::printf("time          read %.2f s, partition %.2f s, solve %.2f s\n", read_seconds,
+                partition_seconds, solve_seconds);
     std::printf("memory        %.0f bytes a node at most until partitioned, %.0f until solved\n",
                 bytes_a_node(partition_memory), bytes_a_node(solve_memory));
     std::printf("arithmetic    %.0f flops a node in the solve\n", flops_a_node);
@@ -219,8 +225,8 @@ int solve_distributed(const DistributedRun& run) {
   });
 }
 
-int write_distributed(const std::filesystem::path& file, const std::filesystem::path& json, int nodes, int dim,
-                      std::uint64_t seed) {
+int write_distributed(const std::filesystem::path& file, const std::filesystem::path& json, int nodes,
+                      int dim, std::uint64_t seed) {
   return with_petsc([&] {
     AnyShare share;
     if (!json.empty()) {

@@ -22,13 +22,13 @@ struct DistributedRun {
   Limits limits;
 };
 
-/// Solves the system of a file and prints, on the first process, how it went, the time of each step, and memory and
-/// arithmetic a node. Returns the exit code: errors are printed once.
+/// Solves the system of a file and prints, on the first process, how it went, the time of each step, and
+/// memory and arithmetic a node. Returns the exit code: errors are printed once.
 int solve_distributed(const DistributedRun& run);
 
 /// Writes a file in PETSc's format: the first system of a JSON file, or, if `json` is empty, a random one of
 /// `nodes` nodes with local links.
-int write_distributed(const std::filesystem::path& file, const std::filesystem::path& json, int nodes, int dim,
-                      std::uint64_t seed);
+int write_distributed(const std::filesystem::path& file, const std::filesystem::path& json, int nodes,
+                      int dim, std::uint64_t seed);
 
 }  // namespace asterism::bench

@@ -30,7 +30,7 @@ def write_petsc(path, anchors, anchor_stiffness, start, links, rest_length, link
 
 if __name__ == "__main__":
     # A net of side x side nodes that hangs on its four corners, each node held weakly where it starts.
-    side = 100
+    side = int(sys.argv[2]) if len(sys.argv) > 2 else 100
     x, y = np.meshgrid(np.arange(side), np.arange(side), indexing="ij")
     nodes = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
     index = np.arange(side * side).reshape(side, side)

@@ -23,7 +23,8 @@ class SpringField {
   /// Both live as long as this.
   SpringField(const Communicator& comm, const LocalSystem<kDim>& local)
       : comm_(comm), local_(local), x_(kDim, local.system.nodes()) {
-    check(VecCreateSeqWithArray(PETSC_COMM_SELF, kDim, static_cast<PetscInt>(x_.size()), x_.data(), &local_x_));
+    check(
+        VecCreateSeqWithArray(PETSC_COMM_SELF, kDim, static_cast<PetscInt>(x_.size()), x_.data(), &local_x_));
     const OwnedVec x = make_vector();
     OwnedIs from;
     check(ISCreateBlock(PETSC_COMM_SELF, kDim, static_cast<PetscInt>(local.rows.size()), local.rows.data(),
@@ -91,8 +92,8 @@ class SpringField {
     PetscFunctionReturn(0);
   }
 
-  /// A matrix with the Hessian's pattern, in blocks, or, `for_multigrid`, in single rows, with the rigid motions of x
-  /// as its near null space.
+  /// A matrix with the Hessian's pattern, in blocks, or, `for_multigrid`, in single rows, with the rigid
+  /// motions of x as its near null space.
   OwnedMat make_matrix(Vec x, bool for_multigrid) {
     std::vector<PetscInt> own_columns(static_cast<std::size_t>(local_.own), 1);
     std::vector<PetscInt> other_columns(own_columns.size());
@@ -127,7 +128,8 @@ class SpringField {
     return hessian;
   }
 
-  /// The Hessian at x; with `clamp` no anchor or link has negative curvature. A fixed node is coupled to none.
+  /// The Hessian at x; with `clamp` no anchor or link has negative curvature. A fixed node is coupled to
+  /// none.
   PetscErrorCode assemble(Vec x, Mat hessian, bool clamp) {
     PetscFunctionBeginUser;
     PetscCall(update(x));
@@ -201,8 +203,8 @@ class SpringField {
     PetscFunctionReturn(0);
   }
 
-  /// For each own node and ghost -1 if an anchor or a fixed node holds its connected component, else the first
-  /// node of the component. Links of zero stiffness do not connect.
+  /// For each own node and ghost -1 if an anchor or a fixed node holds its connected component, else the
+  /// first node of the component. Links of zero stiffness do not connect.
   std::vector<double> components() {
     const int n = system().nodes();
     Eigen::VectorXi up = Eigen::VectorXi::LinSpaced(n, 0, n - 1);

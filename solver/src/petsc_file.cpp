@@ -34,7 +34,8 @@ auto with_file(MPI_Comm given, const std::filesystem::path& path, PetscFileMode 
 
 [[noreturn]] void refuse(const Message& message) { throw PetscFailure{PETSC_ERR_FILE_UNEXPECTED, message}; }
 
-void write(const Communicator& comm, PetscViewer viewer, const double* values, Eigen::Index count, int block) {
+void write(const Communicator& comm, PetscViewer viewer, const double* values, Eigen::Index count,
+           int block) {
   OwnedVec vector;
   check(VecCreateMPIWithArray(comm, block, static_cast<PetscInt>(count), PETSC_DETERMINE, values, &vector));
   check(VecView(vector, viewer));
@@ -42,7 +43,8 @@ void write(const Communicator& comm, PetscViewer viewer, const double* values, E
 
 void write(const Communicator& comm, PetscViewer viewer, std::vector<PetscInt> numbers, int block) {
   OwnedIs set;
-  check(ISCreateGeneral(comm, static_cast<PetscInt>(numbers.size()), numbers.data(), PETSC_USE_POINTER, &set));
+  check(
+      ISCreateGeneral(comm, static_cast<PetscInt>(numbers.size()), numbers.data(), PETSC_USE_POINTER, &set));
   check(ISSetBlockSize(set, block));
   check(ISView(set, viewer));
 }
@@ -57,7 +59,8 @@ Eigen::MatrixXd read(const Communicator& comm, PetscViewer viewer, std::int64_t 
   check(VecCreate(comm, &vector));
   check(VecSetSizes(vector, own * block, all * block));
   check(VecSetType(vector, VECSTANDARD));
-  if (VecLoad(vector, viewer) != 0) refuse(Message("no ").append(what).append(" of the size that the header gives"));
+  if (VecLoad(vector, viewer) != 0)
+    refuse(Message("no ").append(what).append(" of the size that the header gives"));
   const double* values = nullptr;
   check(VecGetArrayRead(vector, &values));
   Eigen::MatrixXd result = Eigen::Map<const Eigen::MatrixXd>(values, block, own);

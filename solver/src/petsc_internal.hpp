@@ -161,8 +161,8 @@ class Communicator {
 };
 
 /// The system of a process: a SpringSystem of its own nodes, in the order of their global numbers, and after
-/// them of its ghosts, the nodes of other processes that its own are linked to. Its links are all those of its
-/// own nodes. PETSc numbers nodes by process: `first_row` + k is own node k.
+/// them of its ghosts, the nodes of other processes that its own are linked to. Its links are all those of
+/// its own nodes. PETSc numbers nodes by process: `first_row` + k is own node k.
 template <int kDim>
 struct LocalSystem {
   using System = SpringSystem<double, kDim>;

@@ -16,7 +16,8 @@ Message share_problem(const SystemShare<kDim>& share, std::int64_t first, std::i
   if (share.link_stiffness.size() != links) return "link stiffness must have one entry for each link";
   if (nodes == 0) return "system has no nodes";
   if (nodes > PETSC_MAX_INT / kDim)
-    return numbered("a system of", nodes, "nodes needs a PETSc of 64-bit indices (Debian package petsc64-dev)");
+    return numbered("a system of", nodes,
+                    "nodes needs a PETSc of 64-bit indices (Debian package petsc64-dev)");
 
   constexpr auto kNotFinite = "is not finite";
   constexpr auto kNotPositive = "is negative or not finite";
@@ -30,8 +31,11 @@ Message share_problem(const SystemShare<kDim>& share, std::int64_t first, std::i
   for (std::size_t l = 0; l < share.links.size(); ++l) {
     const auto [i, j] = share.links[l];
     const auto refuse = [&, i = i, j = j](const char* problem) {
-      return Message("link of nodes ").append(std::to_string(i)).append(" and ").append(std::to_string(j)).append(
-          problem);
+      return Message("link of nodes ")
+          .append(std::to_string(i))
+          .append(" and ")
+          .append(std::to_string(j))
+          .append(problem);
     };
     if (!is_node(i) || !is_node(j)) return refuse(" has an end that is out of range");
     if (i == j) return refuse(" joins a node to itself");
@@ -91,8 +95,8 @@ class Directory {
 
 namespace {
 
-/// Sends link l to processes to(l), a pair whose entries may be equal or -1. What a process gets twice it keeps
-/// once; by id.
+/// Sends link l to processes to(l), a pair whose entries may be equal or -1. What a process gets twice it
+/// keeps once; by id.
 template <typename To>
 std::vector<LinkRecord> send_links(const Communicator& comm, const std::vector<LinkRecord>& links, To&& to) {
   std::vector<LinkRecord> records;
@@ -141,10 +145,11 @@ std::vector<PetscInt> choose_processes(const Communicator& comm, const Directory
   OwnedMat adjacency;
   OwnedPartitioning partitioning;
   OwnedIs chosen;
-  check(MatCreateMPIAdj(comm, static_cast<PetscInt>(directory.size()), static_cast<PetscInt>(nodes), rows, columns,
-                        nullptr, &adjacency));
+  check(MatCreateMPIAdj(comm, static_cast<PetscInt>(directory.size()), static_cast<PetscInt>(nodes), rows,
+                        columns, nullptr, &adjacency));
   check(MatPartitioningCreate(comm, &partitioning));
-  check(PetscObjectSetOptionsPrefix(reinterpret_cast<PetscObject>(MatPartitioning(partitioning)), "asterism_"));
+  check(
+      PetscObjectSetOptionsPrefix(reinterpret_cast<PetscObject>(MatPartitioning(partitioning)), "asterism_"));
   check(MatPartitioningSetAdjacency(partitioning, adjacency));
   check(MatPartitioningSetFromOptions(partitioning));
   check(MatPartitioningApply(partitioning, &chosen));
@@ -217,7 +222,8 @@ void fetch_ghosts(const Communicator& comm, LocalSystem<kDim>& local) {
 
   OwnedIs from;
   OwnedScatter scatter;
-  check(ISCreateBlock(PETSC_COMM_SELF, kValues, ghosts, local.rows.data() + local.own, PETSC_COPY_VALUES, &from));
+  check(ISCreateBlock(PETSC_COMM_SELF, kValues, ghosts, local.rows.data() + local.own, PETSC_COPY_VALUES,
+                      &from));
   check(VecScatterCreate(owned, from, fetched, nullptr, &scatter));
   check(VecScatterBegin(scatter, owned, fetched, INSERT_VALUES, SCATTER_FORWARD));
   check(VecScatterEnd(scatter, owned, fetched, INSERT_VALUES, SCATTER_FORWARD));
@@ -299,8 +305,8 @@ LocalSystem<kDim> partition(const Communicator& comm, const SystemShare<kDim>& s
   }
   local.cut_links = comm.sum(cut);
 
-  local.system = SpringSystem<double, kDim>(
-      Topology<>::from_links(static_cast<int>(numbers.size()), local_links));
+  local.system =
+      SpringSystem<double, kDim>(Topology<>::from_links(static_cast<int>(numbers.size()), local_links));
   local.start.resize(kDim, local.own);
   for (int i = 0; i < local.own; ++i) {
     const auto& node = nodes[static_cast<std::size_t>(i)];

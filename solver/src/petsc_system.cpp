@@ -8,8 +8,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 const char* DistributedOptions::problem() const {
-  if (!(tolerance >= 0) || !detail::is_finite(tolerance))
-    return "option tolerance is negative or not finite";
+  if (!(tolerance >= 0) || !detail::is_finite(tolerance)) return "option tolerance is negative or not finite";
   if (max_iterations < 0) return "option max_iterations is negative";
   if (method < PetscMethod::Newton || method > PetscMethod::TaoBoundedNewton)
     return "option method is none of PETSc's that are known here";
@@ -53,7 +52,11 @@ template <int kDim>
 class Solve {
  public:
   Solve(const Communicator& comm, SpringField<kDim>& field, const DistributedOptions& options, Vec x)
-      : comm_(comm), field_(field), options_(options), tolerance_(std::max(options.tolerance, kLeastTolerance)), x_(x) {}
+      : comm_(comm),
+        field_(field),
+        options_(options),
+        tolerance_(std::max(options.tolerance, kLeastTolerance)),
+        x_(x) {}
 
   double tolerance() const { return tolerance_; }
   int iterations() const { return iterations_; }
@@ -75,12 +78,13 @@ class Solve {
   static constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
 
  private:
-  // Newton's method of SNES, in rounds: steps without negative curvature, the line search on the energy, and then
-  // steps with the exact Hessian for as long as it is positive definite. Near a minimum energies no longer differ,
-  // so that the line search of these is on the gradient; they must not raise the energy in all.
+  // Newton's method of SNES, in rounds: steps without negative curvature, the line search on the energy, and
+  // then steps with the exact Hessian for as long as it is positive definite. Near a minimum energies no
+  // longer differ, so that the line search of these is on the gradient; they must not raise the energy in
+  // all.
   Status newton(Message& message) {
     constexpr int kClamped = 8, kExact = 6;  // steps a round
-    constexpr double kNear = 1e-3;            // stationarity where exact steps are tried at once
+    constexpr double kNear = 1e-3;           // stationarity where exact steps are tried at once
     const OwnedMat hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
     OwnedVec before;
     check(VecDuplicate(x_, &before));
@@ -298,7 +302,8 @@ struct DistributedSystem<kDim>::Impl {
     share_begin = comm.before(count);
     share_ends = comm.all(count);
     std::partial_sum(share_ends.begin(), share_ends.end(), share_ends.begin());
-    if (const Message bad = comm.agree_on([&] { return share_problem(share, share_begin, share_ends.back()); });
+    if (const Message bad =
+            comm.agree_on([&] { return share_problem(share, share_begin, share_ends.back()); });
         !bad.empty())
       return bad;
     local = partition(comm, share);

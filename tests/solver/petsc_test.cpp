@@ -57,7 +57,8 @@ SystemShare<kDim> part(const SpringSystem<double, kDim>& system,
 }
 
 /// Solves by PETSc from `start`, and expects a minimum that is our Newton's too, and the same figures. With
-/// `from_near` also that, from near our Newton's minimum, PETSc finds the same. (From afar there are several.)
+/// `from_near` also that, from near our Newton's minimum, PETSc finds the same. (From afar there are
+/// several.)
 template <int kDim>
 void expect_minimum(const SpringSystem<double, kDim>& system,
                     const typename SpringSystem<double, kDim>::Points& start,
@@ -180,7 +181,8 @@ Plane together(const testing::RandomSystem<Plane>& a, const testing::RandomSyste
 
 TEST(Petsc, SolvesSeveralComponents) {
   Plane::Points start;
-  Plane system = together(testing::sparse_system<Plane>(6, 150), testing::sparse_system<Plane>(7, 90), 3, start);
+  Plane system =
+      together(testing::sparse_system<Plane>(6, 150), testing::sparse_system<Plane>(7, 90), 3, start);
   expect_minimum<2>(system, start);
 
   system.fix(7);
@@ -190,7 +192,8 @@ TEST(Petsc, SolvesSeveralComponents) {
 
 TEST(Petsc, TreatsComponentsWithoutAnchors) {
   Plane::Points start;
-  Plane system = together(testing::sparse_system<Plane>(6, 150), testing::sparse_system<Plane>(7, 90), 0, start);
+  Plane system =
+      together(testing::sparse_system<Plane>(6, 150), testing::sparse_system<Plane>(7, 90), 0, start);
   system.anchor_stiffness.tail(90).setZero();
   DistributedSystem<2> distributed(MPI_COMM_WORLD, part(system, start));
   const Summary refused = distributed.solve();
@@ -258,12 +261,22 @@ TEST(Petsc, RefusesBadInputOnAllProcesses) {
   refuse([](auto& share) { share.anchor_stiffness[0] = -1; },
          "anchor stiffness " + first + " is negative or not finite");
   refuse([](auto& share) { share.start(0, 0) = kNan; }, "x of node " + first + " is not finite");
-  refuse([](auto& share) { share.links[0] = {3, 60}; }, "link of nodes 3 and 60 has an end that is out of range");
+  refuse(
+      [](auto& share) {
+        share.links[0] = {3, 60};
+      },
+      "link of nodes 3 and 60 has an end that is out of range");
   refuse([](auto& share) { share.links[0] = {3, 3}; }, "link of nodes 3 and 3 joins a node to itself");
-  refuse([](auto& share) { share.links[0] = {3, 4}, share.rest_length[0] = -1; },
-         "link of nodes 3 and 4 has a rest length that is negative or not finite");
-  refuse([](auto& share) { share.links[0] = {3, 4}, share.link_stiffness[0] = kNan; },
-         "link of nodes 3 and 4 has a stiffness that is negative or not finite");
+  refuse(
+      [](auto& share) {
+        share.links[0] = {3, 4}, share.rest_length[0] = -1;
+      },
+      "link of nodes 3 and 4 has a rest length that is negative or not finite");
+  refuse(
+      [](auto& share) {
+        share.links[0] = {3, 4}, share.link_stiffness[0] = kNan;
+      },
+      "link of nodes 3 and 4 has a stiffness that is negative or not finite");
   refuse([](auto& share) { share.fixed.push_back(-1); }, "fixed node -1 is out of range");
   refuse([](auto& share) { share.rest_length.conservativeResize(1); },
          "rest length must have one entry for each link");

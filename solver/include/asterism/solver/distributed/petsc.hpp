@@ -22,8 +22,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// Initialises MPI and PETSc where the program has not done so, and finalises in its destructor what it
-/// initialised. PETSc reads its options from argv and from the environment variable PETSC_OPTIONS, and is kept
-/// from catching signals. Everything below needs one of these, or the program's own PetscInitialize.
+/// initialised. PETSc reads its options from argv and from the environment variable PETSC_OPTIONS, and is
+/// kept from catching signals. Everything below needs one of these, or the program's own PetscInitialize.
 class ASTERISM_API PetscRuntime {
  public:
   /// Throws std::runtime_error if PETSc cannot be initialised.
@@ -82,8 +82,8 @@ enum class PetscMethod {
   TaoBoundedNewton,      ///< TAOBNTR: the trust region of TAO's solvers with bounds, here without bounds
 };
 
-/// The preconditioner of the conjugate gradients that solve Newton's equations. Where a process has no nodes, it is
-/// the diagonal.
+/// The preconditioner of the conjugate gradients that solve Newton's equations. Where a process has no nodes,
+/// it is the diagonal.
 enum class PetscPreconditioner {
   Gamg,             ///< PETSc's algebraic multigrid, with the rigid motions as near null space
   AdditiveSchwarz,  ///< a subdomain a process, overlap 1, incomplete factors
@@ -92,8 +92,8 @@ enum class PetscPreconditioner {
 /// Options of DistributedSystem::solve, the same on all processes; those of SolverOptions mean the same here.
 /// PETSc's own options, with the prefix asterism_, come on top: -asterism_ksp_rtol, -asterism_pc_type ...
 struct DistributedOptions {
-  double tolerance = 1e-8;       ///< of the stationarity
-  int max_iterations = 1000;     ///< 0: only evaluate the start
+  double tolerance = 1e-8;         ///< of the stationarity
+  int max_iterations = 1000;       ///< 0: only evaluate the start
   bool ground_components = false;  ///< hold a node of each component that no anchor holds
   /// If given, read in every iteration: the solve ends on all processes once it is set on one.
   const std::atomic<bool>* stop = nullptr;
@@ -126,12 +126,12 @@ class ASTERISM_API DistributedSystem {
   const Message& problem() const;
 
   /// Moves the nodes to a stationary point of the energy, starting from where they are. The same summary on
-  /// all processes. Status and message are those of every solver; PETSc's own error gives NumericalFailure, or
-  /// OutOfMemory, with PETSc's words. Iterations are Newton steps, or steps of TAO's first-order methods.
+  /// all processes. Status and message are those of every solver; PETSc's own error gives NumericalFailure,
+  /// or OutOfMemory, with PETSc's words. Iterations are Newton steps, or steps of TAO's first-order methods.
   Summary solve(const DistributedOptions& options = {});
 
-  /// Where the nodes are: each process gets the columns of its share. This and gather have no columns if there
-  /// is a problem(), and throw std::runtime_error for an error of PETSc or MPI.
+  /// Where the nodes are: each process gets the columns of its share. This and gather have no columns if
+  /// there is a problem(), and throw std::runtime_error for an error of PETSc or MPI.
   Points placement() const;
   /// All nodes in the order of their numbers on process `root`, nothing on the others.
   Points gather(int root = 0) const;
@@ -146,11 +146,12 @@ class ASTERISM_API DistributedSystem {
   std::unique_ptr<Impl> impl_;
 };
 
-/// Writes the system of all shares to a file in PETSc's binary format (docs/distributed.md), without the links'
-/// order between processes being kept. Collective. Throws std::runtime_error, with the file's name, on all
-/// processes if it cannot be written.
+/// Writes the system of all shares to a file in PETSc's binary format (docs/distributed.md), without the
+/// links' order between processes being kept. Collective. Throws std::runtime_error, with the file's name, on
+/// all processes if it cannot be written.
 template <int kDim>
-ASTERISM_API void write_petsc(MPI_Comm comm, const std::filesystem::path& path, const SystemShare<kDim>& share);
+ASTERISM_API void write_petsc(MPI_Comm comm, const std::filesystem::path& path,
+                              const SystemShare<kDim>& share);
 
 /// Reads what write_petsc wrote, each process an equal share. Collective. Throws std::runtime_error, with the
 /// file's name, on all processes if it cannot be read.
