@@ -6,6 +6,7 @@ set(asterism_debian_solver libeigen3-dev)
 set(asterism_debian_cholmod libsuitesparse-dev)
 set(asterism_debian_ceres libceres-dev)
 set(asterism_debian_lbfgs liblbfgs-dev)
+set(asterism_debian_petsc petsc-dev)
 set(asterism_debian_json nlohmann-json3-dev)
 set(asterism_debian_parts libopencv-dev)
 

@@ -43,7 +43,7 @@ for t in range(6):
       --out - >/dev/null
 }
 
-step "packages" bash .ci/install-packages build test night
+step "packages" bash .ci/install-packages build test night petsc
 step "tests" bash tests/run.sh release -DASTERISM_LONG_TESTS=ON
 # To be read, as they vary with the machine.
 step "bars" build/release/bench/asterism-bench bars

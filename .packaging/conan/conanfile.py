@@ -52,7 +52,7 @@ class AsterismConan(ConanFile):
     def generate(self):
         toolchain = CMakeToolchain(self)
         toolchain.cache_variables["ASTERISM_INSTALL"] = True
-        for absent in ("CHOLMOD", "CERES", "LIBLBFGS"):
+        for absent in ("CHOLMOD", "CERES", "LIBLBFGS", "PETSC"):
             toolchain.cache_variables[f"ASTERISM_WITH_{absent}"] = False
         for option in ("json", "parts", "trackers"):
             toolchain.cache_variables[f"ASTERISM_WITH_{option.upper()}"] = bool(getattr(self.options, option))

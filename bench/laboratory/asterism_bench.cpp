@@ -1,6 +1,7 @@
 // asterism-bench: the solver laboratory.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <cstdint>
 #include <cstdio>
 #include <exception>
 #include <filesystem>
@@ -12,6 +13,9 @@
 
 #include "bars.hpp"
 #include "crossovers.hpp"
+#ifdef ASTERISM_BENCH_PETSC
+#include "distributed.hpp"
+#endif
 #include "experiments.hpp"
 #include "kinds.hpp"
 #include "parts_bench.hpp"
@@ -166,6 +170,46 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   solve->add_option("--tolerance", limits.tolerance, "tolerance of the stopping rule")->capture_default_str();
   solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();
 
+#ifdef ASTERISM_BENCH_PETSC
+  DistributedRun distributed{{}, {}, distributed_methods()[0], distributed_preconditioners()[0], {}};
+  bool is_distributed = false;
+  solve->add_flag("--distributed", is_distributed,
+                  "solve the file's system on the processes of mpirun, by PETSc; the file may be in PETSc's "
+                  "format (docs/distributed.md)");
+  solve->add_option("--method", distributed.method, "with --distributed: PETSc's method")
+      ->needs("--distributed")
+      ->check(CLI::IsMember(distributed_methods()))
+      ->capture_default_str();
+  solve
+      ->add_option("--preconditioner", distributed.preconditioner,
+                   "with --distributed: of Newton's equations")
+      ->needs("--distributed")
+      ->check(CLI::IsMember(distributed_preconditioners()))
+      ->capture_default_str();
+  solve
+      ->add_option("--save", distributed.save,
+                   "with --distributed: writes the solved system, in PETSc's format")
+      ->needs("--distributed");
+
+  CLI::App* petsc_file = app.add_subcommand(
+      "petsc-file", "writes a system to a file in PETSc's format, which processes read in parallel");
+  std::string petsc_path, json_path;
+  int petsc_nodes = 1000, petsc_dim = 2, petsc_seed = 1;
+  petsc_file->add_option("FILE", petsc_path, "the file to write")->required();
+  CLI::Option* const from_json =
+      petsc_file->add_option("--json", json_path, "the first system of this file, as in docs/system-json.md");
+  petsc_file->add_option("--sparse", petsc_nodes, "instead a random system of so many nodes with local links")
+      ->excludes(from_json)
+      ->check(CLI::Range(10, 100000000))
+      ->capture_default_str();
+  petsc_file->add_option("--dim", petsc_dim, "with --sparse: coordinates of a point")
+      ->check(CLI::Range(2, 3))
+      ->capture_default_str();
+  petsc_file->add_option("--seed", petsc_seed, "with --sparse: of the random system")
+      ->check(CLI::NonNegativeNumber)
+      ->capture_default_str();
+#endif
+
   CLI::App* problems = app.add_subcommand(
       "problems", "scores solvers on the problem set, systems whose least energy is known");
   std::string set = "bench/problems";
@@ -255,6 +299,16 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   }
 #endif
   if (solver_list->parsed()) return list_solvers();
+#ifdef ASTERISM_BENCH_PETSC
+  if (solve->parsed() && is_distributed) {
+    distributed.file = file;
+    distributed.limits = limits;
+    return solve_distributed(distributed);
+  }
+  if (petsc_file->parsed())
+    return write_distributed(petsc_path, json_path, petsc_nodes, petsc_dim,
+                             static_cast<std::uint64_t>(petsc_seed));
+#endif
   if (solve->parsed()) {
     solve_file(file, solvers_named(chosen), limits);
     return 0;

@@ -25,7 +25,7 @@ if(NOT err STREQUAL "")
   fail("configuring with Eigen alone wrote to standard error")
 endif()
 foreach(expected IN ITEMS "cholmod is off: CHOLMOD;libsuitesparse-dev" "ceres is off: Ceres;libceres-dev"
-                          "lbfgs is off: liblbfgs;liblbfgs-dev" "json is off: nlohmann-json;nlohmann-json3-dev"
+                          "lbfgs is off: liblbfgs;liblbfgs-dev" "petsc is off: PETSc;petsc-dev" "json is off: nlohmann-json;nlohmann-json3-dev"
                           "parts,[^\n]*asterism::trackers,[^\n]* off: OpenCV[^\n]*;libopencv-dev")
   list(GET expected 0 what)
   list(GET expected 1 debian)
@@ -35,8 +35,8 @@ foreach(expected IN ITEMS "cholmod is off: CHOLMOD;libsuitesparse-dev" "ceres is
   endif()
 endforeach()
 count("${out}" "-- Asterism: asterism::" lines)
-if(NOT lines EQUAL 5)
-  fail("${lines} lines about missing targets, not 5")
+if(NOT lines EQUAL 6)
+  fail("${lines} lines about missing targets, not 6")
 endif()
 if(out MATCHES "Could NOT find|Looking for")
   fail("a find module prints: ${CMAKE_MATCH_0}")
@@ -50,7 +50,7 @@ file(GLOB rooms RELATIVE ${WORK}/solver-only/${INCLUDEDIR}/asterism ${WORK}/solv
 if(NOT rooms STREQUAL "solver;solver.hpp;testing")
   fail("installed with Eigen alone: ${rooms}")
 endif()
-foreach(adapter IN ITEMS linear/cholmod reference/ceres reference/liblbfgs io/json)
+foreach(adapter IN ITEMS linear/cholmod reference/ceres reference/liblbfgs distributed/petsc io/json)
   if(EXISTS ${WORK}/solver-only/${INCLUDEDIR}/asterism/solver/${adapter}.hpp)
     fail("the header ${adapter}.hpp is installed without its library")
   endif()
@@ -60,7 +60,7 @@ consume(eigen-only ${WORK}/solver-only consumer/main.cpp solver_compiled batch)
 # Every option off, nothing to say.
 fresh(${WORK}/all-off)
 must(${configure} ${bare} -S ${SOURCE_DIR} -B ${WORK}/all-off -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_WITH_CHOLMOD=OFF
-     -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_WITH_PARTS=OFF
+     -DASTERISM_WITH_CERES=OFF -DASTERISM_WITH_LIBLBFGS=OFF -DASTERISM_WITH_PETSC=OFF -DASTERISM_WITH_JSON=OFF -DASTERISM_WITH_PARTS=OFF
      -DASTERISM_BUILD_PYTHON=OFF -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TESTS=OFF -DASTERISM_BUILD_BENCH=OFF)
 if(out MATCHES "Asterism:")
   fail("says what is missing though it was not asked for")

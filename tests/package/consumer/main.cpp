@@ -14,6 +14,9 @@
 #ifdef HAVE_LBFGS
 #include <asterism/solver/reference/liblbfgs.hpp>
 #endif
+#ifdef HAVE_PETSC
+#include <asterism/solver/distributed/petsc.hpp>
+#endif
 #ifdef HAVE_JSON
 #include <asterism/solver/io/json.hpp>
 #include <sstream>
@@ -109,6 +112,16 @@ int main() {
 #endif
 #ifdef HAVE_LBFGS
   ok = solves(asterism::reference::Liblbfgs<System>()) && ok;
+#endif
+#ifdef HAVE_PETSC
+  {
+    int argc = 0;
+    char* none[] = {nullptr};
+    char** argv = none;
+    const asterism::PetscRuntime runtime(argc, argv);
+    asterism::DistributedSystem<2> distributed(MPI_COMM_WORLD, asterism::whole_share<2>(triangle(), triangle().anchors));
+    ok = check(distributed.solve().status == asterism::Status::Converged, "PETSc") && ok;
+  }
 #endif
 #ifdef HAVE_JSON
   std::stringstream file;

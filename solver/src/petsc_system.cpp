@@ -1,0 +1,535 @@
+#include <chrono>
+#include <optional>
+#include <stdexcept>
+
+#include "petsc_field.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+const char* DistributedOptions::problem() const {
+  if (!(tolerance >= 0) || !detail::is_finite(tolerance)) return "option tolerance is negative or not finite";
+  if (max_iterations < 0) return "option max_iterations is negative";
+  if (method < PetscMethod::Newton || method > PetscMethod::TaoBoundedNewton)
+    return "option method is none of PETSc's that are known here";
+  if (preconditioner != PetscPreconditioner::Gamg && preconditioner != PetscPreconditioner::AdditiveSchwarz)
+    return "option preconditioner is none of PETSc's that are known here";
+  return nullptr;
+}
+
+namespace detail::distributed {
+
+namespace {
+
+constexpr const char* kPrefix = "asterism_";
+
+struct MethodName {
+  const char* name;
+  TaoType tao;  // null: SNES
+};
+MethodName name_of(PetscMethod method) {
+  switch (method) {
+    case PetscMethod::Newton:
+      return {"PETSc, Newton (SNES)", nullptr};
+    case PetscMethod::TaoNewtonTrustRegion:
+      return {"PETSc, Newton, trust region (TAO)", TAONTR};
+    case PetscMethod::TaoNewtonLineSearch:
+      return {"PETSc, Newton, line search (TAO)", TAONLS};
+    case PetscMethod::TaoLmvm:
+      return {"PETSc, L-BFGS (TAO)", TAOLMVM};
+    case PetscMethod::TaoCg:
+      return {"PETSc, nonlinear CG (TAO)", TAOCG};
+    case PetscMethod::TaoBoundedNewton:
+      return {"PETSc, Newton with bounds, trust region (TAO)", TAOBNTR};
+  }
+  return {"PETSc", nullptr};
+}
+
+double power_of_two(double value) { return value > 0 ? std::ldexp(1.0, std::ilogb(value)) : 1.0; }
+
+/// One solve: what PETSc calls back.
+template <int kDim>
+class Solve {
+ public:
+  Solve(const Communicator& comm, SpringField<kDim>& field, const DistributedOptions& options, Vec x)
+      : comm_(comm),
+        field_(field),
+        options_(options),
+        tolerance_(std::max(options.tolerance, kLeastTolerance)),
+        x_(x) {}
+
+  double tolerance() const { return tolerance_; }
+  int iterations() const { return iterations_; }
+  int linear_solves() const { return linear_solves_; }
+  bool is_stopped() const { return is_stopped_; }
+
+  /// Moves x. Returns why it ended, as far as the method knows.
+  Status run(Message& message) {
+    const TaoType tao = name_of(options_.method).tao;
+    return tao == nullptr ? newton(message) : minimise(tao, message);
+  }
+
+  double energy() {
+    double energy = 0;
+    check(field_.evaluate(x_, &energy, nullptr));
+    return energy;
+  }
+
+  static constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
+
+ private:
+  // Newton's method of SNES, in rounds: steps without negative curvature, the line search on the energy, and
+  // then steps with the exact Hessian for as long as it is positive definite. Near a minimum energies no
+  // longer differ, so that the line search of these is on the gradient; they must not raise the energy in
+  // all.
+  Status newton(Message& message) {
+    constexpr int kClamped = 8, kExact = 6;  // steps a round
+    constexpr double kNear = 1e-3;           // stationarity where exact steps are tried at once
+    const OwnedMat hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
+    OwnedVec before;
+    check(VecDuplicate(x_, &before));
+    for (bool first = true;; first = false) {
+      const int begin = iterations_;
+      clamp_ = true;
+      target_ = first ? std::max(kNear, tolerance_) : tolerance_;
+      last_iteration_ = std::min(options_.max_iterations, iterations_ + kClamped);
+      solve_snes(hessian, message);
+      if (is_reached_ && target_ <= tolerance_) return Status::Converged;
+      if (has_ended()) return Status::MaxIterations;
+
+      check(VecCopy(x_, before));
+      const double energy_before = energy();
+      clamp_ = false;
+      target_ = tolerance_;
+      last_iteration_ = std::min(options_.max_iterations, iterations_ + kExact);
+      solve_snes(hessian, message);
+      constexpr double kRounding = 1e-10;
+      if (!(energy() <= energy_before * (1 + kRounding))) {
+        check(VecCopy(before, x_));
+        is_reached_ = false;
+      }
+      if (is_reached_) return Status::Converged;
+      if (has_ended()) return Status::MaxIterations;
+      if (iterations_ == begin) return Status::NoProgress;
+    }
+  }
+
+  void solve_snes(Mat hessian, Message& message) {
+    is_reached_ = false;
+    OwnedSnes snes;
+    OwnedVec gradient;
+    SNESLineSearch line_search = nullptr;
+    KSP ksp = nullptr;
+    check(VecDuplicate(x_, &gradient));
+    check(SNESCreate(comm_, &snes));
+    check(SNESSetOptionsPrefix(snes, kPrefix));
+    check(SNESSetType(snes, SNESNEWTONLS));
+    check(SNESSetFunction(snes, gradient, gradient_of_snes, this));
+    if (clamp_) check(SNESSetObjective(snes, energy_of_snes, this));
+    check(SNESSetJacobian(snes, hessian, hessian, hessian_of_snes, this));
+    check(SNESSetConvergenceTest(snes, test_of_snes, this, nullptr));
+    check(SNESSetTolerances(snes, 0, 0, 0, PETSC_MAX_INT, PETSC_MAX_INT));
+    check(SNESKSPSetUseEW(snes, PETSC_TRUE));
+    check(SNESGetLineSearch(snes, &line_search));
+    check(SNESLineSearchSetType(line_search, SNESLINESEARCHBT));
+    check(SNESGetKSP(snes, &ksp));
+    check(KSPSetType(ksp, KSPCG));
+    precondition(ksp);
+    check(SNESSetFromOptions(snes));
+    check(SNESSolve(snes, nullptr, x_));
+    SNESConvergedReason reason = SNES_CONVERGED_ITERATING;
+    const char* words = nullptr;
+    check(SNESGetConvergedReason(snes, &reason));
+    check(SNESGetConvergedReasonString(snes, &words));
+    message.assign(words);
+  }
+
+  // A method of TAO.
+  Status minimise(TaoType type, Message& message) {
+    OwnedTao tao;
+    OwnedMat hessian;
+    check(TaoCreate(comm_, &tao));
+    check(TaoSetOptionsPrefix(tao, kPrefix));
+    check(TaoSetType(tao, type));
+    check(TaoSetSolution(tao, x_));
+    check(TaoSetObjective(tao, energy_of_tao, this));
+    check(TaoSetGradient(tao, nullptr, gradient_of_tao, this));
+    check(TaoSetObjectiveAndGradient(tao, nullptr, both_of_tao, this));
+    const bool is_newton = options_.method != PetscMethod::TaoLmvm && options_.method != PetscMethod::TaoCg;
+    if (is_newton) {
+      hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
+      check(TaoSetHessian(tao, hessian, hessian, hessian_of_tao, this));
+      KSP ksp = nullptr;
+      check(TaoGetKSP(tao, &ksp));
+      if (ksp != nullptr) precondition(ksp);
+    }
+    check(TaoSetTolerances(tao, 0, 0, 0));
+    check(TaoSetMaximumIterations(tao, PETSC_MAX_INT));
+    check(TaoSetMaximumFunctionEvaluations(tao, PETSC_MAX_INT));
+    check(TaoSetConvergenceTest(tao, test_of_tao, this));
+    check(TaoSetFromOptions(tao));
+    target_ = tolerance_;
+    last_iteration_ = options_.max_iterations;
+    check(TaoSolve(tao));
+    TaoConvergedReason reason = TAO_CONTINUE_ITERATING;
+    check(TaoGetConvergedReason(tao, &reason));
+    message.assign(TaoConvergedReasons[reason]);
+    if (is_reached_) return Status::Converged;
+    return has_ended() ? Status::MaxIterations : Status::NoProgress;
+  }
+
+  void precondition(KSP ksp) {
+    PC pc = nullptr;
+    check(KSPGetPC(ksp, &pc));
+    if (comm_.min(field_.own_nodes()) == 0) {
+      check(PCSetType(pc, PCJACOBI));  // PETSc 3.18's incomplete factors crash on a process without nodes
+    } else if (options_.preconditioner == PetscPreconditioner::Gamg) {
+      check(PCSetType(pc, PCGAMG));
+      // With the interpolation of another iterate, the preconditioner of these Hessians can be indefinite.
+      check(PCGAMGSetReuseInterpolation(pc, PETSC_FALSE));
+    } else {
+      check(PCSetType(pc, PCASM));
+      check(PCASMSetType(pc, PC_ASM_BASIC));  // symmetric, as conjugate gradients want
+    }
+  }
+
+  bool has_ended() const { return is_stopped_ || iterations_ >= options_.max_iterations; }
+
+  // Whether to end at an iterate with this gradient.
+  PetscErrorCode test(Vec gradient, bool* ends) {
+    PetscFunctionBeginUser;
+    double stationarity = 0;
+    PetscCall(field_.stationarity(gradient, &stationarity));
+    is_reached_ = !(stationarity > target_);  // also for NaN, which the verdict rejects
+    int stop = options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed) ? 1 : 0;
+    PetscCallMPI(MPI_Allreduce(MPI_IN_PLACE, &stop, 1, MPI_INT, MPI_MAX, comm_));
+    is_stopped_ = stop != 0;
+    *ends = is_reached_ || is_stopped_ || iterations_ >= last_iteration_;
+    PetscFunctionReturn(0);
+  }
+
+  static PetscErrorCode test_of_snes(SNES snes, PetscInt iteration, PetscReal, PetscReal, PetscReal,
+                                     SNESConvergedReason* reason, void* self) {
+    PetscFunctionBeginUser;
+    auto& solve = *static_cast<Solve*>(self);
+    if (iteration > 0) ++solve.iterations_, ++solve.linear_solves_;
+    Vec gradient = nullptr;
+    bool ends = false;
+    PetscCall(SNESGetFunction(snes, &gradient, nullptr, nullptr));
+    PetscCall(solve.test(gradient, &ends));
+    *reason = !ends               ? SNES_CONVERGED_ITERATING
+              : solve.is_reached_ ? SNES_CONVERGED_FNORM_ABS
+                                  : SNES_DIVERGED_MAX_IT;
+    PetscFunctionReturn(0);
+  }
+  static PetscErrorCode energy_of_snes(SNES, Vec x, PetscReal* energy, void* self) {
+    return static_cast<Solve*>(self)->field_.evaluate(x, energy, nullptr);
+  }
+  static PetscErrorCode gradient_of_snes(SNES, Vec x, Vec gradient, void* self) {
+    return static_cast<Solve*>(self)->field_.evaluate(x, nullptr, gradient);
+  }
+  static PetscErrorCode hessian_of_snes(SNES, Vec x, Mat, Mat hessian, void* self) {
+    auto& solve = *static_cast<Solve*>(self);
+    return solve.field_.assemble(x, hessian, solve.clamp_);
+  }
+
+  static PetscErrorCode test_of_tao(Tao tao, void* self) {
+    PetscFunctionBeginUser;
+    auto& solve = *static_cast<Solve*>(self);
+    PetscInt iteration = 0;
+    Vec gradient = nullptr;
+    bool ends = false;
+    PetscCall(TaoGetIterationNumber(tao, &iteration));
+    solve.iterations_ = static_cast<int>(iteration);
+    PetscCall(TaoGetGradient(tao, &gradient, nullptr, nullptr));
+    PetscCall(solve.test(gradient, &ends));
+    PetscCall(TaoSetConvergedReason(tao, !ends               ? TAO_CONTINUE_ITERATING
+                                         : solve.is_reached_ ? TAO_CONVERGED_USER
+                                                             : TAO_DIVERGED_MAXITS));
+    PetscFunctionReturn(0);
+  }
+  static PetscErrorCode energy_of_tao(Tao, Vec x, PetscReal* energy, void* self) {
+    return static_cast<Solve*>(self)->field_.evaluate(x, energy, nullptr);
+  }
+  static PetscErrorCode gradient_of_tao(Tao, Vec x, Vec gradient, void* self) {
+    return static_cast<Solve*>(self)->field_.evaluate(x, nullptr, gradient);
+  }
+  static PetscErrorCode both_of_tao(Tao, Vec x, PetscReal* energy, Vec gradient, void* self) {
+    return static_cast<Solve*>(self)->field_.evaluate(x, energy, gradient);
+  }
+  static PetscErrorCode hessian_of_tao(Tao, Vec x, Mat, Mat hessian, void* self) {
+    auto& solve = *static_cast<Solve*>(self);
+    ++solve.linear_solves_;
+    return solve.field_.assemble(x, hessian, solve.clamp_);
+  }
+
+  const Communicator& comm_;
+  SpringField<kDim>& field_;
+  const DistributedOptions& options_;
+  double tolerance_;
+  Vec x_;
+  double target_ = 0;  // stationarity
+  bool clamp_ = false;
+  bool is_reached_ = false;  // the target, at the last iterate
+  bool is_stopped_ = false;
+  int last_iteration_ = 0;
+  int iterations_ = 0;
+  int linear_solves_ = 0;
+};
+
+}  // namespace
+
+}  // namespace detail::distributed
+
+using namespace detail::distributed;
+
+template <int kDim>
+struct DistributedSystem<kDim>::Impl {
+  Communicator comm;
+  Message problem = "";
+  std::vector<std::int64_t> share_ends;  // of each process's share, as node numbers
+  std::int64_t share_begin = 0;
+  LocalSystem<kDim> local;
+  std::optional<SpringField<kDim>> field;
+  OwnedVec x;
+  double length_unit = 1;  // PETSc gets a system of unit size, because it has thresholds of its own
+  double energy_unit = 1;
+
+  explicit Impl(MPI_Comm given) : comm(given) {}
+
+  Message distribute(const SystemShare<kDim>& share) {
+    const auto count = static_cast<std::int64_t>(share.anchors.cols());
+    share_begin = comm.before(count);
+    share_ends = comm.all(count);
+    std::partial_sum(share_ends.begin(), share_ends.end(), share_ends.begin());
+    if (const Message bad =
+            comm.agree_on([&] { return share_problem(share, share_begin, share_ends.back()); });
+        !bad.empty())
+      return bad;
+    local = partition(comm, share);
+    field.emplace(comm, local);
+    x = field->make_vector(local.start);
+    if (!field->set_rule(x)) return {};  // solve says so
+    scale(field->length(), field->largest_stiffness());
+    return {};
+  }
+
+  // Divides lengths and stiffness by units of about these sizes: powers of two, for the scaling to be exact.
+  void scale(double length, double stiffness) {
+    length_unit = power_of_two(length);
+    const double stiffness_unit = power_of_two(stiffness);
+    energy_unit = stiffness_unit * length_unit * length_unit;
+    local.system.anchors /= length_unit;
+    local.system.rest_length /= length_unit;
+    local.system.anchor_stiffness /= stiffness_unit;
+    local.system.link_stiffness /= stiffness_unit;
+    check(VecScale(x, 1 / length_unit));
+  }
+
+  // Fixes a node of each component that nothing holds, and returns these nodes; or says what is wrong.
+  std::vector<int> ground(bool wanted, Message& wrong) {
+    const std::vector<double> components = field->components();
+    double first = std::numeric_limits<double>::infinity();
+    for (const double label : components) first = label >= 0 ? std::min(first, label) : first;
+    first = comm.min(first);
+    std::vector<int> grounded;
+    if (!detail::is_finite(first)) return grounded;
+    if (!wanted) {
+      wrong = numbered("node", static_cast<std::int64_t>(first),
+                       "is in a connected component without anchor stiffness");
+      return grounded;
+    }
+    for (int i = 0; i < local.system.nodes(); ++i) {
+      const auto place = static_cast<std::size_t>(i);
+      if (components[place] == static_cast<double>(local.numbers[place])) grounded.push_back(i);
+    }
+    for (const int i : grounded) local.system.fix(i);
+    return grounded;
+  }
+
+  void solve(const DistributedOptions& options, Vec start, Summary& summary) {
+    OwnedVec gradient;
+    check(VecDuplicate(x, &gradient));
+    double first_energy = 0;
+    double norm = 0;
+    double stationarity = 0;
+    const bool in_range = field->set_rule(x);
+    check(field->evaluate(x, &first_energy, gradient));
+    check(VecNorm(gradient, NORM_2, &norm));
+    if (!in_range || !detail::is_finite(first_energy) || !detail::is_finite(norm)) {
+      summary.status = Status::NumericalFailure;
+      summary.message = "energy or gradient at the start leave the range of the scalar";
+      return;
+    }
+    summary.initial_energy = energy_unit * first_energy;
+
+    field->energy_evaluations = field->gradient_evaluations = 0;
+    Solve<kDim> solve(comm, *field, options, x);
+    Message words = "";
+    Status status = Status::MaxIterations;
+    if (options.max_iterations > 0) status = solve.run(words);
+    summary.iterations = solve.iterations();
+    summary.linear_solves = solve.linear_solves();
+    summary.factorizations = 0;
+    summary.energy_evaluations = field->energy_evaluations;
+    summary.gradient_evaluations = field->gradient_evaluations;
+
+    // The verdict, as a Session has it.
+    double energy = 0;
+    check(field->evaluate(x, &energy, gradient));
+    check(field->stationarity(gradient, &stationarity));
+    const double rounding = static_cast<double>(local.nodes + local.links) *
+                            std::numeric_limits<double>::epsilon() * first_energy;
+    const bool is_finite = detail::is_finite(energy) && detail::is_finite(stationarity);
+    if (!is_finite || energy > first_energy + rounding) {
+      check(VecCopy(start, x));
+      check(field->evaluate(x, &energy, gradient));
+      check(field->stationarity(gradient, &stationarity));
+      status = is_finite ? Status::NoProgress : Status::NumericalFailure;
+      summary.message = "no step lowered the energy";
+    } else if (stationarity <= solve.tolerance()) {
+      status = Status::Converged;
+    } else if (solve.is_stopped()) {
+      status = Status::Interrupted;
+    } else if (status == Status::Converged) {
+      status = Status::NoProgress;
+    }
+    if (summary.message.empty()) {
+      summary.message.assign(status == Status::Converged       ? "stationary to the tolerance"
+                             : status == Status::MaxIterations ? "not yet stationary"
+                             : status == Status::Interrupted   ? "asked to stop, not yet stationary"
+                                                               : "stopped short of the tolerance");
+      if (status == Status::NoProgress) summary.message.append(" (").append(words).append(")");
+    }
+    check(VecNorm(gradient, NORM_2, &norm));
+    summary.status = status;
+    summary.final_energy = energy_unit * energy;
+    summary.gradient_norm = energy_unit / length_unit * norm;
+    summary.stationarity = stationarity;
+  }
+
+  // Sends node `number` to process_of(number). What this process gets are nodes from `begin` on, as columns.
+  template <typename ProcessOf>
+  Points collect(std::int64_t begin, ProcessOf&& process_of) const try {
+    struct Placed {
+      std::int64_t number;
+      double x[kDim];
+    };
+    std::vector<Placed> nodes(static_cast<std::size_t>(local.own));
+    std::vector<int> to;
+    const double* values = nullptr;
+    check(VecGetArrayRead(x, &values));
+    for (std::size_t i = 0; i < nodes.size(); ++i) {
+      nodes[i].number = local.numbers[i];
+      std::transform(values + kDim * i, values + kDim * (i + 1), nodes[i].x,
+                     [this](double coordinate) { return length_unit * coordinate; });
+      to.push_back(process_of(local.numbers[i]));
+    }
+    check(VecRestoreArrayRead(x, &values));
+    nodes = comm.template exchange<Placed>(nodes, to);
+    Points result(kDim, static_cast<Eigen::Index>(nodes.size()));
+    for (const Placed& node : nodes) std::copy_n(node.x, kDim, result.col(node.number - begin).data());
+    return result;
+  } catch (const PetscFailure& failure) {
+    throw std::runtime_error(std::string(std::string_view(failure.message)));
+  }
+};
+
+template <int kDim>
+DistributedSystem<kDim>::DistributedSystem(MPI_Comm comm, const SystemShare<kDim>& share)
+    : impl_(std::make_unique<Impl>(comm)) {
+  const PetscErrors errors;
+  try {
+    impl_->problem = impl_->distribute(share);
+  } catch (const PetscFailure& failure) {
+    impl_->problem = failure.message;
+  } catch (const std::bad_alloc&) {
+    impl_->problem = Communicator::kOutOfMemory;
+  }
+  impl_->problem = impl_->comm.agree(impl_->problem);
+}
+
+template <int kDim>
+DistributedSystem<kDim>::~DistributedSystem() = default;
+template <int kDim>
+DistributedSystem<kDim>::DistributedSystem(DistributedSystem&&) noexcept = default;
+template <int kDim>
+DistributedSystem<kDim>& DistributedSystem<kDim>::operator=(DistributedSystem&&) noexcept = default;
+
+template <int kDim>
+const Message& DistributedSystem<kDim>::problem() const {
+  return impl_->problem;
+}
+
+template <int kDim>
+Summary DistributedSystem<kDim>::solve(const DistributedOptions& options) {
+  const auto begin = std::chrono::steady_clock::now();
+  Impl& impl = *impl_;
+  Summary summary;
+  summary.solver = name_of(options.method).name;
+  const PetscErrors errors;
+  const char* const wrong = options.problem();
+  summary.status = Status::InvalidInput;
+  summary.message = impl.problem.empty() ? impl.comm.agree(wrong != nullptr ? wrong : "") : impl.problem;
+  if (summary.message == Communicator::kOutOfMemory) summary.status = Status::OutOfMemory;
+  if (summary.message.empty()) {
+    OwnedVec start;
+    std::vector<int> grounded;
+    const auto fail = [&](Status status, const Message& message) {
+      summary.status = status;
+      summary.message = message;
+      if (start != nullptr) VecCopy(start, impl.x);
+    };
+    try {
+      check(VecDuplicate(impl.x, &start));
+      check(VecCopy(impl.x, start));
+      grounded = impl.ground(options.ground_components, summary.message);
+      if (summary.message.empty()) impl.solve(options, start, summary);
+    } catch (const PetscFailure& failure) {
+      fail(failure.code == PETSC_ERR_MEM ? Status::OutOfMemory : Status::NumericalFailure, failure.message);
+    } catch (const std::bad_alloc&) {
+      fail(Status::OutOfMemory, Communicator::kOutOfMemory);
+    }
+    for (const int i : grounded) impl.local.system.release(i);
+  }
+  summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return summary;
+}
+
+template <int kDim>
+auto DistributedSystem<kDim>::placement() const -> Points {
+  if (!impl_->problem.empty()) return Points(kDim, 0);
+  const auto& ends = impl_->share_ends;
+  return impl_->collect(impl_->share_begin, [&](std::int64_t number) {
+    return static_cast<int>(std::upper_bound(ends.begin(), ends.end(), number) - ends.begin());
+  });
+}
+
+template <int kDim>
+auto DistributedSystem<kDim>::gather(int root) const -> Points {
+  if (!impl_->problem.empty()) return Points(kDim, 0);
+  return impl_->collect(0, [root](std::int64_t) { return root; });
+}
+
+template <int kDim>
+std::int64_t DistributedSystem<kDim>::nodes() const {
+  return impl_->local.nodes;
+}
+template <int kDim>
+std::int64_t DistributedSystem<kDim>::links() const {
+  return impl_->local.links;
+}
+template <int kDim>
+std::int64_t DistributedSystem<kDim>::cut_links() const {
+  return impl_->local.cut_links;
+}
+template <int kDim>
+std::int64_t DistributedSystem<kDim>::own_nodes() const {
+  return impl_->local.own;
+}
+
+template class DistributedSystem<2>;
+template class DistributedSystem<3>;
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
