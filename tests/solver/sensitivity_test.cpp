@@ -164,7 +164,6 @@ TEST(Sensitivity, LearnsTheParametersOfALaw) {
   };
   const Eigen::Vector3d truth(0.4, -0.3, 1.1);
   Newton<Four> newton;
-  newton.options.tolerance = 1e-14;
   Sensitivity<Four> sensitivity;
   std::vector<Example> examples;
   std::vector<Four::Points> targets;
@@ -178,7 +177,7 @@ TEST(Sensitivity, LearnsTheParametersOfALaw) {
     apply(example, truth);
     example.x = system.anchors;
     ASSERT_EQ(newton.solve(example.system, example.x).status, Status::Converged);
-    targets.push_back(example.x);
+    targets.push_back(follow(example.system, example.x));
   }
   // Only the ratio of stiffness moves the solution: p0 stays. Gauss-Newton on the forward tangents.
   Eigen::Vector3d p(truth[0], 0.2, 1.05);
@@ -193,6 +192,7 @@ TEST(Sensitivity, LearnsTheParametersOfALaw) {
       apply(example, p);
       const Summary summary = newton.solve(example.system, example.x);
       ASSERT_EQ(summary.status, Status::Converged) << summary << " at " << p.transpose();
+      example.x = follow(example.system, example.x);
       SystemTangent<Four> by[2] = {SystemTangent<Four>(example.system), SystemTangent<Four>(example.system)};
       by[0].link_stiffness = example.system.link_stiffness;   // by p1
       by[1].rest_length = example.system.rest_length / p[2];  // by p2
@@ -213,8 +213,8 @@ TEST(Sensitivity, LearnsTheParametersOfALaw) {
     EXPECT_LT((reverse - slope).norm(), 1e-9 * slope.norm() + 1e-18);
     p.tail<2>() -= normal.inverse() * reverse;
   }
-  EXPECT_LT(loss, 1e-20);
-  EXPECT_LT((p - truth).norm(), 1e-9);
+  EXPECT_LT(loss, 1e-18);
+  EXPECT_LT((p - truth).norm(), 1e-8);
 }
 
 }  // namespace

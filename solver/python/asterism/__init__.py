@@ -10,7 +10,7 @@ A spring system is solved in place:
     x = anchors.copy()
     summary = asterism.solve(system, x)
 
-Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. Trackers
+Gradients of a function of the solution are found by `asterism.sensitivity`; `asterism.torch` is a layer of PyTorch. Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
 `asterism.evaluation` reads the reports of asterism-eval.
 """
@@ -48,9 +48,10 @@ from . import evaluation
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, mds
+from .gradients import Sensitivity, sensitivity
 
 # What help(asterism) lists.
-__all__ = ["evaluation", "Embedding", "layout", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
+__all__ = ["evaluation", "Embedding", "layout", "mds", "Sensitivity", "sensitivity", *(name for name in dir(_asterism) if not name.startswith("_"))]
 if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
 

@@ -360,12 +360,10 @@ class ImplicitSolver {
 
   // A link whose direction is rounding alone, or -1.
   int directionless_link(const System& system, const Points& x) const {
-    const Scalar length = rule_.length();
+    const Scalar extent = rule_.length() * rule_.length() + 2 * x.colwise().squaredNorm().maxCoeff();
     int l = 0;
     for (const Link& link : system.links()) {
-      const typename System::Point d = x.col(link.i) - x.col(link.j);
-      const Scalar square = d.squaredNorm();
-      const Scalar extent = length * length + x.col(link.i).squaredNorm() + x.col(link.j).squaredNorm();
+      const Scalar square = (x.col(link.i) - x.col(link.j)).squaredNorm();
       if (!(square > kRounding * kRounding * extent && square > kLeastSquare<Scalar>)) [[unlikely]] {
         if (!(system.is_fixed(link.i) && system.is_fixed(link.j))) return l;
       }
