@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""theory_figures.py FOLDER: the figures of docs/theory.md and docs/covariance.md as SVG, computed by the library (`import asterism`).
+"""theory_figures.py FOLDER: the figures of docs/theory.md, docs/covariance.md and docs/gradients.md as SVG, computed by the library (`import asterism`).
 
 Ends with an error where a figure does not show what its page says.
 """
@@ -183,6 +183,44 @@ def covariance(path):
     figure.savefig(path, metadata={'Date': None}, dpi=150, bbox_inches='tight')
 
 
+def gradients(path):
+    """What moves when one anchor is pulled: a grid of parts, one of them not seen, and the anchor of another."""
+    places = np.array([[40.0 * column, 40.0 * row] for row in range(3) for column in range(4)])
+    system = asterism.SpringSystem(asterism.Topology.k_nearest(places, 4))
+    system.set_rest_lengths(places)
+    system.anchors = places + np.random.default_rng(2).normal(scale=2, size=places.shape)
+    system.anchor_stiffness, system.link_stiffness = 0.3, 1
+    system.anchor_stiffness[6] = 0.01  # beside the one that is pulled
+    pulled, pull = 5, np.array([12.0, -6.0])
+    x, _ = solved(system, places)
+    tangent = np.zeros_like(places)
+    tangent[pulled] = pull
+    moves = asterism.solution_tangent(system, x, anchors=tangent)
+    # The same by solving again, with a pull of a thousandth; and the anchors' shares of the mean's move in reverse mode.
+    system.anchors[pulled] += 1e-3 * pull
+    again, _ = solved(system, x)
+    if not np.allclose((again - x) / 1e-3, moves, atol=1e-2):
+        sys.exit('theory_figures.py: the moves are not those of a solve')
+    system.anchors[pulled] -= 1e-3 * pull
+    mean = asterism.sensitivity(system, x, np.full_like(x, 1 / len(x)))
+    if not np.isclose(mean.anchors[pulled] @ pull, moves.mean(axis=0).sum()):
+        sys.exit('theory_figures.py: forward and reverse mode differ')
+
+    figure, axes = plt.subplots(figsize=(6.2, 4), layout='constrained')
+    draw(axes, system, x, '0.6')
+    axes.plot(*system.anchors.T, '+', color='black', markersize=9, label='anchors')
+    arrow = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1, 'width': 0.006}
+    axes.quiver(*system.anchors[pulled], *pull, color='tab:red', label='pull', **arrow)
+    axes.quiver(*x.T, *(3 * moves).T, color='tab:blue', label='moves, 3 times as long', zorder=3, **arrow)
+    axes.plot(*x[6], 'o', color='white', markeredgecolor='0.4', markersize=7, label='weak anchor')
+    axes.set_aspect('equal')
+    axes.invert_yaxis()
+    axes.set_xlabel('x [px]')
+    axes.set_ylabel('y [px]')
+    axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
+    figure.savefig(path, metadata={'Date': None})
+
+
 if len(sys.argv) != 2:
     sys.exit('usage: theory_figures.py FOLDER')
 folder = pathlib.Path(sys.argv[1])
@@ -191,3 +229,4 @@ minima(folder / 'theory-minima.svg')
 majoriser(folder / 'theory-majoriser.svg')
 minoriser(folder / 'theory-minoriser.svg')
 covariance(folder / 'covariance.svg')
+gradients(folder / 'gradients.svg')

@@ -7,6 +7,7 @@
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -32,6 +33,16 @@ NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>& system,
 template <int Dim>
 Certificate certificate_of(const System<Dim>& system, const typename System<Dim>::Points& x,
                            const CertifyOptions& options);
+
+template <int Dim>
+SystemGradient<System<Dim>> sensitivity_of(const System<Dim>& system, const typename System<Dim>::Points& x,
+                                           const typename System<Dim>::Points& grad_x,
+                                           const SensitivityOptions& options);
+template <int Dim>
+SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>& system,
+                                                 const typename System<Dim>::Points& x,
+                                                 const SystemTangent<System<Dim>>& tangent,
+                                                 const SensitivityOptions& options);
 
 /// BatchNewton on `threads`. The calling thread calls `interrupted` after each of its tasks; once that
 /// returns true, the systems of tasks that have not begun are left as they were.

@@ -55,6 +55,21 @@ Certificate certificate_of(const System<Dim>& system, const typename System<Dim>
 }
 
 template <int Dim>
+SystemGradient<System<Dim>> sensitivity_of(const System<Dim>& system, const typename System<Dim>::Points& x,
+                                           const typename System<Dim>::Points& grad_x,
+                                           const SensitivityOptions& options) {
+  return sensitivity(system, x, grad_x, options);
+}
+
+template <int Dim>
+SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>& system,
+                                                 const typename System<Dim>::Points& x,
+                                                 const SystemTangent<System<Dim>>& tangent,
+                                                 const SensitivityOptions& options) {
+  return solution_tangent(system, x, tangent, options);
+}
+
+template <int Dim>
 BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd simd, int threads,
                          const std::function<bool()>& interrupted) {
   BatchNewton<Batch<Dim>> solver(batch, options);
@@ -77,6 +92,12 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
   template NodeCovariances<System<Dim>> node_covariances_of(const System<Dim>&, const System<Dim>::Points&); \
   template Certificate certificate_of(const System<Dim>&, const System<Dim>::Points&,                        \
                                       const CertifyOptions&);                                                \
+  template SystemGradient<System<Dim>> sensitivity_of(const System<Dim>&, const System<Dim>::Points&,        \
+                                                      const System<Dim>::Points&,                            \
+                                                      const SensitivityOptions&);                            \
+  template SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>&, const System<Dim>::Points&,  \
+                                                            const SystemTangent<System<Dim>>&,               \
+                                                            const SensitivityOptions&);                      \
   template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int,                            \
                                     const std::function<bool()>&)
 

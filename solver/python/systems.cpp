@@ -3,8 +3,10 @@
 #include <pybind11/eigen.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -113,6 +115,20 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
                               .attr(out_of_memory ? "MemoryError" : "LinAlgError");
   PyErr_SetString(type.ptr(), text.c_str());
   throw py::error_already_set();
+}
+
+[[noreturn]] void refuse_sensitivity(SensitivityStatus status, const Message& message) {
+  const CovarianceStatus kind = status == SensitivityStatus::InvalidInput ? CovarianceStatus::InvalidInput
+                                : status == SensitivityStatus::OutOfMemory
+                                    ? CovarianceStatus::OutOfMemory
+                                    : CovarianceStatus::NotPositiveDefinite;
+  refuse_covariance(kind, message);
+}
+
+SensitivityOptions sensitivity_options(double stationarity) {
+  const SensitivityOptions options{stationarity};
+  if (const char* problem = options.problem()) throw py::value_error(problem);
+  return options;
 }
 
 }  // namespace
@@ -427,6 +443,60 @@ void bind_systems(py::module_& m) {
       "Each node's own covariance, (N, dim, dim): the diagonal blocks of covariance(), also for large "
       "sparse\n"
       "systems.");
+  m.def(
+      "_sensitivity",
+      [](AnySystem& system, const py::object& x, const py::object& grad_x, double stationarity) {
+        const SensitivityOptions options = sensitivity_options(stationarity);
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          const auto points = points_of<Dim>(s, x);
+          const typename System<Dim>::Points grad =
+              map_points<Dim>(numbers(grad_x, "grad_x", {s.nodes(), Dim}));
+          auto result = [&] {
+            const py::gil_scoped_release release;
+            return sensitivity_of<Dim>(s, points, grad, options);
+          }();
+          if (!result) refuse_sensitivity(result.status, result.message);
+          return py::make_tuple(owned(std::move(result.anchors), {s.nodes(), Dim}),
+                                owned(std::move(result.anchor_stiffness), {s.nodes()}),
+                                owned(std::move(result.rest_length), {s.link_count()}),
+                                owned(std::move(result.link_stiffness), {s.link_count()}));
+        });
+      },
+      py::arg("system"), py::arg("x"), py::arg("grad_x"), py::arg("stationarity"),
+      "The arrays of asterism.sensitivity().");
+  m.def(
+      "solution_tangent",
+      [](AnySystem& system, const py::object& x, const py::object& anchors,
+         const py::object& anchor_stiffness, const py::object& rest_length, const py::object& link_stiffness,
+         double stationarity) {
+        const SensitivityOptions options = sensitivity_options(stationarity);
+        return system.visit([&]<int Dim>(System<Dim>& s) {
+          const auto points = points_of<Dim>(s, x);
+          SystemTangent<System<Dim>> tangent(s);
+          if (!anchors.is_none())
+            tangent.anchors = map_points<Dim>(numbers(anchors, "anchors", {s.nodes(), Dim}));
+          const auto set = [](auto& values, const py::object& given, const char* name) {
+            if (given.is_none()) return;
+            const auto array = numbers(given, name, {values.size()});
+            std::copy_n(array.data(), values.size(), values.data());
+          };
+          set(tangent.anchor_stiffness, anchor_stiffness, "anchor_stiffness");
+          set(tangent.rest_length, rest_length, "rest_length");
+          set(tangent.link_stiffness, link_stiffness, "link_stiffness");
+          auto result = [&] {
+            const py::gil_scoped_release release;
+            return solution_tangent_of<Dim>(s, points, tangent, options);
+          }();
+          if (!result) refuse_sensitivity(result.status, result.message);
+          return owned(std::move(result.x), {s.nodes(), Dim});
+        });
+      },
+      py::arg("system"), py::arg("x"), py::kw_only(), py::arg("anchors") = py::none(),
+      py::arg("anchor_stiffness") = py::none(), py::arg("rest_length") = py::none(),
+      py::arg("link_stiffness") = py::none(), py::arg("stationarity") = SensitivityOptions().stationarity,
+      "How the solution x moves, (N, dim), per unit of a parameter theta, for the derivatives by theta of "
+      "the\n"
+      "system's arrays, of their shapes; one that is left out does not change. Errors as of sensitivity().");
 }
 
 }  // namespace asterism::python

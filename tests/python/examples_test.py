@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """The examples as a user runs them, small: examples_test.py PROJECT."""
 
+import importlib.util
 import pathlib
 import re
 import subprocess
@@ -72,6 +73,17 @@ class ExamplesTest(unittest.TestCase):
             text = (PROJECT / "docs" / page).read_text()
             shown = re.search(rf"examples/{name} -->\n```python\n.*?^```\n\n```text\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
             self.assertEqual(self.run_example(name), shown[1])
+
+    def test_gradients(self):
+        out = self.run_example("gradients.py")
+        shares = [float(line.split()[-1]) for line in out.splitlines() if "follows" in line]
+        self.assertEqual(len(shares), 4)
+        self.assertAlmostEqual(sum(shares), 1, delta=2e-3)  # a translation of all
+        self.assertLess(shares[3], min(shares[:3]))
+
+    @unittest.skipUnless(importlib.util.find_spec("torch"), "PyTorch is not installed")
+    def test_learn_law(self):
+        self.assertEqual(self.run_example("learn_law.py"), "p = 1.5000, q = 0.8000\n")
 
     def test_gallery(self):
         page = (PROJECT / "docs/gallery.md").read_text()

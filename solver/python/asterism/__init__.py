@@ -11,7 +11,8 @@ A spring system is solved in place:
     summary = asterism.solve(system, x)
 
 Points with given distances are found by `asterism.mds`, graphs are drawn by `asterism.layout`, and parts with maps of costs are
-placed by `asterism.pictorial_structure`. Trackers
+placed by `asterism.pictorial_structure`. Gradients of a function of the solution are found by `asterism.sensitivity`;
+`asterism.torch` is a layer of PyTorch. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
 `asterism.evaluation` reads the reports of asterism-eval, and `asterism.bench` compares a solver of your own with the library's.
 """
@@ -49,11 +50,12 @@ from . import bench, evaluation
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, mds
+from .gradients import Sensitivity, sensitivity
 from .structures import Joint, PictorialResult, pictorial_structure
 
 # What help(asterism) lists.
 __all__ = [
-    "bench", "evaluation", "Embedding", "Joint", "PictorialResult", "layout", "mds", "pictorial_structure",
+    "bench", "evaluation", "Embedding", "Joint", "PictorialResult", "Sensitivity", "layout", "mds", "pictorial_structure", "sensitivity",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]
 if hasattr(_asterism, "_parse_systems"):

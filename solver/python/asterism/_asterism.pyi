@@ -92,6 +92,19 @@ class Certificate:
 def certify(system: SpringSystem, x: npt.ArrayLike, gap: float = ...) -> Certificate: ...
 def covariance(system: SpringSystem, x: npt.ArrayLike) -> _Floats: ...
 def node_covariances(system: SpringSystem, x: npt.ArrayLike) -> _Floats: ...
+def _sensitivity(
+    system: SpringSystem, x: npt.ArrayLike, grad_x: npt.ArrayLike, stationarity: float
+) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
+def solution_tangent(
+    system: SpringSystem,
+    x: npt.ArrayLike,
+    *,
+    anchors: npt.ArrayLike | None = ...,
+    anchor_stiffness: npt.ArrayLike | None = ...,
+    rest_length: npt.ArrayLike | None = ...,
+    link_stiffness: npt.ArrayLike | None = ...,
+    stationarity: float = ...,
+) -> _Floats: ...
 
 class Status(enum.IntEnum):
     NOT_RUN = 0

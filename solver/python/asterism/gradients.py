@@ -1,0 +1,36 @@
+"""Gradients of a function of a system's solution by the system's values."""
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import _asterism
+
+__all__ = ["Sensitivity", "sensitivity"]
+
+
+@dataclass(frozen=True, eq=False)
+class Sensitivity:
+    """dL/d(values) of a system for a function L of its solution: arrays of the shapes that the system's have."""
+
+    anchors: np.ndarray  #: (N, dim)
+    anchor_stiffness: np.ndarray  #: (N,)
+    rest_length: np.ndarray  #: one for each link
+    link_stiffness: np.ndarray  #: one for each link
+
+    def copy(self):
+        """An object of its own with the same values."""
+        return copy.deepcopy(self)
+
+
+def sensitivity(system, x, grad_x, *, stationarity=1e-6):
+    """dL/d(values) of `system` at its solution x (N, dim) for grad_x = dL/dx (N, dim), a Sensitivity.
+
+    At a strict local minimum the solution follows the values of the system: H dx = -d(gradient), H the Hessian of the energy. One
+    factorisation and one solve give the derivatives by all values (reverse mode). grad_x at fixed nodes does not count.
+
+    numpy.linalg.LinAlgError if there are no derivatives, with the reason: x is not stationary to `stationarity`, it is no strict
+    local minimum, or linked nodes coincide. ValueError for values that a solver would refuse, MemoryError if memory runs out.
+    """
+    return Sensitivity(*_asterism._sensitivity(system, x, grad_x, stationarity))
