@@ -21,6 +21,7 @@ namespace py = pybind11;
 void bind_systems(py::module_& m);
 void bind_solvers(py::module_& m);
 void bind_batch(py::module_& m);
+void bind_graph(py::module_& m);
 void bind_json(py::module_& m);
 void bind_trackers(py::module_& m);
 

@@ -47,10 +47,10 @@ except ImportError as error:
 from . import evaluation
 from ._asterism import *
 from ._asterism import __version__
-from .embedding import Embedding, layout, mds
+from .embedding import Embedding, layout, layout_stress, mds
 
 # What help(asterism) lists.
-__all__ = ["evaluation", "Embedding", "layout", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
+__all__ = ["evaluation", "Embedding", "layout", "layout_stress", "mds", *(name for name in dir(_asterism) if not name.startswith("_"))]
 if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
 
