@@ -23,6 +23,7 @@ void bind_random(py::module_& m);
 void bind_solvers(py::module_& m);
 void bind_batch(py::module_& m);
 void bind_discrete(py::module_& m);
+void bind_graph(py::module_& m);
 void bind_json(py::module_& m);
 void bind_trackers(py::module_& m);
 

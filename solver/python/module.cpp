@@ -12,6 +12,7 @@ PYBIND11_MODULE(_asterism, m) {
   bind_solvers(m);
   bind_batch(m);
   bind_discrete(m);
+  bind_graph(m);
 #ifdef ASTERISM_PYTHON_JSON
   bind_json(m);
 #endif

@@ -49,6 +49,7 @@ std::vector<Link> links_of(const py::object& object) {
     const std::int64_t index = pairs.at(l, end);
     return index > std::numeric_limits<int>::max() || index < 0 ? -1 : static_cast<int>(index);
   };
+  links.reserve(static_cast<std::size_t>(pairs.shape(0)));
   for (py::ssize_t l = 0; l < pairs.shape(0); ++l) links.push_back({node(l, 0), node(l, 1)});
   return links;
 }

@@ -8,6 +8,7 @@ import warnings
 import asterism
 import numpy as np
 import scipy.sparse
+import scipy.sparse.csgraph
 
 try:
     from sklearn.manifold import MDS
@@ -180,6 +181,10 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.layout([(0, 1.5)]), TypeError, "the nodes of edge 0 are no integers"),
             (lambda: asterism.layout(np.zeros((3, 2))), ValueError, "give edges as a list"),
             (lambda: asterism.layout(["ab"]), TypeError, r"edge 0 is no \(i, j\)"),
+            (lambda: asterism.layout([(0, 1)], partners=0), ValueError, "partners: expected >= 1, found 0"),
+            (lambda: asterism.layout([(0, 1)], partners=2.5), TypeError, "partners: expected an integer, found float"),
+            (lambda: asterism.layout_stress([(0, 1)], np.zeros((3, 2))), ValueError, r"x: expected shape \(2, 2\), found \(3, 2\)"),
+            (lambda: asterism.layout_stress([(0, 1)], [[0, np.nan], [0, 0]]), ValueError, "x: expected finite numbers"),
         ]:
             with self.subTest(message), self.assertRaisesRegex(error, message):
                 call()
@@ -252,6 +257,65 @@ class LayoutTest(unittest.TestCase):
         groups = sorted(sorted(found.x[g, 0]) for g in ([0, 1, 2], [3, 4], [5], [6, 7]))
         for left, right in zip(groups, groups[1:]):
             self.assertGreater(right[0], left[-1])
+
+    def test_shortest_paths(self):
+        """Against SciPy, with edges of equal and of several lengths, longer than another path, and nodes out of reach."""
+        random = np.random.default_rng(5)
+        for name, values in {"equal": np.full(60, 2.0), "several": random.uniform(0.1, 9, 60)}.items():
+            with self.subTest(name):
+                ends = random.integers(0, 45, (60, 2))
+                edges = [(int(i), int(j), length) for (i, j), length in zip(ends, values) if i != j]
+                found = asterism.layout(edges, method="auto")
+                matrix = np.full((len(found.x),) * 2, np.inf)
+                for i, j, length in edges:
+                    matrix[i, j] = matrix[j, i] = min(matrix[i, j], length)
+                expected = scipy.sparse.csgraph.shortest_path(np.where(np.isinf(matrix), 0, matrix), directed=False)
+                links = found.system.topology.links
+                np.testing.assert_allclose(found.system.rest_length, expected[links[:, 0], links[:, 1]], rtol=1e-12)
+                self.assertEqual(len(links), np.isfinite(expected[np.triu_indices(len(expected), 1)]).sum())
+
+    def test_stress_of_any_drawing(self):
+        edges = [(0, 1, 2.0), (1, 2, 3.0), (2, 0, 7.0), (3, 4)]  # from 2 to 0 the path by 1 is shorter
+        distances = np.array([[0, 2, 5], [2, 0, 3], [5, 3, 0]])
+        for dim in (2, 3):
+            x = np.random.default_rng(1).normal(size=(5, dim))
+            for power in (1.0, 2.0):
+                with np.errstate(divide="ignore"):
+                    expected = stress(x[:3], distances, np.where(distances > 0, distances, np.inf) ** -power)
+                expected += (1 - np.linalg.norm(x[3] - x[4])) ** 2
+                self.assertAlmostEqual(asterism.layout_stress(edges, x, power=power), expected, places=12)
+        found = asterism.layout(edges)
+        self.assertAlmostEqual(asterism.layout_stress(edges, found.x), found.stress, places=12)
+        self.assertAlmostEqual(asterism.layout_stress(edges, 7 * found.x, scaled=True), found.stress, places=12)
+        self.assertEqual(asterism.layout_stress(edges, np.zeros((5, 2)), scaled=True), 4)
+
+    def test_random_partners(self):
+        """Much fewer pairs, and hardly more stress; small components keep all pairs, and a run is repeated exactly."""
+        side = 30
+        number = np.arange(side * side).reshape(side, side)
+        grid = [*zip(number[:, :-1].ravel(), number[:, 1:].ravel()), *zip(number[:-1].ravel(), number[1:].ravel())]
+        edges = grid + [(900, 901, 2.0), (901, 902), (902, 900, 2.0)]
+        every, some = asterism.layout(edges), asterism.layout(edges, partners=40)
+        self.assertEqual(every.system.link_count, 900 * 899 // 2 + 3)
+        self.assertLess(some.system.link_count, 40 * 900 + len(edges))
+        self.assertGreater(some.system.link_count, 39 * 900)
+        self.assertLess(asterism.layout_stress(edges, some.x), 1.1 * every.stress)
+        np.testing.assert_allclose(some.system.link_stiffness.sum(), every.system.link_stiffness.sum(), rtol=0.1)
+        self.assertIsNone(some.certificate)
+        self.assertFalse(some.certified)
+        self.assertEqual((some.lower_bound, some.gap), (0, 1))
+        triangle = [tuple(link) for link in some.system.topology.links if link[0] >= 900]
+        self.assertEqual(sorted(triangle), [(900, 901), (900, 902), (901, 902)])
+        np.testing.assert_array_equal(asterism.layout(edges, partners=40).x, some.x)
+        small = asterism.layout(grid[:40], partners=40)
+        self.assertEqual(small.system.link_count, asterism.layout(grid[:40]).system.link_count)
+
+    def test_many_nodes(self):
+        """A ring of more nodes than classical scaling starts from: its drawing is a circle."""
+        n = 600
+        found = asterism.layout([(k, (k + 1) % n) for k in range(n)], dim=2, tolerance=1e-6)
+        radii = np.linalg.norm(found.x, axis=1)
+        self.assertLess(np.ptp(radii), 0.02 * radii.mean())
 
 
 if __name__ == "__main__":

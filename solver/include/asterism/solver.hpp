@@ -8,7 +8,6 @@
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
-#include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/linear/dense_cholesky.hpp>
 #include <asterism/solver/linear/jacobi_metric.hpp>

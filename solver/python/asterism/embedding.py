@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import operator
-from typing import Any, Iterable, Sequence
+from typing import Any, Callable, Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from . import _asterism
 
 _Floats = npt.NDArray[np.float64]
+_Distances = Callable[[Any], _Floats]  # (S, N), from the sources (S,) to all nodes
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -27,8 +28,8 @@ class Embedding:
     #: Another placement may have less stress by this share of it (or of 1e-10 sum w_ij (d_ij + |x_i - x_j|)^2, if that is more,
     #: for placements whose stress is rounding); 1 if nothing is proven.
     gap: float
-    #: Of the placement: whether it is proven to have the least stress, and if not, why.
-    certificate: _asterism.Certificate
+    #: Of the placement: whether it is proven to have the least stress, and if not, why. None of a sparse stress.
+    certificate: _asterism.Certificate | None
     #: Of the solve; its energy is half the stress.
     summary: _asterism.Summary
     #: The spring system that was solved.
@@ -39,7 +40,7 @@ class Embedding:
     @property
     def certified(self) -> bool:
         """The placement is proven to have the least stress."""
-        return self.certificate.certified
+        return self.certificate is not None and self.certificate.certified
 
     def __bool__(self) -> bool:
         """Whether x is a result: the summary's truth value."""
@@ -60,7 +61,7 @@ def mds(
     """Metric multidimensional scaling: points whose distances are those given, in the sense of least weighted squares.
 
     Minimises the stress sum w_ij (d_ij - |x_i - x_j|)^2 over the known pairs (scikit-learn's MDS has the same for metric=True),
-    plus sum w_i |x_i - a_i|^2 over the anchors. Needs SciPy.
+    plus sum w_i |x_i - a_i|^2 over the anchors.
 
     distances: (N, N), symmetric, >= 0; a pair of NaN is missing, and the diagonal is not read. Of a scipy.sparse matrix the
         stored entries are the known pairs; one of both triangles suffices.
@@ -68,7 +69,8 @@ def mds(
     anchors: (N, dim), known positions of nodes; NaN for nodes without one. None: the result is centred on the origin.
     anchor_weights: one for all anchors, or (N,); inf holds a node on its anchor exactly.
     dim: 2 or 3; other dimensions are a ValueError.
-    start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path.
+    start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path (over 500 nodes: from the
+        distances to 200 of them, the pivots).
     method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, and 8 for more (its option `starts`, with
         `spread` 2 here); "staircase" searches for the least stress from above and below.
 
@@ -91,33 +93,65 @@ def layout(
     dim: int = 2,
     *,
     power: float = 2.0,
+    partners: int | None = None,
     start: npt.ArrayLike | None = None,
-    method: str = "multi-start",
+    method: str | None = None,
     **options: bool | float,
 ) -> Embedding:
     """Draws a graph: nodes at distances near those along the graph (Kamada and Kawai 1989; Gansner, Koren and North 2004).
 
     The stress is that of mds for all pairs of nodes, with d_ij the length of the shortest path and w_ij = d_ij ** -power.
-    Directions of edges are ignored. Components are placed side by side. Takes memory and time of N^2. Needs SciPy.
+    Directions of edges are ignored. Components are placed side by side.
 
     graph: a list of edges, (i, j) or (i, j, length), over nodes 0 .. N - 1; an adjacency matrix (N, N), of NumPy or scipy.sparse,
         whose entries other than 0 are the lengths of edges; or a graph of networkx, whose edges have the length "length", or 1.
-    dim, start, method, options: as for mds.
+    partners: None: all pairs of nodes, in memory and time of N^2. A number k: a sparse stress, for graphs of many nodes. Its pairs
+        are the edges, and each node with k others of its component, drawn at random, whose weight is multiplied by the number of
+        pairs that they stand for: its expected value is the stress of all pairs. It takes memory of k N; only the shortest paths
+        take time of N times the number of nodes and edges. A component of at most 2 k + 1 nodes keeps all its pairs. The result's
+        stress is the sparse one, of which nothing is proven; layout_stress gives the stress of all pairs.
+    dim, start, options: as for mds.
+    method: as for solve. None: without partners "multi-start", of 32 starts up to 100 nodes, of 8 up to 300, and of one for more;
+        with partners "lbfgs-jacobi".
 
     The result's `nodes` are the graph's in the order of x: dict(zip(result.nodes, result.x)) is what networkx.draw takes.
     """
     _check_dim(dim)
-    nodes, pairs, lengths = _edges_of(graph)
+    nodes, edges = _graph_of(graph)
     n = len(nodes)
-    distances = _shortest_paths(pairs, lengths, n)
-    i, j = np.triu_indices(n, 1)
-    reached = np.isfinite(distances[i, j])
-    i, j = i[reached], j[reached]
-    along = distances[i, j]
     given = None if start is None else _array(start, "start", (n, dim))
+    components = _components(edges)
+    if partners is None:
+        method = method or "multi-start"
+        if method == "multi-start":
+            options = {"starts": 32 if n <= 100 else 8 if n <= 300 else 1, **options}
+        pairs, lengths = edges.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
+        weights = lengths ** -float(power)
+    else:
+        method = method or "lbfgs-jacobi"
+        pairs, lengths, shares = edges.partners(_count(partners, "partners"), 1)
+        weights = shares * lengths ** -float(power)
     return _embed(
-        nodes, np.column_stack([i, j]), along, along ** -float(power), np.zeros((n, dim)), np.zeros(n), given, dim, method, options
+        *(nodes, pairs, lengths, weights, np.zeros((n, dim)), np.zeros(n), given, dim, method, options, edges, components),
+        prove=partners is None,  # a proof of the sparse stress would take longer than the drawing
     )
+
+
+def layout_stress(graph: Any, x: npt.ArrayLike, *, power: float = 2.0, scaled: bool = False) -> float:
+    """The stress of a drawing, also one of another program: that of layout, over all pairs of nodes that a path joins.
+
+    graph, power: as for layout. x: (N, 2) or (N, 3), a row for each node, in the order of layout's `nodes`.
+    scaled: of the drawing enlarged or shrunk to its least stress, for programs that draw in a unit of their own.
+
+    Takes memory of N and time of N^2.
+    """
+    nodes, edges = _graph_of(graph)
+    dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
+    points = np.ascontiguousarray(_array(x, "x", (len(nodes), dim)))
+    if not np.isfinite(points).all():
+        raise ValueError("x: expected finite numbers")
+    stress, slope, size = edges.stress_sums(points, float(power))
+    return float(max(stress - slope**2 / size, 0.0) if scaled and size > 0 else stress)
 
 
 def _check_dim(dim: int) -> None:
@@ -127,6 +161,16 @@ def _check_dim(dim: int) -> None:
         raise TypeError(f"dim: expected an integer, found {type(dim).__name__}") from None
     if found not in (2, 3):
         raise ValueError(f"dim: expected 2 or 3, found {found}; the Python package has no other dimensions")
+
+
+def _count(value: Any, name: str) -> int:
+    try:
+        found = operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name}: expected an integer, found {type(value).__name__}") from None
+    if found < 1:
+        raise ValueError(f"{name}: expected >= 1, found {found}")
+    return found
 
 
 def _array(values: Any, name: str, shape: tuple[int, ...]) -> _Floats:
@@ -221,6 +265,11 @@ def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_F
     return at, hold
 
 
+def _graph_of(graph: Any) -> tuple[list[Any], _asterism._Graph]:
+    nodes, pairs, lengths = _edges_of(graph)
+    return nodes, _asterism._Graph(len(nodes), pairs.astype(np.int64), lengths)
+
+
 def _edges_of(graph: Any) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
     """Nodes, edges and their lengths; loops are dropped, and several edges may join the same two nodes."""
     if hasattr(graph, "nodes") and callable(getattr(graph, "edges", None)):  # of networkx
@@ -266,37 +315,45 @@ def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[npt.NDArray[np.intp]
     return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.array(lengths)
 
 
-def _sparse(pairs: npt.NDArray[np.intp], values: _Floats, n: int) -> Any:
-    """A sparse matrix, upper triangle only; of several values of one pair the least. A value of 0 is stored explicitly."""
-    import scipy.sparse
-
-    i, j = pairs.min(axis=1, initial=n), pairs.max(axis=1, initial=0)
-    order = np.lexsort((values, j, i))
-    i, j, values = i[order], j[order], values[order]
-    first = np.ones(len(i), bool)
-    first[1:] = (i[1:] != i[:-1]) | (j[1:] != j[:-1])
-    return scipy.sparse.coo_matrix((values[first], (i[first], j[first])), shape=(n, n)).tocsr()
+def _components(graph: _asterism._Graph) -> list[npt.NDArray[np.intp]]:
+    """The nodes of each component, in the order of their first nodes."""
+    of = graph.components()
+    return np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1]) if len(of) else []
 
 
-def _shortest_paths(pairs: npt.NDArray[np.intp], lengths: _Floats, n: int) -> _Floats:
-    import scipy.sparse.csgraph
+def _pivots(distances_from: _Distances, nodes: npt.NDArray[np.intp], count: int) -> _Floats:
+    """Distances (K, N) from pivots of a component, each the farthest node from those before it (Gonzalez 1985), to its nodes."""
+    pivot, distances = nodes[0], np.empty((count, len(nodes)))
+    nearest = np.full(len(nodes), np.inf)
+    for row in distances:
+        row[:] = distances_from([pivot])[0, nodes]
+        np.minimum(nearest, row, out=nearest)
+        pivot = nodes[nearest.argmax()]
+    return distances
 
-    if n == 0:
-        return np.zeros((0, 0))
-    return scipy.sparse.csgraph.shortest_path(_sparse(pairs, lengths, n), directed=False)
+
+def _scaled_by_pivots(distances: _Floats, dim: int) -> _Floats:
+    """Classical scaling from the distances (K, N) of K pivots to all nodes (Brandes and Pich 2006)."""
+    squares = distances.T**2
+    means = squares.mean(axis=0)
+    centred = -0.5 * (squares - means - squares.mean(axis=1)[:, None] + means.mean())
+    values, vectors = np.linalg.eigh(centred.T @ centred)
+    values, vectors = np.sqrt(np.maximum(values[::-1][:dim], 0)), vectors[:, ::-1][:, :dim]
+    share = np.sqrt(squares.shape[0] / squares.shape[1])
+    x = centred @ vectors * np.sqrt(share / np.maximum(values, np.finfo(float).tiny))
+    return _not_flat(x, np.sqrt(means.mean()))
 
 
-def _components(pairs: npt.NDArray[np.intp], n: int) -> list[npt.NDArray[np.intp]]:
-    import scipy.sparse.csgraph
-
-    if n == 0:
-        return []
-    count, of = scipy.sparse.csgraph.connected_components(_sparse(pairs, np.ones(len(pairs)), n), directed=False)
-    return [np.flatnonzero(of == c) for c in range(count)]
+def _not_flat(x: _Floats, size: float) -> _Floats:
+    """Coordinates that would be flat get a little noise, so that nodes can leave a line or plane."""
+    noise = 1e-3 * size * np.random.default_rng(0).normal(size=x.shape)
+    flat = np.ptp(x, axis=0) < 1e-3 * size
+    x[:, flat] = noise[:, flat]
+    return x
 
 
 def _classical(distances: _Floats, dim: int) -> _Floats:
-    """Torgerson's scaling. Coordinates that would be flat get a little noise, so that nodes can leave a line or plane."""
+    """Torgerson's scaling."""
     n = len(distances)
     squares = distances**2
     means = squares.mean(axis=0)
@@ -304,10 +361,7 @@ def _classical(distances: _Floats, dim: int) -> _Floats:
     x = np.zeros((n, dim))
     kept = min(n, dim)
     x[:, :kept] = (vectors[:, ::-1] * np.sqrt(np.maximum(values[::-1], 0)))[:, :kept]
-    noise = 1e-3 * np.sqrt(means.mean()) * np.random.default_rng(0).normal(size=(n, dim))
-    flat = np.ptp(x, axis=0) < 1e-3 * np.sqrt(means.mean())
-    x[:, flat] = noise[:, flat]
-    return x
+    return _not_flat(x, np.sqrt(means.mean()))
 
 
 def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
@@ -319,12 +373,13 @@ def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
     return (x - here) @ (u @ v) + there
 
 
-def _start(pairs: Any, lengths: _Floats, components: Any, at: _Floats, hold: _Floats, dim: int) -> _Floats:
-    n = len(at)
-    distances = _shortest_paths(pairs, lengths, n)
-    x = np.zeros((n, dim))
+def _start(distances_from: _Distances, components: Any, at: _Floats, hold: _Floats, dim: int) -> _Floats:
+    x = np.zeros((len(at), dim))
     for nodes in components:
-        x[nodes] = _classical(distances[np.ix_(nodes, nodes)], dim)
+        if len(nodes) <= 500:
+            x[nodes] = _classical(distances_from(nodes)[:, nodes], dim)
+        else:
+            x[nodes] = _scaled_by_pivots(_pivots(distances_from, nodes, 200), dim)
         if (hold[nodes] > 0).any():
             x[nodes] = _to_anchors(x[nodes], at[nodes], hold[nodes])
     return x
@@ -357,11 +412,15 @@ def _embed(
     dim: int,
     method: str,
     options: dict[str, Any],
+    graph: _asterism._Graph | None = None,
+    components: list[npt.NDArray[np.intp]] | None = None,
+    prove: bool = True,
 ) -> Embedding:
+    """graph and its components: for the start; by default those of the pairs and lengths."""
     n = len(nodes)
     if n == 0:
         raise ValueError("there are no nodes")
-    system = _asterism.SpringSystem(_asterism.Topology.from_links(n, pairs.astype(np.int64)), dim)
+    system = _asterism.SpringSystem(_asterism.Topology.from_links(n, pairs), dim)
     exact = np.isinf(hold)
     system.anchors = at
     system.anchor_stiffness = np.where(exact, 0, hold)
@@ -369,8 +428,16 @@ def _embed(
     system.link_stiffness = weights
     for node in np.flatnonzero(exact):
         system.fix(int(node))
-    components = _components(pairs, n)
-    x = _start(pairs, lengths, components, at, hold, dim) if given is None else given.copy()
+    is_of_pairs = graph is None
+    if graph is None or components is None:
+        graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
+        components = _components(graph)
+    distances_from = graph.distances
+    if is_of_pairs and 2 * len(pairs) == n * (n - 1):  # all are known
+        matrix = np.zeros((n, n))
+        matrix[pairs[:, 0], pairs[:, 1]] = matrix[pairs[:, 1], pairs[:, 0]] = lengths
+        distances_from = matrix.__getitem__
+    x = _start(distances_from, components, at, hold, dim) if given is None else given.copy()
     x[exact] = at[exact]
     if method == "multi-start":
         options = {"starts": 32 if n <= 100 else 8, "spread": 2.0, **options}
@@ -380,9 +447,9 @@ def _embed(
     if not summary:
         raise ValueError(f"{summary.solver}: {summary.message}")
     x = _side_by_side(x, components, hold)
-    certificate = _asterism.certify(system, x)
+    certificate = _asterism.certify(system, x) if prove else None
     stress = 2 * _asterism.energy(system, x)
-    lower_bound = min(max(2 * certificate.lower_bound, 2 * summary.lower_bound, 0.0), stress)
+    lower_bound = min(max(2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0), stress)
     ends = system.topology.links
     rounding = 1e-10 * float(np.sum(weights * (lengths + np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)) ** 2))
     gap = (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
