@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <bit>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 namespace asterism {
@@ -43,7 +45,9 @@ struct AxisCost {
       return "has a weight that is negative or not finite";
     if (!detail::is_finite(offset) || std::abs(offset) > kMostOffset)
       return "has an offset that is not finite or beyond 2^20 px";
-    if (!(truncation >= 0)) return "has a truncation that is negative or NaN";
+    // By its bits, as in finite.hpp: NaN and numbers with a sign have larger ones than infinity.
+    if (std::bit_cast<std::uint64_t>(truncation) > std::bit_cast<std::uint64_t>(kInfinity))
+      return "has a truncation that is negative or NaN";
     return nullptr;
   }
 
