@@ -1,4 +1,5 @@
 #include <asterism/solver.hpp>
+#include <asterism/solver/energy/sensitivity.hpp>
 #include <cmath>
 #include <iostream>
 

@@ -192,8 +192,8 @@ void bind_systems(py::module_& m) {
       m, "SpringSystem",
       "A constellation as a spring system: a spring of stiffness k_i ties node i to its anchor, and springs\n"
       "of stiffness k_ij and rest length mu_ij join linked nodes. Its energy is\n"
-      "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2. With rest_offset, x_i - x_j\n"
-      "is less the link's offset m_ij.\n\n"
+      "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2. With rest_offset,\n"
+      "x_i - x_j is less the link's offset m_ij.\n\n"
       "The arrays are the system's own memory: assign to them in place. They start as NaN, so that a\n"
       "forgotten value is an error. Do not change them while another thread solves the system.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,

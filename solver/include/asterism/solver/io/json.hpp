@@ -63,13 +63,9 @@ using Json = nlohmann::json;
 
 inline constexpr int kVersion = 1;
 inline constexpr std::array<const char*, 13> kKeys = {
-    "asterism_system", "name",
-    "origin",          "dim",
-    "anchors",         "anchor_stiffness",
-    "anchor_shape",    "links",
-    "rest_length",     "link_stiffness",
-    "rest_offset",     "fixed",
-    "start",
+    "asterism_system",  "name",         "origin", "dim",         "anchors",
+    "anchor_stiffness", "anchor_shape", "links",  "rest_length", "link_stiffness",
+    "rest_offset",      "fixed",        "start",
 };
 
 /// The texts one after the other.
