@@ -251,12 +251,15 @@ void bind_systems(py::module_& m) {
               if (values.is_none()) {
                 system.rest_offset.resize(Dim, 0);
               } else {
-                system.rest_offset = map_points<Dim>(numbers(values, "rest_offset", {system.link_count(), Dim}));
+                system.rest_offset =
+                    map_points<Dim>(numbers(values, "rest_offset", {system.link_count(), Dim}));
               }
             });
           },
-          "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at the\n"
-          "distance rest_length of it. None, as at first: no link has one. Reading makes a copy; assign a whole\n"
+          "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at "
+          "the\n"
+          "distance rest_length of it. None, as at first: no link has one. Reading makes a copy; assign a "
+          "whole\n"
           "array.")
       .def(
           "set_rest_offsets",
@@ -266,7 +269,8 @@ void bind_systems(py::module_& m) {
             });
           },
           py::arg("points"),
-          "Sets every offset to the difference of its two nodes in points (N, dim), and every rest length to 0.")
+          "Sets every offset to the difference of its two nodes in points (N, dim), and every rest length to "
+          "0.")
       .def(
           "set_rest_lengths",
           [](AnySystem& self, const py::object& points) {
