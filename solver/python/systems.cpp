@@ -256,11 +256,9 @@ void bind_systems(py::module_& m) {
               }
             });
           },
-          "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at "
-          "the\n"
-          "distance rest_length of it. None, as at first: no link has one. Reading makes a copy; assign a "
-          "whole\n"
-          "array.")
+          "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at\n"
+          "the distance rest_length of it. None, as at first: no link has one. Reading makes a copy;\n"
+          "assign a whole array.")
       .def(
           "set_rest_offsets",
           [](AnySystem& self, const py::object& points) {
@@ -269,8 +267,8 @@ void bind_systems(py::module_& m) {
             });
           },
           py::arg("points"),
-          "Sets every offset to the difference of its two nodes in points (N, dim), and every rest length to "
-          "0.")
+          "Sets every offset to the difference of its two nodes in points (N, dim), and every rest\n"
+          "length to 0.")
       .def(
           "set_rest_lengths",
           [](AnySystem& self, const py::object& points) {

@@ -119,7 +119,8 @@ int main() {
     char* none[] = {nullptr};
     char** argv = none;
     const asterism::PetscRuntime runtime(argc, argv);
-    asterism::DistributedSystem<2> distributed(MPI_COMM_WORLD, asterism::whole_share<2>(triangle(), triangle().anchors));
+    asterism::DistributedSystem<2> distributed(MPI_COMM_WORLD,
+                                               asterism::whole_share<2>(triangle(), triangle().anchors));
     ok = check(distributed.solve().status == asterism::Status::Converged, "PETSc") && ok;
   }
 #endif
