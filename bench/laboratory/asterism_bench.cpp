@@ -32,6 +32,7 @@ int run_bars(bool quick, const std::string& group) {
   batch_bars(bars);
   robustness_bars(bars);
   proof_bars(bars);
+  gradient_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
 }

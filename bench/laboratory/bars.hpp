@@ -53,5 +53,6 @@ void sparse_bars(Bars& bars);
 void batch_bars(Bars& bars);
 void robustness_bars(Bars& bars);
 void proof_bars(Bars& bars);
+void gradient_bars(Bars& bars);
 
 }  // namespace asterism::bench
