@@ -10,7 +10,8 @@ A spring system is solved in place:
     x = anchors.copy()
     summary = asterism.solve(system, x)
 
-Gradients of a function of the solution are found by `asterism.sensitivity`; `asterism.torch` is a layer of PyTorch. Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. Trackers
+Points with given distances are found by `asterism.mds`, and graphs are drawn by `asterism.layout`. `asterism.sensitivity`
+differentiates through a solution, and `asterism.torch` is a layer of PyTorch that needs an import of its own. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
 `asterism.evaluation` reads the reports of asterism-eval.
 """
