@@ -186,12 +186,13 @@ def covariance(path):
 def gradients(path):
     """What moves when one anchor is pulled: a grid of parts, one of them not seen, and the anchor of another."""
     places = np.array([[40.0 * column, 40.0 * row] for row in range(3) for column in range(4)])
-    system = asterism.SpringSystem(asterism.Topology.k_nearest(places, 4))
+    pairs = [(i, j) for j in range(12) for i in range(j) if np.linalg.norm(places[i] - places[j]) < 60]
+    system = asterism.SpringSystem(asterism.Topology.from_links(12, pairs))
     system.set_rest_lengths(places)
     system.anchors = places + np.random.default_rng(2).normal(scale=2, size=places.shape)
-    system.anchor_stiffness, system.link_stiffness = 0.3, 1
+    system.anchor_stiffness, system.link_stiffness = 0.3, 0.5
     system.anchor_stiffness[6] = 0.01  # beside the one that is pulled
-    pulled, pull = 5, np.array([12.0, -6.0])
+    pulled, pull = 5, np.array([24.0, -12.0])
     x, _ = solved(system, places)
     tangent = np.zeros_like(places)
     tangent[pulled] = pull

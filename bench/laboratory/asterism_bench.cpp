@@ -37,6 +37,7 @@ int run_bars(bool quick, const std::string& group) {
   robustness_bars(bars);
   proof_bars(bars);
   discrete_bars(bars);
+  gradient_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
 }

@@ -54,5 +54,6 @@ void batch_bars(Bars& bars);
 void robustness_bars(Bars& bars);
 void proof_bars(Bars& bars);
 void discrete_bars(Bars& bars);
+void gradient_bars(Bars& bars);
 
 }  // namespace asterism::bench

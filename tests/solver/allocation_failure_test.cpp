@@ -169,6 +169,48 @@ TEST(OutOfMemorySparse, WithSubdomains) {
   expect_out_of_memory<Schwarz<System>>(problem, &other);
 }
 
+// Gradients by each of the factorisations, for the first system of a workspace and after another one.
+TEST(OutOfMemorySensitivity, IsTheReasonAndLeavesNothingBehind) {
+  testing::Rng rng(4);
+  Problem problems[] = {testing::random_system<System>(rng, System::TopologyType::full(17)),
+                        testing::random_system<System>(rng, System::TopologyType::full(70)),
+                        testing::sparse_system<System>(1, 300)};
+  for (Problem& problem : problems) {  // at rest
+    problem.system.set_rest_lengths(problem.start);
+    problem.system.anchors = problem.start;
+  }
+  for (const Problem& problem : problems) {
+    const Points grad_x = Points::Ones(2, problem.start.cols());
+    const auto expected = sensitivity(problem.system, problem.start, grad_x);
+    ASSERT_TRUE(expected) << expected.message;
+    for (const Problem& other : problems) {
+      std::optional<Sensitivity<System>> workspace;
+      SystemGradient<System> gradient;
+      int out_of_memory = 0;
+      const auto renew = [&] {
+        workspace.emplace();
+        if (&other != &problem)
+          workspace->backward(other.system, other.start, Points::Ones(2, other.start.cols()));
+      };
+      renew();
+      testing::fail_each_allocation(
+          [&] { gradient = workspace->backward(problem.system, problem.start, grad_x); },
+          [&](long k) {
+            SCOPED_TRACE(k);
+            ++out_of_memory;
+            EXPECT_EQ(gradient.status, SensitivityStatus::OutOfMemory);
+            EXPECT_EQ(gradient.message, "the workspace does not fit into memory");
+            EXPECT_EQ(gradient.anchors.size(), 0);
+            gradient = workspace->backward(problem.system, problem.start, grad_x);
+            EXPECT_EQ(gradient.anchors, expected.anchors);
+            renew();
+          });
+      EXPECT_EQ(gradient.anchors, expected.anchors);
+      EXPECT_GT(out_of_memory, 5);
+    }
+  }
+}
+
 // Certificates with a dense and a sparse matrix, for the first system of a workspace and after another one.
 TEST(OutOfMemoryProof, IsTheReasonAndLeavesNothingBehind) {
   testing::Rng rng(4);

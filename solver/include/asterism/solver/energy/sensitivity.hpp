@@ -221,6 +221,18 @@ struct SolutionTangent {
 
 namespace detail {
 
+/// The vector of link l whose length and direction its force has: that of the energy, of whatever else than
+/// the ends it depends on.
+template <typename System>
+typename System::Point link_vector(const System& system, int l, const Link& link,
+                                   const typename System::Points& x) {
+  if constexpr (requires { link_difference(system, l, link, x); }) {
+    return link_difference(system, l, link, x);
+  } else {
+    return x.col(link.i) - x.col(link.j);
+  }
+}
+
 /// No entries, or NaN where the size is fixed.
 template <typename Values>
 void clear_numbers(Values& values) {
@@ -236,6 +248,11 @@ class ImplicitSolver {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
+
+  /// Scratch of the caller, of the system's size.
+  ComponentScratch<System> components;
+  Points right;
+  Points lambda;
 
   /// Tests that derivatives of the solution x exist, and factors the Hessian there; of valid input.
   SensitivityStatus factorize(const System& system, const Points& x, double tolerance, Message& message) {
@@ -264,26 +281,26 @@ class ImplicitSolver {
     return SensitivityStatus::Computed;
   }
 
-  /// result = H^-1 right, where `right` is 0 at fixed nodes, and so is the result.
-  void solve(const Points& right, Points& result) {
+  /// result = H^-1 b, where b is 0 at fixed nodes, and so is the result.
+  void solve(const Points& b, Points& result) {
     if constexpr (kUnbounded) {
       if (large_.kind == Kind::Sparse) {
-        large_.right = right.reshaped();
+        large_.right = b.reshaped();
         large_.vector = large_.ldlt->solve(large_.right);
-        result = large_.vector.reshaped(kDim, right.cols());
+        result = large_.vector.reshaped(kDim, b.cols());
         return;
       }
       if (large_.kind == Kind::Dense) {
-        large_.vector = right.reshaped();
+        large_.vector = b.reshaped();
         const DenseHessian<System>& factor = large_.dense;
         const auto L = factor.template triangularView<Eigen::Lower>();
         L.solveInPlace(large_.vector);
         L.transpose().solveInPlace(large_.vector);
-        result = large_.vector.reshaped(kDim, right.cols());
+        result = large_.vector.reshaped(kDim, b.cols());
         return;
       }
     }
-    matrix_.solve(right, result);
+    matrix_.solve(b, result);
   }
 
  private:
@@ -363,7 +380,7 @@ class ImplicitSolver {
     const Scalar extent = rule_.length() * rule_.length() + 2 * x.colwise().squaredNorm().maxCoeff();
     int l = 0;
     for (const Link& link : system.links()) {
-      const Scalar square = (x.col(link.i) - x.col(link.j)).squaredNorm();
+      const Scalar square = link_vector(system, l, link, x).squaredNorm();
       if (!(square > kRounding * kRounding * extent && square > kLeastSquare<Scalar>)) [[unlikely]] {
         if (!(system.is_fixed(link.i) && system.is_fixed(link.j))) return l;
       }
@@ -426,11 +443,11 @@ class Sensitivity {
         return refuse(result, Defect{"grad_x of node", i, "is not finite"});
       result.status = solver.factorize(system, x, options.stationarity, result.message);
       if (!result) return;
-      right_ = grad_x;
-      detail::clear_fixed(system, right_);
-      solver.solve(right_, lambda_);
+      solver.right = grad_x;
+      detail::clear_fixed(system, solver.right);
+      solver.solve(solver.right, solver.lambda);
       result.set_zero(system);
-      differentiate(system, x, result);
+      differentiate(system, x, solver.lambda, result);
       if (!is_finite(result)) out_of_range(result);
     };
     run(system, x, result, compute);
@@ -445,9 +462,9 @@ class Sensitivity {
       if (const Defect defect = tangent_defect(system, tangent)) return refuse(result, defect);
       result.status = solver.factorize(system, x, options.stationarity, result.message);
       if (!result) return;
-      push(system, x, tangent);
-      detail::clear_fixed(system, right_);
-      solver.solve(right_, result.x);
+      push(system, x, tangent, solver.right);
+      detail::clear_fixed(system, solver.right);
+      solver.solve(solver.right, result.x);
       if (!detail::all_finite(result.x)) out_of_range(result);
     };
     run(system, x, result, compute);
@@ -479,8 +496,10 @@ class Sensitivity {
         return;
       }
       if (const Defect defect = detail::validate_values(system, x)) return refuse(result, defect);
-      if (const Defect defect = detail::validate_components(system, scratch_)) return refuse(result, defect);
-      compute(solver(system));
+      auto& solver = this->solver(system);
+      if (const Defect defect = detail::validate_components(system, solver.components))
+        return refuse(result, defect);
+      compute(solver);
     };
     detail::attempt<std::bad_alloc>(work, [&result](const std::bad_alloc& error) {
       result.status = SensitivityStatus::OutOfMemory;
@@ -516,10 +535,10 @@ class Sensitivity {
   }
 
   // -lambda^T dg/d(values) into `to`, which is zero.
-  void differentiate(const System& system, const Points& x, Tangent& to) const {
+  static void differentiate(const System& system, const Points& x, const Points& lambdas, Tangent& to) {
     for (int i = 0; i < system.nodes(); ++i) {
       const Scalar k = system.anchor_stiffness[i];
-      const Point lambda = lambda_.col(i);
+      const Point lambda = lambdas.col(i);
       if (system.is_fixed(i)) continue;
       const Pull anchor = pull(system, i, x);
       const Scalar work = lambda.dot(anchor.shaped);
@@ -545,9 +564,9 @@ class Sensitivity {
       if (system.is_fixed(link.i) && system.is_fixed(link.j)) continue;
       const Scalar k = system.link_stiffness[l];
       const Scalar mu = system.rest_length[l];
-      const Point d = x.col(link.i) - x.col(link.j);
+      const Point d = detail::link_vector(system, l, link, x);
       const Scalar r = d.norm();
-      const Scalar delta = d.dot(lambda_.col(link.i) - lambda_.col(link.j)) / r;
+      const Scalar delta = d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r;
       to.link_stiffness[l] = -system.link_potential(r, mu).first * delta;
       if (!(k > 0)) continue;
       to.rest_length[l] = -k * detail::first_by_rest_length(system.link_potential, r, mu) * delta;
@@ -556,9 +575,9 @@ class Sensitivity {
     }
   }
 
-  // -dg/d(values) tangent into right_.
-  void push(const System& system, const Points& x, const Tangent& tangent) {
-    right_.setZero(System::kDim, system.nodes());
+  // -dg/d(values) tangent into right.
+  static void push(const System& system, const Points& x, const Tangent& tangent, Points& right) {
+    right.setZero(System::kDim, system.nodes());
     for (int i = 0; i < system.nodes(); ++i) {
       if (system.is_fixed(i)) continue;
       const Scalar k = system.anchor_stiffness[i];
@@ -579,7 +598,7 @@ class Sensitivity {
         for (std::size_t p = 0; p < first.size(); ++p)
           force -= (k * first[p] * tangent.anchor_loss[p]) * anchor.shaped;
       }
-      right_.col(i) += force;
+      right.col(i) += force;
     }
     int l = -1;
     for (const Link& link : system.links()) {
@@ -587,7 +606,7 @@ class Sensitivity {
       if (system.is_fixed(link.i) && system.is_fixed(link.j)) continue;
       const Scalar k = system.link_stiffness[l];
       const Scalar mu = system.rest_length[l];
-      const Point d = x.col(link.i) - x.col(link.j);
+      const Point d = detail::link_vector(system, l, link, x);
       const Scalar r = d.norm();
       Scalar tension = system.link_potential(r, mu).first * tangent.link_stiffness[l];
       if (k > 0) {
@@ -597,8 +616,8 @@ class Sensitivity {
         for (std::size_t p = 0; p < first.size(); ++p) tension += k * first[p] * tangent.link_potential[p];
       }
       const Point force = (tension / r) * d;
-      right_.col(link.i) -= force;
-      right_.col(link.j) += force;
+      right.col(link.i) -= force;
+      right.col(link.j) += force;
     }
   }
 
@@ -657,9 +676,6 @@ class Sensitivity {
   int nodes_ = -1;  // of the last system
   int links_ = -1;
   detail::Scratch<detail::ImplicitSolver<System>> solver_;
-  detail::ComponentScratch<System> scratch_;
-  Points right_;
-  Points lambda_;
 };
 
 /// dL/d(values of the system) at its solution x for dL/dx (Dim x N), see Sensitivity: how a function of the
