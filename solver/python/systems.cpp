@@ -462,7 +462,10 @@ void bind_systems(py::module_& m) {
           return py::make_tuple(owned(std::move(result.anchors), {s.nodes(), Dim}),
                                 owned(std::move(result.anchor_stiffness), {s.nodes()}),
                                 owned(std::move(result.rest_length), {s.link_count()}),
-                                owned(std::move(result.link_stiffness), {s.link_count()}));
+                                owned(std::move(result.link_stiffness), {s.link_count()}),
+                                s.has_offsets()
+                                    ? py::object(owned(std::move(result.rest_offset), {s.link_count(), Dim}))
+                                    : py::object(py::none()));
         });
       },
       py::arg("system"), py::arg("x"), py::arg("grad_x"), py::arg("stationarity"),
@@ -471,7 +474,7 @@ void bind_systems(py::module_& m) {
       "solution_tangent",
       [](AnySystem& system, const py::object& x, const py::object& anchors,
          const py::object& anchor_stiffness, const py::object& rest_length, const py::object& link_stiffness,
-         double stationarity) {
+         const py::object& rest_offset, double stationarity) {
         const SensitivityOptions options = sensitivity_options(stationarity);
         return system.visit([&]<int Dim>(System<Dim>& s) {
           const auto points = points_of<Dim>(s, x);
@@ -486,6 +489,10 @@ void bind_systems(py::module_& m) {
           set(tangent.anchor_stiffness, anchor_stiffness, "anchor_stiffness");
           set(tangent.rest_length, rest_length, "rest_length");
           set(tangent.link_stiffness, link_stiffness, "link_stiffness");
+          if (!rest_offset.is_none()) {
+            tangent.rest_offset =
+                map_points<Dim>(numbers(rest_offset, "rest_offset", {s.rest_offset.cols(), Dim}));
+          }
           auto result = [&] {
             const py::gil_scoped_release release;
             return solution_tangent_of<Dim>(s, points, tangent, options);
@@ -496,7 +503,8 @@ void bind_systems(py::module_& m) {
       },
       py::arg("system"), py::arg("x"), py::kw_only(), py::arg("anchors") = py::none(),
       py::arg("anchor_stiffness") = py::none(), py::arg("rest_length") = py::none(),
-      py::arg("link_stiffness") = py::none(), py::arg("stationarity") = SensitivityOptions().stationarity,
+      py::arg("link_stiffness") = py::none(), py::arg("rest_offset") = py::none(),
+      py::arg("stationarity") = SensitivityOptions().stationarity,
       "How the solution x moves, (N, dim), per unit of a parameter theta, for the derivatives by theta of "
       "the\n"
       "system's arrays, of their shapes; one that is left out does not change. Errors as of sensitivity().");

@@ -57,6 +57,7 @@ System moved(System system, const SystemTangent<System>& tangent, double t) {
   system.anchor_stiffness += t * tangent.anchor_stiffness;
   system.rest_length += t * tangent.rest_length;
   system.link_stiffness += t * tangent.link_stiffness;
+  if (system.has_offsets()) system.rest_offset += t * tangent.rest_offset;
   if constexpr (System::kAnisotropic) system.anchor_shape += t * tangent.anchor_shape;
   if constexpr (requires { system.anchor_loss.scale; })
     system.anchor_loss.scale += t * tangent.anchor_loss[0];
@@ -103,6 +104,7 @@ std::vector<SystemTangent<System>> unit_tangents(const System& system, const typ
     const int l = draw(system.link_count());
     add().rest_length[l] = system.rest_length[l];
     add().link_stiffness[l] = system.link_stiffness[l];
+    if (system.has_offsets()) add().rest_offset(draw(kDim), l) = characteristic_length(system, x);
   }
   if constexpr (System::kAnisotropic) {
     auto block = add().anchor_shape.template block<kDim, kDim>(0, kDim * i);

@@ -18,6 +18,22 @@ using Space = SpringSystem<double, 3>;
 TEST(Sensitivity, InThePlane) { expect_true_derivatives<Plane>("springs, plane", 9); }
 TEST(Sensitivity, InSpace) { expect_true_derivatives<Space>("springs, space", 6); }
 
+// Links with offsets, alone and with a length around their ends.
+TEST(Sensitivity, OfOffsets) {
+  expect_true_derivatives<Plane>("offsets, plane", [](int seed) {
+    auto random = sensitivity_system<Plane>(seed, Topology<>::full(6));
+    Plane& system = random.system;
+    const Plane::Points shape = random.start;
+    system.rest_offset.resize(2, system.link_count());
+    for (int l = 0; l < system.link_count(); ++l) {
+      const Link link = system.links()[static_cast<std::size_t>(l)];
+      system.rest_offset.col(l) = (l % 3 == 0 ? 0.4 : 0.9) * (shape.col(link.i) - shape.col(link.j));
+      system.rest_length[l] *= l % 3 == 0 ? 0.6 : 0.05;
+    }
+    return random;
+  });
+}
+
 // A fixed node moves with nothing, and its anchor does not matter.
 TEST(Sensitivity, WithFixedNodes) {
   expect_true_derivatives<Plane>("springs, two nodes fixed", [](int seed) {
@@ -55,7 +71,7 @@ TEST(Sensitivity, OfATranslationIsThatOfThePoints) {
 // dense Hessian, and the workspace used again.
 TEST(Sensitivity, OfASparseSystemIsThatOfTheDenseOne) {
   Sensitivity<Plane> sensitivity;
-  for (const std::uint64_t seed : {1, 2, 3}) {
+  for (const std::uint64_t seed : {1u, 2u, 3u}) {
     auto [system, x] = sparse_system<Plane>(seed, 300);
     ASSERT_TRUE(asterism::detail::is_large_and_sparse(system));
     system.anchor_stiffness *= 10;

@@ -103,6 +103,7 @@ def solution_tangent(
     anchor_stiffness: npt.ArrayLike | None = ...,
     rest_length: npt.ArrayLike | None = ...,
     link_stiffness: npt.ArrayLike | None = ...,
+    rest_offset: npt.ArrayLike | None = ...,
     stationarity: float = ...,
 ) -> _Floats: ...
 

@@ -18,6 +18,7 @@ class Sensitivity:
     anchor_stiffness: np.ndarray  #: (N,)
     rest_length: np.ndarray  #: one for each link
     link_stiffness: np.ndarray  #: one for each link
+    rest_offset: np.ndarray | None = None  #: (L, dim); None if the links have no offsets
 
     def copy(self):
         """An object of its own with the same values."""

@@ -124,18 +124,25 @@ ParameterArray<Potential, Scalar> first_by_parameters(const Potential& potential
   }
 }
 
+/// Whether a potential is a function of r - mu.
+template <typename Potential>
+inline constexpr bool kOfStretch = std::is_same_v<Potential, Hooke> || std::is_same_v<Potential, Rope> ||
+                                   std::is_same_v<Potential, Repulsion>;
+template <typename Loss>
+inline constexpr bool kOfStretch<RobustHooke<Loss>> = true;
+
 /// Whether d phi' / d mu is known.
 template <typename Potential>
 constexpr bool has_rest_length_derivative() {
-  return std::is_same_v<Potential, Hooke> || requires(const Potential potential, double r) {
+  return kOfStretch<Potential> || requires(const Potential potential, double r) {
     potential.first_by_rest_length(r, r);
   };
 }
 
 template <typename Potential, typename Scalar>
 Scalar first_by_rest_length(const Potential& potential, Scalar r, Scalar mu) {
-  if constexpr (std::is_same_v<Potential, Hooke>) {
-    return -1;
+  if constexpr (kOfStretch<Potential>) {
+    return -potential(r, mu).second;
   } else if constexpr (has_rest_length_derivative<Potential>()) {
     return potential.first_by_rest_length(r, mu);
   } else {
@@ -157,6 +164,7 @@ struct SystemTangent {
   typename System::NodeVector anchor_stiffness;  ///< N; anisotropic anchors keep their shape
   typename System::LinkVector rest_length;       ///< one for each link, in the order of links()
   typename System::LinkVector link_stiffness;    ///< one for each link
+  typename System::LinkPoints rest_offset;       ///< Dim x L; no columns where the system's links have none
   /// Only for anisotropic anchors: Dim x (Dim N), a symmetric matrix for each node, at constant k_i.
   decltype(System::anchor_shape) anchor_shape;
   LossParameters anchor_loss{};          ///< of the loss: Huber's and GemanMcClure's scale, or a user's
@@ -172,6 +180,7 @@ struct SystemTangent {
     anchor_stiffness.setZero(system.nodes());
     rest_length.setZero(system.link_count());
     link_stiffness.setZero(system.link_count());
+    rest_offset.setZero(System::kDim, system.rest_offset.cols());
     if constexpr (System::kAnisotropic) anchor_shape.setZero(System::kDim, System::kDim * system.nodes());
     anchor_loss.fill(0);
     link_potential.fill(0);
@@ -181,7 +190,8 @@ struct SystemTangent {
   /// chain rule: dL/d(theta), for any scalar theta that the values depend on.
   Scalar dot(const SystemTangent& other) const {
     Scalar sum = anchors.cwiseProduct(other.anchors).sum() + anchor_stiffness.dot(other.anchor_stiffness) +
-                 rest_length.dot(other.rest_length) + link_stiffness.dot(other.link_stiffness);
+                 rest_length.dot(other.rest_length) + link_stiffness.dot(other.link_stiffness) +
+                 rest_offset.cwiseProduct(other.rest_offset).sum();
     if constexpr (System::kAnisotropic) sum += anchor_shape.cwiseProduct(other.anchor_shape).sum();
     for (std::size_t p = 0; p < anchor_loss.size(); ++p) sum += anchor_loss[p] * other.anchor_loss[p];
     for (std::size_t p = 0; p < link_potential.size(); ++p)
@@ -220,18 +230,6 @@ struct SolutionTangent {
 };
 
 namespace detail {
-
-/// The vector of link l whose length and direction its force has: that of the energy, of whatever else than
-/// the ends it depends on.
-template <typename System>
-typename System::Point link_vector(const System& system, int l, const Link& link,
-                                   const typename System::Points& x) {
-  if constexpr (requires { link_difference(system, l, link, x); }) {
-    return link_difference(system, l, link, x);
-  } else {
-    return x.col(link.i) - x.col(link.j);
-  }
-}
 
 /// No entries, or NaN where the size is fixed.
 template <typename Values>
@@ -380,7 +378,7 @@ class ImplicitSolver {
     const Scalar extent = rule_.length() * rule_.length() + 2 * x.colwise().squaredNorm().maxCoeff();
     int l = 0;
     for (const Link& link : system.links()) {
-      const Scalar square = link_vector(system, l, link, x).squaredNorm();
+      const Scalar square = link_difference(system, l, link, x).squaredNorm();
       if (!(square > kRounding * kRounding * extent && square > kLeastSquare<Scalar>)) [[unlikely]] {
         if (!(system.is_fixed(link.i) && system.is_fixed(link.j))) return l;
       }
@@ -564,15 +562,25 @@ class Sensitivity {
       if (system.is_fixed(link.i) && system.is_fixed(link.j)) continue;
       const Scalar k = system.link_stiffness[l];
       const Scalar mu = system.rest_length[l];
-      const Point d = detail::link_vector(system, l, link, x);
+      const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
       const Scalar delta = d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r;
       to.link_stiffness[l] = -system.link_potential(r, mu).first * delta;
       if (!(k > 0)) continue;
+      if (system.has_offsets()) {
+        to.rest_offset.col(l) =
+            link_curvature(system, l, link, d) * (lambdas.col(link.i) - lambdas.col(link.j));
+      }
       to.rest_length[l] = -k * detail::first_by_rest_length(system.link_potential, r, mu) * delta;
       const auto first = detail::first_by_parameters(system.link_potential, r, mu);
       for (std::size_t p = 0; p < first.size(); ++p) to.link_potential[p] -= k * first[p] * delta;
     }
+  }
+
+  // The second derivative of link l's energy by d of link_difference.
+  static Block link_curvature(const System& system, int l, const Link& link, const Point& d) {
+    const auto spring = detail::spring(system, link, d);
+    return detail::link_curvature(detail::link_force(system, l, spring), spring);
   }
 
   // -dg/d(values) tangent into right.
@@ -606,7 +614,7 @@ class Sensitivity {
       if (system.is_fixed(link.i) && system.is_fixed(link.j)) continue;
       const Scalar k = system.link_stiffness[l];
       const Scalar mu = system.rest_length[l];
-      const Point d = detail::link_vector(system, l, link, x);
+      const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
       Scalar tension = system.link_potential(r, mu).first * tangent.link_stiffness[l];
       if (k > 0) {
@@ -615,7 +623,8 @@ class Sensitivity {
         const auto first = detail::first_by_parameters(system.link_potential, r, mu);
         for (std::size_t p = 0; p < first.size(); ++p) tension += k * first[p] * tangent.link_potential[p];
       }
-      const Point force = (tension / r) * d;
+      Point force = (tension / r) * d;
+      if (system.has_offsets()) force -= link_curvature(system, l, link, d) * tangent.rest_offset.col(l);
       right.col(link.i) -= force;
       right.col(link.j) += force;
     }
@@ -630,6 +639,8 @@ class Sensitivity {
     if (!has_size(tangent.anchors, coordinates)) return {"tangent of anchors", -1, kProblem};
     if (!has_size(tangent.anchor_stiffness, system.nodes()))
       return {"tangent of anchor stiffness", -1, kProblem};
+    if (!has_size(tangent.rest_offset, system.rest_offset.size()))
+      return {"tangent of rest offset", -1, kProblem};
     if (!has_size(tangent.rest_length, system.link_count())) return {"tangent of rest length", -1, kProblem};
     if (!has_size(tangent.link_stiffness, system.link_count()))
       return {"tangent of link stiffness", -1, kProblem};
@@ -653,7 +664,7 @@ class Sensitivity {
 
   static bool is_finite(const Tangent& values) {
     bool finite = detail::all_finite(values.anchors) && detail::all_finite(values.anchor_stiffness) &&
-                  detail::all_finite(values.link_stiffness);
+                  detail::all_finite(values.link_stiffness) && detail::all_finite(values.rest_offset);
     if constexpr (detail::has_rest_length_derivative<Potential>())
       finite = finite && detail::all_finite(values.rest_length);
     if constexpr (System::kAnisotropic) finite = finite && detail::all_finite(values.anchor_shape);
@@ -667,6 +678,7 @@ class Sensitivity {
     detail::clear_numbers(values.anchor_stiffness);
     detail::clear_numbers(values.rest_length);
     detail::clear_numbers(values.link_stiffness);
+    detail::clear_numbers(values.rest_offset);
     if constexpr (System::kAnisotropic) detail::clear_numbers(values.anchor_shape);
     constexpr Scalar kNone = std::numeric_limits<Scalar>::quiet_NaN();
     values.anchor_loss.fill(kNone);
