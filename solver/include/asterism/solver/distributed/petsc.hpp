@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <filesystem>
 #include <memory>
+#include <stdexcept>
 #include <vector>
 
 /// @file
@@ -59,10 +60,13 @@ struct SystemShare {
   std::vector<std::int64_t> fixed;  ///< nodes that are held where the start has them
 };
 
-/// A whole system and its start as one process's share.
+/// A whole system and its start as one process's share. Throws std::invalid_argument if links have offsets,
+/// which distributed systems do not support.
 template <int kDim>
 SystemShare<kDim> whole_share(const SpringSystem<double, kDim>& system,
                               const typename SpringSystem<double, kDim>::Points& start) {
+  if (system.has_offsets())
+    throw std::invalid_argument("a distributed system cannot have links with offsets");
   SystemShare<kDim> share{system.anchors,     system.anchor_stiffness, start, {},
                           system.rest_length, system.link_stiffness,   {}};
   for (const Link& link : system.links()) share.links.push_back({link.i, link.j});
