@@ -110,7 +110,7 @@ class Solve {
       }
       if (is_reached_) return Status::Converged;
       if (has_ended()) return Status::MaxIterations;
-      if (iterations_ == begin) return Status::NoProgress;
+      if (!first && iterations_ == begin) return Status::NoProgress;
     }
   }
 
