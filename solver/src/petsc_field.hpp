@@ -92,9 +92,8 @@ class SpringField {
     PetscFunctionReturn(0);
   }
 
-  /// A matrix with the Hessian's pattern, in blocks, or, `for_multigrid`, in single rows, with the rigid
-  /// motions of x as its near null space.
-  OwnedMat make_matrix(Vec x, bool for_multigrid) {
+  /// A matrix with the Hessian's pattern, and the rigid motions of x as its near null space.
+  OwnedMat make_matrix(Vec x) {
     std::vector<PetscInt> own_columns(static_cast<std::size_t>(local_.own), 1);
     std::vector<PetscInt> other_columns(own_columns.size());
     for (const Link& link : system().links()) {
@@ -113,14 +112,13 @@ class SpringField {
     OwnedMat hessian;
     check(MatCreate(comm_, &hessian));
     check(MatSetSizes(hessian, kDim * local_.own, kDim * local_.own, PETSC_DETERMINE, PETSC_DETERMINE));
-    check(MatSetType(hessian, for_multigrid ? MATAIJ : MATBAIJ));
+    check(MatSetType(hessian, MATAIJ));
     check(MatSetBlockSize(hessian, kDim));
     check(MatXAIJSetPreallocation(hessian, kDim, own_columns.data(), other_columns.data(), nullptr, nullptr));
     check(MatSetOption(hessian, MAT_NO_OFF_PROC_ENTRIES, PETSC_TRUE));
     check(MatSetOption(hessian, MAT_SYMMETRIC, PETSC_TRUE));
     check(MatSetOption(hessian, MAT_SYMMETRY_ETERNAL, PETSC_TRUE));
 
-    if (!for_multigrid) return hessian;
     MatNullSpace motions = nullptr;
     check(MatNullSpaceCreateRigidBody(x, &motions));
     check(MatSetNearNullSpace(hessian, motions));

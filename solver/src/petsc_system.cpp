@@ -85,7 +85,7 @@ class Solve {
   Status newton(Message& message) {
     constexpr int kClamped = 8, kExact = 6;  // steps a round
     constexpr double kNear = 1e-3;           // stationarity where exact steps are tried at once
-    const OwnedMat hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
+    const OwnedMat hessian = field_.make_matrix(x_);
     OwnedVec before;
     check(VecDuplicate(x_, &before));
     for (bool first = true;; first = false) {
@@ -110,7 +110,7 @@ class Solve {
       }
       if (is_reached_) return Status::Converged;
       if (has_ended()) return Status::MaxIterations;
-      if (iterations_ == begin) return Status::NoProgress;
+      if (!first && iterations_ == begin) return Status::NoProgress;
     }
   }
 
@@ -125,7 +125,12 @@ class Solve {
     check(SNESSetOptionsPrefix(snes, kPrefix));
     check(SNESSetType(snes, SNESNEWTONLS));
     check(SNESSetFunction(snes, gradient, gradient_of_snes, this));
-    if (clamp_) check(SNESSetObjective(snes, energy_of_snes, this));
+    if (clamp_) {
+      check(SNESSetObjective(snes, energy_of_snes, this));
+      // Where rounding makes the preconditioner indefinite, what conjugate gradients have so far is still a
+      // descent.
+      check(SNESSetMaxLinearSolveFailures(snes, PETSC_MAX_INT));
+    }
     check(SNESSetJacobian(snes, hessian, hessian, hessian_of_snes, this));
     check(SNESSetConvergenceTest(snes, test_of_snes, this, nullptr));
     check(SNESSetTolerances(snes, 0, 0, 0, PETSC_MAX_INT, PETSC_MAX_INT));
@@ -157,7 +162,7 @@ class Solve {
     check(TaoSetObjectiveAndGradient(tao, nullptr, both_of_tao, this));
     const bool is_newton = options_.method != PetscMethod::TaoLmvm && options_.method != PetscMethod::TaoCg;
     if (is_newton) {
-      hessian = field_.make_matrix(x_, options_.preconditioner == PetscPreconditioner::Gamg);
+      hessian = field_.make_matrix(x_);
       check(TaoSetHessian(tao, hessian, hessian, hessian_of_tao, this));
       KSP ksp = nullptr;
       check(TaoGetKSP(tao, &ksp));
