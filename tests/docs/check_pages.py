@@ -24,7 +24,7 @@ import urllib.parse
 
 OURS = re.compile(r'asterism-[a-z-]+$')
 # Programs of others, whose options are not checked.
-FOREIGN = {'apt-get', 'cat', 'cd', 'cmake', 'conan', 'cpack', 'ctest', 'g++', 'git', 'mkdir', 'mpirun', 'ninja', 'pip', 'pkg-config', 'printf', 'sudo', 'vcpkg',
+FOREIGN = {'apt-cache', 'apt-get', 'cat', 'cd', 'cmake', 'conan', 'cpack', 'ctest', 'g++', 'git', 'mkdir', 'mpirun', 'ninja', 'pip', 'pkg-config', 'printf', 'sudo', 'vcpkg',
            'vot'}
 INTERPRETERS = {'bash', 'python3'}
 KEYWORDS = {'do', 'done', 'then', 'fi', 'else', '(', ')', '{', '}'}

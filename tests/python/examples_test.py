@@ -99,6 +99,41 @@ class ExamplesTest(unittest.TestCase):
                 with Image.open(PROJECT / "docs" / picture) as shown, Image.open(self.figure) as drawn:
                     self.assertEqual(shown.size, drawn.size)
 
+    def test_graphs_of_other_programs(self):
+        """The dependency graph from a file such as apt-cache's, and the programs that draw it side by side."""
+        available = """Package: a
+Depends: b (>= 1.0) | c,
+ missing | d:any [amd64], a
+Section: games
+
+Package: b
+Pre-Depends: c
+Section: contrib/games
+
+Package: c
+Section: libs
+
+Package: d
+Depends: b, b
+Section: games
+"""
+        for arguments, expected in [((), "a b\na d\nb c\nd b\n"), (("--section", "games"), "a b\na d\nd b\n")]:
+            command = [sys.executable, str(EXAMPLES / "debian_graph.py"), *arguments]
+            run = subprocess.run(command, input=available, capture_output=True, text=True)
+            self.assertEqual((run.returncode, run.stderr, run.stdout), (0, "", expected))
+        edges = self.folder / "cycle.edges"
+        edges.write_text("\n".join(f"n{k} n{(k + 1) % 12}" for k in range(12)) + "\nalone apart 2.5\n")
+        script = PROJECT / "bench/laboratory/layouts.py"
+        run = subprocess.run([sys.executable, str(script), str(edges)], capture_output=True, text=True)
+        self.assertEqual((run.returncode, run.stderr), (0, ""), run.stdout)
+        self.assertIn("cycle.edges: 12 nodes, 12 edges", run.stdout)
+        relative = {line[:22].strip(): float(line[22:].split()[1]) for line in run.stdout.splitlines() if line.startswith("asterism")}
+        self.assertEqual(set(relative), {"asterism", "asterism auto", "asterism partners=50"})
+        self.assertLess(relative["asterism"], 1.0001)
+        edges.write_text("a b\nc\n")
+        run = subprocess.run([sys.executable, str(script), str(edges)], capture_output=True, text=True)
+        self.assertEqual((run.returncode, run.stderr), (1, f"layouts.py: {edges}:2: expected NODE NODE [LENGTH]\n"))
+
     def test_help(self):
         for name in ("solve_and_draw.py", "compare_solvers.py", "track_video.py"):
             if name == "track_video.py" and not hasattr(asterism, "Tracker"):
