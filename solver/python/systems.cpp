@@ -198,7 +198,7 @@ void bind_systems(py::module_& m) {
       "forgotten value is an error. Do not change them while another thread solves the system.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
            "dim: coordinates of a point, 2 or 3.");
-  constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness"};
+  static constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness"};
   const auto offsets = [](const py::object& self) {
     return self.cast<AnySystem&>().visit([](auto& system) -> py::object {
       if (!system.has_offsets()) return py::none();
@@ -206,7 +206,7 @@ void bind_systems(py::module_& m) {
     });
   };
   type.def(py::pickle(
-      [kArrays](const py::object& self) {
+      [](const py::object& self) {
         const auto& system = self.cast<AnySystem&>();
         py::list state, fixed;
         state.append(self.attr("topology"));
@@ -223,7 +223,7 @@ void bind_systems(py::module_& m) {
         state.append(self.attr("rest_offset"));
         return py::tuple(state);
       },
-      [kArrays](const py::tuple& state) {
+      [](const py::tuple& state) {
         const Fields fields(state, 8);
         AnySystem made = make_system(fields[0].cast<const Topology<>&>(), fields[1].cast<int>());
         const py::object view = py::cast(&made, py::return_value_policy::reference);
