@@ -42,7 +42,7 @@ TEST(CheckModel, AcceptsWhatSolversCanRelyOn) {
   EXPECT_STREQ(check_link_potential(Rope()).problem, nullptr);
   EXPECT_STREQ(check_link_potential(Repulsion()).problem, nullptr);
   EXPECT_STREQ(check_link_potential(RobustHooke<Huber>{{3}}, 3).problem, nullptr);
-  EXPECT_STREQ(check_link_potential(RobustHooke<GemanMcClure>{{0.1}}, 0.1).problem, nullptr);
+  EXPECT_STREQ(check_link_potential(RobustHooke<GemanMcClure>{{1}}, 0.02).problem, nullptr);
   EXPECT_STREQ(check_link_potential(RobustHooke<Truncated>{{2, 3}}, 2).problem, nullptr);
   EXPECT_STREQ(check_anchor_loss(Quadratic()).problem, nullptr);
   EXPECT_STREQ(check_anchor_loss(Huber{3}, 3).problem, nullptr);
