@@ -6,6 +6,7 @@
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
