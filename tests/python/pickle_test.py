@@ -80,7 +80,7 @@ class PickleTest(unittest.TestCase):
                     self.assert_same(make(system.topology), system.topology)
         system.set_rest_offsets(system.anchors)
         for name, make in COPIES.items():
-            with self.subTest(name, "offsets"):
+            with self.subTest(f"{name}, offsets"):
                 self.assert_same(make(system), system)
         unset = asterism.SpringSystem(asterism.Topology.full(3)).copy()
         self.assertTrue(np.isnan(unset.anchors).all())
