@@ -64,23 +64,24 @@ class SpringField {
   PetscErrorCode evaluate(Vec x, double* energy, Vec gradient) {
     PetscFunctionBeginUser;
     PetscCall(update(x));
-    double* values = nullptr;
-    if (gradient != nullptr) PetscCall(VecGetArrayWrite(gradient, &values));
-    Eigen::Map<Points> g(values, kDim, values != nullptr ? local_.own : 0);
+    const bool wants_gradient = gradient != nullptr;
+    double* values = nullptr;  // also of a process without nodes
+    if (wants_gradient) PetscCall(VecGetArrayWrite(gradient, &values));
+    Eigen::Map<Points> g(values, kDim, wants_gradient ? local_.own : 0);
     double sum = 0;
     for (int i = 0; i < local_.own; ++i) {
       const auto anchor = anchor_force(system(), i, anchor_offset(system(), i, x_));
       sum += anchor.energy;
-      if (values != nullptr) g.col(i) = anchor.gradient;
+      if (wants_gradient) g.col(i) = anchor.gradient;
     }
     for_each_link([&](const Link& link, const auto& force, const auto& spring) {
       if (is_own(link.i)) sum += force.energy;  // the other end's process leaves it out
-      if (values == nullptr) return;
+      if (!wants_gradient) return;
       const Point pull = force.tension * spring.direction;
       if (is_own(link.i)) g.col(link.i) += pull;
       if (is_own(link.j)) g.col(link.j) -= pull;
     });
-    if (values != nullptr) {
+    if (wants_gradient) {
       for (int i = 0; i < local_.own; ++i) {
         if (system().is_fixed(i)) g.col(i).setZero();
       }
