@@ -152,8 +152,8 @@ TEST(Petsc, FindsTheMinimumOfAFullyLinkedSystem) {
 TEST(Petsc, FindsTheMinimumByEveryMethod) {
   const auto random = testing::sparse_system<Plane>(5, 300);
   for (const PetscMethod method : {PetscMethod::NewtonTrustRegion, PetscMethod::Lmvm}) {
-    for (const auto preconditioner : {PetscPreconditioner::Jacobi, PetscPreconditioner::Gamg,
-                                      PetscPreconditioner::AdditiveSchwarz}) {
+    for (const auto preconditioner :
+         {PetscPreconditioner::Jacobi, PetscPreconditioner::Gamg, PetscPreconditioner::AdditiveSchwarz}) {
       DistributedOptions options;
       options.tolerance = 1e-6;  // first-order methods compare energies
       options.method = method;
