@@ -20,14 +20,11 @@ namespace asterism::bench {
 namespace {
 
 constexpr std::array kMethods = {
-    std::pair("newton", PetscMethod::Newton),
-    std::pair("tao-ntr", PetscMethod::TaoNewtonTrustRegion),
-    std::pair("tao-nls", PetscMethod::TaoNewtonLineSearch),
-    std::pair("tao-lmvm", PetscMethod::TaoLmvm),
-    std::pair("tao-cg", PetscMethod::TaoCg),
-    std::pair("tao-bntr", PetscMethod::TaoBoundedNewton),
+    std::pair("newton", PetscMethod::NewtonTrustRegion),
+    std::pair("lmvm", PetscMethod::Lmvm),
 };
 constexpr std::array kPreconditioners = {
+    std::pair("jacobi", PetscPreconditioner::Jacobi),
     std::pair("schwarz", PetscPreconditioner::AdditiveSchwarz),
     std::pair("gamg", PetscPreconditioner::Gamg),
 };

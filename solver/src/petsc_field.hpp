@@ -11,6 +11,9 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail::distributed {
 
+/// Of a matrix: all of it, or the blocks of its diagonal, one a node.
+enum class Part { Whole, Diagonal };
+
 /// Energy, gradient, Hessian and stopping rule of a distributed system, on PETSc's vectors of its own nodes.
 /// What PETSc calls back returns PETSc's error codes; the rest throws PetscFailure. All of it is collective.
 template <int kDim>
@@ -61,23 +64,24 @@ class SpringField {
   PetscErrorCode evaluate(Vec x, double* energy, Vec gradient) {
     PetscFunctionBeginUser;
     PetscCall(update(x));
-    double* values = nullptr;
-    if (gradient != nullptr) PetscCall(VecGetArrayWrite(gradient, &values));
-    Eigen::Map<Points> g(values, kDim, values != nullptr ? local_.own : 0);
+    const bool wants_gradient = gradient != nullptr;
+    double* values = nullptr;  // also of a process without nodes
+    if (wants_gradient) PetscCall(VecGetArrayWrite(gradient, &values));
+    Eigen::Map<Points> g(values, kDim, wants_gradient ? local_.own : 0);
     double sum = 0;
     for (int i = 0; i < local_.own; ++i) {
       const auto anchor = anchor_force(system(), i, anchor_offset(system(), i, x_));
       sum += anchor.energy;
-      if (values != nullptr) g.col(i) = anchor.gradient;
+      if (wants_gradient) g.col(i) = anchor.gradient;
     }
     for_each_link([&](const Link& link, const auto& force, const auto& spring) {
       if (is_own(link.i)) sum += force.energy;  // the other end's process leaves it out
-      if (values == nullptr) return;
+      if (!wants_gradient) return;
       const Point pull = force.tension * spring.direction;
       if (is_own(link.i)) g.col(link.i) += pull;
       if (is_own(link.j)) g.col(link.j) -= pull;
     });
-    if (values != nullptr) {
+    if (wants_gradient) {
       for (int i = 0; i < local_.own; ++i) {
         if (system().is_fixed(i)) g.col(i).setZero();
       }
@@ -93,10 +97,11 @@ class SpringField {
   }
 
   /// A matrix with the Hessian's pattern, and the rigid motions of x as its near null space.
-  OwnedMat make_matrix(Vec x) {
+  OwnedMat make_matrix(Vec x, Part part) {
     std::vector<PetscInt> own_columns(static_cast<std::size_t>(local_.own), 1);
     std::vector<PetscInt> other_columns(own_columns.size());
     for (const Link& link : system().links()) {
+      if (part == Part::Diagonal) break;
       const auto count = [&](int i, int j) {
         if (is_own(i)) ++(is_own(j) ? own_columns : other_columns)[static_cast<std::size_t>(i)];
       };
@@ -126,9 +131,9 @@ class SpringField {
     return hessian;
   }
 
-  /// The Hessian at x; with `clamp` no anchor or link has negative curvature. A fixed node is coupled to
-  /// none.
-  PetscErrorCode assemble(Vec x, Mat hessian, bool clamp) {
+  /// The Hessian at x. With `clamp` no anchor or link has negative curvature, and a small multiple of each
+  /// node's stiffness makes the matrix positive definite. A fixed node is coupled to none.
+  PetscErrorCode assemble(Vec x, Mat hessian, Part part, bool clamp) {
     PetscFunctionBeginUser;
     PetscCall(update(x));
     PetscCall(MatZeroEntries(hessian));
@@ -143,7 +148,7 @@ class SpringField {
       const auto add = [&](int i, int j) {
         if (!is_own(i) || code != 0) return;
         diagonal_[static_cast<std::size_t>(i)] += block;
-        if (!system().is_fixed(i) && !system().is_fixed(j))
+        if (part == Part::Whole && !system().is_fixed(i) && !system().is_fixed(j))
           code = MatSetValuesBlocked(hessian, 1, row(i), 1, row(j), coupling.data(), ADD_VALUES);
       };
       add(link.i, link.j);
@@ -152,6 +157,9 @@ class SpringField {
     PetscCall(code);
     for (int i = 0; i < local_.own; ++i) {
       Block& block = diagonal_[static_cast<std::size_t>(i)];
+      if (clamp)
+        block += (part == Part::Diagonal ? 1e-3 : 1e-6) * std::max(stiffness_[i], least_stiffness_) *
+                 Block::Identity();
       if (system().is_fixed(i)) block = std::max(stiffness_[i], least_stiffness_) * Block::Identity();
       PetscCall(MatSetValuesBlocked(hessian, 1, row(i), 1, row(i), block.data(), ADD_VALUES));
     }

@@ -1,5 +1,8 @@
 #include <petscviewer.h>
 
+#include <array>
+#include <bit>
+#include <fstream>
 #include <stdexcept>
 
 #include "petsc_internal.hpp"
@@ -14,12 +17,66 @@ namespace {
 constexpr double kVersion = 1;
 constexpr int kHeader = 4;  // version, Dim, nodes, links
 
+template <typename Number>
+bool read_big_endian(std::istream& in, Number& number) {
+  std::array<char, sizeof(Number)> bytes{};
+  if (!in.read(bytes.data(), std::ssize(bytes))) return false;
+  if constexpr (std::endian::native == std::endian::little) std::reverse(bytes.begin(), bytes.end());
+  number = std::bit_cast<Number>(bytes);
+  return true;
+}
+
+/// What is wrong with the sizes in a file, or with opening it. PETSc's own errors would be those of the first
+/// process alone, for which the others would wait.
+Message problem_of(const std::filesystem::path& path, PetscFileMode mode) {
+  if (mode == FILE_MODE_WRITE)
+    return std::ofstream(path, std::ios::binary | std::ios::app) ? "" : "cannot be written";
+  std::ifstream in(path, std::ios::binary | std::ios::ate);
+  if (!in) return "cannot be read";
+  const auto bytes = static_cast<std::int64_t>(in.tellg());
+  in.seekg(0);
+  std::int64_t end = 0;
+  std::array<double, kHeader> header{};
+  // An object of this class and size, or of any size if that is negative.
+  const auto has = [&](PetscInt type, std::int64_t size) {
+    PetscInt found_type = 0, found_size = 0;
+    if (!in.seekg(end) || !read_big_endian(in, found_type) || !read_big_endian(in, found_size)) return false;
+    if (found_type != type || found_size < 0 || (size >= 0 && found_size != size)) return false;
+    const std::size_t width = type == VEC_FILE_CLASSID ? sizeof(double) : sizeof(PetscInt);
+    end += static_cast<std::int64_t>(2 * sizeof(PetscInt) + width * static_cast<std::size_t>(found_size));
+    return end <= bytes;
+  };
+  bool is_header = has(VEC_FILE_CLASSID, kHeader);
+  for (double& value : header) is_header = is_header && read_big_endian(in, value);
+  if (!is_header) return "is not a system in PETSc's binary format";
+  constexpr double kMost = 1e15;  // read_header has PETSc's own limit
+  for (const double value : header) {
+    if (!(value >= 0 && value < kMost)) return "is not a system in PETSc's binary format";
+  }
+  const auto dim = static_cast<std::int64_t>(header[1]);
+  const auto nodes = static_cast<std::int64_t>(header[2]);
+  const auto links = static_cast<std::int64_t>(header[3]);
+  const char* const missing = !has(VEC_FILE_CLASSID, dim * nodes)   ? "anchors"
+                              : !has(VEC_FILE_CLASSID, nodes)       ? "anchor stiffness"
+                              : !has(VEC_FILE_CLASSID, dim * nodes) ? "start"
+                              : !has(IS_FILE_CLASSID, 2 * links)    ? "links"
+                              : !has(VEC_FILE_CLASSID, links)       ? "rest lengths"
+                              : !has(VEC_FILE_CLASSID, links)       ? "link stiffness"
+                              : !has(IS_FILE_CLASSID, -1)           ? "fixed nodes"
+                                                                    : nullptr;
+  if (missing == nullptr) return "";
+  return Message("no ").append(missing).append(" of the size that the header gives");
+}
+
 /// Calls work(communicator, viewer) on the open file. Errors name the file.
 template <typename Work>
 auto with_file(MPI_Comm given, const std::filesystem::path& path, PetscFileMode mode, Work&& work) {
   const PetscErrors errors;
   try {
     const Communicator comm(given);
+    const Message bad =
+        comm.agree_on([&] { return comm.rank() == 0 ? problem_of(path, mode) : Message(""); });
+    if (!bad.empty()) throw PetscFailure{PETSC_ERR_FILE_OPEN, bad};
     OwnedViewer viewer;
     check(PetscViewerCreate(comm, &viewer));
     check(PetscViewerSetType(viewer, PETSCVIEWERBINARY));

@@ -80,7 +80,6 @@ using OwnedMat = Owned<Mat, MatDestroy>;
 using OwnedIs = Owned<IS, ISDestroy>;
 using OwnedScatter = Owned<VecScatter, VecScatterDestroy>;
 using OwnedLayout = Owned<PetscLayout, PetscLayoutDestroy>;
-using OwnedSnes = Owned<SNES, SNESDestroy>;
 using OwnedTao = Owned<Tao, TaoDestroy>;
 using OwnedViewer = Owned<PetscViewer, PetscViewerDestroy>;
 using OwnedPartitioning = Owned<MatPartitioning, MatPartitioningDestroy>;

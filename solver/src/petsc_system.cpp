@@ -10,9 +10,9 @@ inline namespace ASTERISM_ABI {
 const char* DistributedOptions::problem() const {
   if (!(tolerance >= 0) || !detail::is_finite(tolerance)) return "option tolerance is negative or not finite";
   if (max_iterations < 0) return "option max_iterations is negative";
-  if (method < PetscMethod::Newton || method > PetscMethod::TaoBoundedNewton)
+  if (method != PetscMethod::NewtonTrustRegion && method != PetscMethod::Lmvm)
     return "option method is none of PETSc's that are known here";
-  if (preconditioner != PetscPreconditioner::Gamg && preconditioner != PetscPreconditioner::AdditiveSchwarz)
+  if (preconditioner < PetscPreconditioner::Jacobi || preconditioner > PetscPreconditioner::AdditiveSchwarz)
     return "option preconditioner is none of PETSc's that are known here";
   return nullptr;
 }
@@ -25,24 +25,16 @@ constexpr const char* kPrefix = "asterism_";
 
 struct MethodName {
   const char* name;
-  TaoType tao;  // null: SNES
+  TaoType tao;
 };
 MethodName name_of(PetscMethod method) {
   switch (method) {
-    case PetscMethod::Newton:
-      return {"PETSc, Newton (SNES)", nullptr};
-    case PetscMethod::TaoNewtonTrustRegion:
+    case PetscMethod::NewtonTrustRegion:
       return {"PETSc, Newton, trust region (TAO)", TAONTR};
-    case PetscMethod::TaoNewtonLineSearch:
-      return {"PETSc, Newton, line search (TAO)", TAONLS};
-    case PetscMethod::TaoLmvm:
+    case PetscMethod::Lmvm:
       return {"PETSc, L-BFGS (TAO)", TAOLMVM};
-    case PetscMethod::TaoCg:
-      return {"PETSc, nonlinear CG (TAO)", TAOCG};
-    case PetscMethod::TaoBoundedNewton:
-      return {"PETSc, Newton with bounds, trust region (TAO)", TAOBNTR};
   }
-  return {"PETSc", nullptr};
+  return {"PETSc", TAONTR};
 }
 
 double power_of_two(double value) { return value > 0 ? std::ldexp(1.0, std::ilogb(value)) : 1.0; }
@@ -65,207 +57,133 @@ class Solve {
 
   /// Moves x. Returns why it ended, as far as the method knows.
   Status run(Message& message) {
-    const TaoType tao = name_of(options_.method).tao;
-    return tao == nullptr ? newton(message) : minimise(tao, message);
-  }
-
-  double energy() {
-    double energy = 0;
-    check(field_.evaluate(x_, &energy, nullptr));
-    return energy;
-  }
-
-  static constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
-
- private:
-  // Newton's method of SNES, in rounds: steps without negative curvature, the line search on the energy, and
-  // then steps with the exact Hessian for as long as it is positive definite. Near a minimum energies no
-  // longer differ, so that the line search of these is on the gradient; they must not raise the energy in
-  // all.
-  Status newton(Message& message) {
-    constexpr int kClamped = 8, kExact = 6;  // steps a round
-    constexpr double kNear = 1e-3;           // stationarity where exact steps are tried at once
-    const OwnedMat hessian = field_.make_matrix(x_);
-    OwnedVec before;
-    check(VecDuplicate(x_, &before));
-    for (bool first = true;; first = false) {
-      const int begin = iterations_;
-      clamp_ = true;
-      target_ = first ? std::max(kNear, tolerance_) : tolerance_;
-      last_iteration_ = std::min(options_.max_iterations, iterations_ + kClamped);
-      solve_snes(hessian, message);
-      if (is_reached_ && target_ <= tolerance_) return Status::Converged;
-      if (has_ended()) return Status::MaxIterations;
-
-      check(VecCopy(x_, before));
-      const double energy_before = energy();
-      clamp_ = false;
-      target_ = tolerance_;
-      last_iteration_ = std::min(options_.max_iterations, iterations_ + kExact);
-      solve_snes(hessian, message);
-      constexpr double kRounding = 1e-10;
-      if (!(energy() <= energy_before * (1 + kRounding))) {
-        check(VecCopy(before, x_));
-        is_reached_ = false;
-      }
-      if (is_reached_) return Status::Converged;
-      if (has_ended()) return Status::MaxIterations;
-      if (!first && iterations_ == begin) return Status::NoProgress;
-    }
-  }
-
-  void solve_snes(Mat hessian, Message& message) {
-    is_reached_ = false;
-    OwnedSnes snes;
-    OwnedVec gradient;
-    SNESLineSearch line_search = nullptr;
-    KSP ksp = nullptr;
-    check(VecDuplicate(x_, &gradient));
-    check(SNESCreate(comm_, &snes));
-    check(SNESSetOptionsPrefix(snes, kPrefix));
-    check(SNESSetType(snes, SNESNEWTONLS));
-    check(SNESSetFunction(snes, gradient, gradient_of_snes, this));
-    if (clamp_) {
-      check(SNESSetObjective(snes, energy_of_snes, this));
-      // Where rounding makes the preconditioner indefinite, what conjugate gradients have so far is still a
-      // descent.
-      check(SNESSetMaxLinearSolveFailures(snes, PETSC_MAX_INT));
-    }
-    check(SNESSetJacobian(snes, hessian, hessian, hessian_of_snes, this));
-    check(SNESSetConvergenceTest(snes, test_of_snes, this, nullptr));
-    check(SNESSetTolerances(snes, 0, 0, 0, PETSC_MAX_INT, PETSC_MAX_INT));
-    check(SNESKSPSetUseEW(snes, PETSC_TRUE));
-    check(SNESGetLineSearch(snes, &line_search));
-    check(SNESLineSearchSetType(line_search, SNESLINESEARCHBT));
-    check(SNESGetKSP(snes, &ksp));
-    check(KSPSetType(ksp, KSPCG));
-    precondition(ksp);
-    check(SNESSetFromOptions(snes));
-    check(SNESSolve(snes, nullptr, x_));
-    SNESConvergedReason reason = SNES_CONVERGED_ITERATING;
-    const char* words = nullptr;
-    check(SNESGetConvergedReason(snes, &reason));
-    check(SNESGetConvergedReasonString(snes, &words));
-    message.assign(words);
-  }
-
-  // A method of TAO.
-  Status minimise(TaoType type, Message& message) {
     OwnedTao tao;
-    OwnedMat hessian;
+    OwnedMat hessian, model;
     check(TaoCreate(comm_, &tao));
     check(TaoSetOptionsPrefix(tao, kPrefix));
-    check(TaoSetType(tao, type));
+    check(TaoSetType(tao, name_of(options_.method).tao));
     check(TaoSetSolution(tao, x_));
-    check(TaoSetObjective(tao, energy_of_tao, this));
-    check(TaoSetGradient(tao, nullptr, gradient_of_tao, this));
-    check(TaoSetObjectiveAndGradient(tao, nullptr, both_of_tao, this));
-    const bool is_newton = options_.method != PetscMethod::TaoLmvm && options_.method != PetscMethod::TaoCg;
-    if (is_newton) {
-      hessian = field_.make_matrix(x_);
-      check(TaoSetHessian(tao, hessian, hessian, hessian_of_tao, this));
+    check(TaoSetObjective(tao, energy_of, this));
+    check(TaoSetGradient(tao, nullptr, gradient_of, this));
+    check(TaoSetObjectiveAndGradient(tao, nullptr, both_of, this));
+    if (options_.method == PetscMethod::NewtonTrustRegion) {
+      // The preconditioner must be positive definite, so that it is made from a matrix without negative
+      // curvature.
+      const bool is_diagonal = preconditioner() == PetscPreconditioner::Jacobi;
+      hessian = field_.make_matrix(x_, Part::Whole);
+      model = field_.make_matrix(x_, is_diagonal ? Part::Diagonal : Part::Whole);
+      model_part_ = is_diagonal ? Part::Diagonal : Part::Whole;
+      check(TaoSetHessian(tao, hessian, model, hessian_of, this));
       KSP ksp = nullptr;
       check(TaoGetKSP(tao, &ksp));
-      if (ksp != nullptr) precondition(ksp);
+      check(KSPSetOptionsPrefix(ksp, kPrefix));
+      precondition(ksp);
+      // The radius is in the norm of the preconditioner, whose square is an energy: that of the start is 1.
+      check(TaoSetInitialTrustRegionRadius(tao, 1));
+      set_default("tao_ntr_init_type", "constant");
+      set_default("tao_ntr_epsilon", "1e-11");  // where energies no longer differ but by rounding
     }
     check(TaoSetTolerances(tao, 0, 0, 0));
     check(TaoSetMaximumIterations(tao, PETSC_MAX_INT));
     check(TaoSetMaximumFunctionEvaluations(tao, PETSC_MAX_INT));
-    check(TaoSetConvergenceTest(tao, test_of_tao, this));
+    check(TaoSetConvergenceTest(tao, test, this));
     check(TaoSetFromOptions(tao));
-    target_ = tolerance_;
-    last_iteration_ = options_.max_iterations;
     check(TaoSolve(tao));
     TaoConvergedReason reason = TAO_CONTINUE_ITERATING;
     check(TaoGetConvergedReason(tao, &reason));
     message.assign(TaoConvergedReasons[reason]);
     if (is_reached_) return Status::Converged;
-    return has_ended() ? Status::MaxIterations : Status::NoProgress;
+    return is_stopped_ || iterations_ >= options_.max_iterations ? Status::MaxIterations : Status::NoProgress;
+  }
+
+  static constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
+
+ private:
+  // PETSc 3.18's incomplete factors crash on a process without nodes.
+  PetscPreconditioner preconditioner() const {
+    return comm_.min(field_.own_nodes()) == 0 ? PetscPreconditioner::Jacobi : options_.preconditioner;
   }
 
   void precondition(KSP ksp) {
     PC pc = nullptr;
     check(KSPGetPC(ksp, &pc));
-    if (comm_.min(field_.own_nodes()) == 0) {
-      check(PCSetType(pc, PCJACOBI));  // PETSc 3.18's incomplete factors crash on a process without nodes
-    } else if (options_.preconditioner == PetscPreconditioner::Gamg) {
-      check(PCSetType(pc, PCGAMG));
-      // With the interpolation of another iterate, the preconditioner of these Hessians can be indefinite.
-      check(PCGAMGSetReuseInterpolation(pc, PETSC_FALSE));
-    } else {
-      check(PCSetType(pc, PCASM));
-      check(PCASMSetType(pc, PC_ASM_BASIC));  // symmetric, as conjugate gradients want
+    switch (preconditioner()) {
+      case PetscPreconditioner::Jacobi:
+        check(PCSetType(pc, PCPBJACOBI));
+        break;
+      case PetscPreconditioner::Gamg:
+        check(PCSetType(pc, PCGAMG));
+        // The interpolation of another iterate can make the preconditioner indefinite.
+        check(PCGAMGSetReuseInterpolation(pc, PETSC_FALSE));
+        break;
+      case PetscPreconditioner::AdditiveSchwarz:
+        check(PCSetType(pc, PCASM));
+        check(PCASMSetType(pc, PC_ASM_BASIC));  // symmetric, as conjugate gradients want
+        // Incomplete factors that stay positive definite.
+        set_default("sub_pc_type", "icc");
+        set_default("sub_pc_factor_shift_type", "positive_definite");
+        break;
     }
   }
 
-  bool has_ended() const { return is_stopped_ || iterations_ >= options_.max_iterations; }
-
-  // Whether to end at an iterate with this gradient.
-  PetscErrorCode test(Vec gradient, bool* ends) {
-    PetscFunctionBeginUser;
-    double stationarity = 0;
-    PetscCall(field_.stationarity(gradient, &stationarity));
-    is_reached_ = !(stationarity > target_);  // also for NaN, which the verdict rejects
-    int stop = options_.stop != nullptr && options_.stop->load(std::memory_order_relaxed) ? 1 : 0;
-    PetscCallMPI(MPI_Allreduce(MPI_IN_PLACE, &stop, 1, MPI_INT, MPI_MAX, comm_));
-    is_stopped_ = stop != 0;
-    *ends = is_reached_ || is_stopped_ || iterations_ >= last_iteration_;
-    PetscFunctionReturn(0);
+  // PETSc's subdomains are known only once the matrix is: their options come from its database.
+  static void set_default(const std::string& name, const char* value) {
+    const std::string key = "-" + std::string(kPrefix) + name;
+    PetscBool is_set = PETSC_FALSE;
+    check(PetscOptionsHasName(nullptr, nullptr, key.c_str(), &is_set));
+    if (!is_set) check(PetscOptionsSetValue(nullptr, key.c_str(), value));
   }
 
-  static PetscErrorCode test_of_snes(SNES snes, PetscInt iteration, PetscReal, PetscReal, PetscReal,
-                                     SNESConvergedReason* reason, void* self) {
+  // Whether to end at an iterate.
+  static PetscErrorCode test(Tao tao, void* self) {
     PetscFunctionBeginUser;
-    auto& solve = *static_cast<Solve*>(self);
-    if (iteration > 0) ++solve.iterations_, ++solve.linear_solves_;
-    Vec gradient = nullptr;
-    bool ends = false;
-    PetscCall(SNESGetFunction(snes, &gradient, nullptr, nullptr));
-    PetscCall(solve.test(gradient, &ends));
-    *reason = !ends               ? SNES_CONVERGED_ITERATING
-              : solve.is_reached_ ? SNES_CONVERGED_FNORM_ABS
-                                  : SNES_DIVERGED_MAX_IT;
-    PetscFunctionReturn(0);
-  }
-  static PetscErrorCode energy_of_snes(SNES, Vec x, PetscReal* energy, void* self) {
-    return static_cast<Solve*>(self)->field_.evaluate(x, energy, nullptr);
-  }
-  static PetscErrorCode gradient_of_snes(SNES, Vec x, Vec gradient, void* self) {
-    return static_cast<Solve*>(self)->field_.evaluate(x, nullptr, gradient);
-  }
-  static PetscErrorCode hessian_of_snes(SNES, Vec x, Mat, Mat hessian, void* self) {
-    auto& solve = *static_cast<Solve*>(self);
-    return solve.field_.assemble(x, hessian, solve.clamp_);
-  }
-
-  static PetscErrorCode test_of_tao(Tao tao, void* self) {
-    PetscFunctionBeginUser;
+    constexpr int kRejected = 60;  // a radius that shrinks for so long finds no step
     auto& solve = *static_cast<Solve*>(self);
     PetscInt iteration = 0;
     Vec gradient = nullptr;
-    bool ends = false;
     PetscCall(TaoGetIterationNumber(tao, &iteration));
+    solve.rejected_ = solve.iterations_ == iteration ? solve.rejected_ + 1 : 0;
     solve.iterations_ = static_cast<int>(iteration);
     PetscCall(TaoGetGradient(tao, &gradient, nullptr, nullptr));
-    PetscCall(solve.test(gradient, &ends));
-    PetscCall(TaoSetConvergedReason(tao, !ends               ? TAO_CONTINUE_ITERATING
-                                         : solve.is_reached_ ? TAO_CONVERGED_USER
-                                                             : TAO_DIVERGED_MAXITS));
+    PetscCall(solve.field_.stationarity(gradient, &solve.stationarity_));
+    solve.is_reached_ = !(solve.stationarity_ > solve.tolerance_);  // also for NaN, which the verdict rejects
+    const auto* const asked = solve.options_.stop;
+    int stop = asked != nullptr && asked->load(std::memory_order_relaxed) ? 1 : 0;
+    PetscCallMPI(MPI_Allreduce(MPI_IN_PLACE, &stop, 1, MPI_INT, MPI_MAX, solve.comm_));
+    solve.is_stopped_ = stop != 0;
+    TaoConvergedReason reason = TAO_CONTINUE_ITERATING;
+    if (solve.is_reached_)
+      reason = TAO_CONVERGED_USER;
+    else if (solve.is_stopped_ || iteration >= solve.options_.max_iterations)
+      reason = TAO_DIVERGED_MAXITS;
+    else if (solve.rejected_ > kRejected)
+      reason = TAO_DIVERGED_TR_REDUCTION;
+    PetscCall(TaoSetConvergedReason(tao, reason));
     PetscFunctionReturn(0);
   }
-  static PetscErrorCode energy_of_tao(Tao, Vec x, PetscReal* energy, void* self) {
+
+  static PetscErrorCode energy_of(Tao, Vec x, PetscReal* energy, void* self) {
     return static_cast<Solve*>(self)->field_.evaluate(x, energy, nullptr);
   }
-  static PetscErrorCode gradient_of_tao(Tao, Vec x, Vec gradient, void* self) {
+  static PetscErrorCode gradient_of(Tao, Vec x, Vec gradient, void* self) {
     return static_cast<Solve*>(self)->field_.evaluate(x, nullptr, gradient);
   }
-  static PetscErrorCode both_of_tao(Tao, Vec x, PetscReal* energy, Vec gradient, void* self) {
+  static PetscErrorCode both_of(Tao, Vec x, PetscReal* energy, Vec gradient, void* self) {
     return static_cast<Solve*>(self)->field_.evaluate(x, energy, gradient);
   }
-  static PetscErrorCode hessian_of_tao(Tao, Vec x, Mat, Mat hessian, void* self) {
+  static PetscErrorCode hessian_of(Tao tao, Vec x, Mat hessian, Mat model, void* self) {
+    PetscFunctionBeginUser;
     auto& solve = *static_cast<Solve*>(self);
     ++solve.linear_solves_;
-    return solve.field_.assemble(x, hessian, solve.clamp_);
+    // Equations are solved the better the nearer the minimum, and no better than the tolerance needs.
+    KSP ksp = nullptr;
+    const double wanted = std::max(0.1 * solve.tolerance_ / solve.stationarity_, 1e-4);
+    const double accuracy = std::min(std::max(std::sqrt(solve.stationarity_), wanted), 0.1);
+    PetscCall(TaoGetKSP(tao, &ksp));
+    PetscCall(KSPSetTolerances(ksp, accuracy, PETSC_DEFAULT, PETSC_DEFAULT, PETSC_DEFAULT));
+    PetscCall(solve.field_.assemble(x, hessian, Part::Whole, false));
+    PetscCall(solve.field_.assemble(x, model, solve.model_part_, true));
+    PetscFunctionReturn(0);
   }
 
   const Communicator& comm_;
@@ -273,11 +191,11 @@ class Solve {
   const DistributedOptions& options_;
   double tolerance_;
   Vec x_;
-  double target_ = 0;  // stationarity
-  bool clamp_ = false;
-  bool is_reached_ = false;  // the target, at the last iterate
+  Part model_part_ = Part::Whole;
+  double stationarity_ = 1;  // of the last iterate
+  bool is_reached_ = false;
   bool is_stopped_ = false;
-  int last_iteration_ = 0;
+  int rejected_ = 0;  // steps since the last iterate
   int iterations_ = 0;
   int linear_solves_ = 0;
 };
@@ -297,7 +215,7 @@ struct DistributedSystem<kDim>::Impl {
   LocalSystem<kDim> local;
   std::optional<SpringField<kDim>> field;
   OwnedVec x;
-  double length_unit = 1;  // PETSc gets a system of unit size, because it has thresholds of its own
+  double length_unit = 1;  // PETSc gets a system of unit length and energy: it has thresholds of its own
   double energy_unit = 1;
 
   explicit Impl(MPI_Comm given) : comm(given) {}
@@ -315,7 +233,12 @@ struct DistributedSystem<kDim>::Impl {
     field.emplace(comm, local);
     x = field->make_vector(local.start);
     if (!field->set_rule(x)) return {};  // solve says so
-    scale(field->length(), field->largest_stiffness());
+    double energy = 0;
+    check(field->evaluate(x, &energy, nullptr));
+    if (!detail::is_finite(energy)) return {};
+    const double length = field->length();
+    constexpr double kLeast = 1e-16;
+    scale(length, std::max(energy / (length * length), kLeast * field->largest_stiffness()));
     return {};
   }
 

@@ -72,6 +72,11 @@ void expect_minimum(const SpringSystem<double, kDim>& system,
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     return summary;
   };
+  System judged = system;  // as a Session judges it
+  if (options.ground_components) {
+    detail::ComponentScratch<System> scratch;
+    detail::for_each_floating_component(system, scratch, [&](int i) { judged.fix(i); });
+  }
   typename System::Points minimum = start;
   ours(minimum);
   typename System::Points near = minimum;
@@ -102,13 +107,13 @@ void expect_minimum(const SpringSystem<double, kDim>& system,
     ASSERT_EQ(x.cols(), system.nodes());
     EXPECT_EQ(share, x.leftCols(end));
     EXPECT_NEAR(summary.final_energy, energy(system, x), 1e-12 * summary.final_energy);
-    EXPECT_NEAR(summary.stationarity, stationarity(system, x), 1e-3 * options.tolerance + 1e-12);
+    EXPECT_NEAR(summary.stationarity, stationarity(judged, x), 1e-3 * options.tolerance + 1e-12);
     if (from == &near) {
       EXPECT_NEAR(summary.final_energy, energy(system, minimum), 1e-8 * summary.final_energy);
       EXPECT_LT((x - minimum).cwiseAbs().maxCoeff(), 1e3 * options.tolerance * minimum.norm());
     }
-    // TAO's methods may end at a saddle, which ours leave.
-    if (options.method == PetscMethod::Newton || from == &near) {
+    // L-BFGS may end at a saddle, which ours leaves.
+    if (options.method == PetscMethod::NewtonTrustRegion || from == &near) {
       EXPECT_NEAR(summary.final_energy, ours(x).final_energy, 1e-8 * summary.final_energy);
     }
   }
@@ -146,15 +151,15 @@ TEST(Petsc, FindsTheMinimumOfAFullyLinkedSystem) {
 
 TEST(Petsc, FindsTheMinimumByEveryMethod) {
   const auto random = testing::sparse_system<Plane>(5, 300);
-  for (const PetscMethod method :
-       {PetscMethod::Newton, PetscMethod::TaoNewtonTrustRegion, PetscMethod::TaoNewtonLineSearch,
-        PetscMethod::TaoLmvm, PetscMethod::TaoCg, PetscMethod::TaoBoundedNewton}) {
-    for (const auto preconditioner : {PetscPreconditioner::Gamg, PetscPreconditioner::AdditiveSchwarz}) {
+  for (const PetscMethod method : {PetscMethod::NewtonTrustRegion, PetscMethod::Lmvm}) {
+    for (const auto preconditioner :
+         {PetscPreconditioner::Jacobi, PetscPreconditioner::Gamg, PetscPreconditioner::AdditiveSchwarz}) {
       DistributedOptions options;
       options.tolerance = 1e-6;  // first-order methods compare energies
       options.method = method;
       options.preconditioner = preconditioner;
       SCOPED_TRACE(static_cast<int>(method));
+      SCOPED_TRACE(static_cast<int>(preconditioner));
       expect_minimum<2>(random.system, random.start, options);
     }
   }

@@ -78,19 +78,15 @@ SystemShare<kDim> whole_share(const SpringSystem<double, kDim>& system,
 
 /// The methods of PETSc that minimise the energy.
 enum class PetscMethod {
-  Newton,                ///< SNESNEWTONLS: Newton's method, backtracking line search
-  TaoNewtonTrustRegion,  ///< TAONTR: Newton's method, trust region
-  TaoNewtonLineSearch,   ///< TAONLS: Newton's method, line search of More and Thuente
-  TaoLmvm,               ///< TAOLMVM: limited-memory BFGS
-  TaoCg,                 ///< TAOCG: nonlinear conjugate gradients
-  TaoBoundedNewton,      ///< TAOBNTR: the trust region of TAO's solvers with bounds, here without bounds
+  NewtonTrustRegion,  ///< TAONTR: Newton's method, conjugate gradients in a trust region
+  Lmvm,               ///< TAOLMVM: limited-memory BFGS
 };
 
-/// The preconditioner of the conjugate gradients that solve Newton's equations. Where a process has no nodes,
-/// it is the diagonal.
+/// The preconditioner of the conjugate gradients. Where a process has no nodes, it is Jacobi.
 enum class PetscPreconditioner {
+  Jacobi,           ///< the diagonal blocks, one a node
   Gamg,             ///< PETSc's algebraic multigrid, with the rigid motions as near null space
-  AdditiveSchwarz,  ///< a subdomain a process, overlap 1, incomplete factors
+  AdditiveSchwarz,  ///< a subdomain a process, overlap 1, incomplete Cholesky factors
 };
 
 /// Options of DistributedSystem::solve, the same on all processes; those of SolverOptions mean the same here.
@@ -101,8 +97,8 @@ struct DistributedOptions {
   bool ground_components = false;  ///< hold a node of each component that no anchor holds
   /// If given, read in every iteration: the solve ends on all processes once it is set on one.
   const std::atomic<bool>* stop = nullptr;
-  PetscMethod method = PetscMethod::Newton;
-  PetscPreconditioner preconditioner = PetscPreconditioner::AdditiveSchwarz;
+  PetscMethod method = PetscMethod::NewtonTrustRegion;
+  PetscPreconditioner preconditioner = PetscPreconditioner::Jacobi;
 
   /// What is wrong with the options; nullptr if nothing is.
   const char* problem() const;
@@ -131,7 +127,7 @@ class ASTERISM_API DistributedSystem {
 
   /// Moves the nodes to a stationary point of the energy, starting from where they are. The same summary on
   /// all processes. Status and message are those of every solver; PETSc's own error gives NumericalFailure,
-  /// or OutOfMemory, with PETSc's words. Iterations are Newton steps, or steps of TAO's first-order methods.
+  /// or OutOfMemory, with PETSc's words. Iterations are steps of the method.
   Summary solve(const DistributedOptions& options = {});
 
   /// Where the nodes are: each process gets the columns of its share. This and gather have no columns if
