@@ -21,12 +21,14 @@ enum class CostShape {
 struct AxisCost {
   double weight = 1;  ///< per px^2 if quadratic, per px if absolute; from 0 up
   double offset = 0;  ///< the displacement that costs nothing [px]; need not be an integer
-  CostShape shape = CostShape::Quadratic;
+  CostShape shape = CostShape::Quadratic;                       ///< of the cost below the truncation
   double truncation = std::numeric_limits<double>::infinity();  ///< no displacement costs more; from 0 up
 
+  /// weight (d - offset)^2.
   static constexpr AxisCost quadratic(double weight, double offset) {
     return {.weight = weight, .offset = offset, .shape = CostShape::Quadratic, .truncation = kInfinity};
   }
+  /// weight |d - offset|.
   static constexpr AxisCost absolute(double weight, double offset) {
     return {.weight = weight, .offset = offset, .shape = CostShape::Absolute, .truncation = kInfinity};
   }
@@ -51,6 +53,7 @@ struct AxisCost {
     return nullptr;
   }
 
+  /// Whether all numbers are equal.
   friend bool operator==(const AxisCost&, const AxisCost&) = default;
 
  private:
@@ -60,8 +63,10 @@ struct AxisCost {
 
 /// The cost of the displacement (dx, dy): the sum of the costs along the axes.
 struct DisplacementCost {
-  AxisCost x, y;
+  AxisCost x;  ///< of the displacement to the right
+  AxisCost y;  ///< of the displacement downwards
 
+  /// The cost of the displacement (dx, dy) [px].
   double operator()(double dx, double dy) const { return x(dx) + y(dy); }
 
   /// What is wrong with the cost, nullptr for nothing.
@@ -70,6 +75,7 @@ struct DisplacementCost {
     return of_x ? of_x : y.problem();
   }
 
+  /// Whether the costs along both axes are equal.
   friend bool operator==(const DisplacementCost&, const DisplacementCost&) = default;
 };
 

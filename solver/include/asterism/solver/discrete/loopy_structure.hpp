@@ -51,6 +51,7 @@ struct LoopySummary {
   /// No placement has a lower energy than this, up to the rounding of floats.
   double lower_bound = -std::numeric_limits<double>::infinity();
 
+  /// How far the placement may be above the least energy.
   double gap() const { return energy - lower_bound; }
   /// Whether there is a placement.
   bool usable() const {

@@ -31,8 +31,11 @@ struct MapView {
     return {data, width, height, row_stride, column_stride};
   }
 
+  /// The number at column x of row y.
   T& operator()(int x, int y) const { return data[y * row_stride + x * column_stride]; }
+  /// Where row y begins.
   T* row(int y) const { return data + y * row_stride; }
+  /// Whether there are no pixels.
   bool empty() const { return data == nullptr || width <= 0 || height <= 0; }
 };
 

@@ -26,9 +26,9 @@ inline namespace ASTERISM_ABI {
 /// An edge of a tree of parts: what it costs that the child is at x_child while its parent is at x_parent,
 /// cost(x_child - x_parent).
 struct Joint {
-  int parent = 0;  ///< a part, from 0
-  int child = 0;   ///< another part
-  DisplacementCost cost;
+  int parent = 0;         ///< a part, from 0
+  int child = 0;          ///< another part
+  DisplacementCost cost;  ///< of the child's position less the parent's
 };
 
 namespace detail {
@@ -44,8 +44,8 @@ inline const char* joint_problem(const Joint& joint, int parts) {
 
 /// A place for each part.
 struct PartPlacement {
-  double energy = std::numeric_limits<double>::infinity();
-  Eigen::Matrix2Xi positions;  ///< 2 x parts, (x, y) in the part's map [px]
+  double energy = std::numeric_limits<double>::infinity();  ///< E of the placement
+  Eigen::Matrix2Xi positions;                               ///< 2 x parts, (x, y) in the part's map [px]
 };
 
 /// How a solve of a pictorial structure ended.
@@ -366,8 +366,8 @@ inline int PictorialStructure::best_placements(int count, double distance,
 
 /// The result of pictorial_structure.
 struct PictorialResult : PictorialSummary {
-  PartPlacement best;
-  int root = -1;
+  PartPlacement best;  ///< the best placement
+  int root = -1;       ///< the part that is no child
   /// The root's min-marginals, height x width of its map: see PictorialStructure.
   Eigen::Matrix<float, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor> min_marginals;
 };

@@ -54,10 +54,10 @@ struct SystemShare {
   Points anchors;                    ///< Dim x n, the process's nodes [px]
   Eigen::VectorXd anchor_stiffness;  ///< n
   Points start;                      ///< Dim x n, where a solve starts [px]
-  std::vector<GlobalLink> links;
-  Eigen::VectorXd rest_length;      ///< one for each link [px]
-  Eigen::VectorXd link_stiffness;   ///< one for each link
-  std::vector<std::int64_t> fixed;  ///< nodes that are held where the start has them
+  std::vector<GlobalLink> links;     ///< between nodes of any processes
+  Eigen::VectorXd rest_length;       ///< one for each link [px]
+  Eigen::VectorXd link_stiffness;    ///< one for each link
+  std::vector<std::int64_t> fixed;   ///< nodes that are held where the start has them
 };
 
 /// A whole system and its start as one process's share. Throws std::invalid_argument if links have offsets,

@@ -157,7 +157,9 @@ Scalar first_by_rest_length(const Potential& potential, Scalar r, Scalar mu) {
 template <typename System>
 struct SystemTangent {
   using Scalar = typename System::Scalar;
+  /// One number for each parameter of the anchors' loss.
   using LossParameters = detail::ParameterArray<typename System::Model::AnchorLoss, Scalar>;
+  /// One number for each parameter of the links' potential.
   using PotentialParameters = detail::ParameterArray<typename System::Model::LinkPotential, Scalar>;
 
   typename System::Points anchors;               ///< Dim x N
@@ -422,6 +424,7 @@ class Sensitivity {
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
+  /// Of forward mode.
   using Tangent = SystemTangent<System>;
 
   SensitivityOptions options;

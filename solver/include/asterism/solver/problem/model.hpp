@@ -62,7 +62,8 @@ struct Hooke {
 
 /// A rope: a spring that pulls where it is longer than mu and does nothing where it is slack.
 struct Rope {
-  static constexpr bool kConvexInSquare = true;  // Hooke's where it pulls, else 0
+  /// As Hooke's where it pulls, and 0 elsewhere.
+  static constexpr bool kConvexInSquare = true;
 
   /// phi at length r and rest length mu, and its derivatives by r.
   template <typename Scalar>
@@ -75,7 +76,8 @@ struct Rope {
 /// A spring that pushes its ends apart where they are nearer than mu and does nothing beyond: parts that may
 /// not overlap.
 struct Repulsion {
-  static constexpr bool kConvexInSquare = true;  // Hooke's where it pushes, else 0
+  /// As Hooke's where it pushes, and 0 elsewhere.
+  static constexpr bool kConvexInSquare = true;
 
   /// phi at length r and rest length mu, and its derivatives by r.
   template <typename Scalar>
