@@ -44,7 +44,7 @@ for t in range(6):
 }
 
 step "packages" bash .ci/install-packages build test night petsc
-step "tests" bash tests/run.sh release -DASTERISM_LONG_TESTS=ON
+step "tests" bash tests/run.sh release -DASTERISM_LONG_TESTS=ON -DASTERISM_WITH_PETSC=ON
 # To be read, as they vary with the machine.
 step "bars" build/release/bench/asterism-bench bars
 step "clang-tidy" bash tests/tidy.sh --analyze

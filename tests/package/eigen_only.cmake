@@ -19,7 +19,7 @@ must_match("${err}" "libeigen3-dev" "the error does not name Eigen's Debian pack
 # units and -O0, as nothing here is timed.
 fresh(${WORK}/eigen-only)
 must(${configure_soon} ${bare} -S ${SOURCE_DIR} -B ${WORK}/eigen-only -DEigen3_DIR=${EIGEN3_DIR} -DASTERISM_BUILD_TESTS=OFF
-     -DBUILD_SHARED_LIBS=ON -DCMAKE_CXX_FLAGS_RELEASE=-O0 -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=other
+     -DASTERISM_WITH_PETSC=ON -DBUILD_SHARED_LIBS=ON -DCMAKE_CXX_FLAGS_RELEASE=-O0 -DCMAKE_SYSTEM_NAME=Linux -DCMAKE_SYSTEM_PROCESSOR=other
      -DCMAKE_UNITY_BUILD=ON)
 if(NOT err STREQUAL "")
   fail("configuring with Eigen alone wrote to standard error")

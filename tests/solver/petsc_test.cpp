@@ -316,8 +316,14 @@ TEST(Petsc, IsOfTheSameResultInOtherUnits) {
   system.link_stiffness *= stiffness;
   const Summary plain = DistributedSystem<2>(MPI_COMM_WORLD, part(random.system, random.start)).solve();
   const Summary other = DistributedSystem<2>(MPI_COMM_WORLD, part<2>(system, random.start * length)).solve();
-  EXPECT_EQ(plain.iterations, other.iterations);
-  EXPECT_EQ(plain.final_energy * stiffness * length * length, other.final_energy);
+  // On several processes the partition may differ, and with it the rounding of sums.
+  const double energy = plain.final_energy * stiffness * length * length;
+  if (size() == 1) {
+    EXPECT_EQ(plain.iterations, other.iterations);
+    EXPECT_EQ(energy, other.final_energy);
+  } else {
+    EXPECT_NEAR(energy, other.final_energy, 1e-6 * energy);
+  }
 }
 
 TEST(Petsc, StopsWhereItIsAskedTo) {
