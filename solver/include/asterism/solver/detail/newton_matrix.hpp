@@ -108,23 +108,24 @@ class NewtonMatrix {
   }
 
   /// p of (L D L^T) p = right, for another right-hand side than g.
-  void solve(const Points& right, Points& p) const {
+  [[gnu::flatten]] void solve(const Points& right, Points& p) const {
     p = right;
     Scalar* const values = p.data();
-    const auto eliminate = [&](int k) {
+    const auto eliminate = [&](auto k) {
       const Scalar* column = &at(0, k);
       const Scalar scaled = values[k] * inverse_pivots_[static_cast<std::size_t>(k)];
       for (int i = k + 1; i < size(); ++i) values[i] -= column[i] * scaled;
     };
-    const auto substitute = [&](int k) {
+    const auto substitute = [&](auto k) {
       const Scalar* column = &at(0, k);
-      Scalar value = values[k];
-      for (int i = size() - 1; i > k; --i) value -= column[i] * values[i];
-      values[k] = value * inverse_pivots_[static_cast<std::size_t>(k)];
+      const Scalar inverse = inverse_pivots_[static_cast<std::size_t>(k)];
+      Scalar value = values[k] * inverse;
+      for (int i = size() - 1; i > k; --i) value -= (column[i] * inverse) * values[i];
+      values[k] = value;
     };
     if constexpr (kUnrolled) {
       unroll<0, kSize>(eliminate);
-      unroll<0, kSize>([&](auto k) { substitute(kSize - 1 - k); });
+      unroll<0, kSize>([&](auto k) { substitute(std::integral_constant<int, kSize - 1 - k>()); });
     } else {
       for (int k = 0; k < size(); ++k) eliminate(k);
       for (int k = size() - 1; k >= 0; --k) substitute(k);
