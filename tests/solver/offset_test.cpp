@@ -269,7 +269,7 @@ TEST(Offsets, AreRefusedByWhatCannotTakeThem) {
 
 TEST(Offsets, AreValidated) {
   auto [system, start] = random_offsets<2>(1, 4);
-  const auto says = [&](const char* expected) {
+  const auto says = [&system = system, &start = start](const char* expected) {
     auto x = start;
     const Summary summary = solve(system, x);
     EXPECT_EQ(summary.status, Status::InvalidInput);
