@@ -143,7 +143,8 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       app.add_subcommand("bars", "measures the solvers against their targets, one line for each target");
   bars->add_flag("--quick", quick, "fewer and smaller systems");
   bars->add_option("--group", group, "one group only")
-      ->check(CLI::IsMember({"small", "dense", "sparse", "batch", "robustness", "proof", "discrete"}));
+      ->check(CLI::IsMember(
+          {"small", "dense", "sparse", "batch", "robustness", "proof", "discrete", "gradient"}));
 
   CLI::App* crossovers = app.add_subcommand(
       "crossovers", "times the methods that Auto chooses from, by size, linking and strength of the anchors");
