@@ -10,29 +10,16 @@
 #include <string>
 #include <vector>
 
+#include "map_problem.hpp"
+
 namespace asterism {
 namespace {
 
 constexpr float kForbidden = std::numeric_limits<float>::infinity();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-struct Problem {
-  std::vector<std::vector<float>> numbers;
-  std::vector<MapView<const float>> maps;
-  std::vector<Joint> joints;
+struct Problem : testing::MapProblem {
   int root = 0;
-
-  double energy(const Eigen::Matrix2Xi& x) const {
-    double sum = 0;
-    for (std::size_t i = 0; i < maps.size(); ++i) {
-      sum += static_cast<double>(maps[i](x(0, static_cast<int>(i)), x(1, static_cast<int>(i))));
-    }
-    for (const Joint& joint : joints) {
-      const Eigen::Vector2i d = x.col(joint.child) - x.col(joint.parent);
-      sum += joint.cost(d.x(), d.y());
-    }
-    return sum;
-  }
 };
 
 AxisCost random_cost(testing::Rng& rng) {
