@@ -58,6 +58,7 @@ TYPED_TEST_SUITE(RoundTrip, Systems);
 TYPED_TEST(RoundTrip, KeepsEveryBit) {
   using System = TypeParam;
   constexpr int kDim = System::kDim;
+  using Offsets = SpringSystem<double, kDim>;
   testing::Rng rng(7);
   std::stringstream file;
   std::vector<StoredSystem<System>> written;
@@ -76,7 +77,7 @@ TYPED_TEST(RoundTrip, KeepsEveryBit) {
         system.set_anchor_information(i, root * root.transpose());
       }
     }
-    if (n % 2 == 0) system.rest_offset = testing::random_points<Isotropic>(rng, system.link_count(), -5, 5);
+    if (n % 2 == 0) system.rest_offset = testing::random_points<Offsets>(rng, system.link_count(), -5, 5);
     for (int i = n % 4; i < n; i += 3) system.fix(i);
     const json origin = {{"seed", 7}, {"n", n}, {"inner", {1.5, "x", nullptr, true}}};
     written.push_back({system, start, "system \"" + std::to_string(n) + "\"\n", origin});
