@@ -142,17 +142,13 @@ def choose(names, differences):
     return choice
 
 
-def copy_results(out, tracker, sequences, to):
-    """Copies the results of `tracker` on these sequences to those of the tracker `to`."""
-    for experiment in sorted((out / "results" / tracker).iterdir()):
+def copy_results(results, sequences, to):
+    """Copies the results of a tracker on these sequences to those of another. Both are folders."""
+    for experiment in sorted(results.iterdir()):
         for sequence in sequences:
             source = experiment / sequence
             if source.exists():
-                shutil.copytree(source, out / "results" / to / experiment.name / sequence)
-
-
-def name_in_fold(name, fold):
-    return f"{name}.fold-{fold}"
+                shutil.copytree(source, to / experiment.name / sequence)
 
 
 def table(summary, names):
@@ -178,26 +174,27 @@ def cross_validate(candidates_file, program, dataset, folds_file, out, options):
         del options[at:at + 2]
     sequences = [sequence for fold in folds.values() for sequence in fold]
 
-    def run_on(those, descriptions):
-        command = [program, "run", dataset, "--out", str(out), "--protocol", "vot,otb", "--overlap", "exact",
+    def run_on(those, descriptions, to):
+        command = [program, "run", dataset, "--out", str(to), "--protocol", "vot,otb", "--overlap", "exact",
                    "--sequences", ",".join(those)]
         for name, description in descriptions.items():
             command += ["--tracker", f"{name}={text_of(description)}"]
         run(command + options)
 
-    run_on(sequences, {name: candidates[name] for name in names})
+    run_on(sequences, {name: candidates[name] for name in names}, out)
+    results = out / "results"
     for name in (OUT_OF_FOLD, *by_fold):  # these are copied below
-        shutil.rmtree(out / "results" / name, ignore_errors=True)
+        shutil.rmtree(results / name, ignore_errors=True)
     for fold, held_out in folds.items() if by_fold else ():
-        run_on(held_out, {name_in_fold(name, fold): candidates[name]["by_fold"][fold] for name in by_fold})
+        run_on(held_out, {name: candidates[name]["by_fold"][fold] for name in by_fold}, out / "by-fold" / fold)
         for name in by_fold:
-            copy_results(out, name_in_fold(name, fold), held_out, name)
+            copy_results(out / "by-fold" / fold / "results" / name, held_out, results / name)
     choices = {}
     for fold, held_out in folds.items():
         _, differences = report(program, out, [s for s in sequences if s not in held_out], interval, out / "folds" / fold)
         choices[fold] = choose(names, differences)
     for fold, held_out in folds.items():
-        copy_results(out, choices[fold], held_out, OUT_OF_FOLD)
+        copy_results(results / choices[fold], held_out, results / OUT_OF_FOLD)
     summary, differences = report(program, out, sequences, interval, out / "report")
     # The setting to use in future is chosen on all folds.
     final = choose(names, differences)
@@ -212,9 +209,11 @@ def cross_validate(candidates_file, program, dataset, folds_file, out, options):
     for fold, choice in choices.items():
         print(f"Fold {fold}: chosen on the others, {choice}")
     print(f"Chosen on all: {final}\n")
-    print("\n".join(table(summary, shown)))
+    # Without a choice, out-of-fold is the published setting.
+    compared = {"out of fold": result["out_of_fold_minus_published"]} if len(names) > 1 else {}
+    print("\n".join(table(summary, shown if compared else shown[1:])))
     print()
-    for name, differences in {"out of fold": result["out_of_fold_minus_published"], **result["by_fold_minus_published"]}.items():
+    for name, differences in (compared | result["by_fold_minus_published"]).items():
         for measure in RULE:
             value, low, high = differences[measure]
             print(f"{measure} {name}, against {names[0]}: {value:+.3f} ({low:+.3f} to {high:+.3f})")

@@ -10,12 +10,12 @@ inline namespace ASTERISM_ABI {
 
 /// Parameters of the laws below, which give the springs their stiffness. The defaults are the paper's laws,
 /// to the last bit; bench/evaluation/learn_laws.py fits others to annotated video. The anchors have no scale
-/// of their own: a factor common to all springs does not change the placement.
+/// of their own: a factor common to all springs does not change the placement. As in the paper, the stiffness
+/// of an anchor depends on the unit of length, the pixel, and that of a link does not.
 struct StiffnessLaw {
   /// Exponent of the evidence's peak w in the stiffness of an anchor, in [0, 4].
   double peak_exponent = 1;
-  /// Exponent of the evidence's variance sigma^2 in the stiffness of an anchor, in [0, 4]. Other values than
-  /// 1 depend on the unit of length, the pixel.
+  /// Exponent of the evidence's variance sigma^2 [px^2] in the stiffness of an anchor, in [0, 4].
   double variance_exponent = 1;
   /// Factor of the stiffness of links, in [1e-9, 1e9].
   double link_scale = 1;
