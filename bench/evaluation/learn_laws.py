@@ -12,19 +12,23 @@ The laws have five parameters, which are those of StiffnessLaw (dpt's option `st
     k_i  = w^a / sigma^(2b)                      peak_exponent a, variance_exponent b
     k_ij = beta (strain^2 + f^2)^(c/2)           link_scale beta, strain_exponent c, strain_floor f
 
-The error of a frame is that of the box that follows from the solution x: the box of the start, moved and scaled by the least-squares
-similarity from the start to x, as dpt with its default `transform` does. With e^2 = |distance of the centres|^2 / area + (difference of
-the logarithms of size)^2, the error is e^2 / (e^2 + 0.2^2), in [0, 1]: a frame in which all parts are lost does not dominate. Every
-sequence has the same weight, shared by its frames. A frame counts if it is annotated and the tracker was on the object in the frame
-before, with an overlap of at least 0.5. For each fold in turn, L-BFGS-B minimises the mean error on the other folds, from the paper's
-law with f = 0.02 (at the paper's f = 0 the error does not depend on f to first order). The gradient is that of the solution
-(asterism.sensitivity), chained to the parameters. A system without a solution counts with the box of its start, and a system without
-derivatives has the gradient 0; their numbers are printed.
+The error of a frame is e^2 / (e^2 + 0.2^2), in [0, 1], so that a frame in which all parts are lost does not dominate. There are two:
+
+    box          e^2 = |distance of the centres|^2 / area + (difference of the logarithms of size)^2, of the annotated box and the box
+                 that follows from the solution x: the box of the start, moved and scaled by the least-squares similarity from the
+                 start to x, as dpt with its default `transform` does
+    placement    e^2 = mean of |x_i - p_i|^2 / area, p the annotated placement; it also counts how the constellation is deformed
+
+Every sequence has the same weight, shared by its frames. A frame counts if it is annotated and the tracker was on the object in the
+frame before, with an overlap of at least 0.5. For each fold in turn, L-BFGS-B minimises the mean error on the other folds, from the
+paper's law with f = 0.02 (at the paper's f = 0 the error does not depend on f to first order). The gradient is that of the solution
+(asterism.sensitivity), chained to the parameters. A system without a solution counts with its start, and a system without derivatives
+has the gradient 0; their numbers are printed.
 
 The program is in Python because NumPy, SciPy's L-BFGS-B and the module asterism are there, and the solves, which take most of the
 time, are the library's own. Needs NumPy, SciPy and asterism (PYTHONPATH=build/release/solver/python).
 
-Prints a table in Markdown of the errors on each fold under the paper's law and under the law that was fitted on the others.
+Prints a table in Markdown of the errors on each fold under the paper's law and under the laws that were fitted on the others.
 """
 
 import json
@@ -42,6 +46,7 @@ NAMES = ("peak_exponent", "variance_exponent", "link_scale", "strain_exponent", 
 PAPER = np.array([1, 1, 0, 2, -np.inf])
 START = np.array([1, 1, 0, 2, np.log(0.02)])
 BOUNDS = ((0, 4), (0, 4), (np.log(1e-6), np.log(1e6)), (0, 8), (np.log(1e-4), 0))
+LOSSES = ("box", "placement")
 RADIUS = 0.2     # of the robust error
 ON_OBJECT = 0.5  # least overlap with the truth in the frame before
 TOLERANCE = 1e-10
@@ -96,8 +101,8 @@ class Frames:
         self.sequence = np.array(sequence)
         self.systems = [stored.system.copy() for stored in used]
         self.start = np.array([stored.start for stored in used])
-        self.box, self.start_box, self.true_box = (
-            np.array([stored.origin[key] for stored in used], float) for key in ("box", "start_box", "true_box"))
+        self.box, self.start_box, self.true_box, self.true_placement = (
+            np.array([stored.origin[key] for stored in used], float) for key in ("box", "start_box", "true_box", "true_placement"))
         self.peak = np.array([stored.origin["peak"] for stored in used], float)
         self.variance = np.trace(np.array([stored.origin["covariance"] for stored in used], float), axis1=2, axis2=3)
         anchors = np.array([system.anchors for system in self.systems])
@@ -157,29 +162,36 @@ class Frames:
         factor[known] = np.sum(self.spokes[here].conj() * z, axis=1)[known] / self.inertia[here][known]
         return z.mean(axis=1) + factor * self.arm[here], np.log(abs(factor)), factor
 
-    def errors(self, here, x):
-        """The error of each frame, and its derivative by x (T, N, 2)."""
+    def box_squares(self, here, x):
+        """e^2 of the box of each frame, and half of its derivative by x (T, N, 2)."""
         centre, growth, factor = self.boxes(here, x)
         truth, start = self.true_box[here], self.start_box[here]
         area = np.prod(truth[:, 2:], axis=1)
         off = (centre - centres(truth)) / area
         size = growth + np.log(np.prod(start[:, 2:], axis=1) / area) / 2
-        square = abs(off) ** 2 * area + size**2
-        error = square / (square + RADIUS**2)
-        slope = 2 * RADIUS**2 / (square + RADIUS**2) ** 2
         # The factor is sum conj(p_i) z_i / sum |p_i|^2, linear in z; the centre is mean(z) + factor * arm.
         inertia = self.inertia[here]
         share = self.spokes[here] / np.where(inertia > 0, inertia, 1)[:, None]
         by_z = (1 / x.shape[1] + share * self.arm[here].conj()[:, None]) * off[:, None]
         by_z = by_z + share * (size * factor / abs(factor) ** 2)[:, None]
-        by_z *= slope[:, None]
-        return error, np.stack([by_z.real, by_z.imag], axis=2)
+        return abs(off) ** 2 * area + size**2, np.stack([by_z.real, by_z.imag], axis=2)
 
-    def evaluate(self, here, theta):
+    def placement_squares(self, here, x):
+        """e^2 of the placement of each frame, and half of its derivative by x (T, N, 2)."""
+        off = x - self.true_placement[here]
+        by_x = off / (x.shape[1] * np.prod(self.true_box[here][:, 2:], axis=1))[:, None, None]
+        return np.sum(off * by_x, axis=(1, 2)), by_x
+
+    def errors(self, here, x, loss):
+        """The error of each frame, and its derivative by x (T, N, 2)."""
+        square, by_x = self.box_squares(here, x) if loss == "box" else self.placement_squares(here, x)
+        return square / (square + RADIUS**2), by_x * (2 * RADIUS**2 / (square + RADIUS**2) ** 2)[:, None, None]
+
+    def evaluate(self, here, theta, loss):
         """The error of each frame, its gradient by theta (T, 5), and the numbers of systems without solution and without derivatives."""
         anchors, links, by_anchors, by_links = self.stiffness(here, theta)
         x, failed = self.solve(here, anchors, links)
-        error, by_x = self.errors(here, x)
+        error, by_x = self.errors(here, x, loss)
         gradient, without = np.zeros((len(here), 5)), 0
         for t in np.flatnonzero(~failed):
             try:
@@ -190,23 +202,23 @@ class Frames:
             gradient[t] = (by.anchor_stiffness * anchors[t]) @ by_anchors[t] + (by.link_stiffness * links[t]) @ by_links[t]
         return error, gradient, int(failed.sum()), without
 
-    def fit(self, sequences):
+    def fit(self, sequences, loss):
         """The theta of the least mean error on these sequences, and SciPy's result."""
         here, weights = self.of(sequences)
 
         def objective(theta):
-            error, gradient, _, _ = self.evaluate(here, theta)
+            error, gradient, _, _ = self.evaluate(here, theta, loss)
             return weights @ error, weights @ gradient
 
         result = minimize(objective, START, jac=True, method="L-BFGS-B", bounds=BOUNDS, options={"maxiter": 100})
         return result.x, result
 
-    def score(self, sequences, theta):
+    def score(self, sequences, theta, loss):
         """By sequence: mean error and mean overlap of the boxes with the truth; and the number of systems without solution."""
         here, _ = self.of(sequences)
         anchors, links, _, _ = self.stiffness(here, theta)
         x, failed = self.solve(here, anchors, links)
-        error, _ = self.errors(here, x)
+        error, _ = self.errors(here, x, loss)
         overlaps = overlap(self.modelled(here, x), self.true_box[here])
         names = self.sequence[here]
         return {name: (error[names == name].mean(), overlaps[names == name].mean()) for name in dict.fromkeys(names)}, int(failed.sum())
@@ -254,53 +266,57 @@ def interval(differences):
     return differences.mean(), *np.quantile(differences[draws].mean(axis=1), [0.025, 0.975])
 
 
-def learn(records, folds):
-    """{fold: theta}, the theta of all folds, and the lines to print."""
-    frames = Frames(records)
-    if len(frames.trackers) > 1:
-        raise BadInput("the systems are of several trackers: " + ", ".join(frames.trackers))
+def learn(frames, folds, loss):
+    """{fold: theta}, and the lines to print."""
     sequences = [name for names in folds.values() for name in names]
     thetas, differences = {}, []
-    lines = [f"{len(frames.systems)} frames of {len(set(frames.sequence))} sequences count; under the paper's law, "
-             f"{frames.reproduced():.1%} of the modelled boxes are the tracker's own.", "",
+    lines = [f"### Fitted to the error of the {loss}", "",
              "| fold | error, paper | error, learned | overlap, paper | overlap, learned | " + " | ".join(NAMES) + " |",
              "|---" * (5 + len(NAMES)) + "|"]
     for fold, held_out in folds.items():
-        theta, result = frames.fit([name for name in sequences if name not in held_out])
+        theta, result = frames.fit([name for name in sequences if name not in held_out], loss)
         thetas[fold] = theta
-        (paper, failed), (learned, failed_learned) = frames.score(held_out, PAPER), frames.score(held_out, theta)
+        (paper, failed), (learned, failed_learned) = (frames.score(held_out, law, loss) for law in (PAPER, theta))
         differences += [np.subtract(learned[name], paper[name]) for name in paper]
-        means = (*np.transpose([np.mean(list(scores.values()), axis=0) for scores in (paper, learned)]).ravel(),)
+        means = np.transpose([np.mean(list(scores.values()), axis=0) for scores in (paper, learned)]).ravel()
         lines.append(f"| {fold} | " + " | ".join(f"{value:.4f}" for value in means) + " | "
                      + " | ".join(f"{value:.3g}" for value in law_of(theta).values()) + " |")
-        print(f"fold {fold}: {result.nit} iterations, {result.nfev} evaluations, {result.message}; without a solution: {failed} under the "
-              f"paper's law, {failed_learned} under the learned one", file=sys.stderr)
-    theta, result = frames.fit(sequences)
-    _, _, failed, without = frames.evaluate(frames.of(sequences)[0], theta)
+        print(f"{loss}, fold {fold}: {result.nit} iterations, {result.nfev} evaluations, {result.message}; without a solution: {failed} "
+              f"under the paper's law, {failed_learned} under the learned one", file=sys.stderr)
+    theta, result = frames.fit(sequences, loss)
+    _, _, failed, without = frames.evaluate(frames.of(sequences)[0], theta, loss)
     lines += ["", f"Fitted on all folds: {json.dumps(law_of(theta))}",
               f"At it, {failed} systems have no solution and {without} no derivatives.", ""]
     for name, column in (("error", 0), ("overlap", 1)):
         value, low, high = interval([difference[column] for difference in differences])
         lines.append(f"{name} out of fold, learned - paper: {value:+.4f} ({low:+.4f} to {high:+.4f}, 95 %, over sequences)")
-    return frames.trackers[0], thetas, theta, lines
+    return thetas, [*lines, ""]
 
 
 def main():
     if len(sys.argv) != 4:
         sys.exit(__doc__)
+    records, folds_file, out = sys.argv[1:]
     try:
-        folds = read_folds(sys.argv[2])
-        tracker, thetas, _, lines = learn(read_records(sys.argv[1], folds), folds)
+        folds = read_folds(folds_file)
+        frames = Frames(read_records(records, folds))
+        if len(frames.trackers) > 1:
+            raise BadInput("the systems are of several trackers: " + ", ".join(frames.trackers))
+        lines = [f"{len(frames.systems)} frames of {len(set(frames.sequence))} sequences count; under the paper's law, "
+                 f"{frames.reproduced():.1%} of the modelled boxes are the tracker's own.", ""]
+        candidates = {"paper": with_law(frames.trackers[0], None)}
+        for loss in LOSSES:
+            thetas, table = learn(frames, folds, loss)
+            candidates[loss] = {"by_fold": {fold: with_law(frames.trackers[0], law_of(theta)) for fold, theta in thetas.items()}}
+            lines += table
     except BadInput as error:
         sys.exit(str(error))
-    by_fold = {fold: with_law(tracker, law_of(theta)) for fold, theta in thetas.items()}
-    result = {"about": "The paper's laws of stiffness, and laws that were fitted to the other folds by learn_laws.py.",
-              "candidates": {"paper": with_law(tracker, None), "learned": {"by_fold": by_fold}}}
+    result = {"about": "The paper's laws of stiffness, and laws that learn_laws.py fitted to the other folds.", "candidates": candidates}
     try:
-        Path(sys.argv[3]).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        Path(out).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     except OSError as error:
-        sys.exit(f"{sys.argv[3]}: {error.strerror}")
-    print("\n".join(lines))
+        sys.exit(f"{out}: {error.strerror}")
+    print("\n".join(lines[:-1]))
 
 
 if __name__ == "__main__":
