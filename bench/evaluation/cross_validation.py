@@ -7,8 +7,8 @@ CANDIDATES is a JSON file, {"candidates": {NAME: DESCRIPTION, ...}}: description
 them, or as JSON objects {"tracker": "dpt", ...}; the published setting first, then from the simplest to the least simple. A setting
 that was fitted to the other folds, such as those of learn_laws.py, has a description for each fold, {"by_fold": {FOLD: DESCRIPTION,
 ...}}. EVAL is the program asterism-eval. FOLDS has a line FOLD<tab>SEQUENCE... for each sequence; lines that begin with # are
-comments. Further options go to `asterism-eval run`, such as
---starts 3 --workers 2, but for --interval LOW:HIGH, the lengths that EAO averages over (166:377 by default, VOT2014's). What OUT has is not run again; interrupt and repeat the command to go on.
+comments. Further options go to `asterism-eval run`, such as --starts 3 --workers 2, but for --interval LOW:HIGH, the lengths that EAO
+averages over (166:377 by default, VOT2014's). What OUT has is not run again; interrupt and repeat the command to go on.
 
 All candidates are run on all sequences, supervised and in one pass. Then, for each fold in turn, the choice is made on the other
 folds: the published setting stays unless a candidate is better in both the supervised EAO and the one-pass AO beyond the 95 %

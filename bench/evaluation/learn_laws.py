@@ -21,12 +21,13 @@ The error of a frame is e^2 / (e^2 + 0.2^2), in [0, 1], so that a frame in which
 
 Every sequence has the same weight, shared by its frames. A frame counts if it is annotated and the tracker was on the object in the
 frame before, with an overlap of at least 0.5. For each fold in turn, L-BFGS-B minimises the mean error on the other folds, from the
-paper's law with f = 0.02 (at the paper's f = 0 the error does not depend on f to first order). The gradient is that of the solution
+paper's law with f = 0.02 (at the paper's f = 0 the error does not depend on f to first order), within a, b in [0, 4], c in [0, 8],
+beta in [1e-6, 1e6] and f in [1e-4, 1]. The gradient is that of the solution
 (asterism.sensitivity), chained to the parameters. A system without a solution counts with its start, and a system without derivatives
 has the gradient 0; their numbers are printed.
 
-The program is in Python because NumPy, SciPy's L-BFGS-B and the module asterism are there, and the solves, which take most of the
-time, are the library's own. Needs NumPy, SciPy and asterism (PYTHONPATH=build/release/solver/python).
+The program is in Python because NumPy, SciPy's L-BFGS-B and the module asterism are there, and solves and gradients are the library's
+own. Needs NumPy, SciPy and asterism (PYTHONPATH=build/release/solver/python).
 
 Prints a table in Markdown of the errors on each fold under the paper's law and under the laws that were fitted on the others.
 """
