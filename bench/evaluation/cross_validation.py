@@ -4,15 +4,20 @@
     bench/evaluation/cross_validation.py CANDIDATES EVAL DATASET FOLDS OUT [OPTION...]
 
 CANDIDATES is a JSON file, {"candidates": {NAME: DESCRIPTION, ...}}: descriptions of trackers as `asterism-eval run --tracker` takes
-them, or as JSON objects {"tracker": "dpt", ...}; the published setting first, then from the simplest to the least simple. EVAL is the program asterism-eval. FOLDS has a line
-FOLD<tab>SEQUENCE... for each sequence; lines that begin with # are comments. Further options go to `asterism-eval run`, such as
---starts 3 --workers 2, but for --interval LOW:HIGH, the lengths that EAO averages over (166:377 by default, VOT2014's). What OUT has is not run again; interrupt and repeat the command to go on.
+them, or as JSON objects {"tracker": "dpt", ...}; the published setting first, then from the simplest to the least simple. A setting
+that was fitted to the other folds, such as those of learn_laws.py, has a description for each fold, {"by_fold": {FOLD: DESCRIPTION,
+...}}. EVAL is the program asterism-eval. FOLDS has a line FOLD<tab>SEQUENCE... for each sequence; lines that begin with # are
+comments. Further options go to `asterism-eval run`, such as --starts 3 --workers 2, but for --interval LOW:HIGH, the lengths that EAO
+averages over (166:377 by default, VOT2014's). What OUT has is not run again; interrupt and repeat the command to go on.
 
 All candidates are run on all sequences, supervised and in one pass. Then, for each fold in turn, the choice is made on the other
 folds: the published setting stays unless a candidate is better in both the supervised EAO and the one-pass AO beyond the 95 %
 interval of a paired bootstrap over sequences and starts; a later candidate replaces an earlier one only by the same rule. The
 choice of each fold is scored on that fold alone. Together these results, which nothing was chosen on, are the tracker
 `out-of-fold`, whose figures are the ones to print.
+
+A candidate by fold is run on each fold as described for it, and compared with the published setting. Its figures are out of fold as
+they are. It takes no part in the choices, because its results on the other folds come from fits that saw the fold in turn.
 
 OUT/tried.json lists every candidate ever declared for this folder. It only grows: candidates that are taken out of the file again
 still count as tried, and one whose description changes needs another name.
@@ -45,9 +50,22 @@ def read_candidates(path):
     if not isinstance(candidates, dict) or len(candidates) < 2:
         raise BadInput(f"{path}: \"candidates\" must have two descriptions or more by name")
     for name, description in candidates.items():
-        if not isinstance(description, (str, dict)) or name == OUT_OF_FOLD:
+        by_fold = description.get("by_fold", {}) if isinstance(description, dict) else {}
+        if not isinstance(description, (str, dict)) or name == OUT_OF_FOLD or not isinstance(by_fold, dict):
             raise BadInput(f"{path}: {name}: not a name with a tracker's description")
-    return {name: json.dumps(d) if isinstance(d, dict) else d for name, d in candidates.items()}
+        if any(not isinstance(d, (str, dict)) for d in by_fold.values()):
+            raise BadInput(f"{path}: {name}: \"by_fold\" must have a tracker's description for each fold")
+    if is_by_fold(next(iter(candidates.values()))):
+        raise BadInput(f"{path}: the first candidate is the published setting, the same for all folds")
+    return candidates
+
+
+def is_by_fold(description):
+    return isinstance(description, dict) and "by_fold" in description
+
+
+def text_of(description):
+    return json.dumps(description) if isinstance(description, dict) else description
 
 
 def read_folds(path):
@@ -79,6 +97,7 @@ def declare(candidates, out):
     except ValueError as error:
         raise BadInput(f"{path}: damaged: {error}") from error
     for name, description in candidates.items():
+        description = text_of(description)
         if tried.setdefault(name, description) != description:
             raise BadInput(f"{path}: {name} was {tried[name]}: give the changed candidate another name")
     out.mkdir(parents=True, exist_ok=True)
@@ -115,7 +134,7 @@ def report(program, out, sequences, interval, to):
 def choose(names, differences):
     """The published setting, which is the first, unless another is significantly better."""
     choice = names[0]
-    if any((measure, *names[:2]) not in differences for measure in RULE):
+    if len(names) > 1 and any((measure, *names[:2]) not in differences for measure in RULE):
         raise BadInput("there is no " + " or no ".join(RULE) + ": give --interval LOW:HIGH within the sequences' lengths")
     for name in names[1:]:
         if all(differences[measure, name, choice][1] > 0 for measure in RULE):
@@ -123,13 +142,13 @@ def choose(names, differences):
     return choice
 
 
-def copy_results(out, tracker, sequences):
-    """Copies the results of `tracker` on these sequences to those of out-of-fold."""
-    for experiment in sorted((out / "results" / tracker).iterdir()):
+def copy_results(results, sequences, to):
+    """Copies the results of a tracker on these sequences to those of another. Both are folders."""
+    for experiment in sorted(results.iterdir()):
         for sequence in sequences:
             source = experiment / sequence
             if source.exists():
-                shutil.copytree(source, out / "results" / OUT_OF_FOLD / experiment.name / sequence)
+                shutil.copytree(source, to / experiment.name / sequence)
 
 
 def table(summary, names):
@@ -142,6 +161,11 @@ def table(summary, names):
 
 def cross_validate(candidates_file, program, dataset, folds_file, out, options):
     candidates, folds, out = read_candidates(candidates_file), read_folds(folds_file), Path(out)
+    names = [name for name, description in candidates.items() if not is_by_fold(description)]
+    by_fold = [name for name in candidates if name not in names]
+    for name in by_fold:
+        if missing := folds.keys() - candidates[name]["by_fold"].keys():
+            raise BadInput(f"{candidates_file}: {name}: no description for fold {', '.join(sorted(missing))}")
     tried = declare(candidates, out)
     options, interval = list(options), INTERVAL
     if "--interval" in options:
@@ -149,37 +173,50 @@ def cross_validate(candidates_file, program, dataset, folds_file, out, options):
         interval = options[at + 1] if at + 1 < len(options) else ""
         del options[at:at + 2]
     sequences = [sequence for fold in folds.values() for sequence in fold]
-    command = [program, "run", dataset, "--out", str(out), "--protocol", "vot,otb", "--overlap", "exact",
-               "--sequences", ",".join(sequences)]
-    for name, description in candidates.items():
-        command += ["--tracker", f"{name}={description}"]
-    run(command + options)
 
-    names = list(candidates)
-    shutil.rmtree(out / "results" / OUT_OF_FOLD, ignore_errors=True)
+    def run_on(those, descriptions, to):
+        command = [program, "run", dataset, "--out", str(to), "--protocol", "vot,otb", "--overlap", "exact",
+                   "--sequences", ",".join(those)]
+        for name, description in descriptions.items():
+            command += ["--tracker", f"{name}={text_of(description)}"]
+        run(command + options)
+
+    run_on(sequences, {name: candidates[name] for name in names}, out)
+    results = out / "results"
+    for name in (OUT_OF_FOLD, *by_fold):  # these are copied below
+        shutil.rmtree(results / name, ignore_errors=True)
+    for fold, held_out in folds.items() if by_fold else ():
+        run_on(held_out, {name: candidates[name]["by_fold"][fold] for name in by_fold}, out / "by-fold" / fold)
+        for name in by_fold:
+            copy_results(out / "by-fold" / fold / "results" / name, held_out, results / name)
     choices = {}
     for fold, held_out in folds.items():
         _, differences = report(program, out, [s for s in sequences if s not in held_out], interval, out / "folds" / fold)
         choices[fold] = choose(names, differences)
     for fold, held_out in folds.items():
-        copy_results(out, choices[fold], held_out)
+        copy_results(results / choices[fold], held_out, results / OUT_OF_FOLD)
     summary, differences = report(program, out, sequences, interval, out / "report")
     # The setting to use in future is chosen on all folds.
     final = choose(names, differences)
+    shown = [OUT_OF_FOLD, *names, *by_fold]
     result = {"tried": tried, "choices": choices, "chosen_on_all": final,
-              "figures": {name: {key: float(summary[name][key]) for key, _ in SHOWN} for name in [OUT_OF_FOLD, *names]},
-              "out_of_fold_minus_published": {measure: differences[measure, OUT_OF_FOLD, names[0]] for measure in RULE}}
+              "figures": {name: {key: float(summary[name][key]) for key, _ in SHOWN} for name in shown},
+              "out_of_fold_minus_published": {measure: differences[measure, OUT_OF_FOLD, names[0]] for measure in RULE},
+              "by_fold_minus_published": {name: {measure: differences[measure, name, names[0]] for measure in RULE} for name in by_fold}}
     (out / "cross_validation.json").write_text(json.dumps(result, indent=1) + "\n", encoding="utf-8")
 
     print(f"{len(tried)} candidates tried on {len(sequences)} sequences in {len(folds)} folds.")
     for fold, choice in choices.items():
         print(f"Fold {fold}: chosen on the others, {choice}")
     print(f"Chosen on all: {final}\n")
-    print("\n".join(table(summary, [OUT_OF_FOLD, *names])))
+    # Without a choice, out-of-fold is the published setting.
+    compared = {"out of fold": result["out_of_fold_minus_published"]} if len(names) > 1 else {}
+    print("\n".join(table(summary, shown if compared else shown[1:])))
     print()
-    for measure in RULE:
-        value, low, high = result["out_of_fold_minus_published"][measure]
-        print(f"{measure} out of fold, against {names[0]}: {value:+.3f} ({low:+.3f} to {high:+.3f})")
+    for name, differences in (compared | result["by_fold_minus_published"]).items():
+        for measure in RULE:
+            value, low, high = differences[measure]
+            print(f"{measure} {name}, against {names[0]}: {value:+.3f} ({low:+.3f} to {high:+.3f})")
 
 
 def main():

@@ -77,6 +77,20 @@ class InputTest(Files):
                     '{"candidates": {"a": "kcf", "out-of-fold": "dpt"}}'):
             self.refused("c: ", cv.read_candidates, self.write("c", bad))
 
+    def test_candidates_by_fold(self):
+        good = {"candidates": {"a": {"tracker": "kcf"}, "b": {"by_fold": {"0": "dpt", "1": {"tracker": "dpt"}}}}}
+        self.assertEqual(cv.read_candidates(self.write("c", json.dumps(good))), good["candidates"])
+        for bad, pattern in (('{"a": "kcf", "b": {"by_fold": []}}', "b: not a name with"),
+                             ('{"a": "kcf", "b": {"by_fold": {"0": 1}}}', "b: \"by_fold\" must have"),
+                             ('{"a": {"by_fold": {"0": "kcf"}}, "b": "dpt"}', "the first candidate is the published")):
+            self.refused(pattern, cv.read_candidates, self.write("c", f'{{"candidates": {bad}}}'))
+        candidates = self.write("c", '{"candidates": {"a": "kcf", "b": {"by_fold": {"0": "dpt"}}}}')
+        self.refused("b: no description for fold 1", cv.cross_validate, candidates, "", "", self.write("f", "0\ta\n1\tb\n"),
+                     self.folder / "out", [])
+
+    def test_the_published_setting_is_chosen_where_it_is_alone(self):
+        self.assertEqual(cv.choose(["published"], {}), "published")
+
     def test_what_was_tried_is_kept(self):
         cv.declare({"a": "kcf", "b": "dpt"}, self.folder)
         self.assertEqual(cv.declare({"a": "kcf", "c": "dpt_plus"}, self.folder), {"a": "kcf", "b": "dpt", "c": "dpt_plus"})
@@ -112,6 +126,45 @@ class RunTest(Files):
         second = subprocess.run(command, capture_output=True, text=True, check=False)
         self.assertEqual(second.stdout, first.stdout)
         self.assertIn("0 runs made", second.stderr)
+
+    def test_a_candidate_by_fold_is_run_as_described_for_each_fold(self):
+        for number, name in enumerate("abcd"):
+            make_sequence(self.folder / "data" / name, number, 30)
+        folds = self.write("folds.tsv", "0\ta\n0\tb\n1\tc\n1\td\n")
+        stands = {"tracker": "dpt_crs_nos", "root": {"model": "template", "padding": 1e-9}}
+        candidates = self.write("candidates.json", json.dumps(
+            {"candidates": {"kcf": "kcf", "fitted": {"by_fold": {"0": stands, "1": "kcf"}}}}))
+        out = self.folder / "out"
+        command = [sys.executable, SCRIPT, candidates, EXECUTABLE, self.folder / "data", folds, out, "--workers", "2", "--interval", "10:20"]
+        first = subprocess.run(command, capture_output=True, text=True, check=False)
+        self.assertEqual(first.returncode, 0, first.stderr)
+        result = json.loads((out / "cross_validation.json").read_text())
+        # It is never chosen, also where it is no worse.
+        self.assertEqual(result["choices"], {"0": "kcf", "1": "kcf"})
+        self.assertEqual(result["figures"]["out-of-fold"], result["figures"]["kcf"])
+
+        def boxes(tracker, sequence, folder=out):
+            found = {path.relative_to(folder / "results" / tracker): path.read_text()
+                     for path in (folder / "results" / tracker).glob(f"*/{sequence}/*_001.txt")}
+            self.assertEqual(len(found), 2, "in both protocols")
+            return found
+        for sequence in "ab":
+            self.assertEqual(boxes("fitted", sequence), boxes("fitted", sequence, out / "by-fold/0"))
+            self.assertNotEqual(boxes("fitted", sequence), boxes("kcf", sequence))
+        for sequence in "cd":
+            self.assertEqual(boxes("fitted", sequence), boxes("kcf", sequence))
+        for measure in cv.RULE:
+            difference = result["figures"]["fitted"][measure] - result["figures"]["kcf"][measure]
+            self.assertNotEqual(difference, 0)
+            self.assertAlmostEqual(result["by_fold_minus_published"]["fitted"][measure][0], difference, places=6)
+            self.assertIn(f"{measure} fitted, against kcf: {difference:+.3f}", first.stdout)
+        second = subprocess.run(command, capture_output=True, text=True, check=False)
+        self.assertEqual(second.stdout, first.stdout)
+        self.assertNotRegex(second.stderr, "[1-9][0-9]* runs made")
+        # Another description for a fold is another candidate.
+        candidates.write_text(candidates.read_text().replace('"1": "kcf"', '"1": "dpt"'))
+        third = subprocess.run(command, capture_output=True, text=True, check=False)
+        self.assertRegex(third.stderr, "fitted was .*: give the changed candidate another name")
 
     def test_errors_are_one_line(self):
         for arguments, pattern in (((self.folder / "none", EXECUTABLE), "No such file"),

@@ -128,9 +128,7 @@ TEST(BoxCovariance, IsThatOfBoxesOfSampledConstellations) {
   DptOptions options = stub_options(wobbling, evidence);
   options.anchor_law = AnchorLaw::Covariance;
   std::optional<Dpt::System> solved;
-  options.on_solve = [&](const Dpt::System& system, const Dpt::Placement&, const Summary&) {
-    solved = system;
-  };
+  options.on_solve = [&](const DptSolve& solve) { solved = solve.system; };
   for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {
     options.transform = model;
     Dpt tracker(options);

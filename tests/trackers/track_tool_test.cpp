@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include <algorithm>
+#include <array>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <chrono>
@@ -367,6 +368,11 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   }
 }
 
+cv::Rect2d recorded_box(const nlohmann::json& numbers) {
+  const auto box = numbers.get<std::array<double, 4>>();
+  return {box[0], box[1], box[2], box[3]};
+}
+
 TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
   const std::string images = make_images("images").string() + kBox + " --tracker dpt";
   ASSERT_EQ(run(images + csv() + " --record-systems " + path("systems.jsonl"), false), 0) << err_;
@@ -387,6 +393,24 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
     EXPECT_NEAR(summary.iterations, origin.at("iterations").get<int>(), 1);
     EXPECT_NEAR(summary.initial_energy, origin.at("initial_energy").get<double>(), 1e-12);
     EXPECT_NEAR(summary.final_energy, origin.at("final_energy").get<double>(), 1e-12);
+    // The evidence gives the anchors their stiffness.
+    ASSERT_EQ(origin.at("peak").size(), 4u);
+    ASSERT_EQ(origin.at("covariance").size(), 4u);
+    for (size_t i = 0; i < 4; ++i) {
+      const auto c = origin["covariance"][i].get<std::array<std::array<double, 2>, 2>>();
+      EXPECT_EQ(c[0][1], c[1][0]);
+      EXPECT_EQ(origin["peak"][i].get<double>() / (c[0][0] + c[1][1]),
+                system.anchor_stiffness(static_cast<Eigen::Index>(i)));
+    }
+    // The box follows from that of the start by the similarity between the placements.
+    const PlaneTransform step = fit_transform(start, x, TransformModel::Similarity);
+    const cv::Rect2d start_box = recorded_box(origin.at("start_box")), box = recorded_box(origin.at("box"));
+    EXPECT_LT((step(centre_of(start_box)) - centre_of(box)).norm(), 1e-6);
+    EXPECT_NEAR(step.scale * start_box.width, box.width, 1e-6);
+    const std::vector<double> line = parse_numbers(lines_of(path("boxes.csv"))[static_cast<size_t>(frame)]);
+    EXPECT_NEAR(box.x, line[1], 1e-3);
+    EXPECT_FALSE(origin.contains("true_box")) << "there is no ground truth";
+    EXPECT_FALSE(origin.contains("true_placement"));
   }
 
   // They use the paper's springs, so they can be read as such systems.
@@ -398,6 +422,52 @@ TEST_F(TrackTool, RecordsTheSystemsThatDptSolves) {
   ASSERT_EQ(with.size(), without.size());
   const auto box = [](const std::string& line) { return line.substr(0, line.rfind(',')); };  // no time
   for (size_t i = 0; i < with.size(); ++i) EXPECT_EQ(box(with[i]), box(without[i]));
+}
+
+TEST_F(TrackTool, RecordsTheAnnotatedPlacement) {
+  const fs::path sequence = make_sequence();
+  // 48 x 40 px at first; then no object, twice the size, another shape of the same area, and a square on its
+  // corner. The last frame is not annotated.
+  std::ofstream(sequence / "groundtruth.txt") << "60,50,48,40\nnan,nan,nan,nan\n10,20,96,80\n"
+                                                 "100,50,60,32\n100,66,133.9411255,32.0588745,"
+                                                 "167.882251,66,133.9411255,99.9411255\n";
+  const std::string file = path("systems.jsonl");
+  ASSERT_EQ(run(sequence.string() + " --frames 6 --tracker dpt --record-systems " + file, false), 0) << err_;
+  const auto systems = read_systems<Dpt::System>(file);
+  ASSERT_EQ(systems.size(), 5u);
+  for (const size_t i : {0u, 4u}) {
+    EXPECT_FALSE(systems[i].origin.contains("true_box")) << i;
+    EXPECT_FALSE(systems[i].origin.contains("true_placement")) << i;
+  }
+  EXPECT_EQ(recorded_box(systems[1].origin.at("true_box")), cv::Rect2d(10, 20, 96, 80));
+  EXPECT_EQ(recorded_box(systems[2].origin.at("true_box")), cv::Rect2d(100, 50, 60, 32));
+  const Region square =
+      Region::polygon({{100, 66}, {133.9411255, 32.0588745}, {167.882251, 66}, {133.9411255, 99.9411255}});
+  EXPECT_EQ(recorded_box(systems[3].origin.at("true_box")), square.equal_area_box());
+  EXPECT_NE(square.equal_area_box(), square.box());
+
+  // In the first frame the parts were 12 and 10 px from the middle of the box.
+  const auto expect_parts = [&](const nlohmann::json& placement, double x, double y, double scale) {
+    ASSERT_EQ(placement.size(), 4u);
+    for (size_t i = 0; i < 4; ++i) {
+      EXPECT_NEAR(placement[i][0].get<double>(), x - 0.5 + (i % 2 == 0 ? -12 : 12) * scale, 1e-9) << i;
+      EXPECT_NEAR(placement[i][1].get<double>(), y - 0.5 + (i < 2 ? -10 : 10) * scale, 1e-9) << i;
+    }
+  };
+  expect_parts(systems[1].origin.at("true_placement"), 58, 60, 2);
+  expect_parts(systems[2].origin.at("true_placement"), 130, 66, 1);
+  const cv::Rect2d box = square.equal_area_box();
+  expect_parts(systems[3].origin.at("true_placement"), 133.9411255, 66, std::sqrt(box.area() / (48 * 40)));
+}
+
+TEST_F(TrackTool, RecordsNoSystemInAnInterruption) {
+  const fs::path images = make_images("images", 6);
+  cv::imwrite((images / "img_4.png").string(), cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(0)));
+  const std::string file = path("systems.jsonl");
+  ASSERT_EQ(run(images.string() + kBox + " --tracker dpt --record-systems " + file, false), 0) << err_;
+  std::vector<int> frames;
+  for (const auto& stored : read_systems<Dpt::System>(file)) frames.push_back(stored.origin.at("frame"));
+  EXPECT_EQ(frames, (std::vector<int>{2, 3, 5, 6}));
 }
 
 TEST_F(TrackTool, NamesRecordedSystemsAfterTheInput) {

@@ -14,7 +14,9 @@
 #include <cstdio>
 #include <filesystem>
 #include <functional>
+#include <limits>
 #include <optional>
+#include <random>
 #ifdef ASTERISM_TEST_JSON
 #include <asterism/parts/concept/part_registry.hpp>
 #endif
@@ -451,12 +453,18 @@ TEST(Dpt, ShowsWhatItSolves) {
   struct Solve {
     Dpt::System system;
     Dpt::Placement start;
+    std::vector<Evidence> evidence;
+    cv::Rect2d start_box;
     Summary summary;
   };
   std::vector<Solve> solves;
   DptOptions options;
-  options.on_solve = [&](const Dpt::System& system, const Dpt::Placement& start, const Summary& summary) {
-    solves.push_back({system, start, summary});
+  options.on_solve = [&](const DptSolve& solve) {
+    solves.push_back({solve.system,
+                      solve.start,
+                      {solve.evidence.begin(), solve.evidence.end()},
+                      solve.start_box,
+                      solve.summary});
   };
   const Scene scene;
   Dpt watched(options), alone;
@@ -476,13 +484,25 @@ TEST(Dpt, ShowsWhatItSolves) {
     EXPECT_EQ(summary.final_energy, last.summary.final_energy);
     for (std::size_t i = 0; i < 4; ++i)
       EXPECT_EQ(x.col(static_cast<Eigen::Index>(i)), result.parts[i].position);
+    // The evidence is what the springs follow from.
+    ASSERT_EQ(last.evidence.size(), 4u);
+    for (std::size_t i = 0; i < 4; ++i) {
+      const Evidence& part = last.evidence[i];
+      EXPECT_EQ(part.position, result.parts[i].visual_best);
+      EXPECT_EQ(last.system.anchor_stiffness(static_cast<Eigen::Index>(i)),
+                part.peak / part.covariance.trace());
+    }
+    // The box follows from that of the start by the similarity between the placements.
+    const PlaneTransform step = fit_transform(last.start, x, TransformModel::Similarity);
+    EXPECT_LT((step(centre_of(last.start_box)) - centre_of(result.box)).norm(), 1e-9);
+    EXPECT_NEAR(step.scale * last.start_box.width, result.box.width, 1e-9);
   }
 }
 
 TEST(Dpt, GoesOnAfterAnObserverThatThrows) {
   DptOptions options;
   bool throws = false;
-  options.on_solve = [&](const auto&, const auto&, const Summary&) {
+  options.on_solve = [&](const DptSolve&) {
     if (throws) throw std::runtime_error("full");
   };
   const Scene scene;
@@ -620,7 +640,10 @@ TEST(Dpt, NewtonFindsThePlacementsOfIda) {
   DptOptions options;
   options.solver = {"newton", {}};
   int solves = 0;
-  options.on_solve = [&](const Dpt::System& springs, const Dpt::Placement& start, const Summary& summary) {
+  options.on_solve = [&](const DptSolve& solve) {
+    const Dpt::System& springs = solve.system;
+    const Dpt::Placement& start = solve.start;
+    const Summary& summary = solve.summary;
     EXPECT_EQ(summary.solver, Newton<Dpt::System>::name());
     Dpt::Placement newton = start, ida = start;
     EXPECT_EQ(Newton(springs).solve(springs, newton).final_energy, summary.final_energy);
@@ -639,10 +662,10 @@ TEST(Dpt, SaysWhetherThePlacementIsProven) {
   DptOptions options;
   options.certify = true;
   std::optional<bool> expected;
-  options.on_solve = [&](const Dpt::System& springs, const Dpt::Placement& start, const Summary&) {
-    Dpt::Placement x = start;
-    Ida(springs).solve(springs, x);
-    expected = certify(springs, x).certified();
+  options.on_solve = [&](const DptSolve& solve) {
+    Dpt::Placement x = solve.start;
+    Ida(solve.system).solve(solve.system, x);
+    expected = certify(solve.system, x).certified();
   };
   Dpt tracker(options), plain;
   tracker.init(scene.frame(0), Scene::box(0));
@@ -673,6 +696,87 @@ TEST(Stiffness, BothLawsOfAnAnchorAreOneWhereNoDirectionIsSpecial) {
   EXPECT_NEAR(along.dot(information * across), 0, 1e-12);
   evidence.peak = 0;
   EXPECT_GT(static_information(evidence).determinant(), 0);
+}
+
+// Exponents, scale and floor against the formulas, written with logarithms.
+TEST(Stiffness, FollowsTheParametersOfItsLaw) {
+  const StiffnessLaw law{.peak_exponent = 0.5,
+                         .variance_exponent = 1.5,
+                         .link_scale = 3,
+                         .strain_exponent = 1.2,
+                         .strain_floor = 0.1};
+  Evidence evidence{{3, 4}, 0.7, 5 * Eigen::Matrix2d::Identity()};
+  const double k = std::exp(0.5 * std::log(0.7) - 1.5 * std::log(10));
+  EXPECT_NEAR(static_stiffness(evidence, law), k, 1e-15);
+  EXPECT_TRUE(static_information(evidence, law).isApprox(k * Eigen::Matrix2d::Identity(), 1e-14));
+  for (const double distance : {30.0, 40.0, 55.0}) {
+    const double strain = std::abs(40 - distance) / 40;
+    EXPECT_NEAR(dynamic_stiffness(40, distance, law), 3 * std::exp(1.2 * std::log(std::hypot(strain, 0.1))),
+                1e-14);
+  }
+  EXPECT_EQ(dynamic_stiffness(0, 3, law), 0);
+  // Without any response, and for a part that breaks its promise, too.
+  for (const double peak : {0.0, -1.0})
+    for (const double exponent : {0.3, 1.0, 4.0}) {
+      evidence.peak = peak;
+      EXPECT_EQ(static_stiffness(evidence, {.peak_exponent = exponent}), 1e-12 / 10);
+    }
+  EXPECT_EQ(static_stiffness(evidence, {.peak_exponent = 0}), 0.1);  // all anchors are alike
+  EXPECT_EQ(dynamic_stiffness(40, 40, {.strain_exponent = 0}), 1);   // all links are alike
+}
+
+// The default law is the paper's to the last bit.
+TEST(Stiffness, IsThePapersByDefault) {
+  std::mt19937 random(1);
+  std::uniform_real_distribution<double> uniform(0, 1);
+  for (int k = 0; k < 10'000; ++k) {
+    const double peak = uniform(random), mu = 100 * uniform(random), distance = 100 * uniform(random);
+    Evidence evidence{{0, 0}, peak, Eigen::Matrix2d::Identity()};
+    evidence.covariance(0, 0) = 1000 * uniform(random) + 1e-3;
+    ASSERT_EQ(static_stiffness(evidence), peak / evidence.covariance.trace());
+    const Eigen::Matrix2d information = peak / 2 * evidence.covariance.inverse();
+    ASSERT_EQ(static_information(evidence), information);
+    const double strain = (mu - distance) / mu;
+    ASSERT_EQ(dynamic_stiffness(mu, distance), strain * strain);
+  }
+}
+
+// The option reaches the springs, those of the first frame that is solved: all before it is the same.
+TEST(Dpt, TakesAnotherLaw) {
+  const Scene scene;
+  DptOptions options;
+  options.stiffness = {.peak_exponent = 0.5,
+                       .variance_exponent = 1.5,
+                       .link_scale = 3,
+                       .strain_exponent = 1.2,
+                       .strain_floor = 0.1};
+  Dpt plain;
+  plain.init(scene.frame(0), Scene::box(0));
+  plain.update(scene.frame(1));
+  for (const AnchorLaw anchor_law : {AnchorLaw::Variance, AnchorLaw::Covariance}) {
+    options.anchor_law = anchor_law;
+    std::vector<Evidence> evidence;
+    options.on_solve = [&](const DptSolve& solve) {
+      evidence.assign(solve.evidence.begin(), solve.evidence.end());
+    };
+    Dpt tracker(options);
+    tracker.init(scene.frame(0), Scene::box(0));
+    tracker.update(scene.frame(1));
+    const Dpt::System &springs = tracker.springs(), &before = plain.springs();
+    EXPECT_EQ(springs.anchors.leftCols(4), before.anchors.leftCols(4));
+    for (int i = 0; i < 4; ++i) {
+      const Evidence& part = evidence[static_cast<std::size_t>(i)];
+      const Eigen::Matrix2d information =
+          springs.anchor_stiffness(i) * springs.anchor_shape.middleCols(2 * i, 2);
+      Eigen::Matrix2d expected = static_stiffness(part, options.stiffness) * Eigen::Matrix2d::Identity();
+      if (anchor_law == AnchorLaw::Covariance) expected = static_information(part, options.stiffness);
+      EXPECT_TRUE(information.isApprox(expected, 1e-12)) << i;
+      EXPECT_GT(std::abs(springs.anchor_stiffness(i) / before.anchor_stiffness(i) - 1), 0.01) << i;
+    }
+    // Eq. 12 gave strain^2.
+    for (int l = 0; l < springs.link_count(); ++l)
+      EXPECT_NEAR(springs.link_stiffness(l), 3 * std::pow(before.link_stiffness(l) + 0.01, 0.6), 1e-12);
+  }
 }
 
 TEST(Dpt, CovarianceLawTracks) {
@@ -716,6 +820,9 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.grid_rows = o.grid_cols = 65536; });  // the product is 0 in 32 bits
   refused([](DptOptions& o) { o.spring_rate = 2; });
   refused([](DptOptions& o) { o.threads = -1; });
+  refused([](DptOptions& o) { o.stiffness.peak_exponent = -0.1; });
+  refused([](DptOptions& o) { o.stiffness.link_scale = 0; });
+  refused([](DptOptions& o) { o.stiffness.strain_floor = std::numeric_limits<double>::quiet_NaN(); });
   refused([](DptOptions& o) { o.solver.options = {{"tolerance", -1.0}}; });
   refused([](DptOptions& o) { o.solver.options = {{"tolerence", 1e-3}}; });
   refused([](DptOptions& o) { o.solver.name = "newtom"; });

@@ -298,10 +298,13 @@ void run(const Options& options) {
       }
       return std::chrono::duration<double, std::milli>(std::chrono::steady_clock::now() - begin).count();
     };
-    const auto true_box = [&]() -> std::optional<cv::Rect2d> {
+    const auto true_region = [&]() -> std::optional<Region> {
       const auto at = static_cast<size_t>(source.position() - 1);
-      if (at < truth.size() && truth[at]) return truth[at]->box();
-      return {};
+      return at < truth.size() ? truth[at] : std::nullopt;
+    };
+    const auto true_box = [&]() -> std::optional<cv::Rect2d> {
+      const std::optional<Region> region = true_region();
+      return region ? std::optional(region->box()) : std::nullopt;
     };
     double milliseconds = timed([&](size_t& i) {
       const Frame frame(image);
@@ -342,7 +345,11 @@ void run(const Options& options) {
         score.overlaps += overlap(results[0].box, *box);
         ++score.compared;
       }
-      if (recorder && watch.last()) recorder->write(source.position(), *watch.last());
+      if (recorder && watch.last() && !results[0].interrupted) {  // in an interruption nothing is solved
+        const std::optional<Region> region = true_region();
+        recorder->write(source.position(), *watch.last(), results[0].box,
+                        region ? std::optional(region->equal_area_box()) : std::nullopt);
+      }
       go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
       progress.report(score.updates + 1);
     }

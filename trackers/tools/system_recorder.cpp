@@ -1,6 +1,7 @@
 #include "system_recorder.hpp"
 
 #include <cerrno>
+#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -11,6 +12,21 @@
 #endif
 
 namespace asterism::tools {
+
+#ifdef ASTERISM_TRACK_HAS_JSON
+namespace {
+
+nlohmann::json numbers_of(const cv::Rect2d& box) { return {box.x, box.y, box.width, box.height}; }
+
+// The similarity without rotation that takes a box to one of the centre and area of another.
+PlaneTransform box_transform(const cv::Rect2d& from, const cv::Rect2d& to) {
+  PlaneTransform transform{.scale = std::sqrt(to.area() / from.area())};
+  transform.translation = centre_of(to) - transform.scale * centre_of(from);
+  return transform;
+}
+
+}  // namespace
+#endif
 
 void SystemRecorder::check_built() {
 #ifndef ASTERISM_TRACK_HAS_JSON
@@ -32,22 +48,44 @@ std::optional<Dpt> SolveWatch::make_tracker(const std::string& description) {
   const Dpt* const dpt = tracker.target<Dpt>();
   if (dpt == nullptr) return {};
   DptOptions options = dpt->options();
-  options.on_solve = [this](const Dpt::System& system, const Dpt::Placement& start, const Summary& summary) {
-    last_.emplace(Solve{system, start, summary});
+  options.on_solve = [this](const DptSolve& solve) {
+    last_.emplace(Solve{solve.system,
+                        solve.start,
+                        {solve.evidence.begin(), solve.evidence.end()},
+                        solve.start_box,
+                        solve.summary});
   };
   return Dpt(options);
 }
 
-void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const SolveWatch::Solve& solve) {
+void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const SolveWatch::Solve& solve,
+                           [[maybe_unused]] const cv::Rect2d& box,
+                           [[maybe_unused]] const std::optional<cv::Rect2d>& truth) {
 #ifdef ASTERISM_TRACK_HAS_JSON
-  const auto& [system, start, summary] = solve;
-  const nlohmann::json origin = {{"tracker", tracker_},
-                                 {"frame", frame},
-                                 {"solver", summary.solver},
-                                 {"status", to_string(summary.status)},
-                                 {"iterations", summary.iterations},
-                                 {"initial_energy", summary.initial_energy},
-                                 {"final_energy", summary.final_energy}};
+  const auto& [system, start, evidence, start_box, summary] = solve;
+  if (first_box_.empty()) first_placement_ = start, first_box_ = start_box;
+  nlohmann::json origin = {{"tracker", tracker_},
+                           {"frame", frame},
+                           {"solver", summary.solver},
+                           {"status", to_string(summary.status)},
+                           {"iterations", summary.iterations},
+                           {"initial_energy", summary.initial_energy},
+                           {"final_energy", summary.final_energy},
+                           {"start_box", numbers_of(start_box)},
+                           {"box", numbers_of(box)}};
+  for (const Evidence& part : evidence) {
+    const Eigen::Matrix2d& c = part.covariance;
+    origin["peak"].push_back(part.peak);
+    origin["covariance"].push_back({{c(0, 0), c(0, 1)}, {c(1, 0), c(1, 1)}});
+  }
+  if (truth) {
+    origin["true_box"] = numbers_of(*truth);
+    const PlaneTransform transform = box_transform(first_box_, *truth);
+    for (Eigen::Index i = 0; i < first_placement_.cols(); ++i) {
+      const Point2 moved = transform(first_placement_.col(i));
+      origin["true_placement"].push_back({moved.x(), moved.y()});
+    }
+  }
   errno = 0;
   try {
     write_system(file_, system, start, name_ + "/frame " + std::to_string(frame), origin);

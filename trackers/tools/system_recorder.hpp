@@ -4,6 +4,7 @@
 #include <fstream>
 #include <optional>
 #include <string>
+#include <vector>
 
 namespace asterism::tools {
 
@@ -13,6 +14,8 @@ class SolveWatch {
   struct Solve {
     Dpt::System system;
     Dpt::Placement start;
+    std::vector<Evidence> evidence;
+    cv::Rect2d start_box;
     Summary summary;
   };
   SolveWatch() = default;
@@ -41,13 +44,19 @@ class SystemRecorder {
   /// std::runtime_error if the file cannot be written.
   SystemRecorder(const std::string& path, std::string name, std::string tracker);
 
-  /// Writes the system of a frame. Separate from the solve, so that it does not count as the tracker's time.
-  /// Throws std::runtime_error on failure.
-  void write(int frame, const SolveWatch::Solve& solve);
+  /// Writes the system of a frame, the tracker's box after it and, where it is known, the annotated box with
+  /// the placement that it stands for: that of the first system's start, moved and scaled by the similarity
+  /// without rotation that takes the box of that start to a box of the annotated centre and area. Separate
+  /// from the solve, so that it does not count as the tracker's time. Throws std::runtime_error on failure.
+  void write(int frame, const SolveWatch::Solve& solve, const cv::Rect2d& box,
+             const std::optional<cv::Rect2d>& truth);
 
  private:
   std::string path_, name_, tracker_;
   std::ofstream file_;
+  // The parts in the object: their first placement in a box, which has its first size.
+  Dpt::Placement first_placement_;
+  cv::Rect2d first_box_;
 };
 
 }  // namespace asterism::tools

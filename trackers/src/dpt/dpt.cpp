@@ -1,7 +1,6 @@
 #include <array>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/executor.hpp>
-#include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
@@ -113,7 +112,12 @@ TrackResult Dpt::follow(const Frame& frame) {
   result.covariance = estimate_map_constellation(x);
   if (options_.certify) result.certified = is_certified(springs(), x);
   result.times.push_back({"springs", clock.lap()});
-  if (options_.on_solve) options_.on_solve(springs(), start, summary_), clock.lap();
+  if (options_.on_solve) {
+    ObjectPose pose = coarse_.pose();
+    pose.move_to(root.evidence.position);
+    options_.on_solve({springs(), start, {evidence.data(), parts_.size()}, pose.box(), summary_});
+    clock.lap();
+  }
 
   // 4: Update the root node position and size by the transform fitted to the parts' positions before and
   // after.
@@ -146,13 +150,13 @@ Dpt::Evidences Dpt::form_spring_system(const Frame& frame, const Placement& x) {
   // Eq. 11.
   constellation_.set_anchors({evidence.data(), parts_.size()}, [&](const Evidence& part) {
     return options_.anchor_law == AnchorLaw::Covariance
-               ? static_information(part)
-               : Eigen::Matrix2d(static_stiffness(part) * Eigen::Matrix2d::Identity());
+               ? static_information(part, options_.stiffness)
+               : Eigen::Matrix2d(static_stiffness(part, options_.stiffness) * Eigen::Matrix2d::Identity());
   });
   // Eq. 12.
   constellation_.set_links([&](int i, int j, double rest_length) {
     const auto& anchors = springs().anchors;
-    return dynamic_stiffness(rest_length, (anchors.col(i) - anchors.col(j)).norm());
+    return dynamic_stiffness(rest_length, (anchors.col(i) - anchors.col(j)).norm(), options_.stiffness);
   });
   return evidence;
 }

@@ -5,11 +5,13 @@
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/trackers/constellation/spring_constellation.hpp>
 #include <asterism/trackers/constellation/spring_solvers.hpp>
+#include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/constellation/transform.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/scale_share.hpp>
 #include <functional>
 #include <optional>
+#include <span>
 #include <vector>
 
 namespace asterism {
@@ -22,6 +24,18 @@ enum class Constellation { Full, Local, Star };
 enum class AnchorLaw {
   Variance,   ///< static_stiffness, the paper's
   Covariance  ///< static_information
+};
+
+/// What Dpt solves in a frame; it refers to the tracker's own data, which is valid during the call of
+/// DptOptions::on_solve.
+struct DptSolve {
+  const DptSystem& system;             ///< the springs of the frame
+  const DptSystem::Points& start;      ///< the placement that the solve was started from, 2 x N_p
+  std::span<const Evidence> evidence;  ///< of each part, from which the springs' stiffness follows
+  /// The object's box that goes with `start`: that of the frame before, moved to the root's position. The
+  /// box of the frame follows from it by the transform from `start` to the solution.
+  cv::Rect2d start_box;
+  const Summary& summary;  ///< how the solver stopped
 };
 
 /// Options of Dpt; the paper's values (Sec. 3.1) are the defaults. Comments say what the paper leaves open.
@@ -67,6 +81,8 @@ struct DptOptions {
 
   /// How an anchor's stiffness follows from the evidence.
   AnchorLaw anchor_law = AnchorLaw::Variance;
+  /// The parameters of the laws of all springs' stiffness.
+  StiffnessLaw stiffness;
   /// The solver that finds the placement of the parts, by its name in solver_registry<DptSystem>(), with its
   /// options: "ida" is the paper's; "newton" finds the same minimum in a fraction of the iterations. The
   /// paper leaves the stopping rule open; see docs/tracker.md.
@@ -79,10 +95,9 @@ struct DptOptions {
   /// runs at once, at most 256. Results are the same, bit for bit, for any number.
   int threads = 1;
 
-  /// Called in `update` after each solve with the system, the placement that it was started from (2 x N_p)
-  /// and its summary, to look at or to record them; none if empty. What it throws leaves `update`, and the
-  /// next one goes on from the frame before.
-  std::function<void(const System& system, const System::Points& start, const Summary& summary)> on_solve;
+  /// Called in `update` after each solve, to look at it or to record it; none if empty. What it throws leaves
+  /// `update`, and the next one goes on from the frame before.
+  std::function<void(const DptSolve& solve)> on_solve;
 };
 
 /// Deformable Parts Tracker (Lukezic, Cehovin, Kristan): a coarse layer of a root filter and a color model,

@@ -30,6 +30,14 @@ inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("motion_share", options.motion_share, option_ranges::kShare);
 }
 
+inline void visit_options(OptionVisitor& visit, StiffnessLaw& law) {
+  visit("peak_exponent", law.peak_exponent, {0, 4});
+  visit("variance_exponent", law.variance_exponent, {0, 4});
+  visit("link_scale", law.link_scale, option_ranges::kPositive);
+  visit("strain_exponent", law.strain_exponent, {0, 8});
+  visit("strain_floor", law.strain_floor, {0, 1e3});
+}
+
 inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("coarse", options.coarse);
   visit("part", options.part, "kcf");
@@ -45,6 +53,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("scale", options.scale);
   visit("resize_parts", options.resize_parts);
   visit("anchor_law", options.anchor_law, {"variance", "covariance"});
+  visit("stiffness", options.stiffness);
   visit("solver", options.solver, options.solver.name);
   visit("certify", options.certify);
   visit("threads", options.threads, {0, 256});
