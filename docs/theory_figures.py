@@ -183,17 +183,36 @@ def covariance(path):
     figure.savefig(path, metadata={'Date': None}, dpi=150, bbox_inches='tight')
 
 
-def gradients(path):
-    """What moves when one anchor is pulled: a grid of parts, one of them not seen, and the anchor of another."""
+def grid_of_parts():
+    """A grid of parts, one of them hardly seen: places, system, solution, and the number of that part."""
     places = np.array([[40.0 * column, 40.0 * row] for row in range(3) for column in range(4)])
     pairs = [(i, j) for j in range(12) for i in range(j) if np.linalg.norm(places[i] - places[j]) < 60]
     system = asterism.SpringSystem(asterism.Topology.from_links(12, pairs))
     system.set_rest_lengths(places)
     system.anchors = places + np.random.default_rng(2).normal(scale=2, size=places.shape)
     system.anchor_stiffness, system.link_stiffness = 0.3, 0.5
-    system.anchor_stiffness[6] = 0.01  # beside the one that is pulled
+    weak = 6
+    system.anchor_stiffness[weak] = 0.01
+    return places, system, solved(system, places)[0], weak
+
+
+def draw_parts(axes, system, x, weak):
+    draw(axes, system, x, '0.6')
+    axes.plot(*system.anchors.T, '+', color='black', markersize=9, label='anchors')
+    axes.plot(*x[weak], 'o', color='white', markeredgecolor='0.4', markersize=7, label='weak anchor')
+    axes.set_aspect('equal')
+    axes.set_ylim(95, -15)
+    axes.set_xlim(-35, 155)
+    axes.set_xlabel('x [px]')
+
+
+ARROWS = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1, 'width': 0.006}
+
+
+def gradients(path):
+    """What moves when one anchor is pulled, beside the part that is hardly seen."""
+    places, system, x, weak = grid_of_parts()
     pulled, pull = 5, np.array([24.0, -12.0])
-    x, _ = solved(system, places)
     tangent = np.zeros_like(places)
     tangent[pulled] = pull
     moves = asterism.solution_tangent(system, x, anchors=tangent)
@@ -208,17 +227,47 @@ def gradients(path):
         sys.exit('theory_figures.py: forward and reverse mode differ')
 
     figure, axes = plt.subplots(figsize=(6.2, 4), layout='constrained')
-    draw(axes, system, x, '0.6')
-    axes.plot(*system.anchors.T, '+', color='black', markersize=9, label='anchors')
-    arrow = {'angles': 'xy', 'scale_units': 'xy', 'scale': 1, 'width': 0.006}
-    axes.quiver(*system.anchors[pulled], *pull, color='tab:red', label='pull', **arrow)
-    axes.quiver(*x.T, *(3 * moves).T, color='tab:blue', label='moves, 3 times as long', zorder=3, **arrow)
-    axes.plot(*x[6], 'o', color='white', markeredgecolor='0.4', markersize=7, label='weak anchor')
-    axes.set_aspect('equal')
-    axes.invert_yaxis()
-    axes.set_xlabel('x [px]')
+    draw_parts(axes, system, x, weak)
+    axes.quiver(*system.anchors[pulled], *pull, color='tab:red', label='pull', **ARROWS)
+    axes.quiver(*x.T, *(3 * moves).T, color='tab:blue', label='moves, 3 times as long', zorder=3, **ARROWS)
     axes.set_ylabel('y [px]')
     axes.legend(frameon=False, loc='upper left', bbox_to_anchor=(1, 1))
+    figure.savefig(path, metadata={'Date': None})
+
+
+def influence(path):
+    """How the anchor of each part moves the box, which follows the parts by a least-squares similarity."""
+    places, system, x, weak = grid_of_parts()
+    spokes = (places - places.mean(axis=0)) @ [1, 1j]
+
+    def log_size(y):
+        return np.log(abs(spokes.conj() @ (y @ [1, 1j])) / (abs(spokes)**2).sum())
+
+    # The box's centre is the mean of the parts; the derivative of log_size by x is that of log |z|, z = sum of spoke* x.
+    centre = asterism.sensitivity(system, x, np.tile([1 / len(x), 0], (len(x), 1)))
+    z = spokes.conj() @ (x @ [1, 1j])
+    by_x = spokes * z / abs(z)**2
+    size = asterism.sensitivity(system, x, np.stack([by_x.real, by_x.imag], axis=1))
+    if not np.allclose(centre.anchors.sum(axis=0), [1, 0]) or not np.allclose(size.anchors.sum(axis=0), 0):
+        sys.exit('theory_figures.py: the box does not go along with all anchors')
+    step = 1e-4 * np.random.default_rng(3).normal(size=x.shape)
+    system.anchors += step
+    ahead, _ = solved(system, x)
+    system.anchors -= 2 * step
+    behind, _ = solved(system, x)
+    system.anchors += step
+    if not np.isclose((log_size(ahead) - log_size(behind)) / 2, (size.anchors * step).sum(), rtol=1e-4):
+        sys.exit('theory_figures.py: the change of the size is not that of two solves')
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(7.2, 3.2), sharey=True, layout='constrained')
+    for axes in (left, right):
+        draw_parts(axes, system, x, weak)
+    for part, share in zip(x, centre.anchors[:, 0]):
+        left.text(*part + (4, -4), f'{100 * share:.1f} %', color='tab:blue', fontsize=8)
+    left.set_title('x of the centre, for a move along x', fontsize=9)
+    right.quiver(*x.T, *(40 / 1e-3 * size.anchors).T, color='tab:blue', zorder=3, **ARROWS)
+    right.set_title('size: 40 px of arrow are 0.1 % of size per px', fontsize=9)
+    left.set_ylabel('y [px]')
     figure.savefig(path, metadata={'Date': None})
 
 
@@ -231,3 +280,4 @@ majoriser(folder / 'theory-majoriser.svg')
 minoriser(folder / 'theory-minoriser.svg')
 covariance(folder / 'covariance.svg')
 gradients(folder / 'gradients.svg')
+influence(folder / 'influence.svg')
