@@ -277,7 +277,7 @@ def tool_exists(root, name):
     target = name.replace('-', '_')
     tool = name.removeprefix('asterism-')
     files = [file for folder in ('bench', 'docs', 'trackers') for file in root.glob(f'{folder}/**/CMakeLists.txt')]
-    return any(re.search(rf'add_executable\(\s*{target}\b|evaluation_tool\({tool}\)', file.read_text()) for file in files)
+    return any(re.search(rf'add_executable\(\s*{target}\b|evaluation_tool\({tool}\b', file.read_text()) for file in files)
 
 
 def option_problems(command, words, name, help_of):
