@@ -206,15 +206,16 @@ class LaneSystem {
       const V pull = L::fnma(k, ratio, k);  // k (1 - mu / r)
       const V bend = k * L::min(ratio, limit);
       const V across = k - bend;
-      const V bend_d = bend * (inverse * inverse);
+      V u[kDim];
+      unroll<0, kDim>([&](auto c) ASTERISM_INLINED { u[c] = d[c] * inverse; });
       unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
         g[kDim * i + c] = L::fma(pull, d[c], g[kDim * i + c]);
         g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
-        const V b = bend_d * d[c];
+        const V b = bend * u[c];
         unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
           if constexpr (r >= c) {
             // The off-diagonal block; the link adds its negative to both diagonal blocks.
-            const V value = r == c ? L::fnms(b, d[r], across) : L::set(0) - b * d[r];
+            const V value = r == c ? L::fnms(b, u[r], across) : L::set(0) - b * u[r];
             at(h, kDim * i + r, kDim * i + c) = at(h, kDim * i + r, kDim * i + c) - value;
             at(h, kDim * j + r, kDim * j + c) = at(h, kDim * j + r, kDim * j + c) - value;
             if constexpr (kFull) {
