@@ -34,6 +34,7 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
   static constexpr T kStationary = T(0.5);
   static constexpr T kPivot = T(1) / 64;
   static constexpr T kApart = 8;
+  static constexpr T kRoom = 1 << 20;  // below the range's end
 
  public:
   /// The systems first, ..., last - 1.
@@ -122,8 +123,9 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
     good = L::both(good, L::both(factors.definite, L::less(factors.flattest, L::set(kPivot))));
 
     V finite = zero;
+    const V room = L::set(kRoom);
     const auto put = [&](T* values, int which, V value) ASTERISM_INLINED {
-      finite = L::fma(value, zero, finite);
+      finite = L::fma(room * value, zero, finite);
       L::store(values + which * stride_ + s, value);
     };
     each_node([&](auto i) ASTERISM_INLINED {
