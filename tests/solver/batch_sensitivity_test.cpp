@@ -389,7 +389,7 @@ TEST(BatchSensitivity, OfAwkwardSystemsHasTheVerdictOfEach) {
 // dL/d(value) of the batch against solutions of a batch with that value moved.
 template <typename Batch>
 void expect_differences(const typename Batch::TopologyType& topology) {
-  constexpr double kStep = 1e-5;  // of the mean value
+  constexpr double kStep = 1e-5;
   const auto cases = solved<Batch>(8, topology, Kind::Track);
   Batch batch = batch_of<Batch>(cases, topology);
   BatchNewton<Batch> solver(batch);
@@ -398,7 +398,7 @@ void expect_differences(const typename Batch::TopologyType& topology) {
   solver.solve(batch);
   BatchGradient<Batch> gradient = gradient_of(batch, cases);
   ASSERT_TRUE(BatchSensitivity(batch).backward(batch, gradient));
-  const auto loss = [&](auto&& plane_of, double step) {
+  const auto loss = [&](auto&& plane_of, const Eigen::ArrayXd& step) {
     Batch moved = batch;
     plane_of(moved) += step;
     EXPECT_EQ(solver.solve(moved).status, Status::Converged);
@@ -408,18 +408,20 @@ void expect_differences(const typename Batch::TopologyType& topology) {
     }
     return result;
   };
-  const auto check = [&](auto&& plane_of) {
-    const double step = kStep * plane_of(batch).abs().mean();
-    const Eigen::VectorXd expected = (loss(plane_of, step) - loss(plane_of, -step)) / (2 * step);
-    const Eigen::VectorXd found = plane_of(gradient);
+  // In units of `scale`, one of each system.
+  const auto check = [&](auto&& plane_of, const Eigen::ArrayXd& scale) {
+    const Eigen::ArrayXd step = kStep * scale;
+    const Eigen::VectorXd expected = (loss(plane_of, step) - loss(plane_of, -step)) / (2 * kStep);
+    const Eigen::VectorXd found = plane_of(gradient) * scale;
     EXPECT_TRUE(testing::is_near(found, expected, 1e-5)) << found.transpose() << "\n" << expected.transpose();
   };
+  const auto check_relative = [&](auto&& plane_of) { check(plane_of, plane_of(batch)); };
   const auto last = topology.link_count() - 1;
-  for (int d = 0; d < Batch::kDim; ++d) check([&](auto& b) { return b.anchors(1, d); });
-  check([](auto& b) { return b.anchor_stiffness(0); });
-  check([](auto& b) { return b.rest_length(0); });
-  check([&](auto& b) { return b.rest_length(last); });
-  check([&](auto& b) { return b.link_stiffness(last); });
+  for (int d = 0; d < Batch::kDim; ++d) check([&](auto& b) { return b.anchors(1, d); }, batch.rest_length(0));
+  check_relative([](auto& b) { return b.anchor_stiffness(0); });
+  check_relative([](auto& b) { return b.rest_length(0); });
+  check_relative([&](auto& b) { return b.rest_length(last); });
+  check_relative([&](auto& b) { return b.link_stiffness(last); });
 }
 
 TEST(BatchSensitivity, IsTheDifferenceOfSolutions) {
