@@ -34,6 +34,7 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
   static constexpr T kStationary = T(0.5);
   static constexpr T kPivot = T(1) / 64;
   static constexpr T kApart = 8;
+  static constexpr T kHold = 512 * R::kEpsilon;
   static constexpr T kRoom = 1 << 20;  // below the range's end
 
  public:
@@ -59,8 +60,28 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
     V kl[kLinks];
   };
 
+  // There are more planes than a processor's own prefetchers follow.
+  [[gnu::always_inline]] void prefetch(std::ptrdiff_t s) const {
+    constexpr int kAhead = 64;  // systems
+    constexpr int kPerLine = 64 / sizeof(T);
+    if (s % kPerLine != 0) return;
+    const auto fetch = [&](const T* planes, int which)
+                           ASTERISM_INLINED { __builtin_prefetch(planes + which * stride_ + s + kAhead); };
+    each_coordinate([&](auto c) ASTERISM_INLINED {
+      fetch(planes_.x, c);
+      fetch(planes_.anchors, c);
+      fetch(planes_.grad_x, c);
+    });
+    each_node([&](auto i) ASTERISM_INLINED { fetch(planes_.anchor_stiffness, i); });
+    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
+      fetch(planes_.rest_length, l);
+      fetch(planes_.link_stiffness, l);
+    });
+  }
+
   // Whatever is not finite fails a comparison below, or makes a result that is not.
   [[gnu::noinline]] void differentiate(std::ptrdiff_t s) const {
+    prefetch(s);
     const V zero = L::set(0);
     Springs springs;
     V x[kSize], right[kSize], stiffness[kNodes];
@@ -116,7 +137,7 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
       good = L::both(good, L::both(L::at_most(square, most), L::less(most, L::set(R::kMax))));
       good = L::both(good, L::less(L::set(R::kTiny), most));
     });
-    good = L::both(good, L::less(zero, hold(springs, x)));
+    good = L::both(good, L::less(zero, hold(springs, stiffness, x)));
 
     V lambda[kSize];
     const auto factors = this->solve_linear(h, right, rounding, lambda);
@@ -154,8 +175,9 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
     }
   }
 
-  /// hold_of_body of free_motion.hpp.
-  [[gnu::always_inline]] V hold(const Springs& springs, const V* x) const {
+  /// hold_of_body of free_motion.hpp, less what is rounding beside the links' stiffness: where anchors hold a
+  /// rotation by little more than that, rounding decides whether the Hessian is positive definite.
+  [[gnu::always_inline]] V hold(const Springs& springs, const V* stiffness, const V* x) const {
     const V zero = L::set(0), half = L::set(T(0.5));
     V total = zero;
     V anchor_centre[kDim], centre[kDim];
@@ -175,15 +197,19 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
     });
     V m[kDim * kDim];  // in the plane its diagonal alone
     unroll<0, kDim * kDim>([&](auto e) ASTERISM_INLINED { m[e] = zero; });
-    V size = zero;
+    V size = zero, body = zero;
     each_node([&](auto i) ASTERISM_INLINED {
       const V k = springs.k[i];
       V q[kDim], p[kDim];
+      V square = zero, anchor_square = zero;
       unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
         q[d] = springs.a[kDim * i + d] - anchor_centre[d];
         p[d] = x[kDim * i + d] - centre[d];
-        size = L::fma(k, L::fma(q[d], q[d], p[d] * p[d]), size);
+        square = L::fma(p[d], p[d], square);
+        anchor_square = L::fma(q[d], q[d], anchor_square);
       });
+      size = L::fma(k, square + anchor_square, size);
+      body = L::fma(stiffness[i], square, body);
       unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
         const V weighted = k * q[r];
         unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
@@ -192,7 +218,7 @@ class LaneSensitivity : LaneSystem<L, kDim, kFixed> {
       });
     });
     size = half * size;
-    const V margin = L::set(T(1e-4)) * size;
+    const V margin = L::fma(L::set(T(1e-4)), size, L::set(kHold) * body);
     if constexpr (kDim == 2) {
       return m[0] + m[3] - margin;
     } else {
