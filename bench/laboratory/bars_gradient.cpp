@@ -1,5 +1,10 @@
-// Gradients through the solution: four nodes of a fixed size, and many nodes with few links.
+// Gradients through the solution: four nodes of a fixed size, batches of these, and many nodes with few
+// links.
 #include <algorithm>
+#include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/batch_sensitivity.hpp>
+#include <asterism/solver/batch/simd.hpp>
+#include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
@@ -8,6 +13,7 @@
 #include <cstddef>
 #include <limits>
 #include <string>
+#include <type_traits>
 #include <vector>
 
 #include "bars.hpp"
@@ -58,6 +64,53 @@ void four_nodes(Bars& bars, testing::Kind kind) {
   bars.line(name + ", gradients refused", format("%d of %zu", refused, systems.size()), "-", "-", true, true);
 }
 
+// The gradients of a batch against its solve from the starts, in turns, on one thread.
+template <typename Scalar>
+void batch(Bars& bars, testing::Kind kind) {
+  using Reference = SpringSystem<double, 2, 4>;
+  using Batch = SpringBatch<Scalar, 2, 4>;
+  const auto systems = samples<Reference>(bars.quick() ? 10000 : 100000, Topology<4>::full(), kind);
+  Batch given(Topology<4>::full(), static_cast<int>(systems.size()));
+  for (int s = 0; s < given.size(); ++s) {
+    const auto& [system, start] = systems[static_cast<std::size_t>(s)];
+    given.set(s, system, start);
+  }
+  BatchGradient<Batch> gradient(given);
+  for (int i = 0; i < gradient.nodes(); ++i) {
+    for (int axis = 0; axis < 2; ++axis) gradient.grad_x(i, axis).setOnes();
+  }
+  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
+    if (!is_available(simd)) continue;
+    BatchNewton<Batch> solver;
+    BatchSensitivity<Batch> sensitivity;
+    solver.simd = sensitivity.simd = simd;
+    BatchGradientSummary summary;
+    std::vector<double> solves, gradients;
+    for (int round = 0; round < 11; ++round) {
+      Batch solved = given;
+      double begin = cpu_seconds();
+      solver.solve(solved);
+      solves.push_back((cpu_seconds() - begin) / given.size());
+      begin = cpu_seconds();
+      summary = sensitivity.backward(solved, gradient);
+      gradients.push_back((cpu_seconds() - begin) / given.size());
+    }
+    const std::string name = std::string("N=4 ") + (kind == testing::Kind::Lit ? "LIT" : "TRACK") +
+                             " batch, " + std::string(to_string(simd)) +
+                             (std::is_same_v<Scalar, double> ? ", double" : ", float");
+    const double nanoseconds = 1e9 * median(gradients);
+    if (simd == Simd::Avx512) {
+      bars.at_most(name + ", gradient", "%.3g ns a system", nanoseconds, 60, 40);
+    } else {
+      bars.line(name + ", gradient", format("%.3g ns a system", nanoseconds), "-", "-", true, true);
+    }
+    bars.at_most("  over the batch's solve", "%.3f", median(gradients) / median(solves), 1 / 3.0, 0.25);
+    bars.line("  scalar, refused",
+              format("%d, %d of %d", summary.by_scalar, given.size() - summary.computed, given.size()), "-",
+              "-", true, true);
+  }
+}
+
 // With the ordering of the nodes known, as in an iteration.
 void many_nodes(Bars& bars) {
   using System = SpringSystem<double, 2>;
@@ -90,6 +143,10 @@ void many_nodes(Bars& bars) {
 void gradient_bars(Bars& bars) {
   if (!bars.wanted("gradient")) return;
   for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) four_nodes(bars, kind);
+  for (const testing::Kind kind : {testing::Kind::Lit, testing::Kind::Track}) {
+    batch<double>(bars, kind);
+    batch<float>(bars, kind);
+  }
   many_nodes(bars);
 }
 

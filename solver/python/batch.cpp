@@ -75,20 +75,62 @@ Simd simd_of(const std::string& name) {
   throw py::value_error("simd: expected auto, portable, avx2 or avx512, found '" + name + "'");
 }
 
-BatchSummary solve(AnyBatch& self, int threads, const std::string& simd, const NewtonOptions& options) {
+void check_threads(int threads) {
   if (threads < 0) throw py::value_error("threads: expected 0 or more, found " + std::to_string(threads));
+}
+
+/// Whether a signal is to end what runs without the GIL.
+bool is_signalled() {
+  const py::gil_scoped_acquire acquire;
+  return PyErr_CheckSignals() != 0;
+}
+
+BatchSummary solve(AnyBatch& self, int threads, const std::string& simd, const NewtonOptions& options) {
+  check_threads(threads);
   const Simd instructions = simd_of(simd);
   const Exclusive use(self.busy, "this asterism.SpringBatch");
   bool interrupted = false;
   const BatchSummary summary = self.visit([&]<int Dim>(Batch<Dim>& batch) {
     const py::gil_scoped_release release;
-    return solve_batch<Dim>(batch, options, instructions, threads, [&interrupted] {
-      const py::gil_scoped_acquire acquire;
-      return interrupted = PyErr_CheckSignals() != 0;
-    });
+    return solve_batch<Dim>(batch, options, instructions, threads,
+                            [&interrupted] { return interrupted = is_signalled(); });
   });
   if (interrupted) throw py::error_already_set();
   return summary;
+}
+
+/// An asterism.Sensitivity, whose arrays are views of the planes of a BatchGradient.
+template <int Dim>
+py::object sensitivity(Batch<Dim>& batch, const py::object& grad_x, const SensitivityOptions& options,
+                       Simd simd, int threads) {
+  using Gradient = BatchGradient<Batch<Dim>>;
+  auto* gradient = new Gradient(batch);
+  const py::capsule owner(gradient, [](void* pointer) { delete static_cast<Gradient*>(pointer); });
+  const int count = batch.size(), n = batch.nodes(), links = batch.link_count();
+  const auto array = numbers(grad_x, "grad_x", {count, n, Dim});
+  const double* number = array.data();
+  for (int s = 0; s < count; ++s) {
+    for (int c = 0; c < Dim * n; ++c) gradient->grad_x(c / Dim, c % Dim)[s] = *number++;
+  }
+  bool interrupted = false;
+  const BatchGradientSummary summary = [&] {
+    const py::gil_scoped_release release;
+    return gradients_of_batch<Dim>(batch, *gradient, options, simd, threads,
+                                   [&interrupted] { return interrupted = is_signalled(); });
+  }();
+  if (interrupted) throw py::error_already_set();
+  if (summary.first_failure < 0 && !summary)
+    throw py::value_error(std::string(std::string_view(summary.message)));
+  py::array_t<int> status(count);
+  for (int s = 0; s < count; ++s) status.mutable_at(s) = static_cast<int>(gradient->status(s));
+  return py::module_::import("asterism.gradients")
+      .attr("Sensitivity")(
+          planes(owner, count, Dim * n, Dim,
+                 [&](int p) { return gradient->anchors(p / Dim, p % Dim).data(); }),
+          planes(owner, count, n, 0, [&](int p) { return gradient->anchor_stiffness(p).data(); }),
+          planes(owner, count, links, 0, [&](int p) { return gradient->rest_length(p).data(); }),
+          planes(owner, count, links, 0, [&](int p) { return gradient->link_stiffness(p).data(); }),
+          py::arg("status") = status);
 }
 
 }  // namespace
@@ -207,6 +249,27 @@ void bind_batch(py::module_& m) {
           "hundred\n"
           "systems, and after a KeyboardInterrupt only some of them are solved. RuntimeError if two threads\n"
           "use the batch at once.")
+      .def(
+          "sensitivity",
+          [](AnyBatch& self, const py::object& grad_x, double stationarity, int threads,
+             const std::string& simd) {
+            check_threads(threads);
+            const Simd instructions = simd_of(simd);
+            const Exclusive use(self.busy, "this asterism.SpringBatch");
+            return self.visit([&](auto& batch) {
+              return sensitivity(batch, grad_x, SensitivityOptions{stationarity}, instructions, threads);
+            });
+          },
+          py::arg("grad_x"), py::arg("stationarity") = SensitivityOptions().stationarity,
+          py::arg("threads").noconvert() = 1, py::arg("simd") = "auto",
+          "The derivatives of a function L of the solutions x by the values of every system, for grad_x =\n"
+          "dL/dx (M, N, dim): an asterism.Sensitivity whose arrays have a first axis of M. Its `status` "
+          "(M,)\n"
+          "has values of SensitivityStatus; where that is not COMPUTED, the system's numbers are NaN, for "
+          "the\n"
+          "reasons that asterism.sensitivity() raises errors for. threads, simd: as of solve(). ValueError "
+          "for\n"
+          "options that are out of range, or instructions that are not available.")
       .def_property_readonly(
           "size", [](AnyBatch& self) { return self.visit([](auto& b) { return b.size(); }); },
           "Number of systems M.")

@@ -3,6 +3,7 @@
 // The solver templates that take long to compile, for systems of 2 and 3 dimensions. No Python headers here.
 
 #include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/batch_sensitivity.hpp>
 #include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
@@ -49,5 +50,11 @@ SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>& system,
 template <int Dim>
 BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd simd, int threads,
                          const std::function<bool()>& interrupted);
+
+/// BatchSensitivity on `threads`, likewise; once `interrupted` returns true, results are of no use.
+template <int Dim>
+BatchGradientSummary gradients_of_batch(const Batch<Dim>& batch, BatchGradient<Batch<Dim>>& gradient,
+                                        const SensitivityOptions& options, Simd simd, int threads,
+                                        const std::function<bool()>& interrupted);
 
 }  // namespace asterism::python

@@ -69,6 +69,17 @@ SolutionTangent<System<Dim>> solution_tangent_of(const System<Dim>& system,
   return solution_tangent(system, x, tangent, options);
 }
 
+/// Runs tasks on `threads` until `stop`, which is set where `interrupted` returns true.
+template <typename Work>
+void run_tasks(int task_count, Work&& work, int threads, std::atomic<bool>& stop,
+               const std::function<bool()>& interrupted) {
+  const std::thread::id caller = std::this_thread::get_id();
+  ThreadExecutor{threads}(task_count, [&](int task) {
+    work(task);
+    if (!stop && std::this_thread::get_id() == caller && interrupted()) stop = true;
+  });
+}
+
 template <int Dim>
 BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd simd, int threads,
                          const std::function<bool()>& interrupted) {
@@ -76,12 +87,22 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
   solver.simd = simd;
   std::atomic<bool> stop{false};
   solver.options.stop = &stop;
-  return solver.solve(batch, [&](int task_count, auto&& work) {
-    const std::thread::id caller = std::this_thread::get_id();
-    ThreadExecutor{threads}(task_count, [&](int task) {
-      work(task);
-      if (!stop && std::this_thread::get_id() == caller && interrupted()) stop = true;
-    });
+  return solver.solve(
+      batch, [&](int task_count, auto&& work) { run_tasks(task_count, work, threads, stop, interrupted); });
+}
+
+template <int Dim>
+BatchGradientSummary gradients_of_batch(const Batch<Dim>& batch, BatchGradient<Batch<Dim>>& gradient,
+                                        const SensitivityOptions& options, Simd simd, int threads,
+                                        const std::function<bool()>& interrupted) {
+  BatchSensitivity<Batch<Dim>> sensitivity(batch, options);
+  sensitivity.simd = simd;
+  std::atomic<bool> stop{false};
+  return sensitivity.backward(batch, gradient, [&](int task_count, auto&& work) {
+    const auto unless_stopped = [&](int task) {
+      if (!stop) work(task);
+    };
+    run_tasks(task_count, unless_stopped, threads, stop, interrupted);
   });
 }
 
@@ -99,6 +120,9 @@ BatchSummary solve_batch(Batch<Dim>& batch, const NewtonOptions& options, Simd s
                                                             const SystemTangent<System<Dim>>&,               \
                                                             const SensitivityOptions&);                      \
   template BatchSummary solve_batch(Batch<Dim>&, const NewtonOptions&, Simd, int,                            \
-                                    const std::function<bool()>&)
+                                    const std::function<bool()>&);                                           \
+  template BatchGradientSummary gradients_of_batch(const Batch<Dim>&, BatchGradient<Batch<Dim>>&,            \
+                                                   const SensitivityOptions&, Simd, int,                     \
+                                                   const std::function<bool()>&)
 
 }  // namespace asterism::python

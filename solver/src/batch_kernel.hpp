@@ -4,62 +4,38 @@
 // lane that is done takes the next system. Each iteration computes everything at the trial point (energy,
 // gradient, Hessian, factors and the next step), so that lanes which backtrack stay in step with the others.
 // A system that does not converge within kMostTrials evaluations is left to the scalar solver.
-#include "batch_lanes.hpp"
+#include "batch_sensitivity_kernel.hpp"
+#include "batch_system.hpp"
 
 namespace asterism::lanes_v0_1 {
 namespace {
 
-template <int k>
-struct Index {
-  [[gnu::always_inline]] constexpr operator int() const { return k; }
-};
-
-template <int kFrom, int kTo, typename F>
-ASTERISM_INLINE void unroll(F&& f) {
-  if constexpr (kFrom < kTo) {
-    f(Index<kFrom>());
-    unroll<kFrom + 1, kTo>(static_cast<F&&>(f));
-  }
-}
-
-template <typename T>
-struct Real;
-template <>
-struct Real<double> {
-  static constexpr double kEpsilon = __DBL_EPSILON__;
-  static constexpr double kTiny = __DBL_MIN__ / __DBL_EPSILON__;
-  static constexpr double kMax = __DBL_MAX__;
-  static constexpr double kCoincident = 1e100;  // nodes coincide if mu / r is at least this
-};
-template <>
-struct Real<float> {
-  static constexpr float kEpsilon = __FLT_EPSILON__;
-  static constexpr float kTiny = __FLT_MIN__ / __FLT_EPSILON__;
-  static constexpr float kMax = __FLT_MAX__;
-  static constexpr float kCoincident = 1e10F;
-};
-
-/// The largest systems that the kernels without a fixed size take.
-constexpr int kMostCoordinates = 30;
-constexpr int kMostLinks = 120;
-
-/// `kFixed` nodes, every pair linked; if 0, any topology within kMostCoordinates and kMostLinks.
+/// Newton's method of systems as in LaneSystem.
 template <typename L, int kDim, int kFixed>
-class LaneNewton {
-  using T = typename L::T;
-  using V = typename L::V;
-  using M = typename L::M;
-  using R = Real<T>;
+class LaneNewton : LaneSystem<L, kDim, kFixed> {
+  using Base = LaneSystem<L, kDim, kFixed>;
+  using Base::each_coordinate;
+  using Base::each_link;
+  using Base::each_node;
+  using Base::kAll;
+  using Base::kHessian;
+  using Base::kLanes;
+  using Base::kLinks;
+  using Base::kNodes;
+  using Base::kRounding;
+  using Base::kSize;
+  using Base::links;
+  using Base::nodes;
+  using Base::plane;
+  using Base::size;
+  using Base::stride_;
+  using typename Base::M;
+  using typename Base::R;
+  using typename Base::T;
+  using typename Base::V;
 
-  static constexpr bool kFull = kFixed > 0;
-  static constexpr int kLanes = L::kLanes;
-  static constexpr int kNodes = kFull ? kFixed : kMostCoordinates / kDim;
-  static constexpr int kSize = kDim * kNodes;
-  static constexpr int kLinks = kFull ? kFixed * (kFixed - 1) / 2 : kMostLinks;
-  static constexpr int kHessian = kFull ? kSize * (kSize + 1) : kSize * (kSize + 3) / 2;
   static constexpr int kClampedSteps = 2;
   static constexpr int kMostTrials = 60;  // evaluations of a system in its lane
-  static constexpr unsigned kAll = static_cast<unsigned>((1ULL << kLanes) - 1);
 
  public:
   static void solve(const Planes<T>& planes, const Settings& settings, std::ptrdiff_t first,
@@ -74,8 +50,7 @@ class LaneNewton {
   }
 
  private:
-  LaneNewton(const Planes<T>& planes, const Settings& settings)
-      : planes_(planes), stride_(planes.stride), nodes_(planes.nodes), links_(planes.link_count) {
+  LaneNewton(const Planes<T>& planes, const Settings& settings) : Base(planes), planes_(planes) {
     const double floor = 64 * R::kEpsilon;  // as StoppingRule
     tolerance_ = static_cast<T>(settings.tolerance);
     if (!(tolerance_ >= static_cast<T>(floor))) tolerance_ = static_cast<T>(floor);
@@ -94,50 +69,6 @@ class LaneNewton {
     energy_before_ = work + 3 * stride_;
     extent_ = work + 4 * stride_;
     short_step_ = work + 5 * stride_;
-  }
-
-  // Sizes, known to the compiler where they are fixed.
-  [[gnu::always_inline]] int nodes() const {
-    if constexpr (kFull) return kNodes;
-    return nodes_;
-  }
-  [[gnu::always_inline]] int size() const { return kDim * nodes(); }
-  [[gnu::always_inline]] int links() const {
-    if constexpr (kFull) return kLinks;
-    return links_;
-  }
-
-  template <int kFrom = 0, typename F>
-  [[gnu::always_inline]] void each_node(F&& f) const {
-    if constexpr (kFull) {
-      unroll<kFrom, kNodes>(static_cast<F&&>(f));
-    } else {
-      for (int i = kFrom; i < nodes_; ++i) f(i);
-    }
-  }
-  template <typename F>
-  [[gnu::always_inline]] void each_coordinate(F&& f) const {
-    if constexpr (kFull) {
-      unroll<0, kSize>(static_cast<F&&>(f));
-    } else {
-      for (int i = 0; i < size(); ++i) f(i);
-    }
-  }
-  // Calls f(link, i, j) with the link's two nodes.
-  template <typename F>
-  [[gnu::always_inline]] void each_link(F&& f) const {
-    if constexpr (kFull) {
-      unroll<0, kNodes>([&](auto i) ASTERISM_INLINED {
-        unroll<i + 1, kNodes>(
-            [&](auto j) ASTERISM_INLINED { f(Index<i * kNodes - i*(i + 1) / 2 + j - i - 1>(), i, j); });
-      });
-    } else {
-      for (int l = 0; l < links_; ++l) f(l, planes_.ends[2 * l], planes_.ends[2 * l + 1]);
-    }
-  }
-
-  [[gnu::always_inline]] V plane(const T* planes, int which, std::ptrdiff_t s) const {
-    return L::load(planes + which * stride_ + s);
   }
 
   /// Validates the inputs, aligns x, and computes the scales of the stopping rule (stationarity.hpp).
@@ -173,7 +104,6 @@ class LaneNewton {
       strongest = L::max(kl, strongest);
     });
     const V length = this->length(s, a, k, stiffness, link_total, strongest);
-    constexpr T kRounding = 8 * R::kEpsilon;
     const V reach = L::set(tolerance_) * length;
     V stiffness_total = L::set(0);
     V least_stiffness = stiffness[0];
@@ -210,51 +140,6 @@ class LaneNewton {
     // The square of a step after which the gradient is within the tolerance: it changes second derivatives by
     // a share of about step / length.
     L::store(short_step_ + s, L::max(L::set(T(0.25)) * reach * length, rounding * rounding));
-  }
-
-  /// characteristic_length of stationarity.hpp; 0 if the springs do not determine it.
-  [[gnu::always_inline]] V length(std::ptrdiff_t s, const V* a, const V* k, const V* stiffness, V link_total,
-                                  V strongest) const {
-    const V zero = L::set(0), one = L::set(1);
-    const M no_links = L::at_most(link_total, zero);
-    V counted[kNodes];  // k, 0 for a node without links beside others
-    each_node([&](auto i) ASTERISM_INLINED {
-      counted[i] = L::select(L::either(no_links, L::less(k[i], stiffness[i])), k[i], zero);
-      strongest = L::max(counted[i], strongest);
-    });
-    // SpringWeight
-    const V full = L::set(T(1e-4)) * strongest;
-    const V inverse_full = L::inverse(full);
-    const auto weight_of = [&](V kl) ASTERISM_INLINED {
-      return L::select(L::less(zero, kl), L::select(L::at_most(full, kl), one, kl * inverse_full), zero);
-    };
-    V total = zero;
-    V centroid[kDim];
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = zero; });
-    each_node([&](auto i) ASTERISM_INLINED {
-      counted[i] = weight_of(counted[i]);
-      total = total + counted[i];
-      unroll<0, kDim>(
-          [&](auto d) ASTERISM_INLINED { centroid[d] = L::fma(counted[i], a[kDim * i + d], centroid[d]); });
-    });
-    const V inverse_total = L::inverse(total);
-    unroll<0, kDim>([&](auto d) ASTERISM_INLINED { centroid[d] = centroid[d] * inverse_total; });
-    V square = zero;
-    each_node([&](auto i) ASTERISM_INLINED {
-      V distance = zero;
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
-        const V e = a[kDim * i + d] - centroid[d];
-        distance = L::fma(e, e, distance);
-      });
-      square = square + L::select(L::less(zero, counted[i]), counted[i] * distance, zero);
-    });
-    each_link([&](auto l, auto, auto) ASTERISM_INLINED {
-      const V weight = weight_of(plane(planes_.link_stiffness, l, s));
-      const V mu = L::select(L::less(zero, weight), plane(planes_.rest_length, l, s), zero);
-      total = total + weight;
-      square = L::fma(weight, mu * mu, square);
-    });
-    return L::sqrt(square * L::inverse(total));
   }
 
   /// The lanes in which every node has a path of positive stiffness to an anchor.
@@ -466,8 +351,8 @@ class LaneNewton {
 
   // Puts system s into the only lane of `which`.
   [[gnu::always_inline]] void insert(State& state, M which, std::ptrdiff_t s) const {
-    const auto take = [&](V& values, const T* plane)
-                          ASTERISM_INLINED { values = L::select(which, L::set(plane[s]), values); };
+    const auto take = [&](V& values, const T* source)
+                          ASTERISM_INLINED { values = L::select(which, L::set(source[s]), values); };
     // Without stiffness, an anchor's position and a link's rest length mean nothing, and may overflow.
     each_node([&](auto i) ASTERISM_INLINED {
       take(state.k[i], planes_.anchor_stiffness + i * stride_);
@@ -505,132 +390,16 @@ class LaneNewton {
     V flattest;   // the greatest ratio of a pivot's rounding to the pivot
   };
 
-  /// Energy, gradient, Hessian, its factors and Newton's step at x. mu / r in the curvature across springs is
-  /// limited to `limit`: 1 clamps the curvature at zero, a huge one does nothing. The energy is NaN if nodes
-  /// coincide.
+  /// Energy, gradient, Hessian, its factors and Newton's step at x. The energy is NaN if nodes coincide.
   template <typename Coordinates>
   [[gnu::always_inline]] Evaluation evaluate(const State& s, const Coordinates& x, V limit, V* step) const {
-    const int n = size();
     V h[kHessian];
     V g[kSize];
-    const auto at = [&](auto row, auto column) ASTERISM_INLINED -> V& {
-      if constexpr (kFull) {
-        return h[column * (kSize + 1) + row];
-      } else {
-        return h[column * (n + 1) - column * (column - 1) / 2 + row - column];
-      }
-    };
-    V twice = L::set(0);
-    if constexpr (!kFull) {
-      for (int e = 0; e < n * (n + 3) / 2; ++e) h[e] = L::set(0);
-    }
-    each_node([&](auto i) ASTERISM_INLINED {
-      unroll<0, kDim>([&](auto d) ASTERISM_INLINED {
-        const int c = kDim * i + d;
-        const V e = x[c] - s.a[c];
-        g[c] = s.k[i] * e;
-        twice = L::fma(g[c], e, twice);
-        unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
-          if constexpr (r >= d) at(kDim * i + r, c) = r == d ? s.k[i] : L::set(0);
-        });
-      });
-    });
-    V most = L::set(0);  // the greatest mu / r
-    each_link([&](auto l, auto i, auto j) ASTERISM_INLINED {
-      const V k = s.kl[l], mu = s.mu[l];
-      V d[kDim];
-      V square = L::set(0);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
-        d[c] = x[kDim * i + c] - x[kDim * j + c];
-        square = c == 0 ? d[c] * d[c] : L::fma(d[c], d[c], square);
-      });
-      const V inverse = L::inverse_sqrt(L::max(square, L::set(R::kTiny)));
-      const V ratio = mu * inverse;
-      most = L::max(most, ratio);
-      const V stretch = L::fma(square, inverse, L::set(0) - mu);
-      twice = L::fma(k * stretch, stretch, twice);
-      const V pull = L::fnma(k, ratio, k);  // k (1 - mu / r)
-      const V bend = k * L::min(ratio, limit);
-      const V across = k - bend;
-      const V bend_d = bend * (inverse * inverse);
-      unroll<0, kDim>([&](auto c) ASTERISM_INLINED {
-        g[kDim * i + c] = L::fma(pull, d[c], g[kDim * i + c]);
-        g[kDim * j + c] = L::fnma(pull, d[c], g[kDim * j + c]);
-        const V b = bend_d * d[c];
-        unroll<0, kDim>([&](auto r) ASTERISM_INLINED {
-          if constexpr (r >= c) {
-            // The off-diagonal block; the link adds its negative to both diagonal blocks.
-            const V value = r == c ? L::fnms(b, d[r], across) : L::set(0) - b * d[r];
-            at(kDim * i + r, kDim * i + c) = at(kDim * i + r, kDim * i + c) - value;
-            at(kDim * j + r, kDim * j + c) = at(kDim * j + r, kDim * j + c) - value;
-            if constexpr (kFull) {
-              at(kDim * j + r, kDim * i + c) = value;
-              if constexpr (r != c) at(kDim * j + c, kDim * i + r) = value;
-            } else {
-              const int low = kDim * (i < j ? i : j), high = kDim * (i < j ? j : i);
-              at(high + r, low + c) = at(high + r, low + c) + value;
-              if constexpr (r != c) at(high + c, low + r) = at(high + c, low + r) + value;
-            }
-          }
-        });
-      });
-    });
-
-    // L D L^T of H bordered by g, as in NewtonMatrix.
-    M definite = L::at_most(most, limit);
-    V flattest = L::set(0);
-    V inverse_pivot[kSize];
-    V decrement = L::set(0);
-    const auto pivot = [&](auto c) ASTERISM_INLINED {
-      const V least = s.rounding[c / kDim];
-      const V value = at(c, c);
-      definite = L::both(definite, L::less(least, value));
-      inverse_pivot[c] = L::inverse(L::max(L::abs(value), least));
-      flattest = L::max(least * inverse_pivot[c], flattest);
-      return inverse_pivot[c];
-    };
-    if constexpr (kFull) {
-      unroll<0, kSize>([&](auto c) ASTERISM_INLINED {
-        const V inverse = pivot(c);
-        unroll<c + 1, kSize>([&](auto j) ASTERISM_INLINED {
-          const V factor = at(j, c) * inverse;
-          unroll<j, kSize>([&](auto i) ASTERISM_INLINED { at(i, j) = L::fnma(factor, at(i, c), at(i, j)); });
-          g[j] = L::fnma(factor, g[c], g[j]);
-          at(c, j) = factor;
-        });
-      });
-      unroll<0, kSize>([&](auto back) ASTERISM_INLINED {
-        constexpr int c = kSize - 1 - back;
-        V value = g[c] * inverse_pivot[c];
-        decrement = L::fma(g[c], value, decrement);
-        unroll<0, kSize - 1 - c>([&](auto m) ASTERISM_INLINED {
-          constexpr int i = kSize - 1 - m;
-          value = L::fnma(at(Index<c>(), Index<i>()), step[i], value);
-        });
-        step[c] = value;
-      });
-    } else {
-      for (int c = 0; c < n; ++c) {
-        const V inverse = pivot(c);
-        const V* pivot_column = &at(c, c) - c;
-        for (int j = c + 1; j < n; ++j) {
-          const V factor = pivot_column[j] * inverse;
-          V* column = &at(j, j) - j;
-          for (int i = j; i < n; ++i) column[i] = L::fnma(factor, pivot_column[i], column[i]);
-          g[j] = L::fnma(factor, g[c], g[j]);
-        }
-      }
-      for (int c = n - 1; c >= 0; --c) {
-        V value = g[c];
-        decrement = L::fma(value * value, inverse_pivot[c], decrement);
-        const V* column = &at(c, c) - c;
-        for (int i = n - 1; i > c; --i) value = L::fnma(column[i], step[i], value);
-        step[c] = value * inverse_pivot[c];
-      }
-    }
+    const auto [twice, most] = this->assemble(s, x, limit, h, g, [](auto, V, V, V) ASTERISM_INLINED {});
+    const auto [decrement, definite, flattest] = this->solve_linear(h, g, s.rounding, step);
     const M apart = L::less(most, L::set(R::kCoincident));
     const V energy = L::select(apart, L::set(T(0.5)) * twice, L::set(static_cast<T>(__builtin_nan(""))));
-    return {energy, decrement, definite, flattest};
+    return {energy, decrement, L::both(definite, L::at_most(most, limit)), flattest};
   }
 
   // Evaluates the trial point of every lane. Returns the lanes that are done with their systems.
@@ -906,9 +675,6 @@ class LaneNewton {
   }
 
   const Planes<T>& planes_;
-  std::ptrdiff_t stride_;
-  int nodes_;
-  int links_;
   T tolerance_;
   T flat_share_;
   T max_iterations_;
@@ -924,41 +690,45 @@ constexpr bool kFourPartsAlone = true;
 constexpr bool kFourPartsAlone = false;
 #endif
 
-/// The kernel for a topology: that of its fixed size, if there is one, else the general one.
+template <typename L, int kDim, int kFixed>
+constexpr Kernels<typename L::T> kKernelsOf{&LaneNewton<L, kDim, kFixed>::solve,
+                                            &LaneSensitivity<L, kDim, kFixed>::differentiate};
+
+/// The kernels for a topology: those of its fixed size, if there are any, else the general ones.
 template <typename L, int kDim>
-Kernel<typename L::T> kernel_of(int nodes, int link_count, bool is_full) {
+Kernels<typename L::T> kernels_of(int nodes, int link_count, bool is_full) {
   if constexpr (kFourPartsAlone) {
     if constexpr (kDim == 2) {
-      if (is_full && nodes == 4) return &LaneNewton<L, kDim, 4>::solve;
+      if (is_full && nodes == 4) return kKernelsOf<L, kDim, 4>;
     }
   } else if (is_full) {
     switch (kDim * nodes) {
       case kDim * 2:
-        return &LaneNewton<L, kDim, 2>::solve;
+        return kKernelsOf<L, kDim, 2>;
       case kDim * 3:
-        return &LaneNewton<L, kDim, 3>::solve;
+        return kKernelsOf<L, kDim, 3>;
       case kDim * 4:
-        return &LaneNewton<L, kDim, 4>::solve;
+        return kKernelsOf<L, kDim, 4>;
       default:
         break;
     }
     if constexpr (kDim == 2) {
-      if (nodes == 5) return &LaneNewton<L, kDim, 5>::solve;
-      if (nodes == 6) return &LaneNewton<L, kDim, 6>::solve;
+      if (nodes == 5) return kKernelsOf<L, kDim, 5>;
+      if (nodes == 6) return kKernelsOf<L, kDim, 6>;
     }
   }
-  if (nodes < 1 || kDim * nodes > kMostCoordinates || link_count > kMostLinks) return nullptr;
-  return &LaneNewton<L, kDim, 0>::solve;
+  if (nodes < 1 || kDim * nodes > kMostCoordinates || link_count > kMostLinks) return {};
+  return kKernelsOf<L, kDim, 0>;
 }
 
 template <typename L>
-Kernel<typename L::T> kernel_for(int dim, int nodes, int link_count, bool is_full) {
-  if (dim == 2) return kernel_of<L, 2>(nodes, link_count, is_full);
-  if (dim == 3) return kernel_of<L, 3>(nodes, link_count, is_full);
-  return nullptr;
+Kernels<typename L::T> kernels_for(int dim, int nodes, int link_count, bool is_full) {
+  if (dim == 2) return kernels_of<L, 2>(nodes, link_count, is_full);
+  if (dim == 3) return kernels_of<L, 3>(nodes, link_count, is_full);
+  return {};
 }
 
-constexpr KernelSet kKernels{&kernel_for<FloatLanes>, &kernel_for<DoubleLanes>};
+constexpr KernelSet kKernels{&kernels_for<FloatLanes>, &kernels_for<DoubleLanes>};
 
 }  // namespace
 }  // namespace asterism::lanes_v0_1

@@ -7,6 +7,7 @@
 #include <asterism/parts/models/scale_filter.hpp>
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/batch_sensitivity.hpp>
 #include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -70,6 +71,18 @@ TEST(Batch, Page) {
 #include "docs_batch_1.inc"
   EXPECT_EQ(summary.status, Status::Converged);
   EXPECT_EQ(used, count);
+
+  const std::vector<Batch::Points> grad_x(count, Batch::Points::Ones());
+  const auto learn = [&](double slope, SensitivityStatus status) {
+    EXPECT_EQ(status, SensitivityStatus::Computed);
+    const auto at = static_cast<std::size_t>(used++ - count);
+    EXPECT_NEAR(slope,
+                sensitivity(systems[at], batch.points(static_cast<int>(at)), grad_x[at]).link_stiffness[0],
+                1e-9);
+  };
+#include "docs_batch_2.inc"
+  EXPECT_TRUE(result);
+  EXPECT_EQ(used, 2 * count);
 }
 
 TEST(ComingFromVideo, Page) {

@@ -70,6 +70,85 @@ class SensitivityTest(unittest.TestCase):
             for name in ARRAYS:
                 np.testing.assert_array_equal(getattr(other, name), getattr(gradient, name))
 
+    def test_a_batch_has_the_gradients_of_its_systems(self):
+        for dim in (2, 3):
+            cases = [solved_system(dim, seed) for seed in range(20)]
+            cases[3][1][0, 0] += 1  # not stationary
+            cases[5][2][1, 1] = np.nan
+            batch = asterism.SpringBatch(cases[0][0].topology, len(cases), dim)
+            for name in ARRAYS:
+                setattr(batch, name, [getattr(system, name) for system, _, _ in cases])
+            batch.x = [x for _, x, _ in cases]
+            weights = np.array([weights for _, _, weights in cases])
+            gradient = batch.sensitivity(weights)
+            self.assertIs(type(gradient), asterism.Sensitivity)
+            expected = np.full(20, asterism.SensitivityStatus.COMPUTED)
+            expected[3], expected[5] = asterism.SensitivityStatus.NOT_STATIONARY, asterism.SensitivityStatus.INVALID_INPUT
+            np.testing.assert_array_equal(gradient.status, expected)
+            for name in ARRAYS:
+                values = getattr(gradient, name)
+                self.assertEqual(values.shape, getattr(batch, name).shape)
+                for b, (system, x, _) in enumerate(cases):
+                    if b in (3, 5):
+                        self.assertTrue(np.isnan(values[b]).all())
+                    else:
+                        one = getattr(asterism.sensitivity(system, x, weights[b]), name)
+                        np.testing.assert_allclose(values[b], one, rtol=1e-9, atol=1e-10, err_msg=name)
+            loose = batch.sensitivity(weights, stationarity=10, threads=2, simd="portable")
+            self.assertNotEqual(loose.status[3], asterism.SensitivityStatus.NOT_STATIONARY)
+            other = pickle.loads(pickle.dumps(gradient.copy()))
+            np.testing.assert_array_equal(other.anchors, gradient.anchors)
+            np.testing.assert_array_equal(other.status, gradient.status)
+
+    def test_errors_of_a_batch(self):
+        system, x, weights = solved_system()
+        batch = asterism.SpringBatch(system.topology, 2)
+        with self.assertRaisesRegex(ValueError, r"grad_x: expected shape \(2, 6, 2\), found \(6, 2\)"):
+            batch.sensitivity(weights)
+        weights = np.stack([weights, weights])
+        self.assertTrue((batch.sensitivity(weights).status == asterism.SensitivityStatus.INVALID_INPUT).all())  # never filled
+        for options, message in (
+            ({"stationarity": -1}, "option stationarity is negative"),
+            ({"threads": -1}, "threads: expected 0 or more"),
+            ({"simd": "mmx"}, "simd: expected auto"),
+        ):
+            with self.assertRaisesRegex(ValueError, message):
+                batch.sensitivity(weights, **options)
+        empty = asterism.SpringBatch(system.topology, 0).sensitivity(np.empty((0, 6, 2)))
+        self.assertEqual((empty.anchors.shape, empty.link_stiffness.shape, empty.status.shape), ((0, 6, 2), (0, 15), (0,)))
+
+    def test_the_status_numbers_are_those_of_the_library(self):
+        system, x, weights = solved_system()
+        Status = asterism.SensitivityStatus
+        saddle = np.array([[0.0, 0], [4, 0], [9, 0], [15, 0], [22, 0], [30, 0]])
+        crossed = system.copy()
+        crossed.anchors, crossed.link_stiffness = saddle, 0.1
+        crossed.set_rest_lengths(saddle)
+        crossed.rest_length *= 3
+        force = np.zeros((6, 2))  # of the links on the nodes: the anchors are put where they balance it
+        for (i, j), k, mu in zip(crossed.topology.links, crossed.link_stiffness, crossed.rest_length):
+            d = saddle[i] - saddle[j]
+            pull = k * (1 - mu / np.linalg.norm(d)) * d
+            force[i] += pull
+            force[j] -= pull
+        crossed.anchor_stiffness = 1e-2
+        crossed.anchors = saddle + force / 1e-2
+        at_one_point = system.copy()
+        at_one_point.anchors, at_one_point.rest_length = np.ones((6, 2)), 0
+        cases = {
+            Status.COMPUTED: (system, x, weights),
+            Status.NOT_STATIONARY: (system, x + 1, weights),
+            Status.NOT_POSITIVE_DEFINITE: (crossed, saddle, weights),
+            Status.COINCIDENT_NODES: (at_one_point, np.ones((6, 2)), weights),
+            Status.INVALID_INPUT: (system, x, weights * np.inf),
+        }
+        batch = asterism.SpringBatch(system.topology, len(cases))
+        for name in ARRAYS:
+            setattr(batch, name, [getattr(case[0], name) for case in cases.values()])
+        batch.x = [case[1] for case in cases.values()]
+        np.testing.assert_array_equal(batch.sensitivity([case[2] for case in cases.values()]).status, list(cases))
+        self.assertEqual(f"{Status.NOT_STATIONARY}", "SensitivityStatus.NOT_STATIONARY")
+
     def test_errors(self):
         system, x, weights = solved_system()
         with self.assertRaisesRegex(np.linalg.LinAlgError, "not a stationary point"):

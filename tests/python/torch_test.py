@@ -48,6 +48,24 @@ class TorchTest(unittest.TestCase):
             expected += one[3].grad
         torch.testing.assert_close(shared[2].grad, expected)
 
+    def test_a_solver_one_by_one_gives_the_same(self):
+        results = []
+        for solver in (None, asterism.Solver("newton", tolerance=1e-12)):
+            values = [value.detach().clone().requires_grad_() for value in self.values]
+            x = self.solve(*values, solver=solver)
+            x.pow(3).sum().backward()
+            results.append([x.detach(), *(value.grad for value in values)])
+        for in_lanes, one_by_one in zip(*results):
+            torch.testing.assert_close(in_lanes, one_by_one, rtol=1e-9, atol=1e-9)
+
+    def test_a_solution_without_gradient_is_named(self):
+        anchors, stiffness, lengths, link_stiffness = (value.detach().clone() for value in self.values)
+        stiffness[2, 1:] = 0  # free to turn about node 0
+        for solver in (None, asterism.Solver("newton", tolerance=1e-12)):
+            x = self.solve(anchors.requires_grad_(), stiffness, lengths, link_stiffness, solver=solver)
+            with self.assertRaisesRegex(RuntimeError, "system 2 has no gradient: .*rotate about node 0"):
+                x.sum().backward()
+
     def test_a_law_is_learned(self):
         anchors, stiffness, lengths, strain = (value.detach() for value in self.values)
         with torch.no_grad():

@@ -4,12 +4,14 @@
 
 #include <asterism/solver.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/batch/batch_sensitivity.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <cmath>
 #include <new>
 #include <optional>
 #include <string_view>
@@ -287,6 +289,51 @@ TEST(OutOfMemoryBatch, IsAStatusAndLeavesNothingBehind) {
     EXPECT_GT(out_of_memory, 0);
     for (int s = 0; s < batch.size(); ++s) EXPECT_EQ(batch.points(s), expected.points(s));
   }
+}
+
+// Of systems that the lanes leave to Sensitivity, after a batch of another size.
+TEST(OutOfMemoryBatch, OfGradientsIsAStatusAndLeavesNothingBehind) {
+  using Batch = SpringBatch<double, 2>;
+  testing::Rng rng(3);
+  const auto batch_of = [&rng](int nodes) {
+    Batch batch(System::TopologyType::full(nodes), 3);
+    for (int s = 0; s < batch.size(); ++s) {
+      Problem problem = testing::random_system<System>(rng, batch.topology());
+      problem.system.set_rest_lengths(problem.start);  // at rest
+      problem.system.anchors = problem.start;
+      batch.set(s, problem.system, problem.start);
+    }
+    return batch;
+  };
+  const auto gradient_of = [](const Batch& batch) {
+    BatchGradient<Batch> gradient(batch);
+    for (int s = 0; s < batch.size(); ++s) gradient.set(s, Points::Ones(2, batch.nodes()));
+    return gradient;
+  };
+  const Batch first = batch_of(16), second = batch_of(17);
+  BatchGradient<Batch> other = gradient_of(first), gradient = gradient_of(second);
+  std::optional<BatchSensitivity<Batch>> sensitivity;
+  const auto renew = [&] {
+    sensitivity.emplace();
+    ASSERT_TRUE(sensitivity->backward(first, other));
+  };
+  renew();
+  BatchGradientSummary summary;
+  int out_of_memory = 0;
+  testing::fail_each_allocation([&] { summary = sensitivity->backward(second, gradient); },
+                                [&](long k) {
+                                  SCOPED_TRACE(k);
+                                  for (int s = 0; s < second.size(); ++s) {
+                                    if (gradient.status(s) == SensitivityStatus::Computed) continue;
+                                    EXPECT_EQ(gradient.status(s), SensitivityStatus::OutOfMemory);
+                                    EXPECT_TRUE(std::isnan(gradient.rest_length(3)[s]));
+                                    ++out_of_memory;
+                                  }
+                                  EXPECT_TRUE(sensitivity->backward(second, gradient));
+                                  renew();
+                                });
+  EXPECT_TRUE(summary);
+  EXPECT_GT(out_of_memory, 0);
 }
 
 }  // namespace

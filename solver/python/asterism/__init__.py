@@ -50,12 +50,12 @@ from . import bench, evaluation
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, layout_stress, mds
-from .gradients import Sensitivity, sensitivity
+from .gradients import Sensitivity, SensitivityStatus, sensitivity
 from .structures import Joint, PictorialResult, pictorial_structure
 
 # What help(asterism) lists.
 __all__ = [
-    "bench", "evaluation", "Embedding", "Joint", "PictorialResult", "Sensitivity", "layout", "layout_stress", "mds", "pictorial_structure", "sensitivity",
+    "bench", "evaluation", "Embedding", "Joint", "PictorialResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "mds", "pictorial_structure", "sensitivity",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]
 if hasattr(_asterism, "_parse_systems"):

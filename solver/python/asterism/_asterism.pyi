@@ -5,6 +5,8 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from .gradients import Sensitivity
+
 _Floats = npt.NDArray[np.float64]
 _Ints = npt.NDArray[np.int32]
 _Image = npt.NDArray[np.uint8] | npt.NDArray[np.uint16] | npt.NDArray[np.float32]
@@ -206,6 +208,9 @@ class SpringBatch:
         escape_saddles: bool = True,
         gap: float = 0.0,
     ) -> BatchSummary: ...
+    def sensitivity(
+        self, grad_x: npt.ArrayLike, stationarity: float = 1e-6, threads: int = 1, simd: str = "auto"
+    ) -> Sensitivity: ...
     @property
     def size(self) -> int: ...
     @property

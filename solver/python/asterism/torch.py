@@ -9,46 +9,92 @@ The values may be of one system or of a batch of them.
 import numpy as np
 import torch
 
-from . import Solver, SpringSystem, Status
-from .gradients import sensitivity
+from . import Solver, SpringBatch, SpringSystem, Status
+from .gradients import SensitivityStatus, sensitivity
 
 __all__ = ["solve"]
+
+_NAMES = ("anchors", "anchor_stiffness", "rest_length", "link_stiffness")
+_TOLERANCE = 1e-12
+# A tolerance below the rounding of the coordinates ends without progress, at the minimum.
+_SETTLED = 1e-9
+
+
+def _system(topology, values, b):
+    """System b of a batch."""
+    system = SpringSystem(topology, values[0].shape[2])
+    for name, value in zip(_NAMES, values):
+        setattr(system, name, value[b])
+    return system
+
+
+def _solve_one(solver, system, x, b):
+    summary = solver.solve(system, x)
+    if summary.status != Status.CONVERGED and not (summary.usable and summary.stationarity <= _SETTLED):
+        raise RuntimeError(f"system {b} was not solved: {summary.message}")
+
+
+def _differentiate_one(system, x, grad_x, b):
+    try:
+        return sensitivity(system, x, grad_x)
+    except np.linalg.LinAlgError as error:
+        raise RuntimeError(f"system {b} has no gradient: {error}") from error
+
+
+class _OneByOne:
+    """The solutions x of a batch by a solver."""
+
+    def __init__(self, solver, topology, start, values):
+        self.x = np.array(start)
+        self.systems = [_system(topology, values, b) for b in range(len(start))]
+        for b, system in enumerate(self.systems):
+            _solve_one(solver, system, self.x[b], b)
+
+    def gradients(self, grad_x):
+        ones = [_differentiate_one(system, self.x[b], grad_x[b], b) for b, system in enumerate(self.systems)]
+        return [np.stack([getattr(one, name) for one in ones]) for name in _NAMES]
+
+
+class _InLanes:
+    """The same by Newton's method, many at once."""
+
+    def __init__(self, topology, start, values):
+        self.topology, self.values = topology, values
+        self.batch = SpringBatch(topology, len(start), start.shape[2])
+        self.batch.x = start
+        for name, value in zip(_NAMES, values):
+            setattr(self.batch, name, value)
+        self.batch.solve(torch.get_num_threads(), tolerance=_TOLERANCE)
+        status = self.batch.status
+        settled = np.isin(status, (Status.NO_PROGRESS, Status.MAX_ITERATIONS)) & (self.batch.stationarity <= _SETTLED)
+        self.x = np.ascontiguousarray(self.batch.x)
+        for b in np.flatnonzero((status != Status.CONVERGED) & ~settled):
+            self.x[b] = start[b]
+            _solve_one(Solver("newton", tolerance=_TOLERANCE), _system(topology, values, b), self.x[b], b)  # says why
+            self.batch.x[b] = self.x[b]
+
+    def gradients(self, grad_x):
+        gradient = self.batch.sensitivity(grad_x, threads=torch.get_num_threads())
+        for b in np.flatnonzero(gradient.status != SensitivityStatus.COMPUTED):
+            _differentiate_one(_system(self.topology, self.values, b), self.x[b], grad_x[b], b)  # says why
+        return [getattr(gradient, name) for name in _NAMES]
 
 
 class _Solve(torch.autograd.Function):
     """Batches of values, (B, ...), to solutions (B, N, dim)."""
 
     @staticmethod
-    def forward(ctx, solver, topology, start, anchors, anchor_stiffness, rest_length, link_stiffness):
-        values = [tensor.detach().to("cpu", torch.float64).numpy() for tensor in (anchors, anchor_stiffness, rest_length, link_stiffness)]
-        x = np.array(start, dtype=np.float64)
-        systems = []
-        for b in range(len(x)):
-            system = SpringSystem(topology, x.shape[2])
-            system.anchors, system.anchor_stiffness, system.rest_length, system.link_stiffness = (value[b] for value in values)
-            summary = solver.solve(system, x[b])
-            # A tolerance below the rounding of the coordinates ends without progress, at the minimum.
-            if summary.status != Status.CONVERGED and not (summary.usable and summary.stationarity <= 1e-9):
-                raise RuntimeError(f"system {b} was not solved: {summary.message}")
-            systems.append(system)
-        ctx.systems, ctx.x = systems, x
-        return torch.from_numpy(x.copy()).to(anchors)
+    def forward(ctx, solver, topology, start, *tensors):
+        values = [tensor.detach().to("cpu", torch.float64).numpy() for tensor in tensors]
+        start = np.asarray(start, dtype=np.float64)
+        ctx.solved = _InLanes(topology, start, values) if solver is None else _OneByOne(solver, topology, start, values)
+        return torch.from_numpy(ctx.solved.x.copy()).to(tensors[0])
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, grad):
-        grad_x = grad.detach().to("cpu", torch.float64).numpy()
-        gradients = []
-        for b, system in enumerate(ctx.systems):
-            try:
-                gradients.append(sensitivity(system, ctx.x[b], grad_x[b]))
-            except np.linalg.LinAlgError as error:
-                raise RuntimeError(f"system {b} has no gradient: {error}") from error
-        stacked = (
-            np.stack([getattr(gradient, name) for gradient in gradients])
-            for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness")
-        )
-        return None, None, None, *(torch.from_numpy(values).to(grad) for values in stacked)
+        gradients = ctx.solved.gradients(grad.detach().to("cpu", torch.float64).numpy())
+        return None, None, None, *(torch.from_numpy(np.ascontiguousarray(values)).to(grad) for values in gradients)
 
 
 def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, start=None, solver=None):
@@ -56,11 +102,11 @@ def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, s
 
     anchors: (N, dim) or, for a batch, (B, N, dim). anchor_stiffness (N), rest_length and link_stiffness (one for each link of
     `topology`): of one system, for all of the batch, or with a first axis of B. start: where solves begin, an array or tensor of
-    the anchors' shape (the anchors); no gradient comes from it. solver: an asterism.Solver (Newton's method to a tolerance of 1e-12).
+    the anchors' shape (the anchors); no gradient comes from it. solver: an asterism.Solver, which solves the systems one after another
+    (Newton's method to a tolerance of 1e-12 in SIMD lanes, as asterism.SpringBatch, on torch.get_num_threads() threads).
 
-    Returns x, of the anchors' shape, type and device. Solves are in double precision on the CPU, one after another. RuntimeError,
-    with the number of the system, if one does not converge, or in backward() if its solution has no derivative. There are no second
-    derivatives.
+    Returns x, of the anchors' shape, type and device. Solves are in double precision on the CPU. RuntimeError, with the number of the
+    system, if one does not converge, or in backward() if its solution has no derivative. There are no second derivatives.
     """
     is_single = anchors.dim() == 2
     if anchors.dim() not in (2, 3):
@@ -70,7 +116,5 @@ def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, s
     first = batch if start is None else torch.as_tensor(start).expand(batch.shape)
     values = (torch.as_tensor(value).to(anchors) for value in (anchor_stiffness, rest_length, link_stiffness))
     values = [value.expand(count, value.shape[-1]) for value in values]
-    if solver is None:
-        solver = Solver("newton", tolerance=1e-12)
     x = _Solve.apply(solver, topology, first.detach().cpu().numpy(), batch, *values)
     return x.squeeze(0) if is_single else x

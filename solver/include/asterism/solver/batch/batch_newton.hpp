@@ -4,6 +4,7 @@
 #include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/detail/batch_kernels.hpp>
+#include <asterism/solver/detail/batch_tasks.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
@@ -22,12 +23,9 @@
 #include <cstddef>
 #include <cstdint>
 #include <memory>
-#include <mutex>
 #include <new>
-#include <ranges>
 #include <type_traits>
 #include <utility>
-#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -114,9 +112,8 @@ class BatchNewton {
   template <typename E>
   void run(Batch& batch, E& executor, BatchSummary& summary) {
     using namespace lanes_v0_1;
-    const Isa isa = summary.simd == Simd::Avx512 ? kAvx512 : summary.simd == Simd::Avx2 ? kAvx2 : kPortable;
-    lanes_v0_1::Kernel<Scalar> kernel = nullptr;
-    if (!options.allow_reflection) kernel = kernel_for(*kernels(isa), batch);
+    auto* kernel = batch.kernels_of(*detail::kernels(summary.simd)).solve;
+    if (options.allow_reflection) kernel = nullptr;
     const auto allocate = [&] {
       if (kernel != nullptr) {
         work_.resize(static_cast<std::size_t>(work_planes(Batch::kDim, batch.nodes())) *
@@ -130,13 +127,8 @@ class BatchNewton {
     if (summary.status == Status::OutOfMemory) return;
     const Planes<Scalar> planes = batch.planes(work_.data());
     const Settings settings{options.tolerance, options.max_iterations, options.align, options.gap > 0};
-    // Tasks are cut by the size of the batch alone.
-    const int count = batch.size();
-    const int chunk = kernel == nullptr ? 64 : std::clamp((count / 32 + 31) / 32 * 32, 512, 4096);
     std::atomic<int> by_scalar{0};
-    executor((count + chunk - 1) / chunk, [&](int task) {
-      const int first = task * chunk;
-      const int last = std::min(count, first + chunk);
+    detail::for_each_chunk(executor, batch.size(), kernel != nullptr, [&](int first, int last) {
       if (kernel != nullptr && !options.stopped()) {
         kernel(planes, settings, first, last);
       } else {
@@ -146,14 +138,6 @@ class BatchNewton {
     });
     summary.by_scalar = by_scalar;
     conclude(batch, summary);
-  }
-
-  static lanes_v0_1::Kernel<Scalar> kernel_for(const lanes_v0_1::KernelSet& set, const Batch& batch) {
-    if constexpr (std::is_same_v<Scalar, float>) {
-      return set.of_float(Batch::kDim, batch.nodes(), batch.link_count(), batch.is_full());
-    } else {
-      return set.of_double(Batch::kDim, batch.nodes(), batch.link_count(), batch.is_full());
-    }
   }
 
   /// From outcomes to statuses; returns the number of systems that were left to be solved here.
@@ -182,7 +166,7 @@ class BatchNewton {
         planes.lower_bound[s] = lower_bound(batch, s, scalars);
       }
     }
-    if (scalars) put_back(std::move(scalars));
+    if (scalars) scalars_.put_back(std::move(scalars));
     return left;
   }
 
@@ -258,25 +242,9 @@ class BatchNewton {
   }
 
   std::unique_ptr<Scalars> take_scalars(const Batch& batch) {
-    std::unique_ptr<Scalars> scalars;
-    {
-      const std::scoped_lock lock(mutex_);
-      if (!scalars_.empty()) {
-        scalars = std::move(scalars_.back());
-        scalars_.pop_back();
-      }
-    }
-    if (!scalars || scalars->system.nodes() != batch.nodes() ||
-        !std::ranges::equal(scalars->system.links(), batch.topology().links()))
-      scalars = std::make_unique<Scalars>(batch);
+    std::unique_ptr<Scalars> scalars = scalars_.take(batch);
     scalars->newton.options = options;
     return scalars;
-  }
-
-  void put_back(std::unique_ptr<Scalars> scalars) {
-    const std::scoped_lock lock(mutex_);
-    const auto keep = [&] { scalars_.push_back(std::move(scalars)); };
-    detail::attempt<std::bad_alloc>(keep, [](const std::bad_alloc&) {});  // made again next time
   }
 
   static void conclude(const Batch& batch, BatchSummary& summary) {
@@ -299,8 +267,7 @@ class BatchNewton {
   }
 
   detail::AlignedArray<Scalar> work_;
-  std::mutex mutex_;
-  std::vector<std::unique_ptr<Scalars>> scalars_;  // not in use
+  detail::Pool<Scalars> scalars_;
 };
 
 }  // namespace ASTERISM_ABI

@@ -29,19 +29,27 @@ constexpr std::string_view to_string(Simd simd) {
   return "unknown instructions";
 }
 
-/// Whether the library and this machine have these instructions.
-inline bool is_available(Simd simd) {
+namespace detail {
+
+/// The kernels for these instructions other than Auto, nullptr where there are none.
+inline const lanes_v0_1::KernelSet* kernels(Simd simd) {
   switch (simd) {
-    case Simd::Auto:
     case Simd::Portable:
-      return true;
+      return lanes_v0_1::kernels(lanes_v0_1::kPortable);
     case Simd::Avx2:
-      return lanes_v0_1::kernels(lanes_v0_1::kAvx2) != nullptr;
+      return lanes_v0_1::kernels(lanes_v0_1::kAvx2);
     case Simd::Avx512:
-      return lanes_v0_1::kernels(lanes_v0_1::kAvx512) != nullptr;
+      return lanes_v0_1::kernels(lanes_v0_1::kAvx512);
+    case Simd::Auto:
+      break;
   }
-  return false;
+  return nullptr;
 }
+
+}  // namespace detail
+
+/// Whether the library and this machine have these instructions.
+inline bool is_available(Simd simd) { return simd == Simd::Auto || detail::kernels(simd) != nullptr; }
 
 /// The instructions that Simd::Auto selects.
 inline Simd widest_simd() {

@@ -211,6 +211,10 @@ class SpringBatch {
  private:
   template <typename Batch>
   friend class BatchNewton;
+  template <typename Batch>
+  friend class BatchSensitivity;
+  template <typename Batch>
+  friend class BatchGradient;
 
   enum Count { kStatus, kIterations, kDefinite };
 
@@ -233,8 +237,15 @@ class SpringBatch {
     return l == link_count();
   }
 
-  lanes_v0_1::Planes<Scalar> planes(Scalar* work) {
-    lanes_v0_1::Planes<Scalar> result{};
+  lanes_v0_1::Kernels<Scalar> kernels_of(const lanes_v0_1::KernelSet& set) const {
+    if constexpr (std::is_same_v<Scalar, float>) {
+      return set.of_float(Dim, nodes(), link_count(), is_full());
+    } else {
+      return set.of_double(Dim, nodes(), link_count(), is_full());
+    }
+  }
+
+  void set_planes(lanes_v0_1::SystemPlanes<Scalar>& result) const {
     result.nodes = nodes();
     result.link_count = link_count();
     result.is_full = is_full();
@@ -244,6 +255,11 @@ class SpringBatch {
     result.anchor_stiffness = values_.data() + at(Dim * nodes());
     result.rest_length = values_.data() + at((Dim + 1) * nodes());
     result.link_stiffness = values_.data() + at((Dim + 1) * nodes() + link_count());
+  }
+
+  lanes_v0_1::Planes<Scalar> planes(Scalar* work) {
+    lanes_v0_1::Planes<Scalar> result{};
+    set_planes(result);
     result.x = values_.data() + at(x_plane(0, 0));
     result.work = work;
     result.initial_energy = verdicts_.data();

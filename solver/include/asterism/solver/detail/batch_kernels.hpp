@@ -1,6 +1,6 @@
 #pragma once
 
-// The border between asterism/solver/batch/batch_newton.hpp and its compiled kernels. No Eigen and no
+// The border between the headers in asterism/solver/batch and their compiled kernels. No Eigen and no
 // standard library on it: the kernels are compiled for wider instructions than their callers, and whatever
 // both would emit, the linker could take from either. For the same reason its names do not depend on Eigen's
 // alignment, so that one build of the kernels serves programs compiled for any machine.
@@ -22,7 +22,7 @@ enum Outcome : std::int32_t {
 /// one kind follow each other at `stride` elements, those of points in the order of a Dim x N column-major
 /// matrix.
 template <typename T>
-struct Planes {
+struct SystemPlanes {
   int nodes;
   int link_count;
   bool is_full;              ///< the links are Topology::full's, in its order
@@ -32,6 +32,11 @@ struct Planes {
   const T* anchor_stiffness;
   const T* rest_length;
   const T* link_stiffness;
+};
+
+/// What a solver reads and writes.
+template <typename T>
+struct Planes : SystemPlanes<T> {
   T* x;
   T* work;  ///< kernel's own: work_planes(...) of them
 
@@ -40,6 +45,19 @@ struct Planes {
   T* stationarity;
   T* lower_bound;  ///< of the least energy; written, in double alone, where Settings::prove asks for it
   std::int32_t* iterations;
+  std::int32_t* outcome;
+};
+
+/// What derivatives of solutions are computed of and written to, everywhere, to be used where the outcome is
+/// kConverged.
+template <typename T>
+struct GradientPlanes : SystemPlanes<T> {
+  const T* x;       ///< solutions
+  const T* grad_x;  ///< dL/dx
+  T* by_anchors;    ///< dL/d(anchors) and so on
+  T* by_anchor_stiffness;
+  T* by_rest_length;
+  T* by_link_stiffness;
   std::int32_t* outcome;
 };
 
@@ -54,19 +72,23 @@ constexpr int kPadding = 32;  ///< lanes of the widest kernel
 
 constexpr int work_planes(int dim, int nodes) { return dim * nodes + nodes + 6; }
 
-/// Solves the systems first, ..., last - 1.
+/// The kernels for a topology, for the systems first, ..., last - 1.
 template <typename T>
-using Kernel = void (*)(const Planes<T>& planes, const Settings& settings, std::ptrdiff_t first,
+struct Kernels {
+  void (*solve)(const Planes<T>& planes, const Settings& settings, std::ptrdiff_t first, std::ptrdiff_t last);
+  /// Of connected topologies of at least two nodes; x is to be stationary to `stationarity`.
+  void (*differentiate)(const GradientPlanes<T>& planes, double stationarity, std::ptrdiff_t first,
                         std::ptrdiff_t last);
+};
 
-/// The kernel for a topology, nullptr where there is none.
+/// The kernels for a topology, nullptr where there are none.
 template <typename T>
-using KernelFor = Kernel<T> (*)(int dim, int nodes, int link_count, bool is_full);
+using KernelsFor = Kernels<T> (*)(int dim, int nodes, int link_count, bool is_full);
 
 /// One instruction set.
 struct KernelSet {
-  KernelFor<float> of_float;
-  KernelFor<double> of_double;
+  KernelsFor<float> of_float;
+  KernelsFor<double> of_double;
 };
 
 enum Isa : int { kPortable = 0, kAvx2 = 1, kAvx512 = 2 };
