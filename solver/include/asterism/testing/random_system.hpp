@@ -123,14 +123,15 @@ void draw_anchor_stiffness(Rng& rng, System& system, double sum_of_links) {
 
 }  // namespace detail
 
-/// Dim x n coordinates, each uniform in [low, high), drawn node by node. Throws std::invalid_argument where the system's
-/// type has no room for n nodes.
+/// Dim x n coordinates, each uniform in [low, high), drawn node by node. Throws std::invalid_argument where
+/// the system's type has no room for n nodes.
 template <typename System>
 typename System::Points random_points(Rng& rng, int n, double low, double high) {
   using Points = typename System::Points;
   if ((Points::ColsAtCompileTime != Eigen::Dynamic && n != Points::ColsAtCompileTime) ||
       (Points::MaxColsAtCompileTime != Eigen::Dynamic && n > Points::MaxColsAtCompileTime)) {
-    throw std::invalid_argument("random_points: " + std::to_string(n) + " nodes do not fit the system's type");
+    throw std::invalid_argument("random_points: " + std::to_string(n) +
+                                " nodes do not fit the system's type");
   }
   return detail::random_points<System::kDim>(rng, n, low, high).template cast<typename System::Scalar>();
 }
