@@ -307,6 +307,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     distributed.limits = limits;
     return solve_distributed(distributed);
   }
+  if (solve->parsed() && is_petsc_file(file)) return solve_petsc_file(file, solvers_named(chosen), limits);
   if (petsc_file->parsed())
     return write_distributed(petsc_path, json_path, petsc_nodes, petsc_dim,
                              static_cast<std::uint64_t>(petsc_seed));

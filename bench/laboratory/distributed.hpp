@@ -26,6 +26,14 @@ struct DistributedRun {
 /// memory and arithmetic a node. Returns the exit code: errors are printed once.
 int solve_distributed(const DistributedRun& run);
 
+/// Whether a file is not JSON, and so may be in PETSc's format.
+bool is_petsc_file(const std::filesystem::path& file);
+
+/// Runs solvers of one process on the system of a file in PETSc's format, of points in the plane, and prints
+/// their table. Returns the exit code.
+int solve_petsc_file(const std::filesystem::path& file, const std::vector<SolverEntry>& solvers,
+                     const Limits& limits);
+
 /// Writes a file in PETSc's format: the first system of a JSON file, or, if `json` is empty, a random one of
 /// `nodes` nodes with local links.
 int write_distributed(const std::filesystem::path& file, const std::filesystem::path& json, int nodes,

@@ -128,7 +128,7 @@ class Solve {
 
   // PETSc's subdomains are known only once the matrix is: their options come from its database.
   static void set_default(const std::string& name, const char* value) {
-    const std::string key = "-" + std::string(kPrefix) + name;
+    const std::string key = std::string("-").append(kPrefix).append(name);
     PetscBool is_set = PETSC_FALSE;
     check(PetscOptionsHasName(nullptr, nullptr, key.c_str(), &is_set));
     if (!is_set) check(PetscOptionsSetValue(nullptr, key.c_str(), value));
