@@ -173,7 +173,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();
 
 #ifdef ASTERISM_BENCH_PETSC
-  DistributedRun distributed{{}, {}, distributed_methods()[0], distributed_preconditioners()[0], {}};
+  DistributedRun distributed{{}, {}, distributed_methods()[0], distributed_preconditioners()[0], true, {}};
   bool is_distributed = false;
   solve->add_flag("--distributed", is_distributed,
                   "solve the file's system on the processes of mpirun, by PETSc; the file may be in PETSc's "
@@ -188,6 +188,10 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->needs("--distributed")
       ->check(CLI::IsMember(distributed_preconditioners()))
       ->capture_default_str();
+  solve
+      ->add_flag("!--petsc-only", distributed.schwarz_first,
+                 "with --distributed: without Schwarz on each process first")
+      ->needs("--distributed");
   solve
       ->add_option("--save", distributed.save,
                    "with --distributed: writes the solved system, in PETSc's format")

@@ -156,6 +156,7 @@ void solve(const DistributedRun& run, SystemShare<kDim> share, double read_secon
   options.max_iterations = run.limits.iterations;
   options.method = named(kMethods, run.method);
   options.preconditioner = named(kPreconditioners, run.preconditioner);
+  options.schwarz_first = run.schwarz_first;
   const double partition_memory = peak_memory();
   const double flops_before = flops();
   const Summary summary = system.solve(options);
@@ -186,7 +187,7 @@ void solve(const DistributedRun& run, SystemShare<kDim> share, double read_secon
                 partition_seconds, solve_seconds);
     std::printf("memory        %.0f bytes a node at most until partitioned, %.0f until solved\n",
                 bytes_a_node(partition_memory), bytes_a_node(solve_memory));
-    std::printf("arithmetic    %.0f flops a node in the solve\n", flops_a_node);
+    std::printf("arithmetic    %.0f flops a node by PETSc\n", flops_a_node);
   }
   if (!run.save.empty()) {
     share.start = system.placement();

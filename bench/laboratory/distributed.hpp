@@ -19,6 +19,7 @@ struct DistributedRun {
   std::filesystem::path save;  ///< where to write the solved system, in PETSc's format; may be empty
   std::string method;
   std::string preconditioner;
+  bool schwarz_first = true;
   Limits limits;
 };
 

@@ -1,3 +1,4 @@
+#include <asterism/solver/method/schwarz.hpp>
 #include <chrono>
 #include <optional>
 #include <stdexcept>
@@ -77,6 +78,8 @@ class Solve {
       KSP ksp = nullptr;
       check(TaoGetKSP(tao, &ksp));
       check(KSPSetOptionsPrefix(ksp, kPrefix));
+      // The only norm that needs no sum over all processes of its own.
+      check(KSPSetNormType(ksp, KSP_NORM_NATURAL));
       precondition(ksp);
       // The radius is in the norm of the preconditioner, whose square is an energy: that of the start is 1.
       check(TaoSetInitialTrustRegionRadius(tao, 1));
@@ -275,6 +278,42 @@ struct DistributedSystem<kDim>::Impl {
     return grounded;
   }
 
+  // Each process minimises over its nodes, all at once. In one turn, those that are linked to a lower
+  // process's are held, in the next those that are linked to a higher one's: no two nodes that are linked
+  // move on two processes. A Schwarz that fails leaves its nodes where they were. With two turns, PETSc's
+  // Newton took 3 to 7 steps for 1e5 nodes on two processes, with four 1 or 2, in less time.
+  void minimise_locally(const DistributedOptions& options) {
+    using System = typename LocalSystem<kDim>::System;
+    System& system = local.system;
+    SchwarzOptions sweeps;
+    sweeps.tolerance = options.tolerance;
+    sweeps.stop = options.stop;
+    sweeps.align = false;  // the others' nodes would have to move too
+    std::vector<int> held;
+    const auto hold = [&](int i) {
+      if (system.is_fixed(i)) return;
+      system.fix(i);
+      held.push_back(i);
+    };
+    const int turns = comm.size() > 1 ? 4 : 1;
+    for (int turn = 0; turn < turns; ++turn) {
+      for (const Link& link : system.links()) {
+        const auto [own, ghost] = std::minmax(link.i, link.j);
+        if (ghost < local.own) continue;
+        const bool is_lower = local.rows[static_cast<std::size_t>(ghost)] < local.rows.front();
+        if (is_lower == (turn % 2 == 0)) hold(own);
+        hold(ghost);
+      }
+      Points points = field->fetch(x);
+      (void)Schwarz<System>(system, sweeps).solve(system, points);
+      for (const int i : std::exchange(held, {})) system.release(i);
+      double* values = nullptr;
+      check(VecGetArrayWrite(x, &values));
+      Eigen::Map<Points>(values, kDim, local.own) = points.leftCols(local.own);
+      check(VecRestoreArrayWrite(x, &values));
+    }
+  }
+
   void solve(const DistributedOptions& options, Vec start, Summary& summary) {
     OwnedVec gradient;
     check(VecDuplicate(x, &gradient));
@@ -291,6 +330,7 @@ struct DistributedSystem<kDim>::Impl {
     }
     summary.initial_energy = energy_unit * first_energy;
 
+    if (options.schwarz_first && options.max_iterations > 0) minimise_locally(options);
     field->energy_evaluations = field->gradient_evaluations = 0;
     Solve<kDim> solve(comm, *field, options, x);
     Message words = "";
