@@ -198,7 +198,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->needs("--distributed");
 
   CLI::App* petsc_file = app.add_subcommand(
-      "petsc-file", "writes a system to a file in PETSc's format, which processes read in parallel");
+      "petsc-file", "writes a system to a file in PETSc's format, which processes read together");
   std::string petsc_path, json_path;
   int petsc_nodes = 1000, petsc_dim = 2, petsc_seed = 1;
   petsc_file->add_option("FILE", petsc_path, "the file to write")->required();
