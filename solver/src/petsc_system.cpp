@@ -330,14 +330,27 @@ struct DistributedSystem<kDim>::Impl {
     }
     summary.initial_energy = energy_unit * first_energy;
 
-    if (options.schwarz_first && options.max_iterations > 0) minimise_locally(options);
     field->energy_evaluations = field->gradient_evaluations = 0;
-    Solve<kDim> solve(comm, *field, options, x);
+    // A place across a cut that is still frustrated would limit each step: turns and steps alternate, as in
+    // Schwarz.
+    constexpr int kRounds = 5;
+    const int steps = options.method == PetscMethod::NewtonTrustRegion ? 4 : 100;
+    DistributedOptions part = options;
+    std::optional<Solve<kDim>> solve;
     Message words = "";
     Status status = Status::MaxIterations;
-    if (options.max_iterations > 0) status = solve.run(words);
-    summary.iterations = solve.iterations();
-    summary.linear_solves = solve.linear_solves();
+    summary.iterations = summary.linear_solves = 0;
+    for (int round = 0;; ++round) {
+      const bool is_local = options.schwarz_first && options.max_iterations > 0 && round < kRounds;
+      if (is_local) minimise_locally(options);
+      const int left = options.max_iterations - summary.iterations;
+      part.max_iterations = is_local ? std::min(left, steps) : left;
+      solve.emplace(comm, *field, part, x);
+      if (left > 0) status = solve->run(words);
+      summary.iterations += solve->iterations();
+      summary.linear_solves += solve->linear_solves();
+      if (!is_local || status != Status::MaxIterations || solve->is_stopped() || left <= steps) break;
+    }
     summary.factorizations = 0;
     summary.energy_evaluations = field->energy_evaluations;
     summary.gradient_evaluations = field->gradient_evaluations;
@@ -355,9 +368,9 @@ struct DistributedSystem<kDim>::Impl {
       check(field->stationarity(gradient, &stationarity));
       status = is_finite ? Status::NoProgress : Status::NumericalFailure;
       summary.message = "no step lowered the energy";
-    } else if (stationarity <= solve.tolerance()) {
+    } else if (stationarity <= solve->tolerance()) {
       status = Status::Converged;
-    } else if (solve.is_stopped()) {
+    } else if (solve->is_stopped()) {
       status = Status::Interrupted;
     } else if (status == Status::Converged) {
       status = Status::NoProgress;
