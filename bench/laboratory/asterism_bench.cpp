@@ -173,7 +173,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();
 
 #ifdef ASTERISM_BENCH_PETSC
-  DistributedRun distributed{{}, {}, distributed_methods()[0], distributed_preconditioners()[0], {}};
+  DistributedRun distributed{{}, {}, distributed_methods()[0], distributed_preconditioners()[0], true, {}};
   bool is_distributed = false;
   solve->add_flag("--distributed", is_distributed,
                   "solve the file's system on the processes of mpirun, by PETSc; the file may be in PETSc's "
@@ -189,12 +189,16 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->check(CLI::IsMember(distributed_preconditioners()))
       ->capture_default_str();
   solve
+      ->add_flag("!--petsc-only", distributed.schwarz_first,
+                 "with --distributed: without Schwarz on each process first")
+      ->needs("--distributed");
+  solve
       ->add_option("--save", distributed.save,
                    "with --distributed: writes the solved system, in PETSc's format")
       ->needs("--distributed");
 
   CLI::App* petsc_file = app.add_subcommand(
-      "petsc-file", "writes a system to a file in PETSc's format, which processes read in parallel");
+      "petsc-file", "writes a system to a file in PETSc's format, which processes read together");
   std::string petsc_path, json_path;
   int petsc_nodes = 1000, petsc_dim = 2, petsc_seed = 1;
   petsc_file->add_option("FILE", petsc_path, "the file to write")->required();
@@ -307,6 +311,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     distributed.limits = limits;
     return solve_distributed(distributed);
   }
+  if (solve->parsed() && is_petsc_file(file)) return solve_petsc_file(file, solvers_named(chosen), limits);
   if (petsc_file->parsed())
     return write_distributed(petsc_path, json_path, petsc_nodes, petsc_dim,
                              static_cast<std::uint64_t>(petsc_seed));

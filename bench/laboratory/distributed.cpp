@@ -15,6 +15,8 @@
 #include <stdexcept>
 #include <variant>
 
+#include "solve.hpp"
+
 namespace asterism::bench {
 
 namespace {
@@ -94,16 +96,24 @@ AnyShare read_json(const std::filesystem::path& file) {
 }
 
 AnyShare read(const std::filesystem::path& file) {
-  const bool is_json = on_first([&] {
-                         std::ifstream in(file, std::ios::binary);
-                         char first = 0;
-                         if (!(in >> std::ws).get(first))
-                           throw std::runtime_error(file.string() + ": cannot be read");
-                         return first == '{' || first == '[' ? 1 : 0;
-                       }) != 0;
-  if (is_json) return read_json(file);
+  if (on_first([&] { return is_petsc_file(file) ? 1 : 0; }) == 0) return read_json(file);
   if (petsc_file_dim(PETSC_COMM_WORLD, file) == 2) return read_petsc<2>(PETSC_COMM_WORLD, file);
   return read_petsc<3>(PETSC_COMM_WORLD, file);
+}
+
+/// The system of a file in PETSc's format as one process has it.
+Problem read_problem(const std::filesystem::path& file) {
+  const auto share = read_petsc<2>(PETSC_COMM_SELF, file);
+  std::vector<Link> links;
+  links.reserve(share.links.size());
+  for (const auto& [i, j] : share.links) links.push_back({static_cast<int>(i), static_cast<int>(j)});
+  Problem problem{System(Topology<>::from_links(static_cast<int>(share.start.cols()), links)), share.start};
+  problem.system.anchors = share.anchors;
+  problem.system.anchor_stiffness = share.anchor_stiffness;
+  problem.system.rest_length = share.rest_length;
+  problem.system.link_stiffness = share.link_stiffness;
+  for (const std::int64_t i : share.fixed) problem.system.fix(static_cast<int>(i));
+  return problem;
 }
 
 /// The time since the last call, on the slowest process [s].
@@ -146,6 +156,7 @@ void solve(const DistributedRun& run, SystemShare<kDim> share, double read_secon
   options.max_iterations = run.limits.iterations;
   options.method = named(kMethods, run.method);
   options.preconditioner = named(kPreconditioners, run.preconditioner);
+  options.schwarz_first = run.schwarz_first;
   const double partition_memory = peak_memory();
   const double flops_before = flops();
   const Summary summary = system.solve(options);
@@ -176,7 +187,7 @@ void solve(const DistributedRun& run, SystemShare<kDim> share, double read_secon
                 partition_seconds, solve_seconds);
     std::printf("memory        %.0f bytes a node at most until partitioned, %.0f until solved\n",
                 bytes_a_node(partition_memory), bytes_a_node(solve_memory));
-    std::printf("arithmetic    %.0f flops a node in the solve\n", flops_a_node);
+    std::printf("arithmetic    %.0f flops a node by PETSc\n", flops_a_node);
   }
   if (!run.save.empty()) {
     share.start = system.placement();
@@ -220,6 +231,17 @@ int solve_distributed(const DistributedRun& run) {
     const double seconds = laps.lap();
     std::visit([&](auto& of_dim) { solve(run, std::move(of_dim), seconds, first_memory, laps); }, share);
   });
+}
+
+bool is_petsc_file(const std::filesystem::path& file) {
+  std::ifstream in(file, std::ios::binary);
+  char first = 0;
+  return (in >> std::ws).get(first) && first != '{' && first != '[';
+}
+
+int solve_petsc_file(const std::filesystem::path& file, const std::vector<SolverEntry>& solvers,
+                     const Limits& limits) {
+  return with_petsc([&] { solve_problem(file.string(), read_problem(file), solvers, limits); });
 }
 
 int write_distributed(const std::filesystem::path& file, const std::filesystem::path& json, int nodes,

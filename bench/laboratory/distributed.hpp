@@ -19,12 +19,21 @@ struct DistributedRun {
   std::filesystem::path save;  ///< where to write the solved system, in PETSc's format; may be empty
   std::string method;
   std::string preconditioner;
+  bool schwarz_first = true;
   Limits limits;
 };
 
 /// Solves the system of a file and prints, on the first process, how it went, the time of each step, and
 /// memory and arithmetic a node. Returns the exit code: errors are printed once.
 int solve_distributed(const DistributedRun& run);
+
+/// Whether a file is not JSON, and so may be in PETSc's format.
+bool is_petsc_file(const std::filesystem::path& file);
+
+/// Runs solvers of one process on the system of a file in PETSc's format, of points in the plane, and prints
+/// their table. Returns the exit code.
+int solve_petsc_file(const std::filesystem::path& file, const std::vector<SolverEntry>& solvers,
+                     const Limits& limits);
 
 /// Writes a file in PETSc's format: the first system of a JSON file, or, if `json` is empty, a random one of
 /// `nodes` nodes with local links.

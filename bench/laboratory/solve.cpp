@@ -47,20 +47,25 @@ std::vector<Problem> read_problems(const std::filesystem::path& path) {
   return problems;
 }
 
+void solve_problem(const std::string& name, const Problem& problem, const std::vector<SolverEntry>& entries,
+                   const Limits& limits) {
+  std::printf("%s: %d nodes, %d links, energy at the start %.15g\n", name.c_str(), problem.system.nodes(),
+              problem.system.link_count(), energy(problem.system, problem.start));
+  std::vector<SolverEntry> able;
+  for (const SolverEntry& entry : entries) {
+    if (entry.reaches(problem.system)) able.push_back(entry);
+  }
+  solve_one(problem, able, limits);
+}
+
 void solve_file(const std::filesystem::path& path, const std::vector<SolverEntry>& entries,
                 const Limits& limits) {
   const auto systems = read_systems<System>(path);
   if (systems.empty()) throw std::runtime_error(path.string() + ": no systems");
   for (std::size_t s = 0; s < systems.size(); ++s) {
-    const Problem problem{systems[s].system, systems[s].start};
-    std::printf("%s%s: %d nodes, %d links, energy at the start %.15g\n", s > 0 ? "\n" : "",
-                systems[s].name.empty() ? ("system " + std::to_string(s)).c_str() : systems[s].name.c_str(),
-                problem.system.nodes(), problem.system.link_count(), energy(problem.system, problem.start));
-    std::vector<SolverEntry> able;
-    for (const SolverEntry& entry : entries) {
-      if (entry.reaches(problem.system)) able.push_back(entry);
-    }
-    solve_one(problem, able, limits);
+    if (s > 0) std::printf("\n");
+    solve_problem(systems[s].name.empty() ? "system " + std::to_string(s) : systems[s].name,
+                  {systems[s].system, systems[s].start}, entries, limits);
   }
 }
 

@@ -1,4 +1,4 @@
-"""Writes a spring system to a file in PETSc's binary format, which processes read in parallel: NumPy alone."""
+"""Writes a spring system to a file in PETSc's binary format, which processes read together: NumPy alone."""
 
 import sys
 

@@ -1,3 +1,4 @@
+#include <asterism/solver/method/schwarz.hpp>
 #include <chrono>
 #include <optional>
 #include <stdexcept>
@@ -77,6 +78,8 @@ class Solve {
       KSP ksp = nullptr;
       check(TaoGetKSP(tao, &ksp));
       check(KSPSetOptionsPrefix(ksp, kPrefix));
+      // The only norm that needs no sum over all processes of its own.
+      check(KSPSetNormType(ksp, KSP_NORM_NATURAL));
       precondition(ksp);
       // The radius is in the norm of the preconditioner, whose square is an energy: that of the start is 1.
       check(TaoSetInitialTrustRegionRadius(tao, 1));
@@ -128,7 +131,7 @@ class Solve {
 
   // PETSc's subdomains are known only once the matrix is: their options come from its database.
   static void set_default(const std::string& name, const char* value) {
-    const std::string key = "-" + std::string(kPrefix) + name;
+    const std::string key = std::string("-").append(kPrefix).append(name);
     PetscBool is_set = PETSC_FALSE;
     check(PetscOptionsHasName(nullptr, nullptr, key.c_str(), &is_set));
     if (!is_set) check(PetscOptionsSetValue(nullptr, key.c_str(), value));
@@ -275,6 +278,42 @@ struct DistributedSystem<kDim>::Impl {
     return grounded;
   }
 
+  // Each process minimises over its nodes, all at once. In one turn, those that are linked to a lower
+  // process's are held, in the next those that are linked to a higher one's: no two nodes that are linked
+  // move on two processes. A Schwarz that fails leaves its nodes where they were. With two turns, PETSc's
+  // Newton took 3 to 7 steps for 1e5 nodes on two processes, with four 1 or 2, in less time.
+  void minimise_locally(const DistributedOptions& options) {
+    using System = typename LocalSystem<kDim>::System;
+    System& system = local.system;
+    SchwarzOptions sweeps;
+    sweeps.tolerance = options.tolerance;
+    sweeps.stop = options.stop;
+    sweeps.align = false;  // the others' nodes would have to move too
+    std::vector<int> held;
+    const auto hold = [&](int i) {
+      if (system.is_fixed(i)) return;
+      system.fix(i);
+      held.push_back(i);
+    };
+    const int turns = comm.size() > 1 ? 4 : 1;
+    for (int turn = 0; turn < turns; ++turn) {
+      for (const Link& link : system.links()) {
+        const auto [own, ghost] = std::minmax(link.i, link.j);
+        if (ghost < local.own) continue;
+        const bool is_lower = local.rows[static_cast<std::size_t>(ghost)] < local.rows.front();
+        if (is_lower == (turn % 2 == 0)) hold(own);
+        hold(ghost);
+      }
+      Points points = field->fetch(x);
+      (void)Schwarz<System>(system, sweeps).solve(system, points);
+      for (const int i : std::exchange(held, {})) system.release(i);
+      double* values = nullptr;
+      check(VecGetArrayWrite(x, &values));
+      Eigen::Map<Points>(values, kDim, local.own) = points.leftCols(local.own);
+      check(VecRestoreArrayWrite(x, &values));
+    }
+  }
+
   void solve(const DistributedOptions& options, Vec start, Summary& summary) {
     OwnedVec gradient;
     check(VecDuplicate(x, &gradient));
@@ -292,12 +331,26 @@ struct DistributedSystem<kDim>::Impl {
     summary.initial_energy = energy_unit * first_energy;
 
     field->energy_evaluations = field->gradient_evaluations = 0;
-    Solve<kDim> solve(comm, *field, options, x);
+    // A place across a cut that is still frustrated would limit each step: turns and steps alternate, as in
+    // Schwarz.
+    constexpr int kRounds = 5;
+    const int steps = options.method == PetscMethod::NewtonTrustRegion ? 4 : 100;
+    DistributedOptions part = options;
+    std::optional<Solve<kDim>> solve;
     Message words = "";
     Status status = Status::MaxIterations;
-    if (options.max_iterations > 0) status = solve.run(words);
-    summary.iterations = solve.iterations();
-    summary.linear_solves = solve.linear_solves();
+    summary.iterations = summary.linear_solves = 0;
+    for (int round = 0;; ++round) {
+      const bool is_local = options.schwarz_first && options.max_iterations > 0 && round < kRounds;
+      if (is_local) minimise_locally(options);
+      const int left = options.max_iterations - summary.iterations;
+      part.max_iterations = is_local ? std::min(left, steps) : left;
+      solve.emplace(comm, *field, part, x);
+      if (left > 0) status = solve->run(words);
+      summary.iterations += solve->iterations();
+      summary.linear_solves += solve->linear_solves();
+      if (!is_local || status != Status::MaxIterations || solve->is_stopped() || left <= steps) break;
+    }
     summary.factorizations = 0;
     summary.energy_evaluations = field->energy_evaluations;
     summary.gradient_evaluations = field->gradient_evaluations;
@@ -315,9 +368,9 @@ struct DistributedSystem<kDim>::Impl {
       check(field->stationarity(gradient, &stationarity));
       status = is_finite ? Status::NoProgress : Status::NumericalFailure;
       summary.message = "no step lowered the energy";
-    } else if (stationarity <= solve.tolerance()) {
+    } else if (stationarity <= solve->tolerance()) {
       status = Status::Converged;
-    } else if (solve.is_stopped()) {
+    } else if (solve->is_stopped()) {
       status = Status::Interrupted;
     } else if (status == Status::Converged) {
       status = Status::NoProgress;

@@ -6,6 +6,7 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <filesystem>
@@ -119,48 +120,99 @@ void expect_minimum(const SpringSystem<double, kDim>& system,
   }
 }
 
+/// Without Schwarz first.
+DistributedOptions petsc_only() {
+  DistributedOptions options;
+  options.schwarz_first = false;
+  return options;
+}
+
 template <typename System>
 void weaken_anchors(System& system, double factor) {
   system.anchor_stiffness *= factor;
 }
 
 TEST(Petsc, FindsTheMinimumInThePlane) {
+  // Small: each iteration of conjugate gradients waits for the other processes, which may wait for a core.
   for (const std::uint64_t seed : {1U, 2U, 3U}) {
-    const auto random = testing::sparse_system<Plane>(seed, 500);
+    const auto random = testing::sparse_system<Plane>(seed, 150);
+    expect_minimum<2>(random.system, random.start, petsc_only());
     expect_minimum<2>(random.system, random.start);
   }
 }
 
 TEST(Petsc, FindsTheMinimumInSpace) {
   for (const std::uint64_t seed : {1U, 2U}) {
-    const auto random = testing::sparse_system<Space>(seed, 400);
+    const auto random = testing::sparse_system<Space>(seed, 150);
+    expect_minimum<3>(random.system, random.start, petsc_only());
     expect_minimum<3>(random.system, random.start);
   }
 }
 
 TEST(Petsc, FindsTheMinimumOfWeakAnchors) {
-  auto random = testing::sparse_system<Plane>(4, 400);
+  auto random = testing::sparse_system<Plane>(4, 150);
   weaken_anchors(random.system, 1e-4);
-  expect_minimum<2>(random.system, random.system.anchors);
+  DistributedOptions options = petsc_only();
+  options.preconditioner = PetscPreconditioner::AdditiveSchwarz;
+  expect_minimum<2>(random.system, random.system.anchors, options);
 }
 
 TEST(Petsc, FindsTheMinimumOfAFullyLinkedSystem) {
   const auto random = testing::numbered_system<Plane>(testing::Kind::Lit, Topology<>::full(30), 3);
-  expect_minimum<2>(random.system, random.start);
+  expect_minimum<2>(random.system, random.start, petsc_only());
 }
 
 TEST(Petsc, FindsTheMinimumByEveryMethod) {
-  const auto random = testing::sparse_system<Plane>(5, 300);
+  const auto random = testing::sparse_system<Plane>(5, 100);
   for (const PetscMethod method : {PetscMethod::NewtonTrustRegion, PetscMethod::Lmvm}) {
     for (const auto preconditioner :
          {PetscPreconditioner::Jacobi, PetscPreconditioner::Gamg, PetscPreconditioner::AdditiveSchwarz}) {
-      DistributedOptions options;
+      DistributedOptions options = petsc_only();
       options.tolerance = 1e-6;  // first-order methods compare energies
       options.method = method;
       options.preconditioner = preconditioner;
       SCOPED_TRACE(static_cast<int>(method));
       SCOPED_TRACE(static_cast<int>(preconditioner));
       expect_minimum<2>(random.system, random.start, options);
+    }
+  }
+}
+
+TEST(Petsc, LeavesLittleToPetscAfterSchwarz) {
+  const auto random = testing::sparse_system<Plane>(15, 400);
+  DistributedSystem<2> distributed(MPI_COMM_WORLD, part(random.system, random.start));
+  const Summary first = distributed.solve();
+  EXPECT_EQ(first.status, Status::Converged) << first;
+  if (size() == 1) {
+    EXPECT_EQ(first.iterations, 0);
+    Plane::Points x = random.start;
+    SchwarzOptions options;
+    options.align = false;
+    const Summary ours = Schwarz<Plane>(random.system, options).solve(random.system, x);
+    EXPECT_NEAR(first.final_energy, ours.final_energy, 1e-12 * ours.final_energy);
+    EXPECT_LT((distributed.gather(0) - x).cwiseAbs().maxCoeff(), 1e-12);
+  } else {
+    EXPECT_GT(distributed.cut_links(), 0);
+    EXPECT_LT(distributed.cut_links(), random.system.link_count() / 3);
+    const Summary plain =
+        DistributedSystem<2>(MPI_COMM_WORLD, part(random.system, random.start)).solve(petsc_only());
+    EXPECT_LT(2 * first.iterations, plain.iterations);
+  }
+}
+
+TEST(Petsc, HoldsAfterwardsOnlyWhatWasHeldBefore) {
+  auto random = testing::sparse_system<Plane>(16, 100);
+  for (const int i : {3, 50, 99}) random.system.fix(i);
+  DistributedSystem<2> distributed(MPI_COMM_WORLD, part(random.system, random.start));
+  EXPECT_EQ(distributed.solve().status, Status::Converged);
+  const auto x = distributed.gather(0);
+  if (rank() != 0) return;
+  for (int i = 0; i < 100; ++i) {
+    const double moved = (x.col(i) - random.start.col(i)).norm();
+    if (random.system.is_fixed(i)) {
+      EXPECT_LT(moved, 1e-14) << i;
+    } else {
+      EXPECT_GT(moved, 1e-6) << i;
     }
   }
 }
@@ -306,7 +358,7 @@ TEST(Petsc, RefusesNumbersThatOverflow) {
 }
 
 TEST(Petsc, IsOfTheSameResultInOtherUnits) {
-  const auto random = testing::sparse_system<Plane>(9, 200);
+  const auto random = testing::sparse_system<Plane>(9, 100);
   Plane system = random.system;
   const double length = 0x1p40;
   const double stiffness = 0x1p-60;
@@ -314,8 +366,10 @@ TEST(Petsc, IsOfTheSameResultInOtherUnits) {
   system.rest_length *= length;
   system.anchor_stiffness *= stiffness;
   system.link_stiffness *= stiffness;
-  const Summary plain = DistributedSystem<2>(MPI_COMM_WORLD, part(random.system, random.start)).solve();
-  const Summary other = DistributedSystem<2>(MPI_COMM_WORLD, part<2>(system, random.start * length)).solve();
+  const Summary plain =
+      DistributedSystem<2>(MPI_COMM_WORLD, part(random.system, random.start)).solve(petsc_only());
+  const Summary other =
+      DistributedSystem<2>(MPI_COMM_WORLD, part<2>(system, random.start * length)).solve(petsc_only());
   // On several processes the partition may differ, and with it the rounding of sums.
   const double energy = plain.final_energy * stiffness * length * length;
   if (size() == 1) {
@@ -327,10 +381,10 @@ TEST(Petsc, IsOfTheSameResultInOtherUnits) {
 }
 
 TEST(Petsc, StopsWhereItIsAskedTo) {
-  const auto random = testing::sparse_system<Plane>(10, 200);
+  const auto random = testing::sparse_system<Plane>(10, 100);
   DistributedSystem<2> distributed(MPI_COMM_WORLD, part(random.system, random.start));
   const std::atomic<bool> stop = true;
-  DistributedOptions options;
+  DistributedOptions options = petsc_only();
   if (rank() == size() - 1) options.stop = &stop;
   EXPECT_EQ(distributed.solve(options).status, Status::Interrupted);
   options.stop = nullptr;
