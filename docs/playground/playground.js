@@ -160,6 +160,7 @@ function writeSystem(p) {
 
 let solver, problem, preset = null;
 let view = {scale: 1, x: 0, y: 0};
+let fitted = {};               // the view that fit() made
 let selected = {kind: 'node', index: 0}, linkFrom = -1;
 let shown = null;              // the chosen method's solve, with certificate and covariances
 let all = [];                  // the solves of all methods
@@ -275,7 +276,13 @@ function fit() {
   view.x = (left + right) / 2 - width / 2 / view.scale;
   view.y = (top + bottom) / 2 - height / 2 / view.scale;
   reference.size = Math.max(wide, high);
+  fitted = {...view};
   redo();
+}
+/** Another size of the window keeps everything in view, unless the user has chosen a view. */
+function resized() {
+  const isFitted = ['scale', 'x', 'y'].every((key) => view[key] === fitted[key]);
+  if (isFitted && !pointer) fit(); else redo();
 }
 function redo() { if (wantsLandscape() && shown) { tasks = [mapLandscape, ...tasks.filter((t) => t !== mapLandscape)]; } isDirty = true; }
 
@@ -868,7 +875,7 @@ function begin() {
     try { await navigator.clipboard.writeText(location.href); $('status').textContent = 'The link is copied.'; } catch { $('status').textContent = 'The link is in the address bar.'; }
   };
   addEventListener('hashchange', () => readState().catch(complain));
-  new ResizeObserver(() => redo()).observe(canvas);
+  new ResizeObserver(resized).observe(canvas);
   startTheme($('theme'), repaint);
 }
 function complain(error) { $('status').textContent = `The link: ${error.message}`; }

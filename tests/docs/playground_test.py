@@ -249,6 +249,15 @@ class Test:
             check(self.browser.run('return document.documentElement.dataset.theme') == ('dark' if dark else 'light'), 'the theme is not the system\'s')
             width = self.browser.run('return document.scrollingElement.scrollWidth')
             check(width <= 375, f'{width} px wide on a phone of 375')
+        # A window that changes its size, as a phone that is turned, still shows all parts.
+        for size in ((1280, 800), (375, 740), (740, 375)):
+            self.browser.resize(*size)
+            time.sleep(0.2)
+            self.browser.idle()
+            box = self.browser.run('const b = document.getElementById("view").getBoundingClientRect(); return [b.left, b.top, b.right, b.bottom]')
+            for node in range(5):
+                x, y = self.browser.run(f'return playground.place("node", {node})')
+                check(box[0] < x < box[2] and box[1] < y < box[3], f'in a window of {size}, part {node} is at {x}, {y}, out of {box}')
         self.browser.resize(1280, 800)
 
     def pictures(self, folder):
