@@ -22,6 +22,18 @@ function(asterism_private_options target)
   set_target_properties(${target} PROPERTIES CXX_EXTENSIONS OFF CXX_VISIBILITY_PRESET hidden)
 endfunction()
 
+# asterism_share_precompiled(TARGET HEADER...): one precompiled header per folder, as it takes longer to compile than most of its
+# programs: that of the first target, which therefore must not have compile definitions of its own.
+function(asterism_share_precompiled target)
+  get_property(first DIRECTORY PROPERTY ASTERISM_PRECOMPILED)
+  if(first)
+    target_precompile_headers(${target} REUSE_FROM ${first})
+  else()
+    target_precompile_headers(${target} PRIVATE ${ARGN})
+    set_property(DIRECTORY PROPERTY ASTERISM_PRECOMPILED ${target})
+  endif()
+endfunction()
+
 # asterism_command_line(SOURCE): for a source that parses a command line with CLI11, which takes twice as long
 # to compile with full optimisation. It cannot share the precompiled headers, which have the other options.
 function(asterism_command_line source)

@@ -72,8 +72,7 @@ void measure(Bars& bars, const Samples& systems, bool lit) {
     const auto& [system, start] = systems[static_cast<std::size_t>(s)];
     given.set(s, system, start);
   }
-  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
-    if (!is_available(simd)) continue;
+  for (const Simd simd : available_simd()) {
     BatchNewton<Batch> solver;
     solver.options.tolerance = kTolerance;
     solver.simd = simd;

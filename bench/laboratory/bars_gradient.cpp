@@ -79,8 +79,7 @@ void batch(Bars& bars, testing::Kind kind) {
   for (int i = 0; i < gradient.nodes(); ++i) {
     for (int axis = 0; axis < 2; ++axis) gradient.grad_x(i, axis).setOnes();
   }
-  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
-    if (!is_available(simd)) continue;
+  for (const Simd simd : available_simd()) {
     BatchNewton<Batch> solver;
     BatchSensitivity<Batch> sensitivity;
     solver.simd = sensitivity.simd = simd;

@@ -102,8 +102,7 @@ int main(int argc, char** argv) {
   const std::string counting = counters.available() ? "yes" : "none (" + counters.problem() + ")";
   std::fprintf(stderr, "counters of cycles and instructions: %s\n", counting.c_str());
   benchmark::AddCustomContext("hardware_counters", counting);
-  for (const Simd instructions : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
-    if (!is_available(instructions)) continue;
+  for (const Simd instructions : available_simd()) {
     char peaks[80];
     std::snprintf(peaks, sizeof peaks, "double %.1f, float %.1f Gflop/s",
                   1e-9 * arithmetic_peak<double>(instructions), 1e-9 * arithmetic_peak<float>(instructions));

@@ -175,8 +175,7 @@ void batch_solve(benchmark::State& state, Simd instructions, int nodes) {
 
 template <typename Batch>
 void add_batch(int nodes) {
-  for (const Simd instructions : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
-    if (!is_available(instructions)) continue;
+  for (const Simd instructions : available_simd()) {
     const std::string kernel = "batch_newton/" + std::string(to_string(instructions));
     benchmark::RegisterBenchmark(
         name_of<typename Batch::System>(kernel, Linking::Full, nodes).c_str(),

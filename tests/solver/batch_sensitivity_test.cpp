@@ -34,14 +34,6 @@ using testing::Rng;
 
 using Four = SpringBatch<double, 2, 4>;
 
-std::vector<Simd> available() {
-  std::vector<Simd> result;
-  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
-    if (is_available(simd)) result.push_back(simd);
-  }
-  return result;
-}
-
 /// A system with a point at which its derivatives are asked for, and with dL/dx.
 template <typename System>
 struct Case {
@@ -140,7 +132,7 @@ int expect_as_single(const std::vector<Case<typename Batch::System>>& cases,
                                          : Eigen::VectorXd());
   }
   int left = 0;
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     BatchGradient<Batch> gradient = gradient_of(batch, cases);
     BatchSensitivity<Batch> lanes(batch);
     lanes.simd = simd;
@@ -455,7 +447,7 @@ TEST(BatchSensitivity, ThreadsAndPlacesAgreeBitForBit) {
   std::reverse(reversed.begin(), reversed.end());
   const Four batch = batch_of<Four>(cases, Topology<4>::full());
   const Four other = batch_of<Four>(reversed, Topology<4>::full());
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     BatchSensitivity sensitivity(batch);
     sensitivity.simd = simd;
     auto one = gradient_of(batch, cases);
@@ -504,7 +496,7 @@ TEST(BatchSensitivity, OptionsAreThoseOfSensitivity) {
   auto cases = solved<Four>(100, Topology<4>::full(), Kind::Track);
   for (auto& one : cases) one.x += 1e-3 * one.grad_x;
   const Four batch = batch_of<Four>(cases, Topology<4>::full());
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     BatchSensitivity sensitivity(batch);
     sensitivity.simd = simd;
     auto gradient = gradient_of(batch, cases);

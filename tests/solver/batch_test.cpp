@@ -58,14 +58,6 @@ Batch batch_of(const Samples<System>& systems, const typename Batch::TopologyTyp
   return batch;
 }
 
-std::vector<Simd> available() {
-  std::vector<Simd> result;
-  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
-    if (is_available(simd)) result.push_back(simd);
-  }
-  return result;
-}
-
 template <typename System>
 double least_eigenvalue(const System& system, const typename System::Points& x) {
   return testing::eigenvalues(hessian(system, x).template cast<double>())[0];
@@ -125,7 +117,7 @@ TEST(Batch, ReachesTheMinimaOfNewton) {
       auto x = start;
       expected.push_back(newton.solve(system, x).final_energy);
     }
-    for (const Simd simd : available()) {
+    for (const Simd simd : available_simd()) {
       auto batch = batch_of<SpringBatch<double, 2, 4>>(systems, Topology<4>::full());
       BatchNewton solver(batch);
       solver.simd = simd;
@@ -157,7 +149,7 @@ void expect_minima_of_newton(const typename Batch::TopologyType& topology) {
     auto x = start;
     expected.push_back(newton.solve(system, x).final_energy);
   }
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     auto batch = batch_of<Batch>(systems, topology);
     std::vector<typename Batch::Points> starts(systems.size());
     System system(topology);
@@ -194,7 +186,7 @@ TEST(Batch, InstructionsAgree) {
     BatchNewton<Batch> solver;
     solver.simd = Simd::Portable;
     solver.solve(reference);
-    for (const Simd simd : available()) {
+    for (const Simd simd : available_simd()) {
       auto batch = batch_of<Batch>(systems, Topology<4>::full());
       solver.simd = simd;
       solver.solve(batch);
@@ -233,7 +225,7 @@ struct Backwards {
 TEST(Batch, ThreadsAndPlacesAgreeBitForBit) {
   const int count = 6000;
   const auto systems = samples<Fixed>(count, Topology<4>::full());
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     auto one = batch_of<SpringBatch<double, 2, 4>>(systems, Topology<4>::full());
     auto reversed = one, halved = one;
     BatchNewton solver(one);
@@ -261,7 +253,7 @@ TEST(Batch, ThreadsAndPlacesAgreeBitForBit) {
 TEST(Batch, AnyNumberOfSystems) {
   const auto all = samples<Fixed>(70, Topology<4>::full());
   auto full = batch_of<SpringBatch<double, 2, 4>>(all, Topology<4>::full());
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     BatchNewton solver(full);
     solver.simd = simd;
     full = batch_of<SpringBatch<double, 2, 4>>(all, Topology<4>::full());
@@ -406,7 +398,7 @@ void expect_awkward_sound(const typename Batch::TopologyType& topology) {
   }
   std::vector<Status> expected;
   std::vector<typename System::Points> starts;
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     auto batch = batch_of<Batch>(systems, topology);
     if (expected.empty()) {
       System system(topology);
@@ -469,7 +461,7 @@ TEST(Batch, MeasuresAsTheScalarRule) {
         system.anchors.col(0).setConstant(Scalar(100));
       }
     }
-    for (const Simd simd : available()) {
+    for (const Simd simd : available_simd()) {
       auto batch = batch_of<Batch>(systems, topology);
       BatchNewton<Batch> solver;
       solver.simd = simd;
@@ -521,7 +513,7 @@ TEST(Batch, SaddlesAreLeft) {
   Fixed::Points saddle = system.anchors;
   solve_ida(system, saddle);
   ASSERT_LT(least_eigenvalue(system, saddle), -0.1);
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     SpringBatch<double, 2, 4> batch(Topology<4>::full(), 3);
     batch.set(0, system, saddle);
     batch.set(1, system, system.anchors);
@@ -546,7 +538,7 @@ TEST(Batch, WeakAnchors) {
   for (const double weakness : {1e-2, 1e-4, 1e-8, 1e-12}) {
     auto systems = samples<Fixed>(500, Topology<4>::full());
     for (auto& [system, start] : systems) system.anchor_stiffness *= weakness;
-    for (const Simd simd : available()) {
+    for (const Simd simd : available_simd()) {
       auto batch = batch_of<SpringBatch<double, 2, 4>>(systems, Topology<4>::full());
       BatchNewton solver(batch);
       solver.simd = simd;
@@ -575,7 +567,7 @@ TEST(Batch, AnyTopology) {
       auto x = start;
       expected.push_back(Newton(system).solve(system, x).final_energy);
     }
-    for (const Simd simd : available()) {
+    for (const Simd simd : available_simd()) {
       auto batch = batch_of<SpringBatch<double, 2>>(systems, topology);
       BatchNewton solver(batch);
       solver.simd = simd;
@@ -601,7 +593,7 @@ TEST(Batch, FloatKeepsItsDigitsFarFromTheOrigin) {
       system.anchors.array() += offset;
       start.array() += offset;
     }
-    for (const Simd simd : available()) {
+    for (const Simd simd : available_simd()) {
       auto batch = batch_of<SpringBatch<float, 2, 4>>(moved, Topology<4>::full());
       BatchNewton<SpringBatch<float, 2, 4>> solver;
       solver.simd = simd;
@@ -642,7 +634,7 @@ TEST(Batch, EndsWhereItIsAskedToStop) {
 
 TEST(Batch, OptionsAreNewtons) {
   const auto systems = samples<Fixed>(200, Topology<4>::full());
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     const auto solved = [&](auto&& change) {
       auto batch = batch_of<SpringBatch<double, 2, 4>>(systems, Topology<4>::full());
       BatchNewton solver(batch);
@@ -865,7 +857,7 @@ void expect_proofs(const typename Batch::TopologyType& topology, Kind kind, doub
     system.anchors.array() += Scalar(offset);
     start.array() += Scalar(offset);
   }
-  for (const Simd simd : available()) {
+  for (const Simd simd : available_simd()) {
     Batch batch = batch_of<Batch>(systems, topology);
     BatchNewton<Batch> solver;
     solver.simd = simd;

@@ -80,17 +80,9 @@ class BatchNewton {
     const auto begin = std::chrono::steady_clock::now();
     BatchSummary summary;
     summary.status = Status::InvalidInput;
-    summary.message.clear();
+    summary.message = detail::batch_problem(batch, options, simd);
     summary.simd = simd == Simd::Auto ? widest_simd() : simd;
-    if (const Defect& defect = batch.topology().defect()) {
-      summary.message = defect;
-    } else if (const char* problem = options.problem()) {
-      summary.message = problem;
-    } else if (!is_available(simd)) {
-      summary.message = "the instructions asked for are not available";
-    } else {
-      run(batch, executor, summary);
-    }
+    if (summary.message.empty()) run(batch, executor, summary);
     summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return summary;
   }

@@ -156,21 +156,13 @@ class BatchSensitivity {
   BatchGradientSummary backward(const Batch& batch, BatchGradient<Batch>& gradient, E&& executor = {}) {
     const auto begin = std::chrono::steady_clock::now();
     BatchGradientSummary summary;
-    summary.message.clear();
+    const bool same_size = gradient.size() == batch.size() && gradient.nodes() == batch.nodes() &&
+                           gradient.link_count() == batch.link_count();
+    summary.message = same_size ? detail::batch_problem(batch, options, simd)
+                                : Message("the gradient is not of the batch's size");
     summary.simd = simd == Simd::Auto ? widest_simd() : simd;
-    if (gradient.size() != batch.size() || gradient.nodes() != batch.nodes() ||
-        gradient.link_count() != batch.link_count()) {
-      summary.message = "the gradient is not of the batch's size";
-    } else if (const Defect& defect = batch.topology().defect()) {
-      summary.message = defect;
-    } else if (const char* problem = options.problem()) {
-      summary.message = problem;
-    } else if (!is_available(simd)) {
-      summary.message = "the instructions asked for are not available";
-    } else {
-      run(batch, gradient, executor, summary);
-    }
     if (summary.message.empty()) {
+      run(batch, gradient, executor, summary);
       conclude(gradient, summary);
     } else {
       refuse(gradient);

@@ -3,6 +3,7 @@
 #include <asterism/solver/detail/batch_kernels.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <string_view>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -50,6 +51,15 @@ inline const lanes_v0_1::KernelSet* kernels(Simd simd) {
 
 /// Whether the library and this machine have these instructions.
 inline bool is_available(Simd simd) { return simd == Simd::Auto || detail::kernels(simd) != nullptr; }
+
+/// All that the library and this machine have, the narrowest first, without Simd::Auto.
+inline std::vector<Simd> available_simd() {
+  std::vector<Simd> result;
+  for (const Simd simd : {Simd::Portable, Simd::Avx2, Simd::Avx512}) {
+    if (is_available(simd)) result.push_back(simd);
+  }
+  return result;
+}
 
 /// The instructions that Simd::Auto selects.
 inline Simd widest_simd() {

@@ -1,8 +1,11 @@
 #pragma once
 
 #include <algorithm>
+#include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/run/message.hpp>
 #include <memory>
 #include <mutex>
 #include <new>
@@ -13,6 +16,14 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
+
+/// Why nothing can be computed of a batch with these options and instructions; empty if it can.
+template <typename Batch, typename Options>
+Message batch_problem(const Batch& batch, const Options& options, Simd simd) {
+  if (const Defect& defect = batch.topology().defect()) return defect;
+  if (const char* problem = options.problem()) return problem;
+  return is_available(simd) ? "" : "the instructions asked for are not available";
+}
 
 /// Calls work(first, last) for ranges of the systems of a batch, cut by its size alone; whole numbers of
 /// lanes.
