@@ -68,7 +68,7 @@ class DescentState {
               Summary& summary) {
     constexpr Scalar kDecrease = Scalar(1e-4);
     constexpr Scalar kFlatter = Scalar(0.8);
-    const Scalar rounding = rounding_of_energy(system, lowest_);
+    const Scalar rounding = rounding_of_energy(system, x, lowest_);
     Scalar sure = -1;
     while (true) {
       other_x_ = x + step * direction;

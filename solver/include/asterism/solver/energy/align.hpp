@@ -132,14 +132,14 @@ template <typename System>
 bool align(const System& system, typename System::Points& x, bool allow_reflection) {
   using Scalar = typename System::Scalar;
   using Point = typename System::Point;
-  if (system.fixed_count() != 0) return false;
+  if (system.fixed_count() != 0 || system.has_loads()) return false;
   const int n = system.nodes();
   // An anchor's spring, or the one that lies above its loss here: lowering these lowers that.
   const auto weight = [&](int i) {
     const Scalar k = system.anchor_stiffness[i];
     if constexpr (System::kPlainAnchors) return k;
     const Point d = anchor_offset(system, i, x);
-    return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
+    return k * function_of(system.anchor_loss, i)(d.dot(anchor_shaped(system, i, d))).first;
   };
   Scalar total = 0;
   Point centre = Point::Zero();
@@ -209,9 +209,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 /// If links have offsets, x is moved and not turned, as offsets do not turn with it. The same holds if all
 /// nodes whose anchor has stiffness coincide, or all these anchors do (for example, if only one anchor
 /// has stiffness). x is returned unchanged if no rigid motion is better, if no
-/// anchor has stiffness, if numbers overflow, or if a node is fixed. For a robust loss, the springs that lie
-/// above it at x stand for the anchors; for information matrices, their largest eigenvalue. In these two
-/// cases x is returned unchanged if the motion does not lower the energy.
+/// anchor has stiffness, if numbers overflow, or if a node is fixed or has a load. For a robust loss, the
+/// springs that lie above it at x stand for the anchors; for information matrices, their largest eigenvalue.
+/// In these two cases x is returned unchanged if the motion does not lower the energy.
 template <typename System>
 typename System::Points rigid_alignment(const System& system, const typename System::Points& x,
                                         bool allow_reflection = false) {

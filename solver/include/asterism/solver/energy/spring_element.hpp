@@ -106,7 +106,7 @@ template <typename System>
 Derivatives<typename System::Scalar> link_potential(const System& system, int l, typename System::Scalar r) {
   if (!(system.link_stiffness[l] > 0)) [[unlikely]]
     return {0, 0, 0};
-  return system.link_potential(r, system.rest_length[l]);
+  return function_of(system.link_potential, l)(r, system.rest_length[l]);
 }
 
 /// S d with the anchor's shape S.
@@ -133,9 +133,35 @@ AnchorForce<System> anchor_force(const System& system, int i, const typename Sys
     return {k * d.squaredNorm() / 2, k * d};
   } else {
     const typename System::Point shaped = anchor_shaped(system, i, d);
-    const auto loss = system.anchor_loss(d.dot(shaped));
+    const auto loss = function_of(system.anchor_loss, i)(d.dot(shaped));
     return {k * loss.value / 2, (k * loss.first) * shaped};
   }
+}
+
+/// The same of node i in x, of its anchor and of its load.
+template <typename System>
+AnchorForce<System> node_force(const System& system, int i, const typename System::Points& x,
+                               const typename System::Point& d) {
+  AnchorForce<System> force = anchor_force(system, i, d);
+  if (system.has_loads()) [[unlikely]] {
+    force.energy -= system.loads.col(i).dot(x.col(i));
+    force.gradient -= system.loads.col(i);
+  }
+  return force;
+}
+
+/// What shares of the energy are shares of, such as its rounding: the energy of the springs, with loads also
+/// the absolute values of theirs.
+template <typename System>
+typename System::Scalar energy_scale(const System& system, const typename System::Points& x,
+                                     typename System::Scalar energy) {
+  if (system.has_loads()) [[unlikely]] {
+    for (int i = 0; i < system.nodes(); ++i) {
+      const auto work = system.loads.col(i).dot(x.col(i));
+      energy += work + std::abs(work);
+    }
+  }
+  return energy;
 }
 
 /// d2E/dx_i2 of node i's anchor, of 1/2 k rho(d^T S d): k (rho' S + 2 rho'' S d (S d)^T). With `clamp`
@@ -148,7 +174,7 @@ auto anchor_curvature(const System& system, int i, const typename System::Point&
     return Block(k * Block::Identity());
   } else {
     const typename System::Point shaped = anchor_shaped(system, i, d);
-    const auto loss = system.anchor_loss(d.dot(shaped));
+    const auto loss = function_of(system.anchor_loss, i)(d.dot(shaped));
     Block block = Block::Identity();
     if constexpr (System::kAnisotropic)
       block = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);

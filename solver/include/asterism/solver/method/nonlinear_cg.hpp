@@ -261,7 +261,7 @@ Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
       }
 
       const bool found = detail::strong_wolfe(
-          start, step, detail::rounding_of_energy(system, start.energy), [&](Scalar trial) {
+          start, step, detail::rounding_of_energy(system, x, start.energy), [&](Scalar trial) {
             step = trial;
             next_x_ = x + trial * direction_;
             next_energy = evaluate_(system, next_x_, next_gradient_, summary);

@@ -37,6 +37,9 @@ constexpr int times(int factor) {
 /// (Fischler and Elschlager 1973; Felzenszwalb and Huttenlocher 2005). If all links are, the energy is
 /// convex.
 ///
+/// Nodes may also carry loads f_i, constant forces such as a weight (loads): they add - sum_i f_i . x_i to
+/// the energy, which may then be negative.
+///
 /// A `Model` other than Springs replaces the link's potential or the anchor's loss, or gives anchors an
 /// information matrix; k_i and k_ij then bound the curvature of anchor and link from above.
 ///
@@ -74,7 +77,11 @@ class SpringSystem {
       Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
                     TopologyType::kMaxLinks>;
 
-  /// No value is set yet: all are NaN. No link has an offset.
+  /// One vector for each node, or none, Dim x N.
+  using Loads =
+      Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim, MaxN>;
+
+  /// No value is set yet: all are NaN. No link has an offset and no node a load.
   explicit SpringSystem(TopologyType topology) : topology_(std::move(topology)) {
     constexpr Scalar kUnset = std::numeric_limits<Scalar>::quiet_NaN();
     anchors.setConstant(Dim, nodes(), kUnset);
@@ -82,6 +89,7 @@ class SpringSystem {
     rest_length.setConstant(link_count(), kUnset);
     link_stiffness.setConstant(link_count(), kUnset);
     rest_offset.resize(Dim, 0);
+    loads.resize(Dim, 0);
     fixed_.setConstant(nodes(), false);
     if constexpr (kAnisotropic) anchor_shape.setConstant(Dim, Dim * nodes(), kUnset);
   }
@@ -107,6 +115,9 @@ class SpringSystem {
 
   /// Whether links have offsets.
   bool has_offsets() const { return rest_offset.cols() > 0; }
+
+  /// Whether nodes have loads.
+  bool has_loads() const { return loads.cols() > 0; }
 
   /// Holds node i where the start of a solve has it. It is eliminated from the unknowns, and its springs pull
   /// on the other nodes. A node number out of range is a defect() of the system.
@@ -147,6 +158,7 @@ class SpringSystem {
     other.rest_length = rest_length.template cast<Other>();
     other.link_stiffness = link_stiffness.template cast<Other>();
     other.rest_offset = rest_offset.template cast<Other>();
+    other.loads = loads.template cast<Other>();
     if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
     other.anchor_loss = anchor_loss;
     other.link_potential = link_potential;
@@ -173,6 +185,12 @@ class SpringSystem {
   /// first, all are 0.
   LinkPoints rest_offset;
 
+  /// f_i, Dim x N, the constant force on each node [stiffness x px]. Without columns, as at first, all are 0.
+  /// The energy has a minimum if what holds the nodes pulls ever harder: quadratic anchors or fixed nodes,
+  /// and links that are springs or ropes. A robust anchor may let go of a load, and solvers then end at
+  /// SolverOptions::max_iterations or with Status::NumericalFailure.
+  Loads loads;
+
   /// Of anchor_shape.
   using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,
                                (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
@@ -180,7 +198,7 @@ class SpringSystem {
   /// Only for anisotropic anchors: Dim x (Dim N), each node's information matrix divided by k_i, with
   /// eigenvalues from 0 to 1.
   [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
-  /// Parameters of the anchors' loss and of the links' potential, if these have any.
+  /// Parameters of the anchors' loss and of the links' potential, if these have any; of each one with Each.
   [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
   [[no_unique_address]] typename Model::LinkPotential link_potential;
 

@@ -41,21 +41,29 @@ bool is_connected(int n, std::span<const Link> links, Up& up) {
   return sets <= 1;
 }
 
+/// Joins the connected components, those with anchor stiffness or a fixed node all to the set of number n;
+/// links of zero stiffness do not connect.
+template <typename System>
+void join_components(const System& system, ComponentScratch<System>& parent) {
+  const int n = system.nodes();
+  parent.setLinSpaced(n + 1, 0, n);
+  for (int i = 0; i < n; ++i) {
+    if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(parent, i)] = root(parent, n);
+  }
+  int l = 0;
+  for (const Link& link : system.links()) {
+    if (system.link_stiffness[l++] > 0) parent[root(parent, link.i)] = root(parent, link.j);
+  }
+}
+
 /// Calls visit(i) for the first node of each connected component without anchor stiffness or a fixed node;
 /// links of zero stiffness do not connect.
 template <typename System, typename Visit>
 void for_each_floating_component(const System& system, ComponentScratch<System>& parent, Visit&& visit) {
   if ((system.anchor_stiffness.array() > 0).all()) return;
-  const int n = system.nodes();
-  parent.setLinSpaced(n + 1, 0, n);
+  join_components(system, parent);
   const auto root = [&parent](int node) { return detail::root(parent, node); };
-  for (int i = 0; i < n; ++i) {
-    if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(i)] = root(n);
-  }
-  int l = 0;
-  for (const Link& link : system.links()) {
-    if (system.link_stiffness[l++] > 0) parent[root(link.i)] = root(link.j);
-  }
+  const int n = system.nodes();
   for (int i = 0; i < n; ++i) {
     if (root(i) == root(n)) continue;
     visit(i);
@@ -69,6 +77,17 @@ int first_floating_node(const System& system, ComponentScratch<System>& scratch)
   int first = -1;
   for_each_floating_component(system, scratch, [&first](int i) { first = first < 0 ? i : first; });
   return first;
+}
+
+/// The first node with a load in any of those components, which it would move without end, or -1.
+template <typename System>
+int first_floating_load(const System& system, ComponentScratch<System>& scratch) {
+  if (!system.has_loads()) return -1;
+  join_components(system, scratch);
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (!system.loads.col(i).isZero(0) && root(scratch, i) != root(scratch, system.nodes())) return i;
+  }
+  return -1;
 }
 
 /// The first node whose anchor's shape is not a symmetric matrix with eigenvalues from 0 to 1, or -1.
@@ -87,11 +106,23 @@ int first_bad_shape(const System& system) {
   return -1;
 }
 
-/// What is wrong with the parameters of a loss or potential; nullptr if nothing is, or if it has none.
+/// What is wrong with the parameters of a loss or potential, or of one of `count`; nothing if it has none.
 template <typename Function>
-const char* parameter_problem(const Function& function) {
-  if constexpr (requires { function.problem(); }) return function.problem();
-  return nullptr;
+Defect parameter_defect(const char* subject, const Function& function, int) {
+  if constexpr (requires { function.problem(); }) {
+    if (const char* problem = function.problem()) return {subject, -1, problem};
+  }
+  return {};
+}
+template <typename Function>
+Defect parameter_defect(const char* subject, const Each<Function>& each, int count) {
+  if (each.values.size() != static_cast<std::size_t>(count))
+    return {subject, -1, "must have one entry for each"};
+  for (int i = 0; i < count; ++i) {
+    if (const Defect defect = parameter_defect(subject, function_of(each, i), 1))
+      return {subject, i, defect.problem};
+  }
+  return {};
 }
 
 template <typename Matrix>
@@ -126,6 +157,8 @@ Defect validate_values(const System& system, const typename System::Points& x) {
     return {"link stiffness", -1, "must have one entry for each link"};
   if (system.has_offsets() && system.rest_offset.cols() != system.link_count())
     return {"rest offset", -1, "must have one column for each link, or none"};
+  if (system.has_loads() && system.loads.cols() != n)
+    return {"loads", -1, "must have one column for each node, or none"};
   if (x.cols() != n) return {"x", -1, "must have one column for each node"};
 
   constexpr auto kNotFinite = "is not finite";
@@ -138,14 +171,16 @@ Defect validate_values(const System& system, const typename System::Points& x) {
     return {"link stiffness", l, kNotPositive};
   if (const int l = first_column_not_finite(system.rest_offset); l >= 0)
     return {"rest offset", l, kNotFinite};
+  if (const int i = first_column_not_finite(system.loads); i >= 0) return {"load", i, kNotFinite};
   if constexpr (System::kAnisotropic) {
     if (system.anchor_shape.cols() != System::kDim * n)
       return {"anchor shape", -1, "must have one matrix for each node"};
     if (const int i = first_bad_shape(system); i >= 0)
       return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
   }
-  if (const char* problem = parameter_problem(system.anchor_loss)) return {"anchor loss", -1, problem};
-  if (const char* problem = parameter_problem(system.link_potential)) return {"link potential", -1, problem};
+  if (const Defect defect = parameter_defect("anchor loss", system.anchor_loss, n)) return defect;
+  if (const Defect defect = parameter_defect("link potential", system.link_potential, system.link_count()))
+    return defect;
   if (const int i = first_column_not_finite(x); i >= 0) return {"x of node", i, kNotFinite};
   return {};
 }
@@ -165,7 +200,7 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
       return meets(matrix.data(), sizeof(typename System::Scalar) * static_cast<std::size_t>(matrix.size()));
     };
     if (is_in(system.anchors) || is_in(system.anchor_stiffness) || is_in(system.rest_length) ||
-        is_in(system.link_stiffness) || is_in(system.rest_offset) ||
+        is_in(system.link_stiffness) || is_in(system.rest_offset) || is_in(system.loads) ||
         meets(system.links().data(), system.links().size_bytes()))
       return true;
     if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
@@ -173,6 +208,7 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
   return false;
 }
 
+constexpr const char* kNoLoads = "the method does not support loads";
 constexpr Defect kSharesMemory{"x", -1, "shares memory with the system, such as its anchors: pass a copy"};
 
 template <typename System>

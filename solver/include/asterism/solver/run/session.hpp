@@ -28,12 +28,13 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// An upper bound of the rounding error in the sum of the energies of all springs.
+/// An upper bound of the rounding error in the energy at x, the sum of those of all springs and loads.
 template <typename System>
-typename System::Scalar rounding_of_energy(const System& system, typename System::Scalar energy) {
+typename System::Scalar rounding_of_energy(const System& system, const typename System::Points& x,
+                                           typename System::Scalar energy) {
   using Scalar = typename System::Scalar;
   const auto terms = static_cast<Scalar>(system.nodes() + system.link_count());
-  return terms * std::numeric_limits<Scalar>::epsilon() * energy;
+  return terms * std::numeric_limits<Scalar>::epsilon() * energy_scale(system, x, energy);
 }
 
 }  // namespace detail
@@ -195,8 +196,14 @@ class Session {
       summary.message = defect;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
+    } else if (options.gap > 0 && given.has_loads()) {
+      summary.message = "option gap: solvers know no lower bound of the energy of loads, see certify";
     } else if (options.ground_components) {
-      system = grounded(given);
+      if (const int i = detail::first_floating_load(given, scratch_); i >= 0) {
+        summary.message = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
+      } else {
+        system = grounded(given);
+      }
     } else if (const Defect floating = detail::validate_components(given, scratch_)) {
       summary.message = floating;
     }
@@ -251,7 +258,7 @@ class Session {
     is_close_ = false;
     if (!detail::is_finite(energy_) || !detail::all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
-        energy_ > start_energy_ + detail::rounding_of_energy(system, start_energy_)) {
+        energy_ > start_energy_ + detail::rounding_of_energy(system, start_, start_energy_)) {
       x = start_;
       energy_ = energy_and_gradient(system, x, gradient_);
       if (summary.message.empty()) summary.message = "no step lowered the energy";
