@@ -497,7 +497,7 @@ void bind_systems(py::module_& m) {
       "solution_tangent",
       [](AnySystem& system, const py::object& x, const py::object& anchors,
          const py::object& anchor_stiffness, const py::object& rest_length, const py::object& link_stiffness,
-         const py::object& rest_offset, const py::object& loads, double stationarity) {
+         const py::object& rest_offset, const py::object& forces, double stationarity) {
         const SensitivityOptions options = sensitivity_options(stationarity);
         return system.visit([&]<int Dim>(System<Dim>& s) {
           const auto points = points_of<Dim>(s, x);
@@ -516,9 +516,8 @@ void bind_systems(py::module_& m) {
             tangent.rest_offset =
                 map_points<Dim>(numbers(rest_offset, "rest_offset", {s.rest_offset.cols(), Dim}));
           }
-          if (!loads.is_none()) {
-            tangent.loads = map_points<Dim>(numbers(loads, "loads", {s.loads.cols(), Dim}));
-          }
+          if (!forces.is_none())
+            tangent.loads = map_points<Dim>(numbers(forces, "loads", {s.loads.cols(), Dim}));
           auto result = [&] {
             const py::gil_scoped_release release;
             return solution_tangent_of<Dim>(s, points, tangent, options);

@@ -204,9 +204,9 @@ class StoppingRule {
   // Whether all of x is on the one point that anchors and springs want it at, without loads. Otherwise a
   // characteristic length of zero is of squares that underflow.
   static bool is_one_point(const System& system, const typename System::Points& x) {
-    if (system.has_loads() && !system.loads.isZero(0)) return false;
     for (int i = 0; i < system.nodes(); ++i) {
       if (x.col(i) != x.col(0)) return false;
+      if (system.has_loads() && !system.is_fixed(i) && !system.loads.col(i).isZero(0)) return false;
       if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
     }
     for (int l = 0; l < system.link_count(); ++l) {
