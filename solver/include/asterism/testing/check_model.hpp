@@ -6,6 +6,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/triple_potential.hpp>
+#include <asterism/testing/random_system.hpp>
 #include <cmath>
 
 namespace asterism {
@@ -110,23 +111,14 @@ ModelViolation check_anchor_loss(const L& loss, double scale = 1) {
 
 namespace detail {
 
-/// Points that fill the cube [-scale, scale]^Dim evenly, one after the other (additive recurrence).
-template <int Dim>
-Eigen::Matrix<double, Dim, 1> spread_point(int index, double scale) {
-  constexpr double kSteps[] = {0.8191725134, 0.6710436067, 0.5497004779};
-  Eigen::Matrix<double, Dim, 1> point;
-  for (int d = 0; d < Dim; ++d) point[d] = scale * (2 * std::fmod(0.5 + kSteps[d] * index, 1.0) - 1);
-  return point;
-}
-
 template <int Dim, typename P>
 const char* triple_problem(const P& potential, double rest, double scale) {
   using Point = Eigen::Matrix<double, Dim, 1>;
   constexpr int kTrials = 200;
+  testing::Rng rng(1);
   for (int trial = 0; trial < kTrials; ++trial) {
     Eigen::Matrix<double, Dim, 3> x;
-    x << spread_point<Dim>(trial + 1, scale), spread_point<Dim>(3 * trial + 2, scale),
-        spread_point<Dim>(7 * trial + 4, scale);
+    for (double& coordinate : x.reshaped()) coordinate = rng.uniform(-scale, scale);
     const auto at = [&potential, rest](const Eigen::Matrix<double, Dim, 3>& y) {
       return potential(Point(y.col(0)), Point(y.col(1)), Point(y.col(2)), rest);
     };
@@ -148,7 +140,7 @@ const char* triple_problem(const P& potential, double rest, double scale) {
     auto moved = x;
     moved.row(0) = std::cos(1.0) * x.row(0) - std::sin(1.0) * x.row(1);
     moved.row(1) = std::sin(1.0) * x.row(0) + std::cos(1.0) * x.row(1);
-    moved.colwise() += spread_point<Dim>(trial, scale);
+    moved.array() += rng.uniform(-scale, scale);
     if (!close_to(at(moved).value, here.value, 1e-9, size)) return "changes when the three move as one body";
   }
   return nullptr;
