@@ -6,6 +6,7 @@
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <limits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -84,7 +85,8 @@ class DescentState {
         return true;
       }
       if (sure < 0) {
-        sure = majorised_step(system, direction, slope);
+        sure = System::kHasTriples ? std::numeric_limits<Scalar>::epsilon() * step  // they have no majoriser
+                                   : majorised_step(system, direction, slope);
         if (!(sure > 0 && sure < step)) return false;
       } else if (!(step > sure)) {
         return false;

@@ -174,7 +174,8 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
   const Scalar rounding = kRounding * kRounding * offset;
   if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets()) M.setZero();
-  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
+  // The area of a triangle has a sign.
+  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection && !System::kHasTriples);
 
   if constexpr (System::kPlainAnchors) {
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.

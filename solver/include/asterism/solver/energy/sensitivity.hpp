@@ -426,6 +426,8 @@ class ImplicitSolver {
 /// each as a template or for the system's scalar. Where that is not declared, rest_length is NaN.
 template <typename System>
 class Sensitivity {
+  static_assert(!System::kHasTriples, "potentials over three nodes have no second derivatives here");
+
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;

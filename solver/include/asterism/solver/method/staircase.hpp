@@ -31,7 +31,8 @@ namespace detail {
 /// Whether Staircase can solve systems of this type.
 template <typename System>
 constexpr bool is_liftable() {
-  return !System::kAnisotropic && has_minoriser<typename System::Model::LinkPotential>();
+  return !System::kAnisotropic && !System::kHasTriples &&
+         has_minoriser<typename System::Model::LinkPotential>();
 }
 
 // Where systems in the plane and in space, of all scalars and sizes, are lifted to.

@@ -282,14 +282,19 @@ concept AnchorLosses = AnchorLoss<T> || kIsEachLoss<T>;
 /// Whether an anchor pulls equally hard in all directions.
 enum class AnchorShape { Isotropic, Anisotropic };
 
+/// A system's model without potentials over three nodes.
+struct NoTriples {};
+
 /// The kind of links and anchors of a SpringSystem: how a link's energy depends on its length and an anchor's
-/// on its distance, and whether an anchor has an information matrix instead of a stiffness.
+/// on its distance, whether an anchor has an information matrix instead of a stiffness, and a
+/// TriplePotential, if the system has some.
 template <detail::LinkPotentials Link = Hooke, detail::AnchorLosses Loss = Quadratic,
-          AnchorShape kShape = AnchorShape::Isotropic>
+          AnchorShape kShape = AnchorShape::Isotropic, typename Triples = NoTriples>
 struct Model {
   using LinkPotential = Link;                          ///< phi of every link, or Each
   using AnchorLoss = Loss;                             ///< rho of every anchor, or Each
   static constexpr AnchorShape kAnchorShape = kShape;  ///< isotropic or with information matrices
+  using TriplePotential = Triples;                     ///< of three nodes each, or NoTriples
 };
 
 /// The paper's model: all links and anchors are springs.

@@ -6,9 +6,11 @@
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/triple_potential.hpp>
 #include <limits>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -50,6 +52,7 @@ class SpringSystem {
   static_assert(Dim > 0);
 
   struct Nothing {};
+  struct NoneOfThree {};  // another type, which takes no room beside the first
 
  public:
   using Scalar = Scalar_;
@@ -71,6 +74,9 @@ class SpringSystem {
   /// An anchor's Hessian is k_i times the identity wherever the node is.
   static constexpr bool kPlainAnchors =
       !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
+
+  /// Potentials over three nodes add to the energy.
+  static constexpr bool kHasTriples = !std::is_same_v<typename Model::TriplePotential, NoTriples>;
 
   /// One vector for each link, Dim x L.
   using LinkPoints =
@@ -162,6 +168,10 @@ class SpringSystem {
     if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
     other.anchor_loss = anchor_loss;
     other.link_potential = link_potential;
+    if constexpr (kHasTriples) {
+      other.triples = triples;
+      other.triple_potential = triple_potential;
+    }
     for (int i = 0; i < nodes(); ++i) {
       if (is_fixed(i)) other.fix(i);
     }
@@ -201,6 +211,9 @@ class SpringSystem {
   /// Parameters of the anchors' loss and of the links' potential, if these have any; of each one with Each.
   [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
   [[no_unique_address]] typename Model::LinkPotential link_potential;
+  /// Only for a model with a TriplePotential: what it applies to, and its parameters.
+  [[no_unique_address]] std::conditional_t<kHasTriples, std::vector<Triple>, NoneOfThree> triples;
+  [[no_unique_address]] typename Model::TriplePotential triple_potential;
 
  private:
   void set_fixed(int node, bool fixed) {

@@ -142,6 +142,23 @@ int first_bad_entry(const Vector& values) {
   return -1;
 }
 
+/// What is wrong with the potentials over three nodes.
+template <typename System>
+Defect triple_defect(const System& system) {
+  const int n = system.nodes();
+  for (std::size_t t = 0; t < system.triples.size(); ++t) {
+    const auto& [i, j, k, stiffness, rest] = system.triples[t];
+    const auto is_node = [n](int node) { return 0 <= node && node < n; };
+    const auto refused = [t](const char* problem) { return Defect{"triple", static_cast<int>(t), problem}; };
+    if (!is_node(i) || !is_node(j) || !is_node(k)) return refused("has a node out of range");
+    if (i == j || j == k || k == i) return refused("has one node twice");
+    if (!(stiffness >= 0 && is_finite(stiffness)))
+      return refused("has a stiffness that is negative or not finite");
+    if (!is_finite(rest)) return refused("has a rest that is not finite");
+  }
+  return parameter_defect("triple potential", system.triple_potential, 1);
+}
+
 /// asterism::validate without the search for floating components.
 template <typename System>
 Defect validate_values(const System& system, const typename System::Points& x) {
@@ -181,6 +198,9 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   if (const Defect defect = parameter_defect("anchor loss", system.anchor_loss, n)) return defect;
   if (const Defect defect = parameter_defect("link potential", system.link_potential, system.link_count()))
     return defect;
+  if constexpr (System::kHasTriples) {
+    if (const Defect defect = triple_defect(system)) return defect;
+  }
   if (const int i = first_column_not_finite(x); i >= 0) return {"x of node", i, kNotFinite};
   return {};
 }

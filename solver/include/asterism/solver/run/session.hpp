@@ -63,7 +63,10 @@ class Session {
   /// Validates, aligns x if the options ask for it, runs iterate(system, summary), which improves x and
   /// returns why it stopped, and judges the result. The system that `iterate` gets is the given one, with
   /// floating components grounded if the options ask for it.
-  template <typename Options, typename Iterate>
+  ///
+  /// kGradientAlone: the method uses nothing but energy and gradient, and finds lower energy by looking for
+  /// it. Systems with potentials over three nodes, which have no more than that, are refused by all others.
+  template <bool kGradientAlone = false, typename Options, typename Iterate>
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
     const auto begin = std::chrono::steady_clock::now();
@@ -72,6 +75,11 @@ class Session {
     links_ = given.link_count();
     Summary summary;
     summary.solver = name;
+    if constexpr (System::kHasTriples && !kGradientAlone) {
+      summary.status = Status::InvalidInput;
+      summary.message = "the method does not support potentials over three nodes: use lbfgs or ncg";
+      return summary;
+    }
     bool started = false;
     const auto solve = [&] {
       if (const System* system = start(options, given, x, summary)) {
