@@ -447,7 +447,8 @@ class FreeMotions {
 
   // The common case, in nanoseconds: one body, all of whose nodes hang on anchors.
   bool is_clearly_held(const System& system, const Points& x) {
-    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings) {
+    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings &&
+                  !System::kAnisotropicLinks) {
       if (system.fixed_count() != 0 || system.has_loads()) return false;
       for (int i = 0; i < system.nodes(); ++i) {
         if (!(system.anchor_stiffness[i] > 0)) return false;
@@ -468,7 +469,7 @@ class FreeMotions {
   static bool connects(const System& system, const Points& x, int l, const Link& link) {
     if (!(system.link_stiffness[l] > 0)) return false;
     if constexpr (!kSprings) {
-      const auto force = link_force(system, l, spring(system, link, link_difference(system, l, link, x)));
+      const auto force = link_force(system, l, spring(system, l, link, link_difference(system, l, link, x)));
       return force.along != 0 || force.across != 0 || force.tension != 0;
     }
     return true;
@@ -482,13 +483,14 @@ class FreeMotions {
     }
   }
 
-  // The nodes whose links have an offset, which does not turn with them.
+  // The nodes whose links have an offset, or a shape, which do not turn with them.
   void mark_offsets(const System& system, const Points& x) {
-    has_offset_.setZero(system.has_offsets() ? system.nodes() : 0);
-    if (!system.has_offsets()) return;
+    const bool has_some = system.has_offsets() || System::kAnisotropicLinks;
+    has_offset_.setZero(has_some ? system.nodes() : 0);
+    if (!has_some) return;
     int l = 0;
     for (const Link& link : system.links()) {
-      if (!system.rest_offset.col(l).isZero(0) && connects(system, x, l, link))
+      if ((System::kAnisotropicLinks || !system.rest_offset.col(l).isZero(0)) && connects(system, x, l, link))
         has_offset_[link.i] = has_offset_[link.j] = 1;
       ++l;
     }

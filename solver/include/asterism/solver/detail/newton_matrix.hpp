@@ -259,7 +259,7 @@ class NewtonMatrix {
   // stores to reach the cache before it loads across them.
   [[gnu::flatten]] bool assemble_full(const System& system, const Points& x, bool clamp, Points& gradient,
                                       Scalar& energy) {
-    if constexpr (!kUnrolled || System::kNodes < 2) {
+    if constexpr (!kUnrolled || System::kNodes < 2 || System::kAnisotropicLinks) {
       return false;
     } else {
       if (!system.topology().is_full() || system.has_offsets() || system.has_loads()) return false;

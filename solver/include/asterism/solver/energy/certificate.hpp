@@ -266,7 +266,9 @@ class Certifier {
         result.reason = defect;
         return;
       }
-      if constexpr (System::kHasTriples) {
+      if constexpr (System::kAnisotropicLinks) {
+        result.reason = "links have information matrices";
+      } else if constexpr (System::kHasTriples) {
         result.reason = "the system has potentials over three nodes";
       } else if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
         result.reason = "the links' potential is not declared to be convex in the square of the length";
@@ -288,7 +290,7 @@ class Certifier {
   /// x does not use, E falls along v. Returns v^T W v / |v|^2 or an upper bound of it; if none was found, it
   /// returns 0 and leaves v as it was. Uses the heap.
   double negative_direction(const System& system, const Points& x, Eigen::VectorXd& v) requires(
-      !System::kAnisotropic && !System::kHasTriples &&
+      !System::kAnisotropic && !System::kHasTriples && !System::kAnisotropicLinks &&
       detail::has_minoriser<typename System::Model::LinkPotential>()) {
     if constexpr (std::is_same_v<typename System::Scalar, double>) {
       return prover(system).negative_direction(system, x, v);

@@ -427,6 +427,7 @@ class ImplicitSolver {
 template <typename System>
 class Sensitivity {
   static_assert(!System::kHasTriples, "potentials over three nodes have no second derivatives here");
+  static_assert(!System::kAnisotropicLinks, "links with information matrices have no derivatives by these");
 
  public:
   using Scalar = typename System::Scalar;
@@ -591,7 +592,7 @@ class Sensitivity {
 
   // The second derivative of link l's energy by d of link_difference.
   static Block link_curvature(const System& system, int l, const Link& link, const Point& d) {
-    const auto spring = detail::spring(system, link, d);
+    const auto spring = detail::spring(system, l, link, d);
     return detail::link_curvature(detail::link_force(system, l, spring), spring);
   }
 

@@ -8,18 +8,24 @@
 #include <cmath>
 #include <cstdint>
 #include <limits>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// The spring of a link as it lies in x, with d of link_difference: its length r = |d|, 1 / r, and its
-/// direction u = d / r.
+/// direction u = d / r. With the shape S of an anisotropic link, r^2 = d^T S d and u = S d / r, which is the
+/// gradient of r.
 template <typename System>
 struct Spring {
+  using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
+  struct Round {};
+
   typename System::Scalar length;
   typename System::Scalar inverse;  // not finite where nodes coincide, or nearly so
   typename System::Point direction;
+  [[no_unique_address]] std::conditional_t<System::kAnisotropicLinks, Block, Round> shape{};
 };
 
 /// v / |v| without overflow or underflow. Returns |v|; leaves v = 0 as it is.
@@ -90,6 +96,33 @@ Spring<System> spring(const System& system, Link link, const typename System::Po
   const Scalar length = std::sqrt(square);
   const Scalar inverse = 1 / length;
   return {length, inverse, d * inverse};
+}
+
+/// The same of link l, with its shape if it has one.
+template <typename System>
+Spring<System> spring(const System& system, [[maybe_unused]] int l, Link link,
+                      const typename System::Point& d) {
+  if constexpr (!System::kAnisotropicLinks) {
+    return spring(system, link, d);
+  } else {
+    using Scalar = typename System::Scalar;
+    using Point = typename System::Point;
+    const typename Spring<System>::Block shape =
+        system.link_shape.template block<System::kDim, System::kDim>(0, System::kDim * l);
+    const Scalar size = d.cwiseAbs().maxCoeff();
+    // Where d is nothing, or nothing to the shape, some direction, as for coincident nodes.
+    const auto of = [&](const Point& unit, Scalar scale) {
+      const Point shaped = shape * unit;
+      const Scalar root = std::sqrt(std::max(unit.dot(shaped), Scalar(0)));
+      const Scalar length = scale * root;
+      return Spring<System>{length, 1 / length, root > 0 ? Point(shaped / root) : shaped, shape};
+    };
+    if (size > 0) {
+      const Spring<System> result = of(d / size, size);
+      if (result.length > 0) return result;
+    }
+    return of(coincident_spring(system, link, Point(Point::Zero())).direction, 0);
+  }
 }
 
 /// x_i - a_i, and 0 where the anchor has no stiffness: its position means nothing then, and may be so far off
@@ -218,12 +251,14 @@ LinkForce<typename System::Scalar> link_force(const System& system, int l, const
   return force;
 }
 
-/// The Dim x Dim second derivative of a link at either of its ends, along u u^T + across (I - u u^T); minus
-/// that couples the two.
+/// The Dim x Dim second derivative of a link at either of its ends, along u u^T + across (I - u u^T), with
+/// its shape in place of I if it has one; minus that couples the two.
 template <typename System>
 auto link_curvature(const LinkForce<typename System::Scalar>& force, const Spring<System>& spring) {
   using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
   const Block axis = spring.direction * spring.direction.transpose();  // first, to be symmetric to the bit
+  if constexpr (System::kAnisotropicLinks)
+    return Block(force.across * spring.shape + (force.along - force.across) * axis);
   return Block(force.across * Block::Identity() + (force.along - force.across) * axis);
 }
 
@@ -236,7 +271,7 @@ void for_each_spring(const System& system, const typename System::Points& x, OnA
   for (int i = 0; i < system.nodes(); ++i) on_anchor(i, anchor_offset(system, i, x));
   int l = 0;
   for (const Link& link : system.links()) {
-    const Spring<System> here = spring(system, link, link_difference(system, l, link, x));
+    const Spring<System> here = spring(system, l, link, link_difference(system, l, link, x));
     on_link(l, link, link_force(system, l, here), here);
     ++l;
   }

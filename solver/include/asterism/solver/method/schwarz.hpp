@@ -82,6 +82,11 @@ void gather(const System& from, std::span<const int> nodes, std::span<const int>
   for (int k = 0; const int l : links) {
     to.rest_length[k] = from.rest_length[l];
     if (from.has_offsets()) to.rest_offset.col(k) = from.rest_offset.col(l);
+    if constexpr (System::kAnisotropicLinks) {
+      constexpr int kDim = System::kDim;
+      to.link_shape.template block<kDim, kDim>(0, kDim * k) =
+          from.link_shape.template block<kDim, kDim>(0, kDim * l);
+    }
     to.link_stiffness[k] = from.link_stiffness[l];
     ++k;
   }

@@ -31,7 +31,7 @@ namespace detail {
 /// Whether Staircase can solve systems of this type.
 template <typename System>
 constexpr bool is_liftable() {
-  return !System::kAnisotropic && !System::kHasTriples &&
+  return !System::kAnisotropic && !System::kHasTriples && !System::kAnisotropicLinks &&
          has_minoriser<typename System::Model::LinkPotential>();
 }
 

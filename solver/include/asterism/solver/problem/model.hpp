@@ -282,19 +282,24 @@ concept AnchorLosses = AnchorLoss<T> || kIsEachLoss<T>;
 /// Whether an anchor pulls equally hard in all directions.
 enum class AnchorShape { Isotropic, Anisotropic };
 
+/// Whether a link pulls equally hard in all directions.
+enum class LinkShape { Isotropic, Anisotropic };
+
 /// A system's model without potentials over three nodes.
 struct NoTriples {};
 
 /// The kind of links and anchors of a SpringSystem: how a link's energy depends on its length and an anchor's
-/// on its distance, whether an anchor has an information matrix instead of a stiffness, and a
-/// TriplePotential, if the system has some.
+/// on its distance, whether an anchor has an information matrix instead of a stiffness, a TriplePotential, if
+/// the system has some, and whether a link has an information matrix.
 template <detail::LinkPotentials Link = Hooke, detail::AnchorLosses Loss = Quadratic,
-          AnchorShape kShape = AnchorShape::Isotropic, typename Triples = NoTriples>
+          AnchorShape kShape = AnchorShape::Isotropic, typename Triples = NoTriples,
+          LinkShape kLinks = LinkShape::Isotropic>
 struct Model {
   using LinkPotential = Link;                          ///< phi of every link, or Each
   using AnchorLoss = Loss;                             ///< rho of every anchor, or Each
   static constexpr AnchorShape kAnchorShape = kShape;  ///< isotropic or with information matrices
   using TriplePotential = Triples;                     ///< of three nodes each, or NoTriples
+  static constexpr LinkShape kLinkShape = kLinks;      ///< isotropic or with information matrices
 };
 
 /// The paper's model: all links and anchors are springs.

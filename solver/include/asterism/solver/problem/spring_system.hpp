@@ -52,7 +52,8 @@ class SpringSystem {
   static_assert(Dim > 0);
 
   struct Nothing {};
-  struct NoneOfThree {};  // another type, which takes no room beside the first
+  struct NoneOfThree {};  // other types, which take no room beside the first
+  struct NothingOfLinks {};
 
  public:
   using Scalar = Scalar_;
@@ -75,6 +76,8 @@ class SpringSystem {
   static constexpr bool kPlainAnchors =
       !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
 
+  /// Links have an information matrix.
+  static constexpr bool kAnisotropicLinks = Model::kLinkShape == LinkShape::Anisotropic;
   /// Potentials over three nodes add to the energy.
   static constexpr bool kHasTriples = !std::is_same_v<typename Model::TriplePotential, NoTriples>;
 
@@ -98,6 +101,7 @@ class SpringSystem {
     loads.resize(Dim, 0);
     fixed_.setConstant(nodes(), false);
     if constexpr (kAnisotropic) anchor_shape.setConstant(Dim, Dim * nodes(), kUnset);
+    if constexpr (kAnisotropicLinks) link_shape.setConstant(Dim, Dim * link_count(), kUnset);
   }
 
   /// Sets every rest length to the distance of its two nodes in `points` (Dim x N).
@@ -142,17 +146,17 @@ class SpringSystem {
   void set_anchor_information(int node,
                               const Eigen::MatrixBase<Derived>& information) requires(kAnisotropic) {
     eigen_assert(0 <= node && node < nodes() && information.rows() == Dim && information.cols() == Dim);
-    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
-        matrix, Eigen::EigenvaluesOnly);
-    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
-    anchor_stiffness[node] = largest;
-    auto shape = anchor_shape.template block<Dim, Dim>(0, Dim * node);
-    if (largest > 0) {
-      shape = matrix / largest;
-    } else {
-      shape.setIdentity();
-    }
+    anchor_stiffness[node] = split(information, anchor_shape.template block<Dim, Dim>(0, Dim * node));
+  }
+
+  /// Anisotropic links: sets k_ij and link_shape from link l's information matrix, as set_anchor_information
+  /// does. The link's energy becomes k_ij phi(r, mu_ij) with r^2 = d^T shape d, d = x_i - x_j - m_ij; without
+  /// rest length that is 1/2 d^T information d.
+  template <typename Derived>
+  void set_link_information(int l,
+                            const Eigen::MatrixBase<Derived>& information) requires(kAnisotropicLinks) {
+    eigen_assert(0 <= l && l < link_count() && information.rows() == Dim && information.cols() == Dim);
+    link_stiffness[l] = split(information, link_shape.template block<Dim, Dim>(0, Dim * l));
   }
 
   /// The same system in another scalar. From float to double no value changes.
@@ -166,6 +170,7 @@ class SpringSystem {
     other.rest_offset = rest_offset.template cast<Other>();
     other.loads = loads.template cast<Other>();
     if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
+    if constexpr (kAnisotropicLinks) other.link_shape = link_shape.template cast<Other>();
     other.anchor_loss = anchor_loss;
     other.link_potential = link_potential;
     if constexpr (kHasTriples) {
@@ -208,6 +213,12 @@ class SpringSystem {
   /// Only for anisotropic anchors: Dim x (Dim N), each node's information matrix divided by k_i, with
   /// eigenvalues from 0 to 1.
   [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
+  /// Of link_shape.
+  using LinkShapes =
+      Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
+                    detail::times<TopologyType::kMaxLinks>(Dim)>;
+  /// Only for anisotropic links: Dim x (Dim L), each link's information matrix divided by k_ij.
+  [[no_unique_address]] std::conditional_t<kAnisotropicLinks, LinkShapes, NothingOfLinks> link_shape;
   /// Parameters of the anchors' loss and of the links' potential, if these have any; of each one with Each.
   [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
   [[no_unique_address]] typename Model::LinkPotential link_potential;
@@ -216,6 +227,21 @@ class SpringSystem {
   [[no_unique_address]] typename Model::TriplePotential triple_potential;
 
  private:
+  // A matrix divided by its largest eigenvalue, which is returned; for any other matrix one that is refused.
+  template <typename Derived, typename Block>
+  static Scalar split(const Eigen::MatrixBase<Derived>& information, Block&& shape) {
+    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
+        matrix, Eigen::EigenvaluesOnly);
+    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
+    if (largest > 0) {
+      shape = matrix / largest;
+    } else {
+      shape.setIdentity();
+    }
+    return largest;
+  }
+
   void set_fixed(int node, bool fixed) {
     if (node < 0 || node >= nodes()) {
       if (!defect_) defect_ = {"fixed node", node, "is out of range"};

@@ -90,14 +90,15 @@ int first_floating_load(const System& system, ComponentScratch<System>& scratch)
   return -1;
 }
 
-/// The first node whose anchor's shape is not a symmetric matrix with eigenvalues from 0 to 1, or -1.
-template <typename System>
-int first_bad_shape(const System& system) {
-  using Scalar = typename System::Scalar;
-  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
+/// The first of `count` shapes, of anchors or links, that is not a symmetric matrix with eigenvalues from 0
+/// to 1, or -1.
+template <int kDim, typename Shapes>
+int first_bad_shape(const Shapes& shapes, int count) {
+  using Scalar = typename Shapes::Scalar;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
   constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
-  for (int i = 0; i < system.nodes(); ++i) {
-    const Block shape = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
+  for (int i = 0; i < count; ++i) {
+    const Block shape = shapes.template block<kDim, kDim>(0, kDim * i);
     if (!all_finite(shape) || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
     const Eigen::SelfAdjointEigenSolver<Block> modes(shape, Eigen::EigenvaluesOnly);
     if (!(modes.eigenvalues().minCoeff() >= -kRounding && modes.eigenvalues().maxCoeff() <= 1 + kRounding))
@@ -180,6 +181,7 @@ Defect validate_values(const System& system, const typename System::Points& x) {
 
   constexpr auto kNotFinite = "is not finite";
   constexpr auto kNotPositive = "is negative or not finite";
+  constexpr auto kNotDefinite = "is not symmetric and positive semi-definite";
   if (const int i = first_column_not_finite(system.anchors); i >= 0) return {"anchor", i, kNotFinite};
   if (const int i = first_bad_entry(system.anchor_stiffness); i >= 0)
     return {"anchor stiffness", i, kNotPositive};
@@ -192,8 +194,14 @@ Defect validate_values(const System& system, const typename System::Points& x) {
   if constexpr (System::kAnisotropic) {
     if (system.anchor_shape.cols() != System::kDim * n)
       return {"anchor shape", -1, "must have one matrix for each node"};
-    if (const int i = first_bad_shape(system); i >= 0)
-      return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
+    if (const int i = first_bad_shape<System::kDim>(system.anchor_shape, n); i >= 0)
+      return {"information matrix of anchor", i, kNotDefinite};
+  }
+  if constexpr (System::kAnisotropicLinks) {
+    if (system.link_shape.cols() != System::kDim * system.link_count())
+      return {"link shape", -1, "must have one matrix for each link"};
+    if (const int l = first_bad_shape<System::kDim>(system.link_shape, system.link_count()); l >= 0)
+      return {"information matrix of link", l, kNotDefinite};
   }
   if (const Defect defect = parameter_defect("anchor loss", system.anchor_loss, n)) return defect;
   if (const Defect defect = parameter_defect("link potential", system.link_potential, system.link_count()))
@@ -223,6 +231,9 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
         is_in(system.link_stiffness) || is_in(system.rest_offset) || is_in(system.loads) ||
         meets(system.links().data(), system.links().size_bytes()))
       return true;
+    if constexpr (System::kAnisotropicLinks) {
+      if (is_in(system.link_shape)) return true;
+    }
     if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
   }
   return false;
