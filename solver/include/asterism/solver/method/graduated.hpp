@@ -80,13 +80,9 @@ requires(detail::is_graduable<System>()) class Graduated {
   /// the result is that of `Solver` alone.
   Summary solve(const System& system, Points& x) {
     const auto begin = std::chrono::steady_clock::now();
+    if (const char* problem = options.problem()) return detail::refused(name(), problem);
     Summary result;
     result.solver = name();
-    if (const char* problem = options.problem()) {
-      result.status = Status::InvalidInput;
-      result.message = problem;
-      return result;
-    }
     bool is_ready = false;
     const auto prepare = [&] {
       // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.

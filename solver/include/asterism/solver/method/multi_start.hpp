@@ -67,14 +67,10 @@ class MultiStart {
   /// is that of the given x. Statuses are those of `Solver`; bad input is refused before the first start.
   Summary solve(const System& system, Points& x) {
     const auto begin = std::chrono::steady_clock::now();
+    if (const char* problem = options.problem()) return detail::refused(name(), problem);
     solver_.options = options;
     Summary best;
     best.solver = name();
-    if (const char* problem = options.problem()) {
-      best.status = Status::InvalidInput;
-      best.message = problem;
-      return best;
-    }
     const auto allocate = [&] {
       // Emptied first: Eigen 3.4 frees a matrix twice if memory runs out where it changes its size.
       if (given_.size() != x.size()) given_ = trial_ = Points(), scratch_ = {}, stiffness_ = {};

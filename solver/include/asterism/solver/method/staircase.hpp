@@ -183,13 +183,7 @@ requires(detail::is_liftable<System>()) class Staircase {
 template <typename System, typename Solver>
 requires(detail::is_liftable<System>()) Summary Staircase<System, Solver>::run(const System& system,
                                                                                Points& x) {
-  if (system.has_loads()) {
-    Summary refused;
-    refused.solver = name();
-    refused.status = Status::InvalidInput;
-    refused.message = detail::kNoLoads;
-    return refused;
-  }
+  if (system.has_loads()) return detail::refused(name(), detail::kNoLoads);
   const auto begin = std::chrono::steady_clock::now();
   solver_.options = options;
   Summary best = solver_.solve(system, x);

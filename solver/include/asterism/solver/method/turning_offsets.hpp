@@ -69,23 +69,18 @@ class TurningOffsets {
   /// stationary for the best T.
   Summary solve(const System& system, Points& x) {
     const auto begin = std::chrono::steady_clock::now();
+    if (options.gap > 0)
+      return detail::refused(name(), "option gap: no lower bound is known for offsets that turn");
+    if (detail::shares_memory(system, x.data(), x.size()))
+      return detail::refused(name(), detail::kSharesMemory);
+    if (const Defect defect = detail::validate_values(system, x)) return detail::refused(name(), defect);
+    if (!system.has_offsets()) return detail::refused(name(), "the system's links have no offsets");
     Summary result;
-    result.status = Status::InvalidInput;
-    if (options.gap > 0) {
-      result.message = "option gap: no lower bound is known for offsets that turn";
-    } else if (detail::shares_memory(system, x.data(), x.size())) {
-      result.message = detail::kSharesMemory;
-    } else if (const Defect defect = detail::validate_values(system, x)) {
-      result.message = defect;
-    } else if (!system.has_offsets()) {
-      result.message = "the system's links have no offsets";
-    } else {
-      detail::attempt<std::bad_alloc>([&] { result = run(system, x); },
-                                      [&result](const std::bad_alloc& error) {
-                                        result.status = Status::OutOfMemory;
-                                        result.message = detail::memory_message(error);
-                                      });
-    }
+    detail::attempt<std::bad_alloc>([&] { result = run(system, x); },
+                                    [&result](const std::bad_alloc& error) {
+                                      result.status = Status::OutOfMemory;
+                                      result.message = detail::memory_message(error);
+                                    });
     result.solver = name();
     result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return result;

@@ -100,13 +100,8 @@ class Ceres {
         trial_ = gradient_ = Points();
       }
     }
-    if (given.has_loads()) {  // a sum of squares has no place for them
-      Summary refused;
-      refused.solver = name();
-      refused.status = Status::InvalidInput;
-      refused.message = asterism::detail::kNoLoads;
-      return refused;
-    }
+    // A sum of squares has no place for loads.
+    if (given.has_loads()) return asterism::detail::refused(name(), asterism::detail::kNoLoads);
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       constexpr int kDim = System::kDim;
       using Scalar = typename System::Scalar;

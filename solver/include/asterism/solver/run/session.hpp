@@ -75,11 +75,9 @@ class Session {
     links_ = given.link_count();
     Summary summary;
     summary.solver = name;
-    if constexpr (System::kHasTriples && !kGradientAlone) {
-      summary.status = Status::InvalidInput;
-      summary.message = "the method does not support potentials over three nodes: use lbfgs or ncg";
-      return summary;
-    }
+    if constexpr (System::kHasTriples && !kGradientAlone)
+      return detail::refused(name,
+                             "the method does not support potentials over three nodes: use lbfgs or ncg");
     bool started = false;
     const auto solve = [&] {
       if (const System* system = start(options, given, x, summary)) {

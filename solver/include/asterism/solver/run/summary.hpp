@@ -56,6 +56,19 @@ struct Summary {
   }
 };
 
+namespace detail {
+
+/// The summary of a solve that was refused.
+inline Summary refused(std::string_view solver, const Message& why) {
+  Summary summary;
+  summary.solver = solver;
+  summary.status = Status::InvalidInput;
+  summary.message = why;
+  return summary;
+}
+
+}  // namespace detail
+
 inline std::ostream& operator<<(std::ostream& out, const Summary& summary) {
   out << summary.solver << ": " << summary.status;
   if (summary.usable()) {
