@@ -21,16 +21,18 @@
 #include <vector>
 
 #include "lowest_energy.hpp"
+#include "model_kits.hpp"
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {
 
 using testing::Kind;
 using testing::lowest_energy;
+using testing::Plane;
 using testing::Rng;
-using Four = SpringSystem<double, 2, 4>;
-using Plane = SpringSystem<double, 2>;
-using Space = SpringSystem<double, 3>;
+using testing::Space;
+using Four = testing::Fixed2;
 
 // `searched` counts the systems that the certificate alone does not prove.
 template <typename System>
@@ -66,7 +68,7 @@ TEST(BranchAndBound, NarrowsTheIntervalToTheGap) {
   expect_global<Four>(Kind::Lit, 4, 100, 1e-3, 1e-9, searched);
   expect_global<Plane>(Kind::Lit, 3, 100, 1e-3, 1e-9, searched);
   expect_global<Plane>(Kind::Lit, 5, 30, 1e-2, 1e-9, searched);
-  expect_global<SpringSystem<float, 2, 4>>(Kind::Lit, 4, 60, 1e-2, 1e-4, searched);
+  expect_global<testing::Fixed2f>(Kind::Lit, 4, 60, 1e-2, 1e-4, searched);
   expect_global<Space>(Kind::Lit, 5, 30, 3e-2, 1e-9, searched);
   expect_global<Plane>(Kind::Lit, 4, 60, 1e-2, 1e-9, searched, 2);
   EXPECT_GT(searched, 30);
@@ -112,7 +114,7 @@ TEST(BranchAndBound, LeavesManyNodesToTheStaircase) {
 
 // In float, the energy and stationarity are those of the rounded placement.
 TEST(BranchAndBound, JudgesWhatItReturns) {
-  using Floats = SpringSystem<float, 2, 4>;
+  using Floats = testing::Fixed2f;
   int converged = 0;
   for (std::uint64_t index = 0; index < 100; ++index) {
     const auto [system, start] = testing::numbered_system<Floats>(Kind::Lit, Topology<4>::full(), index);
@@ -144,10 +146,10 @@ void expect_solves_globally(std::string_view method, int nodes) {
 
 TEST(SolveGlobal, TakesTheMethodThatGoesFurthest) {
   expect_solves_globally<Four>("branch and bound", 4);
-  expect_solves_globally<SpringSystem<double, 1, 3>>("Newton, repaired LDL^T", 3);  // by the staircase
+  expect_solves_globally<testing::Line>("Newton, repaired LDL^T", 3);  // by the staircase
   // Anisotropic anchors: several starts, at least one of them with the nodes in the right order.
-  using Anisotropic = SpringSystem<double, 2, 2, 2, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
-  Anisotropic system(Topology<2>::full());
+  using Anisotropic = testing::Ellipses::System;
+  Anisotropic system(Anisotropic::TopologyType::full(2));
   system.anchors << 0, 1, 0, 0;
   for (const int i : {0, 1}) system.set_anchor_information(i, Eigen::Matrix2d{{1, 0}, {0, 100}});
   system.rest_length << 1;
@@ -163,7 +165,7 @@ TEST(SolverRegistry, HasBranchAndBoundWhereItIs) {
   };
   EXPECT_TRUE(has(solver_registry<Plane>()));
   EXPECT_TRUE(has(solver_registry<Space>()));
-  static_assert(!detail::is_searchable<SpringSystem<double, 1>>());
+  static_assert(!detail::is_searchable<testing::Line>());
   static_assert(!detail::is_searchable<SpringSystem<double, 2, 4, 4, Model<Hooke, GemanMcClure>>>());
   const auto [system, start] = testing::numbered_system<Four>(Kind::Lit, Topology<4>::full(), 3);
   auto solver = make_solver<Four>("branch-and-bound", {{"max_nodes", 50}, {"gap", 1e-6}});

@@ -20,6 +20,7 @@
 #include <vector>
 
 #include "lowest_energy.hpp"
+#include "model_kits.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -63,7 +64,7 @@ void expect_bounds_below_grid(int nodes, int trials, int steps) {
   Rng rng(static_cast<std::uint64_t>(nodes));
   int certified = 0;
   for (int trial = 0; trial < trials; ++trial) {
-    auto [system, x] = testing::random_system<Line>(rng, Topology<>::full(nodes));
+    auto [system, x] = testing::random_system<Line>(rng, Line::TopologyType::full(nodes));
     Newton<Line>().solve(system, x);
     const Certificate certificate = certify(system, x);
     const Summary up = detail::AutoStaircase<Line>().solve(system, x);
@@ -327,8 +328,11 @@ TEST(Certificate, HasAReasonWhereThereIsNone) {
 }
 
 template <typename M>
-SpringSystem<double, 2, 4, 4, M> with_model(const Fixed2& system) {
-  SpringSystem<double, 2, 4, 4, M> other(system.topology());
+using OfModel = SpringSystem<double, 2, Eigen::Dynamic, 8, M>;
+
+template <typename M>
+OfModel<M> with_model(const Plane& system) {
+  OfModel<M> other(OfModel<M>::TopologyType::full(system.nodes()));
   other.anchors = system.anchors, other.anchor_stiffness = system.anchor_stiffness;
   other.rest_length = system.rest_length, other.link_stiffness = system.link_stiffness;
   return other;
@@ -356,13 +360,13 @@ struct Undeclared {
 TEST(Certificate, OfOtherModelsSaysWhatItCan) {
   int unique = 0;
   for (std::uint64_t index = 0; index < 40; ++index) {
-    const auto [plain, start] = testing::numbered_system<Fixed2>(Kind::Track, Topology<4>::full(), index);
+    auto [plain, minimum] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(4), index);
+    Newton<Plane>().solve(plain, minimum);
+    OfModel<Springs>::Points x = minimum;
 
     auto half = with_model<Model<HalfHooke<true>>>(plain);
     half.link_stiffness *= 2;
-    Fixed2::Points x = start;
-    Newton<Fixed2>().solve(plain, x);
-    const Certificate expected = certify(plain, x);
+    const Certificate expected = certify(plain, minimum);
     const Certificate same = certify(half, x);
     EXPECT_EQ(same.certified(), expected.certified());
     EXPECT_NE(same.proof, Proof::UniqueGlobalMinimum);  // known only for springs
@@ -371,7 +375,7 @@ TEST(Certificate, OfOtherModelsSaysWhatItCan) {
     EXPECT_EQ(certify(with_model<Model<Undeclared>>(plain), x).reason,
               "the links' potential is not declared to be convex in the square of the length");
 
-    auto robust = with_model<Model<Hooke, GemanMcClure>>(plain);
+    auto robust = with_model<testing::Hubers::System::Model>(plain);
     robust.anchor_loss.scale = 5;
     Newton<decltype(robust)>().solve(robust, x);
     const Certificate reweighted = certify(robust, x);
@@ -380,7 +384,7 @@ TEST(Certificate, OfOtherModelsSaysWhatItCan) {
     EXPECT_FALSE(reweighted.certified());
     EXPECT_DOUBLE_EQ(reweighted.energy, energy(robust, x));
 
-    auto ellipses = with_model<Model<Hooke, Quadratic, AnchorShape::Anisotropic>>(plain);
+    auto ellipses = with_model<testing::Ellipses::System::Model>(plain);
     Rng rng(index);
     for (int i = 0; i < 4; ++i) {
       const Eigen::Matrix2d turn = Eigen::Rotation2Dd(rng.uniform(0, 3)).toRotationMatrix();

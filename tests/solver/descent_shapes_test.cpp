@@ -19,9 +19,11 @@ void expect_solved(int n) {
     EXPECT_EQ(solver.solve(system, x).status, Status::Converged) << solver.name();
   };
   check(Lbfgs<System>());
-  check(Lbfgs<System, JacobiMetric<System>>());
   check(NewtonCg<System>());
-  check(NewtonCg<System, DenseCholesky<System>>());
+  if constexpr (System::kDim == 1) {  // for four dimensions, one method with each kind of matrix
+    check(Lbfgs<System, JacobiMetric<System>>());
+    check(NewtonCg<System, DenseCholesky<System>>());
+  }
 }
 
 TEST(DescentOfOddShapes, OneNodeOneDimensionAndMany) {

@@ -42,7 +42,7 @@ void expect_same_minimum_as_ida(int n, int systems) {
 }
 
 TEST(DescentOfLargerSystems, FindsIdasMinimum) {
-  expect_same_minimum_as_ida<SpringSystem<double, 2, Eigen::Dynamic, 16>>(16, 60);
+  expect_same_minimum_as_ida<SpringSystem<double, 2>>(16, 60);
   expect_same_minimum_as_ida<SpringSystem<double, 2>>(64, 20);
   expect_same_minimum_as_ida<SpringSystem<double, 3>>(25, 20);
 }

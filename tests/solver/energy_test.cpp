@@ -43,9 +43,10 @@ std::vector<testing::RandomSystem<System>> make(std::uint64_t seed) {
 // The same system in double, where differences are more accurate.
 template <typename System>
 auto in_double(const testing::RandomSystem<System>& from) {
-  using Double = SpringSystem<double, System::kDim>;
-  testing::RandomSystem<Double> to{Double(Topology<>::from_links(from.system.nodes(), from.system.links())),
-                                   from.start.template cast<double>()};
+  using Double = std::conditional_t<System::kDim == 1, testing::Line, SpringSystem<double, System::kDim>>;
+  testing::RandomSystem<Double> to{
+      Double(Double::TopologyType::from_links(from.system.nodes(), from.system.links())),
+      from.start.template cast<double>()};
   to.system.anchors = from.system.anchors.template cast<double>();
   to.system.anchor_stiffness = from.system.anchor_stiffness.template cast<double>();
   to.system.rest_length = from.system.rest_length.template cast<double>();

@@ -17,6 +17,7 @@
 #include <utility>
 #include <vector>
 
+#include "model_kits.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -338,8 +339,7 @@ TEST(FreeMotion, OfComponentsThatWereGrounded) {
 
 // Anchors that hold only one direction, and robust anchors.
 TEST(FreeMotion, OfOtherModels) {
-  using Along = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
-                             Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
+  using Along = testing::Ellipses::System;
   const Eigen::Matrix2d along_x{{1.0, 0.0}, {0.0, 0.0}};
   const Eigen::Matrix2d along_y{{0.0, 0.0}, {0.0, 1.0}};
   const std::vector<Held<Along>> table = {
@@ -366,7 +366,7 @@ TEST(FreeMotion, OfOtherModels) {
   };
   expect_verdict<Along>(table, with<Newton<Along>>(1e-10));
 
-  using Robust = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic, Model<Hooke, Huber>>;
+  using Robust = testing::Hubers::System;
   const std::vector<Held<Robust>> robust = {
       {"one robust anchor", "can rotate about node 4", [](Robust& s, auto&) { hold_by_anchors(s, {4}); }},
       {"two robust anchors", "",

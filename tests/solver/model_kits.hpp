@@ -104,8 +104,10 @@ void expect_fixed_nodes_to_stay() {
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-#define ASTERISM_TEST_KIT(Extern, Kit)               \
-  ASTERISM_TEST_ENERGY(Extern, testing::Kit::System) \
+#define ASTERISM_TEST_KIT(Extern, Kit)                                                             \
+  ASTERISM_TEST_ENERGY(Extern, testing::Kit::System)                                               \
+  Extern template DenseHessian<testing::Kit::System> hessian(const testing::Kit::System&,          \
+                                                             const testing::Kit::System::Points&); \
   ASTERISM_TEST_SOLVER(Extern, testing::Kit::System, Newton<testing::Kit::System>)
 #define ASTERISM_TEST_KITS(Extern)    \
   ASTERISM_TEST_KIT(Extern, Soft)     \

@@ -6,26 +6,23 @@
 namespace asterism::testing {
 namespace {
 
-template <int kDim, typename Model>
-using Eight = SpringSystem<double, kDim, Eigen::Dynamic, 8, Model>;
-
 TEST(SensitivityAnchors, OfGemanAndMcCluresLoss) {
-  expect_true_derivatives<Eight<3, Model<Hooke, GemanMcClure>>>("Geman-McClure, space", 6);
+  expect_true_derivatives<Gemans::System>("Geman-McClure, space", 6);
 }
 
 TEST(SensitivityAnchors, WithInformationMatrices) {
-  using System = Eight<2, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
-  expect_true_derivatives<System>("information, plane", 6);
+  expect_true_derivatives<Ellipses::System>("information, plane", 6);
 }
 
 TEST(SensitivityAnchors, WithEverything) {
-  using System = Eight<3, Model<YieldingSpring, Huber, AnchorShape::Anisotropic>>;
+  using System =
+      SpringSystem<double, 3, Eigen::Dynamic, 8, Model<YieldingSpring, Huber, AnchorShape::Anisotropic>>;
   expect_true_derivatives<System>("yielding links, Huber, information, space", 6);
 }
 
 // The energy is that of Lambda alone: by k_i at constant shape is by Lambda along itself.
 TEST(SensitivityAnchors, InformationIsTheChainOfStiffnessAndShape) {
-  using System = Eight<2, Model<Hooke, Quadratic, AnchorShape::Anisotropic>>;
+  using System = Ellipses::System;
   auto [system, start] = sensitivity_system<System>(3, System::TopologyType::full(4));
   const auto x = stationary_point(system, start);
   Rng rng(1);

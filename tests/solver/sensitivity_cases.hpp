@@ -17,6 +17,7 @@
 #include <vector>
 
 #include "matrices.hpp"
+#include "model_kits.hpp"
 
 namespace asterism::testing {
 

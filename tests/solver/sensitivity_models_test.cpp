@@ -6,18 +6,14 @@
 namespace asterism::testing {
 namespace {
 
-template <int kDim, typename Model>
-using Eight = SpringSystem<double, kDim, Eigen::Dynamic, 8, Model>;
-
 TEST(SensitivityModels, OfYieldingLinks) {
-  expect_true_derivatives<Eight<2, Model<YieldingSpring>>>("yielding links, plane", 6);
+  using System = SpringSystem<double, 2, Eigen::Dynamic, 8, Model<YieldingSpring>>;
+  expect_true_derivatives<System>("yielding links, plane", 6);
 }
 
-TEST(SensitivityModels, OfHubersLoss) {
-  expect_true_derivatives<Eight<2, Model<Hooke, Huber>>>("Huber, plane", 6);
-}
+TEST(SensitivityModels, OfHubersLoss) { expect_true_derivatives<Hubers::System>("Huber, plane", 6); }
 
-TEST(SensitivityModels, OnALine) { expect_true_derivatives<Eight<1, Springs>>("springs, line", 5); }
+TEST(SensitivityModels, OnALine) { expect_true_derivatives<Line>("springs, line", 5); }
 
 }  // namespace
 }  // namespace asterism::testing

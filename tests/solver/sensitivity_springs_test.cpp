@@ -12,9 +12,6 @@
 namespace asterism::testing {
 namespace {
 
-using Plane = SpringSystem<double, 2>;
-using Space = SpringSystem<double, 3>;
-
 TEST(Sensitivity, InThePlane) { expect_true_derivatives<Plane>("springs, plane", 9); }
 TEST(Sensitivity, InSpace) { expect_true_derivatives<Space>("springs, space", 6); }
 

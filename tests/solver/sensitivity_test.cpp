@@ -17,7 +17,6 @@ namespace asterism::testing {
 namespace {
 
 using Four = SpringSystem<double, 2, 4>;
-using Plane = SpringSystem<double, 2>;
 
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 

@@ -14,7 +14,7 @@ namespace testing {
 using Fixed2 = SpringSystem<double, 2, 4>;
 using Plane = SpringSystem<double, 2>;
 using Space = SpringSystem<double, 3>;
-using Line = SpringSystem<double, 1>;
+using Line = SpringSystem<double, 1, Eigen::Dynamic, 12>;  // Auto has sparse solvers beyond
 using Bounded2 = SpringSystem<double, 2, Eigen::Dynamic, 16>;
 using Bounded3 = SpringSystem<double, 3, Eigen::Dynamic, 8>;
 using Fixed2f = SpringSystem<float, 2, 4>;
@@ -80,7 +80,8 @@ inline namespace ASTERISM_ABI {
   ASTERISM_TEST_PROVER(Extern, testing::Bounded3)                    \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Bounded3)                 \
   ASTERISM_TEST_SOLVER(Extern, testing::Line, Newton<testing::Line>) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Line, Auto<testing::Line>)
+  ASTERISM_TEST_SOLVER(Extern, testing::Line, Auto<testing::Line>)   \
+  ASTERISM_TEST_SOLVER(Extern, testing::Line, detail::AutoStaircase<testing::Line>)
 
 #define ASTERISM_TEST_BOUNDED(Extern)                                     \
   ASTERISM_TEST_PROVER(Extern, testing::Bounded2)                         \
@@ -90,11 +91,13 @@ inline namespace ASTERISM_ABI {
   ASTERISM_TEST_SOLVER(Extern, testing::Bounded2, Ida<testing::Bounded2>) \
   ASTERISM_TEST_SOLVER(Extern, testing::Bounded2, Newton<testing::Bounded2>)
 
-#define ASTERISM_TEST_PLANEF(Extern)                                    \
-  ASTERISM_TEST_FUNCTIONS(Extern, testing::Fixed2f)                     \
-  ASTERISM_TEST_FUNCTIONS(Extern, testing::Planef)                      \
-  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Ida<testing::Fixed2f>) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Newton<testing::Fixed2f>)
+#define ASTERISM_TEST_PLANEF(Extern)                                       \
+  ASTERISM_TEST_FUNCTIONS(Extern, testing::Fixed2f)                        \
+  ASTERISM_TEST_FUNCTIONS(Extern, testing::Planef)                         \
+  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Ida<testing::Fixed2f>)    \
+  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Newton<testing::Fixed2f>) \
+  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Auto<testing::Fixed2f>)   \
+  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, detail::AutoStaircase<testing::Fixed2f>)
 
 #define ASTERISM_TEST_SPACEF(Extern)                                           \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Spacef)                             \
