@@ -72,7 +72,7 @@ class StructuresTest(unittest.TestCase):
             joints = [Joint(0, 1, weight=0.3), Joint(1, 2, (1, 1), weight=0.4), Joint(2, 0, weight=0.4, length=2.0, reach=3)]
             found = loopy_structure(maps, joints, gap=1e-4)
             least = self.all_placements(maps, joints)[0][0]
-            self.assertIn(found.status, [Status.Converged, Status.NoProgress, Status.MaxIterations])
+            self.assertIn(found.status, [Status.CONVERGED, Status.NO_PROGRESS, Status.MAX_ITERATIONS])
             self.assertLessEqual(found.lower_bound, least + 1e-5)
             self.assertGreaterEqual(found.energy, least - 1e-5)
             self.assertGreaterEqual(found.iterations, 1)

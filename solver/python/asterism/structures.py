@@ -123,7 +123,7 @@ def scaled_structure(
 class LoopyResult:
     """What loopy_structure finds."""
 
-    #: Status.Converged: the energy is within gap of the lower bound. Status.NoProgress or Status.MaxIterations: a gap is left.
+    #: Status.CONVERGED: the energy is within gap of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: a gap is left.
     status: _asterism.Status
     iterations: int
     #: Of the placement.
