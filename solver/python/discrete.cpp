@@ -132,8 +132,10 @@ py::list solve_m_best(const py::list& maps, const py::object& ends, const py::ob
 }
 
 py::tuple solve_scaled(const py::list& maps, const py::object& ends, const py::object& costs,
-                       const std::vector<double>& scales, int count, double distance) {
+                       const py::object& given_scales, int count, double distance) {
   const Problem problem = problem_of(maps, ends, costs);
+  const auto of_scales = numbers(given_scales, "scales", {static_cast<py::ssize_t>(py::len(given_scales))});
+  const std::vector<double> scales(of_scales.data(), of_scales.data() + of_scales.size());
   std::vector<ScaledJoint> joints;
   for (std::size_t k = 0; k < problem.joints.size(); ++k) {
     joints.push_back({problem.joints[k], problem.layers[k]});
