@@ -72,7 +72,8 @@ struct AxisCost {
 
 /// The cost of the length of a displacement d, weight (|d| - length)^2, as that of a spring. A sum of costs
 /// along the axes cannot express it, so that it is computed for each displacement of a window, which is
-/// around the offsets of the axes; others are forbidden.
+/// around the offsets of the axes; others are forbidden. The maps of both parts have to begin at the same
+/// place of the image, as an offset cannot make up for it.
 struct LengthCost {
   double weight = 0;  ///< per px^2, half the stiffness of a spring; from 0 up; 0: no cost and no window
   double length = 0;  ///< the length that costs nothing [px]; from 0 to 2^20
