@@ -38,6 +38,7 @@ void RunnerOf<Native>::load(const Problem& problem) {
   native.rest_length = system.rest_length;
   native.link_stiffness = system.link_stiffness;
   native.rest_offset = system.rest_offset;
+  native.loads = system.loads;
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.is_fixed(i)) native.fix(i);
   }

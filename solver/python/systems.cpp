@@ -193,7 +193,7 @@ void bind_systems(py::module_& m) {
       "A constellation as a spring system: a spring of stiffness k_i ties node i to its anchor, and springs\n"
       "of stiffness k_ij and rest length mu_ij join linked nodes. Its energy is\n"
       "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2. With rest_offset,\n"
-      "x_i - x_j is less the link's offset m_ij.\n\n"
+      "x_i - x_j is less the link's offset m_ij; with loads, the energy is less sum_i f_i . x_i.\n\n"
       "The arrays are the system's own memory: assign to them in place. They start as NaN, so that a\n"
       "forgotten value is an error. Do not change them while another thread solves the system.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
@@ -203,6 +203,12 @@ void bind_systems(py::module_& m) {
     return self.cast<AnySystem&>().visit([](auto& system) -> py::object {
       if (!system.has_offsets()) return py::none();
       return py::array_t<double>(Shape{system.link_count(), system.kDim}, system.rest_offset.data());
+    });
+  };
+  const auto loads = [](const py::object& self) {
+    return self.cast<AnySystem&>().visit([](auto& system) -> py::object {
+      if (!system.has_loads()) return py::none();
+      return py::array_t<double>(Shape{system.nodes(), system.kDim}, system.loads.data());
     });
   };
   type.def(py::pickle(
@@ -221,15 +227,17 @@ void bind_systems(py::module_& m) {
             system.of_dim);
         state.append(fixed);
         state.append(self.attr("rest_offset"));
+        state.append(self.attr("loads"));
         return py::tuple(state);
       },
       [](const py::tuple& state) {
-        const Fields fields(state, 8);
+        const Fields fields(state, 9);
         AnySystem made = make_system(fields[0].cast<const Topology<>&>(), fields[1].cast<int>());
         const py::object view = py::cast(&made, py::return_value_policy::reference);
         for (std::size_t i = 0; i < 4; ++i) view.attr(kArrays[i]) = fields[i + 2];
         for (const py::handle node : py::list(fields[6])) view.attr("fix")(node);
         view.attr("rest_offset") = fields[7];
+        view.attr("loads") = fields[8];
         return made;
       }));
   def_copy(type);
@@ -259,6 +267,19 @@ void bind_systems(py::module_& m) {
           "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at\n"
           "the distance rest_length of it. None, as at first: no link has one. Reading makes a copy;\n"
           "assign a whole array.")
+      .def_property(
+          "loads", loads,
+          [](AnySystem& self, const py::object& values) {
+            self.visit([&]<int Dim>(System<Dim>& system) {
+              if (values.is_none()) {
+                system.loads.resize(Dim, 0);
+              } else {
+                system.loads = map_points<Dim>(numbers(values, "loads", {system.nodes(), Dim}));
+              }
+            });
+          },
+          "f_i, (N, dim) [stiffness x px]: a constant force on each node, such as its weight. None, as at\n"
+          "first: no node has one. Reading makes a copy; assign a whole array.")
       .def(
           "set_rest_offsets",
           [](AnySystem& self, const py::object& points) {
@@ -465,7 +486,9 @@ void bind_systems(py::module_& m) {
                                 owned(std::move(result.link_stiffness), {s.link_count()}),
                                 s.has_offsets()
                                     ? py::object(owned(std::move(result.rest_offset), {s.link_count(), Dim}))
-                                    : py::object(py::none()));
+                                    : py::object(py::none()),
+                                s.has_loads() ? py::object(owned(std::move(result.loads), {s.nodes(), Dim}))
+                                              : py::object(py::none()));
         });
       },
       py::arg("system"), py::arg("x"), py::arg("grad_x"), py::arg("stationarity"),
@@ -474,7 +497,7 @@ void bind_systems(py::module_& m) {
       "solution_tangent",
       [](AnySystem& system, const py::object& x, const py::object& anchors,
          const py::object& anchor_stiffness, const py::object& rest_length, const py::object& link_stiffness,
-         const py::object& rest_offset, double stationarity) {
+         const py::object& rest_offset, const py::object& forces, double stationarity) {
         const SensitivityOptions options = sensitivity_options(stationarity);
         return system.visit([&]<int Dim>(System<Dim>& s) {
           const auto points = points_of<Dim>(s, x);
@@ -493,6 +516,8 @@ void bind_systems(py::module_& m) {
             tangent.rest_offset =
                 map_points<Dim>(numbers(rest_offset, "rest_offset", {s.rest_offset.cols(), Dim}));
           }
+          if (!forces.is_none())
+            tangent.loads = map_points<Dim>(numbers(forces, "loads", {s.loads.cols(), Dim}));
           auto result = [&] {
             const py::gil_scoped_release release;
             return solution_tangent_of<Dim>(s, points, tangent, options);
@@ -504,7 +529,7 @@ void bind_systems(py::module_& m) {
       py::arg("system"), py::arg("x"), py::kw_only(), py::arg("anchors") = py::none(),
       py::arg("anchor_stiffness") = py::none(), py::arg("rest_length") = py::none(),
       py::arg("link_stiffness") = py::none(), py::arg("rest_offset") = py::none(),
-      py::arg("stationarity") = SensitivityOptions().stationarity,
+      py::arg("loads") = py::none(), py::arg("stationarity") = SensitivityOptions().stationarity,
       "How the solution x moves, (N, dim), per unit of a parameter theta, for the derivatives by theta of "
       "the\n"
       "system's arrays, of their shapes; one that is left out does not change. Errors as of sensitivity().");

@@ -62,10 +62,27 @@ bench::Problem problem(fuzz::Bytes& bytes) {
     system.rest_offset.resize(2, system.link_count());
     for (double& m : system.rest_offset.reshaped()) m = number(bytes);
   }
+  if (bytes.take<std::uint8_t>() % 4 == 1) {
+    system.loads.resize(2, nodes);
+    for (double& f : system.loads.reshaped()) f = number(bytes);
+  }
   return result;
 }
 
-// An independent implementation of the energy.
+// What loads do, and its size.
+long double work_of(const System& system, const Points& x, long double& size) {
+  long double sum = 0;
+  size = 0;
+  if (!system.has_loads()) return sum;
+  for (int c = 0; c < x.size(); ++c) {
+    const long double work = static_cast<long double>(system.loads.data()[c]) * x.data()[c];
+    sum += work;
+    size += std::abs(work);
+  }
+  return sum;
+}
+
+// An independent implementation of the springs' energy.
 long double energy_of(const System& system, const Points& x) {
   long double sum = 0;
   for (int i = 0; i < system.nodes(); ++i) {
@@ -91,8 +108,8 @@ bool is_bad(const bench::Problem& given) {
   const System& system = given.system;
   const auto is_good = [](const auto& values) { return values.allFinite() && (values.array() >= 0).all(); };
   return system.nodes() == 0 || !is_good(system.anchor_stiffness) || !is_good(system.link_stiffness) ||
-         !is_good(system.rest_length) || !system.rest_offset.allFinite() || !system.anchors.allFinite() ||
-         !given.start.allFinite();
+         !is_good(system.rest_length) || !system.rest_offset.allFinite() || !system.loads.allFinite() ||
+         !system.anchors.allFinite() || !given.start.allFinite();
 }
 
 void require(bool holds, const Summary& summary, const char* what) {
@@ -114,7 +131,10 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
   const System& system = given.system;
   require(!is_bad(given), summary, "bad input was solved");
   require(x.allFinite() && std::isfinite(summary.final_energy), summary, "a result that is not finite");
-  const long double before = energy_of(system, given.start), after = energy_of(system, x);
+  const long double stored_before = energy_of(system, given.start), stored_after = energy_of(system, x);
+  long double size_before = 0, size_after = 0;
+  const long double before = stored_before - work_of(system, given.start, size_before);
+  const long double after = stored_after - work_of(system, x, size_after);
   // Distances are only as accurate as the rounding of the coordinates.
   constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   const long double extent = std::max(x.cwiseAbs().maxCoeff(), given.start.cwiseAbs().maxCoeff()) +
@@ -122,10 +142,12 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
                              (system.has_offsets() ? system.rest_offset.cwiseAbs().maxCoeff() : 0);
   const long double stiffness =
       system.anchor_stiffness.cast<long double>().sum() + system.link_stiffness.cast<long double>().sum();
-  const long double force = std::sqrt(2 * stiffness * before);
+  const long double stored = std::max(stored_before, system.has_loads() ? stored_after : 0);
+  const long double force = std::sqrt(2 * stiffness * stored);
+  const long double loads = 16 * kEpsilon * (size_before + size_after);
   const long double rounding =
       (system.nodes() + system.link_count()) *
-      (16 * kEpsilon * (before + extent * force + kEpsilon * stiffness * extent * extent) +
+      (loads + 16 * kEpsilon * (stored + extent * force + kEpsilon * stiffness * extent * extent) +
        std::numeric_limits<double>::min() * (1 + stiffness));  // underflow
   require(after <= before + rounding, summary, "the energy rose");
   require(std::abs(after - static_cast<long double>(summary.final_energy)) <= rounding, summary,

@@ -79,8 +79,9 @@ class PickleTest(unittest.TestCase):
                         self.assertFalse(np.shares_memory(getattr(other, array), getattr(system, array)))
                     self.assert_same(make(system.topology), system.topology)
         system.set_rest_offsets(system.anchors)
+        system.loads = system.anchors
         for name, make in COPIES.items():
-            with self.subTest(f"{name}, offsets"):
+            with self.subTest(f"{name}, offsets and loads"):
                 self.assert_same(make(system), system)
         unset = asterism.SpringSystem(asterism.Topology.full(3)).copy()
         self.assertTrue(np.isnan(unset.anchors).all())

@@ -696,6 +696,51 @@ class OffsetTest(unittest.TestCase):
                 system.rest_offset = wrong
 
 
+class LoadTest(unittest.TestCase):
+    def test_a_chain_hangs_in_balance(self):
+        nodes = 9
+        chain = asterism.SpringSystem(asterism.Topology.from_links(nodes, [(i, i + 1) for i in range(nodes - 1)]), dim=3)
+        chain.anchors = np.linspace(0, [6, 0, 1], nodes)
+        chain.anchor_stiffness, chain.rest_length, chain.link_stiffness = 0, 1, 40
+        chain.fix(0), chain.fix(nodes - 1)
+        self.assertIsNone(chain.loads)
+        weights = np.zeros((nodes, 3))
+        weights[:, 2] = -np.arange(nodes)
+        chain.loads = weights
+        x = chain.anchors.copy()
+        self.assertTrue(asterism.solve(chain, x))
+        d = np.diff(x, axis=0)
+        lengths = np.linalg.norm(d, axis=1)[:, None]
+        pulls = 40 * (lengths - 1) * d / lengths
+        np.testing.assert_allclose(pulls[1:] - pulls[:-1] + weights[1:-1], 0, atol=1e-6)
+        self.assertTrue(asterism.certify(chain, x).unique)
+        # The solution follows the loads.
+        grad_x = np.random.default_rng(1).normal(size=x.shape)
+        gradient = asterism.sensitivity(chain, x, grad_x)
+        step = np.random.default_rng(2).normal(size=x.shape)
+        moved = asterism.solution_tangent(chain, x, loads=step)
+        self.assertAlmostEqual((gradient.loads * step).sum(), (grad_x * moved).sum(), 9)
+        chain.loads = weights + 1e-5 * step
+        y = x.copy()
+        self.assertTrue(asterism.solve(chain, y, tolerance=1e-12))
+        np.testing.assert_allclose((y - x) / 1e-5, moved, atol=1e-3)
+
+    def test_assignment(self):
+        system, x = random_system(4, 2, 1)
+        before = asterism.energy(system, x)
+        system.loads = np.ones((4, 2))
+        self.assertAlmostEqual(asterism.energy(system, x), before - x.sum(), 9)
+        view = system.loads
+        view[:] = 5  # a copy
+        self.assertTrue((system.loads == 1).all())
+        system.loads = None
+        self.assertIsNone(system.loads)
+        self.assertEqual(asterism.energy(system, x), before)
+        for wrong in (np.zeros((5, 2)), np.zeros((4, 3)), "abc", 1j * np.zeros((4, 2))):
+            with self.assertRaises((ValueError, TypeError)):
+                system.loads = wrong
+
+
 class BatchTest(unittest.TestCase):
     def batch(self, count=200, nodes=4, dim=2):
         batch = asterism.SpringBatch(asterism.Topology.full(nodes), count, dim=dim)

@@ -63,7 +63,7 @@ TYPED_TEST(Comparison, EnergyNeverRises) {
       solver.options.max_iterations = iterations;
       System::Points x = start;
       const Summary summary = solver.solve(system, x);
-      EXPECT_LE(summary.final_energy, last + detail::rounding_of_energy(system, last));
+      EXPECT_LE(summary.final_energy, last + detail::rounding_of_energy(system, x, last));
       last = summary.final_energy;
       if (summary.status == Status::Converged) break;
       EXPECT_EQ(summary.status, Status::MaxIterations);

@@ -88,7 +88,7 @@ TYPED_TEST(Descent, EnergyNeverRises) {
       Points x = start;
       const Summary summary = solver.solve(system, x);
       EXPECT_LE(summary.iterations, iterations);
-      EXPECT_LE(summary.final_energy, last + double(detail::rounding_of_energy(system, Scalar(last))));
+      EXPECT_LE(summary.final_energy, last + double(detail::rounding_of_energy(system, x, Scalar(last))));
       last = std::min(last, summary.final_energy);
       if (summary.status == Status::Converged) break;
       EXPECT_EQ(summary.status, Status::MaxIterations);

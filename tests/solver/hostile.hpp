@@ -1,6 +1,6 @@
 #pragma once
 
-// 27 kinds of systems that are hard to solve, and all solvers behind one interface. hostile_test.cpp judges
+// 28 kinds of systems that are hard to solve, and all solvers behind one interface. hostile_test.cpp judges
 // the results.
 
 #include <Eigen/Core>
@@ -31,6 +31,7 @@ struct Problem {
   Eigen::MatrixXd anchors, start;  ///< Dim x N
   Eigen::VectorXd anchor_stiffness, rest_length, link_stiffness;
   Eigen::MatrixXd rest_offset;  ///< Dim x L, or empty
+  Eigen::MatrixXd loads;        ///< Dim x N, or empty
   /// For RobustPlane: information matrices relative to k_i, Dim x (Dim N), and the scale of Geman and
   /// McClure's loss.
   Eigen::MatrixXd shapes;

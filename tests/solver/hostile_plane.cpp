@@ -33,18 +33,25 @@ using Adapters = std::tuple<
 #ifdef ASTERISM_TEST_CHOLMOD
     Ida<Plane, CholmodCholesky<Plane>>, SparseNewton<Plane, CholmodLlt<Plane>>,
 #endif
-#ifdef ASTERISM_TEST_CERES
-    reference::Ceres<Plane>,
-#endif
 #ifdef ASTERISM_TEST_LBFGS
     reference::Liblbfgs<Plane>,
 #endif
-    MultiStart<Plane, Newton<Plane>>, detail::AutoStaircase<Plane>, ShortSearch>;
+    MultiStart<Plane, Newton<Plane>>>;
 
-// The batch has neither fixed nodes, offsets nor grounded components, and reports only status and energy.
+// Those that refuse loads.
+using WithoutLoads = std::tuple<
+#ifdef ASTERISM_TEST_CERES
+    reference::Ceres<Plane>,
+#endif
+    detail::AutoStaircase<Plane>, ShortSearch>;
+
+// The batch has neither fixed nodes, offsets, loads nor grounded components, and reports only status and
+// energy.
 void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {
   const auto system = system_of<Plane>(problem);
-  if (system.defect() || system.has_offsets() || !problem.fixed.empty() || problem.ground_components) return;
+  if (system.defect() || system.has_offsets() || system.has_loads() || !problem.fixed.empty() ||
+      problem.ground_components)
+    return;
   constexpr int kLanes = 3;
   SpringBatch<double, 2> batch(system.topology(), kLanes);
   const Plane::Points start = problem.start;
@@ -70,10 +77,12 @@ void solve_plane(const Problem& problem, std::vector<Attempt>& attempts) {
   static CommonSolvers<Plane> common;
   static SparseSolvers<Plane> sparse;
   static Adapters adapters;
+  static WithoutLoads without_loads;
   static CommonSolvers<FourParts> four_parts;
   solve_with<Plane>(common, problem, attempts);
   solve_with<Plane>(sparse, problem, attempts);
   solve_with<Plane>(adapters, problem, attempts);
+  if (problem.loads.size() == 0) solve_with<Plane>(without_loads, problem, attempts);
   solve_batch(problem, attempts);
   // FourParts stores at most one link per pair.
   if (problem.nodes() != 4 || problem.links.size() > 6) return;

@@ -19,6 +19,7 @@ System system_of(const Problem& problem) {
   system.rest_length = problem.rest_length.template cast<Scalar>();
   system.link_stiffness = problem.link_stiffness.template cast<Scalar>();
   if (problem.rest_offset.size() > 0) system.rest_offset = problem.rest_offset.template cast<Scalar>();
+  if (problem.loads.size() > 0) system.loads = problem.loads.template cast<Scalar>();
   if constexpr (System::kAnisotropic) system.anchor_shape = problem.shapes.template cast<Scalar>();
   if constexpr (requires { system.anchor_loss.scale; }) system.anchor_loss.scale = problem.scale;
   for (const int i : problem.fixed) system.fix(i);

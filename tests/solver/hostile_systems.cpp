@@ -85,6 +85,7 @@ Problem stored(Problem problem) {
   };
   round(problem.anchors), round(problem.start), round(problem.anchor_stiffness);
   round(problem.rest_length), round(problem.link_stiffness), round(problem.rest_offset);
+  round(problem.loads);
   return problem;
 }
 
@@ -98,6 +99,7 @@ void scale(Problem& problem, double length, double stiffness) {
   problem.rest_offset *= length;
   problem.scale *= length;
   problem.anchor_stiffness *= stiffness, problem.link_stiffness *= stiffness;
+  problem.loads *= stiffness * length;
 }
 
 Eigen::VectorXd direction(Rng& rng, int dim) {
@@ -266,6 +268,31 @@ Problem offsets(Rng& rng) {
   }
   if (chance(rng, 0.2)) move(problem, decades(rng, 3, 9) * direction(rng, problem.dim()));
   problem.agrees = alone;  // convex
+  return problem;
+}
+Problem loads(Rng& rng) {
+  const Type type = chance(rng, 0.2) ? Type::PlaneInFloat : any_dimension(rng);
+  Problem problem = plain(rng, type);
+  problem.loads.setZero(problem.dim(), problem.nodes());
+  const Eigen::VectorXd down = decades(rng, -3, 3) * direction(rng, problem.dim());
+  const bool is_weight = chance(rng, 0.5);  // the same on all
+  for (int i = 0; i < problem.nodes(); ++i) {
+    if (is_weight || chance(rng, 0.5)) problem.loads.col(i) = down;
+    if (!is_weight) problem.loads.col(i) += decades(rng, -2, 2) * direction(rng, problem.dim());
+  }
+  const double shape = rng.uniform(0, 1);
+  if (shape < 0.2) {
+    problem.rest_length.setZero();
+    problem.agrees = true;   // convex
+  } else if (shape < 0.6) {  // hangs from a few fixed nodes
+    problem.anchor_stiffness.setZero();
+    problem.fixed.push_back(0);
+    if (problem.nodes() > 2 && chance(rng, 0.5)) problem.fixed.push_back(problem.nodes() - 1);
+  }
+  if (type != Type::PlaneInFloat && chance(rng, 0.3))
+    scale(problem, decades(rng, -6, 6), decades(rng, -6, 6));
+  if (chance(rng, 0.2))
+    move(problem, decades(rng, 2, type == Type::PlaneInFloat ? 4 : 6) * direction(rng, problem.dim()));
   return problem;
 }
 Problem robust_anchors(Rng& rng) { return plain(rng, Type::RobustPlane); }
@@ -445,6 +472,7 @@ const std::vector<Kind>& kinds() {
       {"Cloth", seeded<cloth>},
       {"NoSystem", seeded<no_system>},
       {"Offsets", seeded<offsets>},
+      {"Loads", seeded<loads>},
   };
   return all;
 }

@@ -44,6 +44,7 @@ void expect_same(const System& a, const System& b) {
   expect_same_bits(a.rest_length, b.rest_length);
   expect_same_bits(a.link_stiffness, b.link_stiffness);
   expect_same_bits(a.rest_offset, b.rest_offset);
+  expect_same_bits(a.loads, b.loads);
   if constexpr (System::kAnisotropic) expect_same_bits(a.anchor_shape, b.anchor_shape);
   EXPECT_EQ(a.fixed_count(), b.fixed_count());
   for (int i = 0; i < a.nodes(); ++i) EXPECT_EQ(a.is_fixed(i), b.is_fixed(i));
@@ -78,6 +79,7 @@ TYPED_TEST(RoundTrip, KeepsEveryBit) {
       }
     }
     if (n % 2 == 0) system.rest_offset = testing::random_points<Offsets>(rng, system.link_count(), -5, 5);
+    if (n % 3 == 0) system.loads = testing::random_points<System>(rng, n, -5, 5);
     for (int i = n % 4; i < n; i += 3) system.fix(i);
     const json origin = {{"seed", 7}, {"n", n}, {"inner", {1.5, "x", nullptr, true}}};
     written.push_back({system, start, "system \"" + std::to_string(n) + "\"\n", origin});

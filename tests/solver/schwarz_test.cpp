@@ -245,7 +245,7 @@ TYPED_TEST(SchwarzTest, EnergyNeverRises) {
     const Summary summary = solver.solve(system, x);
     EXPECT_LE(summary.iterations, iterations);
     EXPECT_LE(summary.final_energy,
-              last + double(detail::rounding_of_energy(system, static_cast<Scalar>(last))));
+              last + double(detail::rounding_of_energy(system, x, static_cast<Scalar>(last))));
     last = std::min(last, summary.final_energy);
     if (summary.status == Status::Converged) break;
   }

@@ -58,6 +58,7 @@ System moved(System system, const SystemTangent<System>& tangent, double t) {
   system.rest_length += t * tangent.rest_length;
   system.link_stiffness += t * tangent.link_stiffness;
   if (system.has_offsets()) system.rest_offset += t * tangent.rest_offset;
+  if (system.has_loads()) system.loads += t * tangent.loads;
   if constexpr (System::kAnisotropic) system.anchor_shape += t * tangent.anchor_shape;
   if constexpr (requires { system.anchor_loss.scale; })
     system.anchor_loss.scale += t * tangent.anchor_loss[0];
@@ -100,6 +101,9 @@ std::vector<SystemTangent<System>> unit_tangents(const System& system, const typ
   const int i = draw(system.nodes());
   add().anchors(draw(kDim), i) = characteristic_length(system, x);
   add().anchor_stiffness[i] = system.anchor_stiffness[i];
+  if (system.has_loads()) {
+    add().loads(draw(kDim), i) = system.anchor_stiffness[i] * characteristic_length(system, x);
+  }
   if (system.link_count() > 0) {
     const int l = draw(system.link_count());
     add().rest_length[l] = system.rest_length[l];

@@ -34,6 +34,16 @@ TEST(Sensitivity, OfOffsets) {
   });
 }
 
+TEST(Sensitivity, OfLoads) {
+  expect_true_derivatives<Space>("springs and loads, space", [](int seed) {
+    auto random = sensitivity_system<Space>(seed, Topology<>::full(6));
+    Space& system = random.system;
+    system.loads = 0.1 * characteristic_length(system, random.start) * Space::Points::Random(3, 6);
+    for (int i = 0; i < 6; ++i) system.loads.col(i) *= system.anchor_stiffness[i];
+    return random;
+  });
+}
+
 // A fixed node moves with nothing, and its anchor does not matter.
 TEST(Sensitivity, WithFixedNodes) {
   expect_true_derivatives<Plane>("springs, two nodes fixed", [](int seed) {

@@ -21,13 +21,12 @@ net.link_stiffness = 1000  # [N/m]
 for corner in number[[0, 0, -1, -1], [0, -1, 0, -1]]:
     net.fix(int(corner))
 
-# %% A weight is a constant force. A weak spring to an anchor far below pulls with the same force, to a ten-thousandth.
-depth = 1e4  # [m]
-net.anchors = grid - [0, 0, depth]
+# %% Nothing but the corners and the threads holds the knots, which have a weight.
+net.anchors, net.anchor_stiffness = grid, 0
 x = grid + np.random.default_rng(1).normal(scale=1e-3, size=grid.shape) * [0, 0, 1]
 figure = plt.figure(figsize=(9, 3.2), layout="constrained")
 for place, weight in enumerate((0.01, 0.1, 1), 1):  # of each knot [N]
-    net.anchor_stiffness = weight / depth
+    net.loads = np.tile([0, 0, -weight], (size * size, 1))
     summary = asterism.solve(net, x)  # starts from the shape under the previous weight
     stretch = np.linalg.norm(np.diff(x[net.topology.links], axis=1)[:, 0], axis=1) / net.rest_length - 1
     print(f"{weight} N a knot: {summary.solver}, hangs {-x[:, 2].min():.3f} m deep, threads longer by up to {stretch.max():.1%}")

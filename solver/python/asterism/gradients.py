@@ -39,6 +39,7 @@ class Sensitivity:
     rest_length: np.ndarray  #: one for each link
     link_stiffness: np.ndarray  #: one for each link
     rest_offset: np.ndarray | None = None  #: (L, dim); None if the links have no offsets
+    loads: np.ndarray | None = None  #: (N, dim); None if no node has a load
     status: np.ndarray | None = None  #: of a batch: (M,), values of SensitivityStatus
 
     def copy(self):

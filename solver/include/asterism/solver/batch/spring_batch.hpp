@@ -145,7 +145,7 @@ class SpringBatch {
     }
     constexpr double kInvalid = std::numeric_limits<double>::quiet_NaN();
     for (int i = 0; i < nodes(); ++i) {
-      const bool is_invalid = system.is_fixed(i) || system.has_offsets();
+      const bool is_invalid = system.is_fixed(i) || system.has_offsets() || system.has_loads();
       put(is_invalid ? kInvalid : static_cast<double>(system.anchor_stiffness[i]));
     }
     for (int l = 0; l < link_count(); ++l) put_of(system.link_stiffness[l], system.rest_length[l]);

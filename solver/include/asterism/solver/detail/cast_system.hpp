@@ -8,7 +8,7 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// The same springs as another type of system, of any size and of at least as many dimensions, in the first
-/// of which the anchors and the offsets are.
+/// of which anchors, offsets and loads are.
 template <typename To, typename From>
 To cast_system(const From& from) {
   static_assert(To::kNodes == Eigen::Dynamic && To::kDim >= From::kDim);
@@ -22,6 +22,10 @@ To cast_system(const From& from) {
   if (from.has_offsets()) {
     to.rest_offset.setZero(To::kDim, from.link_count());
     to.rest_offset.template topRows<From::kDim>() = from.rest_offset.template cast<Scalar>();
+  }
+  if (from.has_loads()) {
+    to.loads.setZero(To::kDim, from.nodes());
+    to.loads.template topRows<From::kDim>() = from.loads.template cast<Scalar>();
   }
   to.anchor_loss = from.anchor_loss;
   to.link_potential = from.link_potential;

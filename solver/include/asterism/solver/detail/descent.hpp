@@ -6,6 +6,7 @@
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <limits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -68,7 +69,7 @@ class DescentState {
               Summary& summary) {
     constexpr Scalar kDecrease = Scalar(1e-4);
     constexpr Scalar kFlatter = Scalar(0.8);
-    const Scalar rounding = rounding_of_energy(system, lowest_);
+    const Scalar rounding = rounding_of_energy(system, x, lowest_);
     Scalar sure = -1;
     while (true) {
       other_x_ = x + step * direction;
@@ -84,7 +85,8 @@ class DescentState {
         return true;
       }
       if (sure < 0) {
-        sure = majorised_step(system, direction, slope);
+        sure = System::kHasTriples ? std::numeric_limits<Scalar>::epsilon() * step  // they have no majoriser
+                                   : majorised_step(system, direction, slope);
         if (!(sure > 0 && sure < step)) return false;
       } else if (!(step > sure)) {
         return false;

@@ -134,7 +134,9 @@ class RigidNodes {
   virtual bool has_plain_anchors() const = 0;
   /// Curvature and gradient of the energy of node i's anchor.
   virtual void anchor_spring(int i, Matrix& curvature, Vector& gradient) const = 0;
-  virtual double rounding() const = 0;  ///< the share of a coordinate that is rounding alone
+  virtual bool has_loads() const = 0;
+  virtual Vector load(int i) const = 0;  ///< on node i; 0 if none has one
+  virtual double rounding() const = 0;   ///< the share of a coordinate that is rounding alone
 
   /// The stiffness that holds a node of a body: its anchor's, or for a fixed node `fixed`.
   double stiffness_of(int i, double fixed) const { return is_fixed(i) ? fixed : stiffness(i); }
@@ -146,7 +148,7 @@ class RigidMotion {
  public:
   /// One such motion of the nodes begin to end, or none; without `turns`, translations alone. The links'
   /// energy does not change along a rigid motion, so where x is stationary the second derivative of the
-  /// anchors' energy along it is that of all: a matrix of the size of the motions.
+  /// anchors' and loads' energy along it is that of all: a matrix of the size of the motions.
   static FreeMotion find(const RigidNodes<kDim>& nodes, const int* begin, const int* end, bool turns);
 
  private:
@@ -284,13 +286,14 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     const auto anchor = [&](int m, int c) {
       return nodes.is_fixed(begin[m]) ? nodes.place(begin[m])[c] : nodes.anchor(begin[m])[c];
     };
-    if (nodes.has_plain_anchors() && hold_of_body<kDim, double, double>(
-                                         static_cast<int>(end - begin), anchor,
-                                         [&](int m) { return nodes.stiffness_of(begin[m], largest); },
-                                         [&](int m, int c) { return nodes.place(begin[m])[c]; }) > 0)
+    if (nodes.has_plain_anchors() && !nodes.has_loads() &&
+        hold_of_body<kDim, double, double>(
+            static_cast<int>(end - begin), anchor,
+            [&](int m) { return nodes.stiffness_of(begin[m], largest); },
+            [&](int m, int c) { return nodes.place(begin[m])[c]; }) > 0)
       return {};
   }
-  if (turns) {
+  if (turns && !nodes.has_loads()) {
     if (const FreeMotion motion = about_hull(nodes, begin, end, extent)) return motion;
   }
   double total = 0;
@@ -316,11 +319,13 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
     speed = speed.cwiseMax(v.colwise().norm().transpose());
     const double k = nodes.stiffness_of(*m, largest);
-    if (!(k > 0)) continue;
+    const Vector load = nodes.is_fixed(*m) ? Vector::Zero() : nodes.load(*m);
+    if (!(k > 0) && load.isZero(0)) continue;
     Matrix block = k * Matrix::Identity();
     Vector force = Vector::Zero();
     if (!nodes.is_fixed(*m)) {
-      nodes.anchor_spring(*m, block, force);
+      if (k > 0) nodes.anchor_spring(*m, block, force);
+      force -= load;
       block = (axes.transpose() * block * axes).eval();
       force = (axes.transpose() * force).eval();
     }
@@ -428,6 +433,11 @@ class FreeMotions {
       curvature = anchor_curvature(system_, i, d, false).template cast<double>();
       gradient = anchor_force(system_, i, d).gradient.template cast<double>();
     }
+    bool has_loads() const override { return system_.has_loads(); }
+    Vector load(int i) const override {
+      if (!has_loads()) return Vector::Zero();
+      return system_.loads.col(i).template cast<double>();
+    }
     double rounding() const override { return 64 * double(std::numeric_limits<Scalar>::epsilon()); }
 
    private:
@@ -437,8 +447,9 @@ class FreeMotions {
 
   // The common case, in nanoseconds: one body, all of whose nodes hang on anchors.
   bool is_clearly_held(const System& system, const Points& x) {
-    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings) {
-      if (system.fixed_count() != 0) return false;
+    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings &&
+                  !System::kAnisotropicLinks) {
+      if (system.fixed_count() != 0 || system.has_loads()) return false;
       for (int i = 0; i < system.nodes(); ++i) {
         if (!(system.anchor_stiffness[i] > 0)) return false;
       }
@@ -458,7 +469,7 @@ class FreeMotions {
   static bool connects(const System& system, const Points& x, int l, const Link& link) {
     if (!(system.link_stiffness[l] > 0)) return false;
     if constexpr (!kSprings) {
-      const auto force = link_force(system, l, spring(system, link, link_difference(system, l, link, x)));
+      const auto force = link_force(system, l, spring(system, l, link, link_difference(system, l, link, x)));
       return force.along != 0 || force.across != 0 || force.tension != 0;
     }
     return true;
@@ -472,13 +483,14 @@ class FreeMotions {
     }
   }
 
-  // The nodes whose links have an offset, which does not turn with them.
+  // The nodes whose links have an offset, or a shape, which do not turn with them.
   void mark_offsets(const System& system, const Points& x) {
-    has_offset_.setZero(system.has_offsets() ? system.nodes() : 0);
-    if (!system.has_offsets()) return;
+    const bool has_some = system.has_offsets() || System::kAnisotropicLinks;
+    has_offset_.setZero(has_some ? system.nodes() : 0);
+    if (!has_some) return;
     int l = 0;
     for (const Link& link : system.links()) {
-      if (!system.rest_offset.col(l).isZero(0) && connects(system, x, l, link))
+      if ((System::kAnisotropicLinks || !system.rest_offset.col(l).isZero(0)) && connects(system, x, l, link))
         has_offset_[link.i] = has_offset_[link.j] = 1;
       ++l;
     }
@@ -531,13 +543,14 @@ class FreeMotions {
     first_[0] = 0;
   }
 
-  // Of what hangs on a single node of the rest and has no anchor: whatever that node does, it can turn about
-  // it. These parts are subtrees of a depth first search whose nodes are linked to none before their parent
-  // (Hopcroft & Tarjan 1973).
+  // Of what hangs on a single node of the rest and has neither anchor nor load: whatever that node does, it
+  // can turn about it. These parts are subtrees of a depth first search whose nodes are linked to none before
+  // their parent (Hopcroft & Tarjan 1973).
   FreeMotion of_parts(const System& system, const Points& x) {
     const int n = system.nodes();
     const auto is_held = [&](int i) {
-      return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i);
+      return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i) ||
+             (system.has_loads() && !system.loads.col(i).isZero(0));
     };
     bool all_held = kDim == 1;
     if (kDim > 1) {

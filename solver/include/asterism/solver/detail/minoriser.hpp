@@ -88,6 +88,7 @@ class Minoriser {
   void set(const System& system, const Points& x, bool clamp, double stretch, const Held& held) {
     const int n = system.nodes();
     energy = energy_rounding = stored = coordinate_rounding = 0;
+    loads_size_ = 0;
     shortest = kUnknown;
     peaked_link = -1;
     gradient.resize(kDim, n);
@@ -100,7 +101,12 @@ class Minoriser {
     degree_.setOnes(n);
     for (int i = 0; i < n; ++i) is_free_[i] = !system.is_fixed(i) && !held(i);
     for_each_spring(
-        system, x, [&](int i, const Point& offset) { add_anchor(system, i, offset); },
+        system, x,
+        [&](int i, const Point& offset) {
+          add_anchor(system, i, offset);
+          if (system.has_loads()) [[unlikely]]
+            add_load(system, i, x);
+        },
         [&](int l, const Link& link, const auto& force, const auto& spring) {
           if (stretch == 1) [[likely]]
             return add_link(system, l, link, force, spring, clamp, 1);
@@ -116,7 +122,7 @@ class Minoriser {
     coordinate_rounding *= 4 * kEpsilon * kEpsilon;
     terms = degree_.maxCoeff() + 1;
     const double count = n + static_cast<double>(system.link_count());
-    energy_rounding += count * energy;
+    energy_rounding += count * energy_scale();
   }
 
   /// W without the rows and columns of nodes that do not move, on whose diagonal is 1: calls
@@ -156,6 +162,9 @@ class Minoriser {
     return 4 * distance < shortest && 8 * distance * bend_.maxCoeff() < least_eigenvalue;
   }
 
+  /// detail::energy_scale of q's energy at x.
+  double energy_scale() const { return energy + loads_size_; }
+
   double energy = 0;               ///< of q at x
   double energy_rounding = 0;      ///< what it may be off by [epsilon]
   double stored = 0;               ///< sum of k (r + mu)^2 / 2 over the links
@@ -184,7 +193,7 @@ class Minoriser {
     double value = force.energy;
     if constexpr (!System::kPlainAnchors) {
       const Point shaped = anchor_shaped(system, i, offset);
-      k *= system.anchor_loss(offset.dot(shaped)).first;  // of the reweighted spring
+      k *= function_of(system.anchor_loss, i)(offset.dot(shaped)).first;  // of the reweighted spring
       value = k * offset.dot(shaped) / 2;
     }
     energy += value;
@@ -192,6 +201,16 @@ class Minoriser {
     gradient.col(i) = force.gradient;
     stiffness_[i] = scale[i] = k;
     gradient_scale[i] = k * offset.cwiseAbs().sum();
+  }
+
+  void add_load(const System& system, int i, const Points& x) {
+    const Point f = system.loads.col(i);
+    const double work = f.dot(x.col(i));
+    energy -= work;
+    energy_rounding += 4 * f.cwiseAbs().dot(x.col(i).cwiseAbs());
+    loads_size_ += work + std::abs(work);
+    gradient.col(i) -= f;
+    gradient_scale[i] += f.cwiseAbs().sum();
   }
 
   // A link whose quadratic touches it at `spring`, which at x is `share` of its length.
@@ -230,7 +249,8 @@ class Minoriser {
     }
   }
 
-  NodeVector stiffness_;  // k_i, of the reweighted anchor
+  double loads_size_ = 0;  // what loads add to the energy's scale
+  NodeVector stiffness_;   // k_i, of the reweighted anchor
   typename System::LinkVector weights_;
   NodeVector bend_;  // how much w changes with the lengths, of all links of a node
   Eigen::Array<bool, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> is_free_;

@@ -238,9 +238,9 @@ class NewtonMatrix {
     for_each_spring(
         system, x,
         [&](int i, const Point& offset) {
-          const auto anchor = anchor_force(system, i, offset);
-          gradient.col(i) = anchor.gradient;
-          energy += anchor.energy;
+          const auto node = node_force(system, i, x, offset);
+          gradient.col(i) = node.gradient;
+          energy += node.energy;
           block(i, i) = anchor_curvature(system, i, offset, clamp);
         },
         [&](int, const Link& link, const auto& force, const auto& spring) {
@@ -259,10 +259,10 @@ class NewtonMatrix {
   // stores to reach the cache before it loads across them.
   [[gnu::flatten]] bool assemble_full(const System& system, const Points& x, bool clamp, Points& gradient,
                                       Scalar& energy) {
-    if constexpr (!kUnrolled || System::kNodes < 2) {
+    if constexpr (!kUnrolled || System::kNodes < 2 || System::kAnisotropicLinks) {
       return false;
     } else {
-      if (!system.topology().is_full() || system.has_offsets()) return false;
+      if (!system.topology().is_full() || system.has_offsets() || system.has_loads()) return false;
       constexpr int kNodes = System::kNodes;
       constexpr int kLinks = kNodes * (kNodes - 1) / 2;
       constexpr auto for_each_link = [](auto&& visit) {

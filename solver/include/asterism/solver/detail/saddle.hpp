@@ -24,7 +24,7 @@ typename System::Scalar step_off_saddle(const System& system, const typename Sys
   const Scalar scale = length / std::sqrt(direction.colwise().squaredNorm().maxCoeff());
   direction *= scale;
   curvature *= scale * scale;
-  const Scalar rounding = rounding_of_energy(system, here);
+  const Scalar rounding = rounding_of_energy(system, x, here);
   constexpr int kMaxHalvings = 30;
   Scalar t = Scalar(0.5);
   for (int halving = 0; halving < kMaxHalvings; ++halving, t /= 2) {

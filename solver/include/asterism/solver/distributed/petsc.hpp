@@ -60,13 +60,14 @@ struct SystemShare {
   std::vector<std::int64_t> fixed;   ///< nodes that are held where the start has them
 };
 
-/// A whole system and its start as one process's share. Throws std::invalid_argument if links have offsets,
-/// which distributed systems do not support.
+/// A whole system and its start as one process's share. Throws std::invalid_argument if links have offsets
+/// or nodes have loads, which distributed systems do not support.
 template <int kDim>
 SystemShare<kDim> whole_share(const SpringSystem<double, kDim>& system,
                               const typename SpringSystem<double, kDim>::Points& start) {
   if (system.has_offsets())
     throw std::invalid_argument("a distributed system cannot have links with offsets");
+  if (system.has_loads()) throw std::invalid_argument("a distributed system cannot have loads");
   SystemShare<kDim> share{system.anchors,     system.anchor_stiffness, start, {},
                           system.rest_length, system.link_stiffness,   {}};
   for (const Link& link : system.links()) share.links.push_back({link.i, link.j});

@@ -132,14 +132,14 @@ template <typename System>
 bool align(const System& system, typename System::Points& x, bool allow_reflection) {
   using Scalar = typename System::Scalar;
   using Point = typename System::Point;
-  if (system.fixed_count() != 0) return false;
+  if (system.fixed_count() != 0 || system.has_loads()) return false;
   const int n = system.nodes();
   // An anchor's spring, or the one that lies above its loss here: lowering these lowers that.
   const auto weight = [&](int i) {
     const Scalar k = system.anchor_stiffness[i];
     if constexpr (System::kPlainAnchors) return k;
     const Point d = anchor_offset(system, i, x);
-    return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
+    return k * function_of(system.anchor_loss, i)(d.dot(anchor_shaped(system, i, d))).first;
   };
   Scalar total = 0;
   Point centre = Point::Zero();
@@ -173,8 +173,10 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
   const Scalar rounding = kRounding * kRounding * offset;
-  if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets()) M.setZero();
-  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
+  if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets() || System::kAnisotropicLinks)
+    M.setZero();
+  // The area of a triangle has a sign.
+  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection && !System::kHasTriples);
 
   if constexpr (System::kPlainAnchors) {
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
@@ -206,11 +208,11 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 /// slowest modes of a system with weak anchors vanish in one step. With `allow_reflection`, x may become its
 /// mirror image, if that is nearer. Does not allocate.
 ///
-/// If links have offsets, x is moved and not turned, as offsets do not turn with it. The same holds if all
-/// nodes whose anchor has stiffness coincide, or all these anchors do (for example, if only one anchor
-/// has stiffness). x is returned unchanged if no rigid motion is better, if no
-/// anchor has stiffness, if numbers overflow, or if a node is fixed. For a robust loss, the springs that lie
-/// above it at x stand for the anchors; for information matrices, their largest eigenvalue. In these two
+/// If links have offsets or information matrices, x is moved and not turned, as these do not turn with it.
+/// The same holds if all nodes whose anchor has stiffness coincide, or all these anchors do (for example, if
+/// only one anchor has stiffness). x is returned unchanged if no rigid motion is better, if no anchor has
+/// stiffness, if numbers overflow, or if a node is fixed or has a load. For a robust loss, the springs that
+/// lie above it at x stand for the anchors; for information matrices, their largest eigenvalue. In these two
 /// cases x is returned unchanged if the motion does not lower the energy.
 template <typename System>
 typename System::Points rigid_alignment(const System& system, const typename System::Points& x,

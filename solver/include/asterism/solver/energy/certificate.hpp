@@ -55,7 +55,8 @@ inline std::ostream& operator<<(std::ostream& out, Proof proof) { return out << 
 /// Options of certify.
 struct CertifyOptions {
   /// A global minimum may lie below E(x) by this share of E(x), or of 1e-10 sum k_ij (r_ij + mu_ij)^2 / 2 if
-  /// that is more, which is for placements without strain [ratio]. A solver's default tolerance leaves far
+  /// that is more, which is for placements without strain [ratio]. With loads, E(x) stands here for the
+  /// springs' energy and the absolute values of the loads'. A solver's default tolerance leaves far
   /// less.
   double gap = 1e-6;
 
@@ -70,7 +71,7 @@ struct Certificate {
   Proof proof = Proof::NotApplicable;                        ///< the verdict
   Message reason;                                            ///< why no more is proven
   double energy = std::numeric_limits<double>::quiet_NaN();  ///< E(x); NaN where it was not computed
-  double lower_bound = 0;                                    ///< E is no lower than this anywhere
+  double lower_bound = 0;  ///< E is no lower than this anywhere; -infinity if loads leave it unknown
   /// A bound of W's least eigenvalue, see certify: from below where W is positive definite, else from above
   /// (so that W is proven indefinite where it is negative), NaN if unknown.
   double least_eigenvalue = std::numeric_limits<double>::quiet_NaN();
@@ -147,12 +148,13 @@ class Prover {
   }
 
   void set(const System& system, const Points& x, bool clamp, double stretch = 1) {
+    floor_ = system.has_loads() ? -std::numeric_limits<double>::infinity() : 0;
     quadratic_.set(system, x, clamp, stretch, [this](int i) { return held_[i]; });
   }
 
   // A lower bound of all energies, by the minoriser.
   double lowest(const MinoriserBound& bound) const {
-    return std::max(0.0, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
+    return std::max(floor_, quadratic_.energy - bound.gap - Lower::kEpsilon * quadratic_.energy_rounding);
   }
 
   MinoriserBound factor(const System& system, bool is_clamped = false) {
@@ -166,6 +168,7 @@ class Prover {
     Eigen::VectorXd direction() const { return {}; }
   };
 
+  double floor_ = 0;  // no energy is lower
   Lower quadratic_;
   DenseBound<times<System::kNodes>(Lower::kBlock), times<System::kMaxNodes>(Lower::kBlock)> dense_;
   [[no_unique_address]] std::conditional_t<System::kMaxNodes == Eigen::Dynamic,
@@ -178,8 +181,13 @@ class Prover {
 template <typename System, typename SparseFactor>
 void Prover<System, SparseFactor>::certify(const System& system, const Points& x, double gap,
                                            Certificate& result) {
+  if (const int i = first_floating_load(system, scratch_); i >= 0) {
+    result.reason = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
+    return;
+  }
   const bool floats = hold(system);
   set(system, x, false);
+  result.lower_bound = floor_;
   result.energy = kRobust ? asterism::energy(system, x) : quadratic_.energy;
   if (!is_finite(quadratic_.energy_rounding) || !all_finite(quadratic_.gradient) ||
       !all_finite(quadratic_.scale) || !all_finite(quadratic_.gradient_scale) || !is_finite(result.energy)) {
@@ -197,8 +205,8 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
     result.least_eigenvalue = bound.least_eigenvalue;
   }
   const double lowest = this->lowest(bound);
-  const double negligible =
-      gap * std::max(energy, kStrainless * quadratic_.stored) + quadratic_.coordinate_rounding + rounding;
+  const double negligible = gap * std::max(quadratic_.energy_scale(), kStrainless * quadratic_.stored) +
+                            quadratic_.coordinate_rounding + rounding;
   if (bound.is_definite) {
     if (!kRobust) result.lower_bound = lowest;
     // Global minima and x are within sqrt(2 gap) of the minoriser's minimum, by the norm of W.
@@ -215,7 +223,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
     }
     return;
   }
-  if (energy <= negligible) {  // no energy is below 0
+  if (energy - floor_ <= negligible) {
     result.proof = kRobust ? Proof::ReweightedMinimum : Proof::GlobalMinimum;
     result.reason.clear();
     return;
@@ -258,7 +266,11 @@ class Certifier {
         result.reason = defect;
         return;
       }
-      if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
+      if constexpr (System::kAnisotropicLinks) {
+        result.reason = "links have information matrices";
+      } else if constexpr (System::kHasTriples) {
+        result.reason = "the system has potentials over three nodes";
+      } else if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
         result.reason = "the links' potential is not declared to be convex in the square of the length";
       } else if constexpr (std::is_same_v<typename System::Scalar, double>) {
         prover(system).certify(system, x, options.gap, result);
@@ -278,7 +290,8 @@ class Certifier {
   /// x does not use, E falls along v. Returns v^T W v / |v|^2 or an upper bound of it; if none was found, it
   /// returns 0 and leaves v as it was. Uses the heap.
   double negative_direction(const System& system, const Points& x, Eigen::VectorXd& v) requires(
-      !System::kAnisotropic && detail::has_minoriser<typename System::Model::LinkPotential>()) {
+      !System::kAnisotropic && !System::kHasTriples && !System::kAnisotropicLinks &&
+      detail::has_minoriser<typename System::Model::LinkPotential>()) {
     if constexpr (std::is_same_v<typename System::Scalar, double>) {
       return prover(system).negative_direction(system, x, v);
     } else {
@@ -321,8 +334,8 @@ class Certifier {
 /// Fixed nodes stay where x has them. A component that nothing holds is held by its first node, which costs
 /// no energy, and its minimum is not unique. For anchors with an information matrix, W has one row for each
 /// coordinate. For robust anchors, the reweighted system is certified, which proves nothing about the system
-/// itself. For links of another potential see LinkPotential. For bad input, lack of memory, or numbers that
-/// leave the range of the scalar, the result is NotApplicable, with the reason.
+/// itself. Loads only move q's minimum. For links of another potential see LinkPotential. For bad input, lack
+/// of memory, or numbers that leave the range of the scalar, the result is NotApplicable, with the reason.
 template <typename System>
 Certificate certify(const System& system, const typename System::Points& x,
                     const CertifyOptions& options = {}) {

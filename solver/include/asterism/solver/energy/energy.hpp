@@ -11,6 +11,27 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
+/// The energy of the potentials over three nodes; adds its gradient to `gradient`, if that is not null.
+template <typename System>
+typename System::Scalar triple_energy(const System& system, const typename System::Points& x,
+                                      typename System::Points* gradient) {
+  using Scalar = typename System::Scalar;
+  Scalar energy = 0;
+  for (const Triple& triple : system.triples) {
+    const auto stiffness = static_cast<Scalar>(triple.stiffness);
+    if (!(stiffness > 0)) continue;
+    const TripleForce<typename System::Point> force = system.triple_potential(
+        typename System::Point(x.col(triple.i)), typename System::Point(x.col(triple.j)),
+        typename System::Point(x.col(triple.k)), static_cast<Scalar>(triple.rest));
+    energy += stiffness * force.value;
+    if (gradient == nullptr) continue;
+    gradient->col(triple.i) += stiffness * force.by_i;
+    gradient->col(triple.j) += stiffness * force.by_j;
+    gradient->col(triple.k) += stiffness * force.by_k;
+  }
+  return energy;
+}
+
 /// Gradient and, if wanted, energy (otherwise any number) in one pass over the springs.
 template <bool kWithEnergy, typename System>
 typename System::Scalar evaluate(const System& system, const typename System::Points& x,
@@ -19,22 +40,23 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   using Point = typename System::Point;
   gradient.resize(System::kDim, system.nodes());
   Scalar energy = 0;
-  const auto on_anchor = [&](int i, const Point& offset) {
-    const auto anchor = anchor_force(system, i, offset);
-    gradient.col(i) = anchor.gradient;
-    if constexpr (kWithEnergy) energy += anchor.energy;
+  const auto on_node = [&](int i, const Point& offset) {
+    const auto force = node_force(system, i, x, offset);
+    gradient.col(i) = force.gradient;
+    if constexpr (kWithEnergy) energy += force.energy;
   };
   if (SpringRows<System>::serve(system)) {
-    for (int i = 0; i < system.nodes(); ++i) on_anchor(i, anchor_offset(system, i, x));
+    for (int i = 0; i < system.nodes(); ++i) on_node(i, anchor_offset(system, i, x));
     energy += SpringRows<System>::evaluate(system, x, gradient);
   } else {
-    for_each_spring(system, x, on_anchor, [&](int, const Link& link, const auto& force, const auto& spring) {
+    for_each_spring(system, x, on_node, [&](int, const Link& link, const auto& force, const auto& spring) {
       const Point pull = force.tension * spring.direction;
       gradient.col(link.i) += pull;
       gradient.col(link.j) -= pull;
       if constexpr (kWithEnergy) energy += force.energy;
     });
   }
+  if constexpr (System::kHasTriples) energy += triple_energy(system, x, &gradient);
   clear_fixed(system, gradient);
   return energy;
 }
@@ -56,24 +78,27 @@ typename System::Scalar anchor_energy(const System& system, const typename Syste
 
 /// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
 /// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)
-/// + sum_ij k_ij phi(|x_i - x_j|, mu_ij), where x_i - x_j is less the link's offset m_ij if it has one. Not
+/// + sum_ij k_ij phi(|x_i - x_j|, mu_ij), where x_i - x_j is less the link's offset m_ij if it has one; with
+/// loads less sum_i f_i . x_i; with potentials over three nodes plus their energy. Not
 /// convex: a spring shorter than its rest length has negative curvature across its axis.
 template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
-  if (detail::SpringRows<System>::serve(system))
-    return detail::anchor_energy(system, x) + detail::SpringRows<System>::energy(system, x);
   typename System::Scalar energy = 0;
-  detail::for_each_spring(
-      system, x,
-      [&](int i, const typename System::Point& offset) {
-        energy += detail::anchor_force(system, i, offset).energy;
-      },
-      [&](int, const Link&, const auto& force, const auto&) { energy += force.energy; });
+  if constexpr (System::kHasTriples) energy += detail::triple_energy(system, x, nullptr);
+  const auto on_node = [&](int i, const typename System::Point& offset) {
+    energy += detail::node_force(system, i, x, offset).energy;
+  };
+  if (detail::SpringRows<System>::serve(system)) {
+    for (int i = 0; i < system.nodes(); ++i) on_node(i, detail::anchor_offset(system, i, x));
+    return energy + detail::SpringRows<System>::energy(system, x);
+  }
+  detail::for_each_spring(system, x, on_node,
+                          [&](int, const Link&, const auto& force, const auto&) { energy += force.energy; });
   return energy;
 }
 
-/// Writes dE/dx_i = k_i (x_i - a_i) + sum_j k_ij (r_ij - mu_ij) u_ij into column i of `gradient` (Dim x N)
-/// and returns E(x). Minus the gradient is the paper's F_nodes (Eq. 15). Where two linked nodes coincide,
+/// Writes dE/dx_i = k_i (x_i - a_i) + sum_j k_ij (r_ij - mu_ij) u_ij - f_i into column i of `gradient` (Dim x
+/// N) and returns E(x). Minus the gradient is the paper's F_nodes (Eq. 15). Where two linked nodes coincide,
 /// u_ij is the direction of a_i - a_j, or a fixed one of (i, j) where the anchors coincide too. The column of
 /// a fixed node is zero.
 template <typename System>
@@ -92,7 +117,7 @@ int peaked_link(const System& system, const typename System::Points& x) {
   for (const Link& link : system.links()) {
     if (link_difference(system, l, link, x).isZero(0) && system.link_stiffness[l] > 0 &&
         !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
-        system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0)
+        function_of(system.link_potential, l)(typename System::Scalar(0), system.rest_length[l]).first < 0)
       return l;
     ++l;
   }

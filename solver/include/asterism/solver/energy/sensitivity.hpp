@@ -131,11 +131,14 @@ inline constexpr bool kOfStretch = std::is_same_v<Potential, Hooke> || std::is_s
 template <typename Loss>
 inline constexpr bool kOfStretch<RobustHooke<Loss>> = true;
 
+template <typename Potential>
+inline constexpr bool kOfStretch<Each<Potential>> = kOfStretch<Potential>;
+
 /// Whether d phi' / d mu is known.
 template <typename Potential>
 constexpr bool has_rest_length_derivative() {
   return kOfStretch<Potential> || requires(const Potential potential, double r) {
-    potential.first_by_rest_length(r, r);
+    function_of(potential, 0).first_by_rest_length(r, r);
   };
 }
 
@@ -167,6 +170,7 @@ struct SystemTangent {
   typename System::LinkVector rest_length;       ///< one for each link, in the order of links()
   typename System::LinkVector link_stiffness;    ///< one for each link
   typename System::LinkPoints rest_offset;       ///< Dim x L; no columns where the system's links have none
+  typename System::Loads loads;                  ///< Dim x N; no columns where the system has none
   /// Only for anisotropic anchors: Dim x (Dim N), a symmetric matrix for each node, at constant k_i.
   decltype(System::anchor_shape) anchor_shape;
   LossParameters anchor_loss{};          ///< of the loss: Huber's and GemanMcClure's scale, or a user's
@@ -183,6 +187,7 @@ struct SystemTangent {
     rest_length.setZero(system.link_count());
     link_stiffness.setZero(system.link_count());
     rest_offset.setZero(System::kDim, system.rest_offset.cols());
+    loads.setZero(System::kDim, system.loads.cols());
     if constexpr (System::kAnisotropic) anchor_shape.setZero(System::kDim, System::kDim * system.nodes());
     anchor_loss.fill(0);
     link_potential.fill(0);
@@ -193,7 +198,7 @@ struct SystemTangent {
   Scalar dot(const SystemTangent& other) const {
     Scalar sum = anchors.cwiseProduct(other.anchors).sum() + anchor_stiffness.dot(other.anchor_stiffness) +
                  rest_length.dot(other.rest_length) + link_stiffness.dot(other.link_stiffness) +
-                 rest_offset.cwiseProduct(other.rest_offset).sum();
+                 rest_offset.cwiseProduct(other.rest_offset).sum() + loads.cwiseProduct(other.loads).sum();
     if constexpr (System::kAnisotropic) sum += anchor_shape.cwiseProduct(other.anchor_shape).sum();
     for (std::size_t p = 0; p < anchor_loss.size(); ++p) sum += anchor_loss[p] * other.anchor_loss[p];
     for (std::size_t p = 0; p < link_potential.size(); ++p)
@@ -421,6 +426,9 @@ class ImplicitSolver {
 /// each as a template or for the system's scalar. Where that is not declared, rest_length is NaN.
 template <typename System>
 class Sensitivity {
+  static_assert(!System::kHasTriples, "potentials over three nodes have no second derivatives here");
+  static_assert(!System::kAnisotropicLinks, "links with information matrices have no derivatives by these");
+
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
@@ -530,7 +538,7 @@ class Sensitivity {
       result.loss.first = 1;
     } else {
       result.square = result.offset.dot(result.shaped);
-      result.loss = system.anchor_loss(result.square);
+      result.loss = detail::function_of(system.anchor_loss, i)(result.square);
     }
     return result;
   }
@@ -541,6 +549,7 @@ class Sensitivity {
       const Scalar k = system.anchor_stiffness[i];
       const Point lambda = lambdas.col(i);
       if (system.is_fixed(i)) continue;
+      if (system.has_loads()) to.loads.col(i) = lambda;
       const Pull anchor = pull(system, i, x);
       const Scalar work = lambda.dot(anchor.shaped);
       to.anchor_stiffness[i] = -anchor.loss.first * work;
@@ -568,13 +577,14 @@ class Sensitivity {
       const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
       const Scalar delta = d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r;
-      to.link_stiffness[l] = -system.link_potential(r, mu).first * delta;
+      to.link_stiffness[l] = -detail::function_of(system.link_potential, l)(r, mu).first * delta;
       if (!(k > 0)) continue;
       if (system.has_offsets()) {
         to.rest_offset.col(l) =
             link_curvature(system, l, link, d) * (lambdas.col(link.i) - lambdas.col(link.j));
       }
-      to.rest_length[l] = -k * detail::first_by_rest_length(system.link_potential, r, mu) * delta;
+      to.rest_length[l] =
+          -k * detail::first_by_rest_length(detail::function_of(system.link_potential, l), r, mu) * delta;
       const auto first = detail::first_by_parameters(system.link_potential, r, mu);
       for (std::size_t p = 0; p < first.size(); ++p) to.link_potential[p] -= k * first[p] * delta;
     }
@@ -582,7 +592,7 @@ class Sensitivity {
 
   // The second derivative of link l's energy by d of link_difference.
   static Block link_curvature(const System& system, int l, const Link& link, const Point& d) {
-    const auto spring = detail::spring(system, link, d);
+    const auto spring = detail::spring(system, l, link, d);
     return detail::link_curvature(detail::link_force(system, l, spring), spring);
   }
 
@@ -609,6 +619,7 @@ class Sensitivity {
         for (std::size_t p = 0; p < first.size(); ++p)
           force -= (k * first[p] * tangent.anchor_loss[p]) * anchor.shaped;
       }
+      if (system.has_loads()) force += tangent.loads.col(i);
       right.col(i) += force;
     }
     int l = -1;
@@ -619,10 +630,11 @@ class Sensitivity {
       const Scalar mu = system.rest_length[l];
       const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
-      Scalar tension = system.link_potential(r, mu).first * tangent.link_stiffness[l];
+      Scalar tension = detail::function_of(system.link_potential, l)(r, mu).first * tangent.link_stiffness[l];
       if (k > 0) {
         if (tangent.rest_length[l] != 0)
-          tension += k * detail::first_by_rest_length(system.link_potential, r, mu) * tangent.rest_length[l];
+          tension += k * detail::first_by_rest_length(detail::function_of(system.link_potential, l), r, mu) *
+                     tangent.rest_length[l];
         const auto first = detail::first_by_parameters(system.link_potential, r, mu);
         for (std::size_t p = 0; p < first.size(); ++p) tension += k * first[p] * tangent.link_potential[p];
       }
@@ -644,6 +656,7 @@ class Sensitivity {
       return {"tangent of anchor stiffness", -1, kProblem};
     if (!has_size(tangent.rest_offset, system.rest_offset.size()))
       return {"tangent of rest offset", -1, kProblem};
+    if (!has_size(tangent.loads, system.loads.size())) return {"tangent of loads", -1, kProblem};
     if (!has_size(tangent.rest_length, system.link_count())) return {"tangent of rest length", -1, kProblem};
     if (!has_size(tangent.link_stiffness, system.link_count()))
       return {"tangent of link stiffness", -1, kProblem};
@@ -667,7 +680,8 @@ class Sensitivity {
 
   static bool is_finite(const Tangent& values) {
     bool finite = detail::all_finite(values.anchors) && detail::all_finite(values.anchor_stiffness) &&
-                  detail::all_finite(values.link_stiffness) && detail::all_finite(values.rest_offset);
+                  detail::all_finite(values.link_stiffness) && detail::all_finite(values.rest_offset) &&
+                  detail::all_finite(values.loads);
     if constexpr (detail::has_rest_length_derivative<Potential>())
       finite = finite && detail::all_finite(values.rest_length);
     if constexpr (System::kAnisotropic) finite = finite && detail::all_finite(values.anchor_shape);
@@ -682,6 +696,7 @@ class Sensitivity {
     detail::clear_numbers(values.rest_length);
     detail::clear_numbers(values.link_stiffness);
     detail::clear_numbers(values.rest_offset);
+    detail::clear_numbers(values.loads);
     if constexpr (System::kAnisotropic) detail::clear_numbers(values.anchor_shape);
     constexpr Scalar kNone = std::numeric_limits<Scalar>::quiet_NaN();
     values.anchor_loss.fill(kNone);

@@ -115,6 +115,19 @@ typename System::Scalar plain_mean_square_length(const System& system,
   return sum / Scalar(system.nodes() + system.link_count());
 }
 
+/// The farthest that a load would move its node if the others stood still.
+template <typename System>
+typename System::Scalar load_reach(const System& system, const typename System::NodeVector& node_stiffness) {
+  typename System::Scalar reach = 0;
+  if (!system.has_loads()) [[likely]]
+    return reach;
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (node_stiffness[i] > 0 && !system.is_fixed(i))
+      reach = std::max(reach, system.loads.col(i).norm() / node_stiffness[i]);
+  }
+  return reach;
+}
+
 /// characteristic_length, with the system's node_stiffness.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x,
@@ -125,6 +138,7 @@ typename System::Scalar characteristic_length(const System& system, const typena
   if (!(square > 0)) square = mean_square_length(system, node_stiffness, false, centroid);
   if (!(square > 0)) square = mean_square_length(system, node_stiffness, true, centroid);
   if (square > 0) return std::sqrt(square);
+  if (const Scalar reach = load_reach(system, node_stiffness); reach > 0) return reach;
   Scalar extent = 0;  // of the one point where the anchors are
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.anchor_stiffness[i] > 0)
@@ -187,11 +201,12 @@ class StoppingRule {
   // What the rounding of coordinates up to some tens of L leaves.
   static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
 
-  // Whether all of x is on the one point that anchors and springs want it at. Otherwise a characteristic
-  // length of zero is of squares that underflow.
+  // Whether all of x is on the one point that anchors and springs want it at, without loads. Otherwise a
+  // characteristic length of zero is of squares that underflow.
   static bool is_one_point(const System& system, const typename System::Points& x) {
     for (int i = 0; i < system.nodes(); ++i) {
       if (x.col(i) != x.col(0)) return false;
+      if (system.has_loads() && !system.is_fixed(i) && !system.loads.col(i).isZero(0)) return false;
       if (system.anchor_stiffness[i] > 0 && system.anchors.col(i) != x.col(0)) return false;
     }
     for (int l = 0; l < system.link_count(); ++l) {
@@ -235,7 +250,8 @@ typename System::NodeVector node_stiffness(const System& system) {
 ///     proportion to their stiffness, all others alike;
 ///   - the anchor of a node without links, or of a fixed one, holds nothing else, and counts only where the
 ///     rest would give no length.
-/// Where all those lengths are zero, the root mean square of x about that centroid, or about its own where no
+/// Where all those lengths are zero, the farthest that a load would move its node if the others stood still;
+/// without loads, the root mean square of x about that centroid, or about its own where no
 /// anchor has stiffness; or, for a start far off not to loosen the tolerance, the largest coordinate of the
 /// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
 template <typename System>

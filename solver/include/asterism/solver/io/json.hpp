@@ -62,10 +62,10 @@ namespace detail::stored {
 using Json = nlohmann::json;
 
 inline constexpr int kVersion = 1;
-inline constexpr std::array<const char*, 13> kKeys = {
+inline constexpr std::array<const char*, 14> kKeys = {
     "asterism_system",  "name",         "origin", "dim",         "anchors",
     "anchor_stiffness", "anchor_shape", "links",  "rest_length", "link_stiffness",
-    "rest_offset",      "fixed",        "start",
+    "rest_offset",      "loads",        "fixed",  "start",
 };
 
 /// The texts one after the other.
@@ -335,6 +335,10 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
     system.rest_offset.resize(kDim, system.link_count());
     read_points(*offsets, {"rest_offset"}, kLink, system.rest_offset);
   }
+  if (const auto loads = object.find("loads"); loads != object.end()) {
+    system.loads.resize(kDim, nodes);
+    read_points(*loads, {"loads"}, kNode, system.loads);
+  }
   const auto shapes = object.find("anchor_shape");
   if constexpr (System::kAnisotropic) {
     if (shapes != object.end()) array(*shapes, {"anchor_shape"}, nodes, kNode);
@@ -461,6 +465,7 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
   object["rest_length"] = numbers(system.rest_length);
   object["link_stiffness"] = numbers(system.link_stiffness);
   if (system.has_offsets()) object["rest_offset"] = points_to_json(system.rest_offset);
+  if (system.has_loads()) object["loads"] = points_to_json(system.loads);
   if (system.fixed_count() > 0) {
     auto& fixed = object["fixed"] = nlohmann::ordered_json::array();
     for (int i = 0; i < system.nodes(); ++i) {

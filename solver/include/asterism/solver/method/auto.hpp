@@ -33,9 +33,9 @@ using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
 ///   the same, the sum of k_i below 1e-4 of the sum  NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
 ///   of k_ij                                         up to 300,000, Schwarz beyond
 ///
-/// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver names the method.
-/// If a matrix cannot be factored, NewtonCg continues. All methods start with
-/// rigid_alignment.
+/// Lbfgs if the system has potentials over three nodes. The bounds are measured: `asterism-bench crossovers`
+/// prints the table. Summary::solver names the method. If a matrix cannot be factored, NewtonCg continues.
+/// All methods start with rigid_alignment.
 ///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time. Sparse methods
 /// use the heap; fixed and bounded sizes take dense ones, which do not.
@@ -68,7 +68,7 @@ class Auto {
   static constexpr int kFactored = 300000;  // beyond, a factor of the Hessian takes too long
   static constexpr Scalar kWeak = Scalar(1e-4);
   static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
-  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton;
+  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton || System::kHasTriples;
 
   struct Nothing {
     AlignedOptions options;
@@ -92,6 +92,7 @@ class Auto {
 
 template <typename System>
 Summary Auto<System>::run(const System& system, Points& x) {
+  if constexpr (System::kHasTriples) return solve_by(lbfgs_, system, x);
   const int n = system.nodes();
   if (n <= kNewton) return solve_by(newton_, system, x);
   if constexpr (kHasMore) {

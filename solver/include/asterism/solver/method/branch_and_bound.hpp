@@ -341,7 +341,8 @@ constexpr bool is_searchable() {
 /// interval within options.gap; MaxIterations, that a limit came first, which the message names. `iterations`
 /// counts nodes of the tree. For about 8 nodes or fewer: the tree grows as a power of the number of loose
 /// links, and without end if a component without anchors turns freely. More than 64 nodes are left to the
-/// Staircase. For springs only, in 2 or 3 dimensions; in double; uses the heap; one thread at a time.
+/// Staircase. For springs only, without loads, in 2 or 3 dimensions; in double; uses the heap; one thread at
+/// a time.
 template <typename System>
 requires(detail::is_searchable<System>()) class BranchAndBound {
  public:
@@ -361,6 +362,8 @@ requires(detail::is_searchable<System>()) class BranchAndBound {
       summary.message = detail::kSharesMemory;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
+    } else if (system.has_loads()) {
+      summary.message = detail::kNoLoads;
     } else {
       detail::attempt<std::bad_alloc>([&] { search(system, x, summary); },
                                       [&summary](const std::bad_alloc& error) {

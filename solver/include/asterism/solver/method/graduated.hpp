@@ -45,7 +45,7 @@ template <typename Function>
 concept Graduable = requires(const Function& f, double mu) {
   { f.graduated(mu) } -> std::same_as<Function>;
   { f.unlimited() } -> std::same_as<Function>;
-  { f.graduation(mu) } -> std::convertible_to<double>;
+  { function_of(f, 0).graduation(mu) } -> std::convertible_to<double>;
 };
 
 /// Whether Graduated can solve systems of this type.
@@ -159,14 +159,15 @@ requires(detail::is_graduable<System>()) class Graduated {
         [&](int i, const typename System::Point& offset) {
           if constexpr (kAnchors) {
             const auto square = offset.dot(detail::anchor_shaped(system, i, offset));
-            mu = std::max(mu, system.anchor_loss.graduation(static_cast<double>(square)));
+            mu = std::max(mu,
+                          detail::function_of(system.anchor_loss, i).graduation(static_cast<double>(square)));
           }
         },
         [&](int l, const Link&, const auto&, const auto& spring) {
           if constexpr (kLinks) {
             if (!(system.link_stiffness[l] > 0)) return;
             const auto stretch = static_cast<double>(spring.length - system.rest_length[l]);
-            mu = std::max(mu, system.link_potential.graduation(stretch * stretch));
+            mu = std::max(mu, detail::function_of(system.link_potential, l).graduation(stretch * stretch));
           }
         });
     constexpr double kMost = 1e12;  // some 80 solves

@@ -95,7 +95,7 @@ class Newton {
     session_.evaluate(system, next_x_);
     ++summary.energy_evaluations;
     ++summary.gradient_evaluations;
-    if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, energy_))) return false;
+    if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, x, energy_))) return false;
     if (!session_.stationary(session_.gradient())) return false;
     const bool may_turn = may_turn_indefinite((next_x_ - x).squaredNorm());
     x = next_x_;
@@ -128,7 +128,7 @@ class Newton {
     constexpr int kMaxTrials = 12;
     constexpr Scalar kDecrease = Scalar(1e-4);
     if (!(decrement > 0 && detail::is_finite(decrement))) return false;
-    const Scalar rounding = detail::rounding_of_energy(system, energy_);
+    const Scalar rounding = detail::rounding_of_energy(system, x, energy_);
     Scalar t = 1;
     for (int trial = 0; trial < kMaxTrials; ++trial) {
       next_x_ = x - t * step_;
@@ -154,8 +154,9 @@ class Newton {
   bool polish(const System& system, Points& x, Summary& summary) {
     const Scalar decrement = matrix_.solve(step_);
     ++summary.linear_solves;
-    if (!(decrement > 2 * session_.tolerance() * energy_)) return false;
-    if (!(energy_ > matrix_.energy_of_rounding(x))) return false;
+    const Scalar scale = detail::energy_scale(system, x, energy_);
+    if (!(decrement > 2 * session_.tolerance() * scale)) return false;
+    if (!(scale > matrix_.energy_of_rounding(x))) return false;
     return search(system, x, decrement, summary);
   }
 
@@ -268,11 +269,11 @@ Summary Newton<System>::run(const System& given, Points& x) {
       }
       const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
       ++summary.linear_solves;
-      if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * energy_ &&
-          finish(system, x, summary))
+      const Scalar scale = detail::energy_scale(system, x, energy_);
+      if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * scale && finish(system, x, summary))
         return Status::Converged;
       // Far off: the step promises to lose more than half of the energy.
-      clamps_ = decrement > energy_ && summary.iterations + 1 < kClampedSteps;
+      clamps_ = decrement > scale && summary.iterations + 1 < kClampedSteps;
       if (!search(system, x, decrement, summary) && !majorise(system, x, summary)) return Status::NoProgress;
     }
   });

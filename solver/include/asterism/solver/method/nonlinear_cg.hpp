@@ -236,7 +236,7 @@ class NonlinearCg {
 
 template <typename System, typename Gradient>
 Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
-  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+  return session_.template run<true>(name(), options, given, x, [&](const System& system, Summary& summary) {
     detail::RayPoint<Scalar> start;
     evaluate_.start(session_.length());
     start.energy = evaluate_(system, x, gradient_, summary);
@@ -261,7 +261,7 @@ Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
       }
 
       const bool found = detail::strong_wolfe(
-          start, step, detail::rounding_of_energy(system, start.energy), [&](Scalar trial) {
+          start, step, detail::rounding_of_energy(system, x, start.energy), [&](Scalar trial) {
             step = trial;
             next_x_ = x + trial * direction_;
             next_energy = evaluate_(system, next_x_, next_gradient_, summary);

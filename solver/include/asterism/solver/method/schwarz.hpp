@@ -59,11 +59,13 @@ namespace detail {
 /// Copies the values of some nodes and links of `from` into `to`.
 template <typename System>
 void gather(const System& from, std::span<const int> nodes, std::span<const int> links, System& to) {
-  to.anchor_loss = from.anchor_loss;
-  to.link_potential = from.link_potential;
+  to.loads.resize(System::kDim, from.has_loads() ? to.nodes() : 0);
+  gather_functions(from.anchor_loss, nodes, to.anchor_loss);
+  gather_functions(from.link_potential, links, to.link_potential);
   for (int k = 0; const int i : nodes) {
     to.anchors.col(k) = from.anchors.col(i);
     to.anchor_stiffness[k] = from.anchor_stiffness[i];
+    if (from.has_loads()) to.loads.col(k) = from.loads.col(i);
     if constexpr (System::kAnisotropic) {
       constexpr int kDim = System::kDim;
       to.anchor_shape.template block<kDim, kDim>(0, kDim * k) =
@@ -80,6 +82,11 @@ void gather(const System& from, std::span<const int> nodes, std::span<const int>
   for (int k = 0; const int l : links) {
     to.rest_length[k] = from.rest_length[l];
     if (from.has_offsets()) to.rest_offset.col(k) = from.rest_offset.col(l);
+    if constexpr (System::kAnisotropicLinks) {
+      constexpr int kDim = System::kDim;
+      to.link_shape.template block<kDim, kDim>(0, kDim * k) =
+          from.link_shape.template block<kDim, kDim>(0, kDim * l);
+    }
     to.link_stiffness[k] = from.link_stiffness[l];
     ++k;
   }
@@ -409,7 +416,7 @@ class Schwarz {
       const Scalar after = energy(system, x);
       ++summary.energy_evaluations;
       const bool exact = local_.tolerance <= least;
-      if (exact && !(after < (1 - kLittle) * before)) return;
+      if (exact && !(before - after > kLittle * detail::energy_scale(system, x, before))) return;
       local_.tolerance = std::max(least, kTighter * local_.tolerance);
       before = after;
     }

@@ -363,7 +363,8 @@ Status SparseNewton<System, Factorization>::descend(const System& system, Points
     const Scalar before = state_.energy();
     // Where forces are below the tolerance but, for weak anchors, the energy is not, goes on.
     const Scalar slope = definite || repair(system, x, summary) ? newton_direction(summary) : Scalar(0);
-    if (stationary && !(-slope > 2 * session_.tolerance() * state_.energy())) return Status::Converged;
+    if (stationary && !(-slope > 2 * session_.tolerance() * detail::energy_scale(system, x, state_.energy())))
+      return Status::Converged;
     if (!search(system, x, slope, summary)) {
       if (stationary) return Status::Converged;
       if (after_turn) {  // which may have led to where the Hessian needs no repair

@@ -31,7 +31,8 @@ namespace detail {
 /// Whether Staircase can solve systems of this type.
 template <typename System>
 constexpr bool is_liftable() {
-  return !System::kAnisotropic && has_minoriser<typename System::Model::LinkPotential>();
+  return !System::kAnisotropic && !System::kHasTriples && !System::kAnisotropicLinks &&
+         has_minoriser<typename System::Model::LinkPotential>();
 }
 
 // Where systems in the plane and in space, of all scalars and sizes, are lifted to.
@@ -101,8 +102,8 @@ class Lift {
 /// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
 /// final_energy the upper; if their distance is within SolverOptions::gap (1e-6 if that is 0), the message
 /// says that this is the global minimum. For robust anchors the only lower bound is 0. Uses the heap; an
-/// object holds its workspace, one thread at a time. Staircase does not support anisotropic anchors and links
-/// that certify does not support.
+/// object holds its workspace, one thread at a time. Staircase does not support anisotropic anchors, loads,
+/// and links that certify does not support.
 template <typename System, typename Solver>
 requires(detail::is_liftable<System>()) class Staircase {
  public:
@@ -182,6 +183,13 @@ requires(detail::is_liftable<System>()) class Staircase {
 template <typename System, typename Solver>
 requires(detail::is_liftable<System>()) Summary Staircase<System, Solver>::run(const System& system,
                                                                                Points& x) {
+  if (system.has_loads()) {
+    Summary refused;
+    refused.solver = name();
+    refused.status = Status::InvalidInput;
+    refused.message = detail::kNoLoads;
+    return refused;
+  }
   const auto begin = std::chrono::steady_clock::now();
   solver_.options = options;
   Summary best = solver_.solve(system, x);

@@ -6,9 +6,11 @@
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/problem/triple_potential.hpp>
 #include <limits>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -37,6 +39,9 @@ constexpr int times(int factor) {
 /// (Fischler and Elschlager 1973; Felzenszwalb and Huttenlocher 2005). If all links are, the energy is
 /// convex.
 ///
+/// Nodes may also carry loads f_i, constant forces such as a weight (loads): they add - sum_i f_i . x_i to
+/// the energy, which may then be negative.
+///
 /// A `Model` other than Springs replaces the link's potential or the anchor's loss, or gives anchors an
 /// information matrix; k_i and k_ij then bound the curvature of anchor and link from above.
 ///
@@ -47,6 +52,8 @@ class SpringSystem {
   static_assert(Dim > 0);
 
   struct Nothing {};
+  struct NoneOfThree {};  // other types, which take no room beside the first
+  struct NothingOfLinks {};
 
  public:
   using Scalar = Scalar_;
@@ -69,12 +76,21 @@ class SpringSystem {
   static constexpr bool kPlainAnchors =
       !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
 
+  /// Links have an information matrix.
+  static constexpr bool kAnisotropicLinks = Model::kLinkShape == LinkShape::Anisotropic;
+  /// Potentials over three nodes add to the energy.
+  static constexpr bool kHasTriples = !std::is_same_v<typename Model::TriplePotential, NoTriples>;
+
   /// One vector for each link, Dim x L.
   using LinkPoints =
       Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
                     TopologyType::kMaxLinks>;
 
-  /// No value is set yet: all are NaN. No link has an offset.
+  /// One vector for each node, or none, Dim x N.
+  using Loads =
+      Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim, MaxN>;
+
+  /// No value is set yet: all are NaN. No link has an offset and no node a load.
   explicit SpringSystem(TopologyType topology) : topology_(std::move(topology)) {
     constexpr Scalar kUnset = std::numeric_limits<Scalar>::quiet_NaN();
     anchors.setConstant(Dim, nodes(), kUnset);
@@ -82,8 +98,10 @@ class SpringSystem {
     rest_length.setConstant(link_count(), kUnset);
     link_stiffness.setConstant(link_count(), kUnset);
     rest_offset.resize(Dim, 0);
+    loads.resize(Dim, 0);
     fixed_.setConstant(nodes(), false);
     if constexpr (kAnisotropic) anchor_shape.setConstant(Dim, Dim * nodes(), kUnset);
+    if constexpr (kAnisotropicLinks) link_shape.setConstant(Dim, Dim * link_count(), kUnset);
   }
 
   /// Sets every rest length to the distance of its two nodes in `points` (Dim x N).
@@ -108,6 +126,9 @@ class SpringSystem {
   /// Whether links have offsets.
   bool has_offsets() const { return rest_offset.cols() > 0; }
 
+  /// Whether nodes have loads.
+  bool has_loads() const { return loads.cols() > 0; }
+
   /// Holds node i where the start of a solve has it. It is eliminated from the unknowns, and its springs pull
   /// on the other nodes. A node number out of range is a defect() of the system.
   void fix(int node) { set_fixed(node, true); }
@@ -125,17 +146,17 @@ class SpringSystem {
   void set_anchor_information(int node,
                               const Eigen::MatrixBase<Derived>& information) requires(kAnisotropic) {
     eigen_assert(0 <= node && node < nodes() && information.rows() == Dim && information.cols() == Dim);
-    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
-        matrix, Eigen::EigenvaluesOnly);
-    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
-    anchor_stiffness[node] = largest;
-    auto shape = anchor_shape.template block<Dim, Dim>(0, Dim * node);
-    if (largest > 0) {
-      shape = matrix / largest;
-    } else {
-      shape.setIdentity();
-    }
+    anchor_stiffness[node] = split(information, anchor_shape.template block<Dim, Dim>(0, Dim * node));
+  }
+
+  /// Anisotropic links: sets k_ij and link_shape from link l's information matrix, as set_anchor_information
+  /// does. The link's energy becomes k_ij phi(r, mu_ij) with r^2 = d^T shape d, d = x_i - x_j - m_ij; without
+  /// rest length that is 1/2 d^T information d.
+  template <typename Derived>
+  void set_link_information(int l,
+                            const Eigen::MatrixBase<Derived>& information) requires(kAnisotropicLinks) {
+    eigen_assert(0 <= l && l < link_count() && information.rows() == Dim && information.cols() == Dim);
+    link_stiffness[l] = split(information, link_shape.template block<Dim, Dim>(0, Dim * l));
   }
 
   /// The same system in another scalar. From float to double no value changes.
@@ -147,9 +168,15 @@ class SpringSystem {
     other.rest_length = rest_length.template cast<Other>();
     other.link_stiffness = link_stiffness.template cast<Other>();
     other.rest_offset = rest_offset.template cast<Other>();
+    other.loads = loads.template cast<Other>();
     if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
+    if constexpr (kAnisotropicLinks) other.link_shape = link_shape.template cast<Other>();
     other.anchor_loss = anchor_loss;
     other.link_potential = link_potential;
+    if constexpr (kHasTriples) {
+      other.triples = triples;
+      other.triple_potential = triple_potential;
+    }
     for (int i = 0; i < nodes(); ++i) {
       if (is_fixed(i)) other.fix(i);
     }
@@ -173,6 +200,12 @@ class SpringSystem {
   /// first, all are 0.
   LinkPoints rest_offset;
 
+  /// f_i, Dim x N, the constant force on each node [stiffness x px]. Without columns, as at first, all are 0.
+  /// The energy has a minimum if what holds the nodes pulls ever harder: quadratic anchors or fixed nodes,
+  /// and links that are springs or ropes. A robust anchor may let go of a load, and solvers then end at
+  /// SolverOptions::max_iterations or with Status::NumericalFailure.
+  Loads loads;
+
   /// Of anchor_shape.
   using Shapes = Eigen::Matrix<Scalar, Dim, N == Eigen::Dynamic ? N : Dim * N,
                                (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
@@ -180,11 +213,35 @@ class SpringSystem {
   /// Only for anisotropic anchors: Dim x (Dim N), each node's information matrix divided by k_i, with
   /// eigenvalues from 0 to 1.
   [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
-  /// Parameters of the anchors' loss and of the links' potential, if these have any.
+  /// Of link_shape.
+  using LinkShapes =
+      Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
+                    detail::times<TopologyType::kMaxLinks>(Dim)>;
+  /// Only for anisotropic links: Dim x (Dim L), each link's information matrix divided by k_ij.
+  [[no_unique_address]] std::conditional_t<kAnisotropicLinks, LinkShapes, NothingOfLinks> link_shape;
+  /// Parameters of the anchors' loss and of the links' potential, if these have any; of each one with Each.
   [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
   [[no_unique_address]] typename Model::LinkPotential link_potential;
+  /// Only for a model with a TriplePotential: what it applies to, and its parameters.
+  [[no_unique_address]] std::conditional_t<kHasTriples, std::vector<Triple>, NoneOfThree> triples;
+  [[no_unique_address]] typename Model::TriplePotential triple_potential;
 
  private:
+  // A matrix divided by its largest eigenvalue, which is returned; for any other matrix one that is refused.
+  template <typename Derived, typename Block>
+  static Scalar split(const Eigen::MatrixBase<Derived>& information, Block&& shape) {
+    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
+        matrix, Eigen::EigenvaluesOnly);
+    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
+    if (largest > 0) {
+      shape = matrix / largest;
+    } else {
+      shape.setIdentity();
+    }
+    return largest;
+  }
+
   void set_fixed(int node, bool fixed) {
     if (node < 0 || node >= nodes()) {
       if (!defect_) defect_ = {"fixed node", node, "is out of range"};

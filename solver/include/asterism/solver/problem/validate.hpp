@@ -41,21 +41,29 @@ bool is_connected(int n, std::span<const Link> links, Up& up) {
   return sets <= 1;
 }
 
+/// Joins the connected components, those with anchor stiffness or a fixed node all to the set of number n;
+/// links of zero stiffness do not connect.
+template <typename System>
+void join_components(const System& system, ComponentScratch<System>& parent) {
+  const int n = system.nodes();
+  parent.setLinSpaced(n + 1, 0, n);
+  for (int i = 0; i < n; ++i) {
+    if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(parent, i)] = root(parent, n);
+  }
+  int l = 0;
+  for (const Link& link : system.links()) {
+    if (system.link_stiffness[l++] > 0) parent[root(parent, link.i)] = root(parent, link.j);
+  }
+}
+
 /// Calls visit(i) for the first node of each connected component without anchor stiffness or a fixed node;
 /// links of zero stiffness do not connect.
 template <typename System, typename Visit>
 void for_each_floating_component(const System& system, ComponentScratch<System>& parent, Visit&& visit) {
   if ((system.anchor_stiffness.array() > 0).all()) return;
-  const int n = system.nodes();
-  parent.setLinSpaced(n + 1, 0, n);
+  join_components(system, parent);
   const auto root = [&parent](int node) { return detail::root(parent, node); };
-  for (int i = 0; i < n; ++i) {
-    if (system.anchor_stiffness[i] > 0 || system.is_fixed(i)) parent[root(i)] = root(n);
-  }
-  int l = 0;
-  for (const Link& link : system.links()) {
-    if (system.link_stiffness[l++] > 0) parent[root(link.i)] = root(link.j);
-  }
+  const int n = system.nodes();
   for (int i = 0; i < n; ++i) {
     if (root(i) == root(n)) continue;
     visit(i);
@@ -71,14 +79,26 @@ int first_floating_node(const System& system, ComponentScratch<System>& scratch)
   return first;
 }
 
-/// The first node whose anchor's shape is not a symmetric matrix with eigenvalues from 0 to 1, or -1.
+/// The first node with a load in any of those components, which it would move without end, or -1.
 template <typename System>
-int first_bad_shape(const System& system) {
-  using Scalar = typename System::Scalar;
-  using Block = Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
-  constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
+int first_floating_load(const System& system, ComponentScratch<System>& scratch) {
+  if (!system.has_loads()) return -1;
+  join_components(system, scratch);
   for (int i = 0; i < system.nodes(); ++i) {
-    const Block shape = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
+    if (!system.loads.col(i).isZero(0) && root(scratch, i) != root(scratch, system.nodes())) return i;
+  }
+  return -1;
+}
+
+/// The first of `count` shapes, of anchors or links, that is not a symmetric matrix with eigenvalues from 0
+/// to 1, or -1.
+template <int kDim, typename Shapes>
+int first_bad_shape(const Shapes& shapes, int count) {
+  using Scalar = typename Shapes::Scalar;
+  using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
+  constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
+  for (int i = 0; i < count; ++i) {
+    const Block shape = shapes.template block<kDim, kDim>(0, kDim * i);
     if (!all_finite(shape) || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
     const Eigen::SelfAdjointEigenSolver<Block> modes(shape, Eigen::EigenvaluesOnly);
     if (!(modes.eigenvalues().minCoeff() >= -kRounding && modes.eigenvalues().maxCoeff() <= 1 + kRounding))
@@ -87,11 +107,23 @@ int first_bad_shape(const System& system) {
   return -1;
 }
 
-/// What is wrong with the parameters of a loss or potential; nullptr if nothing is, or if it has none.
+/// What is wrong with the parameters of a loss or potential, or of one of `count`; nothing if it has none.
 template <typename Function>
-const char* parameter_problem(const Function& function) {
-  if constexpr (requires { function.problem(); }) return function.problem();
-  return nullptr;
+Defect parameter_defect(const char* subject, const Function& function, int) {
+  if constexpr (requires { function.problem(); }) {
+    if (const char* problem = function.problem()) return {subject, -1, problem};
+  }
+  return {};
+}
+template <typename Function>
+Defect parameter_defect(const char* subject, const Each<Function>& each, int count) {
+  if (each.values.size() != static_cast<std::size_t>(count))
+    return {subject, -1, "must have one entry for each"};
+  for (int i = 0; i < count; ++i) {
+    if (const Defect defect = parameter_defect(subject, function_of(each, i), 1))
+      return {subject, i, defect.problem};
+  }
+  return {};
 }
 
 template <typename Matrix>
@@ -111,6 +143,23 @@ int first_bad_entry(const Vector& values) {
   return -1;
 }
 
+/// What is wrong with the potentials over three nodes.
+template <typename System>
+Defect triple_defect(const System& system) {
+  const int n = system.nodes();
+  for (std::size_t t = 0; t < system.triples.size(); ++t) {
+    const auto& [i, j, k, stiffness, rest] = system.triples[t];
+    const auto is_node = [n](int node) { return 0 <= node && node < n; };
+    const auto refused = [t](const char* problem) { return Defect{"triple", static_cast<int>(t), problem}; };
+    if (!is_node(i) || !is_node(j) || !is_node(k)) return refused("has a node out of range");
+    if (i == j || j == k || k == i) return refused("has one node twice");
+    if (!(stiffness >= 0 && is_finite(stiffness)))
+      return refused("has a stiffness that is negative or not finite");
+    if (!is_finite(rest)) return refused("has a rest that is not finite");
+  }
+  return parameter_defect("triple potential", system.triple_potential, 1);
+}
+
 /// asterism::validate without the search for floating components.
 template <typename System>
 Defect validate_values(const System& system, const typename System::Points& x) {
@@ -126,10 +175,13 @@ Defect validate_values(const System& system, const typename System::Points& x) {
     return {"link stiffness", -1, "must have one entry for each link"};
   if (system.has_offsets() && system.rest_offset.cols() != system.link_count())
     return {"rest offset", -1, "must have one column for each link, or none"};
+  if (system.has_loads() && system.loads.cols() != n)
+    return {"loads", -1, "must have one column for each node, or none"};
   if (x.cols() != n) return {"x", -1, "must have one column for each node"};
 
   constexpr auto kNotFinite = "is not finite";
   constexpr auto kNotPositive = "is negative or not finite";
+  constexpr auto kNotDefinite = "is not symmetric and positive semi-definite";
   if (const int i = first_column_not_finite(system.anchors); i >= 0) return {"anchor", i, kNotFinite};
   if (const int i = first_bad_entry(system.anchor_stiffness); i >= 0)
     return {"anchor stiffness", i, kNotPositive};
@@ -138,14 +190,25 @@ Defect validate_values(const System& system, const typename System::Points& x) {
     return {"link stiffness", l, kNotPositive};
   if (const int l = first_column_not_finite(system.rest_offset); l >= 0)
     return {"rest offset", l, kNotFinite};
+  if (const int i = first_column_not_finite(system.loads); i >= 0) return {"load", i, kNotFinite};
   if constexpr (System::kAnisotropic) {
     if (system.anchor_shape.cols() != System::kDim * n)
       return {"anchor shape", -1, "must have one matrix for each node"};
-    if (const int i = first_bad_shape(system); i >= 0)
-      return {"information matrix of anchor", i, "is not symmetric and positive semi-definite"};
+    if (const int i = first_bad_shape<System::kDim>(system.anchor_shape, n); i >= 0)
+      return {"information matrix of anchor", i, kNotDefinite};
   }
-  if (const char* problem = parameter_problem(system.anchor_loss)) return {"anchor loss", -1, problem};
-  if (const char* problem = parameter_problem(system.link_potential)) return {"link potential", -1, problem};
+  if constexpr (System::kAnisotropicLinks) {
+    if (system.link_shape.cols() != System::kDim * system.link_count())
+      return {"link shape", -1, "must have one matrix for each link"};
+    if (const int l = first_bad_shape<System::kDim>(system.link_shape, system.link_count()); l >= 0)
+      return {"information matrix of link", l, kNotDefinite};
+  }
+  if (const Defect defect = parameter_defect("anchor loss", system.anchor_loss, n)) return defect;
+  if (const Defect defect = parameter_defect("link potential", system.link_potential, system.link_count()))
+    return defect;
+  if constexpr (System::kHasTriples) {
+    if (const Defect defect = triple_defect(system)) return defect;
+  }
   if (const int i = first_column_not_finite(x); i >= 0) return {"x of node", i, kNotFinite};
   return {};
 }
@@ -165,14 +228,18 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
       return meets(matrix.data(), sizeof(typename System::Scalar) * static_cast<std::size_t>(matrix.size()));
     };
     if (is_in(system.anchors) || is_in(system.anchor_stiffness) || is_in(system.rest_length) ||
-        is_in(system.link_stiffness) || is_in(system.rest_offset) ||
+        is_in(system.link_stiffness) || is_in(system.rest_offset) || is_in(system.loads) ||
         meets(system.links().data(), system.links().size_bytes()))
       return true;
+    if constexpr (System::kAnisotropicLinks) {
+      if (is_in(system.link_shape)) return true;
+    }
     if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
   }
   return false;
 }
 
+constexpr const char* kNoLoads = "the method does not support loads";
 constexpr Defect kSharesMemory{"x", -1, "shares memory with the system, such as its anchors: pass a copy"};
 
 template <typename System>

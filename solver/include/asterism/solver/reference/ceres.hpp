@@ -100,6 +100,13 @@ class Ceres {
         trial_ = gradient_ = Points();
       }
     }
+    if (given.has_loads()) {  // a sum of squares has no place for them
+      Summary refused;
+      refused.solver = name();
+      refused.status = Status::InvalidInput;
+      refused.message = asterism::detail::kNoLoads;
+      return refused;
+    }
     return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
       constexpr int kDim = System::kDim;
       using Scalar = typename System::Scalar;

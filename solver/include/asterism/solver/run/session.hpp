@@ -28,12 +28,13 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// An upper bound of the rounding error in the sum of the energies of all springs.
+/// An upper bound of the rounding error in the energy at x, the sum of those of all springs and loads.
 template <typename System>
-typename System::Scalar rounding_of_energy(const System& system, typename System::Scalar energy) {
+typename System::Scalar rounding_of_energy(const System& system, const typename System::Points& x,
+                                           typename System::Scalar energy) {
   using Scalar = typename System::Scalar;
   const auto terms = static_cast<Scalar>(system.nodes() + system.link_count());
-  return terms * std::numeric_limits<Scalar>::epsilon() * energy;
+  return terms * std::numeric_limits<Scalar>::epsilon() * energy_scale(system, x, energy);
 }
 
 }  // namespace detail
@@ -62,7 +63,10 @@ class Session {
   /// Validates, aligns x if the options ask for it, runs iterate(system, summary), which improves x and
   /// returns why it stopped, and judges the result. The system that `iterate` gets is the given one, with
   /// floating components grounded if the options ask for it.
-  template <typename Options, typename Iterate>
+  ///
+  /// kGradientAlone: the method uses nothing but energy and gradient, and finds lower energy by looking for
+  /// it. Systems with potentials over three nodes, which have no more than that, are refused by all others.
+  template <bool kGradientAlone = false, typename Options, typename Iterate>
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
     const auto begin = std::chrono::steady_clock::now();
@@ -71,6 +75,11 @@ class Session {
     links_ = given.link_count();
     Summary summary;
     summary.solver = name;
+    if constexpr (System::kHasTriples && !kGradientAlone) {
+      summary.status = Status::InvalidInput;
+      summary.message = "the method does not support potentials over three nodes: use lbfgs or ncg";
+      return summary;
+    }
     bool started = false;
     const auto solve = [&] {
       if (const System* system = start(options, given, x, summary)) {
@@ -195,8 +204,14 @@ class Session {
       summary.message = defect;
     } else if (const char* problem = options.problem()) {
       summary.message = problem;
+    } else if (options.gap > 0 && given.has_loads()) {
+      summary.message = "option gap: solvers know no lower bound of the energy of loads, see certify";
     } else if (options.ground_components) {
-      system = grounded(given);
+      if (const int i = detail::first_floating_load(given, scratch_); i >= 0) {
+        summary.message = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
+      } else {
+        system = grounded(given);
+      }
     } else if (const Defect floating = detail::validate_components(given, scratch_)) {
       summary.message = floating;
     }
@@ -251,7 +266,7 @@ class Session {
     is_close_ = false;
     if (!detail::is_finite(energy_) || !detail::all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
-        energy_ > start_energy_ + detail::rounding_of_energy(system, start_energy_)) {
+        energy_ > start_energy_ + detail::rounding_of_energy(system, start_, start_energy_)) {
       x = start_;
       energy_ = energy_and_gradient(system, x, gradient_);
       if (summary.message.empty()) summary.message = "no step lowered the energy";
