@@ -1,7 +1,9 @@
 // Pictorial structures: parts in a star, with maps as detectors make them.
 #include <algorithm>
 #include <asterism/solver/discrete/loopy_structure.hpp>
+#include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
+#include <asterism/solver/discrete/scaled_structure.hpp>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -112,6 +114,94 @@ void loops(Bars& bars, int stars) {
   }
 }
 
+// As many steps to the neighbours as take the time of one lower envelope, for 16 lines.
+double steps_of_an_envelope(int lines) {
+  constexpr int kSize = 128, kSteps = detail::LineTransform::kMostSteps;
+  testing::Rng rng(23);
+  std::vector<double> ratios;
+  for (int l = 0; l < lines; ++l) {
+    const std::vector<float> map = response(rng, kSize);
+    const auto seconds = [&map](const AxisCost& cost) {
+      detail::LineTransform transform;
+      transform.plan(cost, kSize, kSize);
+      for (int p = 0; p < kSize; ++p) {
+        std::copy_n(map.data() + p * kSize, detail::kLineBlock, transform.source() + p * detail::kLineBlock);
+      }
+      double least = std::numeric_limits<double>::infinity();
+      for (int repeat = 0; repeat < 9; ++repeat) {
+        const double before = cpu_seconds();
+        for (int k = 0; k < 20; ++k) transform.run();
+        least = std::min(least, cpu_seconds() - before);
+      }
+      return least;
+    };
+    // Parts that are drawn far away take all steps; with a truncation they are enough.
+    constexpr double kWeight = 1e-5;
+    AxisCost cost = AxisCost::quadratic(kWeight, 0.3);
+    const double both = seconds(cost);
+    cost.truncation = kWeight * (kSteps - 1) * (kSteps - 1);
+    const double steps = seconds(cost);
+    ratios.push_back(kSteps * (both - steps) / steps);
+  }
+  return median(ratios);
+}
+
+// Medians of one solve each [s].
+double seconds_of_m_best(int stars, double distance) {
+  testing::Rng rng(13);
+  MBestPlacements search;
+  std::vector<PartPlacement> placements;
+  std::vector<double> seconds;
+  for (int s = 0; s < stars; ++s) {
+    const Star star = random_star(rng, 4, 128, 0.02);
+    const double before = cpu_seconds();
+    search.solve(star.joints, star.maps, 10, distance, placements);
+    seconds.push_back(cpu_seconds() - before);
+  }
+  return median(seconds);
+}
+double seconds_of_layers(int stars, int layers) {
+  testing::Rng rng(17);
+  ScaledStructure structure;
+  ScaledPlacement best;
+  std::vector<double> seconds, scales;
+  for (int l = 0; l < layers; ++l) scales.push_back(std::pow(1.2, l));
+  for (int s = 0; s < stars; ++s) {
+    const Star star = random_star(rng, 4, 128, 0.02);
+    std::vector<std::vector<float>> numbers;
+    std::vector<MapView<const float>> maps;
+    for (int k = 0; k < 4 * layers; ++k) numbers.push_back(response(rng, 128));
+    for (const auto& map : numbers) maps.emplace_back(map.data(), 128, 128);
+    std::vector<ScaledJoint> joints;
+    for (const Joint& joint : star.joints) joints.push_back({joint, AxisCost::quadratic(0.1, 0)});
+    structure.solve(joints, scales, maps, best);
+    const double before = cpu_seconds();
+    structure.solve(joints, scales, maps, best);
+    seconds.push_back(cpu_seconds() - before);
+  }
+  return median(seconds);
+}
+double seconds_of_lengths(int stars, int reach) {
+  testing::Rng rng(19);
+  PictorialStructure structure;
+  PartPlacement best;
+  std::vector<double> seconds;
+  for (int s = 0; s < stars; ++s) {
+    Star star = random_star(rng, 4, 128, 0.02);
+    structure.solve(star.joints, star.maps, best);
+    for (Joint& joint : star.joints) {
+      const Eigen::Vector2i d = best.positions.col(joint.child) - best.positions.col(joint.parent);
+      const double length = std::hypot(joint.cost.x.offset, joint.cost.y.offset);
+      joint.cost = DisplacementCost::spring(0.02, length, d.x(), d.y(), reach);
+    }
+    structure.solve(star.joints, star.maps, best);
+    const double before = cpu_seconds();
+    structure.solve(star.joints, star.maps, best);
+    seconds.push_back(cpu_seconds() - before);
+  }
+  return median(seconds);
+}
+
 struct Times {
   double ours = 0, straightforward = 0;  // medians [s]
   double gap = 0;                        // the greatest difference of two energies
@@ -209,6 +299,22 @@ void discrete_bars(Bars& bars) {
               "-", "-", true, true);
   }
   loops(bars, stars);
+  const auto tell = [&bars](const std::string& name, const std::string& value) {
+    bars.line(name, value, "-", "-", true, true);
+  };
+  for (const int reach : {4, 8, 16}) {
+    tell(format("star of 4 parts, 128 x 128, lengths, reach %d", reach),
+         format("%.2f ms", 1e3 * seconds_of_lengths(stars, reach)));
+  }
+  for (const int layers : {2, 5}) {
+    tell(format("star of 4 parts, 128 x 128, %d layers", layers),
+         format("%.2f ms", 1e3 * seconds_of_layers(stars, layers)));
+  }
+  for (const double distance : {0.0, 8.0}) {
+    tell(format("star of 4 parts, 128 x 128, 10 best, distance %g", distance),
+         format("%.1f ms", 1e3 * seconds_of_m_best(stars, distance)));
+  }
+  tell("steps that take the time of an envelope", format("%.0f", steps_of_an_envelope(stars)));
   double first = 0;
   for (const int size : {64, 128, 256, 512, 1024}) {
     const double seconds = times_of(bars.quick() ? 3 : 9, 4, size, 0.02, false).ours;

@@ -1,7 +1,10 @@
 // Pictorial structures: what structures.py calls.
 
 #include <algorithm>
+#include <asterism/solver/discrete/loopy_structure.hpp>
+#include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
+#include <asterism/solver/discrete/scaled_structure.hpp>
 #include <cstdint>
 #include <cstring>
 
@@ -38,29 +41,67 @@ MapView<const float> view_of(const py::handle& given, int number, std::vector<py
   return {map.data(), size(1), size(0), map.strides(0) / kNumber, map.strides(1) / kNumber};
 }
 
-// `costs`: for each joint, along x and y: weight, offset, 1 for an absolute cost, truncation.
-py::tuple solve(const py::list& maps, const py::object& ends, const py::object& costs, int count,
-                double distance) {
+// The maps of a call, and its joints.
+struct Problem {
+  std::vector<py::array> kept;
+  std::vector<MapView<const float>> maps;
+  std::vector<Joint> joints;
+  std::vector<AxisCost> layers;  // costs of changes of layers
+};
+
+// `costs`: for each joint along x, y and layers: weight, offset, 1 for an absolute cost, truncation; then the
+// weight, length and reach of the cost of its length, and 0.
+Problem problem_of(const py::list& maps, const py::object& ends, const py::object& costs) {
+  Problem problem;
   const auto joint_count = static_cast<py::ssize_t>(py::len(ends));
   const auto of_ends = numbers(ends, "ends", {joint_count, 2});
-  const auto of_costs = numbers(costs, "costs", {joint_count, 2, 4});
-  std::vector<py::array> kept;
-  std::vector<MapView<const float>> views;
-  for (const py::handle& map : maps) views.push_back(view_of(map, static_cast<int>(views.size()), kept));
-  std::vector<Joint> joints(static_cast<std::size_t>(joint_count));
-  for (py::ssize_t k = 0; k < joint_count; ++k) {
-    Joint& joint = joints[static_cast<std::size_t>(k)];
-    const auto part = [&](int end) { return static_cast<int>(std::clamp(of_ends.at(k, end), -1.0, 1e9)); };
-    joint.parent = part(0);
-    joint.child = part(1);
-    for (int axis = 0; axis < 2; ++axis) {
-      AxisCost& cost = axis == 0 ? joint.cost.x : joint.cost.y;
-      cost.weight = of_costs.at(k, axis, 0);
-      cost.offset = of_costs.at(k, axis, 1);
-      cost.shape = of_costs.at(k, axis, 2) > 0 ? CostShape::Absolute : CostShape::Quadratic;
-      cost.truncation = of_costs.at(k, axis, 3);
-    }
+  const auto of_costs = numbers(costs, "costs", {joint_count, 4, 4});
+  for (const py::handle& map : maps) {
+    problem.maps.push_back(view_of(map, static_cast<int>(problem.maps.size()), problem.kept));
   }
+  for (py::ssize_t k = 0; k < joint_count; ++k) {
+    const auto whole = [](double value) { return static_cast<int>(std::clamp(value, -1.0, 1e9)); };
+    const auto axis = [&](int number) {
+      AxisCost cost;
+      cost.weight = of_costs.at(k, number, 0);
+      cost.offset = of_costs.at(k, number, 1);
+      cost.shape = of_costs.at(k, number, 2) > 0 ? CostShape::Absolute : CostShape::Quadratic;
+      cost.truncation = of_costs.at(k, number, 3);
+      return cost;
+    };
+    Joint joint{whole(of_ends.at(k, 0)), whole(of_ends.at(k, 1)), {axis(0), axis(1)}};
+    joint.cost.length = {of_costs.at(k, 3, 0), of_costs.at(k, 3, 1), whole(of_costs.at(k, 3, 2))};
+    problem.joints.push_back(joint);
+    problem.layers.push_back(axis(2));
+  }
+  return problem;
+}
+
+// Throws what a summary without a placement says.
+template <typename Summary>
+void require_placement(const Summary& summary) {
+  if (summary.status == Status::OutOfMemory) throw std::bad_alloc();
+  if (!summary.usable()) throw py::value_error(std::string(std::string_view(summary.message)));
+}
+
+py::array_t<float> array_of(const MapView<const float>& map) {
+  py::array_t<float> result({map.height, map.width});
+  std::memcpy(result.mutable_data(), map.data, static_cast<std::size_t>(result.nbytes()));
+  return result;
+}
+
+py::list list_of(const std::vector<PartPlacement>& placements, int found) {
+  py::list all;
+  for (int k = 0; k < found; ++k) {
+    const PartPlacement& one = placements[static_cast<std::size_t>(k)];
+    all.append(py::make_tuple(one.energy, positions_of(one)));
+  }
+  return all;
+}
+
+py::tuple solve(const py::list& maps, const py::object& ends, const py::object& costs, int count,
+                double distance) {
+  const Problem problem = problem_of(maps, ends, costs);
   PictorialStructure structure;
   PartPlacement best;
   std::vector<PartPlacement> placements;
@@ -68,20 +109,76 @@ py::tuple solve(const py::list& maps, const py::object& ends, const py::object& 
   int found = 0;
   {
     const py::gil_scoped_release release;
-    summary = structure.solve(joints, views, best);
+    summary = structure.solve(problem.joints, problem.maps, best);
     found = structure.best_placements(count, distance, placements);
   }
-  if (summary.status == Status::OutOfMemory) throw std::bad_alloc();
-  if (!summary.usable()) throw py::value_error(std::string(std::string_view(summary.message)));
-  const MapView<const float> marginals = structure.root_min_marginals();
-  py::array_t<float> of_root({marginals.height, marginals.width});
-  std::memcpy(of_root.mutable_data(), marginals.data, static_cast<std::size_t>(of_root.nbytes()));
-  py::list all;
-  for (int k = 0; k < found; ++k) {
-    const PartPlacement& one = placements[static_cast<std::size_t>(k)];
-    all.append(py::make_tuple(one.energy, positions_of(one)));
+  require_placement(summary);
+  return py::make_tuple(best.energy, positions_of(best), structure.root(),
+                        array_of(structure.root_min_marginals()), list_of(placements, found));
+}
+
+py::list solve_m_best(const py::list& maps, const py::object& ends, const py::object& costs, int count,
+                      double distance) {
+  const Problem problem = problem_of(maps, ends, costs);
+  MBestPlacements search;
+  std::vector<PartPlacement> placements;
+  PictorialSummary summary;
+  {
+    const py::gil_scoped_release release;
+    summary = search.solve(problem.joints, problem.maps, count, distance, placements);
   }
-  return py::make_tuple(best.energy, positions_of(best), structure.root(), of_root, all);
+  require_placement(summary);
+  return list_of(placements, search.found());
+}
+
+py::tuple solve_scaled(const py::list& maps, const py::object& ends, const py::object& costs,
+                       const py::object& given_scales, int count, double distance) {
+  const Problem problem = problem_of(maps, ends, costs);
+  const auto of_scales = numbers(given_scales, "scales", {static_cast<py::ssize_t>(py::len(given_scales))});
+  const std::vector<double> scales(of_scales.data(), of_scales.data() + of_scales.size());
+  std::vector<ScaledJoint> joints;
+  for (std::size_t k = 0; k < problem.joints.size(); ++k) {
+    joints.push_back({problem.joints[k], problem.layers[k]});
+  }
+  ScaledStructure structure;
+  ScaledPlacement best;
+  std::vector<ScaledPlacement> placements;
+  PictorialSummary summary;
+  int found = 0;
+  {
+    const py::gil_scoped_release release;
+    summary = structure.solve(joints, scales, problem.maps, best);
+    found = structure.best_placements(count, distance, placements);
+  }
+  require_placement(summary);
+  const auto layers_of = [](const ScaledPlacement& placement) {
+    return py::array_t<int>(placement.layers.size(), placement.layers.data());
+  };
+  py::list marginals, all;
+  for (int l = 0; l < static_cast<int>(scales.size()); ++l) {
+    marginals.append(array_of(structure.root_min_marginals(l)));
+  }
+  for (int k = 0; k < found; ++k) {
+    const ScaledPlacement& one = placements[static_cast<std::size_t>(k)];
+    all.append(py::make_tuple(one.energy, positions_of(one), layers_of(one)));
+  }
+  return py::make_tuple(best.energy, positions_of(best), layers_of(best), structure.root(), marginals, all);
+}
+
+py::tuple solve_loopy(const py::list& maps, const py::object& ends, const py::object& costs, double gap,
+                      double progress, int max_iterations) {
+  const Problem problem = problem_of(maps, ends, costs);
+  LoopyStructure structure;
+  structure.options = {.gap = gap, .progress = progress, .max_iterations = max_iterations};
+  PartPlacement best;
+  LoopySummary summary;
+  {
+    const py::gil_scoped_release release;
+    summary = structure.solve(problem.joints, problem.maps, best);
+  }
+  require_placement(summary);
+  return py::make_tuple(summary.status, summary.iterations, summary.energy, summary.lower_bound,
+                        positions_of(best));
 }
 
 }  // namespace
@@ -89,6 +186,12 @@ py::tuple solve(const py::list& maps, const py::object& ends, const py::object& 
 void bind_discrete(py::module_& m) {
   m.def("_pictorial_structure", &solve, py::arg("maps"), py::arg("ends"), py::arg("costs"), py::arg("count"),
         py::arg("distance"));
+  m.def("_m_best_placements", &solve_m_best, py::arg("maps"), py::arg("ends"), py::arg("costs"),
+        py::arg("count"), py::arg("distance"));
+  m.def("_scaled_structure", &solve_scaled, py::arg("maps"), py::arg("ends"), py::arg("costs"),
+        py::arg("scales"), py::arg("count"), py::arg("distance"));
+  m.def("_loopy_structure", &solve_loopy, py::arg("maps"), py::arg("ends"), py::arg("costs"), py::arg("gap"),
+        py::arg("progress"), py::arg("max_iterations"));
 }
 
 }  // namespace asterism::python

@@ -9,6 +9,8 @@
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/batch_sensitivity.hpp>
 #include <asterism/solver/discrete/loopy_structure.hpp>
+#include <asterism/solver/discrete/m_best_placements.hpp>
+#include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -17,6 +19,7 @@
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/opencv_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
+#include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <span>
 #include <vector>
@@ -212,6 +215,27 @@ TEST(PictorialStructures, Page) {
   };
 #include "docs_pictorial-structures_1.inc"
   EXPECT_EQ(summary.status, Status::Converged);
+
+  const std::vector<Joint> tree(joints.begin(), joints.begin() + 2);
+  const double length = 2;
+#include "docs_pictorial-structures_2.inc"
+  ASSERT_TRUE(by_length.usable());
+  // One part at the valley, and its neighbours two pixels away; or all there, which costs 2 x 0.5 x 2^2.
+  EXPECT_NEAR(by_length.energy, 1, 1e-6);
+
+  SpringSystem<double, 2> system(Topology<>::star(3, 1));
+  system.link_stiffness.setOnes();
+  system.rest_length.setConstant(length);
+  system.anchor_stiffness.setConstant(0.1);
+  system.anchors = best.positions.cast<double>();
+  Auto<SpringSystem<double, 2>> solver;
+  int kept = 0;
+  const auto keep_the_best = [&](double energy, const auto& x) {
+    EXPECT_TRUE(std::isfinite(energy) && x.allFinite());
+    ++kept;
+  };
+#include "docs_pictorial-structures_3.inc"
+  EXPECT_GE(kept, 1);
 }
 
 TEST(Parts, ScaleFilter) {

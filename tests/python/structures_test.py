@@ -1,15 +1,18 @@
 #!/usr/bin/env python3
-"""asterism.pictorial_structure on NumPy maps, against all placements."""
+"""asterism.pictorial_structure and its kin on NumPy maps, against all placements."""
 
 import itertools
 import unittest
 
 import asterism
 import numpy as np
-from asterism import Joint, pictorial_structure
+from asterism import Joint, Status, loopy_structure, m_best_placements, pictorial_structure, scaled_structure
 
 
 def cost(joint, d):
+    if joint.length is not None:
+        is_inside = np.abs(np.subtract(d, joint.offset)).max() <= joint.reach
+        return joint.weight * (np.hypot(*d) - joint.length) ** 2 if is_inside else np.inf
     excess = np.abs(np.subtract(d, joint.offset))
     grown = np.multiply(joint.weight, excess**2 if joint.shape == "quadratic" else excess)
     return np.minimum(grown, joint.truncation).sum()
@@ -40,6 +43,67 @@ class StructuresTest(unittest.TestCase):
             self.assertEqual(found.placements[0][0], found.energy)
             self.assertLessEqual(found.placements[0][0], found.placements[1][0])
 
+    def all_placements(self, maps, joints):
+        """The energies and the positions (x, y), the least energy first."""
+        all = []
+        for places in itertools.product(*(np.ndindex(m.shape) for m in maps)):
+            energy = sum(m[p] for m, p in zip(maps, places))
+            energy += sum(cost(j, np.subtract(places[j.child], places[j.parent])[::-1]) for j in joints)
+            if np.isfinite(energy):
+                all.append((energy, np.array(places)[:, ::-1]))
+        return sorted(all, key=lambda one: one[0])
+
+    def test_the_best_placements_in_order(self):
+        rng = np.random.default_rng(3)
+        maps = [rng.uniform(-1, 1, (3, 4)), rng.uniform(-1, 1, (4, 3)), rng.uniform(-1, 1, (3, 3))]
+        joints = [Joint(0, 1, (1, 0), weight=0.3), Joint(0, 2, (-1, 1), weight=0.5, length=1.5, reach=2)]
+        for distance in [0, 1.5]:
+            left = self.all_placements(maps, joints)
+            found = m_best_placements(maps, joints, count=6, distance=distance)
+            self.assertEqual(len(found), 6)
+            for energy, positions in found:
+                self.assertAlmostEqual(energy, left[0][0], places=5)
+                left = [one for one in left if np.linalg.norm(one[1] - positions, axis=1).max() > distance]
+
+    def test_cycles_are_bounded(self):
+        rng = np.random.default_rng(4)
+        for trial in range(5):
+            maps = [rng.uniform(-1, 1, (3, 4)) for _ in range(3)]
+            joints = [Joint(0, 1, weight=0.3), Joint(1, 2, (1, 1), weight=0.4), Joint(2, 0, weight=0.4, length=2.0, reach=3)]
+            found = loopy_structure(maps, joints, gap=1e-4)
+            least = self.all_placements(maps, joints)[0][0]
+            self.assertIn(found.status, [Status.CONVERGED, Status.NO_PROGRESS, Status.MAX_ITERATIONS])
+            self.assertLessEqual(found.lower_bound, least + 1e-5)
+            self.assertGreaterEqual(found.energy, least - 1e-5)
+            self.assertGreaterEqual(found.iterations, 1)
+            energy = sum(m[y, x] for m, (x, y) in zip(maps, found.positions))
+            energy += sum(cost(j, found.positions[j.child] - found.positions[j.parent]) for j in joints)
+            self.assertAlmostEqual(found.energy, energy, places=5)
+        with self.assertRaisesRegex(ValueError, "option gap is negative"):
+            loopy_structure(maps, joints, gap=-1)
+
+    def test_layers_of_scale(self):
+        rng = np.random.default_rng(5)
+        scales = [1.0, 1.5]
+        maps = [rng.uniform(-1, 1, (2, 4, 4)).astype(np.float32), rng.uniform(-1, 1, (2, 3, 5))]
+        joint = Joint(0, 1, (1, 0.5), weight=0.4, layer_weight=0.2)
+        least = np.full(maps[0].shape, np.inf)
+        for root, child in itertools.product(np.ndindex(maps[0].shape), np.ndindex(maps[1].shape)):
+            d = np.subtract(child[1:], root[1:])[::-1] / scales[root[0]]
+            energy = maps[0][root] + maps[1][child] + cost(joint, d) + 0.2 * (child[0] - root[0]) ** 2
+            least[root] = min(least[root], energy)
+        found = scaled_structure(maps, [joint], scales, count=3, distance=1)
+        self.assertAlmostEqual(found.energy, least.min(), places=5)
+        np.testing.assert_allclose(found.min_marginals, least, atol=1e-5)
+        self.assertEqual(found.root, 0)
+        x, y = found.positions[0]
+        self.assertAlmostEqual(least[found.layers[0], y, x], found.energy, places=5)
+        self.assertEqual(len(found.placements), 3)
+        self.assertEqual(found.placements[0][0], found.energy)
+        for wrong in [maps[0][0], maps[0][:1]]:
+            with self.assertRaisesRegex(ValueError, r"maps of part 1: expected the shape \(2, height, width\)"):
+                scaled_structure([maps[0], wrong], [joint], scales)
+
     def test_maps_in_place_and_copied(self):
         rng = np.random.default_rng(2)
         image = rng.uniform(0, 1, (40, 60)).astype(np.float32)
@@ -62,6 +126,10 @@ class StructuresTest(unittest.TestCase):
             ([good, good], [Joint(0, 1, weight=-1)], {}, "joint 0 has a weight that is negative"),
             ([good, good], [Joint(0, 1, shape="cubic")], {}, "joint 0: expected the shape"),
             ([good, good], [Joint(0, 1, offset=(1, 2, 3))], {}, "joint 0: expected offset"),
+            ([good, good], [Joint(0, 1, length=2, weight=(1, 2))], {}, "joint 0: expected offset, weight, length and reach"),
+            ([good, good], [Joint(0, 1, length=2, truncation=1)], {}, "joint 0: a cost of a length is quadratic"),
+            ([good, good], [Joint(0, 1, length=-2)], {}, "joint 0 has a length that is negative"),
+            ([good, good], [Joint(0, 1, length=2, reach=300)], {}, "joint 0 has a reach below 0 or above 255 px"),
             ([good, good[0]], [Joint(0, 1)], {}, r"map 1: expected two dimensions, found shape \(3,\)"),
             ([good], [], {"count": 0}, "expected a count"),
         ]:

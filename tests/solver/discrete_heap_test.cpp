@@ -2,7 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <asterism/solver/discrete/loopy_structure.hpp>
+#include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
+#include <asterism/solver/discrete/scaled_structure.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <vector>
 
@@ -54,6 +56,29 @@ TEST(DiscreteHeap, IsUsedByTheFirstSolveOnly) {
               good &= !structure.solve(joints, maps, best).usable();
             }),
             0);
+  EXPECT_TRUE(good);
+
+  MBestPlacements m_best;
+  const std::vector<Joint> star(joints.begin(), joints.begin() + 1);
+  const auto rank = [&] {
+    good &= m_best.solve(star, {maps.data(), 2}, 4, 3, further).usable() && m_best.found() == 4;
+  };
+  EXPECT_GT(allocations_in(rank), 0);
+  EXPECT_EQ(allocations_in(rank), 0);
+  EXPECT_TRUE(good);
+
+  ScaledStructure scaled;
+  ScaledPlacement of_scales;
+  std::vector<ScaledPlacement> more;
+  const std::vector<ScaledJoint> scaled_joints{{joints[0], AxisCost::quadratic(0.1, 0)}};
+  const std::vector<double> scales{1, 1.2};
+  const auto solve_scales = [&] {
+    good &= scaled.solve(scaled_joints, scales, maps, of_scales).usable();
+    good &= scaled.best_placements(3, 4, more) == 3;
+  };
+  EXPECT_GT(allocations_in(solve_scales), 0);
+  fill();
+  EXPECT_EQ(allocations_in(solve_scales), 0);
   EXPECT_TRUE(good);
 
   LoopyStructure loopy;

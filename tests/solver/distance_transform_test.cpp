@@ -127,31 +127,77 @@ TEST(DistanceTransform, IsTheLeastOverAllPlaces) {
   }
 }
 
+// The least over all pairs of places, for costs of which nothing is known.
+TEST(DistanceTransform, OfALengthIsTheLeastOverTheWindow) {
+  testing::Rng rng(11);
+  DistanceTransform transform;
+  for (int trial = 0; trial < 300; ++trial) {
+    const auto size = [&] { return static_cast<int>(std::exp(rng.uniform(0, 3.6))); };
+    const int width = size(), height = size(), result_width = size(), result_height = size();
+    const Map f = random_map(rng, width, height, trial % 3 == 0 ? 0.5 : 0);
+    DisplacementCost cost =
+        DisplacementCost::spring(std::pow(10, rng.uniform(-2, 1)), rng.uniform(0, 9), rng.uniform(-12, 12),
+                                 rng.uniform(-12, 12), static_cast<int>(rng.uniform(0, 12)));
+    if (trial % 2 == 0) cost.y.weight = rng.uniform(0, 1);
+    Map result(result_width, result_height);
+    // Axes alone in between: the workspace is for both.
+    ASSERT_TRUE(transform.run(f.view(), {}, result.view()).empty());
+    const Message message = transform.run(f.view(), cost, result.view());
+    ASSERT_TRUE(message.empty()) << message;
+    for (int y = 0; y < result_height; ++y) {
+      for (int x = 0; x < result_width; ++x) {
+        double least = kForbidden;
+        for (int v = 0; v < height; ++v) {
+          for (int u = 0; u < width; ++u) {
+            const int dx = u - x, dy = v - y;
+            if (std::abs(dx - std::lround(cost.x.offset)) > cost.length.reach) continue;
+            if (std::abs(dy - std::lround(cost.y.offset)) > cost.length.reach) continue;
+            const double excess = std::hypot(dx, dy) - cost.length.length;
+            const double along_y = cost.y.weight * std::pow(dy - cost.y.offset, 2);
+            least = std::min(least, double{f(u, v)} + along_y + cost.length.weight * excess * excess);
+          }
+        }
+        const Eigen::Vector2i p = transform.best_place(f.view(), cost, x, y);
+        if (std::isinf(least)) {
+          ASSERT_EQ(result(x, y), kForbidden);
+          EXPECT_EQ(p, Eigen::Vector2i(-1, -1));
+        } else {
+          ASSERT_NEAR(result(x, y), least, 1e-5 * (10 + std::abs(least)));
+          EXPECT_NEAR(f(p.x(), p.y()) + cost(p.x() - x, p.y() - y), least, 1e-5 * (10 + std::abs(least)));
+        }
+      }
+    }
+  }
+}
+
 TEST(DistanceTransform, ReadsAndWritesMapsWithStrides) {
   testing::Rng rng(2);
   const Map f = random_map(rng, 21, 34);
-  const DisplacementCost cost{AxisCost::quadratic(0.05, 1.5), AxisCost::absolute(0.1, -2)};
   DistanceTransform transform;
-  Map wanted(30, 19);
-  ASSERT_TRUE(transform.run(f.view(), cost, wanted.view()).empty());
+  for (const DisplacementCost& cost :
+       {DisplacementCost{AxisCost::quadratic(0.05, 1.5), AxisCost::absolute(0.1, -2), {}},
+        DisplacementCost::spring(0.5, 4, 2, -3, 5)}) {
+    Map wanted(30, 19);
+    ASSERT_TRUE(transform.run(f.view(), cost, wanted.view()).empty());
 
-  // Columns one after the other, three numbers apart.
-  std::vector<float> numbers(static_cast<std::size_t>(3 * 21 * 34 + 100), -100.0F);
-  const MapView<float> strided(numbers.data() + 7, 21, 34, 3, 3 * 34 + 2);
-  for (int y = 0; y < 34; ++y) {
-    for (int x = 0; x < 21; ++x) strided(x, y) = f(x, y);
-  }
-  std::vector<float> results(static_cast<std::size_t>(2 * 30 * 19 + 19 * 5), -7.0F);
-  const MapView<float> result(results.data(), 30, 19, 2 * 30 + 5, 2);
-  ASSERT_TRUE(transform.run(strided, cost, result).empty());
-  for (int y = 0; y < 19; ++y) {
-    for (int x = 0; x < 30; ++x) {
-      EXPECT_EQ(result(x, y), wanted(x, y));
-      result(x, y) = -7;
+    // Columns one after the other, three numbers apart.
+    std::vector<float> numbers(static_cast<std::size_t>(3 * 21 * 34 + 100), -100.0F);
+    const MapView<float> strided(numbers.data() + 7, 21, 34, 3, 3 * 34 + 2);
+    for (int y = 0; y < 34; ++y) {
+      for (int x = 0; x < 21; ++x) strided(x, y) = f(x, y);
     }
+    std::vector<float> results(static_cast<std::size_t>(2 * 30 * 19 + 19 * 5), -7.0F);
+    const MapView<float> result(results.data(), 30, 19, 2 * 30 + 5, 2);
+    ASSERT_TRUE(transform.run(strided, cost, result).empty());
+    for (int y = 0; y < 19; ++y) {
+      for (int x = 0; x < 30; ++x) {
+        EXPECT_EQ(result(x, y), wanted(x, y));
+        result(x, y) = -7;
+      }
+    }
+    EXPECT_EQ(std::count(results.begin(), results.end(), -7.0F), static_cast<std::ptrdiff_t>(results.size()))
+        << "a number between those of the map was written";
   }
-  EXPECT_EQ(std::count(results.begin(), results.end(), -7.0F), static_cast<std::ptrdiff_t>(results.size()))
-      << "a number between those of the map was written";
 }
 
 TEST(DistanceTransform, MovesWithTheMapAndWithTheOffset) {
@@ -204,6 +250,11 @@ TEST(DistanceTransform, RefusesBadInputByName) {
   cost = {};
   cost.y.truncation = nan;
   EXPECT_EQ(run(cost), "cost has a truncation that is negative or NaN");
+  EXPECT_EQ(run(DisplacementCost::spring(-1, 3, 0, 0, 4)),
+            "cost has a weight of its length that is negative or not finite");
+  EXPECT_EQ(run(DisplacementCost::spring(1, -3, 0, 0, 4)),
+            "cost has a length that is negative, not finite or beyond 2^20 px");
+  EXPECT_EQ(run(DisplacementCost::spring(1, 3, 0, 0, 256)), "cost has a reach below 0 or above 255 px");
   for (const float bad : {nan, -nan, -infinity}) {
     f(5, 6) = bad;
     EXPECT_EQ(run({}), "map has a number that is NaN or minus infinity");

@@ -84,6 +84,42 @@ TEST(LoopyStructure, BoundsTheLeastEnergyFromBothSides) {
   EXPECT_GT(closed, kTrials / 2);
 }
 
+TEST(LoopyStructure, KeepsToTheWindowsOfLengths) {
+  testing::Rng rng(4);
+  LoopyStructure structure;
+  PartPlacement best;
+  int closed = 0, proven_impossible = 0, not_found = 0;
+  for (int trial = 0; trial < 300; ++trial) {
+    const int parts = 2 + trial % 3;
+    Problem problem = random_problem(rng, parts, parts + trial % 2, parts < 4 ? 5 : 4);
+    for (Joint& joint : problem.joints) {
+      joint.cost = DisplacementCost::spring(rng.uniform(0.05, 1), rng.uniform(0, 4), rng.uniform(-2, 2),
+                                            rng.uniform(-2, 2), static_cast<int>(rng.uniform(1, 4)));
+    }
+    const double least = problem.least_energy();
+    best.energy = 17;
+    const LoopySummary summary = structure.solve(problem.joints, problem.maps, best);
+    if (!summary.usable()) {
+      EXPECT_EQ(best.energy, 17);
+      if (summary.status == Status::InvalidInput) {
+        ++proven_impossible;
+        EXPECT_EQ(least, std::numeric_limits<double>::infinity()) << summary;
+      } else {
+        ++not_found;
+        EXPECT_EQ(summary.message, "no placement was found that the windows of the lengths allow");
+      }
+      continue;
+    }
+    ASSERT_LE(summary.lower_bound, least + 1e-5) << summary;
+    ASSERT_GE(summary.energy, least - 1e-9) << summary;
+    EXPECT_NEAR(problem.energy(best.positions), best.energy, 1e-9);
+    closed += summary.status == Status::Converged;
+  }
+  EXPECT_GT(closed, 150);
+  EXPECT_GT(proven_impossible, 0);
+  EXPECT_LT(not_found, 30);
+}
+
 TEST(LoopyStructure, OfATreeIsAsGoodAsThePictorialStructure) {
   testing::Rng rng(2);
   LoopyStructure loopy;

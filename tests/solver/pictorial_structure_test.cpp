@@ -2,12 +2,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <limits>
 #include <sstream>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "map_problem.hpp"
@@ -29,6 +31,18 @@ AxisCost random_cost(testing::Rng& rng) {
   return cost;
 }
 
+// Every third one is that of a length.
+DisplacementCost random_costs(testing::Rng& rng) {
+  DisplacementCost cost;
+  cost.x = random_cost(rng);
+  cost.y = random_cost(rng);
+  if (rng.uniform(0, 1) < 0.3) {
+    cost = DisplacementCost::spring(rng.uniform(0.1, 1), rng.uniform(0, 3), rng.uniform(-2, 2),
+                                    rng.uniform(-2, 2), static_cast<int>(rng.uniform(1, 5)));
+  }
+  return cost;
+}
+
 // A random tree whose parts have random numbers, so that parents need not come before children.
 Problem random_problem(testing::Rng& rng, int parts, int most, double forbidden) {
   Problem problem;
@@ -43,8 +57,7 @@ Problem random_problem(testing::Rng& rng, int parts, int most, double forbidden)
     Joint joint;
     joint.parent = name[static_cast<std::size_t>(below(i))];
     joint.child = name[static_cast<std::size_t>(i)];
-    joint.cost.x = random_cost(rng);
-    joint.cost.y = random_cost(rng);
+    joint.cost = random_costs(rng);
     problem.joints.insert(problem.joints.begin() + below(i), joint);
   }
   for (int i = 0; i < parts; ++i) {
@@ -159,6 +172,73 @@ TEST(PictorialStructure, FurtherPlacementsAreTheBestWithOtherRoots) {
   EXPECT_EQ(structure.best_placements(0, 1, placements), 0);
   EXPECT_EQ(structure.best_placements(3, -1, placements), 0);
   EXPECT_EQ(PictorialStructure().best_placements(3, 1, placements), 0);
+}
+
+// All placements with their energies, the least first; none that is forbidden.
+std::vector<std::pair<double, Eigen::Matrix2Xi>> all_placements(const Problem& problem) {
+  std::vector<std::pair<double, Eigen::Matrix2Xi>> all;
+  std::vector<int> place(problem.maps.size());
+  Eigen::Matrix2Xi x = Eigen::Matrix2Xi::Zero(2, static_cast<int>(place.size()));
+  while (true) {
+    const double energy = problem.energy(x);
+    if (energy < kInfinity) all.emplace_back(energy, x);
+    std::size_t i = 0;
+    for (; i < place.size(); ++i) {
+      const auto& map = problem.maps[i];
+      place[i] = (place[i] + 1) % (map.width * map.height);
+      x.col(static_cast<int>(i)) << place[i] % map.width, place[i] / map.width;
+      if (place[i] != 0) break;
+    }
+    if (i == place.size()) break;
+  }
+  std::sort(all.begin(), all.end(), [](const auto& a, const auto& b) { return a.first < b.first; });
+  return all;
+}
+
+TEST(MBestPlacements, AreTheBestThatDifferByADistance) {
+  testing::Rng rng(6);
+  MBestPlacements search;
+  std::vector<PartPlacement> placements;
+  constexpr int kCount = 12;
+  int several = 0;
+  for (int trial = 0; trial < 200; ++trial) {
+    const int parts = 1 + trial % 4;
+    const Problem problem = random_problem(rng, parts,
+                                           parts < 3    ? 6
+                                           : parts == 3 ? 4
+                                                        : 3,
+                                           trial % 4 == 0 ? 0.4 : 0);
+    const double distance = trial % 3 == 0 ? 0 : rng.uniform(0.5, 3);
+    auto left = all_placements(problem);
+    const PictorialSummary summary = search.solve(problem.joints, problem.maps, kCount, distance, placements);
+    if (left.empty()) {
+      EXPECT_EQ(summary.status, Status::InvalidInput);
+      EXPECT_EQ(search.found(), 0);
+      continue;
+    }
+    ASSERT_TRUE(summary.usable()) << summary;
+    EXPECT_NEAR(summary.energy, left.front().first, 1e-5);
+    for (int k = 0; k < search.found(); ++k) {
+      const PartPlacement& one = placements[static_cast<std::size_t>(k)];
+      EXPECT_NEAR(problem.energy(one.positions), one.energy, 1e-9);
+      ASSERT_FALSE(left.empty());
+      ASSERT_NEAR(one.energy, left.front().first, 1e-5)
+          << "placement " << k << " of " << parts << " parts, distance " << distance;
+      std::erase_if(left, [&](const auto& other) {
+        return (other.second - one.positions).template cast<double>().colwise().norm().maxCoeff() <= distance;
+      });
+    }
+    several += search.found() > 3 && distance > 0;
+    EXPECT_TRUE(search.found() == kCount || left.empty()) << search.found();
+  }
+  EXPECT_GT(several, 50);
+  const Problem problem = random_problem(rng, 2, 4, 0);
+  EXPECT_EQ(search.solve(problem.joints, problem.maps, 0, 1, placements).message, "count is below 1");
+  EXPECT_EQ(search.solve(problem.joints, problem.maps, 2, -1, placements).message,
+            "distance is negative or NaN");
+  EXPECT_EQ(search.solve({}, problem.maps, 2, 1, placements).message,
+            "joints are not one fewer than maps: no tree of all");
+  EXPECT_EQ(search.found(), 0);
 }
 
 Problem large_star(testing::Rng& rng, int parts, int width, int height) {

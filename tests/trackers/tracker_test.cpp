@@ -310,7 +310,7 @@ TEST(TrackerOptions, AreADescription) {
   std::vector<std::string> descriptions = tracker_names();
   descriptions.insert(
       descriptions.end(),
-      {"dpt+mosse", R"(kalman{"of": "kcf", "lost_factor": 7})",
+      {"dpt+mosse", R"(dpt{"anchor_search": "dense"})", R"(kalman{"of": "kcf", "lost_factor": 7})",
        R"(dpt{"solver": {"method": "newton", "max_iterations": 7, "tolerance": 1e-3, "align": false}})",
        R"({"tracker": "dpt", "grid_rows": 3, "part": {"model": "template", "distance": "ssd"}})"});
   for (const std::string& description : descriptions) {

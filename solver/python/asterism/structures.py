@@ -16,10 +16,11 @@ _SHAPES = {"quadratic": 0.0, "absolute": 1.0}
 
 @dataclasses.dataclass(frozen=True)
 class Joint:
-    """An edge of a tree of parts: what it costs that the child is at d from its parent [px].
+    """An edge between two parts: what it costs that the child is at d from its parent [px].
 
     Along each axis, weight (d - offset)^2, or weight |d - offset| if the shape is "absolute", but no more than the truncation.
-    weight and truncation are a number, or one each for x and y.
+    weight and truncation are a number, or one each for x and y. With a length, the cost is that of a spring, weight
+    (|d| - length)^2, for displacements within reach of the rounded offset on each axis; others are forbidden.
     """
 
     parent: int
@@ -29,6 +30,12 @@ class Joint:
     weight: float | Sequence[float] = 1.0
     shape: str = "quadratic"
     truncation: float | Sequence[float] = float("inf")
+    #: The distance that costs nothing [px].
+    length: float | None = None
+    #: Of the window, for a length [px], up to 255.
+    reach: int = 8
+    #: scaled_structure: what it costs that the child is one layer from its parent; n layers cost n^2 times as much.
+    layer_weight: float = 1.0
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -57,6 +64,101 @@ def pictorial_structure(
     whose root is farther than distance [px] from the roots of those before it. The best placement is exact, in time linear in
     the number of pixels: see docs/pictorial-structures.md. ValueError, which names the joint or the map, for bad input.
     """
+    return PictorialResult(*_asterism._pictorial_structure(*_problem(maps, joints), *_several(count, distance)))
+
+
+def m_best_placements(
+    maps: Iterable[npt.ArrayLike], joints: Iterable[Joint], *, count: int, distance: float = 0.0
+) -> list[tuple[float, npt.NDArray[np.int32]]]:
+    """The energies and the positions of the count best placements, exactly; fewer if no others are allowed.
+
+    Each further one is the best of all placements that differ from each one before it in a part that is farther than distance [px]
+    away; with a distance of 0, these are the placements of the least energies. maps and joints as for pictorial_structure, whose
+    count compares the roots only and takes much less time.
+    """
+    return _asterism._m_best_placements(*_problem(maps, joints), *_several(count, distance))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ScaledResult:
+    """What scaled_structure finds."""
+
+    #: Of the best placement.
+    energy: float
+    #: The best placement: (N, 2), the column x and the row y of each part in its maps.
+    positions: npt.NDArray[np.int32]
+    #: The layer of each part in it, from 0.
+    layers: npt.NDArray[np.int32]
+    #: The part that is no child.
+    root: int
+    #: For each layer and position of the root, the least energy of a placement that has it there.
+    min_marginals: npt.NDArray[np.float32]
+    #: The energy, the positions and the layers of each placement that was asked for, the best one first.
+    placements: list[tuple[float, npt.NDArray[np.int32], npt.NDArray[np.int32]]]
+
+
+def scaled_structure(
+    maps: Iterable[npt.ArrayLike], joints: Iterable[Joint], scales: Sequence[float], *, count: int = 1, distance: float = 0.0
+) -> ScaledResult:
+    """pictorial_structure with layers of scale: the best placement of the parts in position and layer, exactly.
+
+    maps: an array (layers, height, width) for each part, on the image's pixels. scales: those of the layers, > 0. A joint counts its
+    displacement in units of the scale of the parent's layer, and has a cost of the change of layers (layer_weight). Further
+    placements have roots that are farther than distance [px] from the roots of those before them, in any layer.
+    """
+    layers = len(scales)
+    stacks = []
+    for number, stack in enumerate(maps):
+        stack = np.asarray(stack)
+        if stack.ndim != 3 or len(stack) != layers:
+            raise ValueError(f"maps of part {number}: expected the shape ({layers}, height, width), found {stack.shape}")
+        stacks.extend(stack)
+    energy, positions, of_parts, root, marginals, placements = _asterism._scaled_structure(
+        *_problem(stacks, joints), [float(scale) for scale in scales], *_several(count, distance)
+    )
+    return ScaledResult(energy, positions, of_parts, root, np.stack(marginals), placements)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class LoopyResult:
+    """What loopy_structure finds."""
+
+    #: Status.CONVERGED: the energy is within gap of the lower bound. Status.NO_PROGRESS or Status.MAX_ITERATIONS: a gap is left.
+    status: _asterism.Status
+    iterations: int
+    #: Of the placement.
+    energy: float
+    #: No placement has a lower energy than this, up to the rounding of floats.
+    lower_bound: float
+    #: The placement: (N, 2), the column x and the row y of each part in its map.
+    positions: npt.NDArray[np.int32]
+
+
+def loopy_structure(
+    maps: Iterable[npt.ArrayLike],
+    joints: Iterable[Joint],
+    *,
+    gap: float = 1e-3,
+    progress: float = 0.01,
+    max_iterations: int = 200,
+) -> LoopyResult:
+    """A good placement of parts that are linked in any graph, and a lower bound of the energy of all placements.
+
+    maps and joints as for pictorial_structure, but joints may form cycles. Stops if the energy is proven to be within gap of the
+    least, or if ten iterations raise the bound by less than the share progress of the gap that is left. ValueError also if no
+    placement was found that the windows of lengths allow.
+    """
+    return LoopyResult(*_asterism._loopy_structure(*_problem(maps, joints), gap, progress, max_iterations))
+
+
+def _several(count: int, distance: float) -> tuple[int, float]:
+    if count < 1 or not distance >= 0:
+        raise ValueError("expected a count of 1 or more, and a distance of 0 or more")
+    return count, distance
+
+
+# What the functions of _asterism take: the maps; for each joint its ends and four rows of four numbers, see discrete.cpp.
+def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[list[Any], Any, Any]:
     ends: list[tuple[int, int]] = []
     costs: list[Any] = []
     for number, joint in enumerate(joints):
@@ -64,13 +166,18 @@ def pictorial_structure(
             raise ValueError(f"joint {number}: expected the shape 'quadratic' or 'absolute', found {joint.shape!r}")
         ends.append((operator.index(joint.parent), operator.index(joint.child)))
         values = joint.weight, joint.offset, _SHAPES[joint.shape], joint.truncation
+        of_length = [0.0, 0.0, 0.0, 0.0]
         try:
-            costs.append(np.stack([np.broadcast_to(np.asarray(value, float), 2) for value in values], axis=1))
-        except ValueError:
-            raise ValueError(f"joint {number}: expected offset, weight and truncation to be (x, y) or a number") from None
-    if count < 1 or not distance >= 0:
-        raise ValueError("expected a count of 1 or more, and a distance of 0 or more")
-    found = _asterism._pictorial_structure(
-        list(maps), np.reshape(np.array(ends, float), (-1, 2)), np.reshape(np.array(costs, float), (-1, 2, 4)), count, distance
-    )
-    return PictorialResult(*found)
+            axes = np.stack([np.broadcast_to(np.asarray(value, float), 2) for value in values], axis=1)
+            if joint.length is not None:
+                of_length[:3] = float(np.asarray(joint.weight, float)), float(joint.length), operator.index(joint.reach)
+        except (TypeError, ValueError):
+            kind = "weight, length and reach to be numbers" if joint.length is not None else "weight and truncation to be (x, y) or a number"
+            raise ValueError(f"joint {number}: expected offset, {kind}") from None
+        if joint.length is not None:
+            if joint.shape != "quadratic" or np.isfinite(joint.truncation).any():
+                raise ValueError(f"joint {number}: a cost of a length is quadratic, and has no truncation")
+            axes[:, 0] = 0
+        of_layers = [float(joint.layer_weight), 0.0, 0.0, np.inf]
+        costs.append(np.vstack([axes, of_layers, of_length]))
+    return list(maps), np.reshape(np.array(ends, float), (-1, 2)), np.reshape(np.array(costs, float), (-1, 4, 4))

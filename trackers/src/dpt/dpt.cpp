@@ -147,8 +147,24 @@ Dpt::Evidences Dpt::form_spring_system(const Frame& frame, const Placement& x) {
   Evidences evidence;
   for_each_part(
       [&](std::size_t i) { evidence[i] = parts_[i].localize(frame, x.col(static_cast<Eigen::Index>(i))); });
+  const std::span<Evidence> of_parts(evidence.data(), parts_.size());
+  set_springs(of_parts);
+  if (options_.anchor_search == AnchorSearch::Dense) {
+    std::array<double, kMaxParts> stiffness{};
+    for (int l = 0; const auto [i, j] : springs().links()) {
+      const double of_link = springs().link_stiffness(l++);
+      stiffness[static_cast<std::size_t>(i)] += of_link;
+      stiffness[static_cast<std::size_t>(j)] += of_link;
+    }
+    modes_.choose(parts_, x, stiffness, of_parts);
+    set_springs(of_parts);
+  }
+  return evidence;
+}
+
+void Dpt::set_springs(std::span<const Evidence> evidence) {
   // Eq. 11.
-  constellation_.set_anchors({evidence.data(), parts_.size()}, [&](const Evidence& part) {
+  constellation_.set_anchors(evidence, [&](const Evidence& part) {
     return options_.anchor_law == AnchorLaw::Covariance
                ? static_information(part, options_.stiffness)
                : Eigen::Matrix2d(static_stiffness(part, options_.stiffness) * Eigen::Matrix2d::Identity());
@@ -158,7 +174,6 @@ Dpt::Evidences Dpt::form_spring_system(const Frame& frame, const Placement& x) {
     const auto& anchors = springs().anchors;
     return dynamic_stiffness(rest_length, (anchors.col(i) - anchors.col(j)).norm(), options_.stiffness);
   });
-  return evidence;
 }
 
 std::optional<Eigen::Matrix3d> Dpt::estimate_map_constellation(Placement& x) {

@@ -1,5 +1,6 @@
 #pragma once
 
+#include <Eigen/Core>
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
@@ -41,6 +42,14 @@ struct AxisCost {
     return std::min(weight * (shape == CostShape::Quadratic ? excess * excess : excess), truncation);
   }
 
+  /// The cost in other units: of the displacement d, that of d / scale, for a scale > 0.
+  constexpr AxisCost scaled(double scale) const {
+    AxisCost cost = *this;
+    cost.weight /= shape == CostShape::Quadratic ? scale * scale : scale;
+    cost.offset *= scale;
+    return cost;
+  }
+
   /// What is wrong with the cost, nullptr for nothing.
   const char* problem() const {
     if (!detail::is_finite(weight) || weight < 0 || weight > std::numeric_limits<float>::max())
@@ -61,21 +70,94 @@ struct AxisCost {
   static constexpr double kMostOffset = 1 << 20;
 };
 
-/// The cost of the displacement (dx, dy): the sum of the costs along the axes.
-struct DisplacementCost {
-  AxisCost x;  ///< of the displacement to the right
-  AxisCost y;  ///< of the displacement downwards
+/// The cost of the length of a displacement d, weight (|d| - length)^2, as that of a spring. A sum of costs
+/// along the axes cannot express it, so that it is computed for each displacement of a window, which is
+/// around the offsets of the axes; others are forbidden. The maps of both parts have to begin at the same
+/// place of the image, as an offset cannot make up for it.
+struct LengthCost {
+  double weight = 0;  ///< per px^2, half the stiffness of a spring; from 0 up; 0: no cost and no window
+  double length = 0;  ///< the length that costs nothing [px]; from 0 to 2^20
+  int reach = 0;  ///< displacements within reach of the rounded offset, on each axis, are allowed; 0 to 255
 
-  /// The cost of the displacement (dx, dy) [px].
-  double operator()(double dx, double dy) const { return x(dx) + y(dy); }
+  /// The cost of the displacement (dx, dy) [px], without the window.
+  double operator()(double dx, double dy) const {
+    const double excess = std::sqrt(dx * dx + dy * dy) - length;
+    return weight > 0 ? weight * (excess * excess) : 0;
+  }
 
   /// What is wrong with the cost, nullptr for nothing.
   const char* problem() const {
-    const char* const of_x = x.problem();
-    return of_x ? of_x : y.problem();
+    if (!detail::is_finite(weight) || weight < 0 || weight > std::numeric_limits<float>::max())
+      return "has a weight of its length that is negative or not finite";
+    if (!detail::is_finite(length) || length < 0 || length > 1 << 20)
+      return "has a length that is negative, not finite or beyond 2^20 px";
+    return reach < 0 || reach > 255 ? "has a reach below 0 or above 255 px" : nullptr;
   }
 
-  /// Whether the costs along both axes are equal.
+  /// Whether all numbers are equal.
+  friend bool operator==(const LengthCost&, const LengthCost&) = default;
+};
+
+/// The cost of the displacement (dx, dy): the sum of the costs along the axes, and of that of its length, if
+/// that has a weight.
+struct DisplacementCost {
+  AxisCost x;         ///< of the displacement to the right
+  AxisCost y;         ///< of the displacement downwards
+  LengthCost length;  ///< of the distance; none by default
+
+  DisplacementCost() = default;
+  /// The sum of these costs.
+  constexpr DisplacementCost(const AxisCost& of_x, const AxisCost& of_y, const LengthCost& of_length = {})
+      : x(of_x), y(of_y), length(of_length) {}
+
+  /// weight (|d| - length)^2 for displacements d within reach of the rounded (x, y) on each axis; others are
+  /// forbidden.
+  static constexpr DisplacementCost spring(double weight, double length, double x, double y, int reach) {
+    return {AxisCost::quadratic(0, x), AxisCost::quadratic(0, y), {weight, length, reach}};
+  }
+
+  /// The cost of the displacement (dx, dy) [px]; infinity if it is not in the window.
+  double operator()(double dx, double dy) const {
+    const double of_axes = x(dx) + y(dy);
+    if (!has_window()) return of_axes;
+    const bool is_inside =
+        std::max(std::abs(dx - std::round(x.offset)), std::abs(dy - std::round(y.offset))) <= length.reach;
+    return is_inside ? of_axes + length(dx, dy) : std::numeric_limits<double>::infinity();
+  }
+
+  /// The cost in other units: of the displacement d, that of d / scale, for a scale > 0; the window's reach
+  /// is rounded up.
+  DisplacementCost scaled(double scale) const {
+    return {x.scaled(scale),
+            y.scaled(scale),
+            {length.weight / (scale * scale), length.length * scale,
+             static_cast<int>(std::min(std::ceil(length.reach * scale), 255.0))}};
+  }
+
+  /// The cost of the same displacement seen from its other end.
+  DisplacementCost reversed() const {
+    DisplacementCost cost = *this;
+    cost.x.offset = -cost.x.offset;
+    cost.y.offset = -cost.y.offset;
+    return cost;
+  }
+
+  /// Whether there are forbidden displacements.
+  bool has_window() const { return length.weight > 0; }
+  /// The least displacement of the window, if there is one, on each axis.
+  Eigen::Vector2i first_displacement() const {
+    return {static_cast<int>(std::round(x.offset)) - length.reach,
+            static_cast<int>(std::round(y.offset)) - length.reach};
+  }
+
+  /// What is wrong with the cost, nullptr for nothing.
+  const char* problem() const {
+    if (const char* const of_x = x.problem()) return of_x;
+    if (const char* const of_y = y.problem()) return of_y;
+    return length.problem();
+  }
+
+  /// Whether all costs are equal.
   friend bool operator==(const DisplacementCost&, const DisplacementCost&) = default;
 };
 

@@ -5,6 +5,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/line_transform.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/window_transform.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
 #include <asterism/solver/problem/defect.hpp>
@@ -23,7 +24,8 @@ inline namespace ASTERISM_ABI {
 ///
 /// Where f is the cost of a part at p, D(q) is the cost of the part's best place for a reference at q, such
 /// as the part it is linked to. Costs are sums of a cost along x and a cost along y, so that columns are
-/// transformed first, then rows. Infinity in f forbids a place. In time linear in the pixels of both maps.
+/// transformed first, then rows. Infinity in f forbids a place. In time linear in the pixels of both maps. A
+/// cost of the length is not such a sum: its time is that of the result's pixels times the window's.
 ///
 /// Results are floats: D is exact up to rounding, which is at most a few hundred times the precision of float
 /// (1e-7) of the numbers that are added. An object holds its workspace, which includes the map between
@@ -50,9 +52,10 @@ class DistanceTransform {
 
   /// The place p at which the least cost for the reference q is, the one with the least x and y if there are
   /// several; (-1, -1) if all are forbidden. f and cost are those of the last run, as they were. O(width +
-  /// height).
+  /// height), or that of the window.
   Eigen::Vector2i best_place(const MapView<const float>& f, const DisplacementCost& cost, int x,
                              int y) const {
+    if (cost.has_window()) return best_in_window(f, cost, x, y);
     const float* const row = between_.data() + std::ptrdiff_t{y} * stride_;
     const int px = least(f.width, [&](int p) { return static_cast<double>(row[p]) + cost.x(p - x); });
     const int py =
@@ -63,9 +66,16 @@ class DistanceTransform {
  private:
   friend class LoopyStructure;
   friend class PictorialStructure;
+  friend class ScaledStructure;
 
   // For valid input: allocates what a run needs.
   void reserve(int width, int height, const DisplacementCost& cost, int result_width, int result_height) {
+    if (cost.has_window()) {
+      window_.plan(cost, width, height, result_width);
+      has_window_ = true;
+      return;
+    }
+    has_window_ = false;
     stride_ = padded(width);
     const std::ptrdiff_t rows = padded(result_height);
     detail::require_memory(sizeof(float) * static_cast<double>(stride_) * static_cast<double>(rows));
@@ -82,6 +92,24 @@ class DistanceTransform {
   static constexpr int kBlock = detail::kLineBlock;
 
   static std::ptrdiff_t padded(int size) { return (std::ptrdiff_t{size} + kBlock - 1) / kBlock * kBlock; }
+
+  static Eigen::Vector2i best_in_window(const MapView<const float>& f, const DisplacementCost& cost, int x,
+                                        int y) {
+    const Eigen::Vector2i first = cost.first_displacement() + Eigen::Vector2i(x, y);
+    const int side = 2 * cost.length.reach + 1;
+    Eigen::Vector2i best(-1, -1);
+    double least = std::numeric_limits<double>::infinity();
+    for (int px = std::max(first.x(), 0); px < std::min(first.x() + side, f.width); ++px) {
+      for (int py = std::max(first.y(), 0); py < std::min(first.y() + side, f.height); ++py) {
+        const double one = static_cast<double>(f(px, py)) + cost(px - x, py - y);
+        if (one < least) {
+          least = one;
+          best << px, py;
+        }
+      }
+    }
+    return best;
+  }
 
   template <typename Cost>
   static int least(int count, Cost&& cost) {
@@ -100,12 +128,24 @@ class DistanceTransform {
   static void transpose(const float* from, std::ptrdiff_t from_stride, float* to, std::ptrdiff_t to_stride);
 
   detail::LineTransform columns_, rows_;
+  detail::WindowTransform window_;
+  bool has_window_ = false;
   std::vector<float> between_;  // after the columns: f.width wide, as high as the result
   std::ptrdiff_t stride_ = 0;
 };
 
 template <bool kAdd>
 void DistanceTransform::write(const MapView<const float>& f, const MapView<float>& result) {
+  if (has_window_) {
+    window_.run(f, result.width, result.height, [&result](int x, int y, float cost) {
+      if constexpr (kAdd) {
+        result(x, y) += cost;
+      } else {
+        result(x, y) = cost;
+      }
+    });
+    return;
+  }
   constexpr float kInfinity = std::numeric_limits<float>::infinity();
   for (int x = 0; x < f.width; x += kBlock) {
     float* const source = columns_.source();

@@ -43,11 +43,12 @@ struct LoopyOptions {
 /// How a solve of a loopy structure ended.
 struct LoopySummary {
   /// Converged: the energy is within LoopyOptions::gap of the lower bound. NoProgress or MaxIterations: a gap
-  /// is left, so that the placement may or may not be the best one. InvalidInput, OutOfMemory.
+  /// is left, so that the placement may or may not be the best one, or none was found in the windows of costs
+  /// of a length. InvalidInput, also if it is proven that every placement is forbidden; OutOfMemory.
   Status status = Status::NotRun;
   Message message;
   int iterations = 0;
-  double energy = std::numeric_limits<double>::quiet_NaN();  ///< of the placement
+  double energy = std::numeric_limits<double>::quiet_NaN();  ///< of the placement; infinity for none
   /// No placement has a lower energy than this, up to the rounding of floats.
   double lower_bound = -std::numeric_limits<double>::infinity();
 
@@ -55,7 +56,8 @@ struct LoopySummary {
   double gap() const { return energy - lower_bound; }
   /// Whether there is a placement.
   bool usable() const {
-    return status == Status::Converged || status == Status::NoProgress || status == Status::MaxIterations;
+    return (status == Status::Converged || status == Status::NoProgress || status == Status::MaxIterations) &&
+           energy < std::numeric_limits<double>::infinity();
   }
 };
 
@@ -76,7 +78,7 @@ inline std::ostream& operator<<(std::ostream& out, const LoopySummary& summary) 
 /// over all joints forwards and backwards, by a distance transform each, and never lowers the bound, up to
 /// rounding. The placement is the best of those that the iterations read from their messages. On a tree it is
 /// as good as PictorialStructure's, which is faster; with cycles, a gap may be left that no further iteration
-/// closes.
+/// closes. With costs of a length, which forbid displacements, no placement may be found.
 ///
 /// An object holds its workspace: reuse it to solve without allocation while the joints' ends and the sizes
 /// of the maps stay the same, one thread at a time.
@@ -136,11 +138,6 @@ class LoopyStructure {
   double pass(bool forward);
   void read_placement();
   double energy_of(const Eigen::Matrix2Xi& positions) const;
-  static DisplacementCost reversed(DisplacementCost cost) {
-    cost.x.offset = -cost.x.offset;
-    cost.y.offset = -cost.y.offset;
-    return cost;
-  }
   static std::size_t pixels(const Part& part) {
     return static_cast<std::size_t>(part.map.width) * static_cast<std::size_t>(part.map.height);
   }
@@ -222,9 +219,10 @@ inline void LoopyStructure::plan(std::span<const Joint> joints, std::span<const 
       end.cost = cost;
       end.message.assign(pixels(part), 0.0F);
       // The transform's displacement is from the place here to the other one.
-      end.transform.reserve(from.map.width, from.map.height, reversed(cost), part.map.width, part.map.height);
+      end.transform.reserve(from.map.width, from.map.height, cost.reversed(), part.map.width,
+                            part.map.height);
     };
-    set(parent, at_parent, joint.child, at_child, reversed(joint.cost), child);
+    set(parent, at_parent, joint.child, at_child, joint.cost.reversed(), child);
     set(child, at_child, joint.parent, at_parent, joint.cost, parent);
     ++(joint.child < joint.parent ? parent.before : parent.after);
     ++(joint.parent < joint.child ? child.before : child.after);
@@ -250,6 +248,7 @@ inline double LoopyStructure::pass(bool forward) {
     copy(part);
     for (const End& end : part.ends) add_message(end, size);
     const float least = detail::least_of(sum_.data(), static_cast<std::ptrdiff_t>(size));
+    if (!(least < kInfinity)) return std::numeric_limits<double>::infinity();
     const int onwards = forward ? part.after : part.before;
     bound += (1 - onwards * part.share) * static_cast<double>(least);
     const auto share = static_cast<float>(part.share);
@@ -265,6 +264,7 @@ inline double LoopyStructure::pass(bool forward) {
                                    message);
       const float shift =
           detail::least_of(there.message.data(), static_cast<std::ptrdiff_t>(there.message.size()));
+      if (!(shift < kInfinity)) return std::numeric_limits<double>::infinity();
       for (float& value : there.message) value -= shift;
       bound += static_cast<double>(shift);
     }
@@ -283,6 +283,15 @@ inline void LoopyStructure::read_placement() {
         continue;
       }
       const Eigen::Vector2i at = positions_.col(end.other);
+      if (end.cost.has_window()) {
+        float* to = sum_.data();
+        for (int y = 0; y < part.map.height; ++y) {
+          for (int x = 0; x < part.map.width; ++x) {
+            *to++ += static_cast<float>(end.cost(x - at.x(), y - at.y()));
+          }
+        }
+        continue;
+      }
       for (int x = 0; x < part.map.width; ++x) {
         along_x_[static_cast<std::size_t>(x)] = end.cost.x(x - at.x());
       }
@@ -322,6 +331,11 @@ inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) 
     ++summary.iterations;
     summary.lower_bound = std::max(summary.lower_bound, pass(true));
     summary.lower_bound = std::max(summary.lower_bound, pass(false));
+    if (!(summary.lower_bound < std::numeric_limits<double>::infinity())) {
+      summary.status = Status::InvalidInput;
+      summary.message = Defect{"maps", -1, "forbid every placement"};
+      return;
+    }
     read_placement();
     const double of_placement = energy_of(positions_);
     if (of_placement < energy) {
@@ -339,7 +353,12 @@ inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) 
     }
     earlier_bound = summary.lower_bound;
   }
-  best.energy = summary.energy = energy;
+  summary.energy = energy;
+  if (summary.usable()) {
+    best.energy = energy;
+  } else {
+    summary.message = "no placement was found that the windows of the lengths allow";
+  }
 }
 
 }  // namespace ASTERISM_ABI

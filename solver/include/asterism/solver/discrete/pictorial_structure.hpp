@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/map_search.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/part_tree.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
 #include <asterism/solver/discrete/distance_transform.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
@@ -150,7 +152,6 @@ class PictorialStructure {
   void collect();
   PictorialSummary place_root(PartPlacement& best);
   bool backtrack(int x, int y, PartPlacement& placement) const;
-  static bool find_least(const MapView<const float>& map, int& x, int& y);
   static MapView<float> compact(std::vector<float>& numbers, const MapView<const float>& shape) {
     const auto size = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
     if (numbers.size() < size) {
@@ -167,7 +168,7 @@ class PictorialStructure {
   }
 
   std::vector<Part> parts_;
-  std::vector<int> order_;  // parents before children
+  detail::PartTree tree_;
   int root_ = -1;
   std::vector<float> candidates_;                  // of best_placements
   std::vector<float> upward_, others_, marginal_;  // of min_marginals
@@ -201,31 +202,14 @@ inline Defect PictorialStructure::plan(std::span<const Joint> joints,
     parts_[i].parent = -1;
     parts_[i].is_leaf = true;
   }
-  for (std::size_t k = 0; k < joints.size(); ++k) {
-    Part& child = parts_[static_cast<std::size_t>(joints[k].child)];
-    if (child.parent >= 0) return {"joint", static_cast<int>(k), "gives its child a second parent"};
-    child.parent = joints[k].parent;
-    child.cost = joints[k].cost;
-    parts_[static_cast<std::size_t>(joints[k].parent)].is_leaf = false;
+  if (const Defect defect = tree_.plan(joints, static_cast<int>(maps.size()))) return defect;
+  for (const Joint& joint : joints) {
+    Part& child = parts_[static_cast<std::size_t>(joint.child)];
+    child.parent = joint.parent;
+    child.cost = joint.cost;
+    parts_[static_cast<std::size_t>(joint.parent)].is_leaf = false;
   }
-  // As many joints as children: exactly one part is no child. The parts that it does not reach are a cycle.
-  order_.clear();
-  order_.reserve(maps.size());
-  for (std::size_t i = 0; i < maps.size(); ++i) {
-    if (parts_[i].parent < 0) order_.push_back(static_cast<int>(i));
-  }
-  for (std::size_t next = 0; next < order_.size(); ++next) {
-    for (const Joint& joint : joints) {
-      if (joint.parent == order_[next]) order_.push_back(joint.child);
-    }
-  }
-  if (order_.size() < maps.size()) {
-    for (std::size_t k = 0; k < joints.size(); ++k) {
-      if (std::find(order_.begin(), order_.end(), joints[k].child) == order_.end())
-        return {"joint", static_cast<int>(k), "is part of a cycle or hangs on one"};
-    }
-  }
-  root_ = order_[0];
+  root_ = tree_.root();
   for (Part& part : parts_) {
     if (!part.is_leaf || part.parent < 0) part.sum = compact(part.numbers, part.map);
     if (part.parent < 0) continue;
@@ -248,8 +232,8 @@ inline void PictorialStructure::collect() {
       }
     }
   }
-  for (std::size_t k = order_.size(); k-- > 1;) {
-    Part& part = parts_[static_cast<std::size_t>(order_[k])];
+  for (std::size_t k = tree_.order.size(); k-- > 1;) {
+    Part& part = parts_[static_cast<std::size_t>(tree_.order[k])];
     Part& parent = parts_[static_cast<std::size_t>(part.parent)];
     part.transform.write<true>(part.sum, compact(parent.numbers, parent.map));
   }
@@ -257,7 +241,7 @@ inline void PictorialStructure::collect() {
 
 inline PictorialSummary PictorialStructure::place_root(PartPlacement& best) {
   int x = 0, y = 0;
-  if (!find_least(parts_[static_cast<std::size_t>(root_)].sum, x, y) || !backtrack(x, y, best))
+  if (!detail::find_least(parts_[static_cast<std::size_t>(root_)].sum, x, y) || !backtrack(x, y, best))
     return invalid({"maps", -1, "forbid every placement"});
   PictorialSummary summary;
   summary.status = Status::Converged;
@@ -270,7 +254,7 @@ inline bool PictorialStructure::backtrack(int x, int y, PartPlacement& placement
   const auto count = static_cast<Eigen::Index>(parts_.size());
   if (placement.positions.cols() != count) placement.positions.resize(2, count);
   placement.energy = 0;
-  for (const int i : order_) {
+  for (const int i : tree_.order) {
     const Part& part = parts_[static_cast<std::size_t>(i)];
     Eigen::Vector2i position(x, y);
     if (part.parent >= 0) {
@@ -284,21 +268,6 @@ inline bool PictorialStructure::backtrack(int x, int y, PartPlacement& placement
     placement.energy += static_cast<double>(part.map(position.x(), position.y()));
   }
   return detail::is_finite(placement.energy);
-}
-
-// The first of the least numbers of a map without gaps, if one is finite.
-inline bool PictorialStructure::find_least(const MapView<const float>& map, int& x, int& y) {
-  float least = std::numeric_limits<float>::infinity();
-  bool found = false;
-  for (int row = 0; row < map.height; ++row) {
-    const float of_row = detail::least_of(map.row(row), map.width);
-    if (!(of_row < least)) continue;
-    least = of_row;
-    y = row;
-    found = true;
-  }
-  if (found) x = static_cast<int>(std::find(map.row(y), map.row(y) + map.width, least) - map.row(y));
-  return found;
 }
 
 inline Message PictorialStructure::min_marginals(int part, const MapView<float>& result) {
@@ -321,9 +290,7 @@ inline Message PictorialStructure::min_marginals(int part, const MapView<float>&
       for_each_pixel(upward, others, [](float message_of_child, float& without) {
         if (without < std::numeric_limits<float>::infinity()) without -= message_of_child;
       });
-      DisplacementCost back = child.cost;
-      back.x.offset = -back.x.offset;
-      back.y.offset = -back.y.offset;
+      const DisplacementCost back = child.cost.reversed();
       const MapView<float> own = compact(marginal_, child.map);
       for_each_pixel(child.sum, own, [](float from, float& to) { to = from; });
       downward_.reserve(others.width, others.height, back, own.width, own.height);
@@ -344,22 +311,11 @@ inline int PictorialStructure::best_placements(int count, double distance,
   const MapView<float> left = compact(candidates_, marginals);
   for_each_pixel(marginals, left, [](float from, float& to) { to = from; });
   int found = 0, x = 0, y = 0;
-  while (found < count && find_least(left, x, y)) {
+  while (found < count && detail::find_least(left, x, y)) {
     if (placements.size() <= static_cast<std::size_t>(found)) placements.emplace_back();
     if (!backtrack(x, y, placements[static_cast<std::size_t>(found)])) break;
     ++found;
-    const auto reach = [distance](int at, int size) {
-      return std::pair(static_cast<int>(std::max(0.0, std::ceil(at - distance))),
-                       static_cast<int>(std::min(size - 1.0, std::floor(at + distance))));
-    };
-    const auto [left_x, right_x] = reach(x, left.width);
-    const auto [low_y, high_y] = reach(y, left.height);
-    for (int v = low_y; v <= high_y; ++v) {
-      for (int u = left_x; u <= right_x; ++u) {
-        const double dx = u - x, dy = v - y;
-        if (dx * dx + dy * dy <= distance * distance) left(u, v) = std::numeric_limits<float>::infinity();
-      }
-    }
+    detail::forbid_near(left, x, y, distance);
   }
   return found;
 }

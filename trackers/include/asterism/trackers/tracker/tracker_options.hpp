@@ -52,6 +52,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("scale_share", options.scale_share, option_ranges::kShare);
   visit("scale", options.scale);
   visit("resize_parts", options.resize_parts);
+  visit("anchor_search", options.anchor_search, {"peak", "dense"});
   visit("anchor_law", options.anchor_law, {"variance", "covariance"});
   visit("stiffness", options.stiffness);
   visit("solver", options.solver, options.solver.name);
