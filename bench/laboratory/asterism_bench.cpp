@@ -19,6 +19,7 @@
 #include "experiments.hpp"
 #include "kinds.hpp"
 #include "parts_bench.hpp"
+#include "plugins.hpp"
 #include "problems.hpp"
 #include "process.hpp"
 #include "solve.hpp"
@@ -136,6 +137,10 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
 
   CLI::App app("The solver laboratory: measures and compares solvers.", "asterism-bench");
   app.require_subcommand(1);
+  std::vector<std::filesystem::path> plugins;
+  app.add_option("--plugin", plugins, "a shared library with a solver of your own (docs/laboratory.md)")
+      ->expected(1)
+      ->check(CLI::ExistingFile);
 
   bool quick = false;
   std::string group;
@@ -292,6 +297,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     std::fprintf(stderr, "asterism-bench: %s\n", e.what());
     return 2;
   }
+  for (const std::filesystem::path& plugin : plugins) load_plugin(plugin);
   if (bars->parsed()) return run_bars(quick, group);
   if (crossovers->parsed()) {
     if (dense || !sparse) dense_crossovers();

@@ -23,7 +23,7 @@
       const System&, const System::Points&, double, Certificate&);                            \
   template ASTERISM_API SolverRegistry<System> solver_registry();                             \
   template ASTERISM_API Summary solve_ida(const System&, System::Points&, const IdaOptions&); \
-  template ASTERISM_API Summary solve(const System&, System::Points&, const AlignedOptions&);
+  template ASTERISM_API Summary solve(const System&, System::Points&, const ThreadedOptions&);
 
 #define ASTERISM_COMPILE_SPARSE_SOLVERS(System) \
   ASTERISM_COMPILE(SparseIda, System)           \

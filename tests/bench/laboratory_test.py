@@ -4,6 +4,7 @@
 import json
 import pathlib
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -120,6 +121,65 @@ class Laboratory(unittest.TestCase):
         self.assertRegex(result.stderr, r"^asterism-bench: .*lit-4\.jsonl: lit-4/0: the energy of origin\.minimiser is .*\n$")
         result = run("problems", "--set", self.folder)
         self.assertRegex(result.stderr, r"^asterism-bench: .*: no files \*\.jsonl of problems\n$")
+
+    def plugin(self, code):
+        """The shared library of a C program that includes solver_plugin.h."""
+        source, library = self.folder / "own.c", self.folder / "own.so"
+        source.write_text('#include "solver_plugin.h"\n' + code)
+        include = pathlib.Path(__file__).parents[2] / "bench/laboratory"
+        subprocess.run(["cc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-I", include, "-o", library, source],
+                       check=True)
+        return library
+
+    @unittest.skipUnless(shutil.which("cc"), "no C compiler")
+    def test_a_solver_from_a_shared_library(self):
+        file = self.folder / "house.json"
+        file.write_text(json.dumps(HOUSE))
+        descent = """
+static int minimise(const asterism_problem* problem, double* x) {
+  double g[10];
+  if (problem->nodes != 5 || problem->links != 6 || problem->ends[3] != 2 || !problem->fixed[1] || problem->fixed[0]) return 1;
+  for (int iteration = 0; iteration < problem->max_iterations; ++iteration) {
+    problem->evaluate(problem, x, g);
+    if (problem->iterated(problem)) break;
+    for (int k = 0; k < 10; ++k) x[k] -= 0.02 * g[k];
+  }
+  return 0;
+}
+const asterism_solver asterism_solver_plugin = {%s, "mine", "my own", 10, 10, minimise};
+"""
+        library = self.plugin(descent % "ASTERISM_SOLVER_VERSION")
+        result = run("--plugin", library, "solve", file, "--solvers", "mine,newton")
+        self.assertEqual((result.returncode, result.stderr), (0, ""))
+        mine, newton = (line.split() for line in result.stdout.splitlines()[2:])
+        self.assertEqual(mine[:2], ["mine", "converged"])
+        self.assertAlmostEqual(float(mine[2]) / float(newton[2]), 1, delta=1e-9)
+        self.assertGreater(int(mine[5]), 10)  # evaluations
+        self.assertEqual(int(mine[4]), int(mine[5]))
+
+        result = run("--plugin", library, "solve", file, "--solvers", "mine", "--iterations", 3)
+        self.assertRegex(result.stdout, r"mine +maximum number of iterations +\S+ +\S+ +3 ")
+        result = run("--plugin", library, "solvers")
+        self.assertRegex(result.stdout, r"(?m)^mine +own\.so +my own$")
+
+        # One that makes nothing of its evaluations but its x, and one that fails and leaves no number.
+        no_use = "static int minimise(const asterism_problem* p, double* x) { %s return 1; }" + descent.split("}\n")[-1]
+        for wrong in ("(void)p; x[0] = 0.0 / 0.0;", "(void)p; x[0] = 1e9;", "(void)p; x[2] = 77;"):
+            result = run("--plugin", self.plugin(no_use % (wrong, "ASTERISM_SOLVER_VERSION")), "solve", file, "--solvers", "mine")
+            start = re.search(r"energy at the start (\S+)", result.stdout)[1]
+            self.assertRegex(result.stdout, rf"mine +no progress +{re.escape(start)} ")
+
+        other = self.folder / "other.so"
+        other.write_bytes(b"not a library")
+        empty = self.plugin("int nothing = 1;")
+        for library, words in [(other, "other.so"), (empty, "has no asterism_solver_plugin")]:
+            result = run("--plugin", library, "solvers")
+            self.assertEqual(result.returncode, 1)
+            self.assertRegex(result.stderr, rf"^asterism-bench: .*{words}.*\n$")
+        result = run("--plugin", self.plugin(descent % "7"), "solvers")
+        self.assertRegex(result.stderr, r"^asterism-bench: .*made for version 7 of solver_plugin.h, not 1\n$")
+        result = run("--plugin", self.folder / "missing.so", "solvers")
+        self.assertEqual(result.returncode, 2)
 
     def test_problems_are_one_line(self):
         broken = self.folder / "broken.json"

@@ -483,6 +483,28 @@ TEST(MultiStartSolver, HoldsWhatGroundingHolds) {
   }
 }
 
+// Without anchors, the second start is not the first one again.
+TEST(MultiStartSolver, SecondStartDiffersWithoutAnchors) {
+  int lower = 0;
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    testing::Rng rng(seed);
+    auto [system, start] = testing::random_system<System>(rng, Topology<>::full(9));
+    system.anchor_stiffness.setZero();
+    MultiStart<System, Newton<System>> solver;
+    solver.options.ground_components = true;
+    solver.options.starts = 1;
+    Points x = start;
+    const double one = solver.solve(system, x).final_energy;
+    solver.options.starts = 2;
+    Points second = start;
+    const Summary two = solver.solve(system, second);
+    EXPECT_LE(two.final_energy, one);
+    EXPECT_EQ(second.col(0), start.col(0));
+    lower += two.final_energy < 0.999 * one;
+  }
+  EXPECT_GE(lower, 2);
+}
+
 TEST(MultiStartSolver, RefusesOptionsThatAreNone) {
   const auto [system, start] = random(1);
   MultiStart<System, Newton<System>> solver;

@@ -17,12 +17,18 @@ namespace asterism::bench {
 /// stiffness and length to suit their constants, with the laboratory's stopping rule.
 class Objective {
  public:
-  Objective(const System& system, const Points& start, Session<System>& session, Summary& summary)
+  /// Unit stiffness and length, or the numbers of the system.
+  enum class Units { Scaled, OfTheSystem };
+
+  Objective(const System& system, const Points& start, Session<System>& session, Summary& summary,
+            Units units = Units::Scaled)
       : system_(system), session_(session), summary_(summary), x_(start), gradient_(start) {
-    const double length = characteristic_length(system, start);
-    const double stiffness = node_stiffness(system).maxCoeff();
-    if (length > 0) length_ = length;
-    if (stiffness > 0) stiffness_ = stiffness;
+    if (units == Units::Scaled) {
+      const double length = characteristic_length(system, start);
+      const double stiffness = node_stiffness(system).maxCoeff();
+      if (length > 0) length_ = length;
+      if (stiffness > 0) stiffness_ = stiffness;
+    }
     best_energy_ = summary.initial_energy;
     best_ = start;
   }

@@ -234,8 +234,9 @@ struct LinkForce {
 };
 
 template <typename System>
-LinkForce<typename System::Scalar> link_force(const System& system, int l, typename System::Scalar length,
-                                              typename System::Scalar inverse) {
+[[gnu::always_inline]] inline LinkForce<typename System::Scalar> link_force(const System& system, int l,
+                                                                            typename System::Scalar length,
+                                                                            typename System::Scalar inverse) {
   const typename System::Scalar k = system.link_stiffness[l];
   const auto phi = link_potential(system, l, length);
   return {k * phi.value, k * phi.first, k * phi.second, k * phi.first * inverse};
@@ -244,7 +245,8 @@ LinkForce<typename System::Scalar> link_force(const System& system, int l, typen
 /// The same of a spring, also of one without length, where the curvature across it has no limit: that is
 /// taken as 0 where the link pushes, else as that along it.
 template <typename System>
-LinkForce<typename System::Scalar> link_force(const System& system, int l, const Spring<System>& spring) {
+[[gnu::always_inline]] inline LinkForce<typename System::Scalar> link_force(const System& system, int l,
+                                                                            const Spring<System>& spring) {
   auto force = link_force(system, l, spring.length, spring.inverse);
   if (!is_finite(force.across)) [[unlikely]]
     force.across = force.tension < 0 ? typename System::Scalar(0) : force.along;
@@ -254,7 +256,8 @@ LinkForce<typename System::Scalar> link_force(const System& system, int l, const
 /// The Dim x Dim second derivative of a link at either of its ends, along u u^T + across (I - u u^T), with
 /// its shape in place of I if it has one; minus that couples the two.
 template <typename System>
-auto link_curvature(const LinkForce<typename System::Scalar>& force, const Spring<System>& spring) {
+[[gnu::always_inline]] inline auto link_curvature(const LinkForce<typename System::Scalar>& force,
+                                                  const Spring<System>& spring) {
   using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
   const Block axis = spring.direction * spring.direction.transpose();  // first, to be symmetric to the bit
   if constexpr (System::kAnisotropicLinks)

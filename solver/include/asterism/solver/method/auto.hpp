@@ -37,6 +37,8 @@ using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
 /// prints the table. Summary::solver names the method. If a matrix cannot be factored, NewtonCg continues.
 /// All methods start with rigid_alignment.
 ///
+/// Sparse methods use as many threads as ThreadedOptions::threads says, and dense ones one.
+///
 /// An object holds its workspace: reuse it to solve without allocation, one thread at a time. Sparse methods
 /// use the heap; fixed and bounded sizes take dense ones, which do not.
 template <typename System>
@@ -45,11 +47,11 @@ class Auto {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  AlignedOptions options;
+  ThreadedOptions options;
 
   Auto() = default;
   /// For type deduction: Auto(system).solve(system, x).
-  explicit Auto(const System&, const AlignedOptions& o = {}) : options(o) {}
+  explicit Auto(const System&, const ThreadedOptions& o = {}) : options(o) {}
 
   static constexpr std::string_view name() { return "auto"; }
 
@@ -80,6 +82,7 @@ class Auto {
   template <typename Solver>
   Summary solve_by(Solver& solver, const System& system, Points& x) {
     static_cast<AlignedOptions&>(solver.options) = options;
+    if constexpr (requires { solver.options.threads; }) solver.options.threads = options.threads;
     return solver.solve(system, x);
   }
 
@@ -92,6 +95,7 @@ class Auto {
 
 template <typename System>
 Summary Auto<System>::run(const System& system, Points& x) {
+  if (options.threads < 0) return detail::refused(name(), options.problem());  // not all methods have threads
   if constexpr (System::kHasTriples) return solve_by(lbfgs_, system, x);
   const int n = system.nodes();
   if (n <= kNewton) return solve_by(newton_, system, x);
@@ -113,13 +117,13 @@ Summary Auto<System>::run(const System& system, Points& x) {
 
 /// One solve by Auto with a workspace of its own; see Auto::solve. For repeated solves, keep an Auto.
 template <typename System>
-Summary solve(const System& system, typename System::Points& x, const AlignedOptions& options = {}) {
+Summary solve(const System& system, typename System::Points& x, const ThreadedOptions& options = {}) {
   return Auto<System>(system, options).solve(system, x);
 }
 
 ASTERISM_COMPILED_SPARSE_SOLVER(detail::FactoredSchwarz)
 ASTERISM_COMPILED_SOLVER(Auto)
-ASTERISM_COMPILED_SOLVE(solve, AlignedOptions)
+ASTERISM_COMPILED_SOLVE(solve, ThreadedOptions)
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

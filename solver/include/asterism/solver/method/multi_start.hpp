@@ -20,8 +20,8 @@ inline namespace ASTERISM_ABI {
 /// Options of MultiStart, in addition to those of its method.
 template <typename Options>
 struct MultiStartOptions : Options {
-  /// Number of starts: the given x, the anchors (for nodes whose anchor has stiffness), and then,
-  /// alternately, random displacements of these two.
+  /// Number of starts: the given x, the anchors (for nodes whose anchor has stiffness; without any such node,
+  /// a random displacement of x), and then, alternately, random displacements of these two.
   int starts = 8;
 
   /// Each coordinate is displaced by up to this many times the characteristic_length.
@@ -89,6 +89,8 @@ class MultiStart {
       return best;
 
     std::uint64_t state = options.seed;
+    std::uint64_t first_state = ~options.seed;
+    const bool is_anchored = (system.anchor_stiffness.array() > 0).any();
     detail::node_stiffness(system, stiffness_);
     const Scalar reach =
         static_cast<Scalar>(options.spread) * detail::characteristic_length(system, given_, stiffness_);
@@ -98,7 +100,11 @@ class MultiStart {
       for (int i = 0; start % 2 == 1 && i < system.nodes(); ++i) {
         if (system.anchor_stiffness[i] > 0) trial_.col(i) = system.anchors.col(i);
       }
-      if (start > 1) displace(trial_, reach, state);
+      if (start > 1) {
+        displace(trial_, reach, state);
+      } else if (!is_anchored) {  // not the given x once more
+        displace(trial_, reach, first_state);
+      }
       hold(system);
       const Summary summary = solver_.solve(system, trial_);
       const bool lower = summary.usable() && (!best.usable() || summary.final_energy < best.final_energy);

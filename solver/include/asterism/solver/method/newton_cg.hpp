@@ -7,6 +7,7 @@
 #include <asterism/solver/detail/descent.hpp>
 #include <asterism/solver/detail/hessian_operator.hpp>
 #include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/detail/spring_chunks.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>
@@ -31,33 +32,41 @@ class JacobiPreconditioner {
   static constexpr std::string_view kName = "Jacobi";
   static constexpr int kDim = System::kDim;
 
-  /// At a new x.
-  void update(const System& system, const Points& x) {
-    const int n = system.nodes();
-    blocks_.resize(kDim, kDim * n);
-    detail::for_each_curvature(
-        system, x, true, [this](int i, const Block& curvature) { at(i) = curvature; },
-        [&](int l, const Link& link, auto force, const auto& spring) {
+  /// At a new x, with the operator of the Hessian.
+  void update(const System& system, const Points& x, detail::HessianOperator<System>& hessian,
+              detail::SpringChunks<System>& chunks) {
+    blocks_.resize(kDim, kDim * system.nodes());
+    hessian.resize(system);
+    chunks.template scatter<kDim, false>(
+        system, blocks_,
+        [&](int i, Scalar&) {
+          const typename System::Point offset = detail::anchor_offset(system, i, x);
+          hessian.set_anchor(system, i, offset);
+          at(i) = detail::anchor_curvature(system, i, offset, true);
+        },
+        [&](int l, const Link& link, Scalar&) {
+          const auto spring = detail::spring(system, l, link, detail::link_difference(system, l, link, x));
+          auto force = detail::link_force(system, l, spring);
+          hessian.set_link(l, force, spring);
+          force = force.clamped();
           force.along = std::max(force.along, kFloor * system.link_stiffness[l]);
-          const Block curvature = detail::link_curvature(force, spring);
-          at(link.i) += curvature;
-          at(link.j) += curvature;
+          return detail::link_curvature(force, spring);
+        },
+        [this](int i) {  // a node on parallel springs alone would have a singular block
+          const Scalar trace = at(i).trace();
+          if (!(trace > 0)) {  // fixed, and no spring at it has stiffness
+            at(i).setIdentity();
+            return;
+          }
+          const Block scaled = at(i) / trace + kFloor * Block::Identity();
+          at(i) = scaled.inverse() / trace;
         });
-    for (int i = 0; i < n; ++i) {  // a node on parallel springs alone would have a singular block
-      const Scalar trace = at(i).trace();
-      if (!(trace > 0)) {  // fixed, and no spring at it has stiffness
-        at(i).setIdentity();
-        continue;
-      }
-      const Block scaled = at(i) / trace + kFloor * Block::Identity();
-      at(i) = scaled.inverse() / trace;
-    }
   }
 
-  /// z <- z - M^-1 g.
-  void descend(const Points& gradient, Points& z) const {
-    for (Eigen::Index i = 0; i < z.cols(); ++i) {
-      z.col(i) -= blocks_.template block<kDim, kDim>(0, kDim * i) * gradient.col(i);
+  /// z <- -M^-1 g, for `count` nodes from `first`.
+  void descend(const Points& gradient, Points& z, int first, int count) const {
+    for (int i = first; i < first + count; ++i) {
+      z.col(i) = -(blocks_.template block<kDim, kDim>(0, kDim * i) * gradient.col(i));
     }
   }
 
@@ -77,6 +86,9 @@ class JacobiPreconditioner {
 /// or at a direction without positive curvature, as in line search Newton-CG (Nocedal & Wright, algorithm
 /// 7.1). Memory and an inner iteration are O(nodes + links): the method for large sparse systems.
 ///
+/// ThreadedOptions::threads counts from 32,768 nodes on, where near nodes have near numbers and links come in
+/// the order of their lower nodes: elsewhere threads would wait for memory. Schwarz renumbers any system so.
+///
 /// `Preconditioner` is JacobiPreconditioner (default) or DenseCholesky, SparseCholesky or CholmodCholesky of
 /// K_dyn. An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System, typename Preconditioner = JacobiPreconditioner<System>>
@@ -85,11 +97,11 @@ class NewtonCg {
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
 
-  AlignedOptions options;
+  ThreadedOptions options;
 
   NewtonCg() = default;
   /// For type deduction: NewtonCg(system).solve(system, x).
-  explicit NewtonCg(const System&, const AlignedOptions& o = {}) : options(o) {}
+  explicit NewtonCg(const System&, const ThreadedOptions& o = {}) : options(o) {}
 
   static constexpr std::string_view name() { return detail::NameWithPolicy<kMethod, Preconditioner>::value; }
 
@@ -102,15 +114,30 @@ class NewtonCg {
 
   Summary run(const System& given, Points& x);
 
+  using Chunks = detail::SpringChunks<System>;
+
   static constexpr std::string_view kMethod = "Newton-CG";
   static constexpr bool kFactored = requires(Preconditioner p, const System& s) { p.factorize(s); };
   static constexpr Scalar kLargestForcing = Scalar(0.5);
 
-  // preconditioned_ = -M^-1 r
-  void precondition(const Points& r, Summary& summary) {
-    preconditioned_.setZero(System::kDim, r.cols());
-    preconditioner_.descend(r, preconditioned_);
+  // preconditioned_ = -M^-1 r. Returns r^T M^-1 r.
+  Scalar precondition(const Points& r, Summary& summary) {
     ++summary.linear_solves;
+    if constexpr (kFactored) {
+      preconditioned_.setZero(System::kDim, r.cols());
+      preconditioner_.descend(r, preconditioned_);
+      return -chunks_.dot(r, preconditioned_);
+    } else {
+      preconditioned_.resize(System::kDim, r.cols());
+      return -chunks_.sum([&](int first, int count) { return precondition(r, first, count); });
+    }
+  }
+  // The same for some nodes. Returns minus their part of the product.
+  Scalar precondition(const Points& r, int first, int count) {
+    preconditioner_.descend(r, preconditioned_, first, count);
+    return Chunks::columns(r, first, count)
+        .cwiseProduct(Chunks::columns(preconditioned_, first, count))
+        .sum();
   }
 
   // direction_: H direction_ = -g to |residual| <= forcing |g| in the norm of M^-1. Expects preconditioned_.
@@ -122,20 +149,34 @@ class NewtonCg {
     conjugate_ = preconditioned_;
     Scalar length = square;  // of conjugate_, squared, in M
     for (int inner = 0; inner < most; ++inner) {
-      hessian_.apply(system, conjugate_, product_);
-      const Scalar curvature = conjugate_.cwiseProduct(product_).sum();
+      hessian_.apply(system, conjugate_, product_, chunks_);
+      const Scalar curvature = chunks_.dot(conjugate_, product_);
       if (!(curvature > kFlat * length)) {
         if (inner == 0) direction_ = conjugate_;
         return;
       }
       const Scalar step = square / curvature;
-      direction_ += step * conjugate_;
-      residual_ += step * product_;
-      precondition(residual_, summary);
-      const Scalar next_square = -residual_.cwiseProduct(preconditioned_).sum();
+      const auto advance = [&](int first, int count) {
+        Chunks::columns(direction_, first, count) += step * Chunks::columns(conjugate_, first, count);
+        Chunks::columns(residual_, first, count) += step * Chunks::columns(product_, first, count);
+      };
+      Scalar next_square = 0;
+      if constexpr (kFactored) {
+        chunks_.for_each(advance);
+        next_square = precondition(residual_, summary);
+      } else {
+        ++summary.linear_solves;
+        next_square = -chunks_.sum([&](int first, int count) {
+          advance(first, count);
+          return precondition(residual_, first, count);
+        });
+      }
       if (!(next_square > target) || session_.stopped()) return;
       const Scalar beta = next_square / square;
-      conjugate_ = preconditioned_ + beta * conjugate_;
+      chunks_.for_each([&](int first, int count) {
+        auto&& conjugate = Chunks::columns(conjugate_, first, count);
+        conjugate = Chunks::columns(preconditioned_, first, count) + beta * conjugate;
+      });
       length = next_square + beta * beta * length;
       square = next_square;
     }
@@ -145,6 +186,7 @@ class NewtonCg {
 
   Session<System> session_;
   detail::DescentState<System> state_;
+  Chunks chunks_;
   detail::HessianOperator<System> hessian_;
   Preconditioner preconditioner_;
   Points direction_;
@@ -166,7 +208,11 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
         return Status::NumericalFailure;
       }
     }
-    state_.start(system, x, summary);
+    chunks_.set(system, options.thread_count());
+    const auto evaluate = [this](const System& of, const Points& at, Points& gradient) {
+      return chunks_.energy_and_gradient(of, at, gradient);
+    };
+    state_.start(system, x, summary, evaluate);
     Scalar forcing = kLargestForcing;
     Scalar previous_square = 0;
     while (true) {
@@ -174,10 +220,12 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
       if (summary.iterations == options.max_iterations) return Status::MaxIterations;
       if (session_.stalls(x, state_.gradient(), summary.iterations)) return Status::NoProgress;
 
-      hessian_.set(system, x);
-      if constexpr (!kFactored) preconditioner_.update(system, x);
-      precondition(state_.gradient(), summary);
-      const Scalar square = -state_.gradient().cwiseProduct(preconditioned_).sum();  // |g|^2 in M^-1
+      if constexpr (kFactored) {
+        hessian_.set(system, x);
+      } else {
+        preconditioner_.update(system, x, hessian_, chunks_);
+      }
+      const Scalar square = precondition(state_.gradient(), summary);  // |g|^2 in M^-1
       if (!(square > 0)) return Status::NoProgress;
       if (summary.iterations > 0) {
         // eta = 0.9 (|g| / |g before|)^2, and not much below the last one while that was large.
@@ -189,14 +237,15 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
       previous_square = square;
       newton_direction(system, square, forcing, summary);
 
-      Scalar slope = state_.gradient().cwiseProduct(direction_).sum();
+      Scalar slope = chunks_.dot(state_.gradient(), direction_);
       Scalar step = 1;
-      if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary)) {
+      if (!(slope < 0) || !state_.search(system, x, direction_, slope, step, summary, evaluate)) {
         // The preconditioned gradient: fails for rounding alone.
         precondition(state_.gradient(), summary);
         slope = -square;
         step = 1;
-        if (!state_.search(system, x, preconditioned_, slope, step, summary)) return Status::NoProgress;
+        if (!state_.search(system, x, preconditioned_, slope, step, summary, evaluate))
+          return Status::NoProgress;
       }
       ++summary.iterations;
     }

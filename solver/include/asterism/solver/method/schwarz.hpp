@@ -6,12 +6,12 @@
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/partition.hpp>
 #include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/detail/spring_chunks.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/executor.hpp>
-#include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -24,7 +24,6 @@
 #include <optional>
 #include <span>
 #include <string_view>
-#include <thread>
 #include <utility>
 #include <vector>
 
@@ -32,27 +31,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// Options of Schwarz.
-struct SchwarzOptions : AlignedOptions {
-  /// Threads that minimise subdomains at the same time, the calling one included; 0: as many as the machine
-  /// runs at once. The result does not depend on it. Each takes memory for an int per node. The functions of
-  /// a custom model are then called from several threads.
-  int threads = 1;
-
-  constexpr SchwarzOptions() = default;
-  constexpr SchwarzOptions(const SolverOptions& options) : AlignedOptions(options) {}
-  constexpr SchwarzOptions(const AlignedOptions& options) : AlignedOptions(options) {}
-
-  constexpr const char* problem() const {
-    if (threads < 0) return "option threads is negative";
-    return AlignedOptions::problem();
-  }
-};
-
-/// The names of these options, for an OptionVisitor.
-inline void visit_options(OptionVisitor& visit, SchwarzOptions& options) {
-  visit_options(visit, static_cast<AlignedOptions&>(options));
-  visit("threads", options.threads, {0, 4096});
-}
+using SchwarzOptions = ThreadedOptions;
 
 namespace detail {
 
@@ -361,7 +340,9 @@ class Schwarz {
                        Eigen::Map<const Eigen::MatrixXd>(given.data(), given.rows(), given.cols())});
       return !session_.stopped();
     };
-    global_.options = static_cast<const AlignedOptions&>(options);
+    static_cast<AlignedOptions&>(global_.options) = options;
+    if constexpr (requires { global_.options.threads; }) global_.options.threads = options.threads;
+    chunks_.set(system, options.thread_count());
     if (options.on_iteration) global_.options.on_iteration = report;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
@@ -382,20 +363,15 @@ class Schwarz {
     }
   }
 
-  int threads() const {
-    return options.threads > 0 ? options.threads
-                               : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
-  }
-
   // Sweeps until one gains little. What the next changes anyhow need not be exact, but in the end each
   // subdomain is solved to its minimum: where one is left near a saddle, all would have to wait for it.
   void sweep(const System& system, Points& x, Summary& summary) {
     constexpr Scalar kLittle = Scalar(0.02);
     constexpr double kTighter = 1e-2;
     const double least = std::max(options.tolerance, 1e-7);
-    Scalar before = energy(system, x);
+    Scalar before = chunks_.energy(system, x);
     ++summary.energy_evaluations;
-    workers_.resize(static_cast<std::size_t>(std::min(threads(), decomposition_.count())));
+    workers_.resize(static_cast<std::size_t>(std::min(options.thread_count(), decomposition_.count())));
     for (Worker& worker : workers_) worker.scratch.set(system.nodes());
     for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
          ++i) {
@@ -413,7 +389,7 @@ class Schwarz {
       }
       ++summary.iterations;
       if (options.align) detail::align(system, x, false);
-      const Scalar after = energy(system, x);
+      const Scalar after = chunks_.energy(system, x);
       ++summary.energy_evaluations;
       const bool exact = local_.tolerance <= least;
       if (exact && !(before - after > kLittle * detail::energy_scale(system, x, before))) return;
@@ -438,6 +414,7 @@ class Schwarz {
 
   Session<System> session_;
   detail::Decomposition<System> decomposition_;
+  detail::SpringChunks<System> chunks_;
   std::vector<Worker> workers_;
   AlignedOptions local_;  // of the subdomains
   Global global_;
@@ -449,7 +426,7 @@ Summary Schwarz<System, Global>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
     if (options.max_iterations == 0) return Status::MaxIterations;
-    decomposition_.set(system, kSubdomain, threads());
+    decomposition_.set(system, kSubdomain, options.thread_count());
     renumbered_ = decomposition_.renumbered(x);
     const Status status = iterate(decomposition_.system(), renumbered_, summary);
     decomposition_.restore(renumbered_, x);

@@ -60,6 +60,23 @@ class SparseHessian {
       *blocks_.diagonal(c) += factor * static_cast<MatrixScalar>(stiffness[c / kDim]);
   }
 
+  /// Whether the block of a node alone shows that the matrix is not positive definite.
+  bool has_indefinite_block() {
+    for (int i = 0; i < matrix().cols() / kDim; ++i) {
+      Block block;
+      for (int c = 0; c < kDim; ++c) {
+        for (int r = c; r < kDim; ++r) block(r, c) = static_cast<Scalar>(blocks_.at(i, r, c));
+      }
+      for (int c = 0; c < kDim; ++c) {  // elimination
+        if (!(block(c, c) > 0)) return true;
+        for (int k = c + 1; k < kDim; ++k) {
+          for (int r = k; r < kDim; ++r) block(r, k) -= block(r, c) * block(k, c) / block(c, c);
+        }
+      }
+    }
+    return false;
+  }
+
   const Eigen::SparseMatrix<MatrixScalar>& matrix() const { return blocks_.matrix(); }
 
  private:
@@ -193,8 +210,7 @@ class SparseNewton {
     const Scalar factor =
         stretched * anchors < most * held ? stretched / held : most / anchors;  // held may be 0
     if (!(factor > 1)) return 1;
-    hessian_.assemble(system, x, false);
-    return factorize(summary) ? Scalar(1) : factor;
+    return factorize_hessian(system, x, summary) ? Scalar(1) : factor;
   }
 
   // Follows the minimum of the system with strong anchors as they weaken to those of `system`.
@@ -225,6 +241,13 @@ class SparseNewton {
   bool factorize(Summary& summary) {
     ++summary.factorizations;
     return factorization_.factorize(hessian_.matrix());
+  }
+
+  // Factors the Hessian; false where it is not positive definite. The blocks of nodes mostly show that, and
+  // leave the factorisation out.
+  bool factorize_hessian(const System& system, const Points& x, Summary& summary) {
+    hessian_.assemble(system, x, false);
+    return !hessian_.has_indefinite_block() && factorize(summary);
   }
 
   // Factors a positive definite matrix in the Hessian's place; false where rounding leaves none. The diagonal
@@ -344,8 +367,12 @@ Status SparseNewton<System, Factorization>::descend(const System& system, Points
     }
     bool definite = false;
     if (stationary || !turned) {
-      hessian_.assemble(system, x, false);
-      definite = factorize(summary);
+      if (stationary) {  // to escape needs the factors
+        hessian_.assemble(system, x, false);
+        definite = factorize(summary);
+      } else {
+        definite = factorize_hessian(system, x, summary);
+      }
       summary.positive_definite = definite;
     }
     if (last) return Status::Converged;
@@ -368,8 +395,7 @@ Status SparseNewton<System, Factorization>::descend(const System& system, Points
     if (!search(system, x, slope, summary)) {
       if (stationary) return Status::Converged;
       if (after_turn) {  // which may have led to where the Hessian needs no repair
-        hessian_.assemble(system, x, false);
-        definite = factorize(summary);
+        definite = factorize_hessian(system, x, summary);
         summary.positive_definite = definite;
       }
       if (!(after_turn && definite && search(system, x, newton_direction(summary), summary))) {

@@ -1,10 +1,12 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
+#include <thread>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -82,6 +84,34 @@ inline void visit_options(OptionVisitor& visit, AlignedOptions& options) {
   visit_options(visit, static_cast<SolverOptions&>(options));
   visit("align", options.align);
   visit("allow_reflection", options.allow_reflection);
+}
+
+/// Options of solvers for large systems that can use several threads.
+struct ThreadedOptions : AlignedOptions {
+  /// Threads that work at the same time, the calling one included; 0: as many as the machine runs at once.
+  /// The result does not depend on it, bit for bit. For Schwarz, each takes memory for an int per node. The
+  /// functions of a custom model are then called from several threads.
+  int threads = 1;
+
+  constexpr ThreadedOptions() = default;
+  constexpr ThreadedOptions(const SolverOptions& options) : AlignedOptions(options) {}
+  constexpr ThreadedOptions(const AlignedOptions& options) : AlignedOptions(options) {}
+
+  constexpr const char* problem() const {
+    if (threads < 0) return "option threads is negative";
+    return AlignedOptions::problem();
+  }
+
+  /// How many `threads` are: at least 1.
+  int thread_count() const {
+    return threads > 0 ? threads : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+  }
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, ThreadedOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("threads", options.threads, {0, 4096});
 }
 
 }  // namespace ASTERISM_ABI
