@@ -318,7 +318,7 @@ inline void LineTransform::quadratic(int lane, int lanes) {
     reinterpret_cast<Stored&>(to[(p - kStepsAtOnce) * kLineBlock]) = row;                      \
   }                                                                                            \
   int any = 0;                                                                                 \
-  for (std::size_t l = 0; l < kBytes / sizeof(float); ++l) any |= changed[l];                  \
+  for (std::size_t l = 0; l < (kBytes) / sizeof(float); ++l) any |= changed[l];                \
   return any != 0;
 
 static_assert(LineTransform::kStepsAtOnce == 4 && LineTransform::kMostSteps % 4 == 0);
