@@ -12,7 +12,9 @@ inline namespace ASTERISM_ABI {
 
 /// Three nodes to which a TriplePotential applies, j being the middle one.
 struct Triple {
-  int i = -1, j = -1, k = -1;  ///< different nodes
+  int i = -1;  ///< a node
+  int j = -1;  ///< the middle one
+  int k = -1;  ///< a third one
   /// >= 0, in the units that the potential says; NaN until it is set.
   double stiffness = std::numeric_limits<double>::quiet_NaN();
   double rest = 0;  ///< what the potential prefers, in its units
@@ -47,6 +49,7 @@ concept TriplePotential = std::default_initializable<P> &&(
 /// rest 0 it straightens a chain evenly (a beam, a snake; Kass, Witkin & Terzopoulos 1988) and is quadratic.
 /// Stiffness as that of links.
 struct Bending {
+  /// Of the second difference of the three places.
   template <typename Point, typename Scalar = typename Point::Scalar>
   TripleForce<Point> operator()(const Point& i, const Point& j, const Point& k, Scalar rest) const {
     const Point d = i - 2 * j + k;
@@ -60,6 +63,7 @@ struct Bending {
 /// Stiffness in energy per rad^2. Where an angle is 0 or pi, or a side has no length, there is no direction
 /// to turn to, and the gradient is 0: do not start on a straight line if rest is another angle.
 struct Angle {
+  /// Of the angle at the middle one.
   template <typename Point, typename Scalar = typename Point::Scalar>
   TripleForce<Point> operator()(const Point& i, const Point& j, const Point& k, Scalar rest) const {
     const Point a = i - j, b = k - j;
@@ -84,18 +88,22 @@ struct Angle {
 /// positive where i, j, k turn from the x axis to the y axis, so that a triangle does not turn over.
 /// Stiffness in energy per px^4.
 struct Area {
+  /// In the plane, with a sign.
   TripleForce<Eigen::Vector2d> operator()(const Eigen::Vector2d& i, const Eigen::Vector2d& j,
                                           const Eigen::Vector2d& k, double rest) const {
     return of_plane(i, j, k, rest);
   }
+  /// In the plane, with a sign.
   TripleForce<Eigen::Vector2f> operator()(const Eigen::Vector2f& i, const Eigen::Vector2f& j,
                                           const Eigen::Vector2f& k, float rest) const {
     return of_plane(i, j, k, rest);
   }
+  /// In space, without one.
   TripleForce<Eigen::Vector3d> operator()(const Eigen::Vector3d& i, const Eigen::Vector3d& j,
                                           const Eigen::Vector3d& k, double rest) const {
     return of_space(i, j, k, rest);
   }
+  /// In space, without one.
   TripleForce<Eigen::Vector3f> operator()(const Eigen::Vector3f& i, const Eigen::Vector3f& j,
                                           const Eigen::Vector3f& k, float rest) const {
     return of_space(i, j, k, rest);
