@@ -88,6 +88,14 @@ void link_all(Star& star, testing::Rng& rng, double weight) {
   }
 }
 
+// CPU seconds of work().
+template <typename Work>
+double cpu_seconds_of(Work&& work) {
+  const double before = cpu_seconds();
+  work();
+  return cpu_seconds() - before;
+}
+
 void loops(Bars& bars, int stars) {
   LoopyStructure structure;
   PartPlacement best;
@@ -98,9 +106,8 @@ void loops(Bars& bars, int stars) {
     for (int s = 0; s < stars; ++s) {
       Star star = random_star(rng, 4, 128, weight);
       link_all(star, rng, weight);
-      const double before = cpu_seconds();
-      const LoopySummary summary = structure.solve(star.joints, star.maps, best);
-      seconds.push_back(cpu_seconds() - before);
+      LoopySummary summary;
+      seconds.push_back(cpu_seconds_of([&] { summary = structure.solve(star.joints, star.maps, best); }));
       gaps.push_back(summary.gap());
       iterations.push_back(summary.iterations);
       closed += summary.status == Status::Converged;
@@ -129,9 +136,9 @@ double steps_of_an_envelope(int lines) {
       }
       double least = std::numeric_limits<double>::infinity();
       for (int repeat = 0; repeat < 9; ++repeat) {
-        const double before = cpu_seconds();
-        for (int k = 0; k < 20; ++k) transform.run();
-        least = std::min(least, cpu_seconds() - before);
+        least = std::min(least, cpu_seconds_of([&] {
+                           for (int k = 0; k < 20; ++k) transform.run();
+                         }));
       }
       return least;
     };
@@ -154,9 +161,8 @@ double seconds_of_m_best(int stars, double distance) {
   std::vector<double> seconds;
   for (int s = 0; s < stars; ++s) {
     const Star star = random_star(rng, 4, 128, 0.02);
-    const double before = cpu_seconds();
-    search.solve(star.joints, star.maps, 10, distance, placements);
-    seconds.push_back(cpu_seconds() - before);
+    seconds.push_back(
+        cpu_seconds_of([&] { search.solve(star.joints, star.maps, 10, distance, placements); }));
   }
   return median(seconds);
 }
@@ -175,9 +181,7 @@ double seconds_of_layers(int stars, int layers) {
     std::vector<ScaledJoint> joints;
     for (const Joint& joint : star.joints) joints.push_back({joint, AxisCost::quadratic(0.1, 0)});
     structure.solve(joints, scales, maps, best);
-    const double before = cpu_seconds();
-    structure.solve(joints, scales, maps, best);
-    seconds.push_back(cpu_seconds() - before);
+    seconds.push_back(cpu_seconds_of([&] { structure.solve(joints, scales, maps, best); }));
   }
   return median(seconds);
 }
@@ -195,9 +199,7 @@ double seconds_of_lengths(int stars, int reach) {
       joint.cost = DisplacementCost::spring(0.02, length, d.x(), d.y(), reach);
     }
     structure.solve(star.joints, star.maps, best);
-    const double before = cpu_seconds();
-    structure.solve(star.joints, star.maps, best);
-    seconds.push_back(cpu_seconds() - before);
+    seconds.push_back(cpu_seconds_of([&] { structure.solve(star.joints, star.maps, best); }));
   }
   return median(seconds);
 }
@@ -217,11 +219,7 @@ Times times_of(int stars, int parts, int size, double weight, bool compare = tru
   Times times;
   const auto least = [&](auto&& solve) {
     double seconds = std::numeric_limits<double>::infinity();
-    for (int repeat = 0; repeat < 7; ++repeat) {
-      const double before = cpu_seconds();
-      solve();
-      seconds = std::min(seconds, cpu_seconds() - before);
-    }
+    for (int repeat = 0; repeat < 7; ++repeat) seconds = std::min(seconds, cpu_seconds_of(solve));
     return seconds;
   };
   for (int s = 0; s < stars; ++s) {

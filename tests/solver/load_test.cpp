@@ -172,7 +172,7 @@ TEST(Loads, LeaveFreeWhatTurnsAboutThem) {
   EXPECT_EQ(covariance(system, x).status, CovarianceStatus::Computed);
 }
 
-// The parabola of a stiff, nearly taut chain; and, for any chain, the forces at each node.
+// The forces at each node cancel, and the horizontal pull is the same in all links.
 TEST(Loads, HangAChain) {
   for (const auto& name : solver_registry<System<2>>().names()) {
     if (name == "staircase" || name == "branch-and-bound") continue;

@@ -36,7 +36,7 @@ System<Potential, Dim> chain(std::uint64_t seed, int nodes) {
   return system;
 }
 
-// A stiff square, which the kit has to refuse: turning changes it.
+// Potentials that break a rule each, which the kit has to name. This one changes when the three turn.
 struct Upright {
   template <typename Point, typename Scalar = typename Point::Scalar>
   TripleForce<Point> operator()(const Point& i, const Point&, const Point& k, Scalar) const {
