@@ -72,8 +72,8 @@ struct SpatialReliabilityOptions {
   /// How the filters are learned.
   MaskedRegressionOptions regression;
   /// Rate of the running averages of the samples' spectra and their energy, in [0, 1]. The paper averages the
-  /// filters themselves, with 0.02.
-  double learning_rate = 0.01;
+  /// filters themselves, at this rate.
+  double learning_rate = 0.02;
   /// Rate of the running average of the channels' weights, in [0, 1].
   double weight_rate = 0.02;
   /// Standard deviation of the Gaussian label [cells], > 0.
