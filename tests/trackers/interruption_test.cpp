@@ -77,8 +77,13 @@ TEST_P(Interrupted, FindsItsObjectAgain) {
       const cv::Mat image = kind.show(draw_frame(++t), i, kFrames);
       EXPECT_TRUE(in_image(tracker.update(image), image)) << t;
     }
+    AnyTracker saved = make_tracker(GetParam());
+    saved.restore(tracker.save());
     TrackResult result;
-    for (int i = 0; i < 6; ++i) result = tracker.update(draw_frame(++t));
+    for (int i = 0; i < 6; ++i) {
+      result = tracker.update(draw_frame(++t));
+      EXPECT_EQ(saved.update(draw_frame(t)).box, result.box) << t;
+    }
     EXPECT_LT(distance(result.box, true_box(t)), 8);
     EXPECT_FALSE(result.interrupted);
   }

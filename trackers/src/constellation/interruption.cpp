@@ -98,48 +98,48 @@ InterruptionGate::View InterruptionGate::view_of(const Frame& frame) {
   return view;
 }
 
-InterruptionGate::Blanks InterruptionGate::blanks_of(const Frame& frame) const {
+InterruptionGate::Blanks InterruptionGate::blanks_of(const Seen& seen, const Frame& frame) {
   Blanks blanks;
-  visit_cells<kNearCells>(frame.gray(), box_around(centre_, kNear * size_),
+  visit_cells<kNearCells>(frame.gray(), box_around(seen.centre, kNear * seen.size),
                           [&](std::size_t cell, int, int range) { blanks[cell] = range <= kOneLevel; });
   return blanks;
 }
 
 void InterruptionGate::learn(const Frame& frame, const cv::Rect2d& box, double confidence) {
-  confidence_ = confidence;
-  centre_ = centre_of(box);
-  size_ = {box.width, box.height};
-  view_ = view_of(frame);
-  blanks_ = blanks_of(frame);
+  seen_.confidence = confidence;
+  seen_.centre = centre_of(box);
+  seen_.size = {box.width, box.height};
+  seen_.view = view_of(frame);
+  seen_.blanks = blanks_of(seen_, frame);
 }
 
-InterruptionGate::Sight InterruptionGate::judge(const Frame& frame) const {
+InterruptionGate::Sight InterruptionGate::judge(const Seen& seen, const Frame& frame) {
   const View view = view_of(frame);
-  const Blanks blanks = blanks_of(frame);
+  const Blanks blanks = blanks_of(seen, frame);
   int shown = 0, hidden = 0;  // cells that were not blank, and those of them that now are
   for (std::size_t i = 0; i < blanks.size(); ++i) {
-    shown += blanks_[i] == 0;
-    hidden += blanks_[i] == 0 && blanks[i] != 0;
+    shown += seen.blanks[i] == 0;
+    hidden += seen.blanks[i] == 0 && blanks[i] != 0;
   }
-  const bool had_view = variance(view_) >= kLeastVariance, has_view = variance(view) >= kLeastVariance;
+  const bool had_view = variance(seen.view) >= kLeastVariance, has_view = variance(view) >= kLeastVariance;
   const bool all_blank = std::find(blanks.begin(), blanks.end(), 0) == blanks.end();
   if (!has_view && all_blank && (had_view || shown > 0)) return Sight::Blank;
-  const bool other_scene = had_view && !(has_view && of_one_scene(view_, view));
+  const bool other_scene = had_view && !(has_view && of_one_scene(seen.view, view));
   return other_scene || kHidden * hidden > shown ? Sight::Doubtful : Sight::Scene;
 }
 
-void InterruptionGate::visit_state(StateArchive& archive) {
-  archive.position(centre_);
-  archive.size(size_);
-  archive(confidence_);
-  archive.require(confidence_ >= 0 && confidence_ <= 1);
+void InterruptionGate::visit_seen(StateArchive& archive, Seen& seen) {
+  archive.position(seen.centre);
+  archive.size(seen.size);
+  archive(seen.confidence);
+  archive.require(seen.confidence >= 0 && seen.confidence <= 1);
   const auto visit = [&archive](auto& cells, int side) {
     cv::Mat image(side, side, CV_8UC1, cells.data());
     archive.pixels(image, image.size(), 1);
     if (archive.loading()) std::copy(image.begin<std::uint8_t>(), image.end<std::uint8_t>(), cells.begin());
   };
-  visit(view_, kViewCells);
-  visit(blanks_, kNearCells);
+  visit(seen.view, kViewCells);
+  visit(seen.blanks, kNearCells);
 }
 
 }  // namespace ASTERISM_ABI

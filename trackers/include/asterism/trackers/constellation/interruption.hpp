@@ -3,6 +3,7 @@
 #include <array>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cstdint>
+#include <memory>
 #include <utility>
 
 namespace asterism {
@@ -14,7 +15,9 @@ inline namespace ASTERISM_ABI {
 ///
 /// It compares a coarse view of the frame with that of the last frame that the tracker followed, allowing for
 /// motion of the camera. Unless the frame is blank, it also asks the tracker itself before it decides that
-/// the frame is an interruption. docs/in-practice.md has the figures behind its constants.
+/// the frame is an interruption. Where the tracker finds its object in another scene, the gate keeps what it
+/// had learned of the scene before, and goes on from there when that scene is back: what was found may only
+/// have been similar. docs/in-practice.md has the figures behind its constants.
 class ASTERISM_API InterruptionGate {
  public:
   /// Mean gray levels of kViewCells x kViewCells cells of a frame, row by row.
@@ -22,7 +25,10 @@ class ASTERISM_API InterruptionGate {
   using View = std::array<std::uint8_t, kViewCells * kViewCells>;
 
   /// The tracker starts in this frame, on this box.
-  void init(const Frame& frame, const cv::Rect2d& box) { learn(frame, box, 0); }
+  void init(const Frame& frame, const cv::Rect2d& box) {
+    left_ = {};
+    learn(frame, box, 0);
+  }
 
   /// Updates `tracker` by its member `follow`; in an interruption returns the result of its member
   /// `standing`, which stays where it is. If the frame alone does not decide, a copy of the tracker follows,
@@ -30,17 +36,29 @@ class ASTERISM_API InterruptionGate {
   template <class T>
   TrackResult update(T& tracker, const Frame& frame, TrackResult (T::*follow)(const Frame&),
                      TrackResult (T::*standing)() const) {
-    const Sight sight = judge(frame);
+    const Sight sight = judge(seen_, frame);
     TrackResult result;
     if (sight == Sight::Scene) {
       result = (tracker.*follow)(frame);
     } else {
       bool found = false;
-      if (sight == Sight::Doubtful) {
-        T attempt = tracker;
+      // Goes on as a copy of `from`, which had seen `seen`, if that finds the object; leaves the tracker as
+      // it is otherwise.
+      const auto go_on = [&](const T& from, const Seen& seen) {
+        T attempt = from;
         result = (attempt.*follow)(frame);
-        found = !result.lost && result.confidence >= kLeastConfidence * confidence_;
-        if (found) tracker = std::move(attempt);
+        found = !result.lost && result.confidence >= kLeastConfidence * seen.confidence;
+        if (!found) return;
+        left_ = {};  // not a part of the copy
+        Left left{seen_, std::make_shared<const T>(tracker)};
+        tracker = std::move(attempt);  // this gate may be a part of it
+        left_ = std::move(left);
+      };
+      if (sight == Sight::Doubtful) {
+        const Left left = left_;
+        if (left.tracker != nullptr && judge(left.seen, frame) == Sight::Scene)
+          go_on(*static_cast<const T*>(left.tracker.get()), left.seen);
+        if (!found) go_on(tracker, Seen(seen_));
       }
       if (!found) {
         TrackResult stays = (tracker.*standing)();
@@ -54,8 +72,20 @@ class ASTERISM_API InterruptionGate {
     return result;
   }
 
-  /// For save_state.
-  void visit_state(StateArchive& archive);
+  /// For save_state, of the gate of `tracker`; `visit_learned(t)` visits what a tracker t has learned.
+  template <class T, class Visit>
+  void visit_state(StateArchive& archive, const T& tracker, Visit&& visit_learned) {
+    visit_seen(archive, seen_);
+    bool left = left_.tracker != nullptr;
+    archive(left);
+    if (archive.loading()) left_ = {};
+    if (!left) return;
+    const auto of_left =
+        std::make_shared<T>(archive.loading() ? tracker : *static_cast<const T*>(left_.tracker.get()));
+    visit_learned(*of_left);
+    left_.tracker = of_left;
+    visit_seen(archive, left_.seen);
+  }
 
  private:
   enum class Sight {
@@ -70,18 +100,30 @@ class ASTERISM_API InterruptionGate {
   // 1 for a cell about the object that has one gray level, else 0.
   using Blanks = std::array<std::uint8_t, kNearCells * kNearCells>;
 
+  // Of a frame that was followed.
+  struct Seen {
+    Point2 centre = Point2::Zero();
+    Size2 size = Size2::Ones();
+    double confidence = 0;
+    View view{};
+    Blanks blanks{};
+  };
+  // The scene before the last other one in which the object was found, and the tracker (a T) at its end.
+  struct Left {
+    Seen seen;
+    std::shared_ptr<const void> tracker;
+  };
+
   static View view_of(const Frame& frame);
-  // About the box that was followed last.
-  Blanks blanks_of(const Frame& frame) const;
-  Sight judge(const Frame& frame) const;
+  // About the box that was followed.
+  static Blanks blanks_of(const Seen& seen, const Frame& frame);
+  static Sight judge(const Seen& seen, const Frame& frame);
+  static void visit_seen(StateArchive& archive, Seen& seen);
   // The tracker followed a frame.
   void learn(const Frame& frame, const cv::Rect2d& box, double confidence);
 
-  Point2 centre_ = Point2::Zero();
-  Size2 size_ = Size2::Ones();
-  double confidence_ = 0;
-  View view_{};
-  Blanks blanks_{};
+  Seen seen_;
+  Left left_;
 };
 
 }  // namespace ASTERISM_ABI

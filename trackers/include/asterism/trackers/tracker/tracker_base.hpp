@@ -70,8 +70,8 @@ class TrackerBase {
   void visit_state(StateArchive& archive) {
     if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "save");
     self().visit_learned(archive);
-    if constexpr (kGated) gate_.visit_state(archive);
-    initialized_ = true;
+    initialized_ = true;  // also of the copy that the gate may make
+    if constexpr (kGated) gate_.visit_state(archive, self(), [&archive](T& t) { t.visit_learned(archive); });
   }
 
  protected:
