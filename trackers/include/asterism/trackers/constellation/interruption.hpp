@@ -32,7 +32,8 @@ class ASTERISM_API InterruptionGate {
 
   /// Updates `tracker` by its member `follow`; in an interruption returns the result of its member
   /// `standing`, which stays where it is. If the frame alone does not decide, a copy of the tracker follows,
-  /// and replaces the tracker if it finds its object.
+  /// and replaces the tracker if it finds its object: first, if the scene that was left is back, a copy of
+  /// the tracker as it was there.
   template <class T>
   TrackResult update(T& tracker, const Frame& frame, TrackResult (T::*follow)(const Frame&),
                      TrackResult (T::*standing)() const) {
@@ -42,23 +43,22 @@ class ASTERISM_API InterruptionGate {
       result = (tracker.*follow)(frame);
     } else {
       bool found = false;
-      // Goes on as a copy of `from`, which had seen `seen`, if that finds the object; leaves the tracker as
-      // it is otherwise.
-      const auto go_on = [&](const T& from, const Seen& seen) {
+      // Goes on as a copy of `from` if that finds the object, as sure of it as it was, `confidence`, or
+      // nearly.
+      const auto go_on = [&](const T& from, double confidence) {
         T attempt = from;
         result = (attempt.*follow)(frame);
-        found = !result.lost && result.confidence >= kLeastConfidence * seen.confidence;
+        found = !result.lost && result.confidence >= kLeastConfidence * confidence;
         if (!found) return;
-        left_ = {};  // not a part of the copy
+        left_ = {};  // a tracker that is kept keeps no other
         Left left{seen_, std::make_shared<const T>(tracker)};
         tracker = std::move(attempt);  // this gate may be a part of it
         left_ = std::move(left);
       };
       if (sight == Sight::Doubtful) {
-        const Left left = left_;
-        if (left.tracker != nullptr && judge(left.seen, frame) == Sight::Scene)
-          go_on(*static_cast<const T*>(left.tracker.get()), left.seen);
-        if (!found) go_on(tracker, Seen(seen_));
+        if (left_.tracker != nullptr && judge(left_.seen, frame) == Sight::Scene)
+          go_on(*static_cast<const T*>(left_.tracker.get()), left_.seen.confidence);
+        if (!found) go_on(tracker, seen_.confidence);
       }
       if (!found) {
         TrackResult stays = (tracker.*standing)();
@@ -108,7 +108,7 @@ class ASTERISM_API InterruptionGate {
     View view{};
     Blanks blanks{};
   };
-  // The scene before the last other one in which the object was found, and the tracker (a T) at its end.
+  // The last frame before the last doubtful one in which the object was found, and the tracker (a T) then.
   struct Left {
     Seen seen;
     std::shared_ptr<const void> tracker;
