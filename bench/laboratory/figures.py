@@ -4,7 +4,7 @@
     figures.py RESULTS_FOLDER --out docs/results/laboratory
 
 reads what `asterism-bench convergence`, `scaling`, `hard`, `minima`, `proof` and `pareto` stored in the folder;
-an experiment without results is left out. Each figure goes into --out as SVG and PNG, and the page beside that
+an experiment without results is left out. Each figure goes into --out as PNG, and the page beside that
 folder (docs/results/laboratory-tables.md). The same results give the same files, byte for byte. Needs
 python3-matplotlib.
 """
@@ -281,7 +281,6 @@ SETTINGS = {
     "legend.frameon": False,
     "lines.linewidth": 1.5,
     "lines.markersize": 4,
-    "svg.hashsalt": "asterism",
     "savefig.dpi": 160,
 }
 
@@ -1170,8 +1169,7 @@ figures in the headings are the paper's. This command writes the page and the fi
     for results, drawings in found:
         text.append(f"## {EXPERIMENTS[results.name].title}\n")
         for drawing, following in zip(drawings, [*drawings[1:], None]):
-            image = f"{folder}/{drawing.name}"
-            text.append(f"[![{drawing.title}]({image}.png)]({image}.svg)\n")
+            text.append(f"![{drawing.title}]({folder}/{drawing.name}.png)\n")
             if following is None or following.caption != drawing.caption:  # once for figures that share it
                 text.append(paragraph(drawing.caption))
         text += [EXPERIMENTS[results.name].tabulate(results), provenance(results)]
@@ -1179,8 +1177,7 @@ figures in the headings are the paper's. This command writes the page and the fi
 
 
 def save(drawing: Drawing, folder: pathlib.Path) -> None:
-    # Without dates and versions, so that the same results give the same files.
-    drawing.figure.savefig(folder / f"{drawing.name}.svg", metadata={"Date": None, "Creator": None})
+    # Without the version of Matplotlib, so that the same results give the same files.
     drawing.figure.savefig(folder / f"{drawing.name}.png", metadata={"Software": None})
     plt.close(drawing.figure)
 
