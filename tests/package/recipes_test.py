@@ -189,15 +189,16 @@ class SourceDistribution(unittest.TestCase):
         """Every file of the rooms and of CMake is in it."""
         with tempfile.TemporaryDirectory() as folder:
             project = pathlib.Path(folder) / "project"
-            for room in {*ROOMS, *(os.path.dirname(file) for file in INCLUDED)}:
+            for room in {*ROOMS, ".packaging/python", *(os.path.dirname(file) for file in INCLUDED)}:
                 shutil.copytree(ROOT / room, project / room, ignore=shutil.ignore_patterns("__pycache__"))
             for file in ROOT.iterdir():
                 if file.is_file():
                     shutil.copy(file, project)
             wanted = {f.relative_to(project).as_posix() for f in project.rglob("*") if f.is_file() and f.parent != project}
-            wanted |= {"CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml", "setup.py"}
-            command = [sys.executable, "setup.py", "-q", "sdist", "--dist-dir", folder]
-            run = subprocess.run(command, cwd=project, capture_output=True, text=True)
+            wanted |= {"CMakeLists.txt", "LICENSE", "README.md", "pyproject.toml"}
+            command = f"from asterism_build import backend; backend.build_sdist({folder!r})"
+            environment = dict(os.environ, PYTHONPATH=".packaging/python")
+            run = subprocess.run([sys.executable, "-c", command], cwd=project, env=environment, capture_output=True, text=True)
             self.assertEqual(run.returncode, 0, run.stderr)
             (archive,) = pathlib.Path(folder).glob("*.tar.gz")
             self.assertEqual(archive.name, f"asterism-{VERSION}.tar.gz")

@@ -1,4 +1,4 @@
-"""The part of `pip install .` that pyproject.toml cannot say: CMake builds the compiled module.
+"""The back end of `pip install .`: setuptools, whose extension module CMake builds.
 
 CMAKE_ARGS in the environment has further arguments for CMake, such as -DASTERISM_WITH_PARTS=OFF.
 """
@@ -11,10 +11,12 @@ import shutil
 import subprocess
 import sys
 
-from setuptools import Extension, setup
+from setuptools import Extension, build_meta, setup
 from setuptools.command.build_ext import build_ext
+from setuptools.command.egg_info import manifest_maker
 
-SOURCE = pathlib.Path(__file__).resolve().parent
+FOLDER = pathlib.Path(__file__).resolve().parent
+SOURCE = FOLDER.parents[1]
 
 
 class CMakeBuild(build_ext):
@@ -45,8 +47,16 @@ class CMakeBuild(build_ext):
         shutil.copytree(build / "installed/asterism", package, dirs_exist_ok=True)
 
 
-setup(
-    version=re.search(r"^  VERSION (.*)$", (SOURCE / "CMakeLists.txt").read_text(), re.MULTILINE)[1],
-    ext_modules=[Extension("asterism._asterism", sources=[])],
-    cmdclass={"build_ext": CMakeBuild},
-)
+class Backend(build_meta._BuildMetaBackend):
+    """setuptools's back end, which would run a setup.py at the root."""
+
+    def run_setup(self, setup_script="setup.py"):
+        manifest_maker.template = os.path.relpath(FOLDER / "MANIFEST.in", SOURCE)
+        setup(
+            version=re.search(r"^  VERSION (.*)$", (SOURCE / "CMakeLists.txt").read_text(), re.MULTILINE)[1],
+            ext_modules=[Extension("asterism._asterism", sources=[])],
+            cmdclass={"build_ext": CMakeBuild},
+        )
+
+
+backend = Backend()
