@@ -48,7 +48,7 @@ class CMakeBuild(build_ext):
 
 
 class Backend(build_meta._BuildMetaBackend):
-    """setuptools's back end, which would run a setup.py at the root."""
+    """The back end of setuptools, configured here rather than by a script at the root."""
 
     def run_setup(self, setup_script="setup.py"):
         manifest_maker.template = os.path.relpath(FOLDER / "MANIFEST.in", SOURCE)
