@@ -53,9 +53,6 @@ TEST(Dpt, TakesLittleFromTheHeapOnceItRuns) {
   // Two by OpenCV for the gray image.
   EXPECT_LE(allocations_a_frame<cv::Mat>(plain), 3 + 2);
   EXPECT_EQ(allocations_a_frame<Frame>(full), 3);
-  options.anchor_search = AnchorSearch::Dense;
-  Dpt dense(options);
-  EXPECT_EQ(allocations_a_frame<Frame>(dense), 3);
 }
 
 #if defined(__GLIBC__) && !defined(ASTERISM_TEST_SANITIZED)

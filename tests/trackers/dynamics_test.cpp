@@ -126,7 +126,6 @@ Eigen::Matrix2Xd positions(const TrackResult& result) {
 TEST(BoxCovariance, IsThatOfBoxesOfSampledConstellations) {
   Evidence evidence{Point2::Zero(), 0.8, Eigen::Matrix2d(Eigen::Vector2d(0.1, 0.4).asDiagonal())};
   DptOptions options = stub_options(wobbling, evidence);
-  options.anchor_law = AnchorLaw::Covariance;
   std::optional<Dpt::System> solved;
   options.on_solve = [&](const DptSolve& solve) { solved = solve.system; };
   for (const TransformModel model : {TransformModel::Euclidean, TransformModel::Similarity}) {

@@ -226,34 +226,6 @@ TEST_F(Motion, DoesNotDependOnWhatTheThreadDidBefore) {
     EXPECT_EQ(cv::norm(last(before), expected, cv::NORM_INF), 0) << before;
 }
 
-// The object's appearance changes every other frame: only its motion identifies it.
-TEST_F(Motion, KeepsAnObjectThatNoFilterKnows) {
-  const cv::Mat wall = texture({320, 240}, 7);
-  const auto last_error = [&](double share) {
-    CoarseOptions options;
-    options.use_color = false;
-    options.motion_share = share;
-    CoarseTracker tracker(options);
-    Point2 object(100, 120);
-    const cv::Size size(48, 36);
-    double error = 0;
-    for (int i = 0; i < 40; ++i, object.x() += 3) {
-      cv::Mat image = wall.clone();
-      // A new poster every other frame.
-      texture(size, 100 + static_cast<std::uint64_t>(i / 2))
-          .copyTo(
-              image(cv::Rect(static_cast<int>(object.x()) - 24, static_cast<int>(object.y()) - 18, 48, 36)));
-      if (i == 0)
-        tracker.init(image, Scene::box(object));
-      else
-        error = (centre_of(tracker.update(image).box) - object).norm();
-    }
-    return error;
-  };
-  EXPECT_LT(last_error(0.5), 18);
-  EXPECT_GT(last_error(0), 48);  // without motion the object is lost
-}
-
 TEST(MotionOptionsTest, OutOfRangeAreRefused) {
   const auto refused = [](auto change) {
     MotionOptions options;
@@ -266,9 +238,6 @@ TEST(MotionOptionsTest, OutOfRangeAreRefused) {
     refused([&](MotionOptions& o) { o.novelty = wrong; });
     refused([&](MotionOptions& o) { o.background_novelty = wrong; });
     refused([&](MotionOptions& o) { o.foreground_prior = wrong; });
-    CoarseOptions coarse;
-    coarse.motion_share = wrong;
-    EXPECT_THROW(CoarseLayer{coarse}, std::invalid_argument);
   }
   refused([&](MotionOptions& o) { o.window.padding = 0.5; });
   refused([&](MotionOptions& o) { o.window.padding = nan; });

@@ -123,8 +123,6 @@ Case tracker(std::string name, Options options = {}) {
 DptOptions everything() {
   DptOptions options;
   options.scale_share = 0.25;
-  options.resize_parts = true;
-  if (MotionModel::available()) options.coarse.motion_share = 0.45;
   return options;
 }
 

@@ -4,7 +4,6 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
-#include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
 
 namespace asterism {
@@ -13,53 +12,36 @@ inline namespace ASTERISM_ABI {
 AnyPart paper_filter() { return Kcf(); }
 
 CoarseLayer::CoarseLayer(const CoarseOptions& options)
-    : options_(check_options("CoarseOptions", options)),
-      root_(options.root),
-      color_(options.color),
-      motion_(options.motion) {
-  require(options.motion_share == 0 || MotionModel::available(),
-          "CoarseOptions: motion_share needs OpenCV's video, without which this library was built");
-}
+    : options_(check_options("CoarseOptions", options)), root_(options.root), color_(options.color) {}
 
 void CoarseLayer::init(const Frame& frame, const cv::Rect2d& box) {
   root_.init(frame, centre_of(box), {box.width, box.height});
   pose_ = ObjectPose(box);
   if (options_.use_color) color_.init(frame, box);
-  if (options_.motion_share > 0) motion_.init(frame, box);
 }
 
 CoarseLayer::Estimate CoarseLayer::localize(const Frame& frame) {
   Estimate estimate;
   StageClock clock;
-  const Segmentation moving = options_.motion_share > 0 ? motion_.segment(frame) : Segmentation();
-  estimate.motion_milliseconds = clock.lap();
   estimate.evidence = root_.localize(frame, pose_.centre());
   estimate.similarity = estimate.evidence.peak;
   estimate.root_milliseconds = clock.lap();
   const ResponseMap* const response = root_.response();
-  bool combined = false;  // with another cue, into density_
-  if (response != nullptr && (options_.use_color || options_.motion_share > 0)) density_ = *response;
   if (options_.use_color && color_.enabled()) {
     const Segmentation& segmentation = estimate.segmentation =
         color_.segment(frame, search_window(), pose_.size());
     const bool adds = options_.color_share > 0;
     if (response != nullptr && (adds ? !segmentation.posterior.empty() : segmentation.informative)) {
+      density_ = *response;
       if (adds)
-        add_posterior(segmentation, options_.color_share);
+        add_posterior(segmentation);
       else
         multiply_color(segmentation);
-      combined = true;
+      estimate.evidence = evidence_of(density_, options_.sub_pixel);
+      // If the root found no peak, the similarity stays 0.
+      if (estimate.similarity > 0) estimate.similarity = root_.similarity_at(estimate.evidence.position);
     }
     estimate.color_milliseconds = clock.lap();
-  }
-  if (response != nullptr && !moving.posterior.empty()) {
-    add_posterior(moving, options_.motion_share);
-    combined = true;
-  }
-  if (combined) {
-    estimate.evidence = evidence_of(density_, options_.sub_pixel);
-    // If the root found no peak, the similarity stays 0.
-    if (estimate.similarity > 0) estimate.similarity = root_.similarity_at(estimate.evidence.position);
   }
   evidence_ = estimate.evidence;
   estimate.lost = !(estimate.similarity >= options_.lost_below);
@@ -71,7 +53,6 @@ void CoarseLayer::report(const Estimate& estimate, TrackResult& result) const {
   result.lost = estimate.lost;
   result.times.push_back({"root", estimate.root_milliseconds});
   result.times.push_back({"color", estimate.color_milliseconds});
-  if (options_.motion_share > 0) result.times.push_back({"motion", estimate.motion_milliseconds});
 }
 
 void CoarseLayer::multiply_color(const Segmentation& segmentation) {
@@ -84,7 +65,7 @@ void CoarseLayer::multiply_color(const Segmentation& segmentation) {
     }
 }
 
-void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight) {
+void CoarseLayer::add_posterior(const Segmentation& segmentation) {
   // Sum of the posterior above and to the left of a point: bilinear between the corners of the cells, as the
   // posterior is constant in each; it is 0 beyond the grid.
   cv::Mat sums;
@@ -99,7 +80,7 @@ void CoarseLayer::add_posterior(const Segmentation& segmentation, double weight)
     return (1 - fy) * ((1 - fx) * upper[0] + fx * upper[1]) + fy * ((1 - fx) * lower[0] + fx * lower[1]);
   };
   const Size2 half = pose_.size().cwiseQuotient(segmentation.spacing) / 2;  // [cells]
-  const auto share = static_cast<float>(weight);
+  const auto share = static_cast<float>(options_.color_share);
   for (Eigen::Index row = 0; row < density_.values.rows(); ++row)
     for (Eigen::Index col = 0; col < density_.values.cols(); ++col) {
       const Point2 position = density_.position(static_cast<double>(row), static_cast<double>(col));
@@ -132,7 +113,6 @@ void CoarseLayer::move(const ObjectPose& pose) {
 void CoarseLayer::adapt(const Frame& frame, bool informative) {
   root_.adapt(frame, pose_.centre());
   if (informative) color_.adapt(frame, pose_.box());
-  if (options_.motion_share > 0) motion_.adapt(frame, pose_.box());
 }
 
 CoarseTracker::CoarseTracker(const CoarseOptions& options) : layer_(options) {}

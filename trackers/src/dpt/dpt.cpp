@@ -147,33 +147,16 @@ Dpt::Evidences Dpt::form_spring_system(const Frame& frame, const Placement& x) {
   Evidences evidence;
   for_each_part(
       [&](std::size_t i) { evidence[i] = parts_[i].localize(frame, x.col(static_cast<Eigen::Index>(i))); });
-  const std::span<Evidence> of_parts(evidence.data(), parts_.size());
-  set_springs(of_parts);
-  if (options_.anchor_search == AnchorSearch::Dense) {
-    std::array<double, kMaxParts> stiffness{};
-    for (int l = 0; const auto [i, j] : springs().links()) {
-      const double of_link = springs().link_stiffness(l++);
-      stiffness[static_cast<std::size_t>(i)] += of_link;
-      stiffness[static_cast<std::size_t>(j)] += of_link;
-    }
-    modes_.choose(parts_, x, stiffness, of_parts);
-    set_springs(of_parts);
-  }
-  return evidence;
-}
-
-void Dpt::set_springs(std::span<const Evidence> evidence) {
   // Eq. 11.
-  constellation_.set_anchors(evidence, [&](const Evidence& part) {
-    return options_.anchor_law == AnchorLaw::Covariance
-               ? static_information(part, options_.stiffness)
-               : Eigen::Matrix2d(static_stiffness(part, options_.stiffness) * Eigen::Matrix2d::Identity());
+  constellation_.set_anchors({evidence.data(), parts_.size()}, [&](const Evidence& part) {
+    return Eigen::Matrix2d(static_stiffness(part, options_.stiffness) * Eigen::Matrix2d::Identity());
   });
   // Eq. 12.
   constellation_.set_links([&](int i, int j, double rest_length) {
     const auto& anchors = springs().anchors;
     return dynamic_stiffness(rest_length, (anchors.col(i) - anchors.col(j)).norm(), options_.stiffness);
   });
+  return evidence;
 }
 
 std::optional<Eigen::Matrix3d> Dpt::estimate_map_constellation(Placement& x) {
@@ -191,10 +174,6 @@ void Dpt::update_root(const Frame& frame, Placement& x) {
   }
   pose.move_by(step, growth);
   x.colwise() -= pose.keep_in(frame);  // the parts move with it
-  if (options_.resize_parts) {
-    part_size_ = part_size_.cwiseProduct(pose.size().cwiseQuotient(coarse_.pose().size()));
-    for (AnyPart& part : parts_) part.resize(part_size_);
-  }
   coarse_.move(pose);
   constellation_.placement() = x;
 }

@@ -25,7 +25,6 @@ void CoarseLayer::visit_state(StateArchive& archive) {
   pose_.visit_state(archive);
   root_.visit_state(archive);
   color_.visit_state(archive);
-  if (options_.motion_share > 0) motion_.visit_state(archive, pose_.centre(), pose_.size());
 }
 
 void MotionModel::visit_state(StateArchive& archive, const Point2& centre, const Size2& size) {

@@ -1,6 +1,5 @@
 #pragma once
 
-#include <Eigen/LU>
 #include <algorithm>
 #include <asterism/parts/concept/part_model.hpp>
 #include <cmath>
@@ -40,14 +39,6 @@ inline double weight(const Evidence& evidence, const StiffnessLaw& law) {
 /// constellation without any response stays where it is.
 inline double static_stiffness(const Evidence& evidence, const StiffnessLaw& law = {}) {
   return detail::weight(evidence, law) / detail::power(evidence.covariance.trace(), law.variance_exponent);
-}
-
-/// The same spring with an information matrix, k sigma^2 / 2 Sigma^-1 [1/px^2], which is w / 2 Sigma^-1 by
-/// default: static_stiffness in every direction where the covariance Sigma is isotropic, softer along the
-/// axis on which the part is less sure. Ours; bounded below alike.
-inline Eigen::Matrix2d static_information(const Evidence& evidence, const StiffnessLaw& law = {}) {
-  return detail::weight(evidence, law) / 2 *
-         std::pow(evidence.covariance.trace(), 1 - law.variance_exponent) * evidence.covariance.inverse();
 }
 
 /// Stiffness of the spring between two parts, beta (strain^2 + floor^2)^(c/2), where beta is the law's

@@ -3,7 +3,6 @@
 #include <asterism/parts/concept/any_part.hpp>
 #include <asterism/parts/models/color.hpp>
 #include <asterism/parts/models/kcf.hpp>
-#include <asterism/trackers/constellation/motion.hpp>
 #include <asterism/trackers/constellation/pose.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
@@ -31,11 +30,6 @@ struct CoarseOptions {
   /// the response that replaces the product (Bertinetto et al., *Staple*, CVPR 2016, with 0.3). 0: the
   /// paper's product.
   double color_share = 0;
-  /// The model of motion, which finds pixels that move differently from the camera. Not in the paper.
-  MotionOptions motion;
-  /// Weight, in [0, 1], of the mean posterior of motion in the object's box around each position, in a sum
-  /// with the response with color; 0: not used. Needs OpenCV's video module.
-  double motion_share = 0;
   /// Refine the maximum below the spacing of the root's grid. The paper leaves this open.
   bool sub_pixel = true;
   /// The target is lost if the peak of the root's response is below this. Of the paper's quantities only this
@@ -55,13 +49,12 @@ class ASTERISM_API CoarseLayer {
 
   /// The layer's answer for a frame.
   struct Estimate {
-    Evidence evidence;               ///< of the density of Eq. 4
-    double similarity = 0;           ///< the root filter's own response at the position
-    Segmentation segmentation;       ///< of the search window, empty where the color model is off
-    bool lost = false;               ///< `similarity` is below CoarseOptions::lost_below
-    double root_milliseconds = 0;    ///< wall-clock time of the root filter
-    double color_milliseconds = 0;   ///< of the color model
-    double motion_milliseconds = 0;  ///< of the model of motion
+    Evidence evidence;              ///< of the density of Eq. 4
+    double similarity = 0;          ///< the root filter's own response at the position
+    Segmentation segmentation;      ///< of the search window, empty where the color model is off
+    bool lost = false;              ///< `similarity` is below CoarseOptions::lost_below
+    double root_milliseconds = 0;   ///< wall-clock time of the root filter
+    double color_milliseconds = 0;  ///< of the color model
   };
   /// The object's position near its last one: the maximum of Eq. 4.
   Estimate localize(const Frame& frame);
@@ -70,7 +63,7 @@ class ASTERISM_API CoarseLayer {
 
   /// Move the object to a pose without learning; a root that can follows its size.
   void move(const ObjectPose& pose);
-  /// Update the root filter, the model of motion and, where the segmentation was informative, the histograms
+  /// Update the root filter and, where the segmentation was informative, the histograms
   /// at the object's box: line 6 of Algorithm 2.
   void adapt(const Frame& frame, bool informative);
 
@@ -86,14 +79,13 @@ class ASTERISM_API CoarseLayer {
   // `density_` times the color probability, ...
   void multiply_color(const Segmentation& segmentation);
   // ... or its weighted sum with the mean posterior of the box.
-  void add_posterior(const Segmentation& segmentation, double weight);
+  void add_posterior(const Segmentation& segmentation);
   // What the root searches, and the color model with it.
   cv::Rect2d search_window() const;
 
   CoarseOptions options_;
   AnyPart root_;
   ColorModel color_;
-  MotionModel motion_;
   ObjectPose pose_;
   Evidence evidence_;
   ResponseMap density_;  // Eq. 4 on the root's response grid

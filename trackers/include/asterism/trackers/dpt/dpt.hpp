@@ -3,7 +3,6 @@
 #include <array>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <asterism/trackers/constellation/mode_search.hpp>
 #include <asterism/trackers/constellation/spring_constellation.hpp>
 #include <asterism/trackers/constellation/spring_solvers.hpp>
 #include <asterism/trackers/constellation/stiffness.hpp>
@@ -20,18 +19,6 @@ inline namespace ASTERISM_ABI {
 
 /// Which parts are linked by springs (the paper's Table 1).
 enum class Constellation { Full, Local, Star };
-
-/// How the spring that holds a part at its visually best position gets its stiffness.
-enum class AnchorLaw {
-  Variance,   ///< static_stiffness, the paper's
-  Covariance  ///< static_information
-};
-
-/// Which maximum of a part's response its anchor is at.
-enum class AnchorSearch {
-  Peak,  ///< the highest one of each part by itself, the paper's
-  Dense  ///< those that fit together best, by exact search of all responses (ModeSearch)
-};
 
 /// What Dpt solves in a frame; it refers to the tracker's own data, which is valid during the call of
 /// DptOptions::on_solve.
@@ -83,14 +70,7 @@ struct DptOptions {
   double scale_share = 0;
   /// The scale filter.
   ScaleFilterOptions scale;
-  /// Parts grow and shrink with the object if their model can; in the paper they keep their size.
-  bool resize_parts = false;
 
-  /// Which maximum of each part's response the springs hold it at: the highest one, or those that fit
-  /// together best in all responses.
-  AnchorSearch anchor_search = AnchorSearch::Peak;
-  /// How an anchor's stiffness follows from the evidence.
-  AnchorLaw anchor_law = AnchorLaw::Variance;
   /// The parameters of the laws of all springs' stiffness.
   StiffnessLaw stiffness;
   /// The solver that finds the placement of the parts, by its name in solver_registry<DptSystem>(), with its
@@ -148,8 +128,6 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   /// Line 2 (Sec. 2.3.3): anchors, static and dynamic stiffness from the responses of the parts near x;
   /// nominal lengths are kept.
   Evidences form_spring_system(const Frame& frame, const Placement& x);
-  /// The stiffness laws, Eqs. 11 and 12.
-  void set_springs(std::span<const Evidence> evidence);
   /// Line 3: moves x, the start, to the MAP constellation. Returns the box's covariance
   /// (TrackResult::covariance).
   std::optional<Eigen::Matrix3d> estimate_map_constellation(Placement& x);
@@ -176,7 +154,6 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   std::vector<AnyPart> parts_;
   Size2 part_size_ = Size2::Zero();  // in the image [px]
   SpringConstellation<System> constellation_;
-  ModeSearch modes_;
   DptSolver solver_;
   Summary summary_;
 };

@@ -26,8 +26,6 @@ inline void visit_options(OptionVisitor& visit, CoarseOptions& options) {
   visit("color_share", options.color_share, option_ranges::kShare);
   visit("sub_pixel", options.sub_pixel);
   visit("lost_below", options.lost_below, {-1e9, 1e9});
-  visit("motion", options.motion);
-  visit("motion_share", options.motion_share, option_ranges::kShare);
 }
 
 inline void visit_options(OptionVisitor& visit, StiffnessLaw& law) {
@@ -51,9 +49,6 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("transform", options.transform, {"euclidean", "similarity"});
   visit("scale_share", options.scale_share, option_ranges::kShare);
   visit("scale", options.scale);
-  visit("resize_parts", options.resize_parts);
-  visit("anchor_search", options.anchor_search, {"peak", "dense"});
-  visit("anchor_law", options.anchor_law, {"variance", "covariance"});
   visit("stiffness", options.stiffness);
   visit("solver", options.solver, options.solver.name);
   visit("certify", options.certify);
