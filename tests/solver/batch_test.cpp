@@ -8,17 +8,14 @@
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
-#include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/executor.hpp>
-#include <asterism/solver/run/solve_each.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
-#include <concepts>
 #include <limits>
 #include <string>
 #include <type_traits>
@@ -777,56 +774,6 @@ TEST(Batch, AllocatesOnce) {
   const auto systems = samples<Fixed>(3000, Topology4::full());
   check(SpringBatch<double, 2, 4>(Topology4::full(), 3000), systems);
   check(SpringBatch<float, 2, 4>(Topology4::full(), 3000), systems);
-}
-
-TEST(SolveEach, MixedSizes) {
-  using System = SpringSystem<double, 2>;
-  Rng rng(21);
-  std::vector<System> systems;
-  std::vector<System::Points> starts;
-  for (int s = 0; s < 200; ++s) {
-    auto [system, start] = testing::random_system<System>(rng, Topology<>::full(2 + s % 9));
-    if (s == 50) system.rest_length[0] = -1;
-    systems.push_back(std::move(system));
-    starts.push_back(std::move(start));
-  }
-  Newton<System> prototype;
-  prototype.options.tolerance = 1e-10;
-  std::vector<Summary> summaries(systems.size()), threaded(systems.size());
-  auto x = starts, y = starts;
-  solve_each(systems, x, summaries, prototype);
-  solve_each(systems, y, threaded, prototype, ThreadExecutor{3});
-  for (std::size_t s = 0; s < systems.size(); ++s) {
-    Newton<System> alone = prototype;
-    auto z = starts[s];
-    const Summary expected = alone.solve(systems[s], z);
-    EXPECT_EQ(x[s], z);
-    EXPECT_EQ(y[s], z);
-    EXPECT_EQ(summaries[s].status, expected.status);
-    EXPECT_EQ(summaries[s].status == Status::InvalidInput, s == 50);
-    EXPECT_EQ(threaded[s].final_energy, expected.final_energy);
-  }
-  x.pop_back();
-  solve_each(systems, x, summaries, prototype);
-  EXPECT_EQ(summaries[3].status, Status::InvalidInput);
-}
-
-TEST(SolveEach, TakesASolverThatCannotBeCopied) {
-  using System = SpringSystem<double, 2>;
-  static_assert(!std::copy_constructible<Auto<System>>);
-  Rng rng(22);
-  auto [system, start] = testing::random_system<System>(rng, Topology<>::full(4));
-  std::vector<System> systems(3, system);
-  std::vector<System::Points> x(3, start);
-  std::vector<Summary> summaries(3);
-  Auto<System> prototype;
-  prototype.options.tolerance = 1e-3;
-  solve_each(systems, x, summaries, prototype);
-  const Summary expected = prototype.solve(system, start);
-  for (std::size_t s = 0; s < x.size(); ++s) {
-    EXPECT_EQ(x[s], start);
-    EXPECT_EQ(summaries[s].stationarity, expected.stationarity);
-  }
 }
 
 TEST(Executors, RunEveryTaskOnce) {

@@ -36,7 +36,6 @@
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
-#include <asterism/solver/run/solve_each.hpp>
 #include <asterism/solver/run/solver.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
