@@ -120,7 +120,7 @@ Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
   }
 }
 
-/// A rigid motion of unit speed: the velocity of a point p is slide + turn (p - origin), turn antisymmetric.
+/// A rigid motion: the velocity of a point p is slide + turn (p - origin), turn antisymmetric.
 template <int kDim>
 struct RigidVelocity {
   using Vector = Eigen::Matrix<double, kDim, 1>;
@@ -597,9 +597,10 @@ class FreeMotions {
   // acceleration W v,
   //   0 = E'' = v^T H v + g . W v:
   // H resists by what is left of the gradient g alone, which shrinks or widens the circles of the path, whose
-  // radii are -W v. E is an even function of the share s of these that is left. By the first terms of its
-  // series, a s^2 + b s^4, the nodes belong onto the axis (a > 0), where they do not go anywhere, if
-  //   v^T H v > (W v)^T H (W v) / 3.
+  // radii are -W v / w^2 for the angular velocity w. E is an even function of the share s of these that is
+  // left. By the first terms of its series, a s^2 + b s^4, the nodes belong onto the axis (a > 0), where they
+  // do not go anywhere, if
+  //   v^T H v > (W v)^T H (W v) / (3 w^2).
   bool resists(const System& system, const Points& x, const RigidNodes<kDim>& nodes, const int* begin,
                const int* end, const RigidVelocity<kDim>& motion) {
     if (motion.turn.isZero(0)) return false;
@@ -610,6 +611,7 @@ class FreeMotions {
         inward_.col(*m).setZero();
       }
     };
+    bool moves = false;
     double extent = 0;
     double path = 0;  // E'' along it, of anchors and loads
     double resistance = 0;
@@ -620,6 +622,7 @@ class FreeMotions {
       if (system.is_fixed(*m)) continue;
       const Coordinates v = motion.at(nodes.place(*m));
       const Coordinates w = motion.turn * v;
+      moves |= !v.isZero(0);
       velocity_.col(*m) = v;
       inward_.col(*m) = w;
       Block block = Block::Zero();
@@ -650,8 +653,10 @@ class FreeMotions {
       }
     }
     reset();
+    if (!moves) return true;                            // it is no motion
+    const double spin = motion.turn.squaredNorm() / 2;  // w^2
     return resistance > nodes.rounding() * size &&
-           (2 * std::abs(path) > resistance || 3 * resistance > inward);
+           (2 * std::abs(path) > resistance || 3 * spin * resistance > inward);
   }
 
   // The nodes whose links have an offset, or a shape, which do not turn with them.
