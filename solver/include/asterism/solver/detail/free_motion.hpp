@@ -633,7 +633,7 @@ class FreeMotions {
       path += v.dot(block * v) + w.dot(force - nodes.load(*m));
     }
     for (const int* m = begin; m != end; ++m) {
-      if (system.is_fixed(*m)) continue;
+      if (velocity_.col(*m).isZero(0)) continue;
       for (const int l : links_.of(*m)) {
         const Link& link = system.links()[static_cast<std::size_t>(l)];
         const int other = link.i == *m ? link.j : link.i;
