@@ -58,6 +58,7 @@ def sensitivity(system, x, grad_x, *, stationarity=1e-6):
     A SpringBatch has a method of this name for all of its solutions.
 
     numpy.linalg.LinAlgError if there are no derivatives, with the reason: x is not stationary to `stationarity`, it is no strict
-    local minimum, or linked nodes coincide and push each other apart. ValueError for values that a solver would refuse, MemoryError if memory runs out.
+    local minimum, or linked nodes coincide and push each other apart. ValueError for values that a solver would refuse, MemoryError if
+    memory runs out.
     """
     return Sensitivity(*_asterism._sensitivity(system, x, grad_x, stationarity))
