@@ -132,12 +132,11 @@ struct RigidVelocity {
 
   Vector at(const Vector& p) const { return slide + turn * (p - origin); }
 
-  /// The rotation about a point in the plane of axes a and b.
-  static RigidVelocity about(const Vector& point, int a, int b) {
+  /// The rotation about a point in the plane of two orthogonal directions.
+  static RigidVelocity about(const Vector& point, const Vector& from, const Vector& to) {
     RigidVelocity motion;
     motion.origin = point;
-    motion.turn(b, a) = 1;
-    motion.turn(a, b) = -1;
+    motion.turn = to * from.transpose() - from * to.transpose();
     return motion;
   }
 };
@@ -168,11 +167,17 @@ class RigidNodes {
   /// Whether an anchor holds a node, or it is fixed.
   bool is_held(int i) const { return is_fixed(i) || stiffness(i) > 0; }
 
-  /// Whether the Hessian resists all rotations of the nodes begin to end about a point.
-  bool resist_turns(const int* begin, const int* end, const Vector& point) const {
+  /// Whether the Hessian resists all rotations of the nodes begin to end about a point that leave the
+  /// directions of a line or plane through it as they are; `resting` projects on these.
+  bool resist_turns(const int* begin, const int* end, const Vector& point,
+                    const Matrix& resting = Matrix::Zero()) const {
+    Matrix share = resting;
+    Matrix axes;
+    diagonalise(share, axes);
     for (int b = 1; b < kDim; ++b) {
       for (int a = 0; a < b; ++a) {
-        if (!resist(begin, end, Velocity::about(point, a, b))) return false;
+        if (share(a, a) > 0.5 || share(b, b) > 0.5) continue;
+        if (!resist(begin, end, Velocity::about(point, axes.col(a), axes.col(b)))) return false;
       }
     }
     return true;
@@ -238,20 +243,8 @@ class RigidMotion {
       result.node = *m;
     }
     if (!result) return {};
-    if (rank == 0) {
-      if (nodes.resist_turns(begin, end, origin)) return {};
-    } else {
-      RigidVelocity<kDim> about_line;
-      about_line.origin = origin;
-      for (int b = 1; b < kDim; ++b) {
-        for (int a = 0; a < b; ++a) {
-          const double along = (a + b == 2 ? -1 : 1) * basis(kDim - a - b, 0);  // of the third axis
-          about_line.turn(b, a) = along;
-          about_line.turn(a, b) = -along;
-        }
-      }
-      if (nodes.resist(begin, end, about_line)) return {};
-    }
+    const Matrix hull = basis.leftCols(rank) * basis.leftCols(rank).transpose();
+    if (nodes.resist_turns(begin, end, origin, hull)) return {};
     name_rest(nodes, begin, end, rounding, farthest, distance, place, result);
     return result;
   }
