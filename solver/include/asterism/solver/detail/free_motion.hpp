@@ -623,6 +623,7 @@ class FreeMotions {
       if (system.anchor_stiffness[*m] > 0) nodes.anchor_spring(*m, block, force);
       resistance += v.dot(block * v);
       inward += w.dot(block * w);
+      size += block.norm() * v.squaredNorm();
       path += v.dot(block * v) + w.dot(force - nodes.load(*m));
     }
     for (const int* m = begin; m != end; ++m) {
