@@ -316,8 +316,8 @@ Case<System> awkward(int sort, Rng& rng, const typename System::TopologyType& to
       x.col(link.j) = x.col(link.i);
       system.anchors = x;
       system.set_rest_lengths(x);
-      if (any(3) > 0) system.rest_length[0] = 1;
-      if (any(3) == 0) system.link_stiffness[0] = 0;
+      if (any(4) > 0) system.rest_length[0] = 1;
+      if (any(4) == 0) system.link_stiffness[0] = 0;
       break;
     case 10:
       what = "springs without stiffness";
