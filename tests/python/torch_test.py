@@ -2,6 +2,7 @@
 """asterism.torch, where PyTorch is installed."""
 
 import unittest
+import warnings
 
 import asterism
 import numpy as np
@@ -58,13 +59,25 @@ class TorchTest(unittest.TestCase):
         for in_lanes, one_by_one in zip(*results):
             torch.testing.assert_close(in_lanes, one_by_one, rtol=1e-9, atol=1e-9)
 
-    def test_a_solution_without_gradient_is_named(self):
+    def test_a_solution_without_gradient_is_named_and_leaves_the_others(self):
         anchors, stiffness, lengths, link_stiffness = (value.detach().clone() for value in self.values)
         stiffness[2, 1:] = 0  # free to turn about node 0
+        others = [value[:2] for value in (anchors, stiffness, lengths)]
         for solver in (None, asterism.Solver("newton", tolerance=1e-12)):
-            x = self.solve(anchors.requires_grad_(), stiffness, lengths, link_stiffness, solver=solver)
+            shared = link_stiffness[0].clone().requires_grad_()  # by all systems of the batch
+            x = self.solve(anchors.requires_grad_(), stiffness, lengths, shared, solver=solver)
+            anchors.grad = None
+            with self.assertWarnsRegex(RuntimeWarning, "system 2 has no gradient: .*rotate about node 0"):
+                x.square().sum().backward(retain_graph=True)
+            alone = link_stiffness[0].clone().requires_grad_()
+            self.solve(*others, alone).square().sum().backward()
+            torch.testing.assert_close(shared.grad, alone.grad, rtol=1e-9, atol=1e-9)
+            self.assertTrue(torch.all(anchors.grad[2] == 0) and torch.all(anchors.grad[:2] != 0))
+            with warnings.catch_warnings():  # a loss that leaves it out
+                warnings.simplefilter("error")
+                x[:2].square().sum().backward(retain_graph=True)
             with self.assertRaisesRegex(RuntimeError, "system 2 has no gradient: .*rotate about node 0"):
-                x.sum().backward()
+                x[2].square().sum().backward()
 
     def test_a_law_is_learned(self):
         anchors, stiffness, lengths, strain = (value.detach() for value in self.values)

@@ -311,11 +311,13 @@ Case<System> awkward(int sort, Rng& rng, const typename System::TopologyType& to
       system.anchors = x;
       system.set_rest_lengths(x);
       break;
-    case 9:
+    case 9:  // its ends belong there, or it pushes them apart, or it has no stiffness
       what = "coincident";
       x.col(link.j) = x.col(link.i);
       system.anchors = x;
       system.set_rest_lengths(x);
+      if (any(4) > 0) system.rest_length[0] = 1;
+      if (any(4) == 0) system.link_stiffness[0] = 0;
       break;
     case 10:
       what = "springs without stiffness";

@@ -6,6 +6,7 @@
 #include <asterism/solver.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
+#include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -185,6 +186,18 @@ std::vector<Held<Dynamic2>> in_the_plane(bool for_float = false) {
       {"a part about a node of no anchor", "can rotate about node 2, which alone connects it",
        anchors({0, 1}), bow_tie},
       {"a leaf", "node 5 can rotate about node 2", anchors({0, 1, 2, 3, 4}), leaf},
+      {"all anchors on a fixed node", "can rotate about node 0",
+       [](System& s, Points& x) {
+         hold_by_anchors(s, {1, 2, 4});
+         s.anchors.colwise() = x.col(0).eval();
+         s.fix(0);
+       }},
+      {"all anchors but one on a fixed node", "",
+       [](System& s, Points& x) {
+         hold_by_anchors(s, {1, 2, 4});
+         s.anchors.leftCols<4>().colwise() = x.col(0).eval();
+         s.fix(0);
+       }},
       {"two anchored nodes", "", anchors({0, 3})},
       {"two anchored nodes, weakly", "",
        [for_float](System& s, Points&) {
@@ -247,6 +260,19 @@ std::vector<Held<Dynamic3>> in_space() {
        [=](System& s, Points& x) {
          on_a_line(s, x, {0, 1, 2});
          for (const int i : {0, 1, 2}) s.fix(i);
+       }},
+      {"all anchors on a fixed node", "can rotate about node 0",
+       [](System& s, Points& x) {
+         hold_by_anchors(s, {1, 2, 4});
+         s.anchors.colwise() = x.col(0).eval();
+         s.fix(0);
+       }},
+      {"all anchors on the line through fixed nodes", "can rotate about the line through nodes 0 and 1",
+       [](System& s, Points& x) {
+         hold_by_anchors(s, {2, 4});
+         for (int i = 2; i < kNodes; ++i) s.anchors.col(i) = (1 - 0.2 * i) * x.col(0) + 0.2 * i * x.col(1);
+         s.fix(0);
+         s.fix(1);
        }},
       {"three anchored nodes", "", anchors({0, 3, 4})},
       {"three fixed nodes", "",
@@ -403,6 +429,104 @@ TEST(FreeMotion, OfPointsThatDoNotTurn) {
     EXPECT_EQ(Newton(rod).solve(rod, x).positive_definite, 1);
     EXPECT_TRUE(covariance(rod, x));
   }
+}
+
+// Nodes that are all but on a line, or on a point, turn about it without going anywhere: what is known of
+// these by hand is that their Hessians have no eigenvalue near 0.
+template <typename System>
+struct NearlyCollinear {
+  const char* name;
+  std::function<void(System& system, typename System::Points& x, double off)> make;
+  int nodes;
+  std::vector<Link> links = {};  ///< a chain if empty
+};
+
+template <typename System>
+void expect_held(const std::vector<NearlyCollinear<System>>& kinds) {
+  using Points = typename System::Points;
+  for (const auto& kind : kinds) {
+    std::vector<Link> links = kind.links;
+    for (int i = 0; links.empty() || (kind.links.empty() && i + 1 < kind.nodes); ++i)
+      links.push_back({i, i + 1});
+    for (const double off : {0.0, 1e-12, 1e-9, 1e-6, 1e-3}) {
+      for (const double tolerance : {1e-4, 1e-8, 1e-12}) {
+        SCOPED_TRACE(std::string(kind.name) + ", off by " + std::to_string(std::log10(off)) + ", tolerance " +
+                     std::to_string(std::log10(tolerance)));
+        System system(Topology<>::from_links(kind.nodes, links));
+        Points x(System::kDim, kind.nodes);
+        kind.make(system, x, off);
+        Newton<System> newton;
+        newton.options.tolerance = tolerance;
+        const Summary summary = newton.solve(system, x);
+        EXPECT_EQ(summary.status, Status::Converged) << summary;
+        EXPECT_EQ(summary.positive_definite, 1) << summary;
+        expect_covariance("", system, x);
+        const auto gradient = sensitivity(system, x, Points(Points::Ones(System::kDim, kind.nodes)), {1e-3});
+        EXPECT_TRUE(gradient) << gradient.message;
+      }
+    }
+  }
+}
+
+TEST(FreeMotion, OfNodesThatAreNearlyCollinear) {
+  using Space = Dynamic3;
+  using Points = Space::Points;
+  const auto on_a_line = [](Points& x, double step) {
+    for (int i = 0; i < x.cols(); ++i) x.col(i) << step * i, 0, 0;
+  };
+  const auto bend = [](Points& x, double off) {
+    for (int i = 1; i < x.cols(); ++i) {
+      x(1, i) += i % 2 == 1 ? off : 0;
+      x(2, i) += i % 3 == 2 ? off : 0;
+    }
+  };
+  const auto soften = [](Space& s, double anchors) {
+    s.anchor_stiffness.setConstant(anchors);
+    s.link_stiffness.setOnes();
+  };
+  expect_held<Space>({
+      {"anchors on a line",
+       [&](Space& s, Points& x, double off) {
+         x << 0, 10, 25, 0, off, 0, 0, 0, off;
+         s.anchors = x;
+         soften(s, 1);
+         s.rest_length.setConstant(5);
+       },
+       3},
+      {"a taut cable",
+       [&](Space& s, Points& x, double off) {
+         on_a_line(x, 1);
+         soften(s, 0);
+         s.rest_length.setConstant(0.7);
+         s.fix(0);
+         s.fix(9);
+         bend(x, off);
+         x.col(9) << 9, 0, 0;
+       },
+       10},
+      {"a taut cable between anchors",
+       [&](Space& s, Points& x, double off) {
+         on_a_line(x, 1);
+         s.anchors = x;
+         soften(s, 0);
+         s.anchor_stiffness[0] = s.anchor_stiffness[4] = 2;
+         s.rest_length.setConstant(0.7);
+         bend(x, off);
+       },
+       5},
+      {"a leaf of rest length 0",
+       [&](Space& s, Points& x, double off) {
+         x << 0, 1, 0, 0, 1, 1, 0, 0, 0, 0, 1, 1;
+         s.anchors = x;
+         soften(s, 1);
+         s.anchor_stiffness[3] = 0;
+         s.rest_length << 1, 1.5, 0, 1;
+         x(0, 3) += off;
+         x(2, 3) -= off;
+       },
+       4,
+       {{0, 1}, {1, 2}, {2, 3}, {0, 2}}},
+  });
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <cstdint>
+#include <vector>
 
 #include "sensitivity_cases.hpp"
 
@@ -59,6 +60,94 @@ TEST(Sensitivity, WithFixedNodes) {
   EXPECT_EQ(gradient.anchor_stiffness[0], 0);
   EXPECT_EQ(gradient.link_stiffness[0], 0);  // joins both
   EXPECT_NE(gradient.link_stiffness[1], 0);
+}
+
+// Nodes 0 and 1 are in one place, where the energy of their link 0 is smooth: derivatives are the differences
+// of solutions, and by the length and the stiffness of link 0, where it has them in no direction, 0.
+template <typename System>
+struct InOnePlace {
+  const char* name;
+  double rest_length;  ///< of link 0
+  double stiffness;    ///< of link 0
+  bool has_offsets;    ///< of all links, which are met
+};
+
+template <typename System>
+void expect_true_derivatives_in_one_place(const InOnePlace<System>& kind, double apart) {
+  constexpr double kStep = 1e-4;
+  Rng rng(7);
+  System system(System::TopologyType::full(4));
+  auto x = random_points<System>(rng, 4, -1, 1);
+  if (!kind.has_offsets) x.col(1) = x.col(0);
+  system.anchors = x;
+  system.anchor_stiffness << 1.5, 1.5, 0.7, 2;
+  system.link_stiffness << kind.stiffness, 0.8, 1.2, 0.8, 1.2, 2.5;
+  if (kind.has_offsets) {
+    system.rest_length.setZero();
+    system.rest_offset.resize(System::kDim, 6);
+    for (int l = 0; l < 6; ++l) {
+      const Link link = system.links()[static_cast<std::size_t>(l)];
+      system.rest_offset.col(l) = x.col(link.i) - x.col(link.j);
+    }
+  } else {
+    system.set_rest_lengths(x);
+    system.rest_length *= 0.9;
+    system.rest_length[0] = kind.rest_length;
+    x = stationary_point(system, x);
+    x.col(1) = x.col(0);
+  }
+  x(0, 1) += apart;
+  const auto w = random_points<System>(rng, 4, -1, 1);
+  const auto gradient = sensitivity(system, x, w);
+  ASSERT_TRUE(gradient) << kind.name << ": " << gradient.message;
+  EXPECT_EQ(gradient.rest_length[0], 0) << kind.name;
+  EXPECT_EQ(gradient.link_stiffness[0], 0) << kind.name;
+  const auto check = [&](auto&& values_of, int index, double found) {
+    const auto at = [&](double step) {
+      System moved = system;
+      values_of(moved)[index] += step;
+      return w.cwiseProduct(follow(moved, x)).sum();
+    };
+    EXPECT_NEAR(found, (at(kStep) - at(-kStep)) / (2 * kStep), 1e-6) << kind.name << " " << index;
+  };
+  for (int c = 0; c < 4 * System::kDim; ++c)
+    check([](System& s) { return s.anchors.reshaped(); }, c, gradient.anchors.reshaped()[c]);
+  for (int i = 0; i < 4; ++i)
+    check(
+        [](System & s) -> auto& { return s.anchor_stiffness; }, i, gradient.anchor_stiffness[i]);
+  for (int l = kind.has_offsets ? 6 : 1; l < 6; ++l) {
+    check(
+        [](System & s) -> auto& { return s.rest_length; }, l, gradient.rest_length[l]);
+    check(
+        [](System & s) -> auto& { return s.link_stiffness; }, l, gradient.link_stiffness[l]);
+  }
+  for (int c = 0; c < gradient.rest_offset.size(); ++c)
+    check([](System& s) { return s.rest_offset.reshaped(); }, c, gradient.rest_offset.reshaped()[c]);
+  SystemTangent<System> tangent(system);
+  for (auto& value : tangent.anchors.reshaped()) value = rng.uniform(-1, 1);
+  for (auto& value : tangent.rest_length) value = rng.uniform(-1, 1);
+  for (auto& value : tangent.link_stiffness) value = rng.uniform(-1, 1);
+  const auto forward = solution_tangent(system, x, tangent);
+  ASSERT_TRUE(forward) << forward.message;
+  EXPECT_NEAR(w.cwiseProduct(forward.x).sum(), gradient.dot(tangent), 1e-10) << kind.name;
+}
+
+template <typename System>
+void expect_true_derivatives_in_one_place(const std::vector<InOnePlace<System>>& kinds) {
+  for (const auto& kind : kinds) {
+    for (const double apart : {0.0, 1e-16}) expect_true_derivatives_in_one_place(kind, apart);
+  }
+}
+
+TEST(Sensitivity, OfNodesInOnePlace) {
+  expect_true_derivatives_in_one_place<Plane>({{"rest length 0", 0, 2, false},
+                                               {"stiffness 0", 1, 0, false},
+                                               {"rest length and stiffness 0", 0, 0, false},
+                                               {"offsets that are met", 0, 2, true}});
+  expect_true_derivatives_in_one_place<Space>({{"rest length 0, in space", 0, 2, false},
+                                               {"stiffness 0, in space", 1, 0, false},
+                                               {"offsets that are met, in space", 0, 2, true}});
+  expect_true_derivatives_in_one_place<Ropes::System>({{"slack cable", 1, 2, false}});
 }
 
 // The sum of the anchors' derivatives is that of a translation: dL/dx summed.

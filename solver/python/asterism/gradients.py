@@ -17,7 +17,7 @@ class SensitivityStatus(enum.IntEnum):
     COMPUTED = 0  #: the only one with derivatives
     NOT_STATIONARY = 1  #: x is not a stationary point to the option `stationarity`
     NOT_POSITIVE_DEFINITE = 2  #: x is no strict local minimum
-    COINCIDENT_NODES = 3  #: linked nodes coincide
+    COINCIDENT_NODES = 3  #: linked nodes coincide and push each other apart
     NUMERICAL_FAILURE = 4  #: a number leaves the range of float64
     INVALID_INPUT = 5  #: a value that a solver would refuse, or a grad_x that is not finite
     OUT_OF_MEMORY = 6
@@ -51,11 +51,14 @@ def sensitivity(system, x, grad_x, *, stationarity=1e-6):
     """dL/d(values) of `system` at its solution x (N, dim) for grad_x = dL/dx (N, dim), a Sensitivity.
 
     At a strict local minimum the solution follows the values of the system: H dx = -d(gradient), H the Hessian of the energy. One
-    factorisation and one solve give the derivatives by all values (reverse mode). grad_x at fixed nodes does not count.
+    factorisation and one solve give the derivatives by all values (reverse mode). grad_x at fixed nodes does not count. A link between
+    nodes in one place, of rest length 0 or stiffness 0, has no direction: the derivatives by its rest length and its stiffness are 0, the
+    mean of those for opposite directions.
 
     A SpringBatch has a method of this name for all of its solutions.
 
     numpy.linalg.LinAlgError if there are no derivatives, with the reason: x is not stationary to `stationarity`, it is no strict
-    local minimum, or linked nodes coincide. ValueError for values that a solver would refuse, MemoryError if memory runs out.
+    local minimum, or linked nodes coincide and push each other apart. ValueError for values that a solver would refuse, MemoryError if
+    memory runs out.
     """
     return Sensitivity(*_asterism._sensitivity(system, x, grad_x, stationarity))

@@ -6,6 +6,8 @@
 The values may be of one system or of a batch of them.
 """
 
+import warnings
+
 import numpy as np
 import torch
 
@@ -34,11 +36,20 @@ def _solve_one(solver, system, x, b):
         raise RuntimeError(f"system {b} was not solved: {summary.message}")
 
 
-def _differentiate_one(system, x, grad_x, b):
-    try:
-        return sensitivity(system, x, grad_x)
-    except np.linalg.LinAlgError as error:
-        raise RuntimeError(f"system {b} has no gradient: {error}") from error
+def _fill_gradients(gradients, systems, xs, grad_xs):
+    """Row b of every array of gradients, for each (b, system) and its solution xs[b]; returns why some have none, whose rows become 0."""
+    reasons = []
+    for b, system in systems:
+        try:
+            rows = (getattr(sensitivity(system, xs[b], grad_xs[b]), name) for name in _NAMES)
+            for gradient, row in zip(gradients, rows):
+                gradient[b] = row
+        except np.linalg.LinAlgError as error:
+            for gradient in gradients:
+                gradient[b] = 0
+            if grad_xs[b].any():  # otherwise 0 is right
+                reasons.append(f"system {b} has no gradient: {error}")
+    return reasons
 
 
 class _OneByOne:
@@ -51,8 +62,9 @@ class _OneByOne:
             _solve_one(solver, system, self.x[b], b)
 
     def gradients(self, grad_x):
-        ones = [_differentiate_one(system, self.x[b], grad_x[b], b) for b, system in enumerate(self.systems)]
-        return [np.stack([getattr(one, name) for one in ones]) for name in _NAMES]
+        shapes = ([getattr(system, name) for system in self.systems] for name in _NAMES)
+        gradients = [np.empty_like(np.stack(values)) for values in shapes]
+        return gradients, _fill_gradients(gradients, enumerate(self.systems), self.x, grad_x)
 
 
 class _InLanes:
@@ -75,9 +87,10 @@ class _InLanes:
 
     def gradients(self, grad_x):
         gradient = self.batch.sensitivity(grad_x, threads=torch.get_num_threads())
-        for b in np.flatnonzero(gradient.status != SensitivityStatus.COMPUTED):
-            _differentiate_one(_system(self.topology, self.values, b), self.x[b], grad_x[b], b)  # says why
-        return [getattr(gradient, name) for name in _NAMES]
+        gradients = [np.array(getattr(gradient, name)) for name in _NAMES]
+        left = np.flatnonzero(gradient.status != SensitivityStatus.COMPUTED)
+        systems = ((b, _system(self.topology, self.values, b)) for b in left)
+        return gradients, _fill_gradients(gradients, systems, self.x, grad_x)
 
 
 class _Solve(torch.autograd.Function):
@@ -93,7 +106,13 @@ class _Solve(torch.autograd.Function):
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx, grad):
-        gradients = ctx.solved.gradients(grad.detach().to("cpu", torch.float64).numpy())
+        grad_x = grad.detach().to("cpu", torch.float64).numpy()
+        gradients, reasons = ctx.solved.gradients(grad_x)
+        if reasons:
+            if len(reasons) == np.count_nonzero(grad_x.any(axis=(1, 2))):
+                raise RuntimeError(reasons[0])
+            more = f", and {len(reasons) - 1} more" if len(reasons) > 1 else ""
+            warnings.warn(f"0 is taken as the gradient where there is none: {reasons[0]}{more}", RuntimeWarning, stacklevel=2)
         return None, None, None, *(torch.from_numpy(np.ascontiguousarray(values)).to(grad) for values in gradients)
 
 
@@ -106,7 +125,13 @@ def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, s
     (Newton's method to a tolerance of 1e-12 in SIMD lanes, as asterism.SpringBatch, on torch.get_num_threads() threads).
 
     Returns x, of the anchors' shape, type and device. Solves are in double precision on the CPU. RuntimeError, with the number of the
-    system, if one does not converge, or in backward() if its solution has no derivative. There are no second derivatives.
+    system, if one does not converge. There are no second derivatives.
+
+    A solution may have no derivative: a saddle, a component that is free to turn, linked nodes that push each other apart in one place
+    (asterism.sensitivity). In a batch, backward() then takes 0 for the gradient of that system, which leaves the sums over the batch
+    finite, and gives a RuntimeWarning with its number and the reason (warnings.simplefilter("error", RuntimeWarning) makes it an
+    exception). If no system of those that the loss depends on has one, it is a RuntimeError. A system that the loss does not depend on
+    has the gradient 0 without a warning.
     """
     is_single = anchors.dim() == 2
     if anchors.dim() not in (2, 3):

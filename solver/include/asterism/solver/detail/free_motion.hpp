@@ -1,6 +1,7 @@
 #pragma once
 
 #include <algorithm>
+#include <array>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
@@ -11,6 +12,7 @@
 #include <cmath>
 #include <cstddef>
 #include <limits>
+#include <numeric>
 #include <span>
 #include <type_traits>
 #include <utility>
@@ -118,13 +120,35 @@ Number hold_of_body(int nodes, Anchor&& a, Stiffness&& k, Point&& x) {
   }
 }
 
+/// A rigid motion: the velocity of a point p is slide + turn (p - origin), turn antisymmetric.
+template <int kDim>
+struct RigidVelocity {
+  using Vector = Eigen::Matrix<double, kDim, 1>;
+  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
+
+  Vector origin = Vector::Zero();
+  Vector slide = Vector::Zero();
+  Matrix turn = Matrix::Zero();
+
+  Vector at(const Vector& p) const { return slide + turn * (p - origin); }
+
+  /// The rotation about a point in the plane of two orthogonal directions.
+  static RigidVelocity about(const Vector& point, const Vector& from, const Vector& to) {
+    RigidVelocity motion;
+    motion.origin = point;
+    motion.turn = to * from.transpose() - from * to.transpose();
+    return motion;
+  }
+};
+
 /// The nodes of a system at some x as the search for their rigid motions sees them: in double, whatever the
 /// scalar, the storage and the models, so that this search is compiled once a dimension.
 template <int kDim>
 class RigidNodes {
  public:
-  using Vector = Eigen::Matrix<double, kDim, 1>;
-  using Matrix = Eigen::Matrix<double, kDim, kDim, Eigen::ColMajor>;
+  using Velocity = RigidVelocity<kDim>;
+  using Vector = typename Velocity::Vector;
+  using Matrix = typename Velocity::Matrix;
 
   virtual ~RigidNodes() = default;
   virtual Vector place(int i) const = 0;      ///< of node i in x
@@ -137,12 +161,32 @@ class RigidNodes {
   virtual bool has_loads() const = 0;
   virtual Vector load(int i) const = 0;  ///< on node i; 0 if none has one
   virtual double rounding() const = 0;   ///< the share of a coordinate that is rounding alone
+  /// Whether the Hessian, links included, resists a motion of the nodes begin to end.
+  virtual bool resist(const int* begin, const int* end, const Velocity& motion) const = 0;
 
-  /// The stiffness that holds a node of a body: its anchor's, or for a fixed node `fixed`.
-  double stiffness_of(int i, double fixed) const { return is_fixed(i) ? fixed : stiffness(i); }
+  /// Whether an anchor holds a node, or it is fixed.
+  bool is_held(int i) const { return is_fixed(i) || stiffness(i) > 0; }
+
+  /// Whether the Hessian resists all rotations of the nodes begin to end about a point that leave the
+  /// directions of a line or plane through it as they are; `resting` projects on these.
+  bool resist_turns(const int* begin, const int* end, const Vector& point,
+                    const Matrix& resting = Matrix::Zero()) const {
+    Matrix share = resting;
+    Matrix axes;
+    diagonalise(share, axes);
+    for (int b = 1; b < kDim; ++b) {
+      for (int a = 0; a < b; ++a) {
+        if (share(a, a) > 0.5 || share(b, b) > 0.5) continue;
+        if (!resist(begin, end, Velocity::about(point, axes.col(a), axes.col(b)))) return false;
+      }
+    }
+    return true;
+  }
 };
 
-/// Looks for motions of one rigid body that neither anchors nor fixed nodes hold.
+/// Looks for motions of one rigid body that neither anchors nor fixed nodes hold. What anchors seem to leave
+/// free is free only if the Hessian does not resist it: nodes that are all but on a line or on a point turn
+/// there without going anywhere.
 template <int kDim>
 class RigidMotion {
  public:
@@ -164,7 +208,7 @@ class RigidMotion {
   // space, and another node is not. None of their anchors notices, wherever x is.
   static FreeMotion about_hull(const Nodes& nodes, const int* begin, const int* end, double extent) {
     const auto place = [&](int i) { return nodes.place(i); };
-    const auto is_held = [&](int i) { return nodes.stiffness_of(i, 1) > 0; };
+    const auto is_held = [&](int i) { return nodes.is_held(i); };
     const int* const first = std::find_if(begin, end, is_held);
     if (first == end) return {};
     // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
@@ -199,6 +243,8 @@ class RigidMotion {
       result.node = *m;
     }
     if (!result) return {};
+    const Matrix hull = basis.leftCols(rank) * basis.leftCols(rank).transpose();
+    if (nodes.resist_turns(begin, end, origin, hull)) return {};
     name_rest(nodes, begin, end, rounding, farthest, distance, place, result);
     return result;
   }
@@ -209,7 +255,7 @@ class RigidMotion {
                         Speed&& speed, Place&& place, FreeMotion& result) {
     constexpr double kRest = 1e-2;
     for (const int* m = begin; m != end; ++m) {
-      if (!(nodes.stiffness_of(*m, 1) > 0) || !(speed(*m) <= kRest * fastest)) continue;
+      if (!nodes.is_held(*m) || !(speed(*m) <= kRest * fastest)) continue;
       if (result.about < 0) {
         result.about = *m;
       } else if (kDim > 2 && result.axis < 0 && (place(*m) - place(result.about)).norm() > rounding) {
@@ -246,6 +292,23 @@ class RigidMotion {
     return result;
   }
 
+  // A motion in the axes of the modes, in those of the nodes.
+  static RigidVelocity<kDim> velocity(const Matrix& axes, const Vector& centre, const Vector& slide,
+                                      const ModeVector& motion) {
+    RigidVelocity<kDim> result;
+    result.origin = centre;
+    result.slide = axes * slide;
+    Matrix turn = Matrix::Zero();
+    for (int a = 0, mode = kDim; a < kDim; ++a) {
+      for (int b = a + 1; b < kDim; ++b, ++mode) {
+        turn(b, a) = motion[mode];
+        turn(a, b) = -motion[mode];
+      }
+    }
+    result.turn = axes * turn * axes.transpose();
+    return result;
+  }
+
   // The nodes that a motion moves, and those it turns about.
   template <typename Place>
   static FreeMotion described(const Nodes& nodes, const int* begin, const int* end, double extent,
@@ -271,43 +334,51 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
                                    bool turns) {
   const auto at = [&](int i) { return nodes.place(i); };
   const double rounding = nodes.rounding();
-  double largest = 0;  // stiffness
-  double extent = 0;   // of coordinates, whose rounding is a share of it
+  double extent = 0;  // of coordinates, whose rounding is a share of it
+  double total = 0;
+  const int* fixed = end;  // the first one
+  Vector centre = Vector::Zero();
   for (const int* m = begin; m != end; ++m) {
     extent = std::max(extent, at(*m).cwiseAbs().maxCoeff());
-    const double k = nodes.stiffness_of(*m, 0);
+    if (nodes.is_fixed(*m)) {
+      if (fixed == end) fixed = m;
+      continue;
+    }
+    const double k = nodes.stiffness(*m);
     if (!(k > 0)) continue;
-    largest = std::max(largest, k);
+    total += k;
+    centre += k * at(*m);
     extent = std::max(extent, nodes.anchor(*m).cwiseAbs().maxCoeff());
   }
-  if (!(largest > 0)) largest = 1;
   if (!(extent > 0)) extent = 1;
   if constexpr (kDim == 2 || kDim == 3) {
-    const auto anchor = [&](int m, int c) {
-      return nodes.is_fixed(begin[m]) ? nodes.place(begin[m])[c] : nodes.anchor(begin[m])[c];
-    };
-    if (nodes.has_plain_anchors() && !nodes.has_loads() &&
+    if (fixed == end && nodes.has_plain_anchors() && !nodes.has_loads() &&
         hold_of_body<kDim, double, double>(
-            static_cast<int>(end - begin), anchor,
-            [&](int m) { return nodes.stiffness_of(begin[m], largest); },
+            static_cast<int>(end - begin), [&](int m, int c) { return nodes.anchor(begin[m])[c]; },
+            [&](int m) { return nodes.stiffness(begin[m]); },
             [&](int m, int c) { return nodes.place(begin[m])[c]; }) > 0)
       return {};
   }
   if (turns && !nodes.has_loads()) {
     if (const FreeMotion motion = about_hull(nodes, begin, end, extent)) return motion;
   }
-  double total = 0;
-  Vector centre = Vector::Zero();
-  for (const int* m = begin; m != end; ++m) {
-    const double k = nodes.stiffness_of(*m, largest);
-    total += k;
-    centre += k * at(*m);
+  if (fixed != end) {
+    centre = at(*fixed);
+  } else if (total > 0) {
+    centre /= total;
   }
-  if (total > 0) centre /= total;
 
-  // Axes along which rotations that move no node, as those about the line that all are on, stand out.
-  Matrix spread = Matrix::Zero();
-  for (const int* m = begin; m != end; ++m) spread += (at(*m) - centre) * (at(*m) - centre).transpose();
+  // Axes along which rotations stand out that move no node, as those about the line that all are on, or that
+  // move no fixed node.
+  const auto spread_of = [&](bool of_fixed) {
+    Matrix spread = Matrix::Zero();
+    for (const int* m = begin; m != end; ++m) {
+      if (!of_fixed || nodes.is_fixed(*m)) spread += (at(*m) - centre) * (at(*m) - centre).transpose();
+    }
+    return spread;
+  };
+  Matrix spread = spread_of(true);
+  if (!(std::sqrt(spread.trace()) > rounding * extent)) spread = spread_of(false);
   Matrix axes;
   diagonalise(spread, axes);
 
@@ -315,20 +386,20 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   ModeVector slope = ModeVector::Zero();
   ModeVector scale = ModeVector::Zero();
   ModeVector speed = ModeVector::Zero();
+  ModeVector speed_of_fixed = ModeVector::Zero();
   for (const int* m = begin; m != end; ++m) {
     const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
-    speed = speed.cwiseMax(v.colwise().norm().transpose());
-    const double k = nodes.stiffness_of(*m, largest);
-    const Vector load = nodes.is_fixed(*m) ? Vector::Zero() : nodes.load(*m);
+    ModeVector& fastest = nodes.is_fixed(*m) ? speed_of_fixed : speed;
+    fastest = fastest.cwiseMax(v.colwise().norm().transpose());
+    if (nodes.is_fixed(*m)) continue;
+    const double k = nodes.stiffness(*m);
+    const Vector load = nodes.load(*m);
     if (!(k > 0) && load.isZero(0)) continue;
-    Matrix block = k * Matrix::Identity();
+    Matrix block = Matrix::Zero();
     Vector force = Vector::Zero();
-    if (!nodes.is_fixed(*m)) {
-      if (k > 0) nodes.anchor_spring(*m, block, force);
-      force -= load;
-      block = (axes.transpose() * block * axes).eval();
-      force = (axes.transpose() * force).eval();
-    }
+    if (k > 0) nodes.anchor_spring(*m, block, force);
+    block = (axes.transpose() * block * axes).eval();
+    force = (axes.transpose() * (force - load)).eval();
     for (int a = 0; a < kModes; ++a) {
       slope[a] += force.dot(v.col(a));
       scale[a] += k * v.col(a).squaredNorm() + force.norm() * turned(a, v.col(a)).norm();
@@ -351,7 +422,8 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     if (scale[a] > 0) imbalance += slope[a] * slope[a] / (scale[a] * scale[a]);
   }
   for (int a = 0; a < kModes; ++a) {
-    if (!(speed[a] > rounding * extent)) {  // a rotation that moves no node, or is not wanted
+    // One that moves no node, or is not wanted, or moves a fixed node.
+    if (!(speed[a] > rounding * extent) || speed_of_fixed[a] > rounding * extent) {
       for (int b = 0; b < kModes; ++b) curvature(std::max(a, b), std::min(a, b)) = 0;
       curvature(a, a) = 1;
       scale[a] = 0;
@@ -363,22 +435,26 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   }
   ModeMatrix motions;
   diagonalise(curvature, motions);
-  int flattest = 0;
-  for (int a = 1; a < kModes; ++a) {
-    if (std::abs(curvature(a, a)) < std::abs(curvature(flattest, flattest))) flattest = a;
-  }
+  std::array<int, kModes> order;
+  std::iota(order.begin(), order.end(), 0);
+  const auto flatness = [&](int a) { return std::abs(curvature(a, a)); };
+  std::sort(order.begin(), order.end(), [&](int a, int b) { return flatness(a) < flatness(b); });
   // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
   // free motion beside one of curvature c to s^2 / c.
-  double next = 1;
-  for (int a = 0; a < kModes; ++a)
-    if (a != flattest) next = std::min(next, std::abs(curvature(a, a)));
+  const double next = kModes > 1 ? std::min(1.0, flatness(order[std::min(1, kModes - 1)])) : 1.0;
   const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
-  if (!(std::abs(curvature(flattest, flattest)) <= rounding + coupled)) return {};
-  for (int a = 0; a < kModes; ++a) {
-    motions(a, flattest) = scale[a] > 0 ? motions(a, flattest) / std::sqrt(scale[a]) : motions(a, flattest);
+  for (const int a : order) {
+    if (!(flatness(a) <= rounding + coupled)) return {};
+    ModeVector motion = motions.col(a);
+    for (int b = 0; b < kModes; ++b) {
+      if (scale[b] > 0) motion[b] /= std::sqrt(scale[b]);
+    }
+    if (nodes.resist(begin, end, velocity(axes, centre, extent * motion.template head<kDim>(), motion)))
+      continue;
+    return described(nodes, begin, end, extent, motion,
+                     [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
   }
-  return described(nodes, begin, end, extent, motions.col(flattest),
-                   [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
+  return {};
 }
 
 #ifdef ASTERISM_SOLVER_COMPILED
@@ -403,8 +479,10 @@ class FreeMotions {
     if (is_clearly_held(system, x)) [[likely]]
       return {};
     mark_offsets(system, x);
-    if (const FreeMotion motion = of_components(system, x)) return motion;
-    return of_parts(system, x);
+    are_neighbours_listed_ = false;
+    Nodes nodes(*this, system, x);
+    if (const FreeMotion motion = of_components(system, x, nodes)) return motion;
+    return of_parts(system, x, nodes);
   }
 
  private:
@@ -414,6 +492,10 @@ class FreeMotions {
   template <int kMax>
   using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
   using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
+  using Coordinates = typename RigidNodes<kDim>::Vector;
+  using Block = typename RigidNodes<kDim>::Matrix;
+  using Field = Eigen::Matrix<double, kDim, Eigen::Dynamic, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor,
+                              kDim, kMaxNodes>;
   static constexpr bool kSprings = std::is_same_v<typename System::Model::LinkPotential, Hooke>;
 
   // The system's nodes in double.
@@ -422,7 +504,8 @@ class FreeMotions {
     using Vector = typename RigidNodes<kDim>::Vector;
     using Matrix = typename RigidNodes<kDim>::Matrix;
 
-    Nodes(const System& system, const Points& x) : system_(system), x_(x) {}
+    Nodes(FreeMotions& search, const System& system, const Points& x)
+        : search_(search), system_(system), x_(x) {}
     Vector place(int i) const override { return x_.col(i).template cast<double>(); }
     Vector anchor(int i) const override { return system_.anchors.col(i).template cast<double>(); }
     double stiffness(int i) const override { return static_cast<double>(system_.anchor_stiffness[i]); }
@@ -439,8 +522,12 @@ class FreeMotions {
       return system_.loads.col(i).template cast<double>();
     }
     double rounding() const override { return 64 * double(std::numeric_limits<Scalar>::epsilon()); }
+    bool resist(const int* begin, const int* end, const RigidVelocity<kDim>& motion) const override {
+      return search_.resists(system_, x_, *this, begin, end, motion);
+    }
 
    private:
+    FreeMotions& search_;
     const System& system_;
     const Points& x_;
   };
@@ -479,8 +566,91 @@ class FreeMotions {
   static void for_each_connection(const System& system, const Points& x, Visit&& visit) {
     int l = 0;
     for (const Link& link : system.links()) {
-      if (connects(system, x, l++, link)) visit(link);
+      if (connects(system, x, l, link)) visit(link, l);
+      ++l;
     }
+  }
+
+  // The links of each node that connect, by number.
+  void list_neighbours(const System& system, const Points& x) {
+    if (are_neighbours_listed_) return;
+    are_neighbours_listed_ = true;
+    links_.group(system.nodes(), [&](auto&& visit) {
+      for_each_connection(system, x, [&](const Link& link, int l) {
+        visit(link.i, l);
+        visit(link.j, l);
+      });
+    });
+    velocity_.setZero(kDim, system.nodes());
+    inward_.setZero(kDim, system.nodes());
+  }
+
+  // Whether the Hessian resists the motion v of the nodes begin to end, of which anchors seem to know
+  // nothing. Along the path of a motion that changes no energy E, with velocity v = W (x - c) and
+  // acceleration W v,
+  //   0 = E'' = v^T H v + g . W v:
+  // H resists by what is left of the gradient g alone, which shrinks or widens the circles of the path, whose
+  // radii are -W v / w^2 for the angular velocity w. E is an even function of the share s of these that is
+  // left. By the first terms of its series, a s^2 + b s^4, the nodes belong onto the axis (a > 0), where they
+  // do not go anywhere, if
+  //   v^T H v > (W v)^T H (W v) / (3 w^2).
+  bool resists(const System& system, const Points& x, const RigidNodes<kDim>& nodes, const int* begin,
+               const int* end, const RigidVelocity<kDim>& motion) {
+    if (motion.turn.isZero(0)) return false;
+    list_neighbours(system, x);
+    const auto reset = [&] {
+      for (const int* m = begin; m != end; ++m) {
+        velocity_.col(*m).setZero();
+        inward_.col(*m).setZero();
+      }
+    };
+    bool moves = false;
+    double extent = 0;
+    double path = 0;  // E'' along it, of anchors and loads
+    double resistance = 0;
+    double inward = 0;
+    double size = 0;  // that the rounding of the resistance is a share of
+    for (const int* m = begin; m != end; ++m) {
+      extent = std::max(extent, nodes.place(*m).cwiseAbs().maxCoeff());
+      if (system.is_fixed(*m)) continue;
+      const Coordinates v = motion.at(nodes.place(*m));
+      const Coordinates w = motion.turn * v;
+      moves |= !v.isZero(0);
+      velocity_.col(*m) = v;
+      inward_.col(*m) = w;
+      Block block = Block::Zero();
+      Coordinates force = Coordinates::Zero();
+      if (system.anchor_stiffness[*m] > 0) nodes.anchor_spring(*m, block, force);
+      resistance += v.dot(block * v);
+      inward += w.dot(block * w);
+      size += block.norm() * v.squaredNorm();
+      path += v.dot(block * v) + w.dot(force - nodes.load(*m));
+    }
+    for (const int* m = begin; m != end; ++m) {
+      if (velocity_.col(*m).isZero(0)) continue;
+      for (const int l : links_.of(*m)) {
+        const Link& link = system.links()[static_cast<std::size_t>(l)];
+        const int other = link.i == *m ? link.j : link.i;
+        if (other < *m && !velocity_.col(other).isZero(0)) continue;  // counted there
+        const Coordinates v = velocity_.col(*m) - velocity_.col(other);
+        const Coordinates w = inward_.col(*m) - inward_.col(other);
+        const auto spring = detail::spring(system, l, link, link_difference(system, l, link, x));
+        const auto force = link_force(system, l, spring);
+        const Block block = link_curvature(force, spring).template cast<double>();
+        resistance += v.dot(block * v);
+        inward += w.dot(block * w);
+        const auto along = static_cast<double>(force.along);
+        const double ratio = extent * static_cast<double>(spring.inverse);
+        const double bend = std::abs(along - static_cast<double>(force.across));
+        if (bend > 0) size += bend * ratio * v.squaredNorm();  // the length's rounding
+        size += std::abs(along) * v.squaredNorm();
+      }
+    }
+    reset();
+    if (!moves) return true;                            // it is no motion
+    const double spin = motion.turn.squaredNorm() / 2;  // w^2
+    return resistance > nodes.rounding() * size &&
+           (2 * std::abs(path) > resistance || 3 * spin * resistance > inward);
   }
 
   // The nodes whose links have an offset, or a shape, which do not turn with them.
@@ -499,10 +669,10 @@ class FreeMotions {
 
   // The nodes that move in each connected component, and the fixed ones that they are linked to, which hold
   // each component on its own.
-  FreeMotion of_components(const System& system, const Points& x) {
+  FreeMotion of_components(const System& system, const Points& x, const Nodes& nodes) {
     const int n = system.nodes();
     up_.setLinSpaced(n, 0, n - 1);
-    for_each_connection(system, x, [&](const Link& link) {
+    for_each_connection(system, x, [&](const Link& link, int) {
       if (!system.is_fixed(link.i) && !system.is_fixed(link.j)) up_[root(up_, link.i)] = root(up_, link.j);
     });
     const auto for_each_member = [&](auto&& visit) {
@@ -510,18 +680,18 @@ class FreeMotions {
         if (!system.is_fixed(i)) visit(root(up_, i), i);
       }
       if (system.fixed_count() == 0) return;
-      for_each_connection(system, x, [&](const Link& link) {
+      for_each_connection(system, x, [&](const Link& link, int) {
         if (system.is_fixed(link.i) == system.is_fixed(link.j)) return;
         const bool first = system.is_fixed(link.i);
         visit(root(up_, first ? link.j : link.i), first ? link.i : link.j);
       });
     };
-    group(n, for_each_member);
-    const Nodes nodes(system, x);
+    members_.group(n, for_each_member);
     for (int r = 0; r < n; ++r) {
-      if (first_[r] == first_[r + 1]) continue;
-      const int* const begin = &entries_[first_[r]];
-      const int* const end = &entries_[first_[r + 1] - 1] + 1;
+      const std::span<const int> members = members_.of(r);
+      if (members.empty()) continue;
+      const int* const begin = members.data();
+      const int* const end = begin + members.size();
       const bool turns =
           std::none_of(begin, end, [&](int i) { return !system.is_fixed(i) && has_offset(i); });
       if (const FreeMotion motion = RigidMotion<kDim>::find(nodes, begin, end, turns)) return motion;
@@ -529,24 +699,10 @@ class FreeMotions {
     return {};
   }
 
-  // Sorts what for_each(visit) calls visit(key, value) with: the values of key k are entries_[first_[k]] to
-  // entries_[first_[k + 1]].
-  template <typename ForEach>
-  void group(int keys, ForEach&& for_each) {
-    first_.setZero(keys + 1);
-    for_each([this](int key, int) { ++first_[key]; });
-    int sum = 0;
-    for (int& first : first_) sum += std::exchange(first, sum);
-    entries_.resize(std::max(1, sum));
-    for_each([this](int key, int value) { entries_[first_[key]++] = value; });
-    for (int k = keys; k > 0; --k) first_[k] = first_[k - 1];
-    first_[0] = 0;
-  }
-
   // Of what hangs on a single node of the rest and has neither anchor nor load: whatever that node does, it
   // can turn about it. These parts are subtrees of a depth first search whose nodes are linked to none before
   // their parent (Hopcroft & Tarjan 1973).
-  FreeMotion of_parts(const System& system, const Points& x) {
+  FreeMotion of_parts(const System& system, const Points& x, const Nodes& nodes) {
     const int n = system.nodes();
     const auto is_held = [&](int i) {
       return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i) ||
@@ -558,12 +714,7 @@ class FreeMotions {
       for (int i = 0; all_held && i < n; ++i) all_held = is_held(i);
     }
     if (all_held) return {};
-    group(n, [&](auto&& visit) {
-      for_each_connection(system, x, [&](const Link& link) {
-        visit(link.i, link.j);
-        visit(link.j, link.i);
-      });
-    });
+    list_neighbours(system, x);
     constexpr int kUnseen = -1;
     time_.setConstant(n, kUnseen);
     low_.resize(n);
@@ -575,7 +726,7 @@ class FreeMotions {
     const auto enter = [&](int i, int from) {
       up_[i] = from;
       time_[i] = low_[i] = count;
-      next_[i] = first_[i];
+      next_[i] = 0;
       holds_[i] = is_held(i);
       seen_[count++] = i;
     };
@@ -583,8 +734,11 @@ class FreeMotions {
       if (!is_held(start) || time_[start] != kUnseen) continue;
       enter(start, kUnseen);
       for (int i = start; i >= 0;) {
-        if (next_[i] < first_[i + 1]) {
-          const int j = entries_[next_[i]++];
+        const std::span<const int> links = links_.of(i);
+        if (next_[i] < static_cast<int>(links.size())) {
+          const Link& link =
+              system.links()[static_cast<std::size_t>(links[static_cast<std::size_t>(next_[i]++)])];
+          const int j = link.i == i ? link.j : link.i;
           if (time_[j] == kUnseen) {
             enter(j, i);
             i = j;
@@ -595,7 +749,8 @@ class FreeMotions {
         }
         const int parent = up_[i];
         if (parent >= 0) {
-          if (low_[i] >= time_[parent] && holds_[i] == 0) {
+          if (low_[i] >= time_[parent] && holds_[i] == 0 &&
+              !nodes.resist_turns(&seen_[time_[i]], &seen_[count - 1] + 1, nodes.place(parent))) {
             for (int t = time_[i]; t < count; ++t) {
               if (x.col(seen_[t]) == x.col(parent)) continue;
               FreeMotion motion;
@@ -614,9 +769,35 @@ class FreeMotions {
     return {};
   }
 
-  NodeIndices up_;     // towards the root
-  NodeIndices first_;  // entries of a node
-  Indices<kMaxLinks == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 2 * kMaxLinks> entries_;
+  // Numbers by key, of 0 to keys - 1.
+  struct Groups {
+    NodeIndices first;  // of a key
+    Indices<kMaxLinks == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 2 * kMaxLinks> entries;
+
+    std::span<const int> of(int key) const {
+      return {entries.data() + first[key], entries.data() + first[key + 1]};
+    }
+
+    // Those that for_each(visit) calls visit(key, value) with.
+    template <typename ForEach>
+    void group(int keys, ForEach&& for_each) {
+      first.setZero(keys + 1);
+      for_each([this](int key, int) { ++first[key]; });
+      int sum = 0;
+      for (int& f : first) sum += std::exchange(f, sum);
+      entries.resize(std::max(1, sum));
+      for_each([this](int key, int value) { entries[first[key]++] = value; });
+      for (int k = keys; k > 0; --k) first[k] = first[k - 1];
+      first[0] = 0;
+    }
+  };
+
+  NodeIndices up_;  // towards the root
+  Groups members_;  // of the components
+  Groups links_;    // of the nodes, if are_neighbours_listed_
+  bool are_neighbours_listed_ = false;
+  Field velocity_;  // of nodes that may move, 0 between uses
+  Field inward_;
   NodeIndices time_, low_, next_, holds_, seen_;  // of the search
   NodeIndices has_offset_;                        // empty where no link has one
 };

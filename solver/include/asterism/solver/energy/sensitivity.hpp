@@ -1,6 +1,7 @@
 #pragma once
 
 #include <Eigen/SparseCore>
+#include <algorithm>
 #include <array>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/dense_factor.hpp>
@@ -37,8 +38,8 @@ enum class SensitivityStatus {
   Computed,             ///< the only one with derivatives
   NotStationary,        ///< x is not a stationary point to the tolerance of the options
   NotPositiveDefinite,  ///< x is not a strict local minimum: it does not follow the parameters, or not alone
-  CoincidentNodes,      ///< linked nodes coincide: the direction of their link, and so its force, has no
-                        ///< derivative
+  CoincidentNodes,      ///< linked nodes coincide, and the link's force there has no derivative, as that of a
+                        ///< spring that pushes them apart
   NumericalFailure,     ///< a number leaves the range of the scalar
   InvalidInput,         ///< the message names the offending value
   OutOfMemory,
@@ -252,6 +253,7 @@ template <typename System>
 class ImplicitSolver {
  public:
   using Scalar = typename System::Scalar;
+  using Point = typename System::Point;
   using Points = typename System::Points;
 
   /// Scratch of the caller, of the system's size.
@@ -265,7 +267,7 @@ class ImplicitSolver {
       message = "gradient or curvature leave the range of the scalar";
       return SensitivityStatus::NumericalFailure;
     }
-    if (const int l = directionless_link(system, x); l >= 0) {
+    if (const int l = peaked_link(system, x); l >= 0) {
       message = Defect{"link", l, "has ends that coincide: its force has no derivative there"};
       return SensitivityStatus::CoincidentNodes;
     }
@@ -284,6 +286,12 @@ class ImplicitSolver {
       return SensitivityStatus::NotPositiveDefinite;
     }
     return SensitivityStatus::Computed;
+  }
+
+  /// Whether d of link_difference, at the x of factorize, has a direction that is more than rounding.
+  bool has_direction(const Point& d) const {
+    const Scalar square = d.squaredNorm();
+    return square > kRounding * kRounding * extent_ && square > kLeastSquare<Scalar>;
   }
 
   /// result = H^-1 b, where b is 0 at fixed nodes, and so is the result.
@@ -380,23 +388,35 @@ class ImplicitSolver {
     return matrix_.factorize();
   }
 
-  // A link whose direction is rounding alone, or -1.
-  int directionless_link(const System& system, const Points& x) const {
-    const Scalar extent = rule_.length() * rule_.length() + 2 * x.colwise().squaredNorm().maxCoeff();
+  // A link between nodes in one place whose force has no derivative there, or -1.
+  int peaked_link(const System& system, const Points& x) {
+    extent_ = rule_.length() * rule_.length() + 2 * x.colwise().squaredNorm().maxCoeff();
     int l = 0;
     for (const Link& link : system.links()) {
-      const Scalar square = link_difference(system, l, link, x).squaredNorm();
-      if (!(square > kRounding * kRounding * extent && square > kLeastSquare<Scalar>)) [[unlikely]] {
-        if (!(system.is_fixed(link.i) && system.is_fixed(link.j))) return l;
-      }
+      const Point d = link_difference(system, l, link, x);
+      if (!has_direction(d) && !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
+          !is_round(system, l, link, d)) [[unlikely]]
+        return l;
       ++l;
     }
     return -1;
   }
 
+  // Whether the energy of a link is smooth where its ends meet: the link is as stiff across its direction as
+  // along it, like a spring of rest length 0, a slack cable, or a link of stiffness 0.
+  static bool is_round(const System& system, int l, const Link& link, const Point& d) {
+    const auto spring = detail::spring(system, l, link, d);
+    const auto force = link_force(system, l, spring);
+    const Scalar stiffness =
+        std::max({system.link_stiffness[l], std::abs(force.along), std::abs(force.across)});
+    return (spring.length > 0 || force.tension == 0) &&
+           std::abs(force.along - force.across) <= std::sqrt(kRounding) * stiffness;
+  }
+
   StoppingRule<System> rule_;
   NewtonMatrix<System> matrix_;
   FreeMotions<System> free_motions_;
+  Scalar extent_ = 0;  // square of the lengths that rounding is a share of
   Points gradient_;
   [[no_unique_address]] std::conditional_t<kUnbounded, Large, Nothing> large_;
 };
@@ -411,10 +431,12 @@ class ImplicitSolver {
 /// formulas.
 ///
 /// Derivatives that do not exist are refused, with a message: x is to be stationary, H to be positive
-/// definite to the digits of the scalar, no rigid motion may be free, and no linked nodes may coincide
-/// (unless both are fixed). Bad input is refused as by a solver. A fixed node does not move. For values at
-/// the end of their range (a stiffness of 0), the derivative is the one into the range. At a kink of a second
-/// derivative (a cable that is just taut, Huber's loss at its scale) it is that on one side.
+/// definite to the digits of the scalar, no rigid motion may be free, and no link may push apart nodes that
+/// coincide (unless both are fixed). Bad input is refused as by a solver. A fixed node does not move. For
+/// values at the end of their range (a stiffness of 0), the derivative is the one into the range. At a kink
+/// of a second derivative (a cable that is just taut, Huber's loss at its scale) it is that on one side. A
+/// link between nodes in one place, of rest length 0 or stiffness 0, has no direction: the derivatives by its
+/// rest length and its stiffness, which would be opposite for opposite directions, are their mean, 0.
 ///
 /// A loss or potential of a user has derivatives by its own parameters if it declares
 ///   static constexpr int kParameters = P;
@@ -456,7 +478,7 @@ class Sensitivity {
       detail::clear_fixed(system, solver.right);
       solver.solve(solver.right, solver.lambda);
       result.set_zero(system);
-      differentiate(system, x, solver.lambda, result);
+      differentiate(solver, system, x, result);
       if (!is_finite(result)) out_of_range(result);
     };
     run(system, x, result, compute);
@@ -471,7 +493,7 @@ class Sensitivity {
       if (const Defect defect = tangent_defect(system, tangent)) return refuse(result, defect);
       result.status = solver.factorize(system, x, options.stationarity, result.message);
       if (!result) return;
-      push(system, x, tangent, solver.right);
+      push(solver, system, x, tangent);
       detail::clear_fixed(system, solver.right);
       solver.solve(solver.right, result.x);
       if (!detail::all_finite(result.x)) out_of_range(result);
@@ -544,7 +566,9 @@ class Sensitivity {
   }
 
   // -lambda^T dg/d(values) into `to`, which is zero.
-  static void differentiate(const System& system, const Points& x, const Points& lambdas, Tangent& to) {
+  static void differentiate(const detail::ImplicitSolver<System>& solver, const System& system,
+                            const Points& x, Tangent& to) {
+    const Points& lambdas = solver.lambda;
     for (int i = 0; i < system.nodes(); ++i) {
       const Scalar k = system.anchor_stiffness[i];
       const Point lambda = lambdas.col(i);
@@ -576,7 +600,8 @@ class Sensitivity {
       const Scalar mu = system.rest_length[l];
       const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
-      const Scalar delta = d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r;
+      const Scalar delta =
+          solver.has_direction(d) ? d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r : Scalar(0);
       to.link_stiffness[l] = -detail::function_of(system.link_potential, l)(r, mu).first * delta;
       if (!(k > 0)) continue;
       if (system.has_offsets()) {
@@ -596,8 +621,10 @@ class Sensitivity {
     return detail::link_curvature(detail::link_force(system, l, spring), spring);
   }
 
-  // -dg/d(values) tangent into right.
-  static void push(const System& system, const Points& x, const Tangent& tangent, Points& right) {
+  // -dg/d(values) tangent into solver.right.
+  static void push(detail::ImplicitSolver<System>& solver, const System& system, const Points& x,
+                   const Tangent& tangent) {
+    Points& right = solver.right;
     right.setZero(System::kDim, system.nodes());
     for (int i = 0; i < system.nodes(); ++i) {
       if (system.is_fixed(i)) continue;
@@ -638,7 +665,8 @@ class Sensitivity {
         const auto first = detail::first_by_parameters(system.link_potential, r, mu);
         for (std::size_t p = 0; p < first.size(); ++p) tension += k * first[p] * tangent.link_potential[p];
       }
-      Point force = (tension / r) * d;
+      Point force = Point::Zero();
+      if (solver.has_direction(d)) force = (tension / r) * d;
       if (system.has_offsets()) force -= link_curvature(system, l, link, d) * tangent.rest_offset.col(l);
       right.col(link.i) -= force;
       right.col(link.j) += force;
