@@ -38,10 +38,21 @@ typename System::Scalar direction_off_peak(const System& system, const typename 
   return -system.link_stiffness[l];
 }
 
+/// v^T K_dyn v for all coordinates.
+template <typename System>
+typename System::Scalar stiffness_along(const System& system, const typename System::Points& v) {
+  typename System::Scalar sum = 0;
+  for (int i = 0; i < system.nodes(); ++i) sum += system.anchor_stiffness[i] * v.col(i).squaredNorm();
+  int l = 0;
+  for (const Link& link : system.links())
+    sum += system.link_stiffness[l++] * (v.col(link.i) - v.col(link.j)).squaredNorm();
+  return sum;
+}
+
 /// The way down from a saddle x of the given energy along `direction`, whose curvature is negative: scales
 /// the direction to the characteristic `length` and returns the longest of ever shorter steps along it,
-/// negative for the other side, that lowers the energy by a tenth of what the curvature promises; 0 if none
-/// does. `trial` is scratch.
+/// negative for the other side, that lowers the energy by a tenth of what the curvature promises, up to that
+/// of K_dyn; 0 if none does. `trial` is scratch.
 template <typename System>
 typename System::Scalar step_off_saddle(const System& system, const typename System::Points& x,
                                         typename System::Scalar here, typename System::Scalar length,
@@ -50,7 +61,8 @@ typename System::Scalar step_off_saddle(const System& system, const typename Sys
   using Scalar = typename System::Scalar;
   const Scalar scale = length / std::sqrt(direction.colwise().squaredNorm().maxCoeff());
   direction *= scale;
-  curvature *= scale * scale;
+  // Where linked nodes nearly coincide, the curvature has no limit, but holds over next to no distance.
+  curvature = std::max(curvature * scale * scale, -stiffness_along(system, direction));
   const Scalar rounding = rounding_of_energy(system, x, here);
   constexpr int kMaxHalvings = 30;
   Scalar t = Scalar(0.5);

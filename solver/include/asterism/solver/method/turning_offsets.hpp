@@ -182,7 +182,7 @@ class TurningOffsets {
   // Whether the quadratic rises wherever T = s R turns: by s trace(W^T W P) for a rotation by exp(W), where
   // P = R^T M is symmetric; and, with `scale`, by trace(S) for a change of s.
   bool is_strict(const Step& last) const {
-    if (options.scale && !(curvature_.trace() > last.rounding)) return false;
+    if (!(curvature_.trace() > (options.scale ? last.rounding : Scalar(0)))) return false;
     if constexpr (kDim == 1) return true;
     const Scalar scale = last.to.col(0).norm();
     Matrix P = last.to.transpose() * last.target;
