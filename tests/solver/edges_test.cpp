@@ -290,13 +290,21 @@ TEST(ConicPeak, IsNoLocalMinimum) {
   peak.leftCols(2).setZero();
   ASSERT_EQ(gradient(system, peak).norm(), 0);
   const Points at = peak;
-  for (const Summary& summary :
-       {Newton<System>().solve(system, peak), SparseNewton<System>().solve(system, peak),
-        Auto<System>().solve(system, peak)}) {
-    EXPECT_EQ(summary.status, Status::Converged);
-    EXPECT_EQ(summary.positive_definite, 0);
-  }
-  EXPECT_EQ(peak, at);
+  const auto expect_seen_and_left = [&](auto solver) {
+    solver.options.escape_saddles = false;
+    const Summary held = solver.solve(system, peak);
+    EXPECT_EQ(held.status, Status::Converged);
+    EXPECT_EQ(held.positive_definite, 0);
+    EXPECT_EQ(peak, at);
+    solver.options.escape_saddles = true;
+    Points x = at;
+    const Summary left = solver.solve(system, x);
+    EXPECT_EQ(left.status, Status::Converged) << left;
+    EXPECT_EQ(left.positive_definite, 1);
+    EXPECT_LT((x.leftCols(2) - (Points(2, 2) << -1, 1, 0, 0).finished()).norm(), 1e-6) << left;
+  };
+  expect_seen_and_left(Newton<System>());
+  expect_seen_and_left(SparseNewton<System>());
   EXPECT_EQ(covariance(system, peak).status, CovarianceStatus::NotPositiveDefinite);
   EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 0.5, -0.5, 0, 0).finished()),
             energy(system, at));
@@ -432,6 +440,35 @@ TEST(AutoSolver, SaysWhatItChose) {
   EXPECT_EQ(chosen(sparse.system, sparse.start), NewtonCg<System>::name());
   auto x = small.start;
   EXPECT_EQ(solve(small.system, x).status, Status::Converged);
+}
+
+// A sheet of nodes with four neighbours each: links alone leave it free to shear. Where anchors hold it, weak
+// ones need a factorised Hessian; where they hold a few nodes only, however stiff, conjugate gradients serve.
+TEST(AutoSolver, LooksAtHowMostNodesAreHeld) {
+  constexpr int kSide = 35;
+  std::vector<Link> links;
+  Points sheet(2, kSide * kSide);
+  for (int i = 0; i < kSide * kSide; ++i) {
+    sheet.col(i) << i % kSide, i / kSide;
+    if (i % kSide > 0) links.push_back({i - 1, i});
+    if (i >= kSide) links.push_back({i - kSide, i});
+  }
+  System system(Topology<>::from_links(kSide * kSide, links));
+  system.anchors = sheet;
+  system.rest_length.setOnes();
+  system.link_stiffness.setOnes();
+  const auto chosen = [&] {
+    Points x = sheet;
+    return std::string(Auto<System>().solve(system, x).solver);
+  };
+  system.anchor_stiffness.setConstant(1e-3);
+  EXPECT_EQ(chosen(), SparseNewton<System>::name());
+  system.anchor_stiffness.setConstant(1);
+  EXPECT_EQ(chosen(), Schwarz<System>::name());
+  system.anchor_stiffness.setZero();
+  for (const int corner : {0, kSide - 1, kSide * (kSide - 1), kSide * kSide - 1})
+    system.anchor_stiffness[corner] = 10;
+  EXPECT_EQ(chosen(), NewtonCg<System>::name());
 }
 
 TEST(AutoSolver, GoesOnWhereNoFactorisationCan) {

@@ -299,6 +299,31 @@ TEST(Loads, BoundsHold) {
   EXPECT_GT(several, 10);
 }
 
+// What is proven of a placement does not depend on where the origin is: a placement that is far above the
+// least energy, known from the solution near the origin, is certified nowhere, and the solution everywhere.
+TEST(Loads, CertifyTheSameFarFromTheOrigin) {
+  System<2> system(Topology<>::full(3));
+  system.anchors.resize(2, 3);
+  system.anchors << 0, 10, 5, 0, 0, 8.66;
+  system.anchor_stiffness.setOnes();
+  system.set_rest_lengths(system.anchors);
+  system.link_stiffness.setOnes();
+  system.loads = System<2>::Points{{0.5, 0, -1}, {-3, -2, -3}};
+  System<2>::Points x = system.anchors;
+  ASSERT_EQ((Newton<System<2>>().solve(system, x).status), Status::Converged);
+  System<2>::Points above = x;
+  above.row(0).array() += 3;
+  above(1, 2) -= 2;
+  ASSERT_GT(energy(system, above), energy(system, x) + 10);
+  for (const double distance : {0., 1e4, 1e6, 1e8}) {
+    System<2> moved = system;
+    moved.anchors.array() += distance;
+    EXPECT_TRUE(certify(moved, System<2>::Points(x.array() + distance)).certified()) << distance;
+    EXPECT_EQ(certify(moved, System<2>::Points(above.array() + distance)).proof, Proof::NotCertified)
+        << distance;
+  }
+}
+
 TEST(Loads, HaveDerivatives) {
   auto [system, start] = random_loads<2>(7, 5);
   auto x = start;

@@ -143,6 +143,188 @@ TEST(TurningOffsets, AreStationaryInBoth) {
   }
 }
 
+// The least energy over x for a given T, in long double: x solves (diag(k_i) + Laplacian(k_ij)) x = ...
+template <int Dim>
+class Reduced {
+ public:
+  using Wide = Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>;
+
+  Reduced(const System<Dim>& system, const Eigen::MatrixXd& start) : system_(system) {
+    const int n = system.nodes();
+    Wide A = system.anchor_stiffness.template cast<long double>().asDiagonal();
+    right_ = A * system.anchors.transpose().template cast<long double>();
+    if (system.has_loads()) right_ += system.loads.transpose().template cast<long double>();
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const long double k = system.link_stiffness[l++];
+      A(link.i, link.i) += k, A(link.j, link.j) += k;
+      A(link.i, link.j) -= k, A(link.j, link.i) -= k;
+    }
+    for (int i = 0; i < n; ++i) {
+      if (!system.is_fixed(i)) continue;
+      A.row(i).setZero();
+      A(i, i) = 1;
+      right_.row(i) = start.col(i).transpose().cast<long double>();
+    }
+    lu_.compute(A);
+  }
+
+  double operator()(const Eigen::MatrixXd& T) const {
+    const Wide m = (T * system_.rest_offset).template cast<long double>();
+    Wide right = right_;
+    int l = 0;
+    for (const Link& link : system_.links()) {
+      const long double k = system_.link_stiffness[l];
+      if (!system_.is_fixed(link.i)) right.row(link.i) += k * m.col(l).transpose();
+      if (!system_.is_fixed(link.j)) right.row(link.j) -= k * m.col(l).transpose();
+      ++l;
+    }
+    const Wide x = lu_.solve(right);
+    long double sum = 0;
+    for (int i = 0; i < system_.nodes(); ++i) {
+      const Wide d = x.row(i) - system_.anchors.col(i).transpose().template cast<long double>();
+      sum += system_.anchor_stiffness[i] * d.squaredNorm() / 2;
+      if (system_.has_loads())
+        sum -= x.row(i).dot(system_.loads.col(i).transpose().template cast<long double>());
+    }
+    l = 0;
+    for (const Link& link : system_.links()) {
+      sum += system_.link_stiffness[l] *
+             (x.row(link.i) - x.row(link.j) - m.col(l).transpose()).squaredNorm() / 2;
+      ++l;
+    }
+    return static_cast<double>(sum);
+  }
+
+ private:
+  const System<Dim>& system_;
+  Wide right_;
+  Eigen::PartialPivLU<Wide> lu_;
+};
+
+template <int Dim>
+Eigen::MatrixXd turn(int a, int b, double angle) {
+  Eigen::MatrixXd R = Eigen::MatrixXd::Identity(Dim, Dim);
+  R(a, a) = R(b, b) = std::cos(angle), R(b, a) = std::sin(angle), R(a, b) = -std::sin(angle);
+  return R;
+}
+
+// The least energy of all T, by a compass search from many rotations.
+template <int Dim>
+double least_energy(const Reduced<Dim>& energy, bool scales, std::uint64_t seed) {
+  Rng rng(seed);
+  double least = std::numeric_limits<double>::infinity();
+  for (int start = 0; start < 12; ++start) {
+    Eigen::MatrixXd T = random_rotation<Dim>(rng);
+    double here = energy(T);
+    for (double step = 0.5; step > 1e-12;) {
+      bool falls = false;
+      const auto attempt = [&](const Eigen::MatrixXd& next) {
+        if (const double value = energy(next); value < here) here = value, T = next, falls = true;
+      };
+      for (const double s : {step, -step}) {
+        for (int a = 0; a < Dim; ++a) {
+          for (int b = a + 1; b < Dim; ++b) attempt(turn<Dim>(a, b, s) * T);
+        }
+        if (scales) attempt(std::exp(s) * T);
+      }
+      if (!falls) step /= 2;
+    }
+    least = std::min(least, here);
+  }
+  return least;
+}
+
+template <int Dim>
+void expect_global_minimum(const System<Dim>& system, const typename System<Dim>::Points& start, bool scales,
+                           std::uint64_t seed) {
+  const double least = least_energy(Reduced<Dim>(system, start), scales, seed);
+  const double size = system.anchor_stiffness.sum() * 400;  // shapes are 20 wide
+  Turning<Dim> turning;
+  turning.options.scale = scales;
+  typename System<Dim>::Points x = start;
+  const Summary summary = turning.solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_LE(summary.final_energy, least + 1e-6 * std::abs(least) + 1e-10 * size)
+      << summary << " seed " << seed;
+  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_LT(summary.stationarity, 1e-6);
+}
+
+// Springs without rest length: the global minimum, whatever the start and however stiff the links.
+template <int Dim>
+void expect_global_minima(double stiffness) {
+  for (std::uint64_t seed = 1; seed <= 12; ++seed) {
+    auto [system, start] = random_shape<Dim>(seed, 3 + static_cast<int>(seed % 4), seed % 2 == 0 ? 2 : 20);
+    system.link_stiffness *= stiffness;
+    if (seed % 3 == 0) start.setZero();
+    if (seed % 3 == 1) start = -3 * start;
+    if (seed % 4 == 3) {
+      Rng rng(seed);
+      system.loads = random_points<System<Dim>>(rng, system.nodes(), -0.1, 0.1);
+    }
+    if (seed % 5 == 0) system.fix(1);
+    for (const bool scales : {true, false}) {
+      SCOPED_TRACE(stiffness);
+      expect_global_minimum<Dim>(system, start, scales, seed);
+    }
+  }
+}
+
+TEST(TurningOffsets, OfPlainSpringsAreGlobalMinima) {
+  for (const double stiffness : {1e-3, 1., 1e3, 1e6, 1e9}) {
+    expect_global_minima<2>(stiffness);
+    expect_global_minima<3>(stiffness);
+  }
+}
+
+// Two nodes that stiff links hold at their distance, and a start that says nothing of the turn.
+TEST(TurningOffsets, OfTwoNodesTurnToTheAnchors) {
+  for (const double angle : {0.3, 1.5, 2.23, 3.1, -3.0, -1.0}) {
+    for (const double stiffness : {1., 1e4, 1e8}) {
+      System<2> system(Topology<>::full(2));
+      system.anchors.resize(2, 2);
+      system.anchors << 0, -100 * std::cos(angle), 0, -100 * std::sin(angle);
+      system.set_rest_offsets(System<2>::Points{{0, -100}, {0, 0}});
+      system.anchor_stiffness.setOnes();
+      system.link_stiffness.setConstant(stiffness);
+      Turning<2> turning;
+      turning.options.scale = false;
+      System<2>::Points x = System<2>::Points::Zero(2, 2);
+      const Summary summary = turning.solve(system, x);
+      EXPECT_EQ(summary.status, Status::Converged) << summary;
+      EXPECT_LT((turning.transform() - turn<2>(0, 1, angle)).norm(), 1e-9);
+      EXPECT_LT((x - system.anchors).norm(), 1e-6) << summary;
+    }
+  }
+}
+
+// One point for all anchors holds no turn, and lengths leave the second derivatives by T unknown.
+TEST(TurningOffsets, SayWhatIsStrict) {
+  auto [system, start] = random_shape<2>(2, 5, 1);
+  Turning<2> turning;
+  const auto is_strict = [&, &system = system, &start = start](bool scales) {
+    turning.options.scale = scales;
+    System<2>::Points x = start;
+    const Summary summary = turning.solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    return summary.positive_definite;
+  };
+  EXPECT_EQ(is_strict(true), 1);
+  EXPECT_EQ(is_strict(false), 1);
+  const System<2>::Points anchors = system.anchors;
+  system.anchors.setConstant(1e3);
+  EXPECT_EQ(is_strict(false), 0);
+  system.anchors = anchors;
+  system.rest_length.setConstant(0.1);
+  EXPECT_EQ(is_strict(true), -1);
+  system.rest_length.setZero();
+  system.anchor_stiffness.setZero();
+  turning.options.ground_components = true;
+  EXPECT_EQ(is_strict(true), 0);
+  EXPECT_EQ(is_strict(false), 0);
+}
+
 // A turned, scaled and moved problem has the turned, scaled and moved solution.
 TEST(TurningOffsets, TurnWithTheAnchors) {
   for (std::uint64_t seed = 1; seed <= 10; ++seed) {

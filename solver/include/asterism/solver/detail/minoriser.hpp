@@ -88,7 +88,8 @@ class Minoriser {
   void set(const System& system, const Points& x, bool clamp, double stretch, const Held& held) {
     const int n = system.nodes();
     energy = energy_rounding = stored = coordinate_rounding = 0;
-    loads_size_ = 0;
+    loads_size_ = springs_size_ = 0;
+    has_loads_ = system.has_loads();
     shortest = kUnknown;
     peaked_link = -1;
     gradient.resize(kDim, n);
@@ -122,7 +123,7 @@ class Minoriser {
     coordinate_rounding *= 4 * kEpsilon * kEpsilon;
     terms = degree_.maxCoeff() + 1;
     const double count = n + static_cast<double>(system.link_count());
-    energy_rounding += count * energy_scale();
+    energy_rounding += count * (energy + loads_size_);
   }
 
   /// W without the rows and columns of nodes that do not move, on whose diagonal is 1: calls
@@ -163,7 +164,7 @@ class Minoriser {
   }
 
   /// detail::energy_scale of q's energy at x.
-  double energy_scale() const { return energy + loads_size_; }
+  double energy_scale() const { return has_loads_ ? springs_size_ : energy; }
 
   double energy = 0;               ///< of q at x
   double energy_rounding = 0;      ///< what it may be off by [epsilon]
@@ -197,6 +198,7 @@ class Minoriser {
       value = k * offset.dot(shaped) / 2;
     }
     energy += value;
+    springs_size_ += value;
     energy_rounding += 4 * std::abs(value);
     gradient.col(i) = force.gradient;
     stiffness_[i] = scale[i] = k;
@@ -231,6 +233,7 @@ class Minoriser {
     size += k;  // k (1 + mu / r) of a spring
     weights_[l] = force.across;
     energy += force.energy + force.tension * spring.length / 2 * (share * share - 1);
+    springs_size_ += force.energy + std::abs(force.tension) * spring.length;
     energy_rounding += 8 * (std::abs(force.tension) + kEpsilon * reach) * (spring.length + rest);
     stored += reach * (spring.length + rest) / 2;
     const Point pull = force.tension * share * spring.direction;
@@ -249,8 +252,10 @@ class Minoriser {
     }
   }
 
-  double loads_size_ = 0;  // what loads add to the energy's scale
-  NodeVector stiffness_;   // k_i, of the reweighted anchor
+  bool has_loads_ = false;
+  double loads_size_ = 0;    // what loads add to the scale of rounding
+  double springs_size_ = 0;  // the energy's scale with loads
+  NodeVector stiffness_;     // k_i, of the reweighted anchor
   typename System::LinkVector weights_;
   NodeVector bend_;  // how much w changes with the lengths, of all links of a node
   Eigen::Array<bool, System::kNodes, 1, Eigen::ColMajor, System::kMaxNodes, 1> is_free_;

@@ -152,15 +152,21 @@ class NewtonMatrix {
   /// beyond rounding.
   Scalar negative_curvature(Points& direction) const {
     if (negative_ < 0) return 0;
-    direction.setZero(kDim, size() / kDim);
-    Scalar* v = direction.data();
-    v[negative_] = 1;
-    for (int k = negative_ - 1; k >= 0; --k) {
-      Scalar sum = 0;
-      for (int i = negative_; i > k; --i) sum += at(i, k) * v[i];
-      v[k] = -sum * inverse_pivots_[static_cast<std::size_t>(k)];
-    }
+    direction_of_pivot(negative_, direction);
     return -at(negative_, negative_);  // its sign was repaired
+  }
+
+  /// Calls visit(v) with v = L^-T e_k for every pivot that was rounding alone, until it returns true, and
+  /// returns whether it did. v^T H v is then 0 or less, up to rounding, as the repaired pivots may hide
+  /// negative curvature.
+  template <typename Visit>
+  bool any_flat_direction(Points& direction, Visit&& visit) const {
+    for (int k = 0; k < size(); ++k) {
+      if (at(k, k) != flat(k)) continue;
+      direction_of_pivot(k, direction);
+      if (visit(direction)) return true;
+    }
+    return false;
   }
 
  private:
@@ -338,6 +344,25 @@ class NewtonMatrix {
     }
   }
 
+  // L^-T e_k.
+  void direction_of_pivot(int pivot, Points& direction) const {
+    direction.setZero(kDim, size() / kDim);
+    Scalar* v = direction.data();
+    v[pivot] = 1;
+    for (int k = pivot - 1; k >= 0; --k) {
+      Scalar sum = 0;
+      for (int i = pivot; i > k; --i) sum += at(i, k) * v[i];
+      v[k] = -sum * inverse_pivots_[static_cast<std::size_t>(k)];
+    }
+  }
+
+  // The pivot that a direction without curvature gets: IDA's, for steps along it to be short; 1 for a node
+  // without stiffness, which stays.
+  Scalar flat(int k) const {
+    const Scalar rounding = rounding_[k / kDim];
+    return rounding > 0 ? rounding / kRounding : Scalar(1);
+  }
+
   Scalar repair(int k) {
     const Scalar pivot = at(k, k);
     const Scalar rounding = rounding_[k / kDim];
@@ -348,10 +373,7 @@ class NewtonMatrix {
       negative_ = k;
     }
     repaired_ = true;
-    // Of a direction without curvature IDA's is assumed, for steps along it to be short; 1 for a node without
-    // stiffness, which stays.
-    const Scalar flat = rounding > 0 ? rounding / kRounding : Scalar(1);
-    return at(k, k) = pivot < -rounding ? -pivot : flat;
+    return at(k, k) = pivot < -rounding ? -pivot : flat(k);
   }
 
   // Column `to`, from its diagonal down, less the outer product of column `from` over its pivot.

@@ -55,9 +55,9 @@ inline std::ostream& operator<<(std::ostream& out, Proof proof) { return out << 
 /// Options of certify.
 struct CertifyOptions {
   /// A global minimum may lie below E(x) by this share of E(x), or of 1e-10 sum k_ij (r_ij + mu_ij)^2 / 2 if
-  /// that is more, which is for placements without strain [ratio]. With loads, E(x) stands here for the
-  /// springs' energy and the absolute values of the loads'. A solver's default tolerance leaves far
-  /// less.
+  /// that is more, which is for placements without strain [ratio]. With loads, whose energy depends on the
+  /// origin, E(x) stands here for the springs' energy and the sum of tension times length over the links. A
+  /// solver's default tolerance leaves far less.
   double gap = 1e-6;
 
   /// What is wrong with the options, nullptr for nothing.
@@ -80,7 +80,8 @@ struct Certificate {
 
   /// Whether x is proven to be a global minimum.
   bool certified() const { return proof == Proof::UniqueGlobalMinimum || proof == Proof::GlobalMinimum; }
-  /// E(x) is above the least energy by no more than this, and by this share of E(x).
+  /// E(x) is above the least energy by no more than this, and by this share of E(x), which with loads depends
+  /// on the origin.
   double gap() const { return energy - lower_bound; }
   double relative_gap() const { return energy > 0 ? gap() / energy : gap(); }
 };

@@ -183,11 +183,11 @@ AnchorForce<System> node_force(const System& system, int i, const typename Syste
   return force;
 }
 
-/// What shares of the energy are shares of, such as its rounding: the energy of the springs, with loads also
-/// the absolute values of theirs.
+/// The reference for the rounding error of the energy: the energy of the springs, with loads also the
+/// absolute values of theirs, which grow with the distance from the origin.
 template <typename System>
-typename System::Scalar energy_scale(const System& system, const typename System::Points& x,
-                                     typename System::Scalar energy) {
+typename System::Scalar rounding_scale(const System& system, const typename System::Points& x,
+                                       typename System::Scalar energy) {
   if (system.has_loads()) [[unlikely]] {
     for (int i = 0; i < system.nodes(); ++i) {
       const auto work = system.loads.col(i).dot(x.col(i));
@@ -278,6 +278,23 @@ void for_each_spring(const System& system, const typename System::Points& x, OnA
     on_link(l, link, link_force(system, l, here), here);
     ++l;
   }
+}
+
+/// The reference for relative errors of the energy, given the energy at x. With loads, whose energy depends
+/// on the origin, it is the energy of the springs and the tension times the length of each link, which at
+/// rest is the work that the loads do on the links.
+template <typename System>
+typename System::Scalar energy_scale(const System& system, const typename System::Points& x,
+                                     typename System::Scalar energy) {
+  if (!system.has_loads()) [[likely]]
+    return energy;
+  typename System::Scalar sum = 0;
+  for_each_spring(
+      system, x, [&](int i, const auto& offset) { sum += anchor_force(system, i, offset).energy; },
+      [&](int, const Link&, const auto& force, const auto& spring) {
+        sum += force.energy + std::abs(force.tension) * spring.length;
+      });
+  return sum;
 }
 
 /// The same for second derivatives: on_anchor(i, curvature) and on_link(l, link, force, spring), with `clamp`

@@ -30,8 +30,14 @@ using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              NewtonCg
 ///   few links a node, more nodes                    Schwarz
-///   the same, the sum of k_i below 1e-4 of the sum  NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
-///   of k_ij                                         up to 300,000, Schwarz beyond
+///   the same, weak anchors                          NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
+///                                                   up to 300,000, Schwarz beyond
+///   a floppy system on weak anchors                 SparseNewton from 100 to 30,000 nodes
+///
+/// Anchors are weak if most of them have less than 5e-5 of the stiffness that the links of a node have on
+/// average, so also where few nodes have an anchor, however stiff. A system with fewer links than
+/// coordinates, such as a cloth, is floppy: its links cannot hold its shape (Maxwell 1864). If anchors do,
+/// because most nodes have one, they are weak there below 5e-3.
 ///
 /// Lbfgs if the system has potentials over three nodes. The bounds are measured: `asterism-bench crossovers`
 /// prints the table. Summary::solver names the method. If a matrix cannot be factored, NewtonCg continues.
@@ -68,7 +74,9 @@ class Auto {
   static constexpr int kSmallSparse = 1000;
   static constexpr int kMediumSparse = 30000;
   static constexpr int kFactored = 300000;  // beyond, a factor of the Hessian takes too long
-  static constexpr Scalar kWeak = Scalar(1e-4);
+  static constexpr int kSmallFloppy = 100;
+  static constexpr Scalar kWeak = Scalar(5e-5);
+  static constexpr Scalar kWeakForFloppy = Scalar(5e-3);
   static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
   static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton || System::kHasTriples;
 
@@ -78,6 +86,29 @@ class Auto {
   };
   template <bool kWanted, typename Solver>
   using If = std::conditional_t<kWanted, Solver, Nothing>;
+
+  // Whether most nodes have an anchor of less than this share of the stiffness that the links of a node have
+  // on average. The values may be bad ones, which the method refuses.
+  static bool has_weak_anchors(const System& system, Scalar share) {
+    const Scalar links = 2 * system.link_stiffness.sum() / static_cast<Scalar>(system.nodes());
+    return 2 * (system.anchor_stiffness.array() < share * links).count() > system.nodes();
+  }
+
+  // The solve of a system with few links a node.
+  Summary solve_sparse(const System& system, Points& x) requires(kHeap) {
+    const int n = system.nodes();
+    const bool are_anchored = 2 * (system.anchor_stiffness.array() > 0).count() > n;
+    const bool is_floppy = system.link_count() < std::int64_t{System::kDim} * n;
+    if (is_floppy && are_anchored && has_weak_anchors(system, kWeakForFloppy) && n >= kSmallFloppy &&
+        n <= kMediumSparse) {
+      const Summary summary = solve_by(sparse_newton_, system, x);
+      if (summary.status != Status::NumericalFailure) return summary;
+    } else if (n > kSmallSparse) {
+      if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_by(schwarz_, system, x);
+      if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
+    }
+    return solve_by(newton_cg_, system, x);
+  }
 
   template <typename Solver>
   Summary solve_by(Solver& solver, const System& system, Points& x) {
@@ -91,6 +122,7 @@ class Auto {
   If<kHasMore, NewtonCg<System>> newton_cg_;
   If<kHeap, Schwarz<System>> schwarz_;
   If<kHeap, detail::FactoredSchwarz<System>> factored_schwarz_;
+  If<kHeap, SparseNewton<System>> sparse_newton_;
 };
 
 template <typename System>
@@ -104,10 +136,8 @@ Summary Auto<System>::run(const System& system, Points& x) {
     if (!kHeap || 3 * std::int64_t{system.link_count()} > pairs) {
       const Summary summary = solve_by(lbfgs_, system, x);
       if (summary.status != Status::NumericalFailure) return summary;
-    } else if (n > kSmallSparse) {
-      const bool weak = system.anchor_stiffness.sum() < kWeak * system.link_stiffness.sum();
-      if (!weak || n > kFactored) return solve_by(schwarz_, system, x);
-      if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
+    } else if constexpr (kHeap) {
+      return solve_sparse(system, x);
     }
     return solve_by(newton_cg_, system, x);
   } else {

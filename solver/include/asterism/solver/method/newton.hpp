@@ -9,12 +9,14 @@
 #include <asterism/solver/detail/newton_matrix.hpp>
 #include <asterism/solver/detail/saddle.hpp>
 #include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <cmath>
+#include <limits>
 #include <string_view>
 
 namespace asterism {
@@ -22,7 +24,7 @@ inline namespace ASTERISM_ABI {
 
 /// Options of Newton.
 struct NewtonOptions : AlignedOptions {
-  /// Continue from stationary points whose Hessian has a negative eigenvalue.
+  /// Continue from stationary points whose Hessian has a negative eigenvalue, or where linked nodes coincide.
   bool escape_saddles = true;
 
   constexpr NewtonOptions() = default;
@@ -48,7 +50,9 @@ inline void visit_options(OptionVisitor& visit, NewtonOptions& options) {
 /// Newton's decrement, is below the tolerance's share of the energy is taken as the last one, which the
 /// stopping rule then confirms.
 ///
-/// At a stationary point whose Hessian has a negative pivot it continues along the negative curvature.
+/// At a stationary point whose Hessian has negative curvature, it continues along that; at one where the ends
+/// of a link that pushes them apart coincide, it separates them. So it leaves a line or plane that the start,
+/// and all anchors, lie on.
 /// Summary::positive_definite describes the Hessian at the x returned, or one such last step before it, if
 /// the Hessian is too far from singular for the step to matter.
 ///
@@ -97,6 +101,7 @@ class Newton {
     ++summary.gradient_evaluations;
     if (!(session_.energy() <= energy_ + detail::rounding_of_energy(system, x, energy_))) return false;
     if (!session_.stationary(session_.gradient())) return false;
+    if (detail::peaked_link(system, next_x_) >= 0) return false;
     const bool may_turn = may_turn_indefinite((next_x_ - x).squaredNorm());
     x = next_x_;
     ++summary.iterations;
@@ -210,10 +215,25 @@ class Newton {
     return curvature;
   }
 
-  // From a saddle down along negative curvature.
+  // Writes a direction into step_ in which the energy falls to both sides, and returns its curvature; 0 if
+  // there is none.
+  Scalar descent_from_saddle(const System& system, const Points& x) {
+    if (const Scalar curvature = detail::direction_off_peak(system, x, step_); curvature < 0)
+      return curvature;
+    if (matrix_.negative_curvature(step_) < 0) return bend_downwards(system, x);
+    constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
+    Scalar curvature = 0;  // of the nodes' stiffness
+    matrix_.any_flat_direction(step_, [&](const Points&) {
+      curvature = bend_downwards(system, x);
+      return curvature < -kRounding;
+    });
+    return curvature < -kRounding ? curvature : Scalar(0);
+  }
+
+  // From a saddle or peak down.
   bool escape(const System& system, Points& x, Summary& summary) {
-    if (!(matrix_.negative_curvature(step_) < 0)) return false;
-    const Scalar curvature = bend_downwards(system, x);
+    const Scalar curvature = descent_from_saddle(system, x);
+    if (!(curvature < 0)) return false;
     const Scalar t =
         detail::step_off_saddle(system, x, energy_, session_.length(), curvature, step_, next_x_, summary);
     if (t == 0) return false;
@@ -261,8 +281,9 @@ Summary Newton<System>::run(const System& given, Points& x) {
       const bool definite = matrix_.factorize();
       summary.positive_definite = clamps_ ? -1 : definite;
       if (stationary) {
+        const bool is_minimum = definite && detail::peaked_link(system, x) < 0;
         if (!last &&
-            (definite ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
+            (is_minimum ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
           continue;
         session_.adopt(x, energy_, gradient_);
         return Status::Converged;

@@ -11,6 +11,7 @@
 #include <asterism/solver/detail/sparse_blocks.hpp>
 #include <asterism/solver/detail/sparse_factor.hpp>
 #include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/linear/jacobi_metric.hpp>
@@ -119,9 +120,6 @@ class SparseLdlt {
   /// step = matrix^-1 gradient, both of the matrix's size.
   void solve(const Vector& gradient, Vector& step) { step = ldlt_->solve(gradient); }
 
-  /// A direction of negative curvature, see detail::SparseFactor.
-  Scalar negative_curvature(Vector& v) const { return ldlt_->negative_curvature(v); }
-
  private:
   using Ldlt = detail::SparseFactor<Scalar>;
   std::unique_ptr<Ldlt> ldlt_;  // Eigen's cannot be moved
@@ -129,8 +127,7 @@ class SparseLdlt {
 
 /// Options of SparseNewton.
 struct SparseNewtonOptions : AlignedOptions {
-  /// Continue from stationary points whose Hessian has a negative pivot, if the factorisation shows it
-  /// (SparseLdlt does).
+  /// Continue from stationary points whose Hessian has a negative eigenvalue, or where linked nodes coincide.
   bool escape_saddles = true;
 
   /// Begin with strong anchors if they are weak and the start is far from a minimum.
@@ -301,21 +298,40 @@ class SparseNewton {
                                                     : std::max(turn_ / 2, kTurn);
   }
 
-  // From a saddle down along negative curvature.
+  // Writes a direction of negative curvature into direction_ and returns its curvature or more; 0 if there is
+  // none, or no memory for one more factorisation. The policy's factors may have stopped at the first pivot
+  // that is not positive; those of Eigen's L D L^T go on unless it is 0, as it often is where motions are
+  // free, so the diagonal is raised by a share of the nodes' stiffness that hides next to nothing.
+  Scalar negative_curvature(const System& system, const Points& x, Summary& summary) {
+    const MatrixScalar share = std::sqrt(std::numeric_limits<MatrixScalar>::epsilon());
+    MatrixScalar curvature = 0;
+    detail::attempt<std::bad_alloc>(
+        [&] {
+          detail::SparseFactor<MatrixScalar> factor;
+          hessian_.assemble(system, x, false);
+          hessian_.raise_diagonal(share, session_.node_stiffness());
+          factor.analyze(hessian_.matrix());
+          factor.factorize(hessian_.matrix());
+          ++summary.factorizations;
+          curvature = factor.negative_curvature(step_);
+        },
+        [&](const std::bad_alloc&) { curvature = 0; });
+    if (curvature < 0) direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
+    return static_cast<Scalar>(curvature);
+  }
+
+  // From a saddle or peak down.
   bool escape(const System& system, Points& x, Summary& summary) {
-    if constexpr (requires { factorization_.negative_curvature(step_); }) {
-      const auto curvature = static_cast<Scalar>(factorization_.negative_curvature(step_));
-      if (!(curvature < 0)) return false;
-      direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
-      const Scalar t = detail::step_off_saddle(system, x, state_.energy(), session_.length(), curvature,
-                                               direction_, next_x_, summary);
-      if (t == 0) return false;
-      x += t * direction_;
-      state_.start(system, x, summary);
-      ++summary.iterations;
-      return true;
-    }
-    return false;
+    Scalar curvature = detail::direction_off_peak(system, x, direction_);
+    if (curvature == 0) curvature = negative_curvature(system, x, summary);
+    if (!(curvature < 0)) return false;
+    const Scalar t = detail::step_off_saddle(system, x, state_.energy(), session_.length(), curvature,
+                                             direction_, next_x_, summary);
+    if (t == 0) return false;
+    x += t * direction_;
+    state_.start(system, x, summary);
+    ++summary.iterations;
+    return true;
   }
 
   Session<System> session_;
@@ -376,7 +392,7 @@ Status SparseNewton<System, Factorization>::descend(const System& system, Points
       summary.positive_definite = definite;
     }
     if (last) return Status::Converged;
-    if (stationary && !definite) {
+    if (stationary && !(definite && detail::peaked_link(system, x) < 0)) {
       if (!(options.escape_saddles && escape(system, x, summary))) return Status::Converged;
       continue;
     }

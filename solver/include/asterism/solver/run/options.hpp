@@ -15,7 +15,9 @@ inline namespace ASTERISM_ABI {
 struct SolverOptions {
   /// Stop when stationarity(system, x), a ratio without units, is at most this. Invariant to translation,
   /// rotation and scale of the points and to the unit of stiffness. 1e-8 with nodes 30 px apart: no node
-  /// would move by more than 3e-7 px if the others stood still. Judged at the x that is returned, wherever
+  /// would move by more than 3e-7 px if the others stood still. The unit of length is characteristic_length,
+  /// in which also a weak spring counts if it is long: beside nodes that are very far away, nodes close
+  /// together need a smaller tolerance. Judged at the x that is returned, wherever
   /// the start was. A tolerance below 64 epsilons of the scalar (1.4e-14, in float 8e-6) counts as that. One
   /// below the rounding of the coordinates, which are then far from the origin, may end at NoProgress, and
   /// the message says so; so may, below some 1e-7, methods that compare energies (Ceres).

@@ -34,7 +34,7 @@ typename System::Scalar rounding_of_energy(const System& system, const typename 
                                            typename System::Scalar energy) {
   using Scalar = typename System::Scalar;
   const auto terms = static_cast<Scalar>(system.nodes() + system.link_count());
-  return terms * std::numeric_limits<Scalar>::epsilon() * energy_scale(system, x, energy);
+  return terms * std::numeric_limits<Scalar>::epsilon() * rounding_scale(system, x, energy);
 }
 
 }  // namespace detail
