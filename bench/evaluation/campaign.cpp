@@ -49,8 +49,10 @@ Json to_json(const Campaign& campaign) {
             {"trackers", campaign.trackers},        {"sequences", Json::object()},
             {"unreadable", campaign.unreadable},    {"record", campaign.record}};
   for (const Protocol protocol : campaign.protocols) json["protocols"].push_back(to_string(protocol));
+  std::map<std::string, Json> sequences;  // sorted, as looking up a member of a Json takes linear time
   for (const Sequence& sequence : campaign.sequences)
-    json["sequences"][sequence.name] = {{"frames", sequence.length()}, {"truth", truth_digest(sequence)}};
+    sequences[sequence.name] = {{"frames", sequence.length()}, {"truth", truth_digest(sequence)}};
+  json["sequences"] = sequences;
   return json;
 }
 
@@ -154,13 +156,20 @@ void check_same(const fs::path& file, const Json& old, const Json& now) {
   for (const auto& [name, value] : now["options"].items())
     if (const Json before = old["options"].value(name, Json()); name != "starts" && before != value)
       differs(name, before, value);
-  for (const auto& [name, value] : now["sequences"].items())
-    if (old["sequences"].contains(name) && old["sequences"][name] != value)
-      differs("sequence " + name, old["sequences"][name], value);
-  for (const auto& [name, value] : now["trackers"].items())
-    if (old["trackers"].contains(name) && old["trackers"][name] != value &&
-        has_results(file.parent_path(), name))
-      differs("tracker " + name, old["trackers"][name], value, " or --rerun " + name);
+  using Members = std::map<std::string, Json>;
+  const auto compare = [&](const char* key, const auto& report) {
+    const auto before = old[key].get<Members>();
+    for (const auto& [name, value] : now[key].get<Members>())
+      if (const auto found = before.find(name); found != before.end() && found->second != value)
+        report(name, found->second, value);
+  };
+  compare("sequences", [&](const std::string& name, const Json& before, const Json& value) {
+    differs("sequence " + name, before, value);
+  });
+  compare("trackers", [&](const std::string& name, const Json& before, const Json& value) {
+    if (has_results(file.parent_path(), name))
+      differs("tracker " + name, before, value, " or --rerun " + name);
+  });
 }
 
 struct Job {
@@ -258,9 +267,9 @@ void write_campaign(Campaign& campaign) {
     campaign.unreadable = before.unreadable;
     for (const Sequence& sequence : campaign.sequences) campaign.unreadable.erase(sequence.name);
     now = to_json(campaign);
-    Json sequences = old["sequences"];
-    sequences.update(now["sequences"]);
-    now["sequences"] = std::move(sequences);
+    auto sequences = now["sequences"].get<std::map<std::string, Json>>();
+    sequences.merge(old["sequences"].get<std::map<std::string, Json>>());
+    now["sequences"] = sequences;
   }
   write_atomically(file, now.dump(1) + "\n");
 }

