@@ -150,6 +150,7 @@ class Reader {
 
  private:
   bool has_any(const TrackerScores& tracker, Protocol protocol) const {
+    if (!fs::exists(campaign_.folder / "results" / tracker.name / experiment_name(protocol))) return false;
     return std::ranges::any_of(campaign_.sequences, [&](const Sequence& sequence) {
       return is_measured(sequence) &&
              std::ranges::any_of(expected_runs(campaign_, tracker, sequence, protocol), [&](const Run& run) {
@@ -190,8 +191,9 @@ class Reader {
           if (read.front().outcomes[t] == Outcome::Failed) scores.failed.push_back(t);
       });
     tracker.supervised.push_back(supervised_sequence(sequence, std::move(read)));
-    const auto score = accuracy_robustness(std::span(&tracker.supervised.back(), 1), Toolkit::Legacy);
-    scores.accuracy = score.accuracy;
+    const std::span one(&tracker.supervised.back(), 1);
+    const auto score = accuracy_robustness(one, Toolkit::Legacy);
+    if (accuracy_frames(one) > 0) scores.accuracy = score.accuracy;
     scores.failures = score.failures;
   }
 
@@ -334,9 +336,12 @@ void score_supervised(std::vector<TrackerRuns>& trackers, Analysis& analysis) {
     scores.robustness_rank = ranks.robustness[i];
     scores.mean_accuracy_rank = mean_ranks.accuracy[i];
     scores.mean_robustness_rank = mean_ranks.robustness[i];
-    for (const std::string& tag : analysis.tags)
-      scores.attributes[tag] = {accuracy_robustness(all[i], Toolkit::Legacy, tag),
-                                eao(all[i], interval, Toolkit::Legacy, tag)};
+    for (const std::string& tag : analysis.tags) {
+      AttributeScores& attribute = scores.attributes[tag];
+      attribute = {accuracy_robustness(all[i], Toolkit::Legacy, tag),
+                   eao(all[i], interval, Toolkit::Legacy, tag)};
+      if (accuracy_frames(all[i], tag) == 0) attribute.score.accuracy = kNone;
+    }
     trackers[numbers[i]].scores.supervised = std::move(scores);
   }
 }
@@ -484,8 +489,14 @@ std::string_view to_string(Measure measure) {
 
 Analysis analyse(const Campaign& campaign, const AnalysisOptions& options) {
   Analysis analysis;
+  analysis.left_out = unreadable_lines(campaign.unreadable);
   analysis.measured = static_cast<std::size_t>(std::ranges::count_if(campaign.sequences, is_measured));
   if (const std::string text = unmeasured_text(campaign); !text.empty()) analysis.left_out.push_back(text);
+  for (const Sequence& sequence : campaign.sequences)
+    for (const Protocol protocol : campaign.protocols)
+      if (const std::string line = reason_for_no_run(sequence, protocol, campaign.options);
+          is_measured(sequence) && !line.empty())
+        analysis.left_out.push_back(line);
   if (analysis.measured == 0)
     throw std::runtime_error(campaign.dataset.string() + ": " +
                              (analysis.left_out.empty() ? "no sequences" : analysis.left_out.front()) +

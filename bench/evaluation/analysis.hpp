@@ -32,14 +32,14 @@ std::string_view to_string(Measure measure);
 
 /// One tracker on one sequence. Values that are not measured are NaN.
 struct SequenceScores {
-  double accuracy = 0, failures = 0;  ///< supervised, mean over the runs
+  double accuracy = 0, failures = 0;  ///< supervised, mean over the runs; no accuracy if no frame counts
   double average_overlap = 0;         ///< one pass, mean over the runs
   std::vector<double> overlaps;       ///< of each frame of the first supervised run, else of the first pass
   std::vector<std::size_t> failed;    ///< frames of the first supervised run, from 0
 };
 
 struct AttributeScores {
-  AccuracyRobustness score;  ///< of Toolkit::Legacy
+  AccuracyRobustness score;  ///< of Toolkit::Legacy; the accuracy is NaN if no frame counts
   double eao = 0;            ///< of Toolkit::Legacy
 };
 

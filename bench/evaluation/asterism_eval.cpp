@@ -122,6 +122,11 @@ class RunCommand {
       for (const std::string& name : rerun_) drop_results(campaign, name);
       write_campaign(campaign);
     }
+    if (processes.shard().index == 0)
+      for (const Sequence& sequence : campaign.sequences)
+        for (const Protocol protocol : protocols)
+          if (const std::string line = reason_for_no_run(sequence, protocol, options_); !line.empty())
+            std::fprintf(stderr, "%s\n", line.c_str());
     // No process starts runs before the campaign has been checked.
     if (const auto wait = processes.barrier()) wait();
 
@@ -132,15 +137,15 @@ class RunCommand {
     if (tally.failed > 0)
       std::fprintf(stderr, "; trackers threw in %zu: *_errors.log beside their results", tally.failed);
     std::fprintf(stderr, "\n");
-    if (!tally.damaged.empty())
-      std::fprintf(stderr, "damaged images, treated as blank frames: %zu, the first is %s\n",
-                   tally.damaged.size(), tally.damaged.begin()->c_str());
+    record_unreadable(campaign, tally.unreadable);
+    for (const std::string& line : unreadable_lines(tally.unreadable))
+      std::fprintf(stderr, "%s\n", line.c_str());
     if (tally.interrupted) {
       std::fprintf(stderr, "interrupted; the same command goes on%s\n",
                    rerun_.empty() ? "" : ", without --rerun");
       return 128 + stop_signal();
     }
-    return 0;
+    return tally.unreadable.size() == campaign.sequences.size() ? 1 : 0;
   }
 
  private:
@@ -195,9 +200,12 @@ class ReportCommand {
 
  private:
   void keep_sequences(Campaign& campaign) const {
-    for (const std::string& name : only_)
+    for (const std::string& name : only_) {
+      if (campaign.unreadable.contains(name))
+        throw std::invalid_argument("--sequences " + name + ": " + campaign.unreadable.at(name));
       if (std::ranges::find(campaign.sequences, name, &Sequence::name) == campaign.sequences.end())
         throw std::invalid_argument("--sequences " + name + ": the results are not of such a sequence");
+    }
     std::erase_if(campaign.sequences, [this](const Sequence& sequence) {
       return std::ranges::find(only_, sequence.name) == only_.end();
     });
@@ -235,7 +243,12 @@ class ExportCommand {
     app_.add_option("--trackers", trackers_, "only these, separated by commas")->delimiter(',');
   }
 
-  Campaign campaign() const { return read_campaign(folder_, dataset_); }
+  Campaign campaign() const {
+    Campaign campaign = read_campaign(folder_, dataset_);
+    for (const std::string& line : unreadable_lines(campaign.unreadable))
+      std::fprintf(stderr, "%s\n", line.c_str());
+    return campaign;
+  }
   std::vector<std::string> names(const Campaign& campaign) const {
     std::vector<std::string> names = trackers_;
     if (names.empty())

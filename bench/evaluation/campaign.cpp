@@ -17,6 +17,7 @@
 #include <utility>
 
 #include "progress.hpp"
+#include "text.hpp"
 
 namespace asterism::bench {
 namespace {
@@ -43,16 +44,15 @@ Json to_json(const ProtocolOptions& options) {
 }
 
 Json to_json(const Campaign& campaign) {
-  Json json{{"dataset", campaign.dataset.string()},
-            {"layout", to_string(campaign.layout)},
-            {"options", to_json(campaign.options)},
-            {"protocols", Json::array()},
-            {"trackers", campaign.trackers},
-            {"sequences", Json::object()},
-            {"record", campaign.record}};
+  Json json{{"dataset", campaign.dataset.string()}, {"layout", to_string(campaign.layout)},
+            {"options", to_json(campaign.options)}, {"protocols", Json::array()},
+            {"trackers", campaign.trackers},        {"sequences", Json::object()},
+            {"unreadable", campaign.unreadable},    {"record", campaign.record}};
   for (const Protocol protocol : campaign.protocols) json["protocols"].push_back(to_string(protocol));
+  std::map<std::string, Json> sequences;  // sorted, as looking up a member of a Json takes linear time
   for (const Sequence& sequence : campaign.sequences)
-    json["sequences"][sequence.name] = {{"frames", sequence.length()}, {"truth", truth_digest(sequence)}};
+    sequences[sequence.name] = {{"frames", sequence.length()}, {"truth", truth_digest(sequence)}};
+  json["sequences"] = sequences;
   return json;
 }
 
@@ -130,6 +130,8 @@ Campaign from_json(const fs::path& folder, const Json& json) try {
   campaign.record = json.at("record");
   check_record(campaign.record);
   if (!json.at("sequences").is_object()) throw std::invalid_argument("sequences are not an object");
+  if (json.contains("unreadable"))
+    campaign.unreadable = json["unreadable"].get<std::map<std::string, std::string>>();
   return campaign;
 } catch (const Json::exception& error) {
   throw std::runtime_error((folder / kFile).string() + ": " + error.what());
@@ -154,13 +156,20 @@ void check_same(const fs::path& file, const Json& old, const Json& now) {
   for (const auto& [name, value] : now["options"].items())
     if (const Json before = old["options"].value(name, Json()); name != "starts" && before != value)
       differs(name, before, value);
-  for (const auto& [name, value] : now["sequences"].items())
-    if (old["sequences"].contains(name) && old["sequences"][name] != value)
-      differs("sequence " + name, old["sequences"][name], value);
-  for (const auto& [name, value] : now["trackers"].items())
-    if (old["trackers"].contains(name) && old["trackers"][name] != value &&
-        has_results(file.parent_path(), name))
-      differs("tracker " + name, old["trackers"][name], value, " or --rerun " + name);
+  using Members = std::map<std::string, Json>;
+  const auto compare = [&](const char* key, const auto& report) {
+    const auto before = old[key].get<Members>();
+    for (const auto& [name, value] : now[key].get<Members>())
+      if (const auto found = before.find(name); found != before.end() && found->second != value)
+        report(name, found->second, value);
+  };
+  compare("sequences", [&](const std::string& name, const Json& before, const Json& value) {
+    differs("sequence " + name, before, value);
+  });
+  compare("trackers", [&](const std::string& name, const Json& before, const Json& value) {
+    if (has_results(file.parent_path(), name))
+      differs("tracker " + name, before, value, " or --rerun " + name);
+  });
 }
 
 struct Job {
@@ -226,7 +235,11 @@ Campaign read_campaign(const fs::path& folder, const fs::path& dataset) {
   Campaign campaign = from_json(folder, json);
   if (!dataset.empty()) campaign.dataset = fs::absolute(dataset);
   std::vector<std::string> names;
-  for (const auto& [name, record] : json["sequences"].items()) names.push_back(name);
+  for (const auto& [name, record] : json["sequences"].items())
+    if (!campaign.unreadable.contains(name)) names.push_back(name);
+  if (names.empty() && !campaign.unreadable.empty())
+    throw std::runtime_error(folder.string() +
+                             ": no sequence could be read: " + campaign.unreadable.begin()->second);
   campaign.sequences = open_dataset(campaign.dataset, campaign.layout, names).sequences;
   for (Sequence& sequence : campaign.sequences) sequence.range = campaign.options.range;
   check_same(folder / kFile, json, to_json(campaign));
@@ -251,12 +264,30 @@ void write_campaign(Campaign& campaign) {
     Json record = before.record;
     record.insert(record.end(), campaign.record.begin(), campaign.record.end());
     campaign.record = std::move(record);
+    campaign.unreadable = before.unreadable;
+    for (const Sequence& sequence : campaign.sequences) campaign.unreadable.erase(sequence.name);
     now = to_json(campaign);
-    Json sequences = old["sequences"];
-    sequences.update(now["sequences"]);
-    now["sequences"] = std::move(sequences);
+    auto sequences = now["sequences"].get<std::map<std::string, Json>>();
+    sequences.merge(old["sequences"].get<std::map<std::string, Json>>());
+    now["sequences"] = sequences;
   }
   write_atomically(file, now.dump(1) + "\n");
+}
+
+std::vector<std::string> unreadable_lines(const std::map<std::string, std::string>& unreadable) {
+  std::vector<std::string> lines;
+  for (const auto& [name, reason] : unreadable)
+    lines.push_back(name + " cannot be read and has no score: " + printable(reason));
+  return lines;
+}
+
+void record_unreadable(const Campaign& campaign, const std::map<std::string, std::string>& unreadable) {
+  if (unreadable.empty()) return;
+  const fs::path file = campaign.folder / kFile;
+  const FolderLock lock(campaign.folder, std::chrono::seconds(10));
+  Json json = read_json(file);
+  for (const auto& [name, reason] : unreadable) json["unreadable"][name] = printable(reason);
+  write_atomically(file, json.dump(1) + "\n");
 }
 
 void drop_results(const Campaign& campaign, const std::string& tracker) {
@@ -293,7 +324,7 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
   SharedImages shared(campaign.sequences);
   std::atomic<std::size_t> next = 0;
   std::mutex mutex;  // guards all below
-  std::size_t done = 0;
+  std::size_t done = 0, dropped = 0;
   std::exception_ptr failure;
   tools::Progress progress(static_cast<int>(frames));
 
@@ -303,8 +334,19 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
       for (std::size_t j; (j = next++) < jobs.size();) {
         const Job& job = jobs[j];
         const Sequence& sequence = campaign.sequences[job.sequence];
-        images = shared(job.sequence);
         std::size_t seen = 0;
+        const auto drop = [&] {
+          ++dropped;
+          done += job.run.frames - seen;
+        };
+        {
+          const std::lock_guard lock(mutex);
+          if (tally.unreadable.contains(sequence.name)) {
+            drop();
+            continue;
+          }
+        }
+        images = shared(job.sequence);
         const auto each_frame = [&] {
           const std::lock_guard lock(mutex);
           ++seen;
@@ -312,16 +354,23 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
           return !how.stop() && !failure;
         };
         std::optional<RunResult> result;
-        for (int left = is_external(campaign.trackers.at(*job.tracker)) ? how.retries : 0;; --left) {
-          try {
-            result = execute(starts.at(*job.tracker), *images, job.run, campaign.options, each_frame);
-            if (!result) return;
-            if (result->errors.empty() || left == 0) break;
-          } catch (const UnusableTracker&) {
-            if (left == 0) throw;
+        try {
+          for (int left = is_external(campaign.trackers.at(*job.tracker)) ? how.retries : 0;; --left) {
+            try {
+              result = execute(starts.at(*job.tracker), *images, job.run, campaign.options, each_frame);
+              if (!result) return;
+              if (result->errors.empty() || left == 0) break;
+            } catch (const UnusableTracker&) {
+              if (left == 0) throw;
+            }
+            const std::lock_guard lock(mutex);
+            done -= std::exchange(seen, 0);
           }
+        } catch (const UnreadableSequence& error) {
           const std::lock_guard lock(mutex);
-          done -= std::exchange(seen, 0);
+          tally.unreadable.emplace(sequence.name, error.what());
+          drop();
+          continue;
         }
         std::string errors;
         for (const std::string& error : result->errors) errors += error + "\n";
@@ -337,7 +386,6 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
         const std::lock_guard lock(mutex);
         done += job.run.frames - std::min(seen, job.run.frames);
         ++tally.runs;
-        tally.damaged.merge(images->damaged());
         tally.failed += errors.empty() ? 0 : 1;
       }
     } catch (...) {
@@ -350,7 +398,7 @@ CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::stri
     for (int w = 0; w < how.workers; ++w) pool.emplace_back(work);
   }
   if (failure) std::rethrow_exception(failure);
-  tally.interrupted = tally.runs < jobs.size();
+  tally.interrupted = tally.runs + dropped < jobs.size();
   return tally;
 }
 

@@ -4,7 +4,6 @@
 #include <filesystem>
 #include <functional>
 #include <map>
-#include <set>
 #include <string>
 #include <vector>
 
@@ -23,7 +22,10 @@ struct Campaign {
   ProtocolOptions options;
   std::map<std::string, std::string> trackers;  ///< name of the folder -> argument of evaluated_tracker
   std::vector<Protocol> protocols;              ///< those that have been run
-  std::vector<Sequence> sequences;
+  std::vector<Sequence> sequences;              ///< without those that are unreadable
+  /// Sequences with a frame that could not be read when they were run last, and the reasons: they have no
+  /// score.
+  std::map<std::string, std::string> unreadable;
   Json record = Json::array();  ///< an entry per process that ran: command, machine, workers, date
 
   /// Where the result of a run is, or will be.
@@ -52,6 +54,13 @@ Campaign read_campaign(const std::filesystem::path& folder, const std::filesyste
 /// not fit together. A name without results may be given to another tracker.
 void write_campaign(Campaign& campaign);
 
+/// Campaign::unreadable for the user, a line each.
+std::vector<std::string> unreadable_lines(const std::map<std::string, std::string>& unreadable);
+
+/// Adds sequences that turned out to be unreadable to FOLDER/campaign.json, where the next `write_campaign`
+/// of a campaign on them removes them.
+void record_unreadable(const Campaign& campaign, const std::map<std::string, std::string>& unreadable);
+
 /// Removes all results of a tracker.
 void drop_results(const Campaign& campaign, const std::string& tracker);
 
@@ -63,15 +72,16 @@ struct CampaignRun {
   int retries = 0;             ///< for a run in which an external tracker threw; the last one is stored
 };
 struct CampaignTally {
-  std::size_t runs = 0;                          ///< made now
-  std::size_t kept = 0;                          ///< found already stored
-  std::size_t failed = 0;                        ///< of those made now, runs in which the tracker threw
-  std::set<std::filesystem::path> damaged = {};  ///< images that were replaced by blank ones
+  std::size_t runs = 0;      ///< made now
+  std::size_t kept = 0;      ///< found already stored
+  std::size_t failed = 0;    ///< of those made now, runs in which the tracker threw
   bool interrupted = false;  ///< runs at work were dropped, and are made again by the next call
+  std::map<std::string, std::string> unreadable = {};  ///< as Campaign::unreadable
 };
 /// Makes the runs of the given trackers and protocols on the campaign's sequences that have no stored result
 /// yet, and stores each when it is complete, with progress on standard error. Apart from times, the results
-/// do not depend on workers and shards. Throws for files that cannot be read or written, and UnusableTracker.
+/// do not depend on workers and shards. A run that meets a frame that cannot be read has no result, and no
+/// further runs are made on that sequence. Throws for files that cannot be written, and UnusableTracker.
 CampaignTally run_campaign(const Campaign& campaign, const std::vector<std::string>& trackers,
                            const std::vector<Protocol>& protocols, const CampaignRun& how);
 

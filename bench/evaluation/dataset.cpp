@@ -194,18 +194,22 @@ void print_notes(const Dataset& dataset) {
   for (const std::string& note : dataset.notes) std::fprintf(stderr, "%s\n", note.c_str());
 }
 
-cv::Mat FrameReader::operator()(std::size_t t) {
+cv::Mat FrameReader::operator()(std::size_t t) try {
+  return read(t);
+} catch (const std::runtime_error& error) {
+  throw UnreadableSequence(error.what());
+}
+
+cv::Mat FrameReader::read(std::size_t t) {
   if (t >= sequence_.length())
     throw std::out_of_range(sequence_.name + " has no frame " + std::to_string(t + 1));
   cv::Mat image;
   if (!sequence_.images.empty()) {
     const fs::path& file = sequence_.images[t];
-    const tools::FrameImage frame = tools::read_frame(file, sequence_.range, size_);
-    if (frame.damaged)
-      damaged_.insert(file);
-    else
-      size_ = frame.pixels.size();
+    const tools::FrameImage frame = tools::read_frame(file, sequence_.range);
+    if (frame.damaged) fail(file, "a damaged image: fetch it again");
     try {
+      if (!std::exchange(checked_, true)) first_frame(frame.pixels);
       return tools::to_bgr8(frame.pixels);
     } catch (const std::invalid_argument& error) {
       fail(file, error.what());

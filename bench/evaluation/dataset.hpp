@@ -4,7 +4,7 @@
 #include <map>
 #include <opencv2/core.hpp>
 #include <optional>
-#include <set>
+#include <stdexcept>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -78,23 +78,29 @@ Dataset open_dataset(const std::filesystem::path& path, Layout layout = Layout::
 /// Prints the notes on standard error.
 void print_notes(const Dataset& dataset);
 
+/// A frame of a sequence cannot be read. The message names the file and the reason.
+class UnreadableSequence : public std::runtime_error {
+ public:
+  using std::runtime_error::runtime_error;
+};
+
 /// The frames of a sequence in any order (for an earlier frame, a video is decoded from its beginning).
 class FrameReader {
  public:
   /// `sequence` must outlive the reader.
   explicit FrameReader(const Sequence& sequence) : sequence_(sequence) {}
 
-  /// Frame t, from 0; 8-bit BGR. A damaged image gives a blank frame of the size of another one. Throws
-  /// std::runtime_error that names the file if it cannot be a frame at all (see tools::read_frame).
+  /// Frame t, from 0; 8-bit BGR. Throws UnreadableSequence if the image is damaged or cannot be a frame (see
+  /// tools::read_frame), and if the first image that is read would be black in 8 bits (see first_frame): a
+  /// score on other frames than the published ones would say nothing.
   cv::Mat operator()(std::size_t t);
-  /// The damaged images among those read so far.
-  const std::set<std::filesystem::path>& damaged() const { return damaged_; }
 
  private:
+  cv::Mat read(std::size_t t);
+
   const Sequence& sequence_;
   std::optional<tools::ImageSource> video_;
-  std::set<std::filesystem::path> damaged_;
-  cv::Size size_;  // of the last image that was not damaged
+  bool checked_ = false;  // whether the first image that was read is not black
 };
 
 }  // namespace asterism::bench

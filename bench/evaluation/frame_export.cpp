@@ -6,10 +6,17 @@
 #include <cstdio>
 #include <stdexcept>
 
+#include "peers.hpp"
+
 namespace asterism::bench {
 namespace {
 
 namespace fs = std::filesystem;
+
+// Whether the tracker has answered in any frame.
+bool tracks_any(const Trajectory& trajectory) {
+  return std::ranges::any_of(trajectory.frames, [](const auto& frame) { return frame.region.has_value(); });
+}
 
 // Appends the run's frames as lines that begin with `head`; returns their number.
 std::size_t append_frames(const std::string& head, const Trajectory& trajectory, const Sequence& sequence,
@@ -46,10 +53,14 @@ std::size_t export_frames(const Campaign& campaign, const std::vector<std::strin
         for (const Run& run : runs_of(sequence, protocol, campaign.options)) {
           const Trajectory trajectory = campaign.result(tracker, sequence, run);
           const auto confidence = trajectory.values.find("confidence");
-          if (confidence == trajectory.values.end())
+          if (confidence == trajectory.values.end()) {
+            if (!tracks_any(trajectory)) continue;  // it was never asked for one
             throw std::runtime_error(campaign.file(tracker, sequence, run).string() +
-                                     ": stored without confidences; make it again with --rerun " + tracker +
-                                     ", if the tracker has a confidence");
+                                     ": stored without confidences; " +
+                                     (has_confidence(campaign.trackers.at(tracker))
+                                          ? "make it again with --rerun " + tracker
+                                          : "the tracker gives none: leave it out by --trackers"));
+          }
           count += append_frames(tracker + "," + std::string(to_string(protocol)) + "," + sequence.name +
                                      "," + std::to_string(run.number),
                                  trajectory, sequence, campaign.options, confidence->second, lines);

@@ -441,7 +441,7 @@ bool is_plain(const fs::path& path) {
   return (fs::is_directory(path) || is_video(path)) && fs::is_regular_file(box_file(path));
 }
 
-std::vector<Sequence> read_plain(const fs::path& path, Notes&) {
+std::vector<Sequence> read_plain(const fs::path& path, Notes& notes) {
   const fs::path truth = box_file(path);
   Sequence sequence = sequence_of(truth.stem().string(), {}, truth);
   tools::ImageSource source = tools::ImageSource::open(path.string());
@@ -455,6 +455,10 @@ std::vector<Sequence> read_plain(const fs::path& path, Notes&) {
   }  // the length in a video's header is only an estimate
   const auto frames = static_cast<std::size_t>(source.position());
   if (frames == 0) fail(path, "no frame can be decoded");
+  if (const auto missing = source.missing())
+    notes.push_back(path.string() + ": about " + std::to_string(missing->count) +
+                    " frames are missing, the first after frame " + std::to_string(missing->after) +
+                    ": boxes may belong to other frames");
   if (sequence.truth.size() == 1) sequence.truth.resize(frames);
   if (sequence.truth.size() != frames)
     fail(truth, sequence.truth.size(),

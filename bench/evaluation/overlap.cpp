@@ -148,11 +148,13 @@ std::int64_t common_length(const Spans& a, const Spans& b) {
 // A region as pixel rows of a window. Between two of its `breaks` the same edges cross every row; `enter` is
 // called with the first row of each such band, from top to bottom. In the current band, `is_upright` says
 // whether all rows are alike, `edges` is the number of edges that cross each, and `row` gives the pixels of
-// one. `crossings` is the number of edges summed over all rows of a window.
+// one. `crossings` is the number of edges summed over all rows of a window, `visits` the same over the first
+// rows of sorted bands. Rows are entered in ascending order.
 template <class T>
 concept Raster = requires(T raster, int y, int width, Spans& spans) {
   { raster.breaks() } -> std::same_as<std::vector<int>>;
   { raster.crossings(y) } -> std::same_as<std::int64_t>;
+  { raster.visits(std::vector<int>()) } -> std::same_as<std::int64_t>;
   raster.enter(y);
   { raster.is_upright() } -> std::same_as<bool>;
   { raster.edges() } -> std::same_as<std::size_t>;
@@ -164,16 +166,18 @@ struct Count {
 };
 
 // Up to so many crossings all rows are counted, in some 20 ms; regions of 50 edges in each of 8000 rows have
-// a tenth of them. Beyond, every band gets an equal share, and in longer bands a row stands for several.
+// a tenth of them. Beyond, every band gets an equal share, and in longer bands a row stands for several; if
+// one row of each band is too much already, a row stands for several bands.
 constexpr std::int64_t kMostCrossings = std::int64_t{1} << 22;
 
 // Counts the pixels of two regions in a window of that size. Of rows that are alike only one is computed, of
 // rows that neither region reaches none.
 template <Raster A, Raster B>
 Count count(int width, int height, A a, B b) {
-  std::vector<int> breaks = a.breaks();
-  const std::vector<int> others = b.breaks();
-  breaks.insert(breaks.end(), others.begin(), others.end());
+  std::vector<int> breaks = a.breaks(), fewer = b.breaks();
+  if (fewer.size() > breaks.size()) std::swap(breaks, fewer);
+  std::sort(fewer.begin(), fewer.end());
+  breaks.insert(breaks.end(), fewer.begin(), fewer.end());
   breaks.insert(breaks.end(), {0, height});
   for (int& y : breaks) y = std::clamp(y, 0, height);
   std::sort(breaks.begin(), breaks.end());
@@ -182,21 +186,34 @@ Count count(int width, int height, A a, B b) {
   Count result;
   Spans row_a, row_b;
   const bool is_wild = a.crossings(height) + b.crossings(height) > kMostCrossings;
+  // How many bands are taken for one; those of a region with few corners stay.
+  const std::int64_t merged = is_wild ? 1 + 4 * (a.visits(breaks) + b.visits(breaks)) / kMostCrossings : 1;
+  const bool keeps = std::ssize(fewer) <= std::ssize(breaks) / merged;
+  for (std::size_t i = 1; merged > 1 && i + 1 < breaks.size(); ++i)
+    if (static_cast<std::int64_t>(i) % merged != 0 &&
+        !(keeps && std::binary_search(fewer.begin(), fewer.end(), breaks[i])))
+      breaks[i] = breaks[i - 1];
+  breaks.erase(std::unique(breaks.begin(), breaks.end()), breaks.end());
   const std::int64_t share = std::max(std::int64_t{1}, kMostCrossings / std::ssize(breaks));
   for (std::size_t i = 0; i + 1 < breaks.size(); ++i) {
     const int begin = breaks[i], end = breaks[i + 1];
     a.enter(begin);
     b.enter(begin);
     const auto edges = static_cast<std::int64_t>(a.edges() + b.edges());
-    if (edges == 0) continue;
+    if (edges == 0 && merged == 1) continue;
     std::int64_t step = is_wild ? ((end - begin) * edges + share - 1) / share : 1;
-    if (a.is_upright() && b.is_upright()) step = end - begin;
+    if (merged > 1 || (a.is_upright() && b.is_upright())) step = std::max<std::int64_t>(step, end - begin);
     for (std::int64_t y = begin; y < end; y += step) {
       const std::int64_t rows = std::min(step, end - y);
+      const int middle = static_cast<int>(y + rows / 2);
+      if (merged > 1) {
+        a.enter(middle);
+        b.enter(middle);
+      }
       row_a.clear();
       row_b.clear();
-      a.row(static_cast<int>(y + rows / 2), width, row_a);
-      b.row(static_cast<int>(y + rows / 2), width, row_b);
+      a.row(middle, width, row_a);
+      b.row(middle, width, row_b);
       const std::int64_t common = common_length(row_a, row_b);
       result.common += common * rows;
       result.all += (length_of(row_a) + length_of(row_b) - common) * rows;
@@ -236,6 +253,13 @@ class ActiveEdges {
       sum += std::max(0, std::min(edge.end, height) - std::max(edge.begin, 0));
     return sum;
   }
+  std::int64_t visits(const std::vector<int>& rows) const {
+    std::int64_t sum = 0;
+    for (const Edge& edge : waiting_)
+      sum += std::lower_bound(rows.begin(), rows.end(), edge.end) -
+             std::lower_bound(rows.begin(), rows.end(), edge.begin);
+    return sum;
+  }
   void enter(int y) {
     std::erase_if(active_, [&](const Edge& edge) { return edge.end <= y; });
     for (; !waiting_.empty() && waiting_.back().begin <= y; waiting_.pop_back())
@@ -264,6 +288,7 @@ class ClosedPolygon {
   // Rows with corners are bands of their own: two edges meet there, and horizontal edges lie in no other row.
   std::vector<int> breaks() const { return corner_rows_; }
   std::int64_t crossings(int height) const { return edges_.crossings(height); }
+  std::int64_t visits(const std::vector<int>& rows) const { return edges_.visits(rows); }
   void enter(int y) { edges_.enter(y); }
   bool is_upright() const { return edges_.are_upright(); }
   std::size_t edges() const { return edges_.active().size(); }
@@ -355,6 +380,7 @@ class RoundedRectangle {
   }
   std::vector<int> breaks() const { return {rows_.first, rows_.second}; }
   static std::int64_t crossings(int) { return 0; }
+  static std::int64_t visits(const std::vector<int>&) { return 0; }
   void enter(int y) { inside_ = y >= rows_.first && y < rows_.second; }
   static bool is_upright() { return true; }
   std::size_t edges() const { return inside_ ? 2 : 0; }
@@ -439,6 +465,7 @@ class LegacyPolygon {
 
   std::vector<int> breaks() const { return edges_.breaks(); }
   std::int64_t crossings(int height) const { return edges_.crossings(height); }
+  std::int64_t visits(const std::vector<int>& rows) const { return edges_.visits(rows); }
   void enter(int y) { edges_.enter(y); }
   bool is_upright() const { return edges_.are_upright(); }
   std::size_t edges() const { return edges_.active().size(); }

@@ -75,6 +75,13 @@ std::vector<std::string> evaluated_tracker_names() {
 
 bool is_external(const std::string& name) { return name.starts_with(kTrax) && name.size() > kTrax.size(); }
 
+bool has_confidence(const std::string& name) {
+  if (is_external(name)) return false;
+  const std::vector<std::string> ours = tracker_names();
+  return name.find_first_of("+{") != std::string::npos || name == "dlib" ||
+         std::ranges::find(ours, name) != ours.end();
+}
+
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
   if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};

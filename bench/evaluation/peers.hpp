@@ -62,6 +62,9 @@ std::vector<std::string> evaluated_tracker_names();
 /// `timeout`: for each answer of an external tracker [s]. Throws std::invalid_argument, which lists the known
 /// names, the most similar first, for any other.
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout = 30);
+/// Whether a tracker, which `evaluated_tracker` knows, reports confidences: all of ours and dlib's do. Of an
+/// external one this is not known, and the answer is no.
+bool has_confidence(const std::string& name);
 /// Whether a name is trax:COMMAND.
 bool is_external(const std::string& name);
 

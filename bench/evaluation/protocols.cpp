@@ -16,6 +16,8 @@ namespace asterism::bench {
 namespace {
 
 constexpr std::size_t kRestartGap = 5;  // frames from a failure to the next start (VOT's stacks)
+// Frames that OTB needs from the first temporal start on; shorter sequences have no such runs.
+constexpr std::size_t kFewestTemporal = 20;
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 struct Names {
@@ -225,9 +227,8 @@ std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const Prot
         const cv::Rect2d box = truth ? truth->box() : cv::Rect2d();
         usable.push_back(is_valid({box.x, box.y, box.width, box.height}));
       }
-      // As many frames as OTB needs after a start; shorter sequences have no such runs.
-      constexpr std::size_t kFewest = 20;
-      const auto last = usable.size() < kFewest ? usable.begin() : usable.end() - (kFewest - 1);
+      const auto last =
+          usable.size() < kFewestTemporal ? usable.begin() : usable.end() - (kFewestTemporal - 1);
       if (std::find(usable.begin(), last, true) == last) break;
       for (const std::size_t start : temporal_starts(usable)) add(start, true, {});
       break;
@@ -241,6 +242,15 @@ std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const Prot
       break;
   }
   return runs;
+}
+
+std::string reason_for_no_run(const Sequence& sequence, Protocol protocol, const ProtocolOptions& options) {
+  if (!runs_of(sequence, protocol, options).empty()) return {};
+  return sequence.name + ": no run of protocol " + std::string(to_string(protocol)) + ", " +
+         (!first_with_truth(sequence, 0) ? "as no frame has ground truth"
+          : protocol == Protocol::Tre
+              ? "which needs " + std::to_string(kFewestTemporal) + " frames from the first usable box on"
+              : "as no anchor has ground truth");
 }
 
 Region start_region(const Sequence& sequence, const Run& run, const ProtocolOptions& options) {

@@ -7,7 +7,6 @@
 #include <mutex>
 #include <opencv2/core.hpp>
 #include <optional>
-#include <set>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -69,15 +68,10 @@ class SequenceImages {
   /// Frame t, from 0, not to be written to. Throws as FrameReader.
   Image operator()(std::size_t t);
   const Sequence& sequence() const { return sequence_; }
-  /// The damaged images among those read so far.
-  std::set<std::filesystem::path> damaged() const {
-    const std::lock_guard lock(mutex_);
-    return reader_.damaged();
-  }
 
  private:
   const Sequence& sequence_;
-  mutable std::mutex mutex_;
+  std::mutex mutex_;
   FrameReader reader_;
   std::map<std::size_t, cv::Mat> kept_;
   std::size_t free_bytes_;
@@ -99,6 +93,9 @@ struct Run {
 /// The runs of a protocol on a sequence; none if no frame has ground truth to start on.
 std::vector<Run> runs_of(const Sequence& sequence, Protocol protocol, const ProtocolOptions& options);
 
+/// Why a protocol has no run on a sequence, as a line for the user; empty if it has runs.
+std::string reason_for_no_run(const Sequence& sequence, Protocol protocol, const ProtocolOptions& options);
+
 /// The region that the tracker is given at the start of a run of Otb, Tre or MultiStart, or the first of Vot.
 Region start_region(const Sequence& sequence, const Run& run, const ProtocolOptions& options);
 
@@ -110,8 +107,7 @@ struct RunResult {
 };
 /// An exception of the tracker is a failure in that frame; in a supervised run it is restarted five frames
 /// later, in others the following frames have no region. `each_frame` is called after each frame; if it
-/// returns false, the run ends and the result is empty. Throws for images that cannot be read, and
-/// UnusableTracker.
+/// returns false, the run ends and the result is empty. Throws UnreadableSequence and UnusableTracker.
 std::optional<RunResult> execute(const Start& start, SequenceImages& images, const Run& run,
                                  const ProtocolOptions& options, const std::function<bool()>& each_frame);
 

@@ -349,6 +349,13 @@ AccuracyRobustness accuracy_robustness(Sequences sequences, Toolkit toolkit, std
   return {pooled.accuracy(), pooled.failures, frames > 0 ? pooled.failures / frames : 0};
 }
 
+std::size_t accuracy_frames(Sequences sequences, std::string_view tag) {
+  check(sequences);
+  const std::vector<double> overlaps = pool(sequences, sequences, tag).overlaps;
+  return static_cast<std::size_t>(
+      std::ranges::count_if(overlaps, [](double value) { return !std::isnan(value); }));
+}
+
 AccuracyRobustness mean_over_tags(Sequences sequences) {
   AccuracyRobustness result;
   double frames = 0;

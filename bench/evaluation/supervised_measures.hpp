@@ -61,6 +61,10 @@ struct AccuracyRobustness {
 AccuracyRobustness accuracy_robustness(std::span<const SupervisedSequence> sequences, Toolkit toolkit,
                                        std::string_view tag = kAllFrames);
 
+/// The number of frames with `tag` that count for the legacy accuracy; without any, its value of 0 says
+/// nothing.
+std::size_t accuracy_frames(std::span<const SupervisedSequence> sequences, std::string_view tag = kAllFrames);
+
 /// Mean over all tags of the legacy toolkit's values, each weighted by the number of frames that have it, as
 /// its report prints (report_ar.m). Throws std::invalid_argument for sequences without tags.
 AccuracyRobustness mean_over_tags(std::span<const SupervisedSequence> sequences);

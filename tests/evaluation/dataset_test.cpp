@@ -12,6 +12,7 @@
 #include <opencv2/imgcodecs.hpp>
 #include <opencv2/videoio.hpp>
 #include <stdexcept>
+#include <tuple>
 
 #include "ground_truth.hpp"
 
@@ -248,9 +249,8 @@ TEST_F(DatasetTest, ReadsPlainFoldersAndVideos) {
   write("plain/walk/shot5.png", "no image");
   EXPECT_THROW(folder(2), std::runtime_error);
   write("plain/walk/shot6.png", "");
-  EXPECT_EQ(cv::norm(folder(3), cv::Mat(folder(4).size(), CV_8UC3, cv::Scalar::all(128)), cv::NORM_INF), 0)
-      << "blank, since it is damaged";
-  EXPECT_EQ(folder.damaged(), (std::set<fs::path>{walk.images[3]}));
+  EXPECT_THROW(folder(3), UnreadableSequence) << "damaged";
+  EXPECT_EQ(folder(4).at<cv::Vec3b>(1, 1)[0], 7);
   write("plain/run.txt", lines("1,2,3,4", 4));
   expect_left_out("plain", {"run.txt:4: 4 boxes, but 5 frames"});
   EXPECT_EQ(open("plain", Layout::Auto, {"walk"}).size(), 1u);
@@ -290,6 +290,38 @@ TEST_F(DatasetTest, NamesFileAndLineOfWhatIsWrong) {
   vot("twice/b/car");
   expect_left_out("twice", {"another sequence of that name", "twice/a/car"});
   EXPECT_EQ(open("twice").size(), 1u);
+}
+
+// Frames that would be black in 8 bits.
+TEST_F(DatasetTest, DeepImagesWithoutTheirRangeCannotBeRead) {
+  vot("vot/car", 2);
+  for (const auto& [depth, scale, taken] : {std::tuple(CV_16U, 1.0, false), {CV_16U, 257.0, true}}) {
+    cv::Mat image(4, 6, CV_8UC3, cv::Scalar::all(200));
+    image.convertTo(image, depth, scale);
+    for (const char* name : {"00000001.png", "00000002.png"})
+      cv::imwrite((root_ / "vot/car/color" / name).string(), image);
+    Sequence car = open("vot").at(0);
+    FrameReader frames(car);
+    if (taken)
+      EXPECT_EQ(frames(0).at<cv::Vec3b>(1, 1)[0], 200);
+    else
+      EXPECT_THROW(frames(0), UnreadableSequence);
+    car.range = PixelRange{0, 255 * scale};
+    EXPECT_EQ(FrameReader(car)(1).at<cv::Vec3b>(1, 1)[0], 200);
+  }
+}
+
+TEST_F(DatasetTest, AnnotationsInTheUnitSquareAreRefused) {
+  vot();
+  // A frame without the object is no objection.
+  write("vot/car/groundtruth.txt", "0.5,0.5,0.2,0.3\nnan,nan,nan,nan\n0.6,0.5,0.2,0.3\n");
+  expect_error("vot", {"groundtruth.txt:1: ", "YOLO"});
+  write("vot/car/groundtruth.txt", "0,0,0,0\n.1,.1,.9,.1,.9,.9,.1,.9\n.1,.1,.9,.1,.9,.9,.1,.9\n");
+  expect_error("vot", {"groundtruth.txt:2: ", "YOLO"});
+  write("vot/car/groundtruth.txt", "0.5,0.5,0.2,0.3\n0.6,0.5,0.2,0.3\n0.7,0.5,2,3\n");
+  EXPECT_EQ(open("vot").size(), 1u);
+  write("vot/car/groundtruth.txt", "3,2,1,1\n3,2,1,1\n3,2,1,1\n");
+  EXPECT_EQ(open("vot").size(), 1u);
 }
 
 TEST_F(DatasetTest, ADamagedSequenceIsLeftOutAndTheOthersAreRead) {

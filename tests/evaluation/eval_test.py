@@ -218,18 +218,96 @@ class Evaluation(unittest.TestCase):
         self.assertIn("sequence first", refused.stderr)
         self.assertEqual((self.out / "campaign.json").read_text(), before)
 
-    def test_damaged_images_are_blank_and_counted(self):
+    def test_sequences_that_cannot_be_read_have_no_score(self):
+        data = self.out.with_name("data")
+        for name in ("first", "second"):
+            shutil.copytree(self.root / "data" / name, data / name)
+        images = sorted((data / "first/color").iterdir())
+        whole = {image: image.read_bytes() for image in images}
+        alone = self.out.with_name("alone")
+        self.assertEqual(self.evaluate("--sequences", "second", out=alone).returncode, 0)
+        self.assertEqual(run("report", alone).returncode, 0)
+        wanted = json.loads((alone / "report/report.json").read_text())["trackers"][0]
+        # The first image, where a track starts, one in the middle, and all; cut short, empty, and no image.
+        for number, (damaged, content) in enumerate([(images[:1], 5000), (images[20:21], 0), (images, 3000),
+                                                     (images[30:31], None)]):
+            for image in images:
+                image.write_bytes(whole[image])
+            for image in damaged:
+                image.write_bytes(b"no image" if content is None else whole[image][:content])
+            out = self.out.with_name(f"out{number}")
+            done = run("run", data, "--trackers", "kcf", "--out", out)
+            self.assertEqual(done.returncode, 0, done.stderr)
+            line = f"first cannot be read and has no score: {damaged[0]}: "
+            self.assertIn(line, done.stderr)
+            self.assertFalse(list(out.glob("results/kcf/*/first/*.txt")))
+            report = run("report", out)
+            self.assertEqual(report.returncode, 0, report.stderr)
+            self.assertIn(line, report.stderr)
+            self.assertIn("first cannot be read and has no score", (out / "report/report.html").read_text())
+            scores = json.loads((out / "report/report.json").read_text())["trackers"][0]
+            for measures in ("vot", "otb", "sequences"):
+                self.assertEqual(scores[measures], wanted[measures])
+            self.assertIn("first cannot be read", run("report", out, "--sequences", "first").stderr + line)
+            self.assertIn(line, run("export-frames", out, "--out", out / "frames.csv").stderr)
+        # Fetched again, it is run and scored.
+        for image in images:
+            image.write_bytes(whole[image])
+        done = run("run", data, "--trackers", "kcf", "--out", out)
+        self.assertIn("2 runs made, 2 were there", done.stderr)
+        self.assertEqual(run("report", out).stderr, "")
+        scores = json.loads((out / "report/report.json").read_text())["trackers"][0]
+        self.assertEqual(set(scores["sequences"]), {"first", "second"})
+
+    def test_without_any_sequence_that_can_be_read_the_run_fails(self):
         make_sequence(self.root / "damaged" / "first", 9, frames=10)
         image = self.root / "damaged" / "first" / "color" / "00000004.png"
         image.write_bytes(image.read_bytes()[:5000])
         done = self.evaluate("--range", "0,200", data="damaged")
-        self.assertEqual(done.returncode, 0, done.stderr)
-        self.assertIn(f"damaged images, treated as blank frames: 1, the first is {image}\n", done.stderr)
+        self.assertEqual(done.returncode, 1, done.stderr)
+        self.assertIn(f"{image}: a damaged image", done.stderr)
         self.assertEqual(json.loads((self.out / "campaign.json").read_text())["options"]["range"], [0, 200])
+        done = run("report", self.out)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn(f"no sequence could be read: {image}", done.stderr)
         image.write_bytes(b"no image")
         done = self.evaluate("--range", "0,200", data="damaged", trackers=("--trackers", "coarse"))
         self.assertEqual(done.returncode, 1)
         self.assertIn(f"{image}: not an image of a known format", done.stderr)
+
+    def test_short_sequences_have_no_figures_without_frames(self):
+        data = self.out.with_name("data")
+        make_sequence(data / "short", 3, frames=8)
+        shutil.copytree(self.root / "data/first", data / "first")
+        done = run("run", data, "--trackers", "kcf", "--protocol", "vot,otb,tre", "--out", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        line = "short: no run of protocol tre, which needs 20 frames"
+        self.assertIn(line, done.stderr)
+        done = run("report", self.out)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        self.assertIn(line, done.stderr)
+        # The first ten frames from a start on do not count for accuracy.
+        scores = json.loads((self.out / "report/report.json").read_text())["trackers"][0]["sequences"]
+        self.assertIsNone(scores["short"]["A"])
+        self.assertEqual(scores["short"]["F"], 0)
+        self.assertGreater(scores["short"]["AO"], 0.5)
+        self.assertGreater(scores["first"]["A"], 0.5)
+
+    def test_frames_are_exported_for_trackers_with_confidences(self):
+        both = ("--trackers", "kcf", "--external", tracker("stays", "stays"))
+        done = self.evaluate("--sequences", "first", "--protocol", "otb", trackers=both)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        frames = self.out / "frames.csv"
+        refused = run("export-frames", self.out, "--out", frames)
+        self.assertEqual(refused.returncode, 1)
+        self.assertIn("the tracker gives none: leave it out by --trackers", refused.stderr)
+        self.assertNotIn("--rerun", refused.stderr)
+        self.assertEqual(run("export-frames", self.out, "--out", frames, "--trackers", "kcf").returncode, 0)
+        self.assertEqual(len(frames.read_text().splitlines()), FRAMES)
+        for file in self.out.rglob("*_confidence.value"):
+            file.unlink()
+        refused = run("export-frames", self.out, "--out", frames, "--trackers", "kcf")
+        self.assertIn("make it again with --rerun kcf", refused.stderr)
 
     def test_a_tracker_that_dies_costs_its_run_alone(self):
         done = self.evaluate("--external", tracker("dies", "dies"))
@@ -558,8 +636,8 @@ class Report(unittest.TestCase):
                 self.assertEqual(row["AUC"], "")
         for row in self.rows("sequences.csv"):
             scores = self.trackers[row["tracker"]]["sequences"][row["sequence"]]
-            self.assertEqual(float(row["A"]), scores["A"])
-            self.assertEqual(row["AO"], "" if scores["AO"] is None else repr(scores["AO"]))
+            for measure in ("A", "AO"):
+                self.assertEqual(row[measure], "" if scores[measure] is None else repr(scores[measure]))
         for row in self.rows("attributes.csv"):
             self.assertEqual(float(row["F"]), self.trackers[row["tracker"]]["vot"]["attributes"][row["attribute"]]["F"])
         differences = [[d["measure"], d["a"], d["b"], d["value"]] for d in self.json["differences"]]

@@ -282,7 +282,9 @@ struct WildPair {
 std::vector<WildPair> wild_pairs() {
   const Region box = rectangle(100, 100, 50, 40);
   const double image = 50.0 * 40 / (640 * 480);
-  Points fan, comb;
+  Points fan, comb, zigzag;
+  for (int k = 0; k < 10000; ++k)
+    zigzag.emplace_back(k % 2 ? 1e9 : -1e9, 200.0 * (k * 7919 % 10000) - 1e6);  // each in a row of its own
   for (int k = 0; k < 1000; ++k) {
     fan.emplace_back(3 * k, k % 2 ? 1e6 : -1e6);
     comb.emplace_back(k % 2 ? 1e6 : -1e6, 0.5 * k);
@@ -297,7 +299,8 @@ std::vector<WildPair> wild_pairs() {
           {"two_of_them", polygon({{-1e6, -1e6}, {1e6, -1e6}, {0, 1e6}}),
            polygon({{-1e6, 1e6}, {1e6, 1e6}, {0, -1e6}}), 1.0 / 3, 1},
           {"zigzag", polygon(fan), box, -1, -1},
-          {"comb", polygon(comb), box, -1, -1}};
+          {"comb", polygon(comb), box, -1, -1},
+          {"zigzag_of_all_rows", polygon(zigzag), box, -1, -1}};
 }
 
 class WildOverlap : public testing::TestWithParam<WildPair> {};

@@ -172,6 +172,8 @@ INSTANTIATE_TEST_SUITE_P(
         Kind{"FloatFromSixteenBit", CV_32F, 257, 0, false, false, PixelRange::of_bits(16),
              PixelRange::of_bits(16)},
         Kind{"FloatAroundZero", CV_32F, 2.0 / 255, -1, false, false, PixelRange{-1, 1}, PixelRange{-1, 1}},
+        Kind{"FloatOfEightInSixteen", CV_32F, 1.0 / 65535, 0, true, false, PixelRange{0, 255.0 / 65535},
+             PixelRange{0, 255.0 / 65535}},
         Kind{"FloatFarOut", CV_32F, 1e30 / 255, 0, false, false, PixelRange{0, 1e30}, PixelRange{0, 1e30}}),
     [](const auto& instance) { return std::string(instance.param.name); });
 

@@ -227,6 +227,13 @@ std::vector<File> files() {
       {"AnimatedWebp",
        "RIFF" + little(30, 4) + "WEBPVP8X" + little(10, 4) + little(2, 4) + little(319, 3) + little(239, 3),
        File::Refused, "an animated image"},
+      {"JpegOfTwelveBits", patched(jpeg, sof + 4, "\x0c"), File::Refused, "a JPEG of 12 bits a sample"},
+      {"JpegWithoutLoss", patched(jpeg, sof + 1, "\xc3"), File::Refused, "a JPEG that is lossless"},
+      {"PamWithTransparency",
+       "P7\nWIDTH 320\nHEIGHT 240\nDEPTH 4\nMAXVAL 255\nENDHDR\n" + Bytes(320 * 240 * 4, 'x'), File::Refused,
+       "a PAM of 16 bits a sample or with transparency"},
+      {"TiffOfUnknownCompression", with_tag(tiff, 259, 12345), File::Refused,
+       "a TIFF of compression scheme 12345"},
       {"TiffOfPages", stack(3), File::Refused, "several images in one file"},
       {"PpmOfSeveral", encoded(".ppm") + encoded(".ppm"), File::Refused, "several images in one file"},
   };
@@ -292,6 +299,102 @@ INSTANTIATE_TEST_SUITE_P(Kinds, ImageFiles, testing::ValuesIn(files()),
                          [](const auto& instance) { return instance.param.name; });
 
 void PrintTo(const File& file, std::ostream* out) { *out << file.name; }
+
+// ---- Pixels of TIFFs ----
+
+// An uncompressed TIFF of the frame's gray levels, or of its colors with 3 samples. Level 255 becomes
+// `white`.
+Bytes tiff_of(int samples, int bits, int format, double white) {
+  cv::Mat frame = draw_frame(0), levels;
+  cv::cvtColor(frame, frame, samples == 1 ? cv::COLOR_BGR2GRAY : cv::COLOR_BGR2RGB);
+  frame.reshape(1).convertTo(levels, CV_64F, white / 255);
+  Bytes pixels;
+  const auto add = [&](auto value) { pixels.append(reinterpret_cast<const char*>(&value), sizeof value); };
+  for (int y = 0; y < levels.rows; ++y)
+    for (int x = 0; x < levels.cols; ++x) {
+      const double value = levels.at<double>(y, x);
+      if (format == 3 && bits == 64)
+        add(value);
+      else if (format == 3 && bits == 32)
+        add(static_cast<float>(value));
+      else if (format == 3)
+        add(cv::float16_t(static_cast<float>(value)));
+      else if (bits >= 8)
+        pixels += little(static_cast<std::uint64_t>(std::llround(value)), bits / 8);
+      else if (x % 2 == 1)
+        pixels += static_cast<char>(std::lround(levels.at<double>(y, x - 1)) * 16 + std::lround(value));
+    }
+  const auto entry = [](std::uint64_t tag, std::uint64_t type, std::uint64_t count, std::uint64_t value) {
+    return little(tag, 2) + little(type, 2) + little(count, 4) + little(value, 4);
+  };
+  const std::uint64_t entries = 10, after = 8 + 2 + 12 * entries + 4, per_sample = samples == 1 ? 0 : 12;
+  Bytes lists;
+  for (int i = 0; i < 3; ++i) lists += little(static_cast<std::uint64_t>(bits), 2);
+  for (int i = 0; i < 3; ++i) lists += little(static_cast<std::uint64_t>(format), 2);
+  const auto list = [&](std::uint64_t tag, int value, std::uint64_t at) {
+    return samples == 1 ? entry(tag, 3, 1, static_cast<std::uint64_t>(value)) : entry(tag, 3, 3, after + at);
+  };
+  return "II*\0"s + little(8, 4) + little(entries, 2) + entry(256, 4, 1, 320) + entry(257, 4, 1, 240) +
+         list(258, bits, 0) + entry(259, 3, 1, 1) + entry(262, 3, 1, samples == 1 ? 1 : 2) +
+         entry(273, 4, 1, after + per_sample) + entry(277, 3, 1, static_cast<std::uint64_t>(samples)) +
+         entry(278, 4, 1, 240) + entry(279, 4, 1, pixels.size()) + list(339, format, 6) + little(0, 4) +
+         (samples == 1 ? "" : lists) + pixels;
+}
+
+struct Tiff {
+  std::string name;
+  int samples, bits, format;  // format: 1 unsigned, 2 signed, 3 floating point
+  double white;
+  bool needs_range;
+  std::string reason = {};  // why it is refused with a range
+};
+
+void PrintTo(const Tiff& tiff, std::ostream* out) { *out << tiff.name; }
+
+class Tiffs : public Folder, public testing::WithParamInterface<Tiff> {};
+
+TEST_P(Tiffs, AreReadOrRefusedByTheirKindAndNeverDamaged) {
+  const auto& [name, samples, bits, format, white, needs_range, reason] = GetParam();
+  cv::Mat expected = draw_frame(0);
+  if (samples == 1) {
+    cv::cvtColor(expected, expected, cv::COLOR_BGR2GRAY);
+    cv::cvtColor(expected, expected, cv::COLOR_GRAY2BGR);
+  }
+  const fs::path path = write("in/1.tif", tiff_of(samples, bits, format, white));
+  for (const bool ranged : {false, true}) {
+    SCOPED_TRACE(ranged);
+    FrameOptions options;
+    if (ranged) options.range = PixelRange{0, white};
+    ImageSource source = ImageSource::open((folder_ / "in").string(), options);
+    cv::Mat image;
+    const std::string refusal = reason_of([&] { EXPECT_TRUE(source.next(image)); });
+    EXPECT_TRUE(source.damaged().empty());
+    if (!reason.empty() || (needs_range && !ranged)) {
+      EXPECT_NE(refusal.find(reason.empty() ? "--range LOW,HIGH" : reason), std::string::npos) << refusal;
+      EXPECT_NE(refusal.find("frame 1"), std::string::npos) << refusal;
+      continue;
+    }
+    ASSERT_EQ(refusal, "");
+    EXPECT_EQ(image.type(), CV_8UC3);
+    EXPECT_LE(cv::norm(image, expected, cv::NORM_INF), 1);
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(
+    Kinds, Tiffs,
+    testing::Values(Tiff{"Gray8", 1, 8, 1, 255, false}, Tiff{"Gray16", 1, 16, 1, 65535, false},
+                    Tiff{"GrayFloat", 1, 32, 3, 1, false}, Tiff{"GrayDouble", 1, 64, 3, 1, false},
+                    Tiff{"ColorFloat", 3, 32, 3, 1, false}, Tiff{"GrayFloatTo255", 1, 32, 3, 255, true},
+                    Tiff{"GrayDoubleTo255", 1, 64, 3, 255, true},
+                    Tiff{"GrayFloatOf8BitsBy65535", 1, 32, 3, 255.0 / 65535, true},
+                    Tiff{"GraySigned16", 1, 16, 2, 32767, true}, Tiff{"GraySigned32", 1, 32, 2, 1e6, true},
+                    Tiff{"GrayHalf", 1, 16, 3, 1, true,
+                         "1 sample a pixel, floating-point numbers of 16 bits"},
+                    Tiff{"GrayUnsigned32", 1, 32, 1, 1e6, true, "unsigned integers of 32 bits"},
+                    Tiff{"Gray4", 1, 4, 1, 15, true, "unsigned integers of 4 bits"},
+                    Tiff{"ColorHalf", 3, 16, 3, 1, true, "3 samples a pixel, floating-point numbers of 16"},
+                    Tiff{"ColorDouble", 3, 64, 3, 1, true, "floating-point numbers of 64 bits"}),
+    [](const auto& instance) { return instance.param.name; });
 
 // Reading a header of any bytes must not fail, and its time is bounded by their number.
 TEST(ImageHeader, IsReadFromAnyBytes) {
@@ -384,6 +487,7 @@ struct Content {
   std::vector<std::string> frames;  // in order, or ..
   std::vector<std::string> reason;  // .. parts of the error message
   std::string pattern = {};
+  std::string note = {};
 };
 
 void PrintTo(const Content& content, std::ostream* out) { *out << content.name; }
@@ -395,8 +499,13 @@ TEST_P(Folders, AreReadInOrderOrRefused) {
   fs::create_directory(folder_ / "in/7.png");  // a folder, not a frame
   std::vector<std::string> frames;
   const std::string reason = reason_of([&] {
-    const ImageSource source = ImageSource::open((folder_ / "in" / GetParam().pattern).string());
+    ImageSource source = ImageSource::open((folder_ / "in" / GetParam().pattern).string());
     for (const fs::path& image : source.images()) frames.push_back(image.filename().string());
+    const std::vector<std::string> notes = source.take_notes();
+    EXPECT_EQ(notes.size(), GetParam().note.empty() ? 0u : 1u);
+    if (!notes.empty()) {
+      EXPECT_NE(notes[0].find(GetParam().note), std::string::npos) << notes[0];
+    }
   });
   EXPECT_EQ(frames, GetParam().frames) << reason;
   EXPECT_EQ(reason.empty(), GetParam().reason.empty()) << reason;
@@ -407,9 +516,42 @@ INSTANTIATE_TEST_SUITE_P(
     Kinds, Folders,
     testing::Values(
         Content{"MixedEndings",
-                {"3.bmp", "1.PNG", "10.Tiff", "2.JPEG"},
-                {"1.PNG", "2.JPEG", "3.bmp", "10.Tiff"},
+                {"3.bmp", "1.PNG", "4.Tiff", "2.JPEG"},
+                {"1.PNG", "2.JPEG", "3.bmp", "4.Tiff"},
                 {}},
+        Content{"AMissingNumber",
+                {"0001.jpg", "0002.jpg", "0004.jpg", "0005.jpg"},
+                {"0001.jpg", "0002.jpg", "0004.jpg", "0005.jpg"},
+                {},
+                {},
+                "0004.jpg is frame 3"},
+        Content{"SeveralMissingNumbers",
+                {"f7.png", "f8.png", "f9.png", "f15.png", "f16.png", "f18.png"},
+                {"f7.png", "f8.png", "f9.png", "f15.png", "f16.png", "f18.png"},
+                {},
+                {},
+                "images are missing: 6 by their numbers"},
+        Content{"AMissingNumberByAPattern",
+                {"0001.jpg", "0002.jpg", "0004.jpg", "0004_mask.jpg"},
+                {"0001.jpg", "0002.jpg", "0004.jpg"},
+                {},
+                "%04d.jpg",
+                "images are missing: 1 by"},
+        Content{"EveryFifthNumber",
+                {"0.png", "5.png", "10.png", "15.png"},
+                {"0.png", "5.png", "10.png", "15.png"},
+                {}},
+        Content{"Masks",
+                {"00000001.png", "00000001_mask.png", "00000002.png", "00000002_mask.png"},
+                {},
+                {"two images for one frame", "00000001.png", "00000001_mask.png", "'%08d.png'"}},
+        Content{"OneMask", {"1.jpg", "2.jpg", "2_mask.png"}, {}, {"2.jpg", "2_mask.png", "'%d.jpg'"}},
+        Content{"MasksInFront",
+                {"img_01.png", "mask_img_01.png", "img_02.png"},
+                {},
+                {"img_01.png", "mask_img_01.png", "'img_%02d.png'"}},
+        Content{"MasksByAPattern", {"01.png", "01_mask.png", "02.png"}, {"01.png", "02.png"}, {}, "%02d.png"},
+        Content{"Letters", {"8_a.png", "8_b.png", "8_c.png"}, {"8_a.png", "8_b.png", "8_c.png"}, {}},
         Content{
             "OtherFiles",
             {"1.png", "Thumbs.db", "desktop.ini", ".DS_Store", ".2.png", "._1.png", "boxes.txt", "3.png~"},
@@ -430,9 +572,39 @@ INSTANTIATE_TEST_SUITE_P(
         Content{"Zeros",
                 {"0.png", "00010.png", "100.png", "a0b.png", "a0b0.png"},
                 {"0.png", "00010.png", "100.png", "a0b.png", "a0b0.png"},
-                {}},
+                {},
+                {},
+                "images are missing: 8"},
         Content{"None", {"boxes.txt", ".1.png"}, {}, {"no images in"}}),
     [](const auto& instance) { return instance.param.name; });
+
+// The same scene at another resolution is scaled, a frame of another shape is not.
+TEST_F(Folder, FramesOfAnotherSizeAreScaledToTheFirst) {
+  fs::create_directories(folder_ / "in");
+  cv::RNG random(3);
+  cv::Mat rough(30, 40, CV_8UC3), scene;
+  random.fill(rough, cv::RNG::UNIFORM, 0, 255);
+  cv::resize(rough, scene, {320, 240}, 0, 0, cv::INTER_CUBIC);
+  const std::vector<cv::Size> sizes = {{320, 240}, {160, 120}, {213, 160},
+                                       {640, 480}, {320, 240}, {240, 240}};
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    cv::Mat image;
+    cv::resize(scene, image, sizes[i], 0, 0, cv::INTER_AREA);
+    cv::imwrite((folder_ / "in" / (std::to_string(i) + ".png")).string(), image);
+  }
+  ImageSource source = ImageSource::open((folder_ / "in").string());
+  cv::Mat image;
+  for (std::size_t i = 0; i < sizes.size(); ++i) {
+    ASSERT_TRUE(source.next(image));
+    ASSERT_EQ(image.size(), i == 5 ? sizes[i] : sizes[0]) << i;
+    if (i < 5) {
+      EXPECT_LE(cv::norm(image, scene, cv::NORM_L1) / static_cast<double>(3 * scene.total()), 6) << i;
+    }
+  }
+  const std::vector<std::string> notes = source.take_notes();
+  ASSERT_EQ(notes.size(), 1u);
+  EXPECT_NE(notes[0].find("frame 2 has 160 x 120 pixels"), std::string::npos) << notes[0];
+}
 
 // ---- Deep images ----
 
@@ -595,6 +767,54 @@ Bytes avi(const std::vector<int>& times, int end, int rate) {
                "AVI " + chunk("LIST", header) + chunk("LIST", "movi" + frames) + chunk("idx1", index));
 }
 
+// A video written by OpenCV; empty if it cannot. Its H.264 has B-frames, so that the last frames have no
+// times.
+Bytes written(const std::string& ending, const std::string& codec, int frames) {
+  const fs::path path =
+      fs::path(testing::TempDir()) / ("asterism_video_" + std::to_string(getpid()) + "." + ending);
+  cv::VideoWriter writer(path.string(), cv::CAP_FFMPEG,
+                         cv::VideoWriter::fourcc(codec[0], codec[1], codec[2], codec[3]), 25, {320, 240});
+  if (!writer.isOpened()) return {};
+  for (int i = 0; i < frames; ++i) writer.write(draw_frame(i % 70));  // then the square leaves the image
+  writer.release();
+  const Bytes bytes = read(path);
+  fs::remove(path);
+  return bytes;
+}
+
+// A Matroska file of frames 40 ms apart whose frame i is at 60 i ms, 30 ms later if i is odd.
+Bytes with_uneven_times(Bytes file) {
+  const auto value = [&](std::size_t at, std::size_t length) {
+    std::uint64_t number = 0;
+    for (std::size_t i = 0; i < length; ++i) number = number << 8 | static_cast<unsigned char>(file[at + i]);
+    return number;
+  };
+  std::uint64_t cluster = 0;
+  for (std::size_t at = 0; at < file.size();) {
+    std::size_t id_length = 1, size_length = 1;
+    while ((value(at, 1) & (0x100U >> id_length)) == 0) ++id_length;
+    const std::uint64_t id = value(at, id_length);
+    at += id_length;
+    while ((value(at, 1) & (0x100U >> size_length)) == 0) ++size_length;
+    const std::uint64_t size = value(at, size_length) & ((std::uint64_t{1} << 7 * size_length) - 1);
+    at += size_length;
+    if (id == 0x18538067 || id == 0x1f43b675 || id == 0x1549a966 || id == 0xa0) continue;  // look into these
+    if (id == 0xe7) cluster = value(at, size);
+    if (id == 0xa3 || id == 0xa1) {
+      const std::uint64_t frame = (cluster + value(at + 1, 2)) / 40;
+      file = patched(file, at + 1, number(60 * frame + (frame % 2) * 30 - cluster, 2));
+    }
+    if (id == 0x4489) {
+      double duration = 60 * 60;
+      std::uint64_t bits = 0;
+      std::memcpy(&bits, &duration, sizeof bits);
+      file = patched(file, at, number(bits, 8));
+    }
+    at += size;
+  }
+  return file;
+}
+
 struct Rate {
   std::string name;
   std::string file;
@@ -606,21 +826,32 @@ struct Rate {
 void PrintTo(const Rate& rate, std::ostream* out) { *out << rate.name; }
 
 std::vector<Rate> rates() {
-  std::vector<int> few, many, even;
+  std::vector<int> few, many, even, late;
   for (int i = 0, t = 0; i < 60; ++i, t += i % 2 == 0 ? 60 : 20) few.push_back(t);  // 2400 ms
   for (int i = 0, t = 0; i < 150; ++i, t += i <= 100 ? 20 : 80) many.push_back(t);  // 6000 ms
   for (int i = 0; i < 30; ++i) even.push_back(40 * i);
-  return {{"MatroskaThatVaries", "v.mkv", matroska(few, 2400), 60, 25},
-          {"LongMatroskaThatVaries", "v.mkv", matroska(many, 6000), 150, 25},
-          {"MatroskaOfOneRate", "v.mkv", matroska(even, 1200), 30, 25},
-          {"AviThatVaries", "v.avi", avi(few, 2400, 1000), 60, 25},
-          {"LongAviThatVaries", "v.avi", avi(many, 6000, 1000), 150, 25},
-          {"AviOfOneRate", "v.avi", avi({0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}, 12, 12), 12, 12}};
+  for (int i = 0; i < 30; ++i) late.push_back(100000 + 40 * i);
+  return {
+      {"MatroskaThatVaries", "v.mkv", matroska(few, 2400), 60, 25},
+      {"LongMatroskaThatVaries", "v.mkv", matroska(many, 6000), 150, 25},
+      {"MatroskaOfOneRate", "v.mkv", matroska(even, 1200), 30, 25},
+      {"AviThatVaries", "v.avi", avi(few, 2400, 1000), 60, 25},
+      {"LongAviThatVaries", "v.avi", avi(many, 6000, 1000), 150, 25},
+      {"AviOfOneRate", "v.avi", avi({0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11}, 12, 12), 12, 12},
+      {"MatroskaWithAnOffset", "v.mkv", matroska(late, 101200), 30, 25},
+      {"H264InMatroskaThatVaries", "v.mkv", with_uneven_times(written("mkv", "avc1", 60)), 60, 1000.0 / 60},
+      {"H264InMatroska", "v.mkv", written("mkv", "avc1", 60), 60, 25},
+      {"H264InFlv", "v.flv", written("flv", "avc1", 75), 75, 25},
+      {"H264InMp4", "v.mp4", written("mp4", "avc1", 60), 60, 25},
+      {"H264InATransportStream", "v.ts", written("ts", "avc1", 60), 60, 25},
+      {"Flv", "v.flv", written("flv", "FLV1", 60), 60, 25},
+      {"TransportStream", "v.ts", written("ts", "mpg2", 60), 60, 25}};
 }
 
 class Rates : public Folder, public testing::WithParamInterface<Rate> {};
 
 TEST_P(Rates, AreTheMeanOfTheTimestamps) {
+  if (GetParam().bytes.empty()) GTEST_SKIP() << "OpenCV cannot write such a video here";
   const std::string path = write(GetParam().file, GetParam().bytes).string();
   ImageSource source = ImageSource::open(path);
   cv::Mat image;
@@ -629,6 +860,7 @@ TEST_P(Rates, AreTheMeanOfTheTimestamps) {
   EXPECT_EQ(frames, GetParam().frames);
   EXPECT_NEAR(source.fps(), GetParam().fps, 0.02 * GetParam().fps);
   EXPECT_FALSE(source.ended_early());
+  EXPECT_FALSE(source.missing());
   EXPECT_TRUE(source.take_notes().empty());
   EXPECT_EQ(ImageSource::open(path, {.fps = 7}).fps(), 7);
 }
@@ -645,6 +877,86 @@ TEST_F(Videos, ThatAreCutHaveEndedEarly) {
   EXPECT_LT(source.position(), 12);
   EXPECT_TRUE(source.ended_early());
   EXPECT_EQ(source.fps(), 12);
+}
+
+// The middle fifth of a video is lost: it plays on behind it.
+struct Loss {
+  std::string name, ending, codec;
+};
+
+void PrintTo(const Loss& loss, std::ostream* out) { *out << loss.name; }
+
+class Losses : public Folder, public testing::WithParamInterface<Loss> {};
+
+TEST_P(Losses, OfFramesInTheMiddleAreCounted) {
+  const auto& [name, ending, codec] = GetParam();
+  Bytes bytes = written(ending, codec, 75);
+  if (bytes.empty()) GTEST_SKIP() << "OpenCV cannot write such a video here";
+  cv::RNG random(1);
+  for (std::size_t i = bytes.size() * 2 / 5; i < bytes.size() * 3 / 5; ++i)
+    bytes[i] = static_cast<char>(random.uniform(0, 256));
+  for (const bool measured : {false, true}) {
+    ImageSource source = ImageSource::open(write("v." + ending, bytes).string());
+    if (measured) {
+      EXPECT_NEAR(source.fps(), 25, 0.1);
+    }
+    cv::Mat image;
+    while (source.next(image)) {
+    }
+    const int lost = 75 - source.position();
+    ASSERT_GT(lost, 5);
+    ASSERT_LT(lost, 60);
+    if (const auto missing = source.missing()) {
+      EXPECT_LE(missing->count, lost + 2);
+      EXPECT_GE(missing->count, 5);
+      EXPECT_GT(missing->after, 3);
+      EXPECT_LT(missing->after, source.position());
+    } else {
+      EXPECT_TRUE(source.ended_early());
+    }
+  }
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, Losses,
+                         testing::Values(Loss{"TransportStream", "ts", "mpg2"},
+                                         Loss{"H264InATransportStream", "ts", "avc1"},
+                                         Loss{"Matroska", "mkv", "mpg2"}, Loss{"Flv", "flv", "FLV1"}),
+                         [](const auto& instance) { return instance.param.name; });
+
+TEST_F(Videos, OfEveryContainerThatAreCutHaveEndedEarly) {
+  for (const auto& [ending, codec] :
+       {std::pair("avi", "MJPG"), {"mkv", "avc1"}, {"mkv", "mpg2"}, {"flv", "FLV1"}}) {
+    SCOPED_TRACE(ending);
+    const Bytes whole = written(ending, codec, 50);
+    if (whole.empty()) continue;
+    ImageSource source = ImageSource::open(write("v."s + ending, cut(whole, 0.6)).string());
+    cv::Mat image;
+    while (source.next(image)) {
+    }
+    EXPECT_LT(source.position(), 45);
+    EXPECT_TRUE(source.ended_early());
+  }
+}
+
+TEST(SteadyInterval, IsThatOfMostFrames) {
+  const auto times = [](std::vector<double> steps) {
+    std::vector<double> all = {3};
+    for (const double step : steps) all.push_back(all.back() + step);
+    return all;
+  };
+  std::vector<double> steps(40, 0.04);
+  EXPECT_NEAR(steady_interval(times(steps)).value(), 0.04, 1e-9);
+  EXPECT_FALSE(missing_frames(times(steps)));
+  steps[9] = 0.4;  // nine of them are missing after the tenth frame, then three
+  steps[20] = 0.16;
+  const auto missing = missing_frames(times(steps));
+  ASSERT_TRUE(missing);
+  EXPECT_EQ(missing->count, 12);
+  EXPECT_EQ(missing->after, 10);
+  for (std::size_t i = 0; i < steps.size(); i += 2) steps[i] = 0.1;
+  EXPECT_FALSE(steady_interval(times(steps)));
+  EXPECT_FALSE(missing_frames(times(steps)));
+  EXPECT_FALSE(steady_interval(std::vector<double>{1, 2}));
 }
 
 // ---- Outputs ----

@@ -796,6 +796,43 @@ TEST_F(TrackTool, NotesAVideoThatEndsEarly) {
   EXPECT_LT(lines.size(), static_cast<size_t>(kFrames));
 }
 
+TEST_F(TrackTool, NotesWhatIsMissing) {
+  const fs::path images = make_images("images");
+  fs::remove(images / "img_5.png");
+  ASSERT_EQ(run(images.string() + kBox + csv()), 0) << err_;
+  EXPECT_NE(err_.find("note: images are missing: 1 by their numbers, the first after " +
+                      (images / "img_4.png").string()),
+            std::string::npos)
+      << err_;
+  EXPECT_EQ(lines_of(path("boxes.csv")).size(), static_cast<size_t>(kFrames));
+
+  const fs::path video = folder_ / "video.ts";
+  cv::VideoWriter writer(video.string(), cv::CAP_FFMPEG, cv::VideoWriter::fourcc('m', 'p', 'g', '2'), 25,
+                         {320, 240});
+  if (!writer.isOpened()) GTEST_SKIP() << "OpenCV writes no transport stream here";
+  for (int i = 0; i < 75; ++i) writer.write(draw_frame(i % kFrames));
+  writer.release();
+  std::string bytes = read(video);
+  for (std::size_t i = bytes.size() * 2 / 5; i < bytes.size() * 3 / 5; ++i)
+    bytes[i] = static_cast<char>(37 * i * i);
+  std::ofstream(video, std::ios::binary | std::ios::trunc) << bytes;
+  ASSERT_EQ(run(video.string() + kBox + csv()), 0) << err_;
+  EXPECT_NE(err_.find("frames are missing, the first after frame "), std::string::npos) << err_;
+}
+
+// Half the size in mid-stream: the object keeps its size in the first frame's pixels.
+TEST_F(TrackTool, FollowsThroughFramesOfHalfTheSize) {
+  const fs::path images = make_images("images");
+  for (int i = 11; i <= kFrames; ++i) {
+    cv::Mat half;
+    cv::resize(draw_frame(i - 1), half, {}, 0.5, 0.5, cv::INTER_AREA);
+    cv::imwrite((images / ("img_" + std::to_string(i) + ".png")).string(), half);
+  }
+  ASSERT_EQ(run(images.string() + kBox + csv()), 0) << err_;
+  expect_boxes(path("boxes.csv"), 1, kFrames);
+  EXPECT_NE(err_.find("frame 11 has 160 x 120 pixels"), std::string::npos) << err_;
+}
+
 TEST_F(TrackTool, SurvivesVideosThatAreCutOrDamaged) {
   const std::string video = make_video().string(), whole = read(video);
   const auto survives = [&](const std::string& bytes) {

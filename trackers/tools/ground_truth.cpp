@@ -102,6 +102,17 @@ std::vector<std::optional<Region>> read_ground_truth(const std::filesystem::path
     truths.push_back(std::move(region));
   }
   if (truths.empty()) fail(1, "no annotation in the file");
+  // Trackers start on boxes of at least a pixel.
+  const auto in_unit_square = [](const std::optional<Region>& truth) {
+    const cv::Rect2d box = truth ? truth->box() : cv::Rect2d(0, 0, 1, 1);
+    return box.x >= 0 && box.y >= 0 && box.x <= 1 && box.y <= 1 && box.width <= 1 && box.height <= 1;
+  };
+  const auto first = std::find_if(truths.begin(), truths.end(), [](const auto& t) { return t.has_value(); });
+  if (first != truths.end() && std::all_of(truths.begin(), truths.end(), in_unit_square))
+    fail(
+        static_cast<size_t>(first - truths.begin()) + 1,
+        "all numbers are at most 1, as in YOLO's form, which divides by the image's size: pixels are needed, "
+        "x,y,width,height of the left top corner");
   if (first_code > 0 &&
       std::none_of(truths.begin(), truths.end(), [](const auto& t) { return t.has_value(); }))
     fail(first_code, "codes alone, and no box or polygon");

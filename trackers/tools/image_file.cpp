@@ -75,8 +75,12 @@ ImageHeader read_jpeg(std::span<const unsigned char> file) {
       break;
     }
     if (marker == 0 || marker == 1 || (marker >= 0xd0 && marker <= 0xd8)) continue;  // within coded data
-    if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc)
+    if (marker >= 0xc0 && marker <= 0xcf && marker != 0xc4 && marker != 0xc8 && marker != 0xcc) {
       header.size = size_of(bytes.number(at + 5, 2), bytes.number(at + 3, 2));
+      const std::uint64_t bits = bytes.number(at + 2, 1);
+      if (bits != 8) header.unusual = "a JPEG of " + std::to_string(bits) + " bits a sample";
+      if (marker > 0xc2) header.unusual = "a JPEG that is lossless, arithmetically coded or hierarchical";
+    }
     at += std::max<std::size_t>(static_cast<std::size_t>(bytes.number(at, 2)), 2);
   }
   return header;
@@ -120,6 +124,31 @@ ImageHeader read_bmp(std::span<const unsigned char> file) {
   return {.size = size_of(bytes.number(18, 4), static_cast<std::uint64_t>(std::abs(std::int64_t{height})))};
 }
 
+// The properties of a TIFF's page that decide whether OpenCV reads it.
+struct TiffKind {
+  std::uint64_t samples = 1, bits = 1, format = 1, compression = 1;  // the standard's defaults
+
+  bool is_deep_gray() const { return samples == 1 && (bits == 32 || bits == 64); }
+
+  // For ImageHeader::unusual.
+  std::string unusual() const {
+    constexpr std::array<std::uint64_t, 9> kCompressions = {1, 2, 3, 4, 5, 7, 8, 32773, 32946};
+    if (std::find(kCompressions.begin(), kCompressions.end(), compression) == kCompressions.end())
+      return "a TIFF of compression scheme " + std::to_string(compression);
+    const bool floating = format == 3, is_signed = format == 2;
+    const bool usual = floating
+                           ? (bits == 32 && (samples == 1 || samples == 3)) || (bits == 64 && samples == 1)
+                           : bits == 8 || bits == 16 || (bits == 1 && samples == 1) ||
+                                 (bits == 32 && samples == 1 && is_signed);
+    if (usual) return {};
+    return "a TIFF of " + std::to_string(samples) + (samples == 1 ? " sample" : " samples") + " a pixel, " +
+           (floating    ? "floating-point numbers"
+            : is_signed ? "signed integers"
+                        : "unsigned integers") +
+           " of " + std::to_string(bits) + (bits == 1 ? " bit" : " bits");
+  }
+};
+
 ImageHeader read_tiff(std::span<const unsigned char> file) {
   Bytes bytes(file, file[0] == 'M');
   const bool big = bytes.number(2, 2) == 43;
@@ -127,19 +156,33 @@ ImageHeader read_tiff(std::span<const unsigned char> file) {
   ImageHeader header;
   std::set<std::uint64_t> seen;  // a damaged chain of pages may be cyclic
   for (std::uint64_t page = bytes.number(big ? 8 : 4, word); page != 0 && seen.insert(page).second;) {
-    std::uint64_t width = 0, height = 0, kind = 0;
+    std::uint64_t width = 0, height = 0, role = 0;
+    TiffKind kind;
     const std::uint64_t count = bytes.number(page, counts);
     for (std::uint64_t i = 0; i < std::min<std::uint64_t>(count, 65536) && !bytes.ended(); ++i) {
       const std::uint64_t at = page + counts + i * entry, tag = bytes.number(at, 2);
-      const std::uint64_t type = bytes.number(at + 2, 2), value = at + (big ? 12 : 8);
-      const unsigned bits = type == 1 ? 1 : type == 3 ? 2 : type == 16 ? 8 : 4;
-      if (tag == 254) kind = bytes.number(value, bits);
-      if (tag == 256) width = bytes.number(value, bits);
-      if (tag == 257) height = bytes.number(value, bits);
+      const std::uint64_t type = bytes.number(at + 2, 2), values = bytes.number(at + 4, word);
+      const unsigned size = type == 1 ? 1 : type == 3 ? 2 : type == 16 ? 8 : 4;
+      // The first value: here, or if the values take more than a word, where the word says.
+      const auto value = [&] {
+        const std::uint64_t here = at + (big ? 12 : 8);
+        return bytes.number(values > word / size ? bytes.number(here, word) : here, size);
+      };
+      if (tag == 254) role = value();
+      if (tag == 256) width = value();
+      if (tag == 257) height = value();
+      if (tag == 258) kind.bits = value();
+      if (tag == 259) kind.compression = value();
+      if (tag == 277) kind.samples = value();
+      if (tag == 339) kind.format = value();
     }
     if (bytes.ended()) break;
+    if (seen.size() == 1) {
+      header.deep_gray = kind.is_deep_gray();
+      header.unusual = kind.unusual();
+    }
     // Neither a reduced version of another page nor a mask.
-    if ((kind & 5) == 0) header.pages.push_back(page);
+    if ((role & 5) == 0) header.pages.push_back(page);
     const cv::Size size = size_of(width, height);
     if (std::int64_t{size.width} * size.height >= std::int64_t{header.size.width} * header.size.height)
       header.size = size;
@@ -198,19 +241,22 @@ ImageHeader read_anymap(std::span<const unsigned char> file) {
     std::from_chars(digits.data(), digits.data() + digits.size(), value);
     return value;
   };
-  std::uint64_t width = 0, height = 0;
+  std::uint64_t width = 0, height = 0, samples = 0, most = 0;
   if (text[1] == '7') {
     for (std::string key = word(); !key.empty() && key != "ENDHDR"; key = word()) {
       if (key == "WIDTH") width = number();
       if (key == "HEIGHT") height = number();
+      if (key == "DEPTH") samples = number();
+      if (key == "MAXVAL") most = number();
     }
-    return {.size = size_of(width, height)};
+    return {.size = size_of(width, height),
+            .unusual = samples > 3 || most > 255 ? "a PAM of 16 bits a sample or with transparency" : ""};
   }
   width = number(), height = number();
   ImageHeader header{.size = size_of(width, height)};
   if (text[1] < '4' || text[1] > '6') return header;
   // A further image may follow.
-  const std::uint64_t most = text[1] == '4' ? 1 : number();
+  most = text[1] == '4' ? 1 : number();
   const std::uint64_t row =
       text[1] == '4' ? (width + 7) / 8 : width * (text[1] == '6' ? 3 : 1) * (most > 255 ? 2 : 1);
   if (row != 0 && height < file.size() / row + 1) {
@@ -221,11 +267,23 @@ ImageHeader read_anymap(std::span<const unsigned char> file) {
   return header;
 }
 
-cv::Mat decode(std::span<const unsigned char> bytes) try {
+cv::Mat decode(std::span<const unsigned char> bytes, bool deep_gray) try {
   const cv::Mat buffer(1, static_cast<int>(bytes.size()), CV_8UC1, const_cast<unsigned char*>(bytes.data()));
-  return cv::imdecode(buffer, cv::IMREAD_COLOR | cv::IMREAD_ANYDEPTH);
+  return cv::imdecode(buffer, cv::IMREAD_ANYDEPTH | (deep_gray ? cv::IMREAD_GRAYSCALE : cv::IMREAD_COLOR));
 } catch (const cv::Exception&) {
   return {};
+}
+
+// The same pixels in a depth that Frame takes.
+cv::Mat as_frame(const cv::Mat& pixels, const std::optional<PixelRange>& range) {
+  const int depth = pixels.depth();
+  if (depth == CV_8U || depth == CV_16U || depth == CV_32F) return pixels;
+  if (!range && depth != CV_64F && depth != CV_16F)
+    throw std::invalid_argument(
+        "integers that have a sign or 32 bits have no usual range: give it by --range LOW,HIGH");
+  cv::Mat converted;
+  pixels.convertTo(converted, CV_32F);
+  return converted;
 }
 
 }  // namespace
@@ -267,8 +325,14 @@ FrameImage decode_frame(std::span<const unsigned char> bytes, const std::string&
   if (header->images > 1 && !first_page)
     fail("several images in one file: a TIFF can be read where it is the input itself, split others");
   cv::Mat pixels;
-  if (header->whole) pixels = decode(bytes);
-  if (!pixels.empty()) return {range ? to_bgr8(pixels, range) : pixels, false};
+  if (header->whole) pixels = decode(bytes, header->deep_gray);
+  try {
+    if (!pixels.empty()) pixels = as_frame(pixels, range);
+    if (!pixels.empty()) return {range ? to_bgr8(pixels, range) : pixels, false};
+  } catch (const std::invalid_argument& error) {
+    fail(error.what());
+  }
+  if (!header->unusual.empty()) fail(header->unusual + ", which is not read: convert it");
   const cv::Size size = otherwise.empty() ? header->size : otherwise;
   if (size.empty()) fail("a damaged image of unknown size");
   return {cv::Mat(size, CV_8UC3, cv::Scalar::all(128)), true};

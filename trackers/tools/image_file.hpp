@@ -23,6 +23,9 @@ struct ImageHeader {
   bool animated = false;  ///< PNG or WebP with several frames
   std::vector<std::uint64_t> pages = {};  ///< offsets in a TIFF of pages of full size
   int images = 1;                         ///< in the file, as far as it is cheap to find out
+  bool deep_gray = false;  ///< a TIFF of one sample a pixel, of 32 or 64 bits; OpenCV makes no color of it
+  std::string unusual =
+      {};  ///< why a decoder may refuse the file though it is undamaged; empty if it should not
 };
 
 /// Reads the header of a JPEG, PNG, BMP, TIFF, WebP, JPEG 2000, portable anymap (PBM, PGM, PPM, PAM, PFM) or
@@ -37,11 +40,12 @@ struct FrameImage {
 };
 
 /// Reads an image as a frame, in the same way for all programs: with 8 bits per channel if a range is given,
-/// otherwise with the file's depth (8, 16 or float). An empty file, or one that begins as an image and ends
-/// early or cannot be decoded, is a damaged frame: a blank one of the size `otherwise`, or if that is empty,
-/// of the size that the file announces. Throws std::runtime_error, with the file's name and the reason, if
-/// there is no such file, no image of a known format, one of more than kMostPixels, or one of several frames
-/// or pages.
+/// otherwise with the file's depth (8, 16 or float; double becomes float). An empty file, or one that begins
+/// as an image and ends early or cannot be decoded, is a damaged frame: a blank one of the size `otherwise`,
+/// or if that is empty, of the size that the file announces. Throws std::runtime_error, with the file's name
+/// and the reason, if there is no such file, no image of a known format, one of more than kMostPixels, one of
+/// several frames or pages, or one of a kind that the decoder does not read (a TIFF of half floats, say);
+/// without a range, for integers that have a sign or 32 bits; with a range, for pixels that are not finite.
 FrameImage read_frame(const std::filesystem::path& file, const std::optional<PixelRange>& range = {},
                       cv::Size otherwise = {});
 /// The same from the bytes of a file of that name. first_page: read the first page of a TIFF that has

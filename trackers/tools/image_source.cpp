@@ -5,10 +5,13 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <limits>
 #include <map>
 #include <opencv2/core/utility.hpp>
+#include <opencv2/imgproc.hpp>
 #include <opencv2/videoio/registry.hpp>
 #include <stdexcept>
+#include <tuple>
 #include <utility>
 
 #include "output_path.hpp"
@@ -59,6 +62,76 @@ std::string frame_name(const fs::path& file) {
     name += c;
   }
   return name;
+}
+
+// The numbers in a name, one after another.
+std::string numbers_of(const std::string& name) {
+  std::string numbers;
+  for (std::size_t i = 0; i < name.size(); ++i) {
+    if (is_digit(name[i]))
+      numbers += name[i];
+    else if (!numbers.empty() && numbers.back() != ' ')
+      numbers += ' ';
+  }
+  while (!numbers.empty() && numbers.back() == ' ') numbers.pop_back();
+  return numbers;
+}
+
+// A pattern for a file and those that differ from it in their last number.
+std::string pattern_of(const fs::path& file) {
+  std::string name = file.filename().string();
+  const std::size_t end = file.stem().string().find_last_of("0123456789") + 1;
+  std::size_t begin = end;
+  while (begin > 0 && is_digit(name[begin - 1])) --begin;
+  const std::string width = name[begin] == '0' && end - begin > 1 ? "0" + std::to_string(end - begin) : "";
+  return name.replace(begin, end - begin, "%" + width + "d");
+}
+
+// The last number in an image's name, if nothing else in it differs from the name before.
+std::optional<std::int64_t> step_between(const fs::path& before, const fs::path& after) {
+  const auto parts = [](const fs::path& file) {
+    const std::string name = file.stem().string();
+    const std::size_t end = name.find_last_of("0123456789") + 1;
+    std::size_t begin = end;
+    while (begin > 0 && is_digit(name[begin - 1])) --begin;
+    std::int64_t number = -1;
+    std::from_chars(name.data() + begin, name.data() + end, number);
+    return std::tuple(name.substr(0, begin), name.substr(end), number);
+  };
+  const auto [head, tail, first] = parts(before);
+  const auto [other_head, other_tail, second] = parts(after);
+  if (head != other_head || tail != other_tail || first < 0 || second <= first) return {};
+  return second - first;
+}
+
+// A note if the images' numbers have a gap: a step larger than the median. Empty if they have none.
+std::string gap_between(const std::vector<fs::path>& images) {
+  std::vector<std::int64_t> steps;
+  for (std::size_t i = 1; i < images.size(); ++i)
+    if (const auto step = step_between(images[i - 1], images[i])) steps.push_back(*step);
+  if (steps.empty()) return {};
+  const auto middle = steps.begin() + (std::ssize(steps) - 1) / 2;
+  std::nth_element(steps.begin(), middle, steps.end());
+  const std::int64_t usual = *middle;
+  std::size_t first = 0;
+  std::int64_t missing = 0;
+  for (std::size_t i = 1; i < images.size(); ++i) {
+    const auto step = step_between(images[i - 1], images[i]);
+    if (!step || *step <= usual) continue;
+    if (first == 0) first = i;
+    missing += (*step - 1) / usual;
+  }
+  if (first == 0) return {};
+  return "images are missing: " + std::to_string(missing) + " by their numbers, the first after " +
+         images[first - 1].string() + "; frames are counted without them, so that " +
+         images[first].filename().string() + " is frame " + std::to_string(first + 1);
+}
+
+// Whether one name is the other one with something before or behind it: 1 and 1_mask.
+bool extends(const std::string& a, const std::string& b) {
+  const auto& [shorter, longer] =
+      std::minmax(a, b, [](const auto& x, const auto& y) { return x.size() < y.size(); });
+  return longer.starts_with(shorter) || longer.ends_with(shorter);
 }
 
 fs::path folder_of(const fs::path& pattern) {
@@ -184,14 +257,22 @@ void ImageSource::use_folder(const fs::path& folder, IsFrame is_frame, const std
   use_images(files_of(folder, is_frame), input);
   folder_ = folder;
   is_frame_ = std::move(is_frame);
-  std::map<std::string, std::string> names;
+  std::map<std::string, fs::path> first;  // image by the numbers in its name, or by its name without numbers
   for (const fs::path& image : images_) {
-    const auto [other, added] = names.emplace(frame_name(image), image.filename().string());
-    if (!added)
-      throw std::runtime_error("two images for one frame in " + folder.string() + ": " + other->second +
-                               " and " + image.filename().string() + "; choose by a pattern such as '*" +
-                               image.extension().string() + "'");
+    const std::string name = frame_name(image), numbers = numbers_of(name);
+    const auto [found, added] = first.emplace(numbers.empty() ? name : numbers, image);
+    if (added) continue;
+    const fs::path& other = found->second;
+    const std::string other_name = frame_name(other);
+    if (!extends(name, other_name)) continue;
+    throw std::runtime_error(
+        "two images for one frame in " + folder.string() + ": " + other.filename().string() + " and " +
+        image.filename().string() + "; choose by a pattern such as '" +
+        (name == other_name ? "*" + image.extension().string()
+                            : pattern_of(name.size() < other_name.size() ? image : other)) +
+        "'");
   }
+  if (std::string gap = gap_between(images_); !gap.empty()) notes_.push_back(std::move(gap));
 }
 
 // A single image, or a file with several: a TIFF with pages or an animation.
@@ -246,14 +327,39 @@ void ImageSource::use_video(const std::string& input) {
     throw std::runtime_error(input + ": a video of " + std::to_string(std::lround(width)) + " x " +
                              std::to_string(std::lround(height)) + " pixels, and at most " +
                              std::to_string(kMostPixels) + " are read");
+  std::error_code error;
+  is_file_ = fs::is_regular_file(file_, error);
   if (video_.set(cv::CAP_PROP_ORIENTATION_AUTO, 0)) rotation_ = rotation_of(video_);
   const double count = video_.get(cv::CAP_PROP_FRAME_COUNT);
   if (count >= 1 && count < 1e9 && plausible(video_.get(cv::CAP_PROP_FPS)))
     frame_count_ = static_cast<int>(count);
 }
 
-// Determines the rate and number of a video's frames if the timestamps of its first frames contradict its
-// header.
+namespace {
+
+// The time of the frame that was grabbed last [s]. The last frames of a stream with B-frames have none:
+// OpenCV 4.6 says 0, so that a time counts only if it is later than that of the frame before.
+void append_time(const cv::VideoCapture& video, std::vector<double>& times) {
+  const double time = video.get(cv::CAP_PROP_POS_MSEC) / 1000;
+  if (times.empty() || time > times.back()) times.push_back(time);
+}
+
+// The mean rate; 0 if unknown.
+double mean_rate(const std::vector<double>& times) {
+  return times.size() < 2 ? 0 : static_cast<double>(times.size() - 1) / (times.back() - times.front());
+}
+
+bool agree(double rate, double announced) { return std::abs(rate - announced) <= 0.05 * rate; }
+
+// The rate: that of most frames if it is steady.
+double rate_of(const std::vector<double>& times) {
+  const std::optional<double> interval = steady_interval(times);
+  return interval ? 1 / *interval : mean_rate(times);
+}
+
+}  // namespace
+
+// Determines the rate of a video if the timestamps of its first frames contradict its header.
 void ImageSource::measure_video() {
   if (std::exchange(measured_, true) || !video_.isOpened()) return;
   const double announced = video_.get(cv::CAP_PROP_FPS),
@@ -263,29 +369,18 @@ void ImageSource::measure_video() {
     if (fps_ != fps) notes_.emplace_back("the frame rate is unknown, 25 a second are taken: say it by --fps");
   };
   const auto unconfirmed = [&] { take(plausible(announced) ? announced : 0); };
-  std::error_code error;
-  if (!fs::is_regular_file(file_, error)) return unconfirmed();
+  if (!is_file_) return unconfirmed();
 
   constexpr int kFirst = 100;
   int first = 0;
-  double begin = 0, end = 0;
+  std::vector<double> times;
   cv::VideoCapture video(file_.string());
-  for (; first < kFirst && video.grab(); ++first) {
-    end = video.get(cv::CAP_PROP_POS_MSEC) / 1000;
-    if (first == 0) begin = end;
-  }
-  if (first < 2 || !(end > begin)) return unconfirmed();
-  const double rate = (first - 1) / (end - begin);
-  if (std::abs(rate - announced) <= 0.05 * rate) return take(announced);
-  if (first < kFirst) {
-    frame_count_ = first;
-    return take(rate);
-  }
-  // Count packets, one per frame, without decoding them.
-  frame_count_ = 0;
-  if (cv::videoio_registry::hasBackend(cv::CAP_FFMPEG))
-    for (video.open(file_.string(), cv::CAP_FFMPEG, {cv::CAP_PROP_FORMAT, -1}); video.grab();) ++frame_count_;
-  const double mean = frame_count_ / seconds;
+  for (; first < kFirst && video.grab(); ++first) append_time(video, times);
+  const double rate = rate_of(times);
+  if (rate == 0) return unconfirmed();
+  if (agree(rate, announced)) return take(announced);
+  if (first < kFirst) return take(rate);
+  const double mean = count_packets(file_) / seconds;
   take(mean > rate / 4 && mean < rate * 4 ? mean : rate);
 }
 
@@ -296,8 +391,16 @@ double ImageSource::fps() {
 }
 
 bool ImageSource::ended_early() {
-  if (position_ < frame_count_) measure_video();
-  return position_ < frame_count_;
+  if (position_ >= frame_count_) return false;
+  if (!video_.isOpened() || !is_file_) return true;
+  if (const int packets = count_packets(file_); packets > position_) {
+    frame_count_ = packets;
+    return true;
+  }
+  const VideoContainer container = read_container(file_);
+  if (container.cut || container.counts_offset) return container.cut;
+  const double rate = rate_of(times_);
+  return rate == 0 || agree(rate, video_.get(cv::CAP_PROP_FPS));
 }
 
 bool ImageSource::reads(const fs::path& path) const {
@@ -346,7 +449,10 @@ cv::Mat ImageSource::read_image() try {
 // Converts a deep image by the range that Frame assumes, which the first image is used to check.
 cv::Mat ImageSource::in_8_bits(const cv::Mat& image) try {
   if (decoded_) return to_bgr8(image);
+  cv::Mat bgr = to_bgr8(image);
   const std::optional<PixelRange> suggested = suggested_range(image);
+  if (image.depth() == CV_32F && suggested)
+    throw std::invalid_argument("float pixels below 1/256 would be black: give the value that is white");
   if (image.depth() == CV_16U && suggested) {
     const std::string bits = std::to_string(std::lround(std::log2(suggested->white + 1)));
     if (bits == "8")
@@ -354,7 +460,7 @@ cv::Mat ImageSource::in_8_bits(const cv::Mat& image) try {
     notes_.push_back("the first frame uses " + bits + " of 16 bits: --bits " + bits +
                      " or --range LOW,HIGH would spread them");
   }
-  return to_bgr8(image);
+  return bgr;
 } catch (const std::invalid_argument& e) {
   throw std::runtime_error("frame " + std::to_string(position_ + 1) + ": " + e.what() +
                            (image.depth() == CV_32F ? " by --range LOW,HIGH" : ""));
@@ -364,6 +470,7 @@ bool ImageSource::next(cv::Mat& image) {
   cv::Mat read;
   if (video_.isOpened()) {
     if (!video_.read(read) || read.empty()) return false;
+    if (is_file_) append_time(video_, times_);
     if (options_.range) read = to_bgr8(read, options_.range);
   } else {
     if (position_ == frame_count_) return false;
@@ -372,13 +479,32 @@ bool ImageSource::next(cv::Mat& image) {
   }
   decoded_ = true;
   ++position_;
-  image = upright(read);
+  image = in_first_size(upright(read));
   return true;
+}
+
+// The same scene at another resolution, as an adaptive stream sends it: the object's size does not change.
+cv::Mat ImageSource::in_first_size(const cv::Mat& image) {
+  const cv::Size size = image.size(),
+                 first = std::exchange(first_size_, first_size_.empty() ? size : first_size_);
+  const auto product = [](int a, int b) { return std::int64_t{a} * b; };
+  const bool same_shape = std::abs(product(size.width, first.height) - product(size.height, first.width)) <=
+                          std::max(first.width, first.height);
+  if (first.empty() || size == first || !same_shape) return image;
+  if (!std::exchange(scaled_, true))
+    notes_.push_back("frame " + std::to_string(position_) + " has " + std::to_string(size.width) + " x " +
+                     std::to_string(size.height) + " pixels: frames of this shape are scaled to the " +
+                     std::to_string(first.width) + " x " + std::to_string(first.height) +
+                     " of the first one, and boxes are in its pixels");
+  cv::Mat scaled;
+  cv::resize(image, scaled, first, 0, 0, size.width > first.width ? cv::INTER_AREA : cv::INTER_LINEAR);
+  return scaled;
 }
 
 bool ImageSource::skip(int count) {
   for (; count > 0; --count, ++position_) {
     if (video_.isOpened() ? !video_.grab() : position_ == frame_count_) return false;
+    if (is_file_) append_time(video_, times_);
   }
   return true;
 }

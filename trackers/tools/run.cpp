@@ -220,6 +220,11 @@ void print_notes(ImageSource& source) {
 }
 
 void print_damaged(const ImageSource& source) {
+  if (const auto missing = source.missing())
+    std::fprintf(stderr,
+                 "asterism-track: note: about %d frames are missing, the first after frame %d: the video is "
+                 "damaged, or its recorder dropped them\n",
+                 missing->count, missing->after);
   if (source.damaged().empty()) return;
   std::fprintf(stderr, "asterism-track: note: damaged frames, treated as blank: %zu, the first is %s\n",
                source.damaged().size(), source.damaged().front().c_str());
@@ -322,7 +327,8 @@ void run(const Options& options) {
     bool go_on = outputs.add(image, results, true_box(), source.position(), milliseconds);
     while (go_on && g_stop_signal == 0 && (options.frames == 0 || score.updates + 1 < options.frames)) {
       if (!source.next(image)) {
-        if (source.ended_early()) {
+        // A gap says more than an early end.
+        if (!source.missing() && source.ended_early()) {
           std::fprintf(stderr, "asterism-track: note: %s ends after frame %d, %d were announced\n",
                        options.input.c_str(), source.position(), source.frame_count());
         }
@@ -362,6 +368,7 @@ void run(const Options& options) {
   } catch (const std::exception& e) {
     if (error.empty()) error = e.what();
   }
+  print_notes(source);
   print_damaged(source);
   if (!error.empty()) throw std::runtime_error(error);
   print_summary(options, score);

@@ -13,6 +13,9 @@ namespace {
 // whereas images in [0, 255] or [-1, 1] exceed it.
 constexpr double kOvershoot = 0.5;
 
+// Float pixels below this are black in 8 bits, all of them: 8-bit values that were divided by 65535.
+constexpr double kDark = 1.0 / 256;
+
 std::string text(double value) {
   std::ostringstream stream;
   stream << value;
@@ -89,6 +92,7 @@ std::optional<PixelRange> suggested_range(const cv::Mat& image) try {
   if (image.depth() == CV_32F && !cv::checkRange(pixels)) return {};
   const PixelRange found = extremes(pixels);
   if (image.depth() == CV_32F) {
+    if (found.black >= 0 && found.white > 0 && found.white < kDark) return PixelRange{0, 255.0 / 65535};
     if (found.black >= -kOvershoot && found.white <= 1 + kOvershoot) return {};
     if (found.black < 0) return found;
   }
@@ -114,10 +118,15 @@ Frame::Frame(const cv::Mat& image, const std::optional<PixelRange>& range) {
 
 Frame first_frame(const cv::Mat& image) {
   Frame frame(image);
-  if (image.depth() == CV_16U && suggested_range(image) == PixelRange::of_bits(8))
+  const std::optional<PixelRange> suggested = suggested_range(image);
+  if (image.depth() == CV_16U && suggested == PixelRange::of_bits(8))
     throw std::invalid_argument(
         "Frame: the pixels of a 16-bit image are at most 255, black in 8 bits: give their range, or 8-bit "
         "pixels");
+  if (image.depth() == CV_32F && suggested)
+    throw std::invalid_argument(
+        "Frame: the pixels of a float image are below 1/256, black in 8 bits: give their range (255/65535 is "
+        "white if 8-bit pixels were divided by 65535), or pixels in [0, 1]");
   return frame;
 }
 

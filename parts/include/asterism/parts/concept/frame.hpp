@@ -44,8 +44,9 @@ struct PixelRange {
 
 /// The range that the pixels of a video's first frame seem to have, if that is not the range that Frame
 /// assumes: for 16-bit pixels the fewest of 8, 10, 12 and 14 bits that hold them; for float pixels beyond 1
-/// the fewest of 8 to 16 bits, otherwise their least and greatest value. Empty if Frame's range is right, and
-/// for an image that is black or that Frame refuses for another reason.
+/// the fewest of 8 to 16 bits, for those below 1/256 the range of 8-bit values divided by 65535, otherwise
+/// their least and greatest value. Empty if Frame's range is right, and for an image that is black or that
+/// Frame refuses for another reason.
 ASTERISM_API std::optional<PixelRange> suggested_range(const cv::Mat& image);
 
 /// One video frame, converted once and shared by all parts of a tracker.
@@ -74,7 +75,8 @@ class ASTERISM_API Frame {
 };
 
 /// The frame that a tracker starts on: Frame(image), but throws std::invalid_argument for a 16-bit image
-/// whose values are all at most 255. It would be black in 8 bits; for 8-bit values in 16 bits, give a range.
+/// whose values are all at most 255, and for a float image whose values are all below 1/256, unless they are
+/// all 0. It would be black in 8 bits; for 8-bit values in 16 bits, or divided by 65535, give a range.
 ASTERISM_API Frame first_frame(const cv::Mat& image);
 
 }  // namespace ASTERISM_ABI
