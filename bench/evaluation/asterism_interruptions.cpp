@@ -206,13 +206,14 @@ struct Sums {
 };
 
 template <class T>
-void measure(const T& tracker, const std::string& name, const std::vector<Clip>& clips) {
+void measure(const T& tracker, const std::string& name, const std::vector<Clip>& clips, std::size_t draws) {
   std::vector<Sums> sums;
-  for (std::size_t i = 0; i < clips.size(); ++i) {
-    Random random(1000 + i);
-    const Clip& clip = clips[i];
-    const Clip& other = clips[(i + 1 + random(clips.size() - 1)) % clips.size()];
-    const Clip& third = clips[(i + 1 + random(clips.size() - 1)) % clips.size()];
+  for (std::size_t run = 0; run < draws * clips.size(); ++run) {
+    Random random(1000 + run);
+    const std::size_t c = run % clips.size();
+    const Clip& clip = clips[c];
+    const Clip& other = clips[(c + 1 + random(clips.size() - 1)) % clips.size()];
+    const Clip& third = clips[(c + 1 + random(clips.size() - 1)) % clips.size()];
     const std::size_t at = 10 + random(std::clamp<std::size_t>(clip.images.size() / 2, 11, 40) - 10);
     T with = tracker, without = tracker;
     with.init(clip.images[0], *clip.truth[0]), without.init(clip.images[0], *clip.truth[0]);
@@ -240,9 +241,9 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
       sums[k].without += sum_without / std::max(1, compared);
     }
   }
-  const auto n = static_cast<double>(clips.size());
-  std::printf("%s, %zu sequences\n%-36s %7s %7s %7s %s\n", name.c_str(), clips.size(), "kind", "without",
-              "with", "gain", "frames interrupted");
+  const auto n = static_cast<double>(draws * clips.size());
+  std::printf("%s, %zu interruptions of each kind in %zu sequences\n%-36s %7s %7s %7s %s\n", name.c_str(),
+              draws * clips.size(), clips.size(), "kind", "without", "with", "gain", "frames interrupted");
   for (const Sums& of : sums)
     std::printf("%-36s %7.3f %7.3f %+7.3f %zu\n", of.kind.c_str(), of.without / n, of.with / n,
                 (of.with - of.without) / n, of.interrupted);
@@ -254,7 +255,7 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
 int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> names{"dpt", "dpt_plus", "kcf"}, only;
-  std::size_t frames = 100;
+  std::size_t frames = 100, draws = 3;
   CLI::App app(
       "Prints the average overlap of trackers after interruptions of many kinds, with the gate for "
       "interruptions and without it. The sequences are also cut into each other.",
@@ -264,6 +265,9 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
+  app.add_option("--draws", draws, "interruptions of each kind in a sequence, at positions that are drawn")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
   app.add_option("--frames", frames, "of each sequence, at most")
       ->check(CLI::Range(30, 10000))
       ->capture_default_str();
@@ -282,11 +286,11 @@ int main(int argc, char** argv) {
     for (const std::string& name : names) {
       const AnyTracker tracker = make_tracker(name);
       if (const auto* const dpt = tracker.target<Dpt>())
-        measure(*dpt, name, clips);
+        measure(*dpt, name, clips, draws);
       else if (const auto* const coarse = tracker.target<CoarseTracker>())
-        measure(*coarse, name, clips);
+        measure(*coarse, name, clips, draws);
       else if (const auto* const lgt = tracker.target<Lgt>())
-        measure(*lgt, name, clips);
+        measure(*lgt, name, clips, draws);
       else
         throw std::invalid_argument(name + " has no gate of its own");
     }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <vector>
@@ -108,10 +109,14 @@ inline cv::Mat inverted(const cv::Mat& clean) {
 
 /// Frame i of another video, in which the camera moves; the seed says which video.
 inline cv::Mat other_video(const cv::Mat& like, int i, std::uint64_t seed) {
-  cv::Mat scene(like.rows + 120, like.cols + 120, like.type());
-  cv::RNG(seed).fill(scene, cv::RNG::UNIFORM, 0, 255);
-  cv::GaussianBlur(scene, scene, {95, 95}, 0);
-  cv::normalize(scene, scene, 0, 255, cv::NORM_MINMAX);
+  static std::map<std::uint64_t, cv::Mat> scenes;
+  cv::Mat& scene = scenes[seed];
+  if (scene.rows != like.rows + 120 || scene.cols != like.cols + 120 || scene.type() != like.type()) {
+    scene = cv::Mat(like.rows + 120, like.cols + 120, like.type());
+    cv::RNG(seed).fill(scene, cv::RNG::UNIFORM, 0, 255);
+    cv::GaussianBlur(scene, scene, {95, 95}, 0);
+    cv::normalize(scene, scene, 0, 255, cv::NORM_MINMAX);
+  }
   return scene(cv::Rect({2 * (i % 60), i % 60}, like.size())).clone();
 }
 

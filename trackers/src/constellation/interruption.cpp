@@ -143,6 +143,9 @@ InterruptionGate::Sight InterruptionGate::compare(const Seen& seen, const Frame&
 }
 
 InterruptionGate::Sight InterruptionGate::judge(const Frame& frame, const View& view) const {
+  // Successive frames of faint noise are no scene that continues.
+  if (held_ > 0 && variance(before_.seen.view) >= kLeastVariance && variance(view) < kLeastVariance)
+    return compare(before_.seen, frame, view);
   const Sight sight = compare(seen_, frame, view);
   if (sight == Sight::Blank || before_.tracker == nullptr) return sight;
   // A scene that went on may come to resemble the one before the break, while the camera turns back, say.
