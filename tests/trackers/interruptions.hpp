@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <opencv2/imgproc.hpp>
 #include <string>
 #include <vector>
@@ -56,8 +57,74 @@ inline cv::Mat with_gray(const cv::Mat& clean, const cv::Rect& missing) {
   return result;
 }
 
+/// The lower half above the upper one.
+inline cv::Mat rolled(const cv::Mat& clean) {
+  cv::Mat result;
+  cv::vconcat(clean.rowRange(clean.rows / 2, clean.rows), clean.rowRange(0, clean.rows / 2), result);
+  return result;
+}
+
+/// The frame twice, one above the other, each of half its height.
+inline cv::Mat doubled(const cv::Mat& clean) {
+  cv::Mat upper, lower, result;
+  cv::resize(clean, upper, {clean.cols, clean.rows / 2}, 0, 0, cv::INTER_AREA);
+  cv::resize(clean, lower, {clean.cols, clean.rows - upper.rows}, 0, 0, cv::INTER_AREA);
+  cv::vconcat(upper, lower, result);
+  return result;
+}
+
+/// A station's logo over the middle of the frame.
+inline cv::Mat with_logo(const cv::Mat& clean) {
+  cv::Mat result = clean.clone();
+  const cv::Point middle(clean.cols / 2, clean.rows / 2);
+  const int radius = std::min(clean.rows, clean.cols) / 4;
+  cv::circle(result, middle, radius, {180, 60, 20}, cv::FILLED);
+  cv::circle(result, middle, 3 * radius / 4, {255, 255, 255}, cv::FILLED);
+  const cv::Point corner(radius / 2, radius / 6);
+  cv::rectangle(result, middle - corner, middle + corner, {40, 40, 200}, cv::FILLED);
+  return result;
+}
+
+/// The rows from `row` on repeat it, as where a decoder lost the rest of a frame.
+inline cv::Mat smeared(const cv::Mat& clean, int row) {
+  cv::Mat result = clean.clone();
+  cv::repeat(clean.row(row), clean.rows - row, 1, result.rowRange(row, clean.rows));
+  return result;
+}
+
+/// Black bars at the top and the bottom, each of an eighth of the height.
+inline cv::Mat letterboxed(const cv::Mat& clean) {
+  cv::Mat result = clean.clone();
+  const int bar = clean.rows / 8;
+  result.rowRange(0, bar).setTo(cv::Scalar::all(0));
+  result.rowRange(clean.rows - bar, clean.rows).setTo(cv::Scalar::all(0));
+  return result;
+}
+
+inline cv::Mat inverted(const cv::Mat& clean) {
+  cv::Mat result;
+  cv::bitwise_not(clean, result);
+  return result;
+}
+
+/// Frame i of another video, in which the camera moves; the seed says which video.
+inline cv::Mat other_video(const cv::Mat& like, int i, std::uint64_t seed) {
+  static std::map<std::uint64_t, cv::Mat> scenes;
+  cv::Mat& scene = scenes[seed];
+  if (scene.rows != like.rows + 120 || scene.cols != like.cols + 120 || scene.type() != like.type()) {
+    scene = cv::Mat(like.rows + 120, like.cols + 120, like.type());
+    cv::RNG(seed).fill(scene, cv::RNG::UNIFORM, 0, 255);
+    cv::GaussianBlur(scene, scene, {95, 95}, 0);
+    cv::normalize(scene, scene, 0, 255, cv::NORM_MINMAX);
+  }
+  return scene(cv::Rect({2 * (i % 60), i % 60}, like.size())).clone();
+}
+
 /// All kinds that are tested; add new ones here.
 inline std::vector<Interruption> interruptions() {
+  const auto of_scene = [](cv::Mat (*change)(const cv::Mat&)) {
+    return [change](const cv::Mat& clean, int, int) { return change(clean); };
+  };
   const auto one_color = [](const cv::Scalar& color) {
     return [color](const cv::Mat& clean, int, int) { return of_one_color(clean, color); };
   };
@@ -89,6 +156,13 @@ inline std::vector<Interruption> interruptions() {
          return with_gray(clean, {0, 0, clean.cols / 2, clean.rows});
        },
        false},
+      {"inverted", of_scene(inverted), false},
+      {"rolled", of_scene(rolled), false},
+      {"doubled", of_scene(doubled), false},
+      {"logo", of_scene(with_logo), false},
+      {"smear", [](const cv::Mat& clean, int, int) { return smeared(clean, clean.rows / 4); }, false},
+      {"letterbox", of_scene(letterboxed), false},
+      {"other_video", [](const cv::Mat& clean, int i, int) { return other_video(clean, i, 11); }, false},
   };
 }
 

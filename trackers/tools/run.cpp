@@ -1,6 +1,7 @@
 #include "run.hpp"
 
 #include <algorithm>
+#include <asterism/trackers/constellation/interruption.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <chrono>
@@ -102,14 +103,26 @@ void check(const Options& options) {
   for (const std::string& other : options.compare) make_tracker(other);
 }
 
+// Reads on until `image`, of the source's last frame, shows a scene.
+void wait_for_scene(ImageSource& source, cv::Mat& image) {
+  const int first = source.position();
+  while (!shows_scene(Frame(image)))
+    if (!source.next(image))
+      throw std::runtime_error("--wait: no frame from " + std::to_string(first) + " on shows a scene");
+  if (source.position() > first)
+    std::fprintf(stderr, "asterism-track: note: starts in frame %d, the first that shows a scene\n",
+                 source.position());
+}
+
+// start: number of the frame, from 1.
 std::vector<cv::Rect2d> first_boxes(const Options& options, const std::vector<std::optional<Region>>& truth,
-                                    Window* window, const cv::Mat& image) {
+                                    int start, Window* window, const cv::Mat& image) {
   if (!options.boxes.empty()) {
     std::vector<cv::Rect2d> boxes;
     for (const std::string& box : options.boxes) boxes.push_back(parse_box(box));
     return boxes;
   }
-  const auto index = static_cast<size_t>(options.start - 1);
+  const auto index = static_cast<size_t>(start - 1);
   if (index < truth.size() && truth[index]) return {truth[index]->equal_area_box()};
   if (window != nullptr) {
     const cv::Rect2d box = window->select(image);
@@ -117,7 +130,7 @@ std::vector<cv::Rect2d> first_boxes(const Options& options, const std::vector<st
     return {box};
   }
   if (!truth.empty()) {
-    throw std::runtime_error("the ground truth has no box in frame " + std::to_string(options.start) +
+    throw std::runtime_error("the ground truth has no box in frame " + std::to_string(start) +
                              ": give one by --box x,y,width,height");
   }
   throw std::runtime_error(
@@ -265,10 +278,19 @@ void run(const Options& options) {
     throw std::runtime_error(options.input + " has no frame " + std::to_string(options.start) +
                              ": it ends after " + std::to_string(source.position()));
   }
-  if (!source.damaged().empty())
+  if (options.wait) {
+    wait_for_scene(source, image);
+  } else if (!source.damaged().empty()) {
     throw std::runtime_error(source.damaged().front() +
-                             " is damaged: no track can start in it, choose another by --start");
-  const int available = source.frame_count() > 0 ? source.frame_count() - options.start + 1 : options.frames;
+                             " is damaged: no track can start in it, choose another by --start, or --wait");
+  } else if (!shows_scene(Frame(image))) {
+    std::fprintf(stderr,
+                 "asterism-track: note: frame %d shows noise or one gray level; --wait starts in the first "
+                 "frame that shows a scene\n",
+                 source.position());
+  }
+  const int start = source.position();
+  const int available = source.frame_count() > 0 ? source.frame_count() - start + 1 : options.frames;
   const int total = options.frames > 0 ? std::min(available, options.frames) : available;
 
   std::optional<SystemRecorder> recorder;
@@ -277,7 +299,8 @@ void run(const Options& options) {
   const bool watched = recorder || !options.constellation.empty();
   // The objects, then the first of them again for each tracker that is compared. Their results start as the
   // boxes.
-  const std::vector<cv::Rect2d> boxes = first_boxes(options, truth, window ? &*window : nullptr, image);
+  const std::vector<cv::Rect2d> boxes =
+      first_boxes(options, truth, start, window ? &*window : nullptr, image);
   std::vector<std::string> names(boxes.size(), options.tracker);
   names.insert(names.end(), options.compare.begin(), options.compare.end());
   std::vector<TrackResult> results(names.size());

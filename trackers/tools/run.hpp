@@ -16,6 +16,7 @@ struct Options {
   std::vector<std::string> compare;  // other trackers on the sheet
   bool show = false;
   int start = 1, frames = 0;  // frames: 0 for all
+  bool wait = false;          // from `start` on, for the first frame that shows a scene
   FrameOptions source;
 };
 

@@ -58,6 +58,9 @@ int run_command_line(int argc, char** argv) {
   app.add_flag("--show", options.show,
                "show the overlay; q stops, space pauses; without --box, select the first box with the mouse");
   app.add_option("--start", options.start, "number of the first frame, from 1")->check(count);
+  app.add_flag("--wait", options.wait,
+               "start in the first frame that shows a scene, from --start on: not one gray level, noise or "
+               "damaged");
   app.add_option("--frames", options.frames, "stop after this many frames")->check(count);
   add_range_options(app, options.source.range);
   app.add_option("--rotate", options.source.rotate,

@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <asterism/trackers/constellation/interruption.hpp>
 #include <cmath>
+#include <opencv2/core.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -13,11 +14,17 @@ constexpr double kSameScene = 0.5;
 constexpr double kLeastVariance = 1;
 // A cell whose gray levels differ by at most this is blank: filler of a decoder, or saturated light.
 constexpr int kOneLevel = 2;
-// The view is doubtful if more than one in this many of the cells with content around the object is now
+// The object is hidden if more than one in this many of the cells with content around the object is now
 // blank.
 constexpr int kHidden = 4;
+// In another scene the tracker must be as sure of its object as this, relative to the frame before the break:
+// noise has a best match, too.
+constexpr double kLeastConfidence = 0.5;
 // Side of the neighbourhood of the object [sides of its box].
 constexpr double kNear = 2;
+
+// Correlation of neighbouring pixels below which a frame is noise. Images have more than 0.8.
+constexpr double kLeastNeighbourCorrelation = 0.25;
 
 // Samples along each side of a cell.
 constexpr int kSamples = 4;
@@ -59,34 +66,37 @@ double variance(const InterruptionGate::View& view) {
   return (squares - sum * sum / n) / n;
 }
 
-// Correlation of two views over their overlap, one of them shifted by whole cells; 0 if either is constant
-// there.
-double correlation(const InterruptionGate::View& a, const InterruptionGate::View& b, int right, int down) {
-  constexpr int kSide = InterruptionGate::kViewCells;
-  double n = 0, sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
-  for (int row = std::max(0, down); row < kSide + std::min(0, down); ++row)
-    for (int col = std::max(0, right); col < kSide + std::min(0, right); ++col) {
-      const double x = a[static_cast<std::size_t>(row * kSide + col)],
-                   y = b[static_cast<std::size_t>((row - down) * kSide + col - right)];
-      ++n, sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
-    }
+// Correlation of two views; 0 if either is constant.
+double correlation(const InterruptionGate::View& a, const InterruptionGate::View& b) {
+  const auto n = static_cast<double>(a.size());
+  double sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
+  for (std::size_t i = 0; i < a.size(); ++i) {
+    const double x = a[i], y = b[i];
+    sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
+  }
   const double scale = (aa - sum_a * sum_a / n) * (bb - sum_b * sum_b / n);
   return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
 }
 
-// Whether two views show one scene, allowing for shifts of the camera that leave at least half of it in both.
-bool of_one_scene(const InterruptionGate::View& a, const InterruptionGate::View& b) {
-  if (correlation(a, b, 0, 0) >= kSameScene) return true;  // nearly always
-  constexpr int kSide = InterruptionGate::kViewCells;
-  for (int down = -kSide / 2; down <= kSide / 2; ++down)
-    for (int right = -kSide / 2; right <= kSide / 2; ++right) {
-      const int common = (kSide - std::abs(down)) * (kSide - std::abs(right));
-      if (2 * common >= kSide * kSide && correlation(a, b, right, down) >= kSameScene) return true;
-    }
-  return false;
-}
-
 }  // namespace
+
+bool shows_scene(const Frame& frame) {
+  const cv::Mat& gray = frame.gray();
+  double least = 0, most = 0;
+  cv::minMaxLoc(gray, &least, &most);
+  if (most - least <= kOneLevel) return false;
+  if (gray.cols < 2) return true;
+  // Correlation of pixels that are side by side.
+  const cv::Mat left = gray.colRange(0, gray.cols - 1), right = gray.colRange(1, gray.cols);
+  cv::Scalar mean_left, mean_right, deviation_left, deviation_right;
+  cv::meanStdDev(left, mean_left, deviation_left);
+  cv::meanStdDev(right, mean_right, deviation_right);
+  cv::Mat products;
+  cv::multiply(left, right, products, 1, CV_32F);
+  const double covariance = cv::mean(products)[0] - mean_left[0] * mean_right[0],
+               scale = deviation_left[0] * deviation_right[0];
+  return scale == 0 || covariance >= kLeastNeighbourCorrelation * scale;
+}
 
 InterruptionGate::View InterruptionGate::view_of(const Frame& frame) {
   View view;
@@ -105,16 +115,20 @@ InterruptionGate::Blanks InterruptionGate::blanks_of(const Seen& seen, const Fra
   return blanks;
 }
 
-void InterruptionGate::learn(const Frame& frame, const cv::Rect2d& box, double confidence) {
-  seen_.confidence = confidence;
-  seen_.centre = centre_of(box);
-  seen_.size = {box.width, box.height};
-  seen_.view = view_of(frame);
+void InterruptionGate::learn(const Frame& frame, const View& view, const TrackResult& result) {
+  seen_.centre = centre_of(result.box);
+  seen_.size = {result.box.width, result.box.height};
+  seen_.confidence = result.confidence;
+  seen_.lost = result.lost;
+  seen_.view = view;
   seen_.blanks = blanks_of(seen_, frame);
 }
 
-InterruptionGate::Sight InterruptionGate::judge(const Seen& seen, const Frame& frame) {
-  const View view = view_of(frame);
+bool InterruptionGate::finds(const TrackResult& result) const {
+  return !result.lost && result.confidence >= kLeastConfidence * before_.seen.confidence;
+}
+
+InterruptionGate::Sight InterruptionGate::compare(const Seen& seen, const Frame& frame, const View& view) {
   const Blanks blanks = blanks_of(seen, frame);
   int shown = 0, hidden = 0;  // cells that were not blank, and those of them that now are
   for (std::size_t i = 0; i < blanks.size(); ++i) {
@@ -124,8 +138,22 @@ InterruptionGate::Sight InterruptionGate::judge(const Seen& seen, const Frame& f
   const bool had_view = variance(seen.view) >= kLeastVariance, has_view = variance(view) >= kLeastVariance;
   const bool all_blank = std::find(blanks.begin(), blanks.end(), 0) == blanks.end();
   if (!has_view && all_blank && (had_view || shown > 0)) return Sight::Blank;
-  const bool other_scene = had_view && !(has_view && of_one_scene(seen.view, view));
-  return other_scene || kHidden * hidden > shown ? Sight::Doubtful : Sight::Scene;
+  if (had_view && !(has_view && correlation(seen.view, view) >= kSameScene)) return Sight::OtherScene;
+  return kHidden * hidden > shown ? Sight::Hidden : Sight::Scene;
+}
+
+InterruptionGate::Sight InterruptionGate::judge(const Frame& frame, const View& view) const {
+  // Successive frames of faint noise are no scene that continues.
+  if (held_ > 0 && variance(before_.seen.view) >= kLeastVariance && variance(view) < kLeastVariance)
+    return compare(before_.seen, frame, view);
+  const Sight sight = compare(seen_, frame, view);
+  if (sight == Sight::Blank || before_.tracker == nullptr) return sight;
+  // A scene that went on may come to resemble the one before the break, while the camera turns back, say.
+  const auto nearer = [&] {
+    return held_ > 0 || before_.hidden ||
+           correlation(before_.seen.view, view) > correlation(seen_.view, view);
+  };
+  return compare(before_.seen, frame, view) == Sight::Scene && nearer() ? Sight::Back : sight;
 }
 
 void InterruptionGate::visit_seen(StateArchive& archive, Seen& seen) {
@@ -133,6 +161,7 @@ void InterruptionGate::visit_seen(StateArchive& archive, Seen& seen) {
   archive.size(seen.size);
   archive(seen.confidence);
   archive.require(seen.confidence >= 0 && seen.confidence <= 1);
+  archive(seen.lost);
   const auto visit = [&archive](auto& cells, int side) {
     cv::Mat image(side, side, CV_8UC1, cells.data());
     archive.pixels(image, image.size(), 1);

@@ -48,7 +48,10 @@ constexpr int kFewest = 3;
 constexpr double kMapSide = 150, kLikely = 0.2, kDampingVariance = 20;
 constexpr double kCapacityRate = 0.2, kShapeRate = 0.3;
 // The shape: width of the margin around the parts' convex hull, and the probability in it.
-constexpr double kHullMargin = 15, kMarginProbability = 0.7;
+constexpr double kHullMargin = 15;
+constexpr float kMarginProbability = 0.7F;
+// Probabilities of color and motion that differ by at most this fraction everywhere carry no information.
+constexpr float kSameProbability = 1e-3F;
 
 // Approximately normal numbers, the same with every compiler: sums of twelve uniform numbers from splitmix64
 // (Steele, Lea and Flood 2014).
@@ -429,15 +432,20 @@ void Lgt::learn_shape(const std::vector<Point2>& placement) {
 }
 
 Lgt::Map Lgt::probability(const Segmentation& color, const Segmentation& moving) const {
-  Map result = Map::Ones();
+  Map cues = Map::Ones();
   for (int row = 0; row < kShapeCells; ++row)
     for (int col = 0; col < kShapeCells; ++col) {
       const Point2 x = cell(row, col);
-      float& value = result(row, col);
-      if (!color.posterior.empty()) value *= static_cast<float>(color.at(x));
-      if (!moving.posterior.empty()) value *= static_cast<float>(moving.at(x));
-      if (options_.use_shape) value *= shape_(row, col);
+      if (!color.posterior.empty()) cues(row, col) *= static_cast<float>(color.at(x));
+      if (!moving.posterior.empty()) cues(row, col) *= static_cast<float>(moving.at(x));
     }
+  if (!options_.use_shape) return cues / std::max(cues.maxCoeff(), 1e-12F);
+  // Where neither color nor motion tells the object from its surroundings, nothing says that the object goes
+  // on in the margin of its shape: parts that joined there would widen the shape in every frame.
+  const bool uninformative = cues.maxCoeff() - cues.minCoeff() <= kSameProbability * cues.maxCoeff();
+  const Map shape =
+      uninformative ? Map((shape_ > (1 + kMarginProbability) / 2).select(shape_, 0.0F)) : shape_;
+  const Map result = cues * shape;
   return result / std::max(result.maxCoeff(), 1e-12F);
 }
 

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <array>
+#include <asterism/trackers/constellation/pose.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cstdint>
 #include <memory>
@@ -9,94 +10,106 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Distinguishes frames that interrupt a video (blank frames, noise, a test card, a decoder's gray blocks, a
-/// cut to another scene) from those that continue it. During an interruption a tracker keeps its box and
-/// learns nothing, however long it lasts.
+/// Whether a frame shows anything that a tracker can start on: not one gray level, nor noise, in which
+/// neighbouring pixels have nothing to do with each other (their correlation is below 0.25).
+ASTERISM_API bool shows_scene(const Frame& frame);
+
+/// Keeps a tracker out of frames that interrupt a video: blank frames, noise, a test card, a decoder's gray
+/// blocks, a cut to another scene.
 ///
-/// It compares a coarse view of the frame with that of the last frame that the tracker followed, allowing for
-/// motion of the camera. Unless the frame is blank, it also asks the tracker itself before it decides that
-/// the frame is an interruption. Where the tracker finds its object in another scene, the gate keeps what it
-/// had learned of the scene before, and goes on from there when that scene is back: what was found may only
-/// have been similar. docs/in-practice.md has the figures behind its constants.
+/// It compares a coarse view of each frame with that of the frame before. In a blank frame the tracker stays
+/// where it is and learns nothing. If the view changes abruptly, the gate keeps a copy of the tracker, which
+/// learns nothing, while the tracker itself follows the new view. If the view from before is back, the copy
+/// goes on in place of the tracker, as if there had been nothing in between. Until then the result is the
+/// tracker's if it finds its object in the new view; else the result is that of the copy, which stays where
+/// it is, until the new view has lasted for kMostHeld frames. docs/in-practice.md has the figures behind the
+/// constants.
 class ASTERISM_API InterruptionGate {
  public:
   /// Mean gray levels of kViewCells x kViewCells cells of a frame, row by row.
   static constexpr int kViewCells = 16;
   using View = std::array<std::uint8_t, kViewCells * kViewCells>;
+  /// Number of successive frames of a new scene, at most, in which the box stays where it was.
+  static constexpr int kMostHeld = 10;
 
   /// The tracker starts in this frame, on this box.
   void init(const Frame& frame, const cv::Rect2d& box) {
-    left_ = {};
-    learn(frame, box, 0);
+    before_ = {};
+    held_ = 0;
+    TrackResult result;
+    result.box = box;
+    learn(frame, view_of(frame), result);
   }
 
   /// Updates `tracker` by its member `follow`; in an interruption returns the result of its member
-  /// `standing`, which stays where it is. If the frame alone does not decide, a copy of the tracker follows,
-  /// and replaces the tracker if it finds its object: first, if the scene that was left is back, a copy of
-  /// the tracker as it was there.
+  /// `standing`, which stays where it is.
   template <class T>
   TrackResult update(T& tracker, const Frame& frame, TrackResult (T::*follow)(const Frame&),
                      TrackResult (T::*standing)() const) {
-    const Sight sight = judge(seen_, frame);
-    TrackResult result;
-    if (sight == Sight::Scene) {
-      result = (tracker.*follow)(frame);
-    } else {
-      bool found = false;
-      // Goes on as a copy of `from` if that finds the object, as sure of it as it was, `confidence`, or
-      // nearly.
-      const auto go_on = [&](const T& from, double confidence) {
-        T attempt = from;
-        result = (attempt.*follow)(frame);
-        found = !result.lost && result.confidence >= kLeastConfidence * confidence;
-        if (!found) return;
-        left_ = {};  // a tracker that is kept keeps no other
-        Left left{seen_, std::make_shared<const T>(tracker)};
-        tracker = std::move(attempt);  // this gate may be a part of it
-        left_ = std::move(left);
-      };
-      if (sight == Sight::Doubtful) {
-        if (left_.tracker != nullptr && judge(left_.seen, frame) == Sight::Scene)
-          go_on(*static_cast<const T*>(left_.tracker.get()), left_.seen.confidence);
-        if (!found) go_on(tracker, seen_.confidence);
+    const View view = view_of(frame);
+    const Sight sight = judge(frame, view);
+    // This gate may be a part of the tracker: what is assigned to the tracker is then assigned to the gate,
+    // too.
+    if (sight == Sight::Back) {
+      tracker = T(*before<T>());
+      before_ = {};
+      held_ = 0;
+    } else if (sight == Sight::OtherScene || sight == Sight::Hidden) {
+      Before kept = before_;
+      if (held_ > 0) {  // the object was not found since the last break: what was learned there is dropped
+        tracker = T(*before<T>());
+      } else {
+        before_ = {};  // a copy has no copy itself
+        kept = {seen_, std::make_shared<const T>(tracker), sight == Sight::Hidden};
       }
-      if (!found) {
-        TrackResult stays = (tracker.*standing)();
-        stays.confidence = result.confidence;
-        stays.times = std::move(result.times);
-        stays.lost = stays.interrupted = true;
-        return stays;
-      }
+      before_ = std::move(kept);
+      held_ = before_.seen.lost ? 0 : 1;
     }
-    learn(frame, result.box, result.confidence);
-    return result;
+    TrackResult result;
+    if (sight != Sight::Blank) {
+      result = (tracker.*follow)(frame);
+      learn(frame, view, result);
+      if (held_ > 0 && (finds(result) || held_ > kMostHeld)) held_ = 0;
+      if (held_ == 0) return result;
+      ++held_;
+    }
+    TrackResult stays = ((held_ > 0 ? *before<T>() : tracker).*standing)();
+    if (const Point2 centre = centre_of(stays.box), kept = kept_in_image(frame, centre); kept != centre)
+      stays.box = box_around(kept, {stays.box.width, stays.box.height});
+    stays.confidence = result.confidence;
+    stays.times = std::move(result.times);
+    stays.lost = stays.interrupted = true;
+    return stays;
   }
 
   /// For save_state, of the gate of `tracker`; `visit_learned(t)` visits what a tracker t has learned.
   template <class T, class Visit>
   void visit_state(StateArchive& archive, const T& tracker, Visit&& visit_learned) {
     visit_seen(archive, seen_);
-    bool left = left_.tracker != nullptr;
-    archive(left);
-    if (archive.loading()) left_ = {};
-    if (!left) return;
-    const auto of_left =
-        std::make_shared<T>(archive.loading() ? tracker : *static_cast<const T*>(left_.tracker.get()));
-    visit_learned(*of_left);
-    left_.tracker = of_left;
-    visit_seen(archive, left_.seen);
+    archive(held_);
+    archive.require(held_ >= 0 && held_ <= kMostHeld + 1);
+    bool broken = before_.tracker != nullptr;
+    archive(broken);
+    archive.require(broken || held_ == 0);
+    if (archive.loading()) before_ = {};
+    if (!broken) return;
+    const auto of_before = std::make_shared<T>(archive.loading() ? tracker : *before<T>());
+    visit_learned(*of_before);
+    before_.tracker = of_before;
+    visit_seen(archive, before_.seen);
+    archive(before_.hidden);
   }
 
  private:
+  // What a frame shows, compared with one that was followed.
   enum class Sight {
-    Scene,     // the video goes on
-    Doubtful,  // another scene, or the object's surroundings have become blank
-    Blank      // nothing at all to be seen, where there was something
+    Scene,       // the same scene
+    OtherScene,  // another one, or noise
+    Hidden,      // the same scene, but much of the object's surroundings has become blank
+    Blank,       // nothing at all, where there was something
+    Back         // the scene from before the last break, after frames of another one
   };
   static constexpr int kNearCells = 8;  // a side
-  // In a doubtful frame the tracker must be as sure of its object as this, relative to the last frame: noise
-  // has a best match, too.
-  static constexpr double kLeastConfidence = 0.5;
   // 1 for a cell about the object that has one gray level, else 0.
   using Blanks = std::array<std::uint8_t, kNearCells * kNearCells>;
 
@@ -105,25 +118,36 @@ class ASTERISM_API InterruptionGate {
     Point2 centre = Point2::Zero();
     Size2 size = Size2::Ones();
     double confidence = 0;
+    bool lost = false;
     View view{};
     Blanks blanks{};
   };
-  // The last frame before the last doubtful one in which the object was found, and the tracker (a T) then.
-  struct Left {
+  // The frame before the last break, and the tracker (a T) then; none if the scene from before is back.
+  struct Before {
     Seen seen;
     std::shared_ptr<const void> tracker;
+    bool hidden = false;  // since the break the scene is hidden, rather than another
   };
+
+  template <class T>
+  const T* before() const {
+    return static_cast<const T*>(before_.tracker.get());
+  }
 
   static View view_of(const Frame& frame);
   // About the box that was followed.
   static Blanks blanks_of(const Seen& seen, const Frame& frame);
-  static Sight judge(const Seen& seen, const Frame& frame);
+  static Sight compare(const Seen& seen, const Frame& frame, const View& view);
   static void visit_seen(StateArchive& archive, Seen& seen);
+  Sight judge(const Frame& frame, const View& view) const;
+  // Whether the tracker found its object, and is not much less sure of it than before the break.
+  bool finds(const TrackResult& result) const;
   // The tracker followed a frame.
-  void learn(const Frame& frame, const cv::Rect2d& box, double confidence);
+  void learn(const Frame& frame, const View& view, const TrackResult& result);
 
   Seen seen_;
-  Left left_;
+  Before before_;
+  int held_ = 0;  // frames since the break in which the object has not been found; 0: it has been
 };
 
 }  // namespace ASTERISM_ABI

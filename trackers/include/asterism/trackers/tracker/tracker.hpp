@@ -47,8 +47,8 @@ struct TrackResult {
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
-  /// The frame shows nothing of the scene (InterruptionGate): the box is that of the frame before, and
-  /// nothing was learned. `lost` is set, too.
+  /// The frame shows nothing of the scene (InterruptionGate): the box is that of the frame before, moved into
+  /// the image if that is smaller now. `lost` is set, too.
   bool interrupted = false;
   /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
   /// both sides are scaled alike. Positive semi-definite. Empty if the tracker has none.
@@ -80,8 +80,9 @@ struct TrackResult {
 ///
 /// - `init(image, box)`: start on an object; may be called again at any time with any frame size. `box` is in
 ///   pixels and covers x .. x + width - 1. Throws std::invalid_argument, and keeps the former state, for a
-///   box that is not finite, smaller than 1 x 1, or does not overlap the image, and for an image that Frame
-///   refuses.
+///   box that is not finite, smaller than 1 x 1, or does not overlap the image, for an image that Frame
+///   refuses, and where the box and its surroundings (of twice its sides) have one gray level or color: a
+///   video that begins blank has to be started later.
 /// - `update(image)`: the object's box in the next image. Throws std::logic_error before `init`, and
 ///   std::invalid_argument for an image that Frame refuses; the state is then as before the call.
 template <class T>

@@ -66,6 +66,12 @@ class TrackerBase {
     else
       return self().follow(frame);
   }
+  /// As `update`, but follows every frame: the gate is not asked, and learns nothing. For measurements of
+  /// what the gate does.
+  TrackResult update_without_gate(const Frame& frame) {
+    if (!initialized_) detail::throw_before_init(T::kName, "update");
+    return self().follow(frame);
+  }
   /// For save_state, which throws std::logic_error before `init`.
   void visit_state(StateArchive& archive) {
     if (!archive.loading() && !initialized_) detail::throw_before_init(T::kName, "save");
