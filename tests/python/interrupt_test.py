@@ -18,8 +18,8 @@ s.anchors, s.anchor_stiffness, s.rest_length, s.link_stiffness = x, 1, 0.1, 1
 kept = [x, s.anchors, s.rest_length]
 """
 SMALL = """
-n = 9
-s, x = asterism.random_system("lit", n, 1)
+s, x = asterism.random_system("lit", 9, 1)
+s.rest_length, s.anchor_stiffness = random.uniform(5, 100, s.link_count), 1e-3  # far from a proof
 kept = [x, s.anchors, s.rest_length]
 """
 POINTS = """
