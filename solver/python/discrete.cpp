@@ -5,10 +5,12 @@
 #include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/discrete/scaled_structure.hpp>
+#include <atomic>
 #include <cstdint>
 #include <cstring>
 
 #include "bindings.hpp"
+#include "interrupts.hpp"
 
 namespace asterism::python {
 
@@ -50,7 +52,7 @@ struct Problem {
 };
 
 // `costs`: for each joint along x, y and layers: weight, offset, 1 for an absolute cost, truncation; then the
-// weight, length and reach of the cost of its length, and 0.
+// weight, length and reach (-1 for no window) of the cost of its length, and 0.
 Problem problem_of(const py::list& maps, const py::object& ends, const py::object& costs) {
   Problem problem;
   const auto joint_count = static_cast<py::ssize_t>(py::len(ends));
@@ -107,11 +109,11 @@ py::tuple solve(const py::list& maps, const py::object& ends, const py::object& 
   std::vector<PartPlacement> placements;
   PictorialSummary summary;
   int found = 0;
-  {
-    const py::gil_scoped_release release;
+  interruptible([&](const std::atomic<bool>& stop) {
+    structure.stop = &stop;
     summary = structure.solve(problem.joints, problem.maps, best);
     found = structure.best_placements(count, distance, placements);
-  }
+  });
   require_placement(summary);
   return py::make_tuple(best.energy, positions_of(best), structure.root(),
                         array_of(structure.root_min_marginals()), list_of(placements, found));
@@ -123,10 +125,10 @@ py::list solve_m_best(const py::list& maps, const py::object& ends, const py::ob
   MBestPlacements search;
   std::vector<PartPlacement> placements;
   PictorialSummary summary;
-  {
-    const py::gil_scoped_release release;
+  interruptible([&](const std::atomic<bool>& stop) {
+    search.stop = &stop;
     summary = search.solve(problem.joints, problem.maps, count, distance, placements);
-  }
+  });
   require_placement(summary);
   return list_of(placements, search.found());
 }
@@ -145,11 +147,11 @@ py::tuple solve_scaled(const py::list& maps, const py::object& ends, const py::o
   std::vector<ScaledPlacement> placements;
   PictorialSummary summary;
   int found = 0;
-  {
-    const py::gil_scoped_release release;
+  interruptible([&](const std::atomic<bool>& stop) {
+    structure.stop = &stop;
     summary = structure.solve(joints, scales, problem.maps, best);
     found = structure.best_placements(count, distance, placements);
-  }
+  });
   require_placement(summary);
   const auto layers_of = [](const ScaledPlacement& placement) {
     return py::array_t<int>(placement.layers.size(), placement.layers.data());
@@ -172,10 +174,10 @@ py::tuple solve_loopy(const py::list& maps, const py::object& ends, const py::ob
   structure.options = {.gap = gap, .progress = progress, .max_iterations = max_iterations};
   PartPlacement best;
   LoopySummary summary;
-  {
-    const py::gil_scoped_release release;
+  interruptible([&](const std::atomic<bool>& stop) {
+    structure.options.stop = &stop;
     summary = structure.solve(problem.joints, problem.maps, best);
-  }
+  });
   require_placement(summary);
   return py::make_tuple(summary.status, summary.iterations, summary.energy, summary.lower_bound,
                         positions_of(best));

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <queue>
@@ -25,7 +26,7 @@ constexpr double kFar = std::numeric_limits<double>::infinity();
 class Graph {
  public:
   Graph(int nodes, const Integers& ends, const Numbers& lengths)
-      : first_(static_cast<std::size_t>(nodes) + 1) {
+      : first_(static_cast<std::size_t>(nodes) + 1), distances_(static_cast<std::size_t>(nodes), kFar) {
     const auto pairs = ends.unchecked<2>();
     const auto along = lengths.unchecked<1>();
     const py::ssize_t edges = along.shape(0);
@@ -75,9 +76,11 @@ class Graph {
     return of;
   }
 
-  /// Lengths of the shortest paths from `source` to all nodes, infinite to those that it does not reach.
-  void distances_from(int source, double* to) {
-    std::fill(to, to + nodes(), kFar);
+  /// Lengths of the shortest paths from `source` to all nodes, infinite to those that it does not reach. In
+  /// time of the component, not of the graph. Valid until the next call.
+  const std::vector<double>& distances_from(int source) {
+    double* const to = distances_.data();
+    for (const int node : reached_) to[node] = kFar;
     reached_.assign(1, source);
     to[source] = 0;
     if (is_uniform_) {
@@ -90,7 +93,7 @@ class Graph {
         });
       }
       for (const int node : reached_) to[node] *= unit_;
-      return;
+      return distances_;
     }
     queue_.push({0, source});
     while (!queue_.empty()) {
@@ -103,6 +106,26 @@ class Graph {
         to[next] = distance + length;
         queue_.push({to[next], next});
       });
+    }
+    return distances_;
+  }
+
+  /// f(j, length) for the nodes j > `source` of its component in ascending order, with the lengths of the
+  /// shortest paths.
+  template <typename F>
+  void for_each_after(int source, F&& f) {
+    const std::vector<double>& to = distances_from(source);
+    // To sort the nodes, or to look at all.
+    if (reached_.size() < distances_.size() / 16) {
+      after_.clear();
+      std::copy_if(reached_.begin(), reached_.end(), std::back_inserter(after_),
+                   [source](int node) { return node > source; });
+      std::sort(after_.begin(), after_.end());
+      for (const int node : after_) f(node, to[at(node)]);
+      return;
+    }
+    for (int node = source + 1; node < nodes(); ++node) {
+      if (to[at(node)] != kFar) f(node, to[at(node)]);
     }
   }
 
@@ -130,7 +153,8 @@ class Graph {
   std::vector<Neighbour> neighbours_;
   bool is_uniform_ = true;  // all edges have the length unit_: breadth-first search
   double unit_ = 1;
-  std::vector<int> reached_;
+  std::vector<double> distances_;  // from the last source, kFar for nodes that are not in reached_
+  std::vector<int> reached_, after_;
   std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue_;
 };
 
@@ -173,24 +197,20 @@ struct Pairs {
   }
 };
 
-/// Of all pairs that a path joins: sum w (d - r)^2, sum w r (d - r) and sum w r^2, with w = d^-power and r
+/// Of all pairs that a path joins: sum w (d - r)^2, sum w r d and sum w r^2, with w = d^-power and r
 /// the distance in the drawing.
 template <int Dim>
 py::tuple stress_sums(Graph& graph, const Eigen::Map<const typename System<Dim>::Points>& x, double power) {
   double sums[3] = {};
-  std::vector<double> to(static_cast<std::size_t>(graph.nodes()));
   for_each_interruptible(graph.nodes(), graph.nodes(), [&](py::ssize_t i) {
-    graph.distances_from(static_cast<int>(i), to.data());
     double of_node[3] = {};
-    for (int j = static_cast<int>(i) + 1; j < graph.nodes(); ++j) {
-      const double d = to[static_cast<std::size_t>(j)];
-      if (d == kFar) continue;
+    graph.for_each_after(static_cast<int>(i), [&](int j, double d) {
       const double weight = power == 2 ? 1 / (d * d) : std::pow(d, -power);
       const double r = (x.col(i) - x.col(j)).norm();
       of_node[0] += weight * (d - r) * (d - r);
-      of_node[1] += weight * r * (d - r);
+      of_node[1] += weight * r * d;
       of_node[2] += weight * r * r;
-    }
+    });
     for (int k = 0; k < 3; ++k) sums[k] += of_node[k];
   });
   return py::make_tuple(sums[0], sums[1], sums[2]);
@@ -208,33 +228,37 @@ void bind_graph(py::module_& m) {
              return py::array_t<int>(static_cast<py::ssize_t>(of.size()), of.data());
            })
       .def(
-          "distances",  // (S, N), from each source
-          [](Graph& self, const Integers& sources) {
+          "distances",  // (C, S, T), for each row of sources (C, S) to that of targets (C, T)
+          [](Graph& self, const Integers& sources, const Integers& targets) {
             const Exclusive exclusive(self.busy, "this graph");
-            const auto from = sources.unchecked<1>();
-            for (py::ssize_t s = 0; s < from.shape(0); ++s) {
-              if (from(s) < 0 || from(s) >= self.nodes()) throw py::index_error("a source is out of range");
-            }
-            py::array_t<double> result(Shape{from.shape(0), self.nodes()});
-            double* to = result.mutable_data();
-            for_each_interruptible(from.shape(0), self.nodes(), [&](py::ssize_t s) {
-              self.distances_from(static_cast<int>(from(s)), to + s * self.nodes());
+            const auto from = sources.unchecked<2>(), to = targets.unchecked<2>();
+            const auto is_known = [&](std::int64_t node) { return node >= 0 && node < self.nodes(); };
+            const bool are_known = std::all_of(sources.data(), sources.data() + sources.size(), is_known) &&
+                                   std::all_of(targets.data(), targets.data() + targets.size(), is_known);
+            if (!are_known || from.shape(0) != to.shape(0))
+              throw py::index_error("a source or a target is out of range");
+            py::array_t<double> result(Shape{from.shape(0), from.shape(1), to.shape(1)});
+            double* next = result.mutable_data();
+            for_each_interruptible(sources.size(), self.nodes(), [&](py::ssize_t s) {
+              const py::ssize_t row = s / from.shape(1);
+              const auto& lengths = self.distances_from(static_cast<int>(from(row, s % from.shape(1))));
+              for (py::ssize_t t = 0; t < to.shape(1); ++t)
+                *next++ = lengths[static_cast<std::size_t>(to(row, t))];
             });
             return result;
           },
-          py::arg("sources"))
+          py::arg("sources"), py::arg("targets"))
       .def(
           "partners",  // (L, 2), (L,) and (L,): pairs, lengths of the shortest paths, and for how many pairs
                        // each stands
           [](Graph& self, int count, std::uint64_t seed) {
             const Exclusive exclusive(self.busy, "this graph");
             Pairs found;
-            std::vector<double> to(static_cast<std::size_t>(self.nodes()));
             std::vector<int> last(static_cast<std::size_t>(self.nodes()),
                                   -1);  // source whose neighbour a node is
             for_each_interruptible(self.nodes(), self.nodes(), [&](py::ssize_t index) {
               const int i = static_cast<int>(index);
-              self.distances_from(i, to.data());
+              const std::vector<double>& to = self.distances_from(i);
               const auto add = [&](int j, double share) {
                 found.add(i, j, to[static_cast<std::size_t>(j)], share);
               };
@@ -268,16 +292,13 @@ void bind_graph(py::module_& m) {
             py::array_t<double> lengths(count);
             int* end = ends.mutable_data();
             double* length = lengths.mutable_data();
-            std::vector<double> to(static_cast<std::size_t>(self.nodes()));
             for_each_interruptible(self.nodes(), self.nodes(), [&](py::ssize_t i) {
-              self.distances_from(static_cast<int>(i), to.data());
-              for (int j = static_cast<int>(i) + 1; j < self.nodes(); ++j) {
-                if (to[static_cast<std::size_t>(j)] == kFar) continue;
+              self.for_each_after(static_cast<int>(i), [&](int j, double along) {
                 if (count-- <= 0) throw std::out_of_range("more pairs than counted");
                 *end++ = static_cast<int>(i);
                 *end++ = j;
-                *length++ = to[static_cast<std::size_t>(j)];
-              }
+                *length++ = along;
+              });
             });
             return py::make_tuple(ends, lengths);
           },

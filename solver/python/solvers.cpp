@@ -2,17 +2,16 @@
 
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
-#include <chrono>
 #include <exception>
-#include <functional>
-#include <future>
 #include <sstream>
 
 #include "bindings.hpp"
+#include "interrupts.hpp"
 #include "pickling.hpp"
 
 namespace asterism::python {
@@ -120,6 +119,7 @@ class Solver {
       set.check_found(method);
       of_3_.visit_options(set);
     }
+    most_rounds_ = most_rounds(this->options());
   }
 
   const std::string& method() const { return method_; }
@@ -143,7 +143,7 @@ class Solver {
       }
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
-      const Summary summary = without_gil(s.link_count(), [&](const std::atomic<bool>& stop) {
+      const auto work = [&](const std::atomic<bool>& stop) {
         SolverOptions& common = solver<Dim>().options();
         common.stop = &stop;
         common.on_iteration = on_iteration.is_none() ? IterationCallback() : IterationCallback(callback);
@@ -151,7 +151,12 @@ class Solver {
         common.stop = nullptr;
         common.on_iteration = {};
         return result;
-      });
+      };
+      const Summary summary = [&] {
+        if (may_be_long(s.link_count())) return interruptible(work);
+        const py::gil_scoped_release release;
+        return work(std::atomic<bool>(false));
+      }();
       callback.rethrow();
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
       return summary;
@@ -159,25 +164,16 @@ class Solver {
   }
 
  private:
-  // Calls work(stop) with the GIL released. Work that may take long runs in its own thread while this one
-  // checks for signals; if a signal's handler raises, as Ctrl-C's does, the work is told to stop and its
-  // result is dropped.
-  template <typename Work>
-  static Summary without_gil(int links, Work&& work) {
-    constexpr int kLong = 5000;  // links; starting a thread takes as long as a solve with ten or twenty
-    constexpr std::chrono::milliseconds kLook(50);
-    std::atomic<bool> stop{false};
-    const py::gil_scoped_release release;
-    if (links < kLong) return work(stop);
-    auto result = std::async(std::launch::async, work, std::cref(stop));
-    while (result.wait_for(kLook) == std::future_status::timeout) {
-      const py::gil_scoped_acquire acquire;
-      if (PyErr_CheckSignals() == 0) continue;
-      stop = true;
-      result.wait();
-      throw py::error_already_set();
+  // Whether the limits of the options allow a solve of tenths of a second or more.
+  bool may_be_long(int links) const { return std::max(links, 1) * most_rounds_ > 2e7; }
+
+  // Iterations of the method, of all of its starts and of all nodes of its tree.
+  static double most_rounds(const py::dict& options) {
+    double most = 1;
+    for (const char* limit : {"max_iterations", "starts", "max_nodes"}) {
+      if (options.contains(limit)) most *= std::max(1.0, options[limit].cast<double>());
     }
-    return result.get();
+    return most;
   }
 
   template <int Dim>
@@ -203,6 +199,7 @@ class Solver {
   AnySolver<System<3>> of_3_;
   System<2>::Points x_2_;
   System<3>::Points x_3_;
+  double most_rounds_ = 0;
   bool busy_ = false;
 };
 
@@ -218,7 +215,7 @@ constexpr const char* kSolve =
     "float64, C-contiguous, writeable array (otherwise TypeError or ValueError). The Summary says how the\n"
     "solve ended, also for values that a solver refuses, and for an x that shares the system's memory, such\n"
     "as its anchors: pass a copy. If `usable` is false, x is unchanged. The GIL is released during the\n"
-    "solve; KeyboardInterrupt ends the solve of a large system, and leaves x unchanged.\n\n"
+    "solve; KeyboardInterrupt ends a solve that takes long, and leaves x unchanged.\n\n"
     "on_iteration(iteration, x, energy, gradient_norm), if given, is called at the start and after each\n"
     "iteration, with a copy of x; False ends the solve, with Status.INTERRUPTED, and so does an exception,\n"
     "which is raised.";

@@ -18,6 +18,7 @@
 #include <string_view>
 
 #include "bindings.hpp"
+#include "interrupts.hpp"
 #include "pickling.hpp"
 
 namespace asterism::python {
@@ -108,6 +109,12 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
   });
 }
 
+/// Whether a factorisation for this system may take tenths of a second or more.
+template <int Dim>
+bool is_large(const System<Dim>& system) {
+  return system.nodes() + system.link_count() > 1000;
+}
+
 [[noreturn]] void refuse_covariance(CovarianceStatus status, const Message& message) {
   const std::string text{std::string_view(message)};
   if (status == CovarianceStatus::InvalidInput) throw py::value_error(text);
@@ -151,8 +158,11 @@ void bind_systems(py::module_& m) {
       .def_static(
           "k_nearest",
           [](const py::object& points, int k) {
-            return with_points(points, "points",
-                               [k](const auto& map) { return valid(Topology<>::k_nearest(map, k)); });
+            return with_points(points, "points", [k](const auto& map) {
+              return interruptible_copy(map.cols() > 10000, [copy = map.eval(), k] {
+                return valid(Topology<>::k_nearest(copy, k));
+              });
+            });
           },
           py::arg("points"), py::arg("k").noconvert(),
           "Nodes are linked if one is among the k nearest of the other. points: (N, 2) or (N, 3).")
@@ -425,9 +435,9 @@ void bind_systems(py::module_& m) {
         const CertifyOptions options{gap};
         if (const char* problem = options.problem()) throw py::value_error(problem);
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          const auto points = points_of<Dim>(s, x);
-          const py::gil_scoped_release release;
-          return certificate_of<Dim>(s, points, options);
+          return interruptible_copy(is_large(s), [s = s, points = points_of<Dim>(s, x), options] {
+            return certificate_of<Dim>(s, points, options);
+          });
         });
       },
       py::arg("system"), py::arg("x"), py::arg("gap") = CertifyOptions().gap,
@@ -437,11 +447,8 @@ void bind_systems(py::module_& m) {
       "covariance",
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          const auto points = points_of<Dim>(s, x);
-          auto result = [&] {
-            const py::gil_scoped_release release;
-            return covariance_of<Dim>(s, points);
-          }();
+          auto result = interruptible_copy(
+              is_large(s), [s = s, points = points_of<Dim>(s, x)] { return covariance_of<Dim>(s, points); });
           if (!result) refuse_covariance(result.status, result.message);
           return owned(std::move(result.matrix), {Dim * s.nodes(), Dim * s.nodes()});
         });
@@ -454,11 +461,9 @@ void bind_systems(py::module_& m) {
       "node_covariances",
       [](AnySystem& system, const py::object& x) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
-          const auto points = points_of<Dim>(s, x);
-          auto result = [&] {
-            const py::gil_scoped_release release;
+          auto result = interruptible_copy(is_large(s), [s = s, points = points_of<Dim>(s, x)] {
             return node_covariances_of<Dim>(s, points);
-          }();
+          });
           if (!result) refuse_covariance(result.status, result.message);
           return owned(std::move(result.blocks), {s.nodes(), Dim, Dim});
         });
@@ -475,10 +480,9 @@ void bind_systems(py::module_& m) {
           const auto points = points_of<Dim>(s, x);
           const typename System<Dim>::Points grad =
               map_points<Dim>(numbers(grad_x, "grad_x", {s.nodes(), Dim}));
-          auto result = [&] {
-            const py::gil_scoped_release release;
+          auto result = interruptible_copy(is_large(s), [s = s, points, grad, options] {
             return sensitivity_of<Dim>(s, points, grad, options);
-          }();
+          });
           if (!result) refuse_sensitivity(result.status, result.message);
           return py::make_tuple(owned(std::move(result.anchors), {s.nodes(), Dim}),
                                 owned(std::move(result.anchor_stiffness), {s.nodes()}),
@@ -518,10 +522,9 @@ void bind_systems(py::module_& m) {
           }
           if (!forces.is_none())
             tangent.loads = map_points<Dim>(numbers(forces, "loads", {s.loads.cols(), Dim}));
-          auto result = [&] {
-            const py::gil_scoped_release release;
+          auto result = interruptible_copy(is_large(s), [s = s, points, tangent, options] {
             return solution_tangent_of<Dim>(s, points, tangent, options);
-          }();
+          });
           if (!result) refuse_sensitivity(result.status, result.message);
           return owned(std::move(result.x), {s.nodes(), Dim});
         });

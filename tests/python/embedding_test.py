@@ -145,6 +145,22 @@ class MdsTest(unittest.TestCase):
         for left, right in zip(groups, groups[1:]):
             self.assertGreater(right[0], left[-1])
 
+    def test_a_start_far_away_is_centred(self):
+        """1e12 away, coordinates are rounded to 1e-4: nothing of that is left in the result, also not of two parts."""
+        points = self.random.normal(size=(8, 2))
+        distances = distances_of(points)
+        far = asterism.mds(distances, start=points + [1e12, -3e12], starts=1)
+        self.assertLess(far.stress, 1e-12)
+        np.testing.assert_allclose(distances_of(far.x), distances, atol=1e-6)
+        np.testing.assert_allclose(far.x.mean(axis=0), 0, atol=1e-9)
+        apart = np.full((8, 8), np.nan)
+        apart[:4, :4], apart[4:, 4:] = distances[:4, :4], distances[4:, 4:]
+        found = asterism.mds(apart, start=points + np.repeat([[1e12, 0], [0, -3e12]], 4, axis=0), starts=1)
+        self.assertLess(found.stress, 1e-12)
+        # Nodes that have an anchor are where their start is.
+        held = asterism.mds(distances, anchors=points, anchor_weights=np.inf, start=points + 1e6)
+        np.testing.assert_array_equal(held.x, points)
+
     def test_a_start_on_a_line_is_left(self):
         distances = symmetric(np.ones((4, 4)))
         found = asterism.mds(distances)
@@ -258,6 +274,29 @@ class LayoutTest(unittest.TestCase):
         for left, right in zip(groups, groups[1:]):
             self.assertGreater(right[0], left[-1])
 
+    def test_many_components_of_all_sizes(self):
+        """Parts without strain: each pair of a part has its distance, and no part overlaps another."""
+        sizes = [1, 5, 2, 1, 3, 2, 4, 1, 5, 3, 1, 2]
+        ends = np.cumsum([0] + sizes)
+        for dim in (2, 3):
+            paths = [(int(i), int(i) + 1, 0.5) for a, b in zip(ends, ends[1:]) for i in range(a, b - 1)]
+            distances = np.full((ends[-1],) * 2, np.nan)
+            for a, b in zip(ends, ends[1:]):
+                distances[a:b, a:b] = 0.5 * np.abs(np.subtract.outer(np.arange(b - a), np.arange(b - a)))
+            for found in (asterism.layout(paths, dim), asterism.layout(paths, dim, partners=3), asterism.mds(distances, dim=dim)):
+                self.assertLess(found.stress, 1e-8)
+                x = found.x - found.x.mean(axis=0)
+                np.testing.assert_allclose(found.x.mean(axis=0), 0, atol=1e-9)
+                bounds = sorted((x[a:b, 0].min(), x[a:b, 0].max()) for a, b in zip(ends, ends[1:]))
+                self.assertTrue(all(left[1] < right[0] for left, right in zip(bounds, bounds[1:])))
+        graph = asterism._asterism._Graph(5, np.array([[0, 1], [1, 2], [3, 4]]), np.array([1.0, 2.0, 4.0]))
+        expected = [[[0, 1, np.inf]], [[3, 2, np.inf]]]
+        np.testing.assert_array_equal(graph.distances(np.array([[0], [2]]), np.array([[0, 1, 3], [0, 1, 4]])), expected)
+        np.testing.assert_array_equal(graph.distances(np.array([[3, 4]]), np.array([[4]])), [[[4], [0]]])
+        for sources, targets in [([[5]], [[0]]), ([[0]], [[-1]]), ([[0]], [[0], [1]])]:
+            with self.assertRaises(IndexError):
+                graph.distances(np.array(sources), np.array(targets))
+
     def test_shortest_paths(self):
         """Against SciPy, with edges of equal and of several lengths, longer than another path, and nodes out of reach."""
         random = np.random.default_rng(5)
@@ -288,6 +327,21 @@ class LayoutTest(unittest.TestCase):
         self.assertAlmostEqual(asterism.layout_stress(edges, found.x), found.stress, places=12)
         self.assertAlmostEqual(asterism.layout_stress(edges, 7 * found.x, scaled=True), found.stress, places=12)
         self.assertEqual(asterism.layout_stress(edges, np.zeros((5, 2)), scaled=True), 4)
+
+    def test_the_scaled_stress_does_not_depend_on_the_scale(self):
+        edges = [(k, (k + 1) % 12) for k in range(12)] + [(0, 6), (3, 9)]
+        x = 10 * np.random.default_rng(2).normal(size=(12, 2))
+        distances = scipy.sparse.csgraph.shortest_path(scipy.sparse.csr_matrix((np.ones(14), zip(*edges)), (12, 12)), directed=False)
+        pairs = np.triu_indices(12, 1)
+        d, r = distances[pairs], distances_of(x)[pairs]
+        scale = np.sum(r / d) / np.sum((r / d) ** 2)  # of weights 1 / d^2
+        expected = np.sum((1 - scale * r / d) ** 2)
+        for size in (1e-150, 1e-8, 1.0, 1e6, 1e8, 1e10, 1e150, 1e307):
+            for offset, accuracy in ((0.0, 1e-12), (1e6, 1e-6), (1e9, 1e-3)):
+                with self.subTest(size=size, offset=offset):
+                    if offset * size < 1e308:
+                        found = asterism.layout_stress(edges, (x / 100 + offset) * size, scaled=True)
+                        self.assertAlmostEqual(found / expected, 1, delta=accuracy)
 
     def test_random_partners(self):
         """Much fewer pairs, and hardly more stress; small components keep all pairs, and a run is repeated exactly."""

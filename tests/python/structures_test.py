@@ -65,6 +65,54 @@ class StructuresTest(unittest.TestCase):
                 self.assertAlmostEqual(energy, left[0][0], places=5)
                 left = [one for one in left if np.linalg.norm(one[1] - positions, axis=1).max() > distance]
 
+    def test_a_window_counts_whatever_the_weight_is(self):
+        """Without the window, the child would go to the place of least cost, 3 px away."""
+        maps = [np.zeros((1, 1)), np.array([[5.0, 4.0, 3.0, 0.0]])]
+        for weight, reach, least, x in [(0, 0, 5, 0), (0, 2, 3, 2), (1e-300, 2, 3, 2), (0, 3, 0, 3), (0.25, 2, 3.25, 2), (0.25, 3, 1, 3)]:
+            joints = [Joint(0, 1, weight=weight, length=1.0, reach=reach)]
+            with self.subTest(weight=weight, reach=reach):
+                for energy, positions in [
+                    (lambda r: (r.energy, r.positions))(pictorial_structure(maps, joints)),
+                    m_best_placements(maps, joints, count=1)[0],
+                    (lambda r: (r.energy, r.positions))(loopy_structure(maps, joints)),
+                    (lambda r: (r.energy, r.positions))(scaled_structure([m[None] for m in maps], joints, [1.0])),
+                ]:
+                    self.assertAlmostEqual(energy, least, places=6)
+                    self.assertEqual(positions[1].tolist(), [x, 0])
+        # In a larger scale, a window of 2 px reaches to 3 px; one of 255 px is refused, as it could not grow.
+        found = scaled_structure([m[None] for m in maps], [Joint(0, 1, weight=0, length=1.0, reach=2)], [1.5])
+        self.assertEqual(found.positions[1].tolist(), [3, 0])
+        with self.assertRaisesRegex(ValueError, "joint 0 has a cost that is out of range at one of the scales"):
+            scaled_structure([m[None] for m in maps], [Joint(0, 1, weight=0, length=1.0, reach=255)], [1.5])
+        with self.assertRaisesRegex(ValueError, "joint 0 has a reach below 0 or above 255 px"):
+            pictorial_structure(maps, [Joint(0, 1, weight=0, length=1.0, reach=-1)])
+
+    def test_numbers_at_the_ends_of_float(self):
+        """3e38 may stand for a place that is forbidden, but not for the energy of all placements."""
+        large, mixed = np.full((2, 2), 3e38, np.float32), np.array([[3e38, 2.0]], np.float32)
+        away = Joint(0, 1, (1e6, 0), weight=1e38)
+        solvers = {
+            "pictorial_structure": pictorial_structure,
+            "m_best_placements": lambda maps, joints: m_best_placements(maps, joints, count=2),
+            "loopy_structure": loopy_structure,
+            "scaled_structure": lambda maps, joints: scaled_structure([m[None] for m in maps], joints, [1.0]),
+        }
+        for name, solver in solvers.items():
+            for maps, joints, message in [
+                ([large, large], [Joint(0, 1, weight=0)], "maps leave no placement with an energy in the range of float"),
+                ([mixed * 0, mixed * 0], [away], "maps leave no placement with an energy in the range of float"),
+                ([-large, -large], [Joint(0, 1, weight=0)], "maps have negative numbers whose sum is below the range of float"),
+            ]:
+                with self.subTest(name):
+                    if name == "loopy_structure" and maps[0] is large:  # whose messages are differences
+                        self.assertEqual(solver(maps, joints).energy, 2 * float(large[0, 0]))
+                        continue
+                    with self.assertRaisesRegex(ValueError, message):
+                        solver(maps, joints)
+            found = solver([mixed, mixed], [Joint(0, 1, weight=0)])
+            energy = found[0][0] if isinstance(found, list) else found.energy
+            self.assertEqual(energy, 4)
+
     def test_cycles_are_bounded(self):
         rng = np.random.default_rng(4)
         for trial in range(5):

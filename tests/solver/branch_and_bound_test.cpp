@@ -11,6 +11,7 @@
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/method/solve_global.hpp>
 #include <asterism/solver/problem/model.hpp>
+#include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/testing/random_system.hpp>
@@ -158,6 +159,57 @@ TEST(SolveGlobal, TakesTheMethodThatGoesFurthest) {
   EXPECT_LT(solve_global(system, x).final_energy, 1e-12);
 }
 
+// No time at all: nothing is iterated, whatever the method is.
+template <typename System>
+void expect_keeps_to_its_time(const System& system, const typename System::Points& start) {
+  BranchAndBoundOptions options;
+  options.max_seconds = 0;
+  int observed = 0;
+  auto observe = [&](const Iteration&) { return ++observed > 0; };
+  options.on_iteration = observe;
+  typename System::Points x = start;
+  const Summary summary = solve_global(system, x, options);
+  EXPECT_EQ(summary.status, Status::MaxIterations) << summary;
+  EXPECT_EQ(summary.message, "the limit of time was reached before the gap");
+  EXPECT_LE(summary.final_energy, summary.initial_energy);  // x is aligned
+  EXPECT_EQ(observed, 0);
+  options.max_seconds = 100;
+  auto stop = [](const Iteration&) { return false; };
+  options.on_iteration = stop;
+  EXPECT_EQ(solve_global(system, x, options).status, Status::Interrupted);
+}
+
+TEST(SolveGlobal, KeepsToItsTime) {
+  for (const int nodes : {9, 65}) {  // a search, and the staircase alone
+    SCOPED_TRACE(nodes);
+    const auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(nodes), 0);
+    expect_keeps_to_its_time(system, start);
+  }
+  const auto [line, start_of_line] =
+      testing::numbered_system<testing::Line>(Kind::Lit, testing::Line::TopologyType::full(5), 0);
+  expect_keeps_to_its_time(line, start_of_line);
+  auto [loaded, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(5), 0);
+  loaded.loads.setOnes(2, 5);
+  expect_keeps_to_its_time(loaded, start);
+}
+
+// BranchAndBound ends it so when the time is over.
+TEST(Staircase, IsStoppedInMoreDimensions) {
+  const auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(200), 1);
+  detail::AutoStaircase<Plane> staircase;
+  int lifted = 0;
+  auto stop = [&](const Iteration& at) {
+    EXPECT_GT(at.x.rows(), 2);
+    return ++lifted < 3;
+  };
+  staircase.on_lifted_iteration = stop;
+  Plane::Points x = start;
+  const Summary stopped = staircase.solve(system, x);
+  EXPECT_EQ(lifted, 3);
+  EXPECT_EQ(stopped.status, Status::Converged) << stopped;
+  EXPECT_LE(stationarity(system, x), staircase.options.tolerance);
+}
+
 TEST(SolverRegistry, HasBranchAndBoundWhereItIs) {
   const auto has = [](const auto& registry) {
     const auto names = registry.names();
@@ -199,6 +251,36 @@ TEST(BranchAndBound, KeepsToItsLimits) {
     EXPECT_GE(solver.solve(system, x = start).lower_bound, by_nodes.lower_bound);
   }
   EXPECT_GT(limited, 5);
+}
+
+// Points whose distances are known with errors: where the search finds a minimum that the certificate proves,
+// the interval has the certificate's lower end.
+TEST(BranchAndBound, ConvergesToAnIntervalWithinTheGap) {
+  int searched = 0;
+  for (std::uint64_t seed = 0; seed < 300; ++seed) {
+    Rng rng(seed);
+    Plane system(Topology<>::full(3 + static_cast<int>(seed % 4)));
+    const auto random_points = [&] {
+      return Plane::Points::NullaryExpr(2, system.nodes(), [&] { return rng.uniform(-10, 10); }).eval();
+    };
+    system.set_rest_lengths(random_points());
+    for (double& length : system.rest_length) length *= rng.uniform(0.7, 1.3);
+    system.anchors.setZero();
+    system.anchor_stiffness.setZero();
+    system.link_stiffness.setOnes();
+    Plane::Points x = random_points();
+    BranchAndBound<Plane> solver;
+    solver.options.gap = 1e-6;
+    solver.options.ground_components = true;
+    solver.options.max_seconds = 0.2;
+    const Summary summary = solver.solve(system, x);
+    ASSERT_TRUE(summary.usable()) << summary;
+    if (summary.status != Status::Converged || summary.final_energy < 1e-6) continue;
+    EXPECT_TRUE(summary.is_within(solver.options.gap))
+        << seed << " " << summary.lower_bound << " " << summary;
+    searched += summary.iterations > 0 && certify(system, x).certified() ? 1 : 0;
+  }
+  EXPECT_GT(searched, 20);
 }
 
 TEST(BranchAndBound, RefusesBadOptionsAndPassesOnStatuses) {

@@ -139,6 +139,7 @@ TEST(DistanceTransform, OfALengthIsTheLeastOverTheWindow) {
         DisplacementCost::spring(std::pow(10, rng.uniform(-2, 1)), rng.uniform(0, 9), rng.uniform(-12, 12),
                                  rng.uniform(-12, 12), static_cast<int>(rng.uniform(0, 12)));
     if (trial % 2 == 0) cost.y.weight = rng.uniform(0, 1);
+    if (trial % 4 < 2) cost.length.weight = 0;  // the window alone
     Map result(result_width, result_height);
     // Axes alone in between: the workspace is for both.
     ASSERT_TRUE(transform.run(f.view(), {}, result.view()).empty());
@@ -254,7 +255,10 @@ TEST(DistanceTransform, RefusesBadInputByName) {
             "cost has a weight of its length that is negative or not finite");
   EXPECT_EQ(run(DisplacementCost::spring(1, -3, 0, 0, 4)),
             "cost has a length that is negative, not finite or beyond 2^20 px");
-  EXPECT_EQ(run(DisplacementCost::spring(1, 3, 0, 0, 256)), "cost has a reach below 0 or above 255 px");
+  for (const int reach : {-2, -1, 256}) {
+    EXPECT_EQ(run(DisplacementCost::spring(1, 3, 0, 0, reach)), "cost has a reach below 0 or above 255 px");
+  }
+  EXPECT_EQ(run(DisplacementCost::spring(0, 3, 0, 0, -2)), "cost has a reach below 0 or above 255 px");
   for (const float bad : {nan, -nan, -infinity}) {
     f(5, 6) = bad;
     EXPECT_EQ(run({}), "map has a number that is NaN or minus infinity");

@@ -2,11 +2,16 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/solver/detail/part_tree.hpp>
+#include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
+#include <asterism/solver/discrete/scaled_structure.hpp>
 #include <asterism/testing/random_system.hpp>
+#include <atomic>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <sstream>
 #include <string>
 #include <utility>
@@ -302,6 +307,69 @@ TEST(PictorialStructure, MovesWithItsMaps) {
   moved.positions.col(2) += Eigen::Vector2i(5, 3);
   EXPECT_EQ(moved.positions, best.positions);
   EXPECT_NEAR(moved.energy, best.energy, 1e-9);
+}
+
+// Every solver of the discrete room, with a flag that is set: no result, and `best` as it was.
+TEST(PictorialStructure, StopsOnRequest) {
+  testing::Rng rng(8);
+  const Problem problem = random_problem(rng, 4, 6, 0);
+  std::atomic<bool> stop{true};
+  const auto expect_stopped = [](const auto& summary, const PartPlacement& best) {
+    EXPECT_EQ(summary.status, Status::Interrupted);
+    EXPECT_EQ(summary.message, "stopped on request");
+    EXPECT_FALSE(summary.usable());
+    EXPECT_EQ(best.energy, 17);
+  };
+  PartPlacement best;
+  best.energy = 17;
+  PictorialStructure tree;
+  tree.stop = &stop;
+  expect_stopped(tree.solve(problem.joints, problem.maps, best), best);
+  LoopyStructure graph;
+  graph.options.stop = &stop;
+  expect_stopped(graph.solve(problem.joints, problem.maps, best), best);
+  ScaledPlacement best_in_layers;
+  best_in_layers.energy = 17;
+  std::vector<ScaledJoint> joints;
+  for (const Joint& joint : problem.joints) joints.push_back({joint, {}});
+  const std::vector<double> scales{1};
+  ScaledStructure layers;
+  layers.stop = &stop;
+  expect_stopped(layers.solve(joints, scales, problem.maps, best_in_layers), best_in_layers);
+
+  // In the midst of further placements.
+  std::vector<PartPlacement> placements;
+  stop = false;
+  ASSERT_TRUE(tree.solve(problem.joints, problem.maps, best).usable());
+  stop = true;
+  EXPECT_EQ(tree.best_placements(5, 0, placements), 0);
+  MBestPlacements several;
+  several.stop = &stop;
+  EXPECT_EQ(several.solve(problem.joints, problem.maps, 5, 0, placements).status, Status::Interrupted);
+  EXPECT_EQ(several.found(), 0);
+}
+
+// A chain, a star, and a chain from its end: in linear time, as a quadratic one would take an hour.
+TEST(PictorialStructure, PlansTreesOfAMillionParts) {
+  constexpr int kParts = 1000000;
+  detail::PartTree tree;
+  for (const int shape : {0, 1, 2}) {
+    std::vector<Joint> joints(kParts - 1);
+    for (int k = 0; k < kParts - 1; ++k) {
+      Joint& joint = joints[static_cast<std::size_t>(k)];
+      joint.parent = shape == 0 ? k : shape == 1 ? 0 : kParts - 1 - k;
+      joint.child = shape == 2 ? kParts - 2 - k : k + 1;
+    }
+    const std::span<const Joint> given(joints);
+    ASSERT_FALSE(tree.plan(given, kParts));
+    int wrong = 0;
+    for (int k = 0; k < kParts; ++k) {
+      wrong += tree.order[static_cast<std::size_t>(k)] != (shape == 2 ? kParts - 1 - k : k);
+    }
+    EXPECT_EQ(wrong, 0);
+    joints.back().parent = joints.back().child;  // as if it were a cycle of one
+    EXPECT_EQ(tree.plan(std::span<const Joint>(joints), kParts).index, kParts - 2);
+  }
 }
 
 TEST(PictorialStructure, RefusesBadInputByName) {

@@ -12,7 +12,8 @@ import numpy.typing as npt
 from . import _asterism
 
 _Floats = npt.NDArray[np.float64]
-_Distances = Callable[[Any], _Floats]  # (S, N), from the sources (S,) to all nodes
+_Indices = npt.NDArray[np.intp]
+_Distances = Callable[[_Indices, _Indices], _Floats]  # (C, S, T), for each row of sources (C, S) to that of targets (C, T)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -71,8 +72,8 @@ def mds(
     dim: 2 or 3; other dimensions are a ValueError.
     start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path (over 500 nodes: from the
         distances to 200 of them, the pivots).
-    method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, and 8 for more (its option `starts`, with
-        `spread` 2 here); "staircase" searches for the least stress from above and below.
+    method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, 8 up to 300, and one for more (its option
+        `starts`, with `spread` 2 here); "staircase" searches for the least stress from above and below.
 
     Parts that no known pair joins and no anchor holds are placed side by side. ValueError names what is wrong with the input.
     The stress may have several local minima: `gap` says what is proven of the one found.
@@ -111,8 +112,7 @@ def layout(
         take time of N times the number of nodes and edges. A component of at most 2 k + 1 nodes keeps all its pairs. The result's
         stress is the sparse one, of which nothing is proven; layout_stress gives the stress of all pairs.
     dim, start, options: as for mds.
-    method: as for solve. None: without partners "multi-start", of 32 starts up to 100 nodes, of 8 up to 300, and of one for more;
-        with partners "lbfgs-jacobi".
+    method: as for mds. None: without partners "multi-start", with partners "lbfgs-jacobi", whose tolerance is 1e-6 here.
 
     The result's `nodes` are the graph's in the order of x: dict(zip(result.nodes, result.x)) is what networkx.draw takes.
     """
@@ -123,12 +123,11 @@ def layout(
     components = _components(edges)
     if partners is None:
         method = method or "multi-start"
-        if method == "multi-start":
-            options = {"starts": 32 if n <= 100 else 8 if n <= 300 else 1, **options}
         pairs, lengths = edges.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
         weights = lengths ** -float(power)
     else:
         method = method or "lbfgs-jacobi"
+        options = {"tolerance": 1e-6, **options}  # nothing of the drawing changes below it, and a path takes a fifth of the time
         pairs, lengths, shares = edges.partners(_count(partners, "partners"), 1)
         weights = shares * lengths ** -float(power)
     return _embed(
@@ -143,15 +142,20 @@ def layout_stress(graph: Any, x: npt.ArrayLike, *, power: float = 2.0, scaled: b
     graph, power: as for layout. x: (N, 2) or (N, 3), a row for each node, in the order of layout's `nodes`.
     scaled: of the drawing enlarged or shrunk to its least stress, for programs that draw in a unit of their own.
 
-    Takes memory of N and time of N^2.
+    Takes memory of N and time of N^2, twice that if scaled.
     """
     nodes, edges = _graph_of(graph)
     dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
     points = np.ascontiguousarray(_array(x, "x", (len(nodes), dim)))
     if not np.isfinite(points).all():
         raise ValueError("x: expected finite numbers")
-    stress, slope, size = edges.stress_sums(points, float(power))
-    return float(max(stress - slope**2 / size, 0.0) if scaled and size > 0 else stress)
+    if scaled and len(points):
+        # Scaled first: the difference of sums that are much larger than the stress would be their rounding.
+        points -= points.min(axis=0) / 2 + points.max(axis=0) / 2
+        points /= np.abs(points).max() or 1.0
+        _, product, square = edges.stress_sums(points, float(power))
+        points *= product / square if square > 0 else 1.0
+    return float(edges.stress_sums(points, float(power))[0])
 
 
 def _check_dim(dim: int) -> None:
@@ -321,15 +325,15 @@ def _components(graph: _asterism._Graph) -> list[npt.NDArray[np.intp]]:
     return np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1]) if len(of) else []
 
 
-def _pivots(distances_from: _Distances, nodes: npt.NDArray[np.intp], count: int) -> _Floats:
+def _pivots(distances: _Distances, nodes: _Indices, count: int) -> _Floats:
     """Distances (K, N) from pivots of a component, each the farthest node from those before it (Gonzalez 1985), to its nodes."""
-    pivot, distances = nodes[0], np.empty((count, len(nodes)))
+    pivot, rows = nodes[0], np.empty((count, len(nodes)))
     nearest = np.full(len(nodes), np.inf)
-    for row in distances:
-        row[:] = distances_from([pivot])[0, nodes]
+    for row in rows:
+        row[:] = distances(np.array([[pivot]]), nodes[None])[0, 0]
         np.minimum(nearest, row, out=nearest)
         pivot = nodes[nearest.argmax()]
-    return distances
+    return rows
 
 
 def _scaled_by_pivots(distances: _Floats, dim: int) -> _Floats:
@@ -345,23 +349,22 @@ def _scaled_by_pivots(distances: _Floats, dim: int) -> _Floats:
 
 
 def _not_flat(x: _Floats, size: float) -> _Floats:
-    """Coordinates that would be flat get a little noise, so that nodes can leave a line or plane."""
-    noise = 1e-3 * size * np.random.default_rng(0).normal(size=x.shape)
-    flat = np.ptp(x, axis=0) < 1e-3 * size
-    x[:, flat] = noise[:, flat]
-    return x
+    """Coordinates of x (..., N, dim) that would be flat get a little noise, so that nodes can leave a line or plane."""
+    size = np.asarray(size)[..., None, None]
+    noise = 1e-3 * size * np.random.default_rng(0).normal(size=x.shape[-2:])
+    return np.where(np.ptp(x, axis=-2, keepdims=True) < 1e-3 * size, noise, x)
 
 
 def _classical(distances: _Floats, dim: int) -> _Floats:
-    """Torgerson's scaling."""
-    n = len(distances)
+    """Torgerson's scaling, (C, N, dim), of C components of as many nodes, from their distances (C, N, N)."""
     squares = distances**2
-    means = squares.mean(axis=0)
-    values, vectors = np.linalg.eigh(-0.5 * (squares - means - means[:, None] + means.mean()))
-    x = np.zeros((n, dim))
-    kept = min(n, dim)
-    x[:, :kept] = (vectors[:, ::-1] * np.sqrt(np.maximum(values[::-1], 0)))[:, :kept]
-    return _not_flat(x, np.sqrt(means.mean()))
+    means = squares.mean(axis=-1)
+    mean = means.mean(axis=-1)
+    values, vectors = np.linalg.eigh(-0.5 * (squares - means[:, None] - means[..., None] + mean[:, None, None]))
+    x = np.zeros((*means.shape, dim))
+    kept = min(x.shape[1], dim)
+    x[..., :kept] = (vectors[..., ::-1] * np.sqrt(np.maximum(values[:, None, ::-1], 0)))[..., :kept]
+    return _not_flat(x, np.sqrt(mean))
 
 
 def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
@@ -373,31 +376,70 @@ def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
     return (x - here) @ (u @ v) + there
 
 
-def _start(distances_from: _Distances, components: Any, at: _Floats, hold: _Floats, dim: int) -> _Floats:
+def _start(distances: _Distances, components: list[_Indices], at: _Floats, hold: _Floats, dim: int) -> _Floats:
     x = np.zeros((len(at), dim))
+    of_size: dict[int, list[_Indices]] = {}
     for nodes in components:
-        if len(nodes) <= 500:
-            x[nodes] = _classical(distances_from(nodes)[:, nodes], dim)
-        else:
-            x[nodes] = _scaled_by_pivots(_pivots(distances_from, nodes, 200), dim)
-        if (hold[nodes] > 0).any():
+        of_size.setdefault(len(nodes), []).append(nodes)
+    for size, alike in of_size.items():
+        if size > 500:
+            for nodes in alike:
+                x[nodes] = _scaled_by_pivots(_pivots(distances, nodes, 200), dim)
+            continue
+        at_once = max(4_000_000 // size**2, 1)  # 32 MB of distances
+        for k in range(0, len(alike) if size > 1 else 0, at_once):
+            several = np.stack(alike[k : k + at_once])
+            x[several] = _classical(distances(several, several), dim)
+    for nodes, is_held in zip(components, _any_of_each(hold > 0, components)):
+        if is_held:
             x[nodes] = _to_anchors(x[nodes], at[nodes], hold[nodes])
     return x
 
 
-def _side_by_side(x: _Floats, components: Any, hold: _Floats) -> _Floats:
+def _firsts(components: list[_Indices]) -> _Indices:
+    """Where each component begins in their concatenation."""
+    return np.cumsum([0] + [len(nodes) for nodes in components[:-1]])
+
+
+def _any_of_each(values: npt.NDArray[np.bool_], components: list[_Indices]) -> npt.NDArray[np.bool_]:
+    return np.logical_or.reduceat(values[np.concatenate(components)], _firsts(components))
+
+
+def _bounds(x: _Floats, components: list[_Indices]) -> tuple[_Floats, _Floats]:
+    """The least and the largest coordinates of each component, (C, dim)."""
+    ordered, firsts = x[np.concatenate(components)], _firsts(components)
+    return np.minimum.reduceat(ordered, firsts), np.maximum.reduceat(ordered, firsts)
+
+
+def _centred(x: _Floats, components: list[_Indices], hold: _Floats) -> _Floats:
+    """x with each component without an anchor around the origin, so that coordinates are not rounded more than they need to be."""
+    least, largest = _bounds(x, components)
+    centres = np.where(_any_of_each(hold > 0, components)[:, None], 0.0, least / 2 + largest / 2)
+    sizes = [len(nodes) for nodes in components]
+    result = x.copy()
+    result[np.concatenate(components)] -= np.repeat(centres, sizes, axis=0)
+    return result
+
+
+def _side_by_side(x: _Floats, components: list[_Indices], hold: _Floats) -> _Floats:
     """x with the components without an anchor in a row, right of those with one; centred on the origin if there is no anchor."""
-    free = [nodes for nodes in components if not (hold[nodes] > 0).any()]
+    is_held = _any_of_each(hold > 0, components)
+    free = [nodes for nodes, held in zip(components, is_held) if not held]
     held = np.flatnonzero(~np.isin(np.arange(len(x)), np.concatenate(free))) if free else []
     if not free or (len(free) == 1 and not len(held)):
         return x - x.mean(axis=0) if free else x
     x = x.copy()
-    margin = max(0.1 * max(np.ptp(x[nodes], axis=0).max() for nodes in components), 0.0) or 1.0
+    least, largest = _bounds(x, components)
+    margin = float(0.1 * (largest - least).max()) or 1.0
     right, middle = (x[held, 0].max() + margin, x[held, 1:].mean(axis=0)) if len(held) else (0.0, np.zeros(x.shape[1] - 1))
-    for nodes in sorted(free, key=len, reverse=True):
-        x[nodes, 0] += right - x[nodes, 0].min()
-        x[nodes, 1:] += middle - x[nodes, 1:].mean(axis=0)
-        right = x[nodes, 0].max() + margin
+    free = sorted(free, key=len, reverse=True)
+    order, firsts, sizes = np.concatenate(free), _firsts(free), np.array([len(nodes) for nodes in free])
+    least, largest = _bounds(x, free)
+    widths = largest[:, 0] - least[:, 0] + margin
+    shifts = np.empty((len(free), x.shape[1]))
+    shifts[:, 0] = right + np.cumsum(widths) - widths - least[:, 0]
+    shifts[:, 1:] = middle - np.add.reduceat(x[order, 1:], firsts) / sizes[:, None]
+    x[order] += np.repeat(shifts, sizes, axis=0)
     return x if len(held) else x - x.mean(axis=0)
 
 
@@ -432,15 +474,15 @@ def _embed(
     if graph is None or components is None:
         graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
         components = _components(graph)
-    distances_from = graph.distances
+    distances: _Distances = graph.distances
     if is_of_pairs and 2 * len(pairs) == n * (n - 1):  # all are known
         matrix = np.zeros((n, n))
         matrix[pairs[:, 0], pairs[:, 1]] = matrix[pairs[:, 1], pairs[:, 0]] = lengths
-        distances_from = matrix.__getitem__
-    x = _start(distances_from, components, at, hold, dim) if given is None else given.copy()
+        distances = lambda sources, targets: matrix[sources[:, :, None], targets[:, None, :]]
+    x = _start(distances, components, at, hold, dim) if given is None else _centred(given, components, hold)
     x[exact] = at[exact]
     if method == "multi-start":
-        options = {"starts": 32 if n <= 100 else 8, "spread": 2.0, **options}
+        options = {"starts": 32 if n <= 100 else 8 if n <= 300 else 1, "spread": 2.0, **options}
     summary = _asterism.solve(system, x, method, ground_components=True, **options)
     if summary.status == _asterism.Status.OUT_OF_MEMORY:
         raise MemoryError(f"{summary.solver}: {summary.message}")

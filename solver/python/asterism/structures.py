@@ -20,7 +20,7 @@ class Joint:
 
     Along each axis, weight (d - offset)^2, or weight |d - offset| if the shape is "absolute", but no more than the truncation.
     weight and truncation are a number, or one each for x and y. With a length, the cost is that of a spring, weight
-    (|d| - length)^2, for displacements within reach of the rounded offset on each axis; others are forbidden.
+    (|d| - length)^2, for displacements within reach of the rounded offset on each axis; others are forbidden, also if the weight is 0.
     """
 
     parent: int
@@ -166,7 +166,7 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
             raise ValueError(f"joint {number}: expected the shape 'quadratic' or 'absolute', found {joint.shape!r}")
         ends.append((operator.index(joint.parent), operator.index(joint.child)))
         values = joint.weight, joint.offset, _SHAPES[joint.shape], joint.truncation
-        of_length = [0.0, 0.0, 0.0, 0.0]
+        of_length = [0.0, 0.0, -1.0, 0.0]  # no window
         try:
             axes = np.stack([np.broadcast_to(np.asarray(value, float), 2) for value in values], axis=1)
             if joint.length is not None:
@@ -177,6 +177,8 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
         if joint.length is not None:
             if joint.shape != "quadratic" or np.isfinite(joint.truncation).any():
                 raise ValueError(f"joint {number}: a cost of a length is quadratic, and has no truncation")
+            if joint.reach < 0:
+                raise ValueError(f"joint {number} has a reach below 0 or above 255 px")
             axes[:, 0] = 0
         of_layers = [float(joint.layer_weight), 0.0, 0.0, np.inf]
         costs.append(np.vstack([axes, of_layers, of_length]))

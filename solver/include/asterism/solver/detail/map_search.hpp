@@ -3,7 +3,9 @@
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/line_transform.hpp>
+#include <asterism/solver/discrete/displacement_cost.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
+#include <asterism/solver/problem/defect.hpp>
 #include <cmath>
 #include <limits>
 #include <utility>
@@ -26,6 +28,44 @@ inline bool find_least(const MapView<const float>& map, int& x, int& y) {
   if (found) x = static_cast<int>(std::find(map.row(y), map.row(y) + map.width, least) - map.row(y));
   return found;
 }
+
+/// The range of the energies of placements, which are summed in floats.
+class EnergyRange {
+ public:
+  /// Counts a part, by the least number of its maps that is negative, or 0.
+  void add_least(float least) { least_ += static_cast<double>(least); }
+  /// Whether placements may have an energy below all floats, so that they could not be told apart.
+  bool is_below_floats() const { return least_ < -kMost; }
+
+  /// Counts a part's map, by its largest finite number.
+  void add(const MapView<const float>& map) {
+    float largest = 0;
+    for (int y = 0; y < map.height; ++y) {
+      for (int x = 0; x < map.width; ++x) {
+        if (map(x, y) < std::numeric_limits<float>::infinity()) largest = std::max(largest, map(x, y));
+      }
+    }
+    most_ += static_cast<double>(largest);
+  }
+  /// Counts a joint between parts with these maps, by the most that it may cost.
+  void add(const DisplacementCost& cost, const MapView<const float>& parent,
+           const MapView<const float>& child) {
+    most_ += cost.most(std::max(parent.width, child.width), std::max(parent.height, child.height));
+  }
+  /// What is wrong where no placement has a finite energy: larger ones than floats have count as forbidden.
+  Defect no_placement() const {
+    return {
+        "maps", -1,
+        most_ > kMost ? "leave no placement with an energy in the range of float" : "forbid every placement"};
+  }
+
+ private:
+  static constexpr double kMost = std::numeric_limits<float>::max();
+
+  double least_ = 0, most_ = 0;
+};
+
+inline constexpr const char* kBelowFloats = "have negative numbers whose sum is below the range of float";
 
 /// Whether a pixel is within a distance [px] of another.
 inline bool is_near(int dx, int dy, double distance) {

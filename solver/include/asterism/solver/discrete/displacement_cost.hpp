@@ -75,14 +75,16 @@ struct AxisCost {
 /// around the offsets of the axes; others are forbidden. The maps of both parts have to begin at the same
 /// place of the image, as an offset cannot make up for it.
 struct LengthCost {
-  double weight = 0;  ///< per px^2, half the stiffness of a spring; from 0 up; 0: no cost and no window
+  double weight = 0;  ///< per px^2, half the stiffness of a spring; from 0 up; 0: only the window counts
   double length = 0;  ///< the length that costs nothing [px]; from 0 to 2^20
-  int reach = 0;  ///< displacements within reach of the rounded offset, on each axis, are allowed; 0 to 255
+  /// Displacements within reach of the rounded offset, on each axis, are allowed [px]; 0 to 255. -1, for a
+  /// weight of 0: there is no window, and every displacement is allowed.
+  int reach = -1;
 
   /// The cost of the displacement (dx, dy) [px], without the window.
   double operator()(double dx, double dy) const {
     const double excess = std::sqrt(dx * dx + dy * dy) - length;
-    return weight > 0 ? weight * (excess * excess) : 0;
+    return weight * (excess * excess);
   }
 
   /// What is wrong with the cost, nullptr for nothing.
@@ -91,7 +93,8 @@ struct LengthCost {
       return "has a weight of its length that is negative or not finite";
     if (!detail::is_finite(length) || length < 0 || length > 1 << 20)
       return "has a length that is negative, not finite or beyond 2^20 px";
-    return reach < 0 || reach > 255 ? "has a reach below 0 or above 255 px" : nullptr;
+    const bool is_none = reach == -1 && !(weight > 0);
+    return !is_none && (reach < 0 || reach > 255) ? "has a reach below 0 or above 255 px" : nullptr;
   }
 
   /// Whether all numbers are equal.
@@ -99,7 +102,7 @@ struct LengthCost {
 };
 
 /// The cost of the displacement (dx, dy): the sum of the costs along the axes, and of that of its length, if
-/// that has a weight.
+/// that has a reach.
 struct DisplacementCost {
   AxisCost x;         ///< of the displacement to the right
   AxisCost y;         ///< of the displacement downwards
@@ -125,13 +128,13 @@ struct DisplacementCost {
     return is_inside ? of_axes + length(dx, dy) : std::numeric_limits<double>::infinity();
   }
 
-  /// The cost in other units: of the displacement d, that of d / scale, for a scale > 0; the window's reach
-  /// is rounded up.
+  /// The cost in other units: of the displacement d, that of d / scale, for a scale from 1e-3 to 1e3; the
+  /// window's reach is rounded up.
   DisplacementCost scaled(double scale) const {
     return {x.scaled(scale),
             y.scaled(scale),
             {length.weight / (scale * scale), length.length * scale,
-             static_cast<int>(std::min(std::ceil(length.reach * scale), 255.0))}};
+             has_window() ? static_cast<int>(std::ceil(length.reach * scale)) : -1}};
   }
 
   /// The cost of the same displacement seen from its other end.
@@ -142,8 +145,14 @@ struct DisplacementCost {
     return cost;
   }
 
+  /// The most that a displacement costs that is at most (dx, dy) long on the axes [px], up to a window.
+  double most(double dx, double dy) const {
+    const double farthest = std::max(std::sqrt(dx * dx + dy * dy), 2 * length.length) - length.length;
+    return std::max(x(dx), x(-dx)) + std::max(y(dy), y(-dy)) + length.weight * (farthest * farthest);
+  }
+
   /// Whether there are forbidden displacements.
-  bool has_window() const { return length.weight > 0; }
+  bool has_window() const { return length.reach >= 0; }
   /// The least displacement of the window, if there is one, on each axis.
   Eigen::Vector2i first_displacement() const {
     return {static_cast<int>(std::round(x.offset)) - length.reach,

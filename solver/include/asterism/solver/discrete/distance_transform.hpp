@@ -35,7 +35,8 @@ class DistanceTransform {
   /// Transforms f to D, which must not overlap f. Returns what is wrong with the input, or an empty text; D
   /// is then as it was. NaN and minus infinity are refused.
   Message run(const MapView<const float>& f, const DisplacementCost& cost, const MapView<float>& result) {
-    if (const char* problem = detail::map_problem(f)) return Defect{"map", -1, problem};
+    float least = 0;
+    if (const char* problem = detail::map_problem(f, least)) return Defect{"map", -1, problem};
     if (result.empty()) return Defect{"result", -1, "is empty"};
     if (result.width > 1 << 20 || result.height > 1 << 20)
       return Defect{"result", -1, "is wider or higher than 2^20"};

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/map_search.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
 #include <asterism/solver/discrete/distance_transform.hpp>
@@ -12,6 +13,7 @@
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/status.hpp>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -31,6 +33,9 @@ struct LoopyOptions {
   /// Stops when ten iterations raise the lower bound by less than this share of the gap that is left.
   double progress = 0.01;
   int max_iterations = 200;
+  /// If given, tested at every part in every pass: once another thread has set it to true, the solve ends
+  /// with Status::Interrupted.
+  const std::atomic<bool>* stop = nullptr;
 
   /// What is wrong with the options, nullptr for nothing.
   const char* problem() const {
@@ -44,7 +49,8 @@ struct LoopyOptions {
 struct LoopySummary {
   /// Converged: the energy is within LoopyOptions::gap of the lower bound. NoProgress or MaxIterations: a gap
   /// is left, so that the placement may or may not be the best one, or none was found in the windows of costs
-  /// of a length. InvalidInput, also if it is proven that every placement is forbidden; OutOfMemory.
+  /// of a length. InvalidInput, also if it is proven that every placement is forbidden; OutOfMemory;
+  /// Interrupted, without a placement.
   Status status = Status::NotRun;
   Message message;
   int iterations = 0;
@@ -138,6 +144,7 @@ class LoopyStructure {
   double pass(bool forward);
   void read_placement();
   double energy_of(const Eigen::Matrix2Xi& positions) const;
+  Defect no_placement() const;
   static std::size_t pixels(const Part& part) {
     return static_cast<std::size_t>(part.map.width) * static_cast<std::size_t>(part.map.height);
   }
@@ -165,15 +172,19 @@ inline Defect LoopyStructure::find_defect(std::span<const Joint> joints,
       joints.size() > static_cast<std::size_t>(std::numeric_limits<int>::max()))
     return {"maps", -1, "or joints are more than can be counted"};
   const auto parts = static_cast<int>(maps.size());
+  detail::EnergyRange range;
   for (int i = 0; i < parts; ++i) {
     const MapView<const float>& map = maps[static_cast<std::size_t>(i)];
-    if (const char* problem = detail::map_problem(map)) return {"map", i, problem};
+    float least = 0;
+    if (const char* problem = detail::map_problem(map, least)) return {"map", i, problem};
+    range.add_least(least);
     bool has_place = false;
     for (int y = 0; y < map.height && !has_place; ++y) {
       for (int x = 0; x < map.width && !has_place; ++x) has_place = map(x, y) < kInfinity;
     }
     if (!has_place) return {"map", i, "forbids every position"};
   }
+  if (range.is_below_floats()) return {"maps", -1, detail::kBelowFloats};
   for (std::size_t k = 0; k < joints.size(); ++k) {
     if (const char* problem = detail::joint_problem(joints[k], parts))
       return {"joint", static_cast<int>(k), problem};
@@ -242,6 +253,7 @@ inline double LoopyStructure::pass(bool forward) {
   double bound = 0;
   const auto count = static_cast<int>(parts_.size());
   for (int k = 0; k < count; ++k) {
+    if (detail::is_set(options.stop)) return bound;
     const int i = forward ? k : count - 1 - k;
     Part& part = parts_[static_cast<std::size_t>(i)];
     const std::size_t size = pixels(part);
@@ -309,6 +321,18 @@ inline void LoopyStructure::read_placement() {
   }
 }
 
+inline Defect LoopyStructure::no_placement() const {
+  detail::EnergyRange range;
+  for (std::size_t i = 0; i < parts_.size(); ++i) {
+    range.add(parts_[i].map);
+    for (const End& end : parts_[i].ends) {
+      if (end.other < static_cast<int>(i))
+        range.add(end.cost, parts_[static_cast<std::size_t>(end.other)].map, parts_[i].map);
+    }
+  }
+  return range.no_placement();
+}
+
 inline double LoopyStructure::energy_of(const Eigen::Matrix2Xi& positions) const {
   double energy = 0;
   for (std::size_t i = 0; i < parts_.size(); ++i) {
@@ -329,11 +353,16 @@ inline void LoopyStructure::iterate(LoopySummary& summary, PartPlacement& best) 
   summary.status = Status::MaxIterations;
   while (summary.iterations < options.max_iterations) {
     ++summary.iterations;
-    summary.lower_bound = std::max(summary.lower_bound, pass(true));
-    summary.lower_bound = std::max(summary.lower_bound, pass(false));
+    const double forwards = pass(true), backwards = pass(false);
+    if (detail::is_set(options.stop)) {
+      summary.status = Status::Interrupted;
+      summary.message = detail::kStopped;
+      return;
+    }
+    summary.lower_bound = std::max({summary.lower_bound, forwards, backwards});
     if (!(summary.lower_bound < std::numeric_limits<double>::infinity())) {
       summary.status = Status::InvalidInput;
-      summary.message = Defect{"maps", -1, "forbid every placement"};
+      summary.message = no_placement();
       return;
     }
     read_placement();

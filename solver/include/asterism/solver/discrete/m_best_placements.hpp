@@ -8,6 +8,7 @@
 #include <asterism/solver/discrete/map_view.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <atomic>
 #include <cstddef>
 #include <limits>
 #include <new>
@@ -34,6 +35,9 @@ inline namespace ASTERISM_ABI {
 /// pieces do not grow, one thread at a time.
 class MBestPlacements {
  public:
+  /// As PictorialStructure::stop. The placements found until then stay.
+  const std::atomic<bool>* stop = nullptr;
+
   /// Finds up to `count` placements, at least 1, fewer if no others are allowed; `distance` from 0 up.
   /// `joints` and `maps` as PictorialStructure has them. The summary is that of the best placement, and names
   /// what is wrong with bad input. found() is the number of placements; the vector is only resized if it is
@@ -77,7 +81,8 @@ class MBestPlacements {
     pieces_in_use_ = 0;
     views_.assign(maps.begin(), maps.end());
     Piece& all = next_piece();
-    const PictorialSummary summary = structure_.solve(joints, views_, all.best);
+    structure_.stop = stop;
+    PictorialSummary summary = structure_.solve(joints, views_, all.best);
     if (!summary.usable()) return summary;
     all.whole = all.from = -1;
     all.is_open = true;
@@ -87,6 +92,11 @@ class MBestPlacements {
     while (true) {
       const int piece = best_open_piece();
       if (piece < 0) return summary;
+      if (detail::is_set(stop)) {
+        summary.status = Status::Interrupted;
+        summary.message = detail::kStopped;
+        return summary;
+      }
       const PartPlacement& best = pieces_[static_cast<std::size_t>(piece)].best;
       // The piece may reach into the discs of a placement that was found in another one.
       int from = 0;

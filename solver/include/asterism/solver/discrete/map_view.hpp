@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <bit>
 #include <cmath>
@@ -41,16 +42,18 @@ struct MapView {
 
 namespace detail {
 
-/// Whether no number is NaN or minus infinity, by their bits: see finite.hpp.
-inline bool all_are_costs(const MapView<const float>& map) {
+/// Whether no number is NaN or minus infinity, by their bits: see finite.hpp. `least` is then the least of
+/// the negative numbers, 0 if there are none.
+inline bool all_are_costs(const MapView<const float>& map, float& least) {
   constexpr std::uint32_t kInfinity = 0x7f800000, kSign = 0x80000000;
-  std::uint32_t bad = 0;
+  std::uint32_t bad = 0, largest = kSign;  // as bits, negative numbers are larger than all others
   for (int y = 0; y < map.height; ++y) {
     const float* const row = map.row(y);
     const auto test = [&](float value) {
       const auto bits = std::bit_cast<std::uint32_t>(value);
       bad |= static_cast<std::uint32_t>((bits & ~kSign) > kInfinity) |
              static_cast<std::uint32_t>(bits == (kInfinity | kSign));
+      largest = std::max(largest, bits);
     };
     if (map.column_stride == 1) {
       for (int x = 0; x < map.width; ++x) test(row[x]);
@@ -58,14 +61,16 @@ inline bool all_are_costs(const MapView<const float>& map) {
       for (int x = 0; x < map.width; ++x) test(row[x * map.column_stride]);
     }
   }
+  least = std::bit_cast<float>(largest);
   return bad == 0;
 }
 
-/// What is wrong with a map of costs, nullptr for nothing.
-inline const char* map_problem(const MapView<const float>& map) {
+/// What is wrong with a map of costs, nullptr for nothing; then `least` is the least of its negative numbers,
+/// 0 if there are none.
+inline const char* map_problem(const MapView<const float>& map, float& least) {
   if (map.empty()) return "is empty";
   if (map.width > 1 << 20 || map.height > 1 << 20) return "is wider or higher than 2^20";
-  if (!all_are_costs(map)) return "has a number that is NaN or minus infinity";
+  if (!all_are_costs(map, least)) return "has a number that is NaN or minus infinity";
   return nullptr;
 }
 

@@ -13,6 +13,7 @@
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/status.hpp>
+#include <atomic>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -35,6 +36,13 @@ struct Joint {
 
 namespace detail {
 
+inline constexpr const char* kStopped = "stopped on request";
+
+/// Whether a solver that has this flag, which may be none, is to stop.
+inline bool is_set(const std::atomic<bool>* stop) {
+  return stop != nullptr && stop->load(std::memory_order_relaxed);
+}
+
 /// What is wrong with a joint of so many parts, nullptr for nothing.
 inline const char* joint_problem(const Joint& joint, int parts) {
   const auto is_part = [parts](int index) { return 0 <= index && index < parts; };
@@ -52,8 +60,8 @@ struct PartPlacement {
 
 /// How a solve of a pictorial structure ended.
 struct PictorialSummary {
-  Status status = Status::NotRun;                            ///< Converged, InvalidInput or OutOfMemory
-  Message message;                                           ///< what is wrong
+  Status status = Status::NotRun;  ///< Converged, InvalidInput, OutOfMemory or Interrupted
+  Message message;                 ///< what is wrong
   double energy = std::numeric_limits<double>::quiet_NaN();  ///< of the placement; NaN if there is none
 
   /// Whether there is a placement.
@@ -76,12 +84,17 @@ inline std::ostream& operator<<(std::ostream& out, const PictorialSummary& summa
 /// The result is exact, for any maps: no placement has a lower energy, up to the rounding of sums of floats
 /// (see DistanceTransform). If several placements have the least energy, one of them is found. Maps may have
 /// different sizes and strides; a position is in pixels of the part's own map, so that an offset between two
-/// maps' origins belongs into the joint's offset. Infinity in a map forbids a position.
+/// maps' origins belongs into the joint's offset. Infinity in a map forbids a position, and an energy above
+/// the range of float counts as infinite.
 ///
 /// An object holds its workspace: reuse it to solve without allocation while the sizes of the maps and the
 /// tree stay the same, one thread at a time.
 class PictorialStructure {
  public:
+  /// If given, tested at every part and every further placement: once another thread has set it to true, a
+  /// solve ends with Status::Interrupted and leaves `best` as it was, and best_placements finds no more.
+  const std::atomic<bool>* stop = nullptr;
+
   /// Finds the best placement. `joints` is a tree of all parts, in any order: its root is the part that is no
   /// child. `maps` has a map for each part. For bad input, or if every placement is forbidden, the status is
   /// InvalidInput, the message names the joint or the map, and `best` stays as it was.
@@ -96,7 +109,11 @@ class PictorialStructure {
             summary = invalid(defect);
             return;
           }
-          collect();
+          if (!collect()) {
+            summary.status = Status::Interrupted;
+            summary.message = detail::kStopped;
+            return;
+          }
           summary = place_root(best);
         },
         [&](const std::bad_alloc& error) {
@@ -149,8 +166,9 @@ class PictorialStructure {
 
   static Defect find_defect(std::span<const Joint> joints, std::span<const MapView<const float>> maps);
   Defect plan(std::span<const Joint> joints, std::span<const MapView<const float>> maps);
-  void collect();
+  bool collect();
   PictorialSummary place_root(PartPlacement& best);
+  Defect no_placement() const;
   bool backtrack(int x, int y, PartPlacement& placement) const;
   static MapView<float> compact(std::vector<float>& numbers, const MapView<const float>& shape) {
     const auto size = static_cast<std::size_t>(shape.width) * static_cast<std::size_t>(shape.height);
@@ -182,10 +200,14 @@ inline Defect PictorialStructure::find_defect(std::span<const Joint> joints,
   if (maps.size() > static_cast<std::size_t>(std::numeric_limits<int>::max()))
     return {"maps", -1, "are more than can be counted"};
   const auto parts = static_cast<int>(maps.size());
+  detail::EnergyRange range;
   for (int i = 0; i < parts; ++i) {
-    if (const char* problem = detail::map_problem(maps[static_cast<std::size_t>(i)]))
+    float least = 0;
+    if (const char* problem = detail::map_problem(maps[static_cast<std::size_t>(i)], least))
       return {"map", i, problem};
+    range.add_least(least);
   }
+  if (range.is_below_floats()) return {"maps", -1, detail::kBelowFloats};
   if (joints.size() + 1 != maps.size()) return {"joints", -1, "are not one fewer than maps: no tree of all"};
   for (int k = 0; k < parts - 1; ++k) {
     if (const char* problem = detail::joint_problem(joints[static_cast<std::size_t>(k)], parts))
@@ -219,9 +241,10 @@ inline Defect PictorialStructure::plan(std::span<const Joint> joints,
   return {};
 }
 
-// Min-sum from the leaves to the root.
-inline void PictorialStructure::collect() {
+// Min-sum from the leaves to the root; false if it was stopped.
+inline bool PictorialStructure::collect() {
   for (Part& part : parts_) {
+    if (detail::is_set(stop)) return false;
     if (part.is_leaf && part.parent >= 0) continue;
     const MapView<float> sum = compact(part.numbers, part.map);
     for (int y = 0; y < sum.height; ++y) {
@@ -233,20 +256,31 @@ inline void PictorialStructure::collect() {
     }
   }
   for (std::size_t k = tree_.order.size(); k-- > 1;) {
+    if (detail::is_set(stop)) return false;
     Part& part = parts_[static_cast<std::size_t>(tree_.order[k])];
     Part& parent = parts_[static_cast<std::size_t>(part.parent)];
     part.transform.write<true>(part.sum, compact(parent.numbers, parent.map));
   }
+  return true;
 }
 
 inline PictorialSummary PictorialStructure::place_root(PartPlacement& best) {
   int x = 0, y = 0;
   if (!detail::find_least(parts_[static_cast<std::size_t>(root_)].sum, x, y) || !backtrack(x, y, best))
-    return invalid({"maps", -1, "forbid every placement"});
+    return invalid(no_placement());
   PictorialSummary summary;
   summary.status = Status::Converged;
   summary.energy = best.energy;
   return summary;
+}
+
+inline Defect PictorialStructure::no_placement() const {
+  detail::EnergyRange range;
+  for (const Part& part : parts_) {
+    range.add(part.map);
+    if (part.parent >= 0) range.add(part.cost, parts_[static_cast<std::size_t>(part.parent)].map, part.map);
+  }
+  return range.no_placement();
 }
 
 // The best placement with the root at (x, y), if there is one.
@@ -311,7 +345,7 @@ inline int PictorialStructure::best_placements(int count, double distance,
   const MapView<float> left = compact(candidates_, marginals);
   for_each_pixel(marginals, left, [](float from, float& to) { to = from; });
   int found = 0, x = 0, y = 0;
-  while (found < count && detail::find_least(left, x, y)) {
+  while (found < count && !detail::is_set(stop) && detail::find_least(left, x, y)) {
     if (placements.size() <= static_cast<std::size_t>(found)) placements.emplace_back();
     if (!backtrack(x, y, placements[static_cast<std::size_t>(found)])) break;
     ++found;

@@ -12,10 +12,12 @@
 #include <asterism/solver/discrete/map_view.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <atomic>
 #include <cstddef>
 #include <limits>
 #include <new>
 #include <span>
+#include <utility>
 #include <vector>
 
 namespace asterism {
@@ -48,6 +50,9 @@ struct ScaledPlacement : PartPlacement {
 /// layers and the tree stay the same, one thread at a time.
 class ScaledStructure {
  public:
+  /// As PictorialStructure::stop.
+  const std::atomic<bool>* stop = nullptr;
+
   /// Finds the best placement. `scales` are those of the layers, > 0, in any order; `maps` has that of part i
   /// in layer l at [i * layers + l]; `joints` is a tree of all parts. For bad input, or if every placement is
   /// forbidden, the status is InvalidInput, the message names what is wrong, and `best` stays as it was.
@@ -63,12 +68,16 @@ class ScaledStructure {
             return;
           }
           layers_ = static_cast<int>(scales.size());
-          collect();
+          if (!collect()) {
+            summary.status = Status::Interrupted;
+            summary.message = detail::kStopped;
+            return;
+          }
           int layer = 0, x = 0, y = 0;
           best_.energy = std::numeric_limits<double>::infinity();
           if (find_best_root(sums_of(part(tree_.root())), layer, x, y)) backtrack(layer, x, y, best_);
           if (!detail::is_finite(best_.energy)) {
-            summary = invalid({"maps", -1, "forbid every placement"});
+            summary = invalid(no_placement());
             return;
           }
           best = best_;
@@ -109,7 +118,7 @@ class ScaledStructure {
       left_.emplace_back(numbers.data(), marginals.width, marginals.height);
     }
     int found = 0, layer = 0, x = 0, y = 0;
-    while (found < count && find_best_root(left_, layer, x, y)) {
+    while (found < count && !detail::is_set(stop) && find_best_root(left_, layer, x, y)) {
       if (placements.size() <= static_cast<std::size_t>(found)) placements.emplace_back();
       ScaledPlacement& placement = placements[static_cast<std::size_t>(found)];
       backtrack(layer, x, y, placement);
@@ -184,7 +193,8 @@ class ScaledStructure {
                             std::span<const MapView<const float>> maps);
   Defect plan(std::span<const ScaledJoint> joints, std::span<const double> scales,
               std::span<const MapView<const float>> maps);
-  void collect();
+  bool collect();
+  Defect no_placement() const;
   void backtrack(int layer, int x, int y, ScaledPlacement& placement) const;
 
   std::vector<Part> parts_;
@@ -208,12 +218,20 @@ inline Defect ScaledStructure::find_defect(std::span<const ScaledJoint> joints,
   if (maps.empty()) return {"maps", -1, "are none"};
   if (maps.size() > kMost) return {"maps", -1, "are more than can be counted"};
   if (maps.size() % scales.size() != 0) return {"maps", -1, "are not as many for each part as scales"};
+  detail::EnergyRange range;
+  float least = 0;  // of the part
   for (std::size_t i = 0; i < maps.size(); ++i) {
-    if (const char* problem = detail::map_problem(maps[i])) return {"map", static_cast<int>(i), problem};
+    float of_map = 0;
+    if (const char* problem = detail::map_problem(maps[i], of_map))
+      return {"map", static_cast<int>(i), problem};
+    const bool is_last = (i + 1) % scales.size() == 0;
+    least = std::min(least, of_map);
+    if (is_last) range.add_least(std::exchange(least, 0.0F));
     const MapView<const float>& first = maps[i / scales.size() * scales.size()];
     if (maps[i].width != first.width || maps[i].height != first.height)
       return {"map", static_cast<int>(i), "is not of the size of the part's first layer"};
   }
+  if (range.is_below_floats()) return {"maps", -1, detail::kBelowFloats};
   const std::size_t parts = maps.size() / scales.size();
   if (joints.size() + 1 != parts) return {"joints", -1, "are not one fewer than parts: no tree of all"};
   for (std::size_t k = 0; k < joints.size(); ++k) {
@@ -261,9 +279,10 @@ inline Defect ScaledStructure::plan(std::span<const ScaledJoint> joints, std::sp
   return {};
 }
 
-// Min-sum from the leaves to the root.
-inline void ScaledStructure::collect() {
+// Min-sum from the leaves to the root; false if it was stopped.
+inline bool ScaledStructure::collect() {
   for (Part& one : parts_) {
+    if (detail::is_set(stop)) return false;
     if (one.is_leaf && one.parent >= 0) continue;
     for (Layer& layer : one.layers) {
       const MapView<float> sum = compact(layer.of_sum, layer.map);
@@ -276,6 +295,7 @@ inline void ScaledStructure::collect() {
     Part& child = part(tree_.order[k]);
     Part& parent = part(child.parent);
     for (int l = 0; l < layers_; ++l) {
+      if (detail::is_set(stop)) return false;
       Layer& layer = child.layers[static_cast<std::size_t>(l)];
       const MapView<float> around = compact(layer.of_around, layer.map);
       std::fill_n(around.data, pixels(around), std::numeric_limits<float>::infinity());
@@ -293,6 +313,18 @@ inline void ScaledStructure::collect() {
           around, compact(parent.layers[static_cast<std::size_t>(l)].of_sum, parent.layers[0].map));
     }
   }
+  return true;
+}
+
+inline Defect ScaledStructure::no_placement() const {
+  detail::EnergyRange range;
+  for (const Part& one : parts_) {
+    for (const Layer& layer : one.layers) {
+      range.add(layer.map);
+      if (one.parent >= 0) range.add(layer.cost, part(one.parent).layers[0].map, layer.map);
+    }
+  }
+  return range.no_placement();
 }
 
 // The best placement with the root in a layer at (x, y); of infinite energy if there is none.

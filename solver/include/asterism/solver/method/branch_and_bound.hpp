@@ -8,6 +8,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/dense_bound.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/time_limit.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
@@ -39,7 +40,8 @@ inline namespace ASTERISM_ABI {
 struct BranchAndBoundOptions : AlignedOptions {
   /// Maximum number of nodes of the search tree.
   int max_nodes = 10000;
-  /// Maximum wall-clock time, without that of the Staircase [s].
+  /// Maximum wall-clock time, that of the Staircase included [s]. A step that cannot be interrupted, such as
+  /// a factorisation, is completed first.
   double max_seconds = 1;
 
   /// Sets a gap of 1e-3. It applies to the search; the solves in it end by the tolerance.
@@ -103,11 +105,7 @@ class GlobalSearch {
     bool operator<(const Part& other) const { return bound > other.bound; }
   };
 
-  void search(const System& given, Points& x, Summary& summary) {
-    const auto begin = std::chrono::steady_clock::now();
-    const auto seconds = [begin] {
-      return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    };
+  void search(const System& given, Points& x, const TimeLimit& time, Summary& summary) {
     // What nothing holds, ground_components does, by its first node.
     System system = given;
     ComponentScratch<System> scratch;
@@ -139,7 +137,7 @@ class GlobalSearch {
       summary.lower_bound = std::max(summary.lower_bound, lowest);
       if (is_done_ || summary.is_within(options_.gap) || open.empty()) break;
       if (nodes >= options_.max_nodes) limit = "the limit of nodes was reached before the gap";
-      if (seconds() > options_.max_seconds) limit = "the limit of time was reached before the gap";
+      if (time.is_over()) limit = TimeLimit::kMessage;
       if (options_.stopped()) limit = "stopped on request before the gap was reached";
       if (!limit.empty()) break;
       const Part part = open.top();
@@ -149,6 +147,10 @@ class GlobalSearch {
         continue;
       }
       for (const Cell& cell : divided(part)) {
+        if (time.is_over()) {  // the rest of the part is left alone
+          closed = std::min(closed, part.bound);
+          break;
+        }
         Part child{part.bound, part.links, part.x, -1};
         const auto known = std::find_if(child.links.begin(), child.links.end(),
                                         [&](const Confined& c) { return c.link == part.loosest; });
@@ -254,7 +256,9 @@ class GlobalSearch {
     if (!(energy(system, trial) < summary.final_energy * (1 + kPromising))) return;
     const Summary found = solver_.solve(system, trial);
     summary.add_work(found);
-    if (!found.usable() || !(found.final_energy < summary.final_energy)) return;
+    if (!found.usable() || found.status == Status::Interrupted ||
+        !(found.final_energy < summary.final_energy))
+      return;
     x = trial;
     summary.status = found.status;
     summary.final_energy = found.final_energy;
@@ -265,9 +269,13 @@ class GlobalSearch {
   }
 
   // Also where there is no energy to speak of, of which no share could be proven.
-  bool is_done(const System& system, const Points& x, const Summary& summary) {
+  bool is_done(const System& system, const Points& x, Summary& summary) {
+    if (summary.is_within(options_.gap)) return true;
     certifier_.options.gap = options_.gap;
-    return summary.is_within(options_.gap) || certifier_.certify(system, x).certified();
+    const Certificate certificate = certifier_.certify(system, x);
+    if (certificate.proof != Proof::NotApplicable)
+      summary.lower_bound = std::max(summary.lower_bound, certificate.lower_bound);
+    return certificate.certified();
   }
 
   BranchAndBoundOptions options_;
@@ -284,15 +292,25 @@ class GlobalSearch {
 template <int kDim>
 void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBoundOptions& options,
                              Summary& summary) {
+  const TimeLimit time(options.max_seconds, options);
   options_ = options;
   staircase_.options = options;
   staircase_.options.gap = 0;  // placements are to be minima: the gap is the search's
+  staircase_.options.on_iteration = time.observed();
   solver_.options = staircase_.options;
-  solver_.options.on_iteration = {};
+  solver_.options.on_iteration = staircase_.on_lifted_iteration = time.hidden();
   summary = staircase_.solve(system, x);
-  if (!summary.usable() || summary.status == Status::Interrupted) return;
+  if (!summary.usable()) return;
+  summary.lower_bound = std::max(summary.lower_bound, 0.0);
+  time.explain(summary);
+  if (summary.status == Status::Interrupted) return;
   if (is_done(system, x, summary)) {
     summary.message = kWithinGap;
+    return;
+  }
+  if (time.is_over()) {
+    summary.status = Status::MaxIterations;
+    summary.message = TimeLimit::kMessage;
     return;
   }
   if (system.nodes() > kMostNodes) {
@@ -300,7 +318,7 @@ void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBou
     summary.message = "too many nodes for the search: the interval is that of the Staircase";
     return;
   }
-  attempt<std::bad_alloc>([&] { search(system, x, summary); },
+  attempt<std::bad_alloc>([&] { search(system, x, time, summary); },
                           [&summary](const std::bad_alloc& error) {
                             summary.status = Status::MaxIterations;
                             summary.message = memory_message(error);
@@ -338,7 +356,8 @@ constexpr bool is_searchable() {
 /// quadratic that touches it there. The part of the lowest bound is divided next.
 ///
 /// Summary::lower_bound and final_energy are the interval. Converged means that x is stationary and the
-/// interval within options.gap; MaxIterations, that a limit came first, which the message names. `iterations`
+/// interval within options.gap (or, where the energy is mere rounding, that certify proves x); MaxIterations,
+/// that a limit came first, which the message names. `iterations`
 /// counts nodes of the tree. For about 8 nodes or fewer: the tree grows as a power of the number of loose
 /// links, and without end if a component without anchors turns freely. More than 64 nodes are left to the
 /// Staircase. For springs only, without loads, in 2 or 3 dimensions; in double; uses the heap; one thread at

@@ -13,6 +13,7 @@
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -54,7 +55,7 @@ class Lift {
   /// curvature in the first dimension that they lack, then to a minimum. False where rounding leaves no way
   /// down. Adds to `total` what it took, and raises its lower bound by what is proven at the minimum.
   bool descend(const System& system, const Eigen::VectorXd& v, double curvature, const SolverOptions& options,
-               Eigen::MatrixXd& points, Summary& total) {
+               const IterationCallback& on_iteration, Eigen::MatrixXd& points, Summary& total) {
     lifted_.emplace(cast_system<Lifted>(system));
     x_.setZero(Lifted::kDim, points.cols());
     x_.topRows(points.rows()) = points;
@@ -67,11 +68,11 @@ class Lift {
     solver_.options = options;
     solver_.options.align = false;
     solver_.options.gap = 0;
-    solver_.options.on_iteration = {};
+    solver_.options.on_iteration = on_iteration;
     const Summary summary = solver_.solve(*lifted_, x_);
     if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
     total.add_work(summary);
-    if (!summary.usable()) return false;
+    if (!summary.usable() || summary.status == Status::Interrupted) return false;
     points = x_;
     total.lower_bound = std::max(total.lower_bound, prover_.stretched_bound(*lifted_, x_));
     return true;
@@ -113,6 +114,10 @@ requires(detail::is_liftable<System>()) class Staircase {
   /// The options of `Solver`.
   std::decay_t<decltype(std::declval<Solver&>().options)> options;
 
+  /// As options.on_iteration, which is not called there, for the iterations in more dimensions: x has more
+  /// rows than a point of the system, and the energy is below that of the system.
+  IterationCallback on_lifted_iteration = {};
+
   static constexpr std::string_view name() { return "staircase"; }
 
   /// Moves x (Dim x N) to the lowest minimum found. The Summary is that of the solve that found it, except
@@ -135,10 +140,13 @@ requires(detail::is_liftable<System>()) class Staircase {
     Eigen::MatrixXd lifted = x.template cast<double>();
     double curvature = certifier_.negative_direction(system, x, v);
     auto& first = first_.get();
-    if (!(curvature < 0) || !first.descend(system, v, curvature, options, lifted, best)) return;
+    if (!(curvature < 0) || !first.descend(system, v, curvature, options, on_lifted_iteration, lifted, best))
+      return;
     if (ends_with(system, lifted, x, best)) return;
     curvature = first.negative_direction(v);
-    if (!(curvature < 0) || !second_.get().descend(system, v, curvature, options, lifted, best)) return;
+    if (!(curvature < 0) ||
+        !second_.get().descend(system, v, curvature, options, on_lifted_iteration, lifted, best))
+      return;
     ends_with(system, lifted, x, best);
   }
 
@@ -155,7 +163,7 @@ requires(detail::is_liftable<System>()) class Staircase {
       std::swap(summary, best);
     }
     best.add_work(summary);
-    if (best.status == Status::Interrupted) return true;
+    if (summary.status == Status::Interrupted || best.status == Status::Interrupted) return true;
     return is_lower ? is_proven(system, x, best) : says_so(best);
   }
 
