@@ -37,7 +37,7 @@ void bind_json(py::module_& m) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
           const auto points = map_points<Dim>(numbers(start, "start", {s.nodes(), Dim}));
           try {
-            return system_to_json(s, points, name, nlohmann::json::parse(origin)).dump();
+            return system_to_json(s, points, name, detail::stored::parse(origin, "origin", 1, true)).dump();
           } catch (const std::runtime_error& error) {
             throw py::value_error(error.what());
           }
