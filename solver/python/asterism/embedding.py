@@ -262,8 +262,9 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
     if hasattr(graph, "nodes") and callable(getattr(graph, "edges", None)):  # of networkx
         nodes = list(graph.nodes)
         index = {node: k for k, node in enumerate(nodes)}
-        pairs = np.array([(index[a], index[b]) for a, b in graph.edges()], dtype=np.intp).reshape(-1, 2)
-        given = [value for *_, value in graph.edges(data=length)] if length is not None else [None] * len(pairs)
+        edges = list(graph.edges(data="length" if length is None else length))
+        pairs = np.array([(index[a], index[b]) for a, b, _ in edges], dtype=np.intp).reshape(-1, 2)
+        given = [None if length is None else value for *_, value in edges]
         lengths = inputs.numbers([1 if value is None else value for value in given], f"graph: the edges' {length!r}", (len(pairs),))
         if length == "length" and all(value is None for value in given) and any(w is not None for *_, w in graph.edges(data="weight")):
             warnings.warn(
