@@ -4,8 +4,8 @@
 import copy
 import json
 import pathlib
-import re
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -18,6 +18,11 @@ import unittest
 import asterism
 import numpy as np
 import scipy.optimize
+
+try:
+    import jsonschema
+except ImportError:
+    jsonschema = None
 
 
 def random_system(nodes=6, dim=2, seed=1):
@@ -1001,6 +1006,31 @@ class JsonTest(unittest.TestCase):
             origin = {"a": 2**64 - 1, "b": -(2**63), "c": 1e300, "d": 5e-324}
             asterism.write_systems(path, [asterism.StoredSystem(system, x, "", origin)])
             self.assertEqual(asterism.read_systems(path)[0].origin, origin)
+
+    @unittest.skipIf(jsonschema is None, "needs jsonschema (Debian package python3-jsonschema)")
+    def test_the_schema_takes_what_the_reader_takes(self):
+        page = (pathlib.Path(__file__).parents[2] / "docs" / "system-json.md").read_text()
+        schema = json.loads(page[page.rindex("```json\n") + 8 : page.rindex("\n```")])
+        good = json.loads(self.SYSTEM + "}")
+        for key, value in [
+            *((key, value) for key, number in (("asterism_system", 1), ("dim", 2)) for value in (number, float(number), str(number), None, True, number + 0.5, [number])),
+            *(("links", [[0, end]]) for end in (1, 1.0, 1.5, "1", None, -1.0)),
+            *(("fixed", [node]) for node in (0, 1.0, -0.0, 0.5, "0", False, -1)),
+            *(("rest_length", [value]) for value in (0, 2, 2.5, 10**20, 1e300, -1, -0.5, "1", None, True)),
+            *(("start", [[0, 0], [value, 1]]) for value in (1, -1.5, 10**20, "1", None)),
+            *(("origin", value) for value in ({}, {"a": None}, [], "x", 1)),
+            *(("name", value) for value in ("", "x", 1, None)),
+            ("fixes", [0]),
+            ("anchors", []),
+        ]:
+            stored = {**good, key: value}
+            with self.subTest(key, value=value):
+                in_schema = jsonschema.Draft202012Validator(schema).is_valid(stored)
+                try:
+                    is_read = bool(asterism.parse_systems(json.dumps(stored)))
+                except ValueError:
+                    is_read = False
+                self.assertEqual(is_read, in_schema)
 
     def test_numbers_out_of_range_are_named_with_their_line(self):
         for number, message in (
