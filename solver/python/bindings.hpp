@@ -122,25 +122,34 @@ inline std::string type_name(const py::handle& object) {
   return py::str(py::type::handle_of(object).attr("__name__")).cast<std::string>();
 }
 
+/// Whether it is a NumPy array, and of no subclass, such as numpy.matrix.
+inline bool is_plain_array(const py::object& object) {
+  return Py_TYPE(object.ptr()) == reinterpret_cast<PyTypeObject*>(py::detail::npy_api::get().PyArray_Type_);
+}
+
 /// The input without its mask, of which NumPy would show the numbers beneath: masked entries become
 /// `missing`, and are a TypeError that begins with `name` where there is none.
 inline py::object unmasked(const py::object& object, const std::string& name,
                            std::optional<double> missing = {}) {
-  if (Py_TYPE(object.ptr()) == reinterpret_cast<PyTypeObject*>(py::detail::npy_api::get().PyArray_Type_))
-    return object;
+  if (is_plain_array(object)) return object;
   const py::module_ ma = py::module_::import("numpy.ma");
   const py::object type = ma.attr("MaskedArray");
+  const auto has_masked = [&ma](const py::handle& array) { return ma.attr("is_masked")(array).cast<bool>(); };
+  const auto require_missing = [&] {
+    if (!missing) throw py::type_error(name + ": expected numbers, found masked ones");
+  };
   py::object found = object;
   if (py::isinstance<py::list>(object) || py::isinstance<py::tuple>(object)) {
     for (const py::handle row : object) {
-      if (!py::isinstance(row, type)) continue;
+      if (!py::isinstance(row, type) || !has_masked(row)) continue;
+      require_missing();
       found = ma.attr("asarray")(object);
       break;
     }
   }
   if (!py::isinstance(found, type)) return object;
-  if (!ma.attr("is_masked")(found).cast<bool>()) return found.attr("data");
-  if (!missing) throw py::type_error(name + ": expected numbers, found masked ones");
+  if (!has_masked(found)) return found.attr("data");
+  require_missing();
   if (found.attr("dtype").attr("kind").cast<std::string>() != "f") found = found.attr("astype")("float64");
   return found.attr("filled")(*missing);
 }
@@ -156,11 +165,13 @@ inline py::array real_numbers(const py::object& object, const std::string& name)
                        (says_no_more ? type_name(object) : py::str(array.dtype()).cast<std::string>()));
 }
 
-/// The same as a C-contiguous array of float64: the array itself if it is one, else a copy.
+/// The same as a C-contiguous array of float64: the array itself if it is one, else a new one.
 inline py::array_t<double> numbers(const py::object& object, const char* name) {
-  constexpr int kFlags = py::array::c_style | py::array::forcecast;
-  const auto result = py::array_t<double, kFlags>::ensure(real_numbers(object, name));
-  if (!result) throw py::error_already_set();
+  using Numbers = py::array_t<double, py::array::c_style>;
+  py::array array = real_numbers(object, name);
+  if (!is_plain_array(array) || !py::isinstance<Numbers>(array))
+    array = py::module_::import("numpy").attr("asarray")(array, "float64", py::arg("order") = "C");
+  const auto result = py::reinterpret_borrow<Numbers>(array);
   if (reinterpret_cast<std::uintptr_t>(result.data()) % alignof(double) == 0) return result;
   return result.attr("copy")();
 }

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <cstring>
 #include <limits>
+#include <new>
 
 #include "bindings.hpp"
 
@@ -44,7 +45,7 @@ MapView<const float> view_of(const py::handle& given, int number, std::vector<py
       real_numbers(unmasked(py::reinterpret_borrow<py::object>(given), name, kForbidden), name);
   require_floats(found, name);
   auto map = Floats::ensure(found);
-  if (!map) throw py::error_already_set();
+  if (!map) throw std::bad_alloc();
   if (map.ndim() != 2)
     throw py::value_error(name + ": expected two dimensions, found shape " + text_of(shape_of(map)));
   constexpr auto kNumber = static_cast<py::ssize_t>(sizeof(float));

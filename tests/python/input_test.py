@@ -192,6 +192,7 @@ class ArraysTest(unittest.TestCase):
                 **({} if name == "layout" else {"list": values.tolist()}),  # there, a list is one of edges
                 "columns first": np.asfortranarray(values),
                 "big-endian": values.astype(">f8"),
+                **({"matrix": values.view(np.matrix)} if values.ndim == 2 else {}),
                 "a mask without masked entries": np.ma.masked_array(values, np.zeros(values.shape, bool)),
                 "every second row": np.repeat(values, 2, axis=0)[::2],
                 **({dtype: values.astype(dtype) for dtype in ("f2", "f4", "g", "i1", "i8", "u2")} if is_whole else {"long double": values.astype("g")}),
@@ -222,6 +223,14 @@ class ArraysTest(unittest.TestCase):
             asterism.Topology.from_links(3, one_masked(np.array([[0, 1], [1, 2]])))
         with self.assertRaisesRegex(ValueError, "joint 0: expected offset"):
             asterism.pictorial_structure([MAP, MAP], [asterism.Joint(0, 1, one_masked(np.zeros(2)))])
+        for attribute in ("weight", "length", "truncation", "layer_weight"):
+            for value in (np.ma.masked, "1"):
+                with self.subTest(attribute), self.assertRaisesRegex(ValueError, "joint 0: expected offset"):
+                    asterism.scaled_structure([STACK, STACK], [asterism.Joint(0, 1, **{attribute: value})], [1, 2])
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with self.assertRaisesRegex(TypeError, "graph: the edges' lengths: expected numbers, found masked ones"):
+                asterism.layout([(0, 1, np.ma.masked), (1, 2, 1)])
         with self.assertRaisesRegex(TypeError, "option tolerance: expected a number, found masked"):
             asterism.Solver(tolerance=np.ma.masked)
 
@@ -251,6 +260,18 @@ class ArraysTest(unittest.TestCase):
                     continue
                 with self.subTest(name, given=type(given).__name__), self.assertRaises((TypeError, ValueError)):
                     function(given)
+
+    def test_numbers_beyond_float64(self):
+        huge = np.full((6, 2), np.longdouble("1e4000"))
+        system = SYSTEM.copy()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # NumPy's, of an overflow
+            system.anchors = huge
+        self.assertEqual(asterism.solve(system, POINTS.copy()).message, "anchor 0 is not finite")
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            with self.assertRaises(RuntimeWarning):
+                system.anchors = huge
 
     def test_maps_beyond_float32(self):
         for structure_of in ("pictorial_structure", "m_best_placements", "loopy_structure"):

@@ -169,16 +169,16 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
         of_length = [0.0, 0.0, 0.0, 0.0]
         try:
             axes = np.stack([np.broadcast_to(inputs.numbers(value, "value"), 2) for value in values], axis=1)
+            of_layers = [float(inputs.numbers(joint.layer_weight, "value", ())), 0.0, 0.0, np.inf]
             if joint.length is not None:
                 weight, length = (float(inputs.numbers(value, "value", ())) for value in (joint.weight, joint.length))
                 of_length[:3] = weight, length, operator.index(joint.reach)
         except (TypeError, ValueError):
             kind = "weight, length and reach to be numbers" if joint.length is not None else "weight and truncation to be (x, y) or a number"
-            raise ValueError(f"joint {number}: expected offset, {kind}") from None
+            raise ValueError(f"joint {number}: expected offset, {kind}, and layer_weight a number") from None
         if joint.length is not None:
             if joint.shape != "quadratic" or np.isfinite(joint.truncation).any():
                 raise ValueError(f"joint {number}: a cost of a length is quadratic, and has no truncation")
             axes[:, 0] = 0
-        of_layers = [float(joint.layer_weight), 0.0, 0.0, np.inf]
         costs.append(np.vstack([axes, of_layers, of_length]))
     return list(maps), np.reshape(np.array(ends, float), (-1, 2)), np.reshape(np.array(costs, float), (-1, 4, 4))
