@@ -13,6 +13,8 @@ namespace {
 
 /// asterism.SpringBatch.
 struct AnyBatch {
+  using BoundToPython = void;
+
   std::variant<Batch<2>, Batch<3>> of_dim;
   bool busy = false;
 
@@ -47,6 +49,7 @@ void def_values(py::class_<AnyBatch>& type, const char* name, View view, const c
   type.def_property(
       name, [view](const py::object& self) { return view(self); },
       [view, name](const py::object& self, const py::object& values) {
+        const Exclusive use(self.cast<AnyBatch&>().busy, "this asterism.SpringBatch");
         view(self).attr("__setitem__")(py::ellipsis(), numbers(values, name));
       },
       doc);
@@ -190,8 +193,12 @@ void bind_batch(py::module_& m) {
       },
       [kArrays](const py::tuple& state) {
         const Fields fields(state, 8);
-        AnyBatch made =
-            make_batch(fields[0].cast<const Topology<>&>(), fields[1].cast<int>(), fields[2].cast<int>());
+        const auto& topology = fields[0].cast<const Topology<>&>();
+        const int count = fields[1].cast<int>(), dim = fields[2].cast<int>();
+        asterism::python::numbers(
+            fields[3], kArrays[0],
+            {count, topology.nodes(), dim});  // before memory for that many is allocated
+        AnyBatch made = make_batch(topology, count, dim);
         const py::object view = py::cast(&made, py::return_value_policy::reference);
         for (std::size_t i = 0; i < 5; ++i) view.attr(kArrays[i]) = fields[i + 3];
         return made;

@@ -8,6 +8,8 @@
 #include <atomic>
 #include <cstdint>
 #include <cstring>
+#include <limits>
+#include <new>
 
 #include "bindings.hpp"
 #include "interrupts.hpp"
@@ -18,20 +20,34 @@ namespace {
 
 using Floats = py::array_t<float, py::array::forcecast>;
 
+constexpr double kForbidden = std::numeric_limits<double>::infinity();  // also the cost of masked positions
+
 py::array_t<int> positions_of(const PartPlacement& placement) {
   py::array_t<int> result({placement.positions.cols(), Eigen::Index{2}});
   std::memcpy(result.mutable_data(), placement.positions.data(), static_cast<std::size_t>(result.nbytes()));
   return result;
 }
 
+// ValueError for a number that would become infinite, which forbids a position.
+void require_floats(const py::array& map, const std::string& name) {
+  if (map.dtype().kind() != 'f' || map.itemsize() <= static_cast<py::ssize_t>(sizeof(float))) return;
+  const py::module_ numpy = py::module_::import("numpy");
+  const py::object is_large =
+      numpy.attr("greater")(numpy.attr("abs")(map), std::numeric_limits<float>::max());
+  const py::object is_beyond = numpy.attr("logical_and")(is_large, numpy.attr("isfinite")(map));
+  if (!py::bool_(is_beyond.attr("any")())) return;
+  const py::object first = map.attr("__getitem__")(is_beyond).attr("__getitem__")(0);
+  throw py::value_error(name + ": " + py::str(first).cast<std::string>() + " is beyond float32");
+}
+
 // The map in place if its numbers can be addressed, else of a copy, which `kept` holds.
 MapView<const float> view_of(const py::handle& given, int number, std::vector<py::array>& kept) {
   const std::string name = "map " + std::to_string(number);
-  auto map = Floats::ensure(given);
-  if (!map) {
-    PyErr_Clear();
-    throw py::type_error(name + ": expected numbers, found " + type_name(given));
-  }
+  const auto found =
+      real_numbers(unmasked(py::reinterpret_borrow<py::object>(given), name, kForbidden), name);
+  require_floats(found, name);
+  auto map = Floats::ensure(found);
+  if (!map) throw std::bad_alloc();
   if (map.ndim() != 2)
     throw py::value_error(name + ": expected two dimensions, found shape " + text_of(shape_of(map)));
   constexpr auto kNumber = static_cast<py::ssize_t>(sizeof(float));

@@ -25,6 +25,8 @@ constexpr double kFar = std::numeric_limits<double>::infinity();
 /// An undirected graph: the neighbours of each node in one array. embedding.py has checked what it gives.
 class Graph {
  public:
+  using BoundToPython = void;
+
   Graph(int nodes, const Integers& ends, const Numbers& lengths)
       : first_(static_cast<std::size_t>(nodes) + 1), distances_(static_cast<std::size_t>(nodes), kFar) {
     const auto pairs = ends.unchecked<2>();
@@ -219,7 +221,9 @@ py::tuple stress_sums(Graph& graph, const Eigen::Map<const typename System<Dim>:
 }  // namespace
 
 void bind_graph(py::module_& m) {
-  py::class_<Graph>(m, "_Graph")
+  py::class_<Graph> graph(m, "_Graph");
+  def_reduce(graph);
+  graph
       .def(py::init<int, const Integers&, const Numbers&>(), py::arg("nodes"), py::arg("ends"),
            py::arg("lengths"))
       .def("components",

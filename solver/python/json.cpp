@@ -6,6 +6,18 @@
 
 namespace asterism::python {
 
+namespace {
+
+// ValueError; a message may quote bytes that are not UTF-8.
+[[noreturn]] void refuse(const std::string& message) {
+  const auto text = py::reinterpret_steal<py::object>(
+      PyUnicode_DecodeUTF8(message.data(), static_cast<py::ssize_t>(message.size()), "backslashreplace"));
+  PyErr_SetObject(PyExc_ValueError, text.ptr());
+  throw py::error_already_set();
+}
+
+}  // namespace
+
 void bind_json(py::module_& m) {
   m.def(
       "_parse_systems",
@@ -15,7 +27,7 @@ void bind_json(py::module_& m) {
           const py::gil_scoped_release release;
           systems = parse_systems(text, source);
         } catch (const std::runtime_error& error) {
-          throw py::value_error(error.what());
+          refuse(error.what());
         }
         py::list result;
         for (AnyStoredSystem& any : systems) {
@@ -37,9 +49,11 @@ void bind_json(py::module_& m) {
         return system.visit([&]<int Dim>(System<Dim>& s) {
           const auto points = map_points<Dim>(numbers(start, "start", {s.nodes(), Dim}));
           try {
-            return system_to_json(s, points, name, nlohmann::json::parse(origin)).dump();
+            const auto parsed =
+                detail::stored::parse(origin, "the system cannot be written: its origin", 1, true);
+            return system_to_json(s, points, name, parsed).dump();
           } catch (const std::runtime_error& error) {
-            throw py::value_error(error.what());
+            refuse(error.what());
           }
         });
       },

@@ -96,6 +96,7 @@ auto pickled(Visit visit) {
 /// Adds copy(), which does what copy.copy does for a class that can be pickled.
 template <typename Class>
 void def_copy(Class& type) {
+  def_reduce(type);
   type.def(
       "copy", [](const py::object& self) { return py::module_::import("copy").attr("copy")(self); },
       "An object of its own with the same values, as copy.copy and copy.deepcopy make it.");

@@ -7,7 +7,9 @@
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
+#include <cstring>
 #include <exception>
+#include <optional>
 #include <sstream>
 
 #include "bindings.hpp"
@@ -81,10 +83,24 @@ class OptionSetter final : public OptionVisitor {
   bool found_ = false;
 };
 
-// Calls Python's on_iteration from threads that do not hold the GIL. An exception ends the solve and is kept.
+template <int Dim>
+bool same_values(const System<Dim>& a, const System<Dim>& b) {
+  const auto same = [](const auto& one, const auto& other) {
+    const auto bytes = static_cast<std::size_t>(one.size()) * sizeof(double);
+    return one.size() == other.size() && (bytes == 0 || std::memcmp(one.data(), other.data(), bytes) == 0);
+  };
+  return same(a.anchors, b.anchors) && same(a.anchor_stiffness, b.anchor_stiffness) &&
+         same(a.rest_length, b.rest_length) && same(a.link_stiffness, b.link_stiffness) &&
+         same(a.rest_offset, b.rest_offset) && same(a.loads, b.loads);
+}
+
+// Calls Python's on_iteration from threads that do not hold the GIL. An exception ends the solve and is kept;
+// so does a system that the callable has changed: the solver could not answer for its result.
+template <int Dim>
 class PythonCallback {
  public:
-  explicit PythonCallback(py::object callable) : callable_(std::move(callable)) {}
+  PythonCallback(py::object callable, const System<Dim>& system)
+      : callable_(std::move(callable)), system_(system), given_(system) {}
 
   bool operator()(const Iteration& at) {
     const py::gil_scoped_acquire acquire;
@@ -93,6 +109,8 @@ class PythonCallback {
       py::array_t<double> x({at.x.cols(), at.x.rows()});
       std::copy_n(at.x.data(), at.x.size(), x.mutable_data());
       const py::object result = callable_(at.number, x, at.energy, at.gradient_norm);
+      if (!same_values(system_, given_))
+        throw std::runtime_error("on_iteration changed the system that is solved");
       return result.is_none() || result.cast<bool>();
     } catch (...) {
       raised_ = std::current_exception();
@@ -105,12 +123,16 @@ class PythonCallback {
 
  private:
   py::object callable_;
+  const System<Dim>& system_;
+  const System<Dim> given_;
   std::exception_ptr raised_;
 };
 
 /// asterism.Solver: a method for systems of both dimensions, which keeps its memory between solves.
 class Solver {
  public:
+  using BoundToPython = void;
+
   Solver(const std::string& method, const py::kwargs& options)
       : method_(method), of_2_(solvers<2>().make(method)), of_3_(solvers<3>().make(method)) {
     for (const auto& [key, given] : options) {
@@ -132,21 +154,20 @@ class Solver {
 
   Summary solve(AnySystem& system, const py::object& x, const py::object& on_iteration) {
     const Exclusive use(busy_, "this asterism.Solver");
-    PythonCallback callback(on_iteration);
     return system.visit([&]<int Dim>(System<Dim>& s) {
       py::array_t<double> array = output(x, "x", {s.nodes(), Dim});
       if (detail::shares_memory(s, array.data(), array.size())) {  // the solver, given a copy, cannot tell
-        Summary refused;
-        refused.status = Status::InvalidInput;
-        refused.message = detail::kSharesMemory;
-        return refused;
+        return detail::refused(solver<Dim>().name(), detail::kSharesMemory);
       }
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
+      std::optional<PythonCallback<Dim>> callback;
+      if (!on_iteration.is_none()) callback.emplace(on_iteration, s);
+      const AnySystem::Reading reading(system);
       const auto work = [&](const std::atomic<bool>& stop) {
         SolverOptions& common = solver<Dim>().options();
         common.stop = &stop;
-        common.on_iteration = on_iteration.is_none() ? IterationCallback() : IterationCallback(callback);
+        common.on_iteration = callback ? IterationCallback(*callback) : IterationCallback();
         const Summary result = solver<Dim>().solve(s, points);
         common.stop = nullptr;
         common.on_iteration = {};
@@ -157,7 +178,7 @@ class Solver {
         const py::gil_scoped_release release;
         return work(std::atomic<bool>(false));
       }();
-      callback.rethrow();
+      if (callback) callback->rethrow();
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
       return summary;
     });
@@ -218,7 +239,7 @@ constexpr const char* kSolve =
     "solve; KeyboardInterrupt ends a solve that takes long, and leaves x unchanged.\n\n"
     "on_iteration(iteration, x, energy, gradient_norm), if given, is called at the start and after each\n"
     "iteration, with a copy of x; False ends the solve, with Status.INTERRUPTED, and so does an exception,\n"
-    "which is raised.";
+    "which is raised. RuntimeError if it changes the system, which no other thread may do either.";
 
 void bind_status(py::module_& m) {
   py::dict members;

@@ -13,6 +13,7 @@
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <limits>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <string_view>
@@ -35,7 +36,7 @@ Topology<> valid(Topology<> topology) {
 }
 
 std::vector<Link> links_of(const py::object& object) {
-  const py::array array = py::array::ensure(object);
+  const py::array array = py::array::ensure(unmasked(object, "links"));
   if (!array) throw py::type_error("links: expected pairs of nodes");
   std::vector<Link> links;
   if (array.size() == 0) return links;
@@ -86,13 +87,46 @@ void def_values(py::class_<AnySystem>& type, const char* name, Member member, co
     });
   };
   const auto set = [view, name](const py::object& self, const py::object& values) {
+    self.cast<AnySystem&>().change([](auto&) {});
     view(self).attr("__setitem__")(py::ellipsis(), numbers(values, name));
   };
   type.def_property(name, view, set, doc);
 }
 
-int checked_node(const AnySystem& self, int node) {
-  const int nodes = std::visit([](auto& system) { return system.nodes(); }, self.of_dim);
+/// The array, which has its memory back where it was removed.
+template <typename Matrix>
+Matrix& restored(Matrix& values, Matrix& removed) {
+  if (values.cols() == 0) values.swap(removed);
+  return values;
+}
+
+/// The same for an array of `count(system)` points that a system need not have: None while it has not.
+template <typename Member, typename Count>
+void def_optional_points(py::class_<AnySystem>& type, const char* name, Member member, Count count,
+                         const char* doc) {
+  const auto get = [member](const py::object& self) {
+    return self.cast<AnySystem&>().visit([&](auto& system) -> py::object {
+      auto& values = member(system);
+      if (values.cols() == 0) return py::none();
+      return py::array_t<double>(Shape{values.cols(), system.kDim}, values.data(), self);
+    });
+  };
+  const auto set = [member, count, name](AnySystem& self, const py::object& given) {
+    self.change([&]<int Dim>(System<Dim>& system) {
+      auto &values = member(system), &removed = member(self.removed<Dim>());
+      if (!given.is_none()) {
+        const auto points = numbers(given, name, {count(system), Dim});
+        restored(values, removed) = map_points<Dim>(points);
+      } else if (values.cols() > 0) {
+        values.swap(removed);
+      }
+    });
+  };
+  type.def_property(name, get, set, doc);
+}
+
+int checked_node(AnySystem& self, int node) {
+  const int nodes = self.visit([](auto& system) { return system.nodes(); });
   if (node >= 0 && node < nodes) return node;
   throw py::index_error("node " + std::to_string(node) + " is out of range (" + std::to_string(nodes) +
                         " nodes)");
@@ -104,8 +138,7 @@ auto evaluated(AnySystem& self, const py::object& x, F&& f) {
   return self.visit([&]<int Dim>(System<Dim>& system) {
     const auto points = points_of<Dim>(system, x);
     require_valid(detail::validate_values(system, points));
-    const py::gil_scoped_release release;
-    return f(system, points);
+    return self.without_gil([&] { return f(system, points); });
   });
 }
 
@@ -142,6 +175,15 @@ SensitivityOptions sensitivity_options(double stationarity) {
 }  // namespace
 
 void bind_systems(py::module_& m) {
+  m.def(
+      "_numbers",
+      [](const py::object& values, const std::string& name, const std::optional<Shape>& shape,
+         std::optional<double> missing) {
+        const py::object known = unmasked(values, name, missing);
+        return shape ? numbers(known, name.c_str(), *shape) : numbers(known, name.c_str());
+      },
+      py::arg("values"), py::arg("name"), py::arg("shape") = py::none(), py::arg("missing") = py::none(),
+      "The input as an array of float64, as every function of the module takes it.");
   py::class_<Topology<>> topologies(
       m, "Topology",
       "Which nodes are linked: an immutable list of links between nodes 0 .. nodes - 1.\n\n"
@@ -205,36 +247,23 @@ void bind_systems(py::module_& m) {
       "E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2. With rest_offset,\n"
       "x_i - x_j is less the link's offset m_ij; with loads, the energy is less sum_i f_i . x_i.\n\n"
       "The arrays are the system's own memory: assign to them in place. They start as NaN, so that a\n"
-      "forgotten value is an error. Do not change them while another thread solves the system.");
+      "forgotten value is an error. A system cannot be changed while it is solved or evaluated: its "
+      "methods,\n"
+      "and assignment to its attributes, are a RuntimeError then. Do not write into its arrays meanwhile.");
   type.def(py::init(&make_system), py::arg("topology"), py::arg("dim").noconvert() = 2,
            "dim: coordinates of a point, 2 or 3.");
   static constexpr const char* kArrays[] = {"anchors", "anchor_stiffness", "rest_length", "link_stiffness"};
-  const auto offsets = [](const py::object& self) {
-    return self.cast<AnySystem&>().visit([](auto& system) -> py::object {
-      if (!system.has_offsets()) return py::none();
-      return py::array_t<double>(Shape{system.link_count(), system.kDim}, system.rest_offset.data());
-    });
-  };
-  const auto loads = [](const py::object& self) {
-    return self.cast<AnySystem&>().visit([](auto& system) -> py::object {
-      if (!system.has_loads()) return py::none();
-      return py::array_t<double>(Shape{system.nodes(), system.kDim}, system.loads.data());
-    });
-  };
   type.def(py::pickle(
       [](const py::object& self) {
-        const auto& system = self.cast<AnySystem&>();
         py::list state, fixed;
         state.append(self.attr("topology"));
         state.append(self.attr("dim"));
         for (const char* name : kArrays) state.append(self.attr(name).attr("copy")());
-        std::visit(
-            [&](auto& s) {
-              for (int i = 0; i < s.nodes(); ++i) {
-                if (s.is_fixed(i)) fixed.append(i);
-              }
-            },
-            system.of_dim);
+        self.cast<AnySystem&>().visit([&](auto& s) {
+          for (int i = 0; i < s.nodes(); ++i) {
+            if (s.is_fixed(i)) fixed.append(i);
+          }
+        });
         state.append(fixed);
         state.append(self.attr("rest_offset"));
         state.append(self.attr("loads"));
@@ -242,7 +271,10 @@ void bind_systems(py::module_& m) {
       },
       [](const py::tuple& state) {
         const Fields fields(state, 9);
-        AnySystem made = make_system(fields[0].cast<const Topology<>&>(), fields[1].cast<int>());
+        const auto& topology = fields[0].cast<const Topology<>&>();
+        const int dim = fields[1].cast<int>();
+        numbers(fields[2], kArrays[0], {topology.nodes(), dim});  // before memory for that many is allocated
+        AnySystem made = make_system(topology, dim);
         const py::object view = py::cast(&made, py::return_value_policy::reference);
         for (std::size_t i = 0; i < 4; ++i) view.attr(kArrays[i]) = fields[i + 2];
         for (const py::handle node : py::list(fields[6])) view.attr("fix")(node);
@@ -262,39 +294,22 @@ void bind_systems(py::module_& m) {
   def_values(
       type, "link_stiffness", [](auto& s) -> auto& { return s.link_stiffness; },
       "k_ij >= 0, (L,), in the order of the topology's links.");
-  type.def_property(
-          "rest_offset", offsets,
-          [](AnySystem& self, const py::object& values) {
-            self.visit([&]<int Dim>(System<Dim>& system) {
-              if (values.is_none()) {
-                system.rest_offset.resize(Dim, 0);
-              } else {
-                system.rest_offset =
-                    map_points<Dim>(numbers(values, "rest_offset", {system.link_count(), Dim}));
-              }
-            });
-          },
-          "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at\n"
-          "the distance rest_length of it. None, as at first: no link has one. Reading makes a copy;\n"
-          "assign a whole array.")
-      .def_property(
-          "loads", loads,
-          [](AnySystem& self, const py::object& values) {
-            self.visit([&]<int Dim>(System<Dim>& system) {
-              if (values.is_none()) {
-                system.loads.resize(Dim, 0);
-              } else {
-                system.loads = map_points<Dim>(numbers(values, "loads", {system.nodes(), Dim}));
-              }
-            });
-          },
-          "f_i, (N, dim) [stiffness x px]: a constant force on each node, such as its weight. None, as at\n"
-          "first: no node has one. Reading makes a copy; assign a whole array.")
-      .def(
+  def_optional_points(
+      type, "rest_offset", [](auto& s) -> auto& { return s.rest_offset; },
+      [](auto& s) { return s.link_count(); },
+      "m_ij, (L, dim) [px]: link (i, j) prefers that x_i - x_j is this vector (rest length 0), or at\n"
+      "the distance rest_length of it. None, as at first: no link has one.");
+  def_optional_points(
+      type, "loads", [](auto& s) -> auto& { return s.loads; }, [](auto& s) { return s.nodes(); },
+      "f_i, (N, dim) [stiffness x px]: a constant force on each node, such as its weight. None, as at\n"
+      "first: no node has one.");
+  type.def(
           "set_rest_offsets",
           [](AnySystem& self, const py::object& points) {
-            self.visit([&]<int Dim>(System<Dim>& system) {
-              system.set_rest_offsets(map_points<Dim>(numbers(points, "points", {system.nodes(), Dim})));
+            self.change([&]<int Dim>(System<Dim>& system) {
+              const auto given = numbers(points, "points", {system.nodes(), Dim});
+              restored(system.rest_offset, self.removed<Dim>().rest_offset);
+              system.set_rest_offsets(map_points<Dim>(given));
             });
           },
           py::arg("points"),
@@ -303,7 +318,7 @@ void bind_systems(py::module_& m) {
       .def(
           "set_rest_lengths",
           [](AnySystem& self, const py::object& points) {
-            self.visit([&]<int Dim>(System<Dim>& system) {
+            self.change([&]<int Dim>(System<Dim>& system) {
               system.set_rest_lengths(map_points<Dim>(numbers(points, "points", {system.nodes(), Dim})));
             });
           },
@@ -311,14 +326,14 @@ void bind_systems(py::module_& m) {
       .def(
           "fix",
           [](AnySystem& self, int node) {
-            self.visit([n = checked_node(self, node)](auto& system) { system.fix(n); });
+            self.change([n = checked_node(self, node)](auto& system) { system.fix(n); });
           },
           py::arg("node").noconvert(),
           "Holds a node where the start of a solve has it. IndexError if it is out of range.")
       .def(
           "release",
           [](AnySystem& self, int node) {
-            self.visit([n = checked_node(self, node)](auto& system) { system.release(n); });
+            self.change([n = checked_node(self, node)](auto& system) { system.release(n); });
           },
           py::arg("node").noconvert(), "Lets a node move again.")
       .def(

@@ -2,20 +2,24 @@
 """copy, deepcopy, pickle and .copy() of every class, and work in other processes."""
 
 import copy
+import io
 import multiprocessing
+import os
 import pickle
+import resource
 import unittest
 
 import asterism
 import numpy as np
 from moving_square import BOX, draw_frame
 
+DAMAGED = int(os.environ.get("ASTERISM_DAMAGED_PICKLES", 300))  # of each object
 ARRAYS = ("anchors", "anchor_stiffness", "rest_length", "link_stiffness")
 COPIES = {
     "copy": copy.copy,
     "deepcopy": copy.deepcopy,
     ".copy()": lambda value: value.copy(),
-    **{f"pickle {p}": lambda value, p=p: pickle.loads(pickle.dumps(value, p)) for p in range(2, pickle.HIGHEST_PROTOCOL + 1)},
+    **{f"pickle {p}": lambda value, p=p: pickle.loads(pickle.dumps(value, p)) for p in range(pickle.HIGHEST_PROTOCOL + 1)},
 }
 
 
@@ -40,6 +44,45 @@ def solved(work):
 def tracked(work):
     tracker, frames = work
     return [tracker.update(frame) for frame in frames]
+
+
+class Restricted(pickle.Unpickler):
+    """Of damaged pickles: finds nothing but what ours name."""
+
+    def find_class(self, module, name):
+        if module.partition(".")[0] in ("asterism", "numpy", "copyreg", "_codecs", __name__):
+            return super().find_class(module, name)
+        raise pickle.UnpicklingError(f"{module}.{name}")
+
+
+def load_damaged(pickles, count):
+    """Loads damaged copies of each pickle, and uses what comes out; every error is an exception."""
+    resource.setrlimit(resource.RLIMIT_AS, (1 << 32, 1 << 32))  # a damaged index makes pickle itself ask for any amount of memory
+    random = np.random.default_rng(len(pickles[0]))
+    for n in range(count):
+        damaged = bytearray(pickles[n % len(pickles)])
+        for _ in range(random.integers(1, 4)):
+            at = random.integers(len(damaged))
+            kind = random.integers(3)
+            if kind == 0:
+                damaged[at] = random.integers(256)
+            elif kind == 1:
+                del damaged[at : at + random.integers(1, 40)]
+            else:
+                damaged[at:at] = damaged[random.integers(len(damaged)) :][: random.integers(1, 40)]
+            if not damaged:
+                break
+        try:
+            use(Restricted(io.BytesIO(bytes(damaged))).load())
+        except Exception:
+            continue
+
+
+def use(value):
+    repr(value)
+    for name in dir(type(value)):
+        if isinstance(getattr(type(value), name), property):
+            getattr(value, name)
 
 
 class Mine(asterism.SpringSystem):
@@ -112,6 +155,41 @@ class PickleTest(unittest.TestCase):
                     self.assertEqual(bool(make(result)), bool(result))
         with self.assertRaisesRegex(ValueError, "another version of Asterism"):
             asterism.Summary.__new__(asterism.Summary).__setstate__((1, 2))
+
+    def test_damaged_pickles_are_exceptions(self):
+        system, x = make_system()
+        system.set_rest_offsets(x)
+        values = [system, system.topology, asterism.solve(system, x.copy()), asterism.certify(system, x), asterism.Solver("newton")]
+        batch = asterism.SpringBatch(asterism.Topology.full(3), 2)
+        values += [batch, batch.solve()]
+        if hasattr(asterism, "Tracker"):
+            tracker = asterism.Tracker("dpt")
+            values.append(tracker)
+            frames = [draw_frame(i) for i in range(2)]
+            tracker = asterism.Tracker("dpt")
+            tracker.init(frames[0], BOX)
+            result = tracker.update(frames[1])
+            values += [result, result.parts[0]]
+        context = multiprocessing.get_context("spawn")
+        for value in values:
+            with self.subTest(type(value).__name__):
+                pickles = [pickle.dumps(value, protocol) for protocol in (0, 2, 5)]
+                process = context.Process(target=load_damaged, args=(pickles, DAMAGED))
+                process.start()
+                process.join()
+                self.assertEqual(process.exitcode, 0)
+
+    def test_an_object_without_values_says_so(self):
+        classes = [each for each in vars(asterism).values() if isinstance(each, type) and each.__module__ == "asterism" and "Status" not in each.__name__]
+        self.assertGreater(len(classes), 6)
+        for each in classes:
+            made = each.__new__(each)
+            uses = [lambda value, name=name: getattr(value, name) for name in dir(each) if isinstance(getattr(each, name), property)]
+            uses += [function for function, name in ((repr, "__repr__"), (bool, "__bool__"), (len, "__len__")) if name in vars(each)]
+            self.assertGreater(len(uses), 0)
+            for use_it in uses:
+                with self.subTest(each.__name__), self.assertRaisesRegex(TypeError, "has no values"):
+                    use_it(made)
 
     def test_solvers(self):
         system, start = make_system()

@@ -5,6 +5,7 @@ import copy
 import json
 import pathlib
 import pickle
+import re
 import shutil
 import signal
 import subprocess
@@ -17,6 +18,11 @@ import unittest
 import asterism
 import numpy as np
 import scipy.optimize
+
+try:
+    import jsonschema
+except ImportError:
+    jsonschema = None
 
 
 def random_system(nodes=6, dim=2, seed=1):
@@ -634,6 +640,102 @@ class ThreadsTest(unittest.TestCase):
         self.assertTrue(solver.solve(*random_system()).usable)
 
 
+    # What changes a system.
+    CHANGES = {
+        **{name: lambda system, name=name: setattr(system, name, 1) for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness")},
+        "rest_offset": lambda system: setattr(system, "rest_offset", np.ones((system.link_count, 2))),
+        "no rest_offset": lambda system: setattr(system, "rest_offset", None),
+        "loads": lambda system: setattr(system, "loads", np.ones((system.nodes, 2))),
+        "no loads": lambda system: setattr(system, "loads", None),
+        "set_rest_lengths": lambda system: system.set_rest_lengths(system.anchors),
+        "set_rest_offsets": lambda system: system.set_rest_offsets(system.anchors),
+        "fix": lambda system: system.fix(0),
+        "release": lambda system: system.release(0),
+    }
+    WRITES = {
+        name: lambda system, name=name: getattr(system, name).__setitem__(0, 7)
+        for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness", "rest_offset", "loads")
+    }
+
+    def loaded_system(self, nodes):
+        system, start = random_system(nodes)
+        system.rest_offset = np.zeros((system.link_count, 2))
+        system.loads = np.zeros((nodes, 2))
+        return system, start
+
+    def test_a_system_that_is_solved_cannot_be_changed_by_another_thread(self):
+        for nodes in (6, 120):  # also of more links than those that are solved in a thread of their own
+            system, start = self.loaded_system(nodes)
+            expected, x = start.copy(), start.copy()
+            asterism.solve(system, expected)
+            begun, tried, errors = threading.Event(), threading.Event(), []
+
+            def wait(*_):
+                begun.set()
+                tried.wait(60)
+
+            def solve():
+                try:
+                    asterism.solve(system, x, on_iteration=wait)
+                except RuntimeError as error:
+                    errors.append(error)
+
+            thread = threading.Thread(target=solve)
+            thread.start()
+            begun.wait(60)
+            before = system.anchors.copy()
+            for name, change in self.CHANGES.items():
+                with self.subTest(name, nodes=nodes), self.assertRaisesRegex(RuntimeError, "this asterism.SpringSystem is in use"):
+                    change(system)
+            asterism.energy(system, start)  # several may read it
+            asterism.solve(system, start.copy())
+            tried.set()
+            thread.join()
+            self.assertEqual(errors, [])
+            np.testing.assert_array_equal(system.anchors, before)
+            np.testing.assert_array_equal(x, expected)
+            for change in self.CHANGES.values():
+                change(system)
+
+    def test_on_iteration_cannot_change_the_system(self):
+        for name, change in [*self.CHANGES.items(), *((f"{name}[0]", write) for name, write in self.WRITES.items())]:
+            system, start = self.loaded_system(6)
+            x = start.copy()
+            with self.subTest(name), self.assertRaisesRegex(RuntimeError, "is in use|on_iteration changed the system"):
+                asterism.solve(system, x, on_iteration=lambda *_: change(system))
+            np.testing.assert_array_equal(x, start)
+
+    def test_a_batch_that_is_solved_cannot_be_changed(self):
+        batch = asterism.SpringBatch(asterism.Topology.full(9), 20000)
+        points = np.random.default_rng(1).uniform(0, 9, (20000, 9, 2))
+        batch.anchors, batch.x, batch.anchor_stiffness, batch.link_stiffness, batch.rest_length = points, points, 0.1, 1, 5
+        thread = threading.Thread(target=batch.solve)
+        thread.start()
+        errors = set()
+        while thread.is_alive():
+            for name in ("anchors", "anchor_stiffness", "rest_length", "link_stiffness", "x"):
+                try:
+                    setattr(batch, name, getattr(batch, name)[:1])
+                except RuntimeError as error:
+                    errors.add(str(error))
+        thread.join()
+        self.assertEqual(errors, {"this asterism.SpringBatch is in use by another thread"})
+
+    def test_arrays_outlive_their_removal(self):
+        for name in ("rest_offset", "loads"):
+            system, x = self.loaded_system(6)
+            held = getattr(system, name)
+            for _ in range(3):
+                setattr(system, name, None)
+                held[:] = 3  # of no system, but memory
+                self.assertIsNone(getattr(system, name))
+                setattr(system, name, np.ones_like(held))
+                self.assertTrue(np.shares_memory(held, getattr(system, name)))
+            system.set_rest_offsets(x)
+            del system
+            self.assertTrue(np.isfinite(held).all())
+
+
 class InterruptTest(unittest.TestCase):
     def test_a_long_solve_ends(self):
         random = np.random.default_rng(2)
@@ -683,9 +785,8 @@ class OffsetTest(unittest.TestCase):
         before = asterism.energy(system, x)
         system.rest_offset = np.zeros((6, 2))
         self.assertEqual(asterism.energy(system, x), before)
-        view = system.rest_offset
-        view[:] = 5  # a copy
-        self.assertTrue((system.rest_offset == 0).all())
+        system.rest_offset[0] += 5  # in place
+        self.assertEqual(system.rest_offset.tolist(), [[5, 5]] + [[0, 0]] * 5)
         system.rest_offset = [[1, 0]] * 6
         self.assertNotEqual(asterism.energy(system, x), before)
         system.rest_offset = None
@@ -730,9 +831,8 @@ class LoadTest(unittest.TestCase):
         before = asterism.energy(system, x)
         system.loads = np.ones((4, 2))
         self.assertAlmostEqual(asterism.energy(system, x), before - x.sum(), 9)
-        view = system.loads
-        view[:] = 5  # a copy
-        self.assertTrue((system.loads == 1).all())
+        system.loads[2] = 5  # in place
+        self.assertAlmostEqual(asterism.energy(system, x), before - x.sum() - 4 * x[2].sum(), 9)
         system.loads = None
         self.assertIsNone(system.loads)
         self.assertEqual(asterism.energy(system, x), before)
@@ -858,6 +958,94 @@ class JsonTest(unittest.TestCase):
             with self.assertRaisesRegex(ValueError, "rest length 0 is negative"):
                 asterism.write_systems(path, [asterism.StoredSystem(system, x)])
             self.assertFalse(path.exists())
+
+    SYSTEM = (
+        '{"asterism_system": 1, "dim": 2, "anchors": [[0, 0], [1, 1]], "anchor_stiffness": [1, 1], "links": [[0, 1]], '
+        '"rest_length": [1], "link_stiffness": [1], "fixed": [0]'
+    )
+
+    def test_text_that_is_no_utf_8(self):
+        with tempfile.TemporaryDirectory() as folder:
+            for data, message in (
+                (self.SYSTEM.encode("utf-16") + b"}", "expected UTF-8, found UTF-16"),
+                (self.SYSTEM.encode() + b', "name": "\xff"}', "1: not JSON: .*UTF-8"),
+                (b"\n" + self.SYSTEM.encode() + b',\n"name": "n\xe4me"}', "3: not JSON: .*UTF-8"),
+            ):
+                for name in ("systems.json", "systems \udcff.json"):  # the name of a file may be any bytes
+                    path = pathlib.Path(folder) / name
+                    path.write_bytes(data)
+                    shown = str(path).encode("utf-8", "backslashreplace").decode()
+                    with self.subTest(message, name=ascii(name)), self.assertRaisesRegex(ValueError, re.escape(shown) + ":\\s?" + message):
+                        asterism.read_systems(path)
+            path.write_text("\ufeff" + self.SYSTEM + "}", encoding="utf-8")
+            self.assertEqual(len(asterism.read_systems(path)), 1)
+        with self.assertRaisesRegex(ValueError, "^text: not UTF-8"):
+            asterism.parse_systems(self.SYSTEM + ', "name": "\ud800"}')
+        with self.assertRaisesRegex(TypeError, "^text: expected str, found NoneType"):
+            asterism.parse_systems(None)
+
+    def test_origins_that_json_cannot_hold(self):
+        system, x = random_system()
+        with tempfile.TemporaryDirectory() as folder:
+            path = pathlib.Path(folder) / "systems.jsonl"
+            for origin, error in (
+                ({"a": float("nan")}, ValueError),
+                ({"a": [1, {"b": float("-inf")}]}, ValueError),
+                ({"a": 2**64}, ValueError),
+                ({"a": -(2**63) - 1}, ValueError),
+                ({"a": object()}, TypeError),
+                ({"a": "\ud800"}, ValueError),
+                ([1], ValueError),
+            ):
+                with self.subTest(ascii(origin)), self.assertRaisesRegex(error, "^the system cannot be written: "):
+                    asterism.write_systems(path, [asterism.StoredSystem(system, x, "", origin)])
+            for name, error in (("\ud800", ValueError), (7, TypeError)):
+                with self.assertRaisesRegex(error, "^the system cannot be written: its name"):
+                    asterism.write_systems(path, [asterism.StoredSystem(system, x, name)])
+            self.assertFalse(path.exists())
+            origin = {"a": 2**64 - 1, "b": -(2**63), "c": 1e300, "d": 5e-324}
+            asterism.write_systems(path, [asterism.StoredSystem(system, x, "", origin)])
+            self.assertEqual(asterism.read_systems(path)[0].origin, origin)
+
+    @unittest.skipIf(jsonschema is None, "needs jsonschema (Debian package python3-jsonschema)")
+    def test_the_schema_takes_what_the_reader_takes(self):
+        page = (pathlib.Path(__file__).parents[2] / "docs" / "system-json.md").read_text()
+        schema = json.loads(page[page.rindex("```json\n") + 8 : page.rindex("\n```")])
+        good = json.loads(self.SYSTEM + "}")
+        for key, value in [
+            *((key, value) for key, number in (("asterism_system", 1), ("dim", 2)) for value in (number, float(number), str(number), None, True, number + 0.5, [number])),
+            *(("links", [[0, end]]) for end in (1, 1.0, 1.5, "1", None, -1.0)),
+            *(("fixed", [node]) for node in (0, 1.0, -0.0, 0.5, "0", False, -1)),
+            *(("rest_length", [value]) for value in (0, 2, 2.5, 10**20, 1e300, -1, -0.5, "1", None, True)),
+            *(("start", [[0, 0], [value, 1]]) for value in (1, -1.5, 10**20, "1", None)),
+            *(("origin", value) for value in ({}, {"a": None}, [], "x", 1)),
+            *(("name", value) for value in ("", "x", 1, None)),
+            ("fixes", [0]),
+            ("anchors", []),
+        ]:
+            stored = {**good, key: value}
+            with self.subTest(key, value=value):
+                in_schema = jsonschema.Draft202012Validator(schema).is_valid(stored)
+                try:
+                    is_read = bool(asterism.parse_systems(json.dumps(stored)))
+                except ValueError:
+                    is_read = False
+                self.assertEqual(is_read, in_schema)
+
+    def test_numbers_out_of_range_are_named_with_their_line(self):
+        for number, message in (
+            ("1e999", "number overflow parsing '1e999'"),
+            ("-1e-400", "number underflow parsing '-1e-400'"),
+            ("0.00001e-330", "number underflow"),
+            (str(2**64), "the origin's integer 18446744073709551616 has more than 64 bits"),
+        ):
+            text = "\n" + self.SYSTEM + f',\n"origin": {{"a": 1,\n"b": [2, {number}\n]}}}}'
+            with self.subTest(number), self.assertRaisesRegex(ValueError, "^text:4: " + message):
+                asterism.parse_systems(text)
+        zero = asterism.parse_systems(self.SYSTEM + ', "start": [[0e-400, 0.0], [-0.0, 5e-324]]}')[0].start
+        self.assertEqual(zero[1, 1], 5e-324)
+        large = asterism.parse_systems(self.SYSTEM + f', "start": [[{10**20}, {10**300}], [0, 0]]}}')[0].start
+        self.assertEqual(large[0].tolist(), [1e20, 1e300])
 
 
 if __name__ == "__main__":

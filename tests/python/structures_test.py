@@ -183,7 +183,7 @@ class StructuresTest(unittest.TestCase):
         ]:
             with self.assertRaisesRegex(ValueError, message):
                 pictorial_structure(maps, joints, **options)
-        with self.assertRaisesRegex(TypeError, "map 0: expected numbers, found str"):
+        with self.assertRaisesRegex(TypeError, "map 0: expected numbers, found <U3"):
             pictorial_structure(["map"], [])
         self.assertIn("pictorial_structure", asterism.__all__)
 

@@ -104,6 +104,74 @@ class TorchTest(unittest.TestCase):
             self.solve(anchors, *self.values[1:])
         with self.assertRaisesRegex(ValueError, "expected 2 or 3 axes"):
             self.solve(self.values[1][0], *self.values[1:])
+        anchors, stiffness, lengths, link_stiffness = self.values
+        for values, error, message in (
+            ((anchors, stiffness[:, :3], lengths, link_stiffness), ValueError, r"anchor_stiffness: expected a number or shape \(4,\) or \(3, 4\), found \(3, 3\)"),
+            ((anchors, stiffness, lengths[:2], link_stiffness), ValueError, r"rest_length: expected a number or shape \(6,\)"),
+            ((anchors[:, :3], stiffness, lengths, link_stiffness), ValueError, r"anchors: expected 4 nodes of 2 or 3"),
+            ((anchors, stiffness, lengths, link_stiffness.to(torch.complex64)), TypeError, "link_stiffness: expected real numbers, found torch.complex64"),
+            ((anchors, np.ma.masked_array(np.ones(4), np.arange(4) == 1), lengths, link_stiffness), TypeError, "anchor_stiffness: expected numbers, found masked"),
+            ((anchors, "stiff", lengths, link_stiffness), TypeError, "anchor_stiffness: expected numbers, found <U5"),
+        ):
+            with self.subTest(message), self.assertRaisesRegex(error, message):
+                self.solve(*values)
+        with self.assertRaisesRegex(ValueError, "start: expected shape"):
+            self.solve(*self.values, start=anchors[0])
+
+    def test_no_value_is_rounded_to_the_type_of_another(self):
+        whole = self.values[0].detach().round()
+        values = [whole, *(value.detach() for value in self.values[1:])]
+        expected = self.solve(*values)
+        for dtype, of_result in (
+            (torch.int64, torch.float64),  # of the other values
+            (torch.int8, torch.float64),
+            (torch.float16, torch.float64),
+            (torch.float32, torch.float64),
+            (torch.float64, torch.float64),
+        ):
+            given = [value.clone().requires_grad_() for value in values[1:]]
+            with self.subTest(dtype):
+                x = self.solve(whole.to(dtype), *given)
+                self.assertEqual(x.dtype, of_result)
+                torch.testing.assert_close(x, expected, rtol=1e-12, atol=1e-12)
+                x.square().sum().backward()
+                self.assertTrue(all(value.grad.dtype == torch.float64 and value.grad.abs().sum() > 0 for value in given))
+        # The result of narrower values is that of the same values in double precision, rounded once.
+        narrow = [whole.to(torch.int32), *(value.float() for value in values[1:])]
+        x = self.solve(*narrow)
+        self.assertEqual(x.dtype, torch.float32)
+        torch.testing.assert_close(x, self.solve(*(value.double() for value in narrow)).float(), rtol=0, atol=0)
+        integers = self.solve(whole.to(torch.int64), 1, 3, 2)
+        self.assertEqual(integers.dtype, torch.get_default_dtype())
+        torch.testing.assert_close(integers.double(), self.solve(whole, 1.0, 3.0, 2.0), rtol=1e-6, atol=1e-5)
+
+    def test_each_gradient_has_the_type_of_its_value(self):
+        values = [value.detach().to(dtype).requires_grad_() for value, dtype in zip(self.values, (torch.float32, torch.float64, torch.float16, torch.float32))]
+        x = self.solve(*values)
+        self.assertEqual(x.dtype, torch.float64)
+        x.pow(3).sum().backward()
+        exact = [value.detach().double().requires_grad_() for value in values]
+        self.solve(*exact).pow(3).sum().backward()
+        for value, other in zip(values, exact):
+            self.assertEqual(value.grad.dtype, value.dtype)
+            torch.testing.assert_close(value.grad, other.grad.to(value.dtype), rtol=2e-3, atol=1e-3)
+
+    def test_plain_numbers_and_arrays(self):
+        anchors = self.values[0].detach()
+        expected = self.solve(anchors, torch.full((4,), 0.9), torch.full((6,), 3.0), torch.full((6,), 0.5))
+        for values in (
+            (0.9, 3, 0.5),
+            (np.float64(0.9), np.int8(3), torch.tensor(0.5)),
+            (np.full(4, 0.9), [3] * 6, np.full((3, 6), 0.5, np.float32)),
+        ):
+            torch.testing.assert_close(self.solve(anchors, *values), expected.to(torch.float64), rtol=1e-6, atol=1e-6)
+        torch.testing.assert_close(self.solve(anchors.numpy(), 0.9, 3, 0.5), self.solve(anchors, 0.9, 3.0, 0.5))
+        self.assertEqual(self.solve(anchors.float(), 0.9, 3, 0.5).dtype, torch.float32)
+        stiffness = torch.tensor(0.9, dtype=torch.float64, requires_grad=True)  # one for all nodes
+        each = torch.full((4,), 0.9, dtype=torch.float64, requires_grad=True)
+        for value in (stiffness, each):
+            self.solve(anchors, value, 3.0, 0.5).pow(2).sum().backward()
+        torch.testing.assert_close(stiffness.grad, each.grad.sum())
 
 
 if __name__ == "__main__":

@@ -193,7 +193,7 @@ class TrackersTest(unittest.TestCase):
             (lambda: tracker.init(image, BOX, BOX), TypeError, r"init\(\) takes 2 arguments, but 3 were given"),
             (lambda: tracker.init(image, BOX, image=image), TypeError, r"init\(\) got argument 'image' twice"),
             (lambda: tracker.init(BOX, image), TypeError, "image: expected a NumPy array, found tuple"),
-            (lambda: tracker.init(image, image), ValueError, "the object: expected finite x, y, width, height"),
+            (lambda: tracker.init(image, image), ValueError, "the object: expected x, y, width, height"),
             (lambda: tracker.init(image, [image, 1]), ValueError, "the object: expected numbers or a mask, found list"),
             (lambda: tracker.init(image, object()), ValueError, "the object: expected "),
             (lambda: tracker.update(), TypeError, r"update\(\) misses argument 'image'"),

@@ -197,7 +197,7 @@ std::string error_with(const char* key, const json& value) {
 TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(error_of([] { system_from_json(json(3)); }), "expected an object, found number");
   EXPECT_EQ(error_with("asterism_system", 2), "asterism_system is 2, known is version 1");
-  EXPECT_EQ(error_with("asterism_system", 1.0), "asterism_system: expected an integer, found number");
+  EXPECT_EQ(error_with("asterism_system", 1.5), "asterism_system: expected an integer, found 1.5");
   EXPECT_EQ(error_with("asterism_system", "1"), "asterism_system: expected an integer, found string");
   EXPECT_EQ(error_with("dim", "2"), "dim: expected an integer, found string");
   EXPECT_EQ(error_with("dim", 0), "dim is 0");
@@ -230,7 +230,7 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(links({-4294967296, 0}), "links[1] has an end that is out of range");
   EXPECT_EQ(links({1, 1}), "links[1] joins a node to itself");
   EXPECT_EQ(links({0, 1, 1}), "links[1]: expected 2 (nodes), found 3");
-  EXPECT_EQ(links({0, 0.5}), "links[1][1]: expected a node's index, found number");
+  EXPECT_EQ(links({0, 0.5}), "links[1][1]: expected a node's index, found 0.5");
   EXPECT_EQ(links({0, "1"}), "links[1][1]: expected a node's index, found string");
   EXPECT_EQ(links("01"), "links[1]: expected an array, found string");
 
@@ -250,6 +250,47 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   for (const char* key : {"anchors", "anchor_stiffness", "links", "rest_length", "link_stiffness"})
     empty[key] = json::array();
   EXPECT_EQ(error_of([&] { system_from_json(empty); }), "system has no nodes");
+}
+
+// JSON Schema's integers.
+TEST(Json, ReadsIntegersThatAreWrittenAsFloats) {
+  const std::string text =
+      R"({"asterism_system": 1.0, "dim": 20e-1, "anchors": [[0, 0], [3, 4]], "anchor_stiffness": [1, 1],)"
+      R"( "links": [[0.0, 1e0]], "rest_length": [5], "link_stiffness": [1], "fixed": [1.0, -0.0]})";
+  const auto systems = parse_systems(text);
+  ASSERT_EQ(systems.size(), 1u);
+  const auto& system = std::get<0>(systems[0]).system;
+  EXPECT_EQ(system.nodes(), 2);
+  EXPECT_EQ(system.links()[0].i, 0);
+  EXPECT_EQ(system.links()[0].j, 1);
+  EXPECT_TRUE(system.is_fixed(0) && system.is_fixed(1));
+  for (const double large : {1e30, -1e30, HUGE_VAL}) {
+    EXPECT_EQ(error_with("fixed", {large}), "fixed[0] is out of range");
+    EXPECT_NE(error_with("dim", large), "(none)");
+    EXPECT_NE(error_with("asterism_system", large), "(none)");
+  }
+  EXPECT_NE(error_with("dim", std::nan("")), "(none)");
+}
+
+// What a double, or an integer of 64 bits, would lose.
+TEST(Json, RefusesNumbersThatWouldBecomeOthers) {
+  const auto error = [](const std::string& number, const char* key) {
+    return error_of([&] { detail::stored::parse("{\"" + (key + ("\":\n[" + number)) + "\n]}", "f", 1); });
+  };
+  for (const char* key : {"start", "origin"}) {
+    EXPECT_EQ(error("1e-400", key), "f:2: number underflow parsing '1e-400'");
+    EXPECT_EQ(error("-0.0010e-999", key), "f:2: number underflow parsing '-0.0010e-999'");
+    EXPECT_EQ(error("1e-324", key), "f:2: number underflow parsing '1e-324'");
+    EXPECT_EQ(error("-1e309", key), "f:2: number overflow parsing '-1e309'");
+    for (const char* good : {"0e-400", "-0.000", "0e999", "5e-324", "2.5e-324", "18446744073709551615",
+                             "-9223372036854775808", "1.7976931348623157e308", "1e20"})
+      EXPECT_EQ(error(good, key), "(none)") << good;
+  }
+  for (const char* number : {"18446744073709551616", "-9223372036854775809"}) {
+    EXPECT_EQ(error(number, "origin"), "f:2: the origin's integer " + std::string(number) +
+                                           " has more than 64 bits: give it as a string");
+    EXPECT_EQ(error(number, "start"), "(none)");
+  }
 }
 
 TEST(Json, NamesTheShapeThatIsWrong) {
@@ -332,8 +373,8 @@ TEST(Json, NamesSourceLineAndSystem) {
               ::testing::AllOf(StartsWith("f:2: "), HasSubstr("1e999")));
   EXPECT_EQ(error(good + "\n" + R"({"dim": 2, "dim": 2})"), "f:2: duplicate key \"dim\"");
   EXPECT_EQ(error(R"({"origin": {"a": {"x": 1}, "b": {"x": 1, "x": 2}}})"), "f:1: duplicate key \"x\"");
-  EXPECT_EQ(error("{\n\"a\": 1,\n\"a\": 2}"), "f: duplicate key \"a\"");
-  EXPECT_EQ(error("{\n\"a\": 1e999}"), "f: number overflow parsing '1e999'");
+  EXPECT_EQ(error("{\n\"a\": 1,\n\"a\": 2}"), "f:3: duplicate key \"a\"");
+  EXPECT_EQ(error("{\n\"a\": 1e999}"), "f:2: number overflow parsing '1e999'");
   EXPECT_EQ(error(R"({"asterism_system": 1, "fi\nxed": 0})"),
             "f:1: unknown key \"fi\\nxed\" (the nearest known one is \"fixed\")");
   EXPECT_LT(error("{\"" + std::string(100000, 'x')).size(), 300u);

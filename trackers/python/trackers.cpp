@@ -8,6 +8,7 @@
 #endif
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
+#include <cmath>
 #include <map>
 #include <opencv2/core.hpp>
 #include <optional>
@@ -15,6 +16,11 @@
 
 #include "../../solver/python/bindings.hpp"
 #include "../../solver/python/pickling.hpp"
+
+template <>
+inline constexpr bool kIsBoundToPython<asterism::PartState> = true;
+template <>
+inline constexpr bool kIsBoundToPython<asterism::TrackResult> = true;
 
 namespace asterism::python {
 
@@ -25,7 +31,7 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
   if (!py::isinstance<py::array>(image)) {
     throw py::type_error("image: expected a NumPy array, found " + type_name(image));
   }
-  auto array = py::reinterpret_borrow<py::array>(image);
+  py::array array = unmasked(image, "image");
   const int depth = py::isinstance<py::array_t<std::uint8_t>>(array)    ? CV_8U
                     : py::isinstance<py::array_t<std::uint16_t>>(array) ? CV_16U
                     : py::isinstance<py::array_t<float>>(array)         ? CV_32F
@@ -64,12 +70,16 @@ std::optional<PixelRange> range_of(const Range& range) {
 }
 
 /// The object's region in the first frame: x, y, width, height; the corners of a polygon, flat or (N, 2); or
-/// a mask of bool or uint8 of the image's size. Raises ValueError for anything else.
+/// a mask of bool or uint8 of the image's size. Raises ValueError for anything else, TypeError for masked
+/// numbers.
 Region region_of(const py::object& object, const cv::Size& image) {
-  const auto array = py::array::ensure(object);
-  if (!array) {
+  const auto refuse = [](const std::string& problem) {
+    throw py::value_error("the object: expected " + problem);
+  };
+  const auto array = py::array::ensure(unmasked(object, "the object"));
+  if (!array || std::string_view("biuf").find(array.dtype().kind()) == std::string_view::npos) {
     PyErr_Clear();
-    throw py::value_error("the object: expected numbers or a mask, found " + type_name(object));
+    refuse("numbers or a mask, found " + type_name(object));
   }
   const bool corners = array.ndim() == 1 || (array.ndim() == 2 && array.shape(1) == 2);
   if (array.ndim() == 2 && !corners &&
@@ -79,15 +89,22 @@ Region region_of(const py::object& object, const cv::Size& image) {
     const auto mask = py::array_t<uint8_t, py::array::c_style | py::array::forcecast>(array);
     return Region::mask(cv::Mat(image, CV_8UC1, const_cast<uint8_t*>(mask.data())));
   }
-  const auto numbers = py::array_t<double, py::array::c_style | py::array::forcecast>::ensure(array);
-  if (!numbers) PyErr_Clear();
-  std::optional<Region> region;
-  if (numbers && corners && (numbers.ndim() == 1 || numbers.shape(0) > 2))
-    region = to_region({numbers.data(), static_cast<std::size_t>(numbers.size())});
-  if (!region)
-    throw py::value_error(
-        "the object: expected finite x, y, width, height, the corners of a polygon, or a mask of bool or "
-        "uint8");
+  const auto values = numbers(array, "the object");
+  const std::span<const double> all(values.data(), static_cast<std::size_t>(values.size()));
+  if (!corners || (array.ndim() == 2 && array.shape(0) < 3) || all.size() < 4 || all.size() % 2 != 0) {
+    refuse("x, y, width, height, the corners of a polygon, or a mask of bool or uint8, found " +
+           py::str(array.dtype()).cast<std::string>() + " of shape " + text_of(shape_of(array)));
+  }
+  for (const double value : all) {
+    if (!std::isfinite(value))
+      refuse("finite numbers, found " + py::str(py::float_(value)).cast<std::string>());
+  }
+  if (all.size() == 4 && (all[2] < 0 || all[3] < 0)) {
+    refuse("a width and height above 0, found " + py::str(py::float_(all[2])).cast<std::string>() + " x " +
+           py::str(py::float_(all[3])).cast<std::string>());
+  }
+  const std::optional<Region> region = to_region(all);
+  if (!region) refuse("at most 10,000 corners, found " + std::to_string(all.size() / 2));
   return *region;
 }
 
@@ -188,6 +205,8 @@ class Arguments {
 /// asterism.Tracker.
 class Tracker {
  public:
+  using BoundToPython = void;
+
   Tracker(const std::string& name, const py::object& options, const Range& range)
       : Tracker(name, description_of(name, options), range) {}
 
@@ -267,6 +286,8 @@ class Tracker {
 /// asterism.MultiTracker.
 class Objects {
  public:
+  using BoundToPython = void;
+
   Objects(int threads, const Range& range) : objects_(threads), range_(range_of(range)) {}
 
   void add(int id, const py::object& image, const py::object& box, const std::string& name,
@@ -549,6 +570,7 @@ void bind_trackers(py::module_& m) {
       m, "MultiTracker",
       "Several objects in one video, each with a tracker of its own, in parallel; results are those\n"
       "of single trackers, bit for bit. Images and boxes as for Tracker.");
+  def_reduce(objects);
   objects
       .def(py::init<int, const Range&>(), py::arg("threads").noconvert() = 1,
            py::arg("pixel_range") = py::none(),

@@ -36,6 +36,9 @@ class Topology:
     @property
     def links(self) -> _Ints: ...
 
+def _numbers(
+    values: npt.ArrayLike, name: str, shape: tuple[int, ...] | None = None, missing: float | None = None
+) -> _Floats: ...
 def random_system(kind: str, nodes: int, seed: int, dim: int = 2) -> tuple[SpringSystem, _Floats]: ...
 
 class SpringSystem:

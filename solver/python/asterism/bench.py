@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import _asterism
+from . import _asterism, inputs
 
 __all__ = ["Comparison", "Problem", "Row", "compare"]
 
@@ -167,7 +167,7 @@ def _run_own(solver: Callable[[Problem], npt.ArrayLike], system: _asterism.Sprin
     problem = Problem(system.copy(), start.copy())
     begin = time.perf_counter()
     try:
-        x = np.asarray(solver(problem), dtype=float)
+        x = inputs.numbers(solver(problem), "the result")
         error = ""
     except Exception as raised:
         x, error = np.empty(0), f"{type(raised).__name__}: {raised}"

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import operator
+import warnings
 from typing import Any, Callable, Iterable, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
-from . import _asterism
+from . import _asterism, inputs
 
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
@@ -64,10 +65,13 @@ def mds(
     Minimises the stress sum w_ij (d_ij - |x_i - x_j|)^2 over the known pairs (scikit-learn's MDS has the same for metric=True),
     plus sum w_i |x_i - a_i|^2 over the anchors.
 
-    distances: (N, N), symmetric, >= 0; a pair of NaN is missing, and the diagonal is not read. Of a scipy.sparse matrix the
-        stored entries are the known pairs; one of both triangles suffices.
-    weights: (N, N), symmetric, >= 0; a pair of 0 is missing. None: 1 for each known pair.
-    anchors: (N, dim), known positions of nodes; NaN for nodes without one. None: the result is centred on the origin.
+    distances: (N, N), symmetric, >= 0; a pair that is NaN or masked is missing, and the diagonal is not read. Of a scipy.sparse
+        matrix the stored entries are the known pairs; one of both triangles suffices, and entries given twice are summed.
+        Entries [i, j] and [j, i] may differ by a billionth, or by 8 units in the last place of the matrix's type: then their
+        mean counts.
+    weights: (N, N), symmetric, >= 0, as distances; a pair of 0, or masked, is missing. None: 1 for each known pair.
+    anchors: (N, dim), known positions of nodes; rows of NaN (or masked) for nodes without one. A row that is known in part is a
+        ValueError. None: the result is centred on the origin.
     anchor_weights: one for all anchors, or (N,); inf holds a node on its anchor exactly.
     dim: 2 or 3; other dimensions are a ValueError.
     start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path (over 500 nodes: from the
@@ -83,7 +87,7 @@ def mds(
     stiffness = _weights_of(weights, pairs, n)
     pairs, lengths, stiffness = pairs[stiffness > 0], lengths[stiffness > 0], stiffness[stiffness > 0]
     at, hold = _anchors_of(anchors, anchor_weights, n, dim)
-    given = None if start is None else _array(start, "start", (n, dim))
+    given = None if start is None else inputs.array(start, "start", (n, dim))
     if given is not None and not np.isfinite(given).all():
         raise ValueError("start: expected finite numbers")
     return _embed(list(range(n)), pairs, lengths, stiffness, at, hold, given, dim, method, options)
@@ -97,6 +101,7 @@ def layout(
     partners: int | None = None,
     start: npt.ArrayLike | None = None,
     method: str | None = None,
+    length: str | None = "length",
     **options: bool | float,
 ) -> Embedding:
     """Draws a graph: nodes at distances near those along the graph (Kamada and Kawai 1989; Gansner, Koren and North 2004).
@@ -105,7 +110,9 @@ def layout(
     Directions of edges are ignored. Components are placed side by side.
 
     graph: a list of edges, (i, j) or (i, j, length), over nodes 0 .. N - 1; an adjacency matrix (N, N), of NumPy or scipy.sparse,
-        whose entries other than 0 are the lengths of edges; or a graph of networkx, whose edges have the length "length", or 1.
+        whose entries other than 0 are the lengths of edges (a masked one is no edge); or a graph of networkx.
+    length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
+        There is a warning if the edges have a "weight" instead, which may be a length or a strength.
     partners: None: all pairs of nodes, in memory and time of N^2. A number k: a sparse stress, for graphs of many nodes. Its pairs
         are the edges, and each node with k others of its component, drawn at random, whose weight is multiplied by the number of
         pairs that they stand for: its expected value is the stress of all pairs. It takes memory of k N; only the shortest paths
@@ -117,36 +124,38 @@ def layout(
     The result's `nodes` are the graph's in the order of x: dict(zip(result.nodes, result.x)) is what networkx.draw takes.
     """
     _check_dim(dim)
-    nodes, edges = _graph_of(graph)
+    nodes, edges = _graph_of(graph, length)
     n = len(nodes)
-    given = None if start is None else _array(start, "start", (n, dim))
+    given = None if start is None else inputs.array(start, "start", (n, dim))
     components = _components(edges)
     if partners is None:
         method = method or "multi-start"
         pairs, lengths = edges.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
-        weights = lengths ** -float(power)
+        weights = _path_weights(lengths, power)
     else:
         method = method or "lbfgs-jacobi"
         options = {"tolerance": 1e-6, **options}  # nothing of the drawing changes below it, and a path takes a fifth of the time
         pairs, lengths, shares = edges.partners(_count(partners, "partners"), 1)
-        weights = shares * lengths ** -float(power)
+        weights = shares * _path_weights(lengths, power)
     return _embed(
         *(nodes, pairs, lengths, weights, np.zeros((n, dim)), np.zeros(n), given, dim, method, options, edges, components),
         prove=partners is None,  # a proof of the sparse stress would take longer than the drawing
     )
 
 
-def layout_stress(graph: Any, x: npt.ArrayLike, *, power: float = 2.0, scaled: bool = False) -> float:
+def layout_stress(
+    graph: Any, x: npt.ArrayLike, *, power: float = 2.0, scaled: bool = False, length: str | None = "length"
+) -> float:
     """The stress of a drawing, also one of another program: that of layout, over all pairs of nodes that a path joins.
 
-    graph, power: as for layout. x: (N, 2) or (N, 3), a row for each node, in the order of layout's `nodes`.
+    graph, power, length: as for layout. x: (N, 2) or (N, 3), a row for each node, in the order of layout's `nodes`.
     scaled: of the drawing enlarged or shrunk to its least stress, for programs that draw in a unit of their own.
 
     Takes memory of N and time of N^2, twice that if scaled.
     """
-    nodes, edges = _graph_of(graph)
+    nodes, edges = _graph_of(graph, length)
     dim = np.shape(x)[1] if np.ndim(x) == 2 and np.shape(x)[1] in (2, 3) else 2
-    points = np.ascontiguousarray(_array(x, "x", (len(nodes), dim)))
+    points = inputs.numbers(x, "x", (len(nodes), dim))
     if not np.isfinite(points).all():
         raise ValueError("x: expected finite numbers")
     if scaled and len(points):
@@ -156,6 +165,16 @@ def layout_stress(graph: Any, x: npt.ArrayLike, *, power: float = 2.0, scaled: b
         _, product, square = edges.stress_sums(points, float(power))
         points *= product / square if square > 0 else 1.0
     return float(edges.stress_sums(points, float(power))[0])
+
+
+def _path_weights(lengths: _Floats, power: float) -> _Floats:
+    with np.errstate(over="ignore", under="ignore"):
+        weights = lengths ** -float(power)
+    if len(bad := np.flatnonzero(~((weights > 0) & np.isfinite(weights)))):
+        raise ValueError(
+            f"graph: a path of length {lengths[bad[0]]} has the weight {lengths[bad[0]]} ** {-float(power)}, which is out of range"
+        )
+    return weights
 
 
 def _check_dim(dim: int) -> None:
@@ -177,76 +196,24 @@ def _count(value: Any, name: str) -> int:
     return found
 
 
-def _array(values: Any, name: str, shape: tuple[int, ...]) -> _Floats:
-    array = np.asarray(values)
-    if array.dtype.kind not in "biuf":
-        raise TypeError(f"{name}: expected numbers, found {array.dtype if isinstance(values, np.ndarray) else type(values).__name__}")
-    if array.shape != shape:
-        raise ValueError(f"{name}: expected shape {shape}, found {array.shape}")
-    return array.astype(np.float64)
-
-
-def _is_sparse(matrix: Any) -> bool:
-    return hasattr(matrix, "tocoo")
-
-
-def _square(matrix: Any, name: str) -> int:
-    shape = matrix.shape if hasattr(matrix, "shape") else np.shape(matrix)
-    if len(shape) != 2 or shape[0] != shape[1]:
-        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape)}")
-    return int(shape[0])
-
-
-def _of_sparse(matrix: Any, name: str) -> tuple[npt.NDArray[np.intp], _Floats]:
-    """The stored entries off the diagonal, as pairs i < j."""
-    coo = matrix.tocoo()
-    values = _array(coo.data, name, (coo.nnz,))
-    i, j = np.minimum(coo.row, coo.col), np.maximum(coo.row, coo.col)
-    off, n = i != j, matrix.shape[0]
-    keys, values = i[off].astype(np.int64) * n + j[off], values[off]
-    unique, first, place = np.unique(keys, return_index=True, return_inverse=True)
-    _check_symmetric(name, unique[place] // max(n, 1), unique[place] % max(n, 1), values, values[first][place])
-    return np.column_stack([unique // max(n, 1), unique % max(n, 1)]).astype(np.intp), values[first]
-
-
-def _check_symmetric(name: str, i: Any, j: Any, a: _Floats, b: _Floats) -> None:
-    with np.errstate(invalid="ignore"):
-        bad = np.flatnonzero(~((np.abs(a - b) <= 1e-9 * np.maximum(np.abs(a), np.abs(b))) | (np.isnan(a) & np.isnan(b)) | (a == b)))
-    if len(bad):
-        k = bad[0]
-        raise ValueError(f"{name}: expected a symmetric matrix, but [{i[k]}, {j[k]}] is {b[k]} and [{j[k]}, {i[k]}] is {a[k]}")
-
-
 def _known_pairs(distances: Any) -> tuple[npt.NDArray[np.intp], _Floats, int]:
-    n = _square(distances, "distances")
-    if _is_sparse(distances):
-        pairs, lengths = _of_sparse(distances, "distances")
-    else:
-        matrix = _array(distances, "distances", (n, n))
-        i, j = np.triu_indices(n, 1)
-        _check_symmetric("distances", i, j, matrix[j, i], matrix[i, j])
-        pairs, lengths = np.column_stack([i, j]), matrix[i, j]
+    pairs, lengths = inputs.pairs_of(distances, "distances", missing=np.nan)
     known = ~np.isnan(lengths)
     pairs, lengths = pairs[known], lengths[known]
     if len(bad := np.flatnonzero((lengths < 0) | np.isinf(lengths))):
         i, j = pairs[bad[0]]
         raise ValueError(f"distances: [{i}, {j}] is {lengths[bad[0]]}; expected >= 0 and finite, or NaN for a missing pair")
-    return pairs, lengths, n
+    return pairs, lengths, inputs.square(distances, "distances")
 
 
 def _weights_of(weights: Any, pairs: npt.NDArray[np.intp], n: int) -> _Floats:
     if weights is None:
         return np.ones(len(pairs))
-    if (found := _square(weights, "weights")) != n:
+    if (found := inputs.square(weights, "weights")) != n:
         raise ValueError(f"weights: expected shape {(n, n)}, found {(found, found)}")
-    if _is_sparse(weights):
-        those, values = _of_sparse(weights, "weights")
-        matrix = np.zeros((n, n))
-        matrix[those[:, 0], those[:, 1]] = values
-    else:
-        matrix = _array(weights, "weights", (n, n))
-        i, j = np.triu_indices(n, 1)
-        _check_symmetric("weights", i, j, matrix[j, i], matrix[i, j])
+    those, values = inputs.pairs_of(weights, "weights", missing=0)
+    matrix = np.zeros((n, n))
+    matrix[those[:, 0], those[:, 1]] = values
     result = matrix[pairs[:, 0], pairs[:, 1]]
     if len(bad := np.flatnonzero(~((result >= 0) & np.isfinite(result)))):
         i, j = pairs[bad[0]]
@@ -258,38 +225,65 @@ def _anchors_of(anchors: Any, anchor_weights: Any, n: int, dim: int) -> tuple[_F
     """Anchors and their weights, both 0 for nodes without an anchor."""
     if anchors is None:
         return np.zeros((n, dim)), np.zeros(n)
-    at = _array(anchors, "anchors", (n, dim))
-    there = ~np.isnan(at).any(axis=1)
-    if np.isinf(at[there]).any():
-        raise ValueError("anchors: expected finite numbers, or NaN for a node without an anchor")
-    hold = np.where(there, _array(np.broadcast_to(anchor_weights, (n,)), "anchor_weights", (n,)), 0)
+    at = inputs.array(anchors, "anchors", (n, dim), missing=np.nan)
+    there = ~np.isnan(at).all(axis=1)
+    if len(bad := np.flatnonzero(there & ~np.isfinite(at).all(axis=1))):
+        raise ValueError(
+            f"anchors: row {bad[0]} is {at[bad[0]].tolist()}; expected finite numbers, or NaN in all of the row of a node without an anchor"
+        )
+    weights = inputs.numbers(anchor_weights, "anchor_weights", missing=np.nan)
+    if weights.shape not in ((), (1,), (n,)):
+        raise ValueError(f"anchor_weights: expected a number or shape {(n,)}, found {weights.shape}")
+    hold = np.where(there, weights, 0)
     if not (hold >= 0).all():
         raise ValueError("anchor_weights: expected >= 0")
     at[~there] = 0
     return at, hold
 
 
-def _graph_of(graph: Any) -> tuple[list[Any], _asterism._Graph]:
-    nodes, pairs, lengths = _edges_of(graph)
+def _check_range(lengths: _Floats, weights: _Floats, at: _Floats, hold: _Floats) -> None:
+    """ValueError if squares of the lengths and anchors, or the digits of the stress, would leave the range of float64."""
+    of_anchors = np.where(np.isinf(hold), 1, hold)[:, None]
+    with np.errstate(over="ignore", under="ignore"):
+        of_pairs = float(np.sum(weights * lengths**2))
+        total = of_pairs + float(np.sum(of_anchors * at**2))
+    if total < 1e300 and (of_pairs > 1e-280 or not ((weights > 0) & (lengths > 0)).any()):
+        return
+    largest = max(lengths.max(initial=0), np.abs(at).max(initial=0))
+    raise ValueError(
+        f"lengths of up to {largest} and weights of up to {max(weights.max(initial=0), of_anchors.max(initial=0))}: another unit is "
+        "needed, as the stress would leave the range of float64"
+    )
+
+
+def _graph_of(graph: Any, length: str | None) -> tuple[list[Any], _asterism._Graph]:
+    nodes, pairs, lengths = _edges_of(graph, length)
     return nodes, _asterism._Graph(len(nodes), pairs.astype(np.int64), lengths)
 
 
-def _edges_of(graph: Any) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
+def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
     """Nodes, edges and their lengths; loops are dropped, and several edges may join the same two nodes."""
     if hasattr(graph, "nodes") and callable(getattr(graph, "edges", None)):  # of networkx
         nodes = list(graph.nodes)
         index = {node: k for k, node in enumerate(nodes)}
-        edges = [(index[a], index[b], 1 if length is None else length) for a, b, length in graph.edges(data="length")]
-        table = np.array(edges, dtype=float).reshape(-1, 3)
-        pairs, lengths = table[:, :2].astype(np.intp), table[:, 2]
-    elif _is_sparse(graph) or isinstance(graph, np.ndarray):
-        n = _square(graph, "graph: an adjacency matrix (give edges as a list)")
+        edges = list(graph.edges(data="length" if length is None else length))
+        pairs = np.array([(index[a], index[b]) for a, b, _ in edges], dtype=np.intp).reshape(-1, 2)
+        given = [None if length is None else value for *_, value in edges]
+        lengths = inputs.numbers([1 if value is None else value for value in given], f"graph: the edges' {length!r}", (len(pairs),))
+        if length == "length" and all(value is None for value in given) and any(w is not None for *_, w in graph.edges(data="weight")):
+            warnings.warn(
+                "graph: the edges have a 'weight' and no 'length', so each has the length 1; if their weights are lengths, "
+                "give length='weight', otherwise length=None",
+                stacklevel=4,
+            )
+    elif inputs.is_sparse(graph) or isinstance(graph, np.ndarray):
+        n = inputs.square(graph, "graph: an adjacency matrix (give edges as a list)")
         nodes = list(range(n))
-        if _is_sparse(graph):
-            coo = graph.tocoo()
-            pairs, lengths = np.column_stack([coo.row, coo.col]).astype(np.intp), _array(coo.data, "graph", (coo.nnz,))
+        if inputs.is_sparse(graph):
+            row, column, lengths = inputs.entries(graph, "graph")
+            pairs = np.column_stack([row, column])
         else:
-            matrix = _array(graph, "graph", (n, n))
+            matrix = inputs.numbers(graph, "graph", (n, n), missing=0)
             pairs = np.argwhere(matrix != 0)
             lengths = matrix[pairs[:, 0], pairs[:, 1]]
         pairs, lengths = pairs[lengths != 0], lengths[lengths != 0]
@@ -315,8 +309,8 @@ def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[npt.NDArray[np.intp]
         if i < 0 or j < 0:
             raise ValueError(f"graph: edge {k} has node {min(i, j)}; expected >= 0")
         pairs.append((i, j))
-        lengths.append(float(edge[2]) if len(edge) == 3 else 1.0)
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2), np.array(lengths)
+        lengths.append(edge[2] if len(edge) == 3 else 1.0)
+    return np.array(pairs, dtype=np.intp).reshape(-1, 2), inputs.numbers(lengths, "graph: the edges' lengths", (len(pairs),))
 
 
 def _components(graph: _asterism._Graph) -> list[npt.NDArray[np.intp]]:
@@ -463,6 +457,7 @@ def _embed(
     if n == 0:
         raise ValueError("there are no nodes")
     system = _asterism.SpringSystem(_asterism.Topology.from_links(n, pairs), dim)
+    _check_range(lengths, weights, at, hold)
     exact = np.isinf(hold)
     system.anchors = at
     system.anchor_stiffness = np.where(exact, 0, hold)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import json
 import os
@@ -28,24 +29,41 @@ class StoredSystem:
 
 def parse_systems(text: str, source: str = "text") -> list[StoredSystem]:
     """The systems in a text: a JSON object, an array of them, or one per line. ValueError "SOURCE:LINE: ..." for any other."""
-    return [
-        StoredSystem(system, start, name, json.loads(origin))
-        for system, start, name, origin in _asterism._parse_systems(text, source)
-    ]
+    if not isinstance(text, str):
+        raise TypeError(f"text: expected str, found {type(text).__name__}")
+    return _parsed(text, source)
 
 
 def read_systems(path: str | os.PathLike[str]) -> list[StoredSystem]:
-    """The systems in a file. OSError if it cannot be read, ValueError as from parse_systems."""
-    return parse_systems(pathlib.Path(path).read_text(encoding="utf-8"), os.fspath(path))
+    """The systems in a file, which is UTF-8. OSError if it cannot be read, ValueError as from parse_systems."""
+    return _parsed(pathlib.Path(path).read_bytes(), os.fspath(path))
+
+
+def _parsed(text: str | bytes, source: str) -> list[StoredSystem]:
+    source = source.encode("utf-8", "backslashreplace").decode()  # the names of files may be any bytes
+    if isinstance(text, bytes) and text.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise ValueError(f"{source}: expected UTF-8, found UTF-16")
+    try:
+        found = _asterism._parse_systems(text.encode() if isinstance(text, str) else text, source)
+    except UnicodeEncodeError as error:
+        raise ValueError(f"{source}: not UTF-8: {error.reason}") from None
+    return [StoredSystem(system, start, name, json.loads(origin)) for system, start, name, origin in found]
+
+
+def _to_json(stored: StoredSystem) -> str:
+    try:
+        name, origin = str.encode(stored.name), json.dumps(stored.origin, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        kind = TypeError if isinstance(error, TypeError) else ValueError
+        raise kind(f"the system cannot be written: its name or origin: {error}") from None
+    return _asterism._system_to_json(stored.system, stored.start, name, origin) + "\n"
 
 
 def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem]) -> None:
     """Writes systems to a file, one per line; every number is read back exactly.
 
-    ValueError for values that a solver would refuse; then nothing is written.
+    ValueError for values that a solver would refuse, and for an origin with NaN, infinity or integers of more than 64 bits;
+    TypeError for an origin that JSON cannot hold. Then nothing is written.
     """
-    lines = [
-        _asterism._system_to_json(stored.system, stored.start, stored.name, json.dumps(stored.origin)) + "\n"
-        for stored in systems
-    ]
+    lines = [_to_json(stored) for stored in systems]
     pathlib.Path(path).write_text("".join(lines), encoding="utf-8")

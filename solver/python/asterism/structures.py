@@ -9,7 +9,7 @@ from typing import Any, Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import _asterism
+from . import _asterism, inputs
 
 _SHAPES = {"quadratic": 0.0, "absolute": 1.0}
 
@@ -59,8 +59,8 @@ def pictorial_structure(
 ) -> PictorialResult:
     """The placement of the parts with the least energy, the sum of the maps at the parts' positions and of the joints' costs.
 
-    maps: an array (height, width) of costs for each part, of any sizes; infinity forbids a position. Arrays of float32 are not
-    copied. joints: a tree of all parts, in any order. count: how many placements to find; each further one is the best of all
+    maps: an array (height, width) of costs for each part, of any sizes; infinity, or a mask, forbids a position. Arrays of float32
+    are not copied; larger numbers than those of float32 are a ValueError. joints: a tree of all parts, in any order. count: how many placements to find; each further one is the best of all
     whose root is farther than distance [px] from the roots of those before it. The best placement is exact, in time linear in
     the number of pixels: see docs/pictorial-structures.md. ValueError, which names the joint or the map, for bad input.
     """
@@ -109,12 +109,12 @@ def scaled_structure(
     layers = len(scales)
     stacks = []
     for number, stack in enumerate(maps):
-        stack = np.asarray(stack)
+        stack = np.ma.asanyarray(stack)  # keeps a mask
         if stack.ndim != 3 or len(stack) != layers:
             raise ValueError(f"maps of part {number}: expected the shape ({layers}, height, width), found {stack.shape}")
         stacks.extend(stack)
     energy, positions, of_parts, root, marginals, placements = _asterism._scaled_structure(
-        *_problem(stacks, joints), [float(scale) for scale in scales], *_several(count, distance)
+        *_problem(stacks, joints), inputs.numbers(scales, "scales"), *_several(count, distance)
     )
     return ScaledResult(energy, positions, of_parts, root, np.stack(marginals), placements)
 
@@ -168,18 +168,19 @@ def _problem(maps: Iterable[npt.ArrayLike], joints: Iterable[Joint]) -> tuple[li
         values = joint.weight, joint.offset, _SHAPES[joint.shape], joint.truncation
         of_length = [0.0, 0.0, -1.0, 0.0]  # no window
         try:
-            axes = np.stack([np.broadcast_to(np.asarray(value, float), 2) for value in values], axis=1)
+            axes = np.stack([np.broadcast_to(inputs.numbers(value, "value"), 2) for value in values], axis=1)
+            of_layers = [float(inputs.numbers(joint.layer_weight, "value", ())), 0.0, 0.0, np.inf]
             if joint.length is not None:
-                of_length[:3] = float(np.asarray(joint.weight, float)), float(joint.length), operator.index(joint.reach)
+                weight, length = (float(inputs.numbers(value, "value", ())) for value in (joint.weight, joint.length))
+                of_length[:3] = weight, length, operator.index(joint.reach)
         except (TypeError, ValueError):
             kind = "weight, length and reach to be numbers" if joint.length is not None else "weight and truncation to be (x, y) or a number"
-            raise ValueError(f"joint {number}: expected offset, {kind}") from None
+            raise ValueError(f"joint {number}: expected offset, {kind}, and layer_weight a number") from None
         if joint.length is not None:
             if joint.shape != "quadratic" or np.isfinite(joint.truncation).any():
                 raise ValueError(f"joint {number}: a cost of a length is quadratic, and has no truncation")
             if joint.reach < 0:
                 raise ValueError(f"joint {number} has a reach below 0 or above 255 px")
             axes[:, 0] = 0
-        of_layers = [float(joint.layer_weight), 0.0, 0.0, np.inf]
         costs.append(np.vstack([axes, of_layers, of_length]))
     return list(maps), np.reshape(np.array(ends, float), (-1, 2)), np.reshape(np.array(costs, float), (-1, 4, 4))

@@ -6,6 +6,7 @@
 The values may be of one system or of a batch of them.
 """
 
+import functools
 import warnings
 
 import numpy as np
@@ -13,6 +14,7 @@ import torch
 
 from . import Solver, SpringBatch, SpringSystem, Status
 from .gradients import SensitivityStatus, sensitivity
+from .inputs import numbers
 
 __all__ = ["solve"]
 
@@ -94,14 +96,14 @@ class _InLanes:
 
 
 class _Solve(torch.autograd.Function):
-    """Batches of values, (B, ...), to solutions (B, N, dim)."""
+    """Batches of values, (B, ...), to solutions (B, N, dim) of a type; each gradient has the type and device of its values."""
 
     @staticmethod
-    def forward(ctx, solver, topology, start, *tensors):
+    def forward(ctx, solver, topology, start, dtype, *tensors):
         values = [tensor.detach().to("cpu", torch.float64).numpy() for tensor in tensors]
-        start = np.asarray(start, dtype=np.float64)
         ctx.solved = _InLanes(topology, start, values) if solver is None else _OneByOne(solver, topology, start, values)
-        return torch.from_numpy(ctx.solved.x.copy()).to(tensors[0])
+        ctx.of = [(tensor.device, tensor.dtype) for tensor in tensors]
+        return torch.from_numpy(ctx.solved.x.copy()).to(tensors[0].device, dtype)
 
     @staticmethod
     @torch.autograd.function.once_differentiable
@@ -113,19 +115,42 @@ class _Solve(torch.autograd.Function):
                 raise RuntimeError(reasons[0])
             more = f", and {len(reasons) - 1} more" if len(reasons) > 1 else ""
             warnings.warn(f"0 is taken as the gradient where there is none: {reasons[0]}{more}", RuntimeWarning, stacklevel=2)
-        return None, None, None, *(torch.from_numpy(np.ascontiguousarray(values)).to(grad) for values in gradients)
+        needed = ctx.needs_input_grad[4:]
+        return None, None, None, None, *(
+            torch.from_numpy(np.ascontiguousarray(values)).to(*of) if is_needed else None
+            for values, of, is_needed in zip(gradients, ctx.of, needed)
+        )
+
+
+def _tensor(values, name):
+    """A tensor of real numbers: itself, or of anything that NumPy makes an array."""
+    if not isinstance(values, torch.Tensor):
+        return torch.from_numpy(numbers(values, name))
+    if values.is_complex():
+        raise TypeError(f"{name}: expected real numbers, found {values.dtype}")
+    return values
+
+
+def _type_of(values):
+    """The floating type of the results: as of PyTorch's sum of the values, in which plain numbers have no say."""
+    types = [value.dtype for value in values if value.dim() > 0]
+    result = functools.reduce(torch.promote_types, types)
+    return result if result.is_floating_point else torch.get_default_dtype()
 
 
 def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, start=None, solver=None):
     """The solutions of spring systems with gradients by all of their values.
 
-    anchors: (N, dim) or, for a batch, (B, N, dim). anchor_stiffness (N), rest_length and link_stiffness (one for each link of
-    `topology`): of one system, for all of the batch, or with a first axis of B. start: where solves begin, an array or tensor of
-    the anchors' shape (the anchors); no gradient comes from it. solver: an asterism.Solver, which solves the systems one after another
-    (Newton's method to a tolerance of 1e-12 in SIMD lanes, as asterism.SpringBatch, on torch.get_num_threads() threads).
+    anchors: (N, dim) or, for a batch, (B, N, dim). anchor_stiffness (N,), rest_length and link_stiffness (L,), one for each link of
+    `topology`: of one system, for all of the batch, or with a first axis of B; or one number. All may be tensors of any real type,
+    or what NumPy makes an array of float64. start: where solves begin, of the anchors' shape (the anchors); no gradient comes from
+    it. solver: an asterism.Solver, which solves the systems one after another (Newton's method to a tolerance of 1e-12 in SIMD
+    lanes, as asterism.SpringBatch, on torch.get_num_threads() threads).
 
-    Returns x, of the anchors' shape, type and device. Solves are in double precision on the CPU. RuntimeError, with the number of the
-    system, if one does not converge. There are no second derivatives.
+    Returns x, of the anchors' shape and device. Solves are in double precision on the CPU, whatever the types of the values; x has
+    the type that PyTorch gives to a sum of them, and its default floating type if all are integers. ValueError for other shapes,
+    TypeError for what is no real number. RuntimeError, with the number of the system, if one does not converge. There are no second
+    derivatives.
 
     A solution may have no derivative: a saddle, a component that is free to turn, linked nodes that push each other apart in one place
     (asterism.sensitivity). In a batch, backward() then takes 0 for the gradient of that system, which leaves the sums over the batch
@@ -133,13 +158,25 @@ def solve(topology, anchors, anchor_stiffness, rest_length, link_stiffness, *, s
     exception). If no system of those that the loss depends on has one, it is a RuntimeError. A system that the loss does not depend on
     has the gradient 0 without a warning.
     """
+    anchors = _tensor(anchors, "anchors")
     is_single = anchors.dim() == 2
     if anchors.dim() not in (2, 3):
         raise ValueError(f"anchors: expected 2 or 3 axes, (N, dim) or (B, N, dim), found {anchors.dim()}")
     batch = anchors.unsqueeze(0) if is_single else anchors
     count = len(batch)
-    first = batch if start is None else torch.as_tensor(start).expand(batch.shape)
-    values = (torch.as_tensor(value).to(anchors) for value in (anchor_stiffness, rest_length, link_stiffness))
-    values = [value.expand(count, value.shape[-1]) for value in values]
-    x = _Solve.apply(solver, topology, first.detach().cpu().numpy(), batch, *values)
+    if batch.shape[1] != topology.nodes or batch.shape[2] not in (2, 3):
+        raise ValueError(f"anchors: expected {topology.nodes} nodes of 2 or 3 coordinates, found shape {tuple(anchors.shape)}")
+    values, types = [batch], [anchors]
+    sizes = topology.nodes, topology.link_count, topology.link_count
+    for name, given, size in zip(_NAMES[1:], (anchor_stiffness, rest_length, link_stiffness), sizes):
+        value = _tensor(given, name)
+        types.append(value)
+        if tuple(value.shape) not in ((), (size,), (1, size), (count, size)):
+            raise ValueError(f"{name}: expected a number or shape ({size},) or ({count}, {size}), found {tuple(value.shape)}")
+        values.append(value.expand(count, size))
+    first = batch if start is None else _tensor(start, "start")
+    if first.shape not in (anchors.shape, batch.shape):
+        raise ValueError(f"start: expected shape {tuple(anchors.shape)}, found {tuple(first.shape)}")
+    first = np.array(first.detach().to("cpu", torch.float64).reshape(batch.shape).numpy())
+    x = _Solve.apply(solver, topology, first, _type_of(types), *values)
     return x.squeeze(0) if is_single else x

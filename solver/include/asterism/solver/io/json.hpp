@@ -18,11 +18,11 @@
 #include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <iterator>
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <numeric>
 #include <ostream>
-#include <set>
 #include <span>
 #include <stdexcept>
 #include <string>
@@ -131,13 +131,23 @@ inline double number(const Json& value, const Place& place) {
   return result;
 }
 
+/// The integer that a number is, also one written as 2.0 or 2e0, as in JSON Schema; the nearest one of 64
+/// bits if it has more. Anything else is refused.
+inline std::int64_t integer(const Json& value, const Place& place, const char* expected) {
+  using Limits = std::numeric_limits<std::int64_t>;
+  if (!value.is_number()) refuse_type(place, expected, value);
+  if (value.is_number_unsigned() && value.get<std::uint64_t>() > Limits::max()) return Limits::max();
+  if (value.is_number_integer()) return value.get<std::int64_t>();
+  const auto number = value.get<double>();
+  if (number != std::floor(number)) refuse(place.text(), ": expected ", expected, ", found ", value.dump());
+  if (std::abs(number) < 0x1p63) return static_cast<std::int64_t>(number);
+  return number < 0 ? Limits::min() : Limits::max();
+}
+
 /// A node's index, or -1 for an integer that cannot be one.
 inline int node(const Json& value, const Place& place) {
-  if (!value.is_number_integer()) refuse_type(place, "a node's index", value);
-  constexpr int kMax = std::numeric_limits<int>::max();
-  if (value.is_number_unsigned() && value.get<std::uint64_t>() > kMax) return -1;
-  const auto index = value.get<std::int64_t>();
-  return 0 <= index && index <= kMax ? static_cast<int>(index) : -1;
+  const std::int64_t index = integer(value, place, "a node's index");
+  return 0 <= index && index <= std::numeric_limits<int>::max() ? static_cast<int>(index) : -1;
 }
 
 template <typename Vector>
@@ -186,13 +196,12 @@ inline int checked_dimension(const Json& object) {
   if (!object.is_object()) refuse("expected an object, found ", object.type_name());
   // A later version may have any keys, so that it comes first.
   const Json& version = member(object, "asterism_system");
-  if (!version.is_number_integer()) refuse_type({"asterism_system"}, "an integer", version);
-  if (version != kVersion) refuse("asterism_system is ", version.dump(), ", known is version 1");
+  if (integer(version, {"asterism_system"}, "an integer") != kVersion)
+    refuse("asterism_system is ", version.dump(), ", known is version 1");
   check_keys(object);
-  const Json& dim = member(object, "dim");
-  if (!dim.is_number_integer()) refuse_type({"dim"}, "an integer", dim);
-  if (dim < 1 || dim > std::numeric_limits<int>::max()) refuse("dim is ", dim.dump());
-  return dim.get<int>();
+  const std::int64_t dim = integer(member(object, "dim"), {"dim"}, "an integer");
+  if (dim < 1 || dim > std::numeric_limits<int>::max()) refuse("dim is ", object["dim"].dump());
+  return static_cast<int>(dim);
 }
 
 /// How deep values may be nested: more could use up the stack where they are copied.
@@ -205,37 +214,124 @@ inline int depth_of(const Json& value) {
   return deepest + 1;
 }
 
-/// Parses `text`, which begins in line `line` of the source; `place` is what other errors name. Keys given
-/// twice are errors; so is nesting deeper than kMaxDepth.
-inline Json parse(std::string_view text, const std::string& source, std::ptrdiff_t line,
-                  const std::string& place) {
-  std::array<std::set<std::string>, kMaxDepth + 2> keys;  // of the open objects, by depth
-  const auto check = [&keys](int depth, Json::parse_event_t event, Json& value) {
-    if (event == Json::parse_event_t::object_start || event == Json::parse_event_t::array_start) {
-      if (depth >= kMaxDepth) refuse("is nested more than ", std::to_string(kMaxDepth), " deep");
-      keys[static_cast<std::size_t>(depth) + 1].clear();
-    } else if (event == Json::parse_event_t::key) {
-      const std::string& key = value.get_ref<const std::string&>();
-      if (!keys[static_cast<std::size_t>(depth)].insert(key).second) refuse("duplicate key ", key_text(key));
-    }
-    return true;
-  };
-  const auto reason = [](const Json::exception& e, const char* end_of_prefix) {
-    const std::string what = e.what();
-    const std::size_t end = what.find(end_of_prefix);
-    return what.substr(end == std::string::npos ? 0 : end + 2, 200);  // it may quote megabytes
-  };
-  try {
-    return Json::parse(text.begin(), text.end(), check);
-  } catch (const Json::parse_error& e) {  // "[json.exception...] parse error at line 1, column 2: reason"
-    const std::string_view read = text.substr(0, e.byte > 0 ? e.byte - 1 : 0);
-    line += std::count(read.begin(), read.end(), '\n');
-    refuse(source, ":", std::to_string(line), ": not JSON: ", reason(e, ": "));
-  } catch (const Json::out_of_range& e) {  // "[json.exception...] number overflow parsing '1e999'"
-    refuse(place, ": ", reason(e, "] "));
-  } catch (const std::runtime_error& e) {
-    refuse(place, ": ", e.what());
+/// A character that a parser reads; `next` then is the one after it.
+class Cursor {
+ public:
+  using iterator_category = std::input_iterator_tag;
+  using value_type = char;
+  using difference_type = std::ptrdiff_t;
+  using pointer = const char*;
+  using reference = const char&;
+
+  Cursor(const char* at, const char** next) : at_(at), next_(next) {}
+  reference operator*() const { return *at_; }
+  Cursor& operator++() {
+    *next_ = ++at_;
+    return *this;
   }
+  Cursor operator++(int) {
+    const Cursor before = *this;
+    ++*this;
+    return before;
+  }
+  friend bool operator==(const Cursor& a, const Cursor& b) { return a.at_ == b.at_; }
+  friend bool operator!=(const Cursor& a, const Cursor& b) { return a.at_ != b.at_; }
+
+ private:
+  const char* at_;
+  const char** next_;
+};
+
+/// Builds a value from what nlohmann's parser finds, and refuses what a Json would lose: a key that is given
+/// twice, a number that is not 0 but would be read as 0, and an integer of more than 64 bits in an origin,
+/// which is no double. Refuses nesting deeper than kMaxDepth, too.
+class Builder final : public nlohmann::json_sax<Json> {
+ public:
+  explicit Builder(bool is_origin) : is_origin_(is_origin) {}
+
+  Json result;
+  std::size_t bytes_read = 0;  // where the text turned out not to be JSON, otherwise 0
+
+  bool null() override { return put(nullptr); }
+  bool boolean(bool value) override { return put(value); }
+  bool number_integer(std::int64_t value) override { return put(value); }
+  bool number_unsigned(std::uint64_t value) override { return put(value); }
+  bool string(std::string& value) override { return put(std::move(value)); }
+  bool binary(Json::binary_t& value) override { return put(std::move(value)); }
+  bool number_float(double value, const std::string& text) override {
+    if ((is_origin_ || in_origin_) && text.find_first_not_of("-0123456789") == std::string::npos)
+      refuse("the origin's integer ", text.substr(0, 40), " has more than 64 bits: give it as a string");
+    if (value == 0 &&
+        text.substr(0, text.find_first_of("eE")).find_first_of("123456789") != std::string::npos)
+      refuse("number underflow parsing '", text.substr(0, 40), "'");
+    return put(value);
+  }
+  bool start_object(std::size_t) override { return open(Json::object()); }
+  bool start_array(std::size_t) override { return open(Json::array()); }
+  bool end_object() override { return close(); }
+  bool end_array() override { return close(); }
+  bool key(std::string& key) override {
+    const auto [place, is_new] = open_.back()->get_ref<Json::object_t&>().try_emplace(key);
+    if (!is_new) refuse("duplicate key ", key_text(key));
+    member_ = &place->second;
+    const bool is_of_system = open_.size() == (open_.front()->is_array() ? 2u : 1u);
+    if (is_of_system) in_origin_ = key == "origin";
+    return true;
+  }
+  bool parse_error(std::size_t position, const std::string& /*token*/, const Json::exception& e) override {
+    bytes_read = position;
+    // "[json.exception...] parse error at line 1, column 2: reason", or "[json.exception...] number overflow"
+    const std::string what = e.what();
+    const bool is_number = dynamic_cast<const Json::out_of_range*>(&e) != nullptr;
+    const std::size_t end = what.find(is_number ? "] " : ": ");
+    refuse(is_number ? "" : "not JSON: ", what.substr(end == std::string::npos ? 0 : end + 2, 200));
+  }
+
+ private:
+  template <typename Value>
+  bool put(Value&& value) {
+    add(std::forward<Value>(value));
+    return true;
+  }
+  template <typename Value>
+  Json& add(Value&& value) {
+    if (open_.empty()) return result = std::forward<Value>(value);
+    if (open_.back()->is_object()) return *member_ = std::forward<Value>(value);
+    return open_.back()->emplace_back(std::forward<Value>(value));
+  }
+  bool open(Json value) {
+    if (open_.size() >= kMaxDepth) refuse("is nested more than ", std::to_string(kMaxDepth), " deep");
+    Json& added = add(std::move(value));
+    open_.push_back(&added);
+    return true;
+  }
+  bool close() {
+    open_.pop_back();
+    return true;
+  }
+
+  std::vector<Json*> open_;  // objects and arrays around what comes next
+  Json* member_ = nullptr;   // of the innermost object: the value of the last key
+  bool is_origin_, in_origin_ = false;
+};
+
+/// Parses `text`, which begins in line `line` of the source, a system or (is_origin) the origin of one.
+/// Errors are "SOURCE:LINE: ...".
+inline Json parse(std::string_view text, const std::string& source, std::ptrdiff_t line,
+                  bool is_origin = false) {
+  const char* next = text.data();
+  Builder builder(is_origin);
+  try {
+    Json::sax_parse(Cursor(text.data(), &next), Cursor(text.data() + text.size(), nullptr), &builder);
+  } catch (const std::runtime_error& e) {
+    // The last byte may be one after a number, which shows its end.
+    const std::size_t bytes = std::max<std::size_t>(
+        builder.bytes_read > 0 ? builder.bytes_read : static_cast<std::size_t>(next - text.data()), 1);
+    const std::string_view read = text.substr(0, bytes - 1);
+    line += std::count(read.begin(), read.end(), '\n');
+    refuse(source, ":", std::to_string(line), ": ", e.what());
+  }
+  return std::move(builder.result);
 }
 
 /// Calls visit(object) for each system of the text; a std::runtime_error of it gets the object's place.
@@ -262,11 +358,11 @@ void for_each_object(std::string_view text, const std::string& source, Visit&& v
     if (line.find_first_not_of(" \t\r") == std::string_view::npos) continue;
     // It is JSON lines if the first line is a value by itself.
     if (first && !Json::accept(line.begin(), line.end())) {
-      return value(parse(text, source, 1, source), source);
+      return value(parse(text, source, 1), source);
     }
     first = false;
     const std::string place = concat(source, ":", std::to_string(line_number));
-    value(parse(line, source, line_number, place), place);
+    value(parse(line, source, line_number), place);
   }
 }
 
@@ -382,7 +478,7 @@ StoredSystem<System> system_from_json(const nlohmann::json& object) {
 
 /// The systems in `text`: a JSON object, an array of objects, or an object a line (JSON lines); blank text
 /// holds none. Throws std::runtime_error "SOURCE:LINE: system INDEX: FIELD ...": the line for JSON lines and
-/// for what is not JSON, the index, from 0, for systems in an array; see system_from_json.
+/// for what cannot be read as a value, the index, from 0, for systems in an array; see system_from_json.
 template <StorableSystem System>
 std::vector<StoredSystem<System>> parse_systems(std::string_view text, const std::string& source = "text") {
   std::vector<StoredSystem<System>> systems;

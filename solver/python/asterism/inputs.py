@@ -1,0 +1,85 @@
+"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ._asterism import _numbers as numbers
+
+_Floats = npt.NDArray[np.float64]
+_Indices = npt.NDArray[np.intp]
+
+__all__ = ["array", "entries", "is_sparse", "numbers", "pairs_of", "square"]
+
+# numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
+# become `missing`; where there is none, and for what is no array of real numbers, TypeError. ValueError for another shape.
+
+
+def array(values: Any, name: str, shape: tuple[int, ...], missing: float | None = None) -> _Floats:
+    """The numbers as an array of its own."""
+    return np.array(numbers(values, name, shape, missing))
+
+
+def is_sparse(matrix: Any) -> bool:
+    """Whether it is a matrix of scipy.sparse."""
+    return hasattr(matrix, "tocoo")
+
+
+def square(matrix: Any, name: str) -> int:
+    """The N of a matrix (N, N)."""
+    shape = matrix.shape if hasattr(matrix, "shape") else np.shape(matrix)
+    if len(shape) != 2 or shape[0] != shape[1]:
+        raise ValueError(f"{name}: expected shape (N, N), found {tuple(shape)}")
+    return int(shape[0])
+
+
+def entries(matrix: Any, name: str) -> tuple[_Indices, _Indices, _Floats]:
+    """Rows, columns and values of the stored entries of a sparse matrix, each once: SciPy sums those that are given twice."""
+    coo = matrix.tocoo()
+    if coo.data.dtype.kind == "f":  # SciPy cannot sum all of NumPy's types
+        coo = coo.astype(np.float64)
+    csr = coo.tocsr()
+    csr.sum_duplicates()
+    coo = csr.tocoo()
+    return coo.row.astype(np.intp), coo.col.astype(np.intp), array(coo.data, name, (coo.nnz,))
+
+
+def pairs_of(matrix: Any, name: str, missing: float) -> tuple[_Indices, _Floats]:
+    """The pairs i < j of a symmetric matrix (N, N), (K, 2), and their values; of a sparse one the stored entries of either triangle.
+
+    ValueError if it is not symmetric. Two entries that differ by the rounding of their type count as equal, and give their mean.
+    """
+    n = square(matrix, name)
+    if not is_sparse(matrix):
+        values = numbers(matrix, name, (n, n), missing)
+        i, j = np.triu_indices(n, 1)
+        above, below = values[i, j], values[j, i]
+        _check_symmetric(name, i, j, above, below, np.asanyarray(matrix).dtype)
+        with np.errstate(invalid="ignore"):
+            return np.column_stack([i, j]), np.where(above == below, above, above + (below - above) / 2)
+    row, column, values = entries(matrix, name)
+    off = row != column
+    row, column, values = row[off], column[off], values[off]
+    keys = np.minimum(row, column).astype(np.int64) * n + np.maximum(row, column)
+    unique, first, place, count = np.unique(keys, return_index=True, return_inverse=True, return_counts=True)
+    i, j = np.divmod(unique, max(n, 1))
+    _check_symmetric(name, row, column, values, values[first][place], matrix.dtype)
+    return np.column_stack([i, j]).astype(np.intp), np.bincount(place, values, len(unique)) / count
+
+
+def _check_symmetric(name: str, i: _Indices, j: _Indices, here: _Floats, there: _Floats, dtype: np.dtype[Any]) -> None:
+    """here: the entries [i, j]; there: the entries [j, i]."""
+    size = np.maximum(np.abs(here), np.abs(there))
+    with np.errstate(invalid="ignore"):
+        rounding = 1e-9 * size
+        if dtype.kind == "f":
+            rounding = np.maximum(rounding, 8 * np.spacing(size.astype(dtype)).astype(np.float64))
+        bad = np.flatnonzero(~((np.abs(here - there) <= rounding) | (np.isnan(here) & np.isnan(there)) | (here == there)))
+    if len(bad):
+        k = bad[0]
+        raise ValueError(
+            f"{name}: expected a symmetric matrix, but [{i[k]}, {j[k]}] is {here[k]} and [{j[k]}, {i[k]}] is {there[k]}"
+        )
