@@ -235,6 +235,20 @@ INSTANTIATE_TEST_SUITE_P(All, Interrupted, ::testing::ValuesIn(trackers()), [](c
   return name;
 });
 
+TEST(ShowsScene, NeitherOneLevelNorNoise) {
+  const cv::Mat scene = draw_frame(0);
+  EXPECT_TRUE(shows_scene(Frame(scene)));
+  EXPECT_TRUE(shows_scene(Frame(testing::inverted(scene))));
+  EXPECT_TRUE(shows_scene(Frame(scene.col(7))));
+  EXPECT_FALSE(shows_scene(Frame(cv::Mat(1, 1, CV_8UC1, cv::Scalar(7)))));
+  for (const int level : {0, 128, 255}) {
+    cv::Mat blank(240, 320, CV_8UC3, cv::Scalar::all(level));
+    EXPECT_FALSE(shows_scene(Frame(blank))) << level;
+  }
+  for (const double deviation : {2.0, 20.0, 60.0})
+    EXPECT_FALSE(shows_scene(Frame(testing::gray_noise(scene, deviation, 1)))) << deviation;
+}
+
 // Real sequences in which frames without the scene replace some frames or are inserted.
 class InterruptedSequence : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {};
 

@@ -470,6 +470,23 @@ TEST_F(TrackTool, RecordsNoSystemInAnInterruption) {
   EXPECT_EQ(frames, (std::vector<int>{2, 3, 5, 6}));
 }
 
+TEST_F(TrackTool, WaitsForTheFirstFrameWithAScene) {
+  const fs::path images = make_images("images", 6);
+  cv::imwrite((images / "img_1.png").string(), cv::Mat(240, 320, CV_8UC3, cv::Scalar::all(0)));
+  cv::Mat noise(240, 320, CV_8UC3);
+  cv::RNG(1).fill(noise, cv::RNG::NORMAL, 128, 60);
+  cv::imwrite((images / "img_2.png").string(), noise);
+  const std::string tracked = images.string() + kBox + " --tracker kcf";
+  EXPECT_NE(run(tracked, false), 0);
+  EXPECT_NE(err_.find("have one gray level or color: there is nothing to follow"), std::string::npos) << err_;
+  EXPECT_EQ(run(tracked + " --start 2", false), 0) << err_;
+  EXPECT_NE(err_.find("frame 2 shows noise or one gray level; --wait"), std::string::npos) << err_;
+  EXPECT_EQ(run(tracked + " --wait", false), 0) << err_;
+  EXPECT_NE(err_.find("starts in frame 3, the first that shows a scene"), std::string::npos) << err_;
+  EXPECT_NE(err_.find("4 frames"), std::string::npos) << err_;
+  EXPECT_NE(run(tracked + " --wait --start 7", false), 0);
+}
+
 TEST_F(TrackTool, NamesRecordedSystemsAfterTheInput) {
   const std::string file = path("systems.jsonl"), record = " --tracker dpt --record-systems " + file;
   ASSERT_EQ(run(make_sequence().string() + "/ --start 6 --frames 3" + record, false), 0) << err_;
