@@ -326,6 +326,8 @@ FrameImage decode_frame(std::span<const unsigned char> bytes, const std::string&
     fail("several images in one file: a TIFF can be read where it is the input itself, split others");
   cv::Mat pixels;
   if (header->whole) pixels = decode(bytes, header->deep_gray);
+  // OpenCV 4.6 makes a TIFF of an unknown compression black.
+  if (!header->unusual.empty() && !pixels.empty() && cv::norm(pixels, cv::NORM_INF) == 0) pixels.release();
   try {
     if (!pixels.empty()) pixels = as_frame(pixels, range);
     if (!pixels.empty()) return {range ? to_bgr8(pixels, range) : pixels, false};
