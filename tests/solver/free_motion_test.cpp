@@ -496,6 +496,7 @@ TEST(FreeMotion, OfNodesThatAreNearlyCollinear) {
       {"a taut cable",
        [&](Space& s, Points& x, double off) {
          on_a_line(x, 1);
+         s.anchors = x;
          soften(s, 0);
          s.rest_length.setConstant(0.7);
          s.fix(0);
