@@ -135,7 +135,7 @@ def layout(
         weights = _path_weights(lengths, power)
     else:
         method = method or "lbfgs-jacobi"
-        options = {"tolerance": 1e-6, **options}  # nothing of the drawing changes below it, and a path takes a fifth of the time
+        options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
         pairs, lengths, shares = edges.partners(_count(partners, "partners"), 1)
         weights = shares * _path_weights(lengths, power)
     return _embed(
