@@ -556,7 +556,9 @@ void bind_trackers(py::module_& m) {
             "polygon, x1, y1, x2, y2, .. or (N, 2); or a mask, (height, width) of bool or uint8. Of a "
             "polygon or\n"
             "a mask the upright box of the same area and centre is followed.\n"
-            "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image.")
+            "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image, "
+            "and\n"
+            "where the box and its surroundings, of twice its sides, have one gray level or color.")
         .def(
             "update",
             [](Tracker& self, const py::args& args, const py::kwargs& kwargs) {
