@@ -127,9 +127,11 @@ def of_igraph(method: str) -> Callable[[Edges, int], np.ndarray]:
 
 def smacof(edges: Edges, n: int) -> np.ndarray:
     graph = asterism._asterism._Graph(n, np.array([edge[:2] for edge in edges]), np.array([edge[2] for edge in edges]))
+    everyone = np.arange(n)[None]
+    distances = graph.distances(everyone, everyone)[0]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return manifold.smacof(graph.distances(np.arange(n)), n_init=1, max_iter=300, eps=1e-4, random_state=1)[0]
+        return manifold.smacof(distances, n_init=1, max_iter=300, eps=1e-4, random_state=1)[0]
 
 
 def programs() -> Iterator[Program]:

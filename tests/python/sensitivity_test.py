@@ -134,7 +134,7 @@ class SensitivityTest(unittest.TestCase):
         crossed.anchor_stiffness = 1e-2
         crossed.anchors = saddle + force / 1e-2
         at_one_point = system.copy()
-        at_one_point.anchors, at_one_point.rest_length = np.ones((6, 2)), 0
+        at_one_point.anchors, at_one_point.rest_length = np.ones((6, 2)), 1  # the links push the nodes apart
         cases = {
             Status.COMPUTED: (system, x, weights),
             Status.NOT_STATIONARY: (system, x + 1, weights),
