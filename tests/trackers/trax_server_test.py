@@ -197,14 +197,14 @@ class Server(unittest.TestCase):
         session = Session("--trax-version", "4")
         self.assertEqual(session.hear()[2]["trax.multiobject"], "1")
         session.say("initialize", self.region())
-        session.say("initialize", "100,80,30,30")
+        session.say("initialize", "50,45,30,30")
         session.say("frame", self.images["path"][0])
-        self.assertEqual([session.state()[0] for _ in range(2)], [list(self.boxes[0]), [100, 80, 30, 30]])
-        session.say("initialize", "10,10,20,20")
+        self.assertEqual([session.state()[0] for _ in range(2)], [list(self.boxes[0]), [50, 45, 30, 30]])
+        session.say("initialize", "35,25,20,20")
         session.say("frame", self.images["path"][1])
         states = [session.state()[0] for _ in range(3)]
         self.assertGreater(overlap(states[0], self.boxes[1]), 0.6)
-        self.assertEqual(states[2], [10, 10, 20, 20])
+        self.assertEqual(states[2], [35, 25, 20, 20])
         session.say("quit")
         self.assertEqual(session.end(), (0, ""))
 
