@@ -109,8 +109,13 @@ DptOptions stub_options(StubPart::Law law, const Evidence& evidence) {
   return options;
 }
 
+// Flat except for a spot in the box: trackers do not start where there is nothing to follow.
 const cv::Mat& any_image() {
-  static const cv::Mat image(240, 320, CV_8UC3, cv::Scalar(90, 120, 30));
+  static const cv::Mat image = [] {
+    cv::Mat flat(240, 320, CV_8UC3, cv::Scalar(90, 120, 30));
+    flat.at<cv::Vec3b>(100, 120) = {90, 130, 30};
+    return flat;
+  }();
   return image;
 }
 const cv::Rect2d kBox(100, 80, 48, 64);

@@ -207,7 +207,9 @@ TEST_P(Trackers, HandlesOddBoxes) {
     }
   }
   AnyTracker tracker = make_tracker(GetParam());
-  const cv::Mat flat(240, 320, CV_8UC3, cv::Scalar(90, 120, 30));
+  cv::Mat flat(240, 320, CV_8UC3, cv::Scalar(90, 120, 30));
+  EXPECT_THROW(tracker.init(flat, {100, 100, 40, 40}), std::invalid_argument);
+  flat(cv::Rect(110, 110, 20, 20)).setTo(cv::Scalar(90, 130, 30));
   tracker.init(flat, {100, 100, 40, 40});
   for (int t = 0; t < 3; ++t) EXPECT_NEAR(tracker.update(flat).box.x, 100, 5);
 }
