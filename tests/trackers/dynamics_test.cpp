@@ -273,7 +273,8 @@ cv::Rect2d steady(int t) {
 std::vector<TrackResult> filtered(const cv::Rect2d& first, const std::vector<TrackResult>& script,
                                   const KalmanOptions& options = {}) {
   KalmanTracker tracker(ScriptedTracker(script), options);
-  const cv::Mat image(2000, 2000, CV_8UC1, cv::Scalar(0));  // contains all boxes
+  cv::Mat image(2000, 2000, CV_8UC1, cv::Scalar(0));  // contains all boxes
+  image(cv::Rect(first)).setTo(cv::Scalar(9));
   tracker.init(image, first);
   std::vector<TrackResult> results;
   for (std::size_t t = 0; t < script.size(); ++t) results.push_back(tracker.update(image));
