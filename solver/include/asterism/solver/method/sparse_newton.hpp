@@ -299,21 +299,24 @@ class SparseNewton {
   }
 
   // Writes a direction of negative curvature into direction_ and returns its curvature or more; 0 if there is
-  // none, or no memory for one more factorisation. The policy's factors may have stopped at the first pivot
+  // none, or no memory for more factorisations. The policy's factors may have stopped at the first pivot
   // that is not positive; those of Eigen's L D L^T go on unless it is 0, as it often is where motions are
-  // free, so the diagonal is raised by a share of the nodes' stiffness that hides next to nothing.
+  // free; then the diagonal is raised by a small share of the nodes' stiffness.
   Scalar negative_curvature(const System& system, const Points& x, Summary& summary) {
-    const MatrixScalar share = std::sqrt(std::numeric_limits<MatrixScalar>::epsilon());
+    const MatrixScalar raise = std::sqrt(std::numeric_limits<MatrixScalar>::epsilon());
     MatrixScalar curvature = 0;
     detail::attempt<std::bad_alloc>(
         [&] {
           detail::SparseFactor<MatrixScalar> factor;
-          hessian_.assemble(system, x, false);
-          hessian_.raise_diagonal(share, session_.node_stiffness());
-          factor.analyze(hessian_.matrix());
-          factor.factorize(hessian_.matrix());
-          ++summary.factorizations;
-          curvature = factor.negative_curvature(step_);
+          for (const MatrixScalar share : {MatrixScalar(0), raise}) {
+            hessian_.assemble(system, x, false);
+            if (share > 0) hessian_.raise_diagonal(share, session_.node_stiffness());
+            factor.analyze(hessian_.matrix());
+            factor.factorize(hessian_.matrix());
+            ++summary.factorizations;
+            curvature = factor.negative_curvature(step_);
+            if (curvature < 0) return;
+          }
         },
         [&](const std::bad_alloc&) { curvature = 0; });
     if (curvature < 0) direction_ = step_.template cast<Scalar>().reshaped(x.rows(), x.cols());
