@@ -308,10 +308,10 @@ class SparseNewton {
     detail::attempt<std::bad_alloc>(
         [&] {
           detail::SparseFactor<MatrixScalar> factor;
+          hessian_.assemble(system, x, false);
+          factor.analyze(hessian_.matrix());
           for (const MatrixScalar share : {MatrixScalar(0), raise}) {
-            hessian_.assemble(system, x, false);
             if (share > 0) hessian_.raise_diagonal(share, session_.node_stiffness());
-            factor.analyze(hessian_.matrix());
             factor.factorize(hessian_.matrix());
             ++summary.factorizations;
             curvature = factor.negative_curvature(step_);
