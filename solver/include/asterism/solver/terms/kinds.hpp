@@ -1,0 +1,256 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/terms/term.hpp>
+#include <cstddef>
+#include <functional>
+#include <memory>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+// The terms that come with the library. Each constructor makes a term without elements for points of `dim`
+// coordinates; System::add_anchors and its like make and fill them. Columns are listed with their rows; D is
+// the number of coordinates.
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// A residual that is linear in its points, d = sum_a C_a x_a - t, with the energy 1/2 k rho(d^T S d).
+class LinearTerm : public Term {
+ public:
+  std::string defect(int node_count) const override;
+  double energy(const Points& x, Points* gradient) const override;
+  void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
+  void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
+
+ protected:
+  // The first column is the target t, then stiffness, information, coefficients if `coefficients`, loss.
+  LinearTerm(std::string_view kind, int dim, int arity, std::string_view target,
+             std::vector<Column> coefficients);
+
+  Numbers target() const { return numbers(0); }
+  Numbers stiffness() const { return numbers(1); }
+  Numbers information() const { return numbers(2); }
+  double size_of_information(int element) const;
+
+ private:
+  template <int D, typename Visit>
+  void for_each(const Points& x, Visit&& visit) const;
+  template <int D>
+  double sum(const Points& x, Points* gradient) const;
+};
+
+/// Points that are pulled to a place: "position" (D) and "stiffness" (1), with "information" (D x D,
+/// optional), S, also of lower rank: a ray or a plane. A node may have any number of them.
+class Anchors final : public LinearTerm {
+ public:
+  explicit Anchors(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Anchors>(*this); }
+  void add_scales(const Points& x, Scales& scales) const override;
+};
+
+/// Pairs with a displacement at rest, d = x_i - x_j - m: "offset" (D), "stiffness" (1), "information".
+class Offsets final : public LinearTerm {
+ public:
+  explicit Offsets(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Offsets>(*this); }
+  void add_scales(const Points& x, Scales& scales) const override;
+};
+
+/// Triples with a linear relation, d = A x_i + B x_j + C x_k - t: "target" (D), "stiffness" (1),
+/// "information", "a", "b" and "c" (1: a factor, or D x D, by columns). Second differences have 1, -2, 1; a
+/// chain that turns by a known angle and scale has the matrices of that similarity.
+class Differences final : public LinearTerm {
+ public:
+  explicit Differences(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Differences>(*this); }
+  /// Whether its coefficients add up to 0: else a translation changes the energy.
+  Role role(int element) const override;
+  void add_scales(const Points& x, Scales& scales) const override;
+};
+
+/// How a link's stretch s depends on its length r and its rest length mu.
+enum class LinkLaw {
+  Hooke,      ///< s = r - mu
+  Rope,       ///< as Hooke's where it is longer than mu, else 0
+  Repulsion,  ///< as Hooke's where it is shorter than mu, else 0
+  Interval,   ///< 0 from mu to `upper`, the distance to the nearer of both elsewhere
+  Logarithm,  ///< s = log(r / mu), such as for the strength of a radio signal
+  Own         ///< a function of the user's, see LinkFunction
+};
+
+/// A user's energy phi(r, mu) of links of unit stiffness, with the conditions of LinkPotential: for `count`
+/// links, from lengths and rest lengths the values and the first and second derivatives by r.
+using LinkFunction = std::function<void(std::size_t count, const double* length, const double* rest_length,
+                                        double* value, double* first, double* second)>;
+
+/// A residual that is a length, r = |v|_S = (v^T S v)^(1/2) with v = sum_a c_a x_a - m. The energy is
+/// 1/2 k rho(s^2) with s the law's stretch. Where v = 0 its direction is a fixed one of the node numbers.
+class LengthTerm : public Term {
+ public:
+  std::string defect(int node_count) const override;
+  double energy(const Points& x, Points* gradient) const override;
+  void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
+  const char* problem_with(Curvature) const override;
+  void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
+  const char* why_not_differentiable() const override;
+  void add_scales(const Points& x, Scales& scales) const override;
+
+  LinkLaw law() const { return static_cast<LinkLaw>(choice(0)); }
+  void set_law(LinkLaw law);
+  /// The law of one's own, and whether its phi is convex as a function of r^2, as certificates need it.
+  void set_function(LinkFunction function, bool is_convex_in_square = false);
+  const LinkFunction& function() const { return function_; }
+
+ protected:
+  LengthTerm(std::string_view kind, int dim, std::vector<double> coefficients);
+
+ private:
+  struct Force;
+  template <int D, typename Visit>
+  void for_each(const Points& x, Visit&& visit) const;
+  template <int D>
+  double sum(const Points& x, Points* gradient) const;
+
+  std::vector<double> coefficients_;
+  LinkFunction function_;
+  bool is_convex_in_square_ = false;
+};
+
+/// Pairs with a length at rest: "length" (1), "upper" (1, for intervals), "stiffness" (1), "offset" (D,
+/// optional: m), "information" (D x D, optional: S).
+class Links final : public LengthTerm {
+ public:
+  explicit Links(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Links>(*this); }
+};
+
+/// Triples with a length of the second difference at rest, v = x_i - 2 x_j + x_k: columns as of Links.
+class Bendings final : public LengthTerm {
+ public:
+  explicit Bendings(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Bendings>(*this); }
+};
+
+/// A constant force on a node, E = -f . x: "force" (D).
+class Loads final : public TermOf<Loads> {
+ public:
+  explicit Loads(int dim);
+  double energy(const Points& x, Points* gradient) const override;
+  void add_curvature(const Points&, Curvature, CurvatureSink&) const override {}
+  void add_scales(const Points& x, Scales& scales) const override;
+  Role role(int) const override { return Role::Pulls; }
+  void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
+};
+
+/// A residual that is a function of a triangle, s = f(x_i, x_j, x_k) - rest, with the energy 1/2 k rho(s^2):
+/// "rest" (1) and "stiffness" (1).
+class TriangleTerm : public Term {
+ public:
+  std::string defect(int node_count) const override;
+  double energy(const Points& x, Points* gradient) const override;
+  void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
+  const char* problem_with(Curvature) const override;
+  void add_scales(const Points& x, Scales& scales) const override;
+  void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
+
+ protected:
+  TriangleTerm(std::string_view kind, int dim);
+
+ private:
+  // f, its gradient over the three nodes and, if not null, its second derivatives.
+  virtual double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
+                       Eigen::MatrixXd* second) const = 0;
+  template <typename Visit>
+  void for_each(const Points& x, bool second, Visit&& visit) const;
+};
+
+/// The angle at node j between i and k, in [0, pi] radians, not differentiable where they are on a line: its
+/// derivatives count as 0 there. Stiffness in energy per square of a radian.
+class Angles final : public TriangleTerm {
+ public:
+  explicit Angles(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Angles>(*this); }
+
+ private:
+  double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
+               Eigen::MatrixXd* second) const override;
+};
+
+/// The area of the triangle. In the plane it has a sign, positive where i, j, k turn from the x axis to the y
+/// axis; elsewhere it has none, and its derivatives count as 0 where the corners are on a line. Stiffness in
+/// energy per px^4.
+class Areas final : public TriangleTerm {
+ public:
+  explicit Areas(int dim);
+  std::unique_ptr<Term> clone() const override { return std::make_unique<Areas>(*this); }
+
+ private:
+  double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
+               Eigen::MatrixXd* second) const override;
+};
+
+/// Pairs that share one unknown length b, which is estimated with the points: the energy is the least over b
+/// of sum 1/2 k rho((r - mu - b)^2) + 1/2 p (b - q)^2. "length" (1, mu: 0 for limbs, a measured distance for
+/// ranges with a common bias), "stiffness" (1, k), "prior" (1, q) and "prior_stiffness" (1, p), which are the
+/// same for all. The loss is quadratic or Huber's.
+class CommonLength final : public TermOf<CommonLength> {
+ public:
+  explicit CommonLength(int dim);
+  std::string defect(int node_count) const override;
+  double energy(const Points& x, Points* gradient) const override;
+  void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
+  const char* problem_with(Curvature) const override;
+  void add_scales(const Points& x, Scales& scales) const override;
+  bool has_hidden() const override { return true; }
+  void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
+
+  /// The estimate b at x.
+  double estimate(const Points& x) const;
+
+ private:
+  Eigen::VectorXd ranges(const Points& x) const;  // r - mu
+  double estimate(const Eigen::VectorXd& ranges) const;
+  double curvature_of_estimate(const Eigen::VectorXd& ranges, double estimate, bool clamp) const;
+};
+
+/// What a user's function returns of elements: their energies; their gradients, (D arity) x count; and, if
+/// they were asked for, their second derivatives, (D arity)^2 x count, each column a matrix by columns.
+struct ElementValues {
+  Eigen::VectorXd energy;
+  Eigen::MatrixXd gradient;
+  Eigen::MatrixXd second;
+};
+
+/// A user's function of elements: from their points, (D arity) x count, and their numbers, rows x count.
+using ElementFunction = std::function<void(const Eigen::MatrixXd& points, const Eigen::MatrixXd& numbers,
+                                           bool second, ElementValues& values)>;
+
+/// Elements of one's own: any function of the points of `arity` nodes, and of `rows` "numbers" of each.
+class Elements final : public TermOf<Elements> {
+ public:
+  /// `has_second`: whether the function has second derivatives; without, only methods that need none take it.
+  Elements(int dim, int arity, int rows, ElementFunction function, bool has_second);
+  double energy(const Points& x, Points* gradient) const override;
+  void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
+  const char* problem_with(Curvature) const override;
+  void add_scales(const Points& x, Scales& scales) const override;
+  Role role(int) const override { return Role::Holds; }
+  bool is_stiff(int) const override { return true; }
+  const char* why_not_differentiable() const override;
+
+ private:
+  void evaluate(const Points& x, bool second, ElementValues& values) const;
+
+  ElementFunction function_;
+  bool has_second_;
+};
+
+/// A term without elements by its kind, as files and pickles name it. Throws std::invalid_argument for an
+/// unknown one, and for "elements", whose function cannot be stored.
+std::unique_ptr<Term> make_term(std::string_view kind, int dim);
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,197 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <cstddef>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// Which second derivative of the energy a matrix is made of.
+enum class Curvature {
+  True,        ///< the Hessian
+  Clamped,     ///< without the elements' negative curvature: positive semi-definite
+  Majorising,  ///< M with E(y) <= E(x) + g . (y - x) + (y - x)^T M (y - x) / 2 for all y; the same at every x
+  Minorising   ///< M with E(y) >= E(x) + g . (y - x) + (y - x)^T M (y - x) / 2 for all y
+};
+
+/// How an element's energy grows with the square s of its residual, 1/2 k rho(s); the columns `scale` and
+/// `sharpness` are its parameters. See the classes Huber, GemanMcClure and Truncated for the formulas.
+enum class Loss { Quadratic, Huber, GemanMcClure, Truncated };
+
+/// Takes the second derivatives of a term, element by element.
+class CurvatureSink {
+ public:
+  virtual ~CurvatureSink() = default;
+
+  /// The symmetric matrix of one element over the coordinates of its `count` nodes, in the order of `nodes`,
+  /// with `rows` rows, column by column. A node may come more than once. A hidden unknown is hidden_node()
+  /// and has one row.
+  virtual void add(const int* nodes, int count, const double* matrix, int rows) = 0;
+
+  /// The number that stands for the hidden unknown of the term that is visited, see Term::has_hidden.
+  int hidden_node() const { return hidden_node_; }
+  void set_hidden_node(int node) { hidden_node_ = node; }
+
+ private:
+  int hidden_node_ = -1;
+};
+
+/// What a stopping rule measures a system by.
+struct Scales {
+  Eigen::VectorXd
+      stiffness;  ///< of each node, as the other nodes stand still: an upper bound where one exists
+  /// Pairs of a spring's stiffness and the square of the length that it has at rest.
+  std::vector<std::pair<double, double>> lengths;
+  /// The nodes that are pulled to a place, by a stiffness.
+  struct Place {
+    int node;
+    double stiffness;
+    Eigen::VectorXd position;
+  };
+  std::vector<Place> places;
+  Eigen::VectorXd loads;  ///< the length of each node's load
+};
+
+/// Numbers of a term, so many for each of its elements.
+struct Column {
+  /// Which numbers are allowed; NaN and infinity never are.
+  enum class Range { Any, NotNegative, Positive };
+
+  std::string_view name;     ///< in C++, Python and files
+  int rows = 1;              ///< numbers for each element
+  Range range = Range::Any;  ///< which are allowed
+  bool is_optional = false;  ///< may be empty
+  int other_rows = 0;        ///< also allowed, such as for a matrix instead of a factor
+  Eigen::MatrixXd values{};  ///< rows x elements; or rows x 1, the same for all of them; or empty
+};
+
+/// A property of a term as a whole, by name.
+struct Choice {
+  std::string_view name;                    ///< such as "loss"
+  std::span<const std::string_view> names;  ///< of its values
+  int value = 0;                            ///< an index into names
+};
+
+/// A part of the energy of a System: an array of like elements, such as all links. An element has as many
+/// nodes as every other one of its term, and numbers, which stand in columns. Everything that copies, stores
+/// or binds a term does so by these arrays.
+///
+/// For a term of your own, derive from TermOf; see docs/own-spring.md.
+class Term {
+ public:
+  using Points = Eigen::MatrixXd;
+
+  virtual ~Term() = default;
+  virtual std::unique_ptr<Term> clone() const = 0;
+
+  /// Such as "links": in messages and files.
+  std::string_view kind() const { return kind_; }
+  /// The number of coordinates of a point.
+  int dim() const { return dim_; }
+  /// The number of elements, and of nodes of each.
+  int size() const { return static_cast<int>(nodes_.cols()); }
+  int arity() const { return static_cast<int>(nodes_.rows()); }
+  /// arity x size; an element is a column.
+  const Eigen::MatrixXi& nodes() const { return nodes_; }
+
+  std::span<const Column> columns() const { return columns_; }
+  std::span<const Choice> choices() const { return choices_; }
+  /// The numbers of a column, to be read, written and resized. Throws std::invalid_argument that names the
+  /// nearest column for an unknown one.
+  Eigen::MatrixXd& values(std::string_view column);
+  const Eigen::MatrixXd& values(std::string_view column) const;
+  /// Throws std::invalid_argument, with what is known, for an unknown choice or value.
+  void choose(std::string_view choice, std::string_view value);
+  std::string_view chosen(std::string_view choice) const;
+
+  /// Chooses a loss with its parameters: one for all elements, or one for each.
+  void set_loss(Loss loss, const Eigen::VectorXd& scale = {}, const Eigen::VectorXd& sharpness = {});
+  void set_loss(Loss loss, double scale, double sharpness = 4);
+
+  /// Adds elements: their nodes, arity x count, and for every column that is not the same for all elements
+  /// `count` columns of numbers, in the order of columns(). Throws std::invalid_argument for wrong sizes.
+  void append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd> values);
+  /// Removes elements, by their numbers; the others keep their order.
+  void remove(std::span<const int> elements);
+  /// Replaces the nodes; the columns are to be changed to fit.
+  void set_nodes(Eigen::MatrixXi nodes) { nodes_ = std::move(nodes); }
+
+  /// What is wrong with the numbers, for a system of so many nodes; empty for nothing.
+  virtual std::string defect(int node_count) const;
+
+  /// The energy at x (dim x nodes); adds its gradient to `gradient` unless that is null.
+  virtual double energy(const Points& x, Points* gradient) const = 0;
+  /// Adds the second derivatives at x. Only if there is no problem_with(curvature).
+  virtual void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const = 0;
+  /// Why the term does not have this curvature; nullptr if it has.
+  virtual const char* problem_with(Curvature) const { return nullptr; }
+  /// Adds what it holds its nodes by, and its lengths.
+  virtual void add_scales(const Points& x, Scales& scales) const = 0;
+  /// Whether an element holds its nodes in place, rather than to each other, or only pulls at them.
+  enum class Role { Holds, Connects, Pulls };
+  virtual Role role(int) const { return arity() == 1 ? Role::Holds : Role::Connects; }
+  /// Whether an element has any stiffness.
+  virtual bool is_stiff(int element) const;
+
+  /// Whether it has one more unknown, which is minimised for every x.
+  virtual bool has_hidden() const { return false; }
+
+  /// For the derivative of a solution by the numbers: adds the derivatives of w . g, with g the term's
+  /// gradient at x, by the numbers of each column, to matrices of the sizes of these columns. Columns that
+  /// nothing is differentiated by are left as they are. See why_not_differentiable.
+  virtual void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const;
+  virtual const char* why_not_differentiable() const { return nullptr; }
+
+ protected:
+  Term(std::string_view kind, int dim, int arity, std::vector<Column> columns, std::vector<Choice> choices);
+  Term(const Term&) = default;
+  Term& operator=(const Term&) = default;
+
+  /// A column's numbers for an element.
+  struct Numbers {
+    const double* data;
+    std::ptrdiff_t stride;  // 0 where all elements have the same
+    const double* operator[](int element) const { return data + stride * element; }
+    explicit operator bool() const { return data != nullptr; }
+  };
+  Numbers numbers(std::size_t column) const;
+  static Numbers numbers(const Eigen::MatrixXd& values);
+  int choice(std::size_t index) const { return choices_[index].value; }
+
+  /// The columns and the choice of a loss, to be the last ones of a term that has one.
+  static void add_loss(std::vector<Column>& columns, std::vector<Choice>& choices);
+  Loss loss() const { return static_cast<Loss>(choices_.back().value); }
+  Numbers scale() const { return numbers(columns_.size() - 2); }
+  Numbers sharpness() const { return numbers(columns_.size() - 1); }
+  std::string loss_defect() const;
+
+ private:
+  std::size_t find(std::string_view column) const;
+  Choice& find_choice(std::string_view choice);
+
+  std::string_view kind_;
+  int dim_;
+  Eigen::MatrixXi nodes_;
+  std::vector<Column> columns_;
+  std::vector<Choice> choices_;
+};
+
+/// The base of a term, which copies it.
+template <typename Derived>
+class TermOf : public Term {
+ public:
+  std::unique_ptr<Term> clone() const override {
+    return std::make_unique<Derived>(static_cast<const Derived&>(*this));
+  }
+
+ protected:
+  using Term::Term;
+};
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

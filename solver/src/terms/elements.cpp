@@ -1,0 +1,138 @@
+#include <Eigen/Eigenvalues>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/terms/kinds.hpp>
+#include <limits>
+#include <stdexcept>
+#include <utility>
+
+#include "direction.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+bool is_semidefinite(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
+  constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
+  const double largest = matrix.cwiseAbs().maxCoeff();
+  if (!((matrix - matrix.transpose()).cwiseAbs().array() <= kRounding * largest).all()) return false;
+  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(matrix, Eigen::EigenvaluesOnly);
+  return modes.eigenvalues().minCoeff() >= -kRounding * largest;
+}
+
+}  // namespace detail
+
+Loads::Loads(int dim) : TermOf("loads", dim, 1, {{"force", dim}}, {}) {}
+
+double Loads::energy(const Points& x, Points* gradient) const {
+  const Numbers force = numbers(0);
+  double energy = 0;
+  for (int e = 0; e < size(); ++e) {
+    const Eigen::Map<const Eigen::VectorXd> f(force[e], dim());
+    const int node = nodes()(0, e);
+    energy -= f.dot(x.col(node));
+    if (gradient != nullptr) gradient->col(node) -= f;
+  }
+  return energy;
+}
+
+void Loads::add_scales(const Points&, Scales& scales) const {
+  for (int e = 0; e < size(); ++e)
+    scales.loads[nodes()(0, e)] += Eigen::Map<const Eigen::VectorXd>(numbers(0)[e], dim()).norm();
+}
+
+void Loads::add_mixed(const Points&, const Points& w, std::span<Eigen::MatrixXd> by) const {
+  for (int e = 0; e < size(); ++e) by[0].col(by[0].cols() == 1 ? 0 : e) -= w.col(nodes()(0, e));
+}
+
+Elements::Elements(int dim, int arity, int rows, ElementFunction function, bool has_second)
+    : TermOf("elements", dim, arity, {{.name = "numbers", .rows = rows, .is_optional = rows == 0}}, {}),
+      function_(std::move(function)),
+      has_second_(has_second) {}
+
+void Elements::evaluate(const Points& x, bool second, ElementValues& values) const {
+  const int d = dim();
+  Eigen::MatrixXd points(d * arity(), size());
+  for (int e = 0; e < size(); ++e) {
+    for (int a = 0; a < arity(); ++a) points.col(e).segment(a * d, d) = x.col(nodes()(a, e));
+  }
+  const Eigen::MatrixXd& numbers = columns()[0].values;
+  function_(points, numbers.cols() == 1 && size() > 1 ? numbers.replicate(1, size()).eval() : numbers, second,
+            values);
+  const auto fits = [&](const Eigen::MatrixXd& m, Eigen::Index rows) {
+    return m.rows() == rows && m.cols() == size();
+  };
+  const Eigen::Index rows = points.rows();
+  if (values.energy.size() != size() || !fits(values.gradient, rows) ||
+      (second && !fits(values.second, rows * rows)))
+    detail::raise(std::length_error("elements: the function returned values of another size"));
+}
+
+double Elements::energy(const Points& x, Points* gradient) const {
+  if (size() == 0) return 0;
+  ElementValues values;
+  evaluate(x, false, values);
+  for (int e = 0; gradient != nullptr && e < size(); ++e) {
+    for (int a = 0; a < arity(); ++a)
+      gradient->col(nodes()(a, e)) += values.gradient.col(e).segment(a * dim(), dim());
+  }
+  return values.energy.sum();
+}
+
+void Elements::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
+  if (size() == 0) return;
+  ElementValues values;
+  evaluate(x, true, values);
+  const int rows = dim() * arity();
+  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes;
+  for (int e = 0; e < size(); ++e) {
+    Eigen::MatrixXd matrix = Eigen::Map<const Eigen::MatrixXd>(values.second.col(e).data(), rows, rows);
+    matrix = (matrix + matrix.transpose()).eval() / 2;
+    if (curvature == Curvature::Clamped && matrix.allFinite()) {
+      modes.compute(matrix);
+      matrix = modes.eigenvectors() * modes.eigenvalues().cwiseMax(0.0).asDiagonal() *
+               modes.eigenvectors().transpose();
+    }
+    sink.add(nodes().col(e).data(), arity(), matrix.data(), rows);
+  }
+}
+
+const char* Elements::problem_with(Curvature curvature) const {
+  if (curvature == Curvature::Majorising) return "nothing bounds the curvature of a function of one's own";
+  if (curvature == Curvature::Minorising) return "nothing bounds the curvature of a function of one's own";
+  return has_second_ ? nullptr : "the function of one's own has no second derivatives";
+}
+
+// The curvature at x, where it is known; without, the gradient tells the scale by the stopping rule's length.
+void Elements::add_scales(const Points& x, Scales& scales) const {
+  if (!has_second_ || size() == 0) return;
+  ElementValues values;
+  evaluate(x, true, values);
+  const int d = dim(), rows = d * arity();
+  for (int e = 0; e < size(); ++e) {
+    const Eigen::Map<const Eigen::MatrixXd> matrix(values.second.col(e).data(), rows, rows);
+    for (int a = 0; a < arity(); ++a)
+      scales.stiffness[nodes()(a, e)] += matrix.diagonal().segment(a * d, d).cwiseAbs().maxCoeff();
+  }
+}
+
+const char* Elements::why_not_differentiable() const {
+  return "a function of one's own is not differentiated by its numbers";
+}
+
+std::unique_ptr<Term> make_term(std::string_view kind, int dim) {
+  std::unique_ptr<Term> known[] = {std::make_unique<Anchors>(dim),     std::make_unique<Links>(dim),
+                                   std::make_unique<Offsets>(dim),     std::make_unique<Loads>(dim),
+                                   std::make_unique<Differences>(dim), std::make_unique<Bendings>(dim),
+                                   std::make_unique<Angles>(dim),      std::make_unique<Areas>(dim),
+                                   std::make_unique<CommonLength>(dim)};
+  for (std::unique_ptr<Term>& term : known) {
+    if (term->kind() == kind) return std::move(term);
+  }
+  std::string message = "unknown kind of term '" + std::string(kind) + "' (known:";
+  for (const std::unique_ptr<Term>& term : known) (message += ' ') += term->kind();
+  detail::raise(std::invalid_argument(message + ")"));
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

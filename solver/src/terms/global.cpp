@@ -1,0 +1,211 @@
+#include <algorithm>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/solver/terms/solve.hpp>
+#include <chrono>
+#include <cmath>
+#include <cstdint>
+#include <utility>
+
+#include "matrix.hpp"
+#include "methods.hpp"
+#include "run.hpp"
+
+// Methods around a method, and all of them by name.
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+namespace {
+
+class Clock {
+ public:
+  double seconds() const {
+    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
+  }
+
+ private:
+  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+};
+
+// Numbers in [-1, 1], the same on every machine (SplitMix64; Steele, Lea and Flood 2014).
+class Random {
+ public:
+  explicit Random(std::uint64_t seed) : state_(seed) {}
+  double operator()() {
+    std::uint64_t z = state_ += 0x9e3779b97f4a7c15U;
+    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9U;
+    z = (z ^ (z >> 27)) * 0x94d049bb133111ebU;
+    return static_cast<double>((z ^ (z >> 31)) >> 11) * 0x1p-52 - 1;
+  }
+
+ private:
+  std::uint64_t state_;
+};
+
+}  // namespace
+
+Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
+  if (missing_curvature(system, Curvature::True).empty()) return SystemNewton{options}.solve(system, x);
+  return SystemLbfgs{options}.solve(system, x);
+}
+
+Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const {
+  const Clock clock;
+  if (const char* problem = options.problem()) return refused(name(), problem);
+  const Eigen::MatrixXd given = x;
+  Summary best = SystemAuto{options}.solve(system, x);
+  const double length = best.usable() ? characteristic_length(system, given) : 0.0;
+  const double initial = best.initial_energy;
+  Random random(options.seed);
+  for (int start = 1; start < options.starts && best.usable() && best.status != Status::Interrupted;
+       ++start) {
+    if (options.gap > 0 && best.is_within(options.gap)) break;
+    Eigen::MatrixXd trial = given;
+    for (int i = 0; i < system.nodes(); ++i) {
+      for (int d = 0; d < system.dim(); ++d) {
+        const double move = options.spread * length * random();
+        if (!system.is_fixed(i)) trial(d, i) += move;
+      }
+    }
+    Summary found = SystemAuto{options}.solve(system, trial);
+    const bool is_lower = found.usable() && found.final_energy < best.final_energy;
+    const bool is_interrupted = found.status == Status::Interrupted;
+    if (is_lower) {
+      x = trial;
+      std::swap(found, best);
+    }
+    best.add_work(found);
+    best.lower_bound = std::max(best.lower_bound, found.lower_bound);
+    if (is_interrupted) best.status = Status::Interrupted;
+  }
+  best.solver = name();
+  best.initial_energy = initial;
+  best.seconds = clock.seconds();
+  return best;
+}
+
+namespace {
+
+bool is_graduable(const Term& term) {
+  for (const Choice& choice : term.choices()) {
+    if (choice.name != "loss" || term.size() == 0) continue;
+    const auto loss = static_cast<Loss>(choice.value);
+    return loss == Loss::GemanMcClure || loss == Loss::Truncated;
+  }
+  return false;
+}
+
+// The system's losses, nearer to convex ones by mu: GemanMcClure with mu times the square of its scale,
+// Truncated with 1 / mu times its sharpness.
+System relaxed(const System& system, double mu) {
+  System result = system;
+  for (int t = 0; t < result.term_count(); ++t) {
+    Term& term = result.term(t);
+    if (!is_graduable(term)) continue;
+    if (term.chosen("loss") == "geman-mcclure") {
+      term.values("scale") *= std::sqrt(mu);
+    } else {
+      term.values("sharpness") /= mu;
+    }
+  }
+  return result;
+}
+
+System without_losses(const System& system) {
+  System result = system;
+  for (int t = 0; t < result.term_count(); ++t) {
+    if (is_graduable(result.term(t))) result.term(t).choose("loss", "quadratic");
+  }
+  return result;
+}
+
+}  // namespace
+
+Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
+  const Clock clock;
+  if (const char* problem = options.problem()) return refused(name(), problem);
+  double least_scale = 0, most_sharpness = 1;
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    if (!is_graduable(term) || term.values("scale").size() == 0) continue;
+    const double scale = term.values("scale").minCoeff();
+    least_scale = least_scale > 0 ? std::min(least_scale, scale) : scale;
+    if (term.values("sharpness").size() > 0)
+      most_sharpness = std::max(most_sharpness, term.values("sharpness").maxCoeff());
+  }
+  if (!(least_scale > 0)) {
+    Summary result = SystemAuto{options}.solve(system, x);
+    result.solver = name();
+    return result;
+  }
+  const Eigen::MatrixXd given = x;
+  Summary result = SystemAuto{options}.solve(without_losses(system), x);
+  const double initial = result.usable() ? energy(system, given) : -1.0;
+  // No residual is longer than the energy of the springs alone allows by much: start where all are convex.
+  double mu = 1;
+  if (result.usable()) {
+    const double extent = (x.rowwise().maxCoeff() - x.rowwise().minCoeff()).norm() +
+                          characteristic_length(system, x) + (x - given).colwise().norm().maxCoeff();
+    mu = std::clamp(3 * extent * extent / (least_scale * least_scale) * most_sharpness, 1.0, 1e12);
+  }
+  bool is_last = false;
+  while (result.usable() && result.status != Status::Interrupted && !is_last) {
+    is_last = mu == 1;
+    Summary done = SystemAuto{options}.solve(is_last ? system : relaxed(system, mu), x);
+    std::swap(done, result);
+    result.add_work(done);
+    mu = std::max(1.0, mu / options.factor);
+  }
+  if (result.usable() && !(is_last && result.final_energy <= initial)) {  // from the start as it was
+    const bool is_stopped = result.status == Status::Interrupted;
+    x = given;
+    AlignedOptions alone = options;
+    if (is_stopped) alone.max_iterations = 0;
+    Summary done = SystemAuto{alone}.solve(system, x);
+    std::swap(done, result);
+    result.add_work(done);
+    if (is_stopped) {
+      result.status = Status::Interrupted;
+      result.message = "stopped on request before the last solve: x is as it was";
+    }
+  }
+  if (initial >= 0) result.initial_energy = initial;
+  result.solver = name();
+  result.seconds = clock.seconds();
+  return result;
+}
+
+}  // namespace detail
+
+SolverRegistry<System> system_solvers() {
+  SolverRegistry<System> registry;
+  registry.add<detail::SystemAuto>("auto");
+  registry.add<detail::SystemNewton>("newton");
+  registry.add<detail::SystemNewtonCg>("newton-cg");
+  registry.add<detail::SystemLbfgs>("lbfgs");
+  registry.add<detail::SystemCg>("ncg");
+  registry.add<detail::SystemIda>("ida");
+  registry.add<detail::SystemMultiStart>("multi-start");
+  registry.add<detail::SystemGraduated>("graduated");
+  return registry;
+}
+
+std::vector<std::string_view> system_methods() {
+  return {"auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "graduated"};
+}
+
+Summary solve(const System& system, Eigen::MatrixXd& x, const AlignedOptions& options) {
+  return detail::SystemAuto{options}.solve(system, x);
+}
+
+Summary solve(std::string_view method, const System& system, Eigen::MatrixXd& x,
+              const AlignedOptions& options) {
+  AnySolver<System> solver = system_solvers().make(method);
+  static_cast<AlignedOptions&>(solver.options()) = options;
+  return solver.solve(system, x);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,304 @@
+#include <algorithm>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/terms/kinds.hpp>
+#include <cmath>
+#include <limits>
+#include <utility>
+
+#include "direction.hpp"
+#include "loss.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+using detail::BlockOf;
+using detail::PointOf;
+
+namespace {
+
+constexpr std::string_view kLaws[] = {"hooke", "rope", "repulsion", "interval", "logarithm", "own"};
+
+constexpr std::size_t kLength = 0, kUpper = 1, kStiffness = 2, kOffset = 3, kInformation = 4;
+
+// The stretch s of a link of length r, with its derivatives by r, and by the rest length mu.
+struct Stretch {
+  double value, first, second, by_rest;
+};
+
+Stretch stretch_of(LinkLaw law, double r, double mu, const double* upper) {
+  const Stretch hooke{r - mu, 1, 0, -1}, none{0, 0, 0, 0};
+  switch (law) {
+    case LinkLaw::Rope:
+      return r > mu ? hooke : none;
+    case LinkLaw::Repulsion:
+      return r < mu ? hooke : none;
+    case LinkLaw::Interval:
+      if (r < mu) return hooke;
+      return r > *upper ? Stretch{r - *upper, 1, 0, 0} : none;
+    case LinkLaw::Logarithm:
+      return {std::log(r / mu), 1 / r, -1 / (r * r), -1 / mu};
+    default:
+      return hooke;
+  }
+}
+
+std::vector<Column> columns_of(int dim) {
+  return {{"length", 1, Column::Range::NotNegative},
+          {"upper", 1, Column::Range::NotNegative, true},
+          {"stiffness", 1, Column::Range::NotNegative},
+          {"offset", dim, Column::Range::Any, true},
+          {"information", dim * dim, Column::Range::Any, true}};
+}
+
+}  // namespace
+
+LengthTerm::LengthTerm(std::string_view kind, int dim, std::vector<double> coefficients)
+    : Term(
+          kind, dim, static_cast<int>(coefficients.size()),
+          [dim] {
+            std::vector<Column> columns = columns_of(dim);
+            std::vector<Choice> choices;
+            add_loss(columns, choices);
+            return columns;
+          }(),
+          [] {
+            std::vector<Column> columns;
+            std::vector<Choice> choices{{"law", kLaws, 0}};
+            add_loss(columns, choices);
+            return choices;
+          }()),
+      coefficients_(std::move(coefficients)) {}
+
+Links::Links(int dim) : LengthTerm("links", dim, {1, -1}) {}
+Bendings::Bendings(int dim) : LengthTerm("bendings", dim, {1, -2, 1}) {}
+
+void LengthTerm::set_law(LinkLaw law) { choose("law", kLaws[static_cast<std::size_t>(law)]); }
+
+void LengthTerm::set_function(LinkFunction function, bool is_convex_in_square) {
+  function_ = std::move(function);
+  is_convex_in_square_ = is_convex_in_square;
+  set_law(LinkLaw::Own);
+}
+
+std::string LengthTerm::defect(int node_count) const {
+  if (std::string problem = Term::defect(node_count); !problem.empty()) return problem;
+  if (std::string problem = loss_defect(); !problem.empty()) return problem;
+  const std::string name(kind());
+  if (law() == LinkLaw::Own && !function_)
+    return name + ": the law is a function of one's own, and there is none";
+  if (law() == LinkLaw::Own && loss() != Loss::Quadratic)
+    return name + ": a function of one's own has no loss beside it";
+  if (law() == LinkLaw::Interval && size() > 0 && columns()[kUpper].values.size() == 0)
+    return name + ": the law interval needs upper lengths";
+  const Numbers length = numbers(kLength), upper = numbers(kUpper), information = numbers(kInformation);
+  for (int e = 0; e < size(); ++e) {
+    const auto refused = [&](const char* what) { return name + ": " + what + std::to_string(e); };
+    if (law() == LinkLaw::Interval && !(*upper[e] >= *length[e]))
+      return refused("the upper length is less than the length of element ");
+    if (law() == LinkLaw::Logarithm && !(*length[e] > 0))
+      return refused("the law logarithm needs a positive length of element ");
+    if (!information) continue;
+    const Eigen::Map<const Eigen::MatrixXd> shape(information[e], dim(), dim());
+    if (!detail::is_semidefinite(shape))
+      return refused("information is not symmetric and positive semi-definite of element ");
+  }
+  return {};
+}
+
+// A length in x: v with |v|_S = length, its direction u = S v / length, and the forces. across = tension /
+// length; where the length is 0 that has no limit: 0 where the link pushes, else as along.
+struct LengthTerm::Force {
+  double length, energy, tension, along, across, tension_by_rest;
+};
+
+// Calls visit(element, v, direction, force, k).
+template <int D, typename Visit>
+void LengthTerm::for_each(const Points& x, Visit&& visit) const {
+  const Numbers length = numbers(kLength), upper = numbers(kUpper), stiffness = numbers(kStiffness);
+  const Numbers offset = numbers(kOffset), information = numbers(kInformation);
+  const Numbers scale = this->scale(), sharpness = this->sharpness();
+  const LinkLaw law = this->law();
+  const Loss loss = this->loss();
+  const int dim = this->dim(), n = arity();
+  const bool is_plain = law == LinkLaw::Hooke && loss == Loss::Quadratic;
+
+  const auto vector_of = [&](int e) {
+    const int* const node = nodes().col(e).data();
+    PointOf<D> v = x.col(node[0]) + coefficients_[1] * x.col(node[1]);
+    if (n == 3) v += coefficients_[2] * x.col(node[2]);
+    if (offset) v -= Eigen::Map<const PointOf<D>>(offset[e], dim);
+    return v;
+  };
+  const auto direction_of = [&](int e, const PointOf<D>& v, PointOf<D>& direction) -> double {
+    const int* const node = nodes().col(e).data();
+    if (!information) return detail::length_and_direction(node[0], node[n - 1], v, direction);
+    return detail::length_and_direction(node[0], node[n - 1], v, direction,
+                                        Eigen::Map<const BlockOf<D>>(information[e], dim, dim));
+  };
+  const auto force_of = [](double k, double r, const Derivatives<double>& phi, double by_rest) {
+    Force force{r, k * phi.value, k * phi.first, k * phi.second, k * phi.first / r, k * by_rest};
+    if (!detail::is_finite(force.across)) [[unlikely]]
+      force.across = force.tension < 0 ? 0.0 : force.along;
+    return force;
+  };
+
+  PointOf<D> direction(dim);
+  if (law == LinkLaw::Own) {
+    const auto count = static_cast<std::size_t>(size());
+    Eigen::VectorXd r(size()), rest(size()), value(size()), first(size()), second(size());
+    for (int e = 0; e < size(); ++e) {
+      r[e] = direction_of(e, vector_of(e), direction);
+      rest[e] = *length[e];
+    }
+    function_(count, r.data(), rest.data(), value.data(), first.data(), second.data());
+    for (int e = 0; e < size(); ++e) {
+      const double k = *stiffness[e];
+      if (!(k > 0)) continue;
+      const PointOf<D> v = vector_of(e);
+      direction_of(e, v, direction);
+      visit(e, v, direction, force_of(k, r[e], {value[e], first[e], second[e]}, 0), k);
+    }
+    return;
+  }
+  for (int e = 0; e < size(); ++e) {
+    const double k = *stiffness[e];
+    if (!(k > 0)) continue;
+    const PointOf<D> v = vector_of(e);
+    const double r = direction_of(e, v, direction);
+    if (is_plain) [[likely]] {
+      const double s = r - *length[e];
+      visit(e, v, direction, force_of(k, r, {s * s / 2, s, 1}, -1), k);
+      continue;
+    }
+    const Stretch s = stretch_of(law, r, *length[e], upper[e]);
+    const auto phi =
+        detail::of_residual(detail::loss_at(loss, scale[e], sharpness[e], s.value * s.value), s.value);
+    visit(e, v, direction,
+          force_of(k, r,
+                   {phi.value, phi.first * s.first, phi.second * s.first * s.first + phi.first * s.second},
+                   phi.second * s.by_rest * s.first),
+          k);
+  }
+}
+
+template <int D>
+double LengthTerm::sum(const Points& x, Points* gradient) const {
+  double energy = 0;
+  for_each<D>(x, [&](int e, const PointOf<D>&, const PointOf<D>& direction, const Force& force, double) {
+    energy += force.energy;
+    if (gradient == nullptr) return;
+    const int* const node = nodes().col(e).data();
+    const PointOf<D> pull = force.tension * direction;
+    for (int a = 0; a < arity(); ++a)
+      gradient->col(node[a]) += coefficients_[static_cast<std::size_t>(a)] * pull;
+  });
+  return energy;
+}
+
+double LengthTerm::energy(const Points& x, Points* gradient) const {
+  return detail::with_dim(dim(), [&]<int D>() { return sum<D>(x, gradient); });
+}
+
+const char* LengthTerm::problem_with(Curvature curvature) const {
+  if (curvature == Curvature::Majorising && law() == LinkLaw::Logarithm)
+    return "the law logarithm has no bound of its curvature from above";
+  if (curvature != Curvature::Minorising) return nullptr;
+  if (law() == LinkLaw::Own)
+    return is_convex_in_square_ ? nullptr
+                                : "the function of one's own is not said to be convex in the square";
+  if (law() == LinkLaw::Logarithm) return "the law logarithm has no bound of its curvature from below";
+  return loss() == Loss::Quadratic ? nullptr : "a loss of lengths has no bound of its curvature from below";
+}
+
+// d2 = along u u^T + across (S - u u^T). A majoriser is k S; a minoriser, where phi is convex as a function
+// of r^2, across S.
+void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
+  const int n = arity(), dim = this->dim();
+  const Numbers information = numbers(kInformation);
+  Eigen::MatrixXd matrix(n * dim, n * dim);
+  detail::with_dim(dim, [&]<int D>() {
+    BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
+    for_each<D>(x, [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
+      if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+      double along = force.along, across = force.across;
+      if (curvature == Curvature::Clamped) along = std::max(along, 0.0), across = std::max(across, 0.0);
+      if (curvature == Curvature::Majorising) along = across = k;
+      if (curvature == Curvature::Minorising) along = across;
+      BlockOf<D> block = u * u.transpose();
+      block *= along - across;
+      block += across * shape;
+      for (int a = 0; a < n; ++a) {
+        for (int b = 0; b < n; ++b) {
+          matrix.block(a * dim, b * dim, dim, dim) =
+              (coefficients_[static_cast<std::size_t>(a)] * coefficients_[static_cast<std::size_t>(b)]) *
+              block;
+        }
+      }
+      sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
+    });
+  });
+}
+
+// w . g = k phi'(r) u . delta, with delta = sum_a c_a w_a.
+void LengthTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const {
+  const int dim = this->dim();
+  const Numbers information = numbers(kInformation);
+  detail::with_dim(dim, [&]<int D>() {
+    BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
+    for_each<D>(x, [&](int e, const PointOf<D>& v, const PointOf<D>& u, const Force& force, double k) {
+      const int* const node = nodes().col(e).data();
+      PointOf<D> delta = PointOf<D>::Zero(dim);
+      for (int a = 0; a < arity(); ++a) delta += coefficients_[static_cast<std::size_t>(a)] * w.col(node[a]);
+      const double along = u.dot(delta);
+      const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
+      const auto at_rest = numbers(kLength)[e];
+      if (law() != LinkLaw::Interval || force.length < *at_rest) {
+        column(kLength)[0] += force.tension_by_rest * along;
+      } else {
+        column(kUpper)[0] += force.tension > 0 ? -force.along * along : 0;
+      }
+      column(kStiffness)[0] += force.tension / k * along;
+      if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+      if (by[kOffset].size() > 0)
+        column(kOffset) -= (force.along - force.across) * along * u + force.across * (shape * delta);
+      if (information && force.length > 0) {
+        const BlockOf<D> both = delta * v.transpose();
+        const BlockOf<D> by_shape =
+            (force.across / 2) * (both + both.transpose()) +
+            ((force.along - force.across) * along / (2 * force.length)) * v * v.transpose();
+        column(kInformation) += Eigen::Map<const Eigen::VectorXd>(by_shape.data(), dim * dim);
+      }
+    });
+  });
+}
+
+const char* LengthTerm::why_not_differentiable() const {
+  return law() == LinkLaw::Own ? "a function of one's own is not differentiated by its rest lengths"
+                               : nullptr;
+}
+
+void LengthTerm::add_scales(const Points& x, Scales& scales) const {
+  const Numbers length = numbers(kLength), stiffness = numbers(kStiffness), offset = numbers(kOffset);
+  for (int e = 0; e < size(); ++e) {
+    double k = *stiffness[e];
+    double square = *length[e] * *length[e];
+    if (offset) square += Eigen::Map<const Eigen::VectorXd>(offset[e], dim()).squaredNorm();
+    scales.lengths.emplace_back(k, square);
+    if (const Numbers information = numbers(kInformation))
+      k *= Eigen::Map<const Eigen::MatrixXd>(information[e], dim(), dim())
+               .cwiseAbs()
+               .rowwise()
+               .sum()
+               .maxCoeff();
+    // The curvature of 1/2 log(r / mu)^2 is 1 / mu^2 at rest.
+    if (law() == LinkLaw::Logarithm) k /= square;
+    for (int a = 0; a < arity(); ++a) {
+      const double c = coefficients_[static_cast<std::size_t>(a)];
+      scales.stiffness[nodes()(a, e)] += k * c * c;
+    }
+  }
+  static_cast<void>(x);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,256 @@
+#include <algorithm>
+#include <asterism/solver/terms/kinds.hpp>
+#include <utility>
+
+#include "direction.hpp"
+#include "loss.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+using detail::BlockOf;
+using detail::PointOf;
+
+namespace {
+
+std::vector<Column> columns_of(int dim, std::string_view target, std::vector<Column> coefficients) {
+  std::vector<Column> columns{{target, dim},
+                              {"stiffness", 1, Column::Range::NotNegative},
+                              {"information", dim * dim, Column::Range::Any, true}};
+  for (Column& column : coefficients) columns.push_back(std::move(column));
+  return columns;
+}
+
+// A coefficient of a node: a factor, or a matrix.
+struct Coefficient {
+  const double* matrix;  // or null
+  double factor;
+
+  template <int D>
+  PointOf<D> times(const auto& point, int dim) const {
+    if (matrix == nullptr) return factor * point;
+    return Eigen::Map<const BlockOf<D>>(matrix, dim, dim).lazyProduct(point);
+  }
+  template <int D>
+  PointOf<D> transposed_times(const PointOf<D>& point, int dim) const {
+    if (matrix == nullptr) return factor * point;
+    return Eigen::Map<const BlockOf<D>>(matrix, dim, dim).transpose().lazyProduct(point);
+  }
+};
+
+// C_a^T W C_b of all pairs of nodes.
+void spread(const Coefficient* c, int nodes, const Eigen::MatrixXd& w, Eigen::MatrixXd& matrix) {
+  const Eigen::Index dim = w.rows();
+  Eigen::MatrixXd all(dim, nodes * dim);
+  for (int a = 0; a < nodes; ++a) {
+    auto block = all.middleCols(a * dim, dim);
+    if (c[a].matrix == nullptr) {
+      block = c[a].factor * Eigen::MatrixXd::Identity(dim, dim);
+    } else {
+      block = Eigen::Map<const Eigen::MatrixXd>(c[a].matrix, dim, dim);
+    }
+  }
+  matrix.noalias() = all.transpose() * w * all;
+}
+
+constexpr int kMaxArity = 3;
+
+}  // namespace
+
+LinearTerm::LinearTerm(std::string_view kind, int dim, int arity, std::string_view target,
+                       std::vector<Column> coefficients)
+    : Term(
+          kind, dim, arity,
+          [&] {
+            std::vector<Column> columns = columns_of(dim, target, std::move(coefficients));
+            std::vector<Choice> choices;
+            add_loss(columns, choices);
+            return columns;
+          }(),
+          [] {
+            std::vector<Column> columns;
+            std::vector<Choice> choices;
+            add_loss(columns, choices);
+            return choices;
+          }()) {}
+
+Anchors::Anchors(int dim) : LinearTerm("anchors", dim, 1, "position", {}) {}
+Offsets::Offsets(int dim) : LinearTerm("offsets", dim, 2, "offset", {}) {}
+Differences::Differences(int dim)
+    : LinearTerm("differences", dim, 3, "target",
+                 {{.name = "a", .other_rows = dim * dim},
+                  {.name = "b", .other_rows = dim * dim},
+                  {.name = "c", .other_rows = dim * dim}}) {}
+
+std::string LinearTerm::defect(int node_count) const {
+  if (std::string problem = Term::defect(node_count); !problem.empty()) return problem;
+  if (std::string problem = loss_defect(); !problem.empty()) return problem;
+  const Eigen::MatrixXd& shapes = columns()[2].values;
+  for (Eigen::Index e = 0; e < shapes.cols(); ++e) {
+    if (!detail::is_semidefinite(Eigen::Map<const Eigen::MatrixXd>(shapes.col(e).data(), dim(), dim())))
+      return std::string(kind()) + ": information of element " + std::to_string(e) +
+             " is not symmetric and positive semi-definite";
+  }
+  return {};
+}
+
+// Calls visit(element, coefficients, d, shaped, rho, k) with shaped = S d.
+template <int D, typename Visit>
+void LinearTerm::for_each(const Points& x, Visit&& visit) const {
+  const Numbers target = this->target(), stiffness = this->stiffness(), information = this->information();
+  const Numbers scale = this->scale(), sharpness = this->sharpness();
+  const Loss loss = this->loss();
+  const int n = arity(), dim = this->dim();
+  Coefficient c[kMaxArity] = {{nullptr, 1}, {nullptr, -1}, {nullptr, 0}};
+  for (int e = 0; e < size(); ++e) {
+    const double k = *stiffness[e];
+    if (!(k > 0)) continue;  // the target means nothing then, and may be so far off that its square overflows
+    for (int a = 0; n == 3 && a < n; ++a) {
+      const Eigen::MatrixXd& values = columns()[3U + static_cast<std::size_t>(a)].values;
+      const double* const at = numbers(values)[e];
+      c[a] = values.rows() == 1 ? Coefficient{nullptr, *at} : Coefficient{at, 0};
+    }
+    const int* const node = nodes().col(e).data();
+    PointOf<D> d = c[0].template times<D>(x.col(node[0]), dim) - Eigen::Map<const PointOf<D>>(target[e], dim);
+    for (int a = 1; a < n; ++a) d += c[a].template times<D>(x.col(node[a]), dim);
+    if (information) {
+      const PointOf<D> shaped = Eigen::Map<const BlockOf<D>>(information[e], dim, dim) * d;
+      visit(e, c, d, shaped, detail::loss_at(loss, scale[e], sharpness[e], d.dot(shaped)), k);
+    } else {
+      visit(e, c, d, d, detail::loss_at(loss, scale[e], sharpness[e], d.squaredNorm()), k);
+    }
+  }
+}
+
+template <int D>
+double LinearTerm::sum(const Points& x, Points* gradient) const {
+  double energy = 0;
+  for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>&, const PointOf<D>& shaped,
+                     const Derivatives<double>& rho, double k) {
+    energy += k * rho.value / 2;
+    if (gradient == nullptr) return;
+    const PointOf<D> force = (k * rho.first) * shaped;
+    for (int a = 0; a < arity(); ++a)
+      gradient->col(nodes()(a, e)) += c[a].template transposed_times<D>(force, dim());
+  });
+  return energy;
+}
+
+double LinearTerm::energy(const Points& x, Points* gradient) const {
+  return detail::with_dim(dim(), [&]<int D>() { return sum<D>(x, gradient); });
+}
+
+void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
+  const int n = arity(), dim = this->dim();
+  const Numbers information = this->information(), sharpness = this->sharpness();
+  Eigen::MatrixXd matrix(n * dim, n * dim);
+  detail::with_dim(dim, [&]<int D>() {
+    for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>&, const PointOf<D>& shaped,
+                       const Derivatives<double>& rho, double k) {
+      BlockOf<D> w = BlockOf<D>::Identity(dim, dim);
+      if (information) w = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+      if (curvature == Curvature::True || curvature == Curvature::Clamped) {
+        w *= k * rho.first;
+        if (curvature == Curvature::True) w += (2 * k * rho.second) * shaped * shaped.transpose();
+      } else if (loss() == Loss::Quadratic || curvature == Curvature::Majorising) {
+        w *= k;
+      } else {
+        w *= k * detail::least_curvature(loss(), sharpness[e]);
+      }
+      const auto has_matrix = [](const Coefficient& each) { return each.matrix != nullptr; };
+      if (std::any_of(c, c + n, has_matrix)) {
+        spread(c, n, w, matrix);
+      } else {
+        for (int a = 0; a < n; ++a) {
+          for (int b = 0; b < n; ++b)
+            matrix.block(a * dim, b * dim, dim, dim) = (c[a].factor * c[b].factor) * w;
+        }
+      }
+      sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
+    });
+  });
+}
+
+// w . g = k rho' delta^T S d with delta = sum_a C_a w_a.
+void LinearTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const {
+  const int dim = this->dim();
+  const Numbers information = this->information();
+  detail::with_dim(dim, [&]<int D>() {
+    for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>& d, const PointOf<D>& shaped,
+                       const Derivatives<double>& rho, double k) {
+      PointOf<D> delta = PointOf<D>::Zero(dim);
+      for (int a = 0; a < arity(); ++a) delta += c[a].template times<D>(w.col(nodes()(a, e)), dim);
+      PointOf<D> shaped_delta = delta;
+      if (information) shaped_delta = Eigen::Map<const BlockOf<D>>(information[e], dim, dim) * delta;
+      const double along = delta.dot(shaped);
+      const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
+      column(0) -= k * rho.first * shaped_delta + (2 * k * rho.second * along) * shaped;
+      column(1)[0] += rho.first * along;
+      if (information) {
+        const BlockOf<D> both = delta * d.transpose();
+        const BlockOf<D> shape =
+            (k * rho.first / 2) * (both + both.transpose()) + (k * rho.second * along) * d * d.transpose();
+        column(2) += Eigen::Map<const Eigen::VectorXd>(shape.data(), dim * dim);
+      }
+    });
+  });
+}
+
+// A bound of the largest eigenvalue of S, exact for many.
+double LinearTerm::size_of_information(int e) const {
+  if (!information()) return 1;
+  return Eigen::Map<const Eigen::MatrixXd>(information()[e], dim(), dim())
+      .cwiseAbs()
+      .rowwise()
+      .sum()
+      .maxCoeff();
+}
+
+void Anchors::add_scales(const Points&, Scales& scales) const {
+  for (int e = 0; e < size(); ++e) {
+    const int node = nodes()(0, e);
+    const double k = *stiffness()[e] * size_of_information(e);
+    scales.stiffness[node] += k;
+    scales.places.push_back({node, k, Eigen::Map<const Eigen::VectorXd>(target()[e], dim())});
+  }
+}
+
+void Offsets::add_scales(const Points&, Scales& scales) const {
+  for (int e = 0; e < size(); ++e) {
+    const double k = *stiffness()[e] * size_of_information(e);
+    for (int a = 0; a < 2; ++a) scales.stiffness[nodes()(a, e)] += k;
+    scales.lengths.emplace_back(k, Eigen::Map<const Eigen::VectorXd>(target()[e], dim()).squaredNorm());
+  }
+}
+
+Term::Role Differences::role(int e) const {
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(dim(), dim());
+  double largest = 0;
+  for (std::size_t a = 3; a < 6; ++a) {
+    const Eigen::MatrixXd& values = columns()[a].values;
+    const double* const at = numbers(values)[e];
+    if (values.rows() == 1) {
+      sum.diagonal().array() += *at;
+    } else {
+      sum += Eigen::Map<const Eigen::MatrixXd>(at, dim(), dim());
+    }
+    largest = std::max(largest, Eigen::Map<const Eigen::VectorXd>(at, values.rows()).cwiseAbs().maxCoeff());
+  }
+  return sum.cwiseAbs().maxCoeff() <= 1e-12 * largest ? Role::Connects : Role::Holds;
+}
+
+// Its targets are differences of places, and most often 0: they are no lengths of the system.
+void Differences::add_scales(const Points&, Scales& scales) const {
+  for (int e = 0; e < size(); ++e) {
+    for (int a = 0; a < 3; ++a) {
+      const Eigen::MatrixXd& values = columns()[3U + static_cast<std::size_t>(a)].values;
+      const double square =
+          Eigen::Map<const Eigen::VectorXd>(numbers(values)[e], values.rows()).squaredNorm();
+      scales.stiffness[nodes()(a, e)] +=
+          *stiffness()[e] * size_of_information(e) * (values.rows() == 1 ? square : square / dim());
+    }
+  }
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

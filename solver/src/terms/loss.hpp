@@ -1,0 +1,56 @@
+#pragma once
+
+#include <asterism/solver/problem/model.hpp>
+#include <asterism/solver/terms/term.hpp>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+/// Points and matrices of D coordinates, Eigen::Dynamic for a number known at run time.
+inline constexpr int kMaxCoordinates = 32;
+template <int D>
+using PointOf = Eigen::Matrix<double, D, 1, Eigen::ColMajor, D == Eigen::Dynamic ? kMaxCoordinates : D, 1>;
+template <int D>
+using BlockOf =
+    Eigen::Matrix<double, D, D, (D == 1 ? Eigen::RowMajor : Eigen::ColMajor),
+                  D == Eigen::Dynamic ? kMaxCoordinates : D, D == Eigen::Dynamic ? kMaxCoordinates : D>;
+
+/// Calls f.operator()<D>() for the number of coordinates.
+template <typename F>
+decltype(auto) with_dim(int dim, F&& f) {
+  if (dim == 2) return f.template operator()<2>();
+  if (dim == 3) return f.template operator()<3>();
+  return f.template operator()<Eigen::Dynamic>();
+}
+
+/// rho at s and its derivatives, with the parameters of one element; null where the loss needs none.
+inline Derivatives<double> loss_at(Loss loss, const double* scale, const double* sharpness, double s) {
+  switch (loss) {
+    case Loss::Quadratic:
+      break;
+    case Loss::Huber:
+      return Huber{*scale}(s);
+    case Loss::GemanMcClure:
+      return GemanMcClure{*scale}(s);
+    case Loss::Truncated:
+      return Truncated{*scale, *sharpness}(s);
+  }
+  return {s, 1, 0};
+}
+
+/// The energy 1/2 k rho(s^2) of a scalar residual s as a function of s, and its derivatives, for k = 1.
+inline Derivatives<double> of_residual(const Derivatives<double>& rho, double s) {
+  return {rho.value / 2, rho.first * s, rho.first + 2 * s * s * rho.second};
+}
+
+/// The least of the derivative rho' + 2 s rho'' over all s, in any direction the least curvature of
+/// 1/2 rho(|d|^2): 0 where that is convex.
+inline double least_curvature(Loss loss, const double* sharpness) {
+  if (loss == Loss::GemanMcClure) return -0.25;
+  return loss == Loss::Truncated ? -*sharpness : 0.0;
+}
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

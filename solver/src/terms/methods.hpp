@@ -1,0 +1,78 @@
+#pragma once
+
+#include <asterism/solver/method/graduated.hpp>
+#include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/system.hpp>
+#include <string_view>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+// The methods for a System. Each keeps its options and no more: workspaces live for one solve.
+
+/// Newton's method with a line search. Where the Hessian is not positive definite, the step is that of the
+/// matrix without the elements' negative curvature (projected Newton; Teran et al. 2005), plus a share of the
+/// nodes' stiffness. A saddle is left along a direction of negative curvature.
+struct SystemNewton {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// Truncated Newton: conjugate gradients on the Hessian with its diagonal blocks as the preconditioner, to
+/// the forcing term of Eisenstat and Walker (1996, choice 2), or to a direction of negative curvature.
+struct SystemNewtonCg {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "Newton-CG"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// Limited memory BFGS (Nocedal & Wright, algorithm 7.4) that starts from the inverse of IDA's matrix, or
+/// from the curvature at the start where there is no such bound, or from the nodes' stiffness.
+struct SystemLbfgs {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "L-BFGS"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// Nonlinear conjugate gradients, Polak-Ribiere+, in the metric of the nodes' stiffness.
+struct SystemCg {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "nonlinear CG"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// The paper's IDA: steps -K^-1 g with the majorising matrix K, which is factored once.
+struct SystemIda {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "IDA"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// Newton where all terms have second derivatives, else L-BFGS.
+struct SystemAuto {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "auto"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// The lowest of the minima from many starts: the given one, and random displacements of it.
+struct SystemMultiStart {
+  MultiStartOptions<AlignedOptions> options;
+  static constexpr std::string_view name() { return "multi-start"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// Graduated non-convexity, see Graduated: the losses that are not convex come from convex ones.
+struct SystemGraduated {
+  GraduatedOptions<AlignedOptions> options;
+  static constexpr std::string_view name() { return "graduated non-convexity"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,245 @@
+#include "run.hpp"
+
+#include <Eigen/LU>
+#include <Eigen/SVD>
+#include <algorithm>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/terms/solution.hpp>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <new>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+Summary SystemRun::solve(std::string_view name, const AlignedOptions& options, const System& system,
+                         Points& x, const Iterate& iterate) {
+  const auto begin = std::chrono::steady_clock::now();
+  SystemRun run(options, x);
+  run.summary_.solver = name;
+  // If a user's function throws, x is as it was.
+  struct Restore {
+    SystemRun& run;
+    bool is_needed = false;
+    ~Restore() {
+      if (is_needed) run.x_->swap(run.start_);
+    }
+  } restore{run};
+  const auto work = [&] {
+    if (const char* problem = options.problem()) {
+      run.summary_.status = Status::InvalidInput;
+      run.summary_.message = problem;
+    } else if (run.start(system)) {
+      restore.is_needed = true;
+      run.judge(iterate(run));
+      restore.is_needed = false;
+    }
+  };
+  attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+    run.summary_.status = Status::OutOfMemory;
+    run.summary_.message = memory_message(error);
+  });
+  run.summary_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return run.summary_;
+}
+
+bool SystemRun::start(const System& given) {
+  summary_.status = Status::InvalidInput;
+  system_ = &given;
+  if (const std::string problem = validate(given, *x_, !options_.ground_components); !problem.empty()) {
+    summary_.message = std::string_view(problem);
+    return false;
+  }
+  if (options_.ground_components) {
+    if (const std::vector<int> floating = floating_nodes(given); !floating.empty()) {
+      grounded_ = given;
+      for (const int node : floating) grounded_->fix(node);
+      system_ = &*grounded_;
+    }
+  }
+  for (int t = 0; t < given.term_count(); ++t) {
+    for (const Column& column : given.term(t).columns()) {
+      if (column.values.data() != x_->data() || x_->size() == 0) continue;
+      summary_.message = "x shares memory with the system, such as its anchors: pass a copy";
+      return false;
+    }
+  }
+  start_ = *x_;
+  energy_ = energy_and_gradient(*system_, *x_, gradient_);
+  if (!is_finite(energy_) || !all_finite(gradient_) || !rule_.set(*system_, *x_, options_.tolerance)) {
+    summary_.status = Status::NumericalFailure;
+    summary_.message = "energy or gradient at the start leave the range of the scalar";
+    return false;
+  }
+  start_energy_ = lowest_ = energy_;
+  summary_.initial_energy = energy_;
+  summary_.message.clear();
+  summary_.iterations = summary_.energy_evaluations = summary_.gradient_evaluations = 0;
+  summary_.linear_solves = summary_.factorizations = 0;
+  looked_at_ = std::numeric_limits<double>::infinity();
+  if (options_.align && options_.max_iterations > 0 && !rule_.reached(gradient_) && !options_.stopped())
+    align();
+  return true;
+}
+
+// To where the anchors' springs are least for x as one rigid body, if that lowers the energy.
+void SystemRun::align() {
+  Scales scales;
+  scales.stiffness.setZero(system_->nodes());
+  scales.loads.setZero(system_->nodes());
+  for (int t = 0; t < system_->term_count(); ++t) system_->term(t).add_scales(*x_, scales);
+  const int dim = system_->dim();
+  double total = 0;
+  Eigen::VectorXd centre = Eigen::VectorXd::Zero(dim), place_centre = centre;
+  for (const Scales::Place& place : scales.places) {
+    total += place.stiffness;
+    centre += place.stiffness * x_->col(place.node);
+    place_centre += place.stiffness * place.position;
+  }
+  if (!(total > 0 && is_finite(total))) return;
+  centre /= total;
+  place_centre /= total;
+  Eigen::MatrixXd moments = Eigen::MatrixXd::Zero(dim, dim);
+  for (const Scales::Place& place : scales.places)
+    moments += place.stiffness * (place.position - place_centre) * (x_->col(place.node) - centre).transpose();
+  // The nearest rotation (Kabsch 1976).
+  if (!all_finite(moments)) return;
+  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
+  Eigen::MatrixXd u = svd.matrixU();
+  if (!options_.allow_reflection && (u * svd.matrixV().transpose()).determinant() < 0) u.col(dim - 1) *= -1;
+  const Eigen::MatrixXd rotation = u * svd.matrixV().transpose();
+  Points moved = (rotation * (x_->colwise() - centre)).colwise() + place_centre;
+  for (int i = 0; i < system_->nodes(); ++i) {
+    if (system_->is_fixed(i)) moved.col(i) = x_->col(i);
+  }
+  Points gradient;
+  const double energy = energy_and_gradient(*system_, moved, gradient);
+  if (!(energy < energy_ - rounding(energy_)) || !all_finite(gradient)) return;
+  *x_ = moved;
+  energy_ = lowest_ = energy;
+  gradient_ = gradient;
+}
+
+// A bound of the rounding of the energy. That of loads grows with the distance from the origin.
+double SystemRun::rounding(double energy) const {
+  double terms = system_->nodes(), sum = std::abs(energy);
+  for (int t = 0; t < system_->term_count(); ++t) {
+    const Term& term = system_->term(t);
+    terms += term.size();
+    if (term.kind() == "loads") sum += 2 * std::abs(term.energy(*x_, nullptr));
+  }
+  return terms * std::numeric_limits<double>::epsilon() * sum;
+}
+
+bool SystemRun::report() {
+  if (options_.gap > 0) {
+    const Certificate certificate = certify(*system_, *x_, {options_.gap});
+    if (certificate.proof != Proof::NotApplicable)
+      lower_bound_ = std::max(lower_bound_, certificate.lower_bound);
+    is_close_ = Summary::is_within(options_.gap, energy_, lower_bound_);
+  }
+  if (options_.on_iteration) {
+    is_stopped_ |= !options_.on_iteration(
+        {summary_.iterations, energy_, gradient_.norm(), {x_->data(), x_->rows(), x_->cols()}});
+  }
+  is_stopped_ |= options_.stopped();
+  return is_stopped_ || is_close_;
+}
+
+bool SystemRun::is_over() {
+  constexpr int kLook = 16;  // iterations between tests whether the gradient is only rounding
+  end_ = Status::Converged;
+  if (report() || rule_.reached(gradient_)) return true;
+  end_ = Status::MaxIterations;
+  if (summary_.iterations >= options_.max_iterations) return true;
+  end_ = Status::NoProgress;
+  if (summary_.iterations % kLook != 0 || !rule_.is_rounding(*x_, gradient_)) return false;
+  const double before = looked_at_;
+  looked_at_ = gradient_.squaredNorm();
+  return !(looked_at_ < before / 4);
+}
+
+bool SystemRun::search(const Points& direction, double& step) {
+  constexpr double kDecrease = 1e-4, kFlatter = 0.8;
+  constexpr int kMaxTrials = 60;
+  const double slope = gradient_.cwiseProduct(direction).sum();
+  if (!(slope < 0) || !is_finite(slope)) return false;
+  const double rounding = this->rounding(lowest_);
+  for (int trial = 0; trial < kMaxTrials; ++trial) {
+    other_x_ = *x_ + step * direction;
+    const double energy = energy_and_gradient(*system_, other_x_, other_gradient_);
+    ++summary_.energy_evaluations, ++summary_.gradient_evaluations;
+    const double slope_there = other_gradient_.cwiseProduct(direction).sum();
+    const bool is_lower = energy <= energy_ + kDecrease * step * slope;
+    if (is_finite(energy) && is_finite(slope_there) &&
+        (is_lower || (energy <= lowest_ + rounding && slope_there <= -kFlatter * slope))) {
+      x_->swap(other_x_);
+      gradient_.swap(other_gradient_);
+      energy_ = energy;
+      lowest_ = std::min(lowest_, energy);
+      return true;
+    }
+    // The minimum of the parabola through the energies and the slope at the start.
+    double shorter = -slope * step * step / (2 * (energy - energy_ - slope * step));
+    shorter = is_finite(shorter) ? std::clamp(shorter, step / 10, step / 2) : step / 10;
+    if (!((shorter * direction).cwiseAbs().maxCoeff() >
+          std::numeric_limits<double>::epsilon() * x_->cwiseAbs().maxCoeff() / 16))
+      return false;
+    step = shorter;
+  }
+  return false;
+}
+
+void SystemRun::move_to(const Points& x) {
+  other_gradient_.swap(gradient_);
+  *x_ = x;
+  energy_ = energy_and_gradient(*system_, *x_, gradient_);
+  lowest_ = std::min(lowest_, energy_);
+  ++summary_.energy_evaluations, ++summary_.gradient_evaluations;
+}
+
+// `reason` is the method's own; energy and gradient at x may overrule it.
+void SystemRun::judge(Status reason) {
+  const bool is_rounding = rule_.is_rounding(*x_, gradient_);
+  if (!is_finite(energy_) || !all_finite(gradient_)) reason = Status::NumericalFailure;
+  if (reason == Status::NumericalFailure || energy_ > start_energy_ + rounding(start_energy_)) {
+    *x_ = start_;
+    energy_ = energy_and_gradient(*system_, *x_, gradient_);
+    summary_.positive_definite = -1;
+    if (summary_.message.empty()) summary_.message = "no step lowered the energy";
+    if (reason != Status::NumericalFailure) reason = Status::NoProgress;
+  } else if (reason == Status::InvalidInput) {
+    *x_ = start_;
+  } else if (rule_.reached(gradient_)) {
+    reason = Status::Converged;
+  } else if (is_close_) {
+    reason = Status::Converged;
+    summary_.message = "within the gap of the global minimum";
+  } else if (is_stopped_) {
+    reason = Status::Interrupted;
+  } else if (reason == Status::Converged) {
+    reason = Status::NoProgress;
+  }
+  summary_.status = reason;
+  if (summary_.message.empty()) {
+    summary_.message.assign(
+        reason == Status::Converged       ? "stationary to the tolerance"
+        : reason == Status::MaxIterations ? "not yet stationary"
+        : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
+        : is_rounding
+            ? "the rounding of the coordinates is above the tolerance: loosen it, or move the origin "
+              "near the nodes"
+            : "stopped short of the tolerance");
+  }
+  summary_.lower_bound = lower_bound_;
+  summary_.final_energy = energy_;
+  summary_.gradient_norm = gradient_.norm();
+  summary_.stationarity = rule_.stationarity(gradient_);
+}
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

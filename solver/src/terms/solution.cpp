@@ -1,0 +1,189 @@
+#include <algorithm>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/energy/covariance.hpp>
+#include <asterism/solver/terms/solution.hpp>
+#include <cmath>
+#include <limits>
+#include <stdexcept>
+
+#include "matrix.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+struct Solution::Factored {
+  Factored(const System& s, const Eigen::MatrixXd& at) : system(s), x(at) {}
+
+  System system;
+  Eigen::MatrixXd x;
+  detail::SystemMatrix matrix;
+  detail::SystemFactor factor;
+};
+
+Solution::Solution(const System& system, const Eigen::MatrixXd& x) {
+  const auto prepare = [&] {
+    problem_ = validate(system, x, false);
+    if (problem_.empty()) problem_ = detail::missing_curvature(system, Curvature::True);
+    if (!problem_.empty()) return;
+    factored_ = std::make_unique<Factored>(system, x);
+    factored_->matrix.assemble(system, x, Curvature::True);
+    if (!detail::all_finite(factored_->matrix.matrix().coeffs())) {
+      problem_ = "the Hessian leaves the range of a double";
+    } else if (!factored_->factor.factorize(factored_->matrix)) {
+      problem_ = "the Hessian is not positive definite to the digits of a double";
+    }
+  };
+  detail::attempt<std::bad_alloc>(
+      prepare, [&](const std::bad_alloc& error) { problem_ = detail::memory_message(error); });
+}
+
+Solution::Solution(Solution&&) noexcept = default;
+Solution& Solution::operator=(Solution&&) noexcept = default;
+Solution::~Solution() = default;
+
+const Solution::Factored& Solution::factored() const {
+  if (!problem_.empty()) detail::raise(std::logic_error("the solution has no covariance: " + problem_));
+  return *factored_;
+}
+
+Eigen::MatrixXd Solution::covariance(int node) const {
+  const Factored& f = factored();
+  const int dim = f.system.dim();
+  if (node < 0 || node >= f.system.nodes())
+    detail::raise(std::out_of_range("there is no node " + std::to_string(node)));
+  if (f.system.is_fixed(node)) return Eigen::MatrixXd::Zero(dim, dim);
+  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(f.matrix.matrix().rows(), dim);
+  right.middleRows(node * dim, dim).setIdentity();
+  return f.factor.solve_all(right).middleRows(node * dim, dim);
+}
+
+Eigen::MatrixXd Solution::covariances() const {
+  const Factored& f = factored();
+  const int dim = f.system.dim(), n = f.system.nodes();
+  const auto& cholesky = f.factor.cholesky();
+  const detail::SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
+  const auto& place = cholesky.permutationP().indices();
+  Eigen::MatrixXd blocks = Eigen::MatrixXd::Zero(dim, dim * n);
+  for (int i = 0; i < n; ++i) {
+    if (f.system.is_fixed(i)) continue;
+    for (int a = 0; a < dim; ++a) {
+      for (int b = 0; b <= a; ++b) {
+        blocks(a, dim * i + b) = blocks(b, dim * i + a) = inverse(place[dim * i + a], place[dim * i + b]);
+      }
+    }
+  }
+  return blocks;
+}
+
+Eigen::MatrixXd Solution::joint_covariance() const {
+  const Factored& f = factored();
+  const int size = f.system.dim() * f.system.nodes();
+  detail::require_memory(3.0 * size * size * sizeof(double));
+  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(f.matrix.matrix().rows(), size);
+  right.topRows(size).setIdentity();
+  for (int i = 0; i < f.system.nodes(); ++i) {
+    if (f.system.is_fixed(i)) right.middleCols(f.system.dim() * i, f.system.dim()).setZero();
+  }
+  const Eigen::MatrixXd inverse = f.factor.solve_all(right).topRows(size);
+  return (inverse + inverse.transpose()) / 2;
+}
+
+double Solution::log_determinant() const { return factored().factor.log_determinant(); }
+
+std::vector<std::vector<Eigen::MatrixXd>> Solution::gradients(const Eigen::MatrixXd& by_x) const {
+  const Factored& f = factored();
+  if (by_x.rows() != f.x.rows() || by_x.cols() != f.x.cols() || !detail::all_finite(by_x))
+    detail::raise(std::invalid_argument("the derivatives by x must be finite and have the size of x"));
+  for (int t = 0; t < f.system.term_count(); ++t) {
+    const Term& term = f.system.term(t);
+    if (const char* why = term.size() > 0 ? term.why_not_differentiable() : nullptr)
+      detail::raise(std::invalid_argument(std::string(term.kind()) + ": " + why));
+  }
+  Eigen::MatrixXd right = -by_x;
+  for (int i = 0; i < f.system.nodes(); ++i) {
+    if (f.system.is_fixed(i)) right.col(i).setZero();
+  }
+  const Eigen::MatrixXd w = f.factor.solve(right);
+  std::vector<std::vector<Eigen::MatrixXd>> result;
+  for (int t = 0; t < f.system.term_count(); ++t) {
+    const Term& term = f.system.term(t);
+    std::vector<Eigen::MatrixXd> by;
+    for (const Column& column : term.columns())
+      by.push_back(Eigen::MatrixXd::Zero(column.values.rows(), column.values.cols()));
+    if (term.size() > 0) term.add_mixed(f.x, w, by);
+    result.push_back(std::move(by));
+  }
+  return result;
+}
+
+Certificate certify(const System& system, const Eigen::MatrixXd& x, const CertifyOptions& options) {
+  Certificate result;
+  const auto refuse = [&result](std::string_view why) {
+    result.proof = Proof::NotApplicable;
+    result.reason = why;
+    return result;
+  };
+  if (const char* problem = options.problem()) return refuse(problem);
+  if (const std::string problem = validate(system, x); !problem.empty()) return refuse(problem);
+  if (const std::string problem = detail::missing_curvature(system, Curvature::Minorising); !problem.empty())
+    return refuse(problem);
+  const auto prove = [&] {
+    Eigen::MatrixXd gradient;
+    result.energy = energy_and_gradient(system, x, gradient);
+    detail::SystemMatrix matrix;
+    matrix.assemble(system, x, Curvature::Minorising);
+    if (!detail::is_finite(result.energy) || !detail::all_finite(matrix.matrix().coeffs())) {
+      refuse("energy or curvature leave the range of a double");
+      return;
+    }
+    // The rounding of the matrix and of its factor, less than this share of its norm, is taken off first.
+    const auto& entries = matrix.matrix();
+    const double norm = entries.nonZeros() > 0 ? entries.coeffs().abs().maxCoeff() : 0.0;
+    const double margin =
+        64 * std::numeric_limits<double>::epsilon() * static_cast<double>(entries.rows()) * norm;
+    matrix.shift(Eigen::VectorXd::Constant(system.nodes(), margin), -1);
+    detail::SystemFactor factor;
+    result.proof = Proof::NotCertified;
+    result.lower_bound = -std::numeric_limits<double>::infinity();
+    if (!factor.factorize(matrix)) {
+      const Eigen::VectorXd v = factor.negative_direction();
+      if (v.size() > 0)
+        result.least_eigenvalue =
+            v.dot(entries.selfadjointView<Eigen::Lower>() * v) / v.squaredNorm() + 2 * margin;
+      result.reason = "the lower bound of the curvature is not positive definite at x";
+      return;
+    }
+    const Eigen::MatrixXd step = factor.solve(gradient);
+    double terms = system.nodes(), scale = std::abs(result.energy);
+    for (int t = 0; t < system.term_count(); ++t) {
+      terms += system.term(t).size();
+      if (system.term(t).kind() == "loads") scale += 2 * std::abs(system.term(t).energy(x, nullptr));
+    }
+    const double rounding = terms * std::numeric_limits<double>::epsilon() * scale;
+    const double decrease = gradient.cwiseProduct(step).sum() / 2 * (1 + 1e-6);
+    result.lower_bound = result.energy - decrease - rounding;
+    // The least possible energy of springs is 0, but loads have none.
+    if (scale == std::abs(result.energy)) result.lower_bound = std::max(result.lower_bound, 0.0);
+    // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
+    // most that of M^-1 g.
+    const auto& cholesky = factor.cholesky();
+    const detail::SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
+    double largest_inverse = 0;  // the trace bounds it from above
+    for (int c = 0; c < entries.rows(); ++c) largest_inverse += inverse(c, c) * (1 + 1e-6);
+    result.least_eigenvalue = 1 / largest_inverse;
+    result.distance = 2 * std::sqrt(std::max(2 * (decrease + rounding) * largest_inverse, 0.0));
+    const double allowed = options.gap * std::max(scale, 0.0) + rounding;
+    if (result.energy - result.lower_bound <= allowed) {
+      result.proof = Proof::UniqueGlobalMinimum;
+    } else {
+      result.reason = "x is not near enough to the minimum: solve with a smaller tolerance";
+    }
+  };
+  detail::attempt<std::bad_alloc>(
+      prove, [&](const std::bad_alloc& error) { refuse(detail::memory_message(error)); });
+  return result;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,38 @@
+#pragma once
+
+#include <asterism/solver/terms/system.hpp>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+/// The first node of each connected component that nothing holds.
+std::vector<int> floating_nodes(const System& system);
+
+/// The stopping rule of all methods, max_i |g_i| / (A_ii L) <= tolerance, see stationarity. For terms whose
+/// curvature has no bound, A is that at the start.
+class SystemRule {
+ public:
+  /// False where stiffness or lengths leave the range of a double.
+  bool set(const System& system, const Eigen::MatrixXd& x, double tolerance);
+
+  double tolerance() const { return tolerance_; }
+  double length() const { return length_; }
+  const Eigen::VectorXd& node_stiffness() const { return stiffness_; }
+  double stationarity(const Eigen::MatrixXd& gradient) const;
+  /// Also true for a gradient with NaN, which no further iteration can cure.
+  bool reached(const Eigen::MatrixXd& gradient) const { return !(stationarity(gradient) > tolerance_); }
+  /// Whether each force would move its node by a few times the rounding of its coordinates at most.
+  bool is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gradient) const;
+
+ private:
+  static double length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales);
+
+  Eigen::VectorXd stiffness_, weights_;
+  double length_ = 0, tolerance_ = 0;
+};
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,364 @@
+#include <algorithm>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/terms/system.hpp>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <utility>
+
+#include "stopping_rule.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+using detail::raise;
+
+System::System(int nodes, int dim) : dim_(dim) {
+  if (nodes < 0) raise(std::invalid_argument("a system has no negative number of nodes"));
+  if (dim < 1 || dim > kMaxDim)
+    raise(std::invalid_argument("a point has 1 to " + std::to_string(kMaxDim) + " coordinates, not " +
+                                std::to_string(dim)));
+  is_fixed_.resize(static_cast<std::size_t>(nodes));
+}
+
+System::System(const System& other) : dim_(other.dim_), is_fixed_(other.is_fixed_) {
+  for (const auto& term : other.terms_) terms_.push_back(term->clone());
+}
+
+System& System::operator=(const System& other) {
+  if (this != &other) *this = System(other);
+  return *this;
+}
+
+void System::add_nodes(int count) {
+  if (count < 0) raise(std::invalid_argument("a negative number of nodes cannot be added"));
+  is_fixed_.resize(is_fixed_.size() + static_cast<std::size_t>(count));
+}
+
+void System::remove_nodes(std::span<const int> nodes) {
+  std::vector<int> number(is_fixed_.size(), 0);
+  for (const int node : nodes) number.at(static_cast<std::size_t>(node)) = -1;
+  std::vector<bool> fixed;
+  for (std::size_t i = 0; i < number.size(); ++i) {
+    if (number[i] < 0) continue;
+    number[i] = static_cast<int>(fixed.size());
+    fixed.push_back(is_fixed_[i]);
+  }
+  for (const auto& term : terms_) {
+    std::vector<int> gone;
+    for (int e = 0; e < term->size(); ++e) {
+      for (int a = 0; a < term->arity(); ++a) {
+        if (number.at(static_cast<std::size_t>(term->nodes()(a, e))) >= 0) continue;
+        gone.push_back(e);
+        break;
+      }
+    }
+    term->remove(gone);
+    Eigen::MatrixXi moved = term->nodes();
+    for (int& node : moved.reshaped()) node = number[static_cast<std::size_t>(node)];
+    term->set_nodes(std::move(moved));
+  }
+  is_fixed_ = std::move(fixed);
+}
+
+Term& System::add(std::unique_ptr<Term> term) {
+  if (term->dim() != dim_)
+    raise(std::invalid_argument(std::string(term->kind()) + ": a term of " + std::to_string(term->dim()) +
+                                " coordinates in a system of " + std::to_string(dim_)));
+  terms_.push_back(std::move(term));
+  return *terms_.back();
+}
+
+void System::remove(const Term& term) {
+  const auto at =
+      std::find_if(terms_.begin(), terms_.end(), [&](const auto& each) { return each.get() == &term; });
+  if (at == terms_.end()) raise(std::invalid_argument("this term is not one of the system"));
+  terms_.erase(at);
+}
+
+namespace {
+
+template <typename T>
+T& filled(System& system, T term, const Eigen::MatrixXi& nodes,
+          std::initializer_list<std::pair<const char*, Eigen::MatrixXd>> columns) {
+  term.set_nodes(nodes);
+  for (const auto& [name, values] : columns) {
+    if (values.cols() != nodes.cols() && values.cols() != 1)
+      raise(std::invalid_argument(std::string(term.kind()) + ": " + name +
+                                  " must have one entry for each element, or one for all"));
+    term.values(name) = values;
+  }
+  return system.add(std::move(term));
+}
+
+}  // namespace
+
+Anchors& System::add_anchors(const Eigen::MatrixXd& positions, const Eigen::VectorXd& stiffness) {
+  return add_anchors(Eigen::RowVectorXi::LinSpaced(nodes(), 0, nodes() - 1), positions, stiffness);
+}
+Anchors& System::add_anchors(const Eigen::RowVectorXi& nodes, const Eigen::MatrixXd& positions,
+                             const Eigen::VectorXd& stiffness) {
+  return filled(*this, Anchors(dim_), nodes, {{"position", positions}, {"stiffness", stiffness.transpose()}});
+}
+Links& System::add_links(const Eigen::Matrix2Xi& nodes, const Eigen::VectorXd& lengths,
+                         const Eigen::VectorXd& stiffness) {
+  return filled(*this, Links(dim_), nodes,
+                {{"length", lengths.transpose()}, {"stiffness", stiffness.transpose()}});
+}
+Bendings& System::add_bendings(const Eigen::Matrix3Xi& nodes, const Eigen::VectorXd& lengths,
+                               const Eigen::VectorXd& stiffness) {
+  return filled(*this, Bendings(dim_), nodes,
+                {{"length", lengths.transpose()}, {"stiffness", stiffness.transpose()}});
+}
+Offsets& System::add_offsets(const Eigen::Matrix2Xi& nodes, const Eigen::MatrixXd& offsets,
+                             const Eigen::VectorXd& stiffness) {
+  return filled(*this, Offsets(dim_), nodes, {{"offset", offsets}, {"stiffness", stiffness.transpose()}});
+}
+Loads& System::add_loads(const Eigen::RowVectorXi& nodes, const Eigen::MatrixXd& forces) {
+  return filled(*this, Loads(dim_), nodes, {{"force", forces}});
+}
+Differences& System::add_differences(const Eigen::Matrix3Xi& nodes, const Eigen::VectorXd& stiffness) {
+  const auto one = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
+  return filled(*this, Differences(dim_), nodes,
+                {{"target", Eigen::MatrixXd::Zero(dim_, 1)},
+                 {"stiffness", stiffness.transpose()},
+                 {"a", one(1)},
+                 {"b", one(-2)},
+                 {"c", one(1)}});
+}
+Angles& System::add_angles(const Eigen::Matrix3Xi& nodes, const Eigen::VectorXd& rest,
+                           const Eigen::VectorXd& stiffness) {
+  return filled(*this, Angles(dim_), nodes,
+                {{"rest", rest.transpose()}, {"stiffness", stiffness.transpose()}});
+}
+Areas& System::add_areas(const Eigen::Matrix3Xi& nodes, const Eigen::VectorXd& rest,
+                         const Eigen::VectorXd& stiffness) {
+  return filled(*this, Areas(dim_), nodes,
+                {{"rest", rest.transpose()}, {"stiffness", stiffness.transpose()}});
+}
+CommonLength& System::add_common_length(const Eigen::Matrix2Xi& nodes, const Eigen::VectorXd& stiffness,
+                                        double prior, double prior_stiffness) {
+  const auto one = [](double value) { return Eigen::MatrixXd::Constant(1, 1, value); };
+  return filled(*this, CommonLength(dim_), nodes,
+                {{"length", one(0)},
+                 {"stiffness", stiffness.transpose()},
+                 {"prior", one(prior)},
+                 {"prior_stiffness", one(prior_stiffness)}});
+}
+Elements& System::add_elements(const Eigen::MatrixXi& nodes, ElementFunction function, bool has_second) {
+  Elements term(dim_, static_cast<int>(nodes.rows()), 0, std::move(function), has_second);
+  term.set_nodes(nodes);
+  return add(std::move(term));
+}
+
+Eigen::Matrix2Xi all_pairs(int n) {
+  Eigen::Matrix2Xi pairs(2, std::max(0, n) * (std::max(0, n) - 1) / 2);
+  int l = 0;
+  for (int i = 0; i < n; ++i) {
+    for (int j = i + 1; j < n; ++j) pairs.col(l++) << i, j;
+  }
+  return pairs;
+}
+
+Eigen::VectorXd lengths_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs) {
+  Eigen::VectorXd lengths(pairs.cols());
+  for (Eigen::Index l = 0; l < pairs.cols(); ++l)
+    lengths[l] = (x.col(pairs(0, l)) - x.col(pairs(1, l))).stableNorm();
+  return lengths;
+}
+
+double energy(const System& system, const Eigen::MatrixXd& x) {
+  double sum = 0;
+  for (int t = 0; t < system.term_count(); ++t) sum += system.term(t).energy(x, nullptr);
+  return sum;
+}
+
+double energy_and_gradient(const System& system, const Eigen::MatrixXd& x, Eigen::MatrixXd& gradient) {
+  gradient.setZero(x.rows(), x.cols());
+  double sum = 0;
+  for (int t = 0; t < system.term_count(); ++t) sum += system.term(t).energy(x, &gradient);
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) gradient.col(i).setZero();
+  }
+  return sum;
+}
+
+namespace detail {
+
+namespace {
+
+int root_of(std::vector<int>& up, int node) {
+  const auto at = [&up](int i) -> int& { return up[static_cast<std::size_t>(i)]; };
+  while (at(node) != node) node = at(node) = at(at(node));
+  return node;
+}
+
+}  // namespace
+
+std::vector<int> floating_nodes(const System& system) {
+  const int n = system.nodes();
+  std::vector<int> up(static_cast<std::size_t>(n) + 1);  // the last stands for what is held
+  std::iota(up.begin(), up.end(), 0);
+  const auto join = [&up](int i, int j) { up[static_cast<std::size_t>(root_of(up, i))] = root_of(up, j); };
+  for (int i = 0; i < n; ++i) {
+    if (system.is_fixed(i)) join(i, n);
+  }
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    for (int e = 0; e < term.size(); ++e) {
+      const Term::Role role = term.role(e);
+      if (role == Term::Role::Pulls || !term.is_stiff(e)) continue;
+      for (int a = 1; a < term.arity(); ++a) join(term.nodes()(a, e), term.nodes()(0, e));
+      if (role == Term::Role::Holds) join(term.nodes()(0, e), n);
+    }
+  }
+  std::vector<int> first;
+  for (int i = 0; i < n; ++i) {
+    if (root_of(up, i) == root_of(up, n)) continue;
+    first.push_back(i);
+    join(i, n);
+  }
+  return first;
+}
+
+bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tolerance) {
+  constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
+  tolerance_ = std::max(tolerance, kLeastTolerance);
+  const int n = system.nodes();
+  Scales scales;
+  scales.stiffness.setZero(n);
+  scales.loads.setZero(n);
+  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+  stiffness_ = scales.stiffness;
+  length_ = length_of(system, x, scales);
+  weights_.setZero(n);
+  if (!(length_ > 0)) return length_ == 0;
+  // A node whose scale is unknown counts as the stiffest; if all are, the gradient at x tells the scale.
+  double unknown = stiffness_.size() > 0 ? stiffness_.maxCoeff() : 0.0;
+  if (!(unknown > 0)) {
+    Eigen::MatrixXd gradient;
+    energy_and_gradient(system, x, gradient);
+    unknown = gradient.size() > 0 ? gradient.cwiseAbs().maxCoeff() / length_ : 0.0;
+    if (!(unknown > 0)) unknown = 1;
+  }
+  bool in_range = true;
+  for (int i = 0; i < n; ++i) {
+    if (!(stiffness_[i] > 0)) stiffness_[i] = unknown;
+    weights_[i] = 1 / (stiffness_[i] * length_);
+    in_range = in_range && weights_[i] > 0 && is_finite(weights_[i]);
+  }
+  return in_range;
+}
+
+double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales) {
+  const auto places = [&](bool all) {
+    std::vector<const Scales::Place*> result;
+    for (const Scales::Place& place : scales.places) {
+      const bool has_links = scales.stiffness[place.node] > place.stiffness * (1 + 1e-12);
+      if (place.stiffness > 0 && (all || (has_links && !system.is_fixed(place.node))))
+        result.push_back(&place);
+    }
+    return result;
+  };
+  Eigen::VectorXd centroid = Eigen::VectorXd::Zero(system.dim());
+  for (const bool all : {false, true}) {
+    const auto held = places(all);
+    double strongest = 0;
+    for (const auto* place : held) strongest = std::max(strongest, place->stiffness);
+    for (const auto& [stiffness, square] : scales.lengths) strongest = std::max(strongest, stiffness);
+    const auto weight_of = [full = 1e-4 * strongest](double stiffness) {
+      return stiffness >= full && stiffness > 0 ? 1.0 : full > 0 ? stiffness / full : 0.0;
+    };
+    double total = 0, sum = 0;
+    centroid.setZero();
+    for (const auto* place : held) {
+      total += weight_of(place->stiffness);
+      centroid += weight_of(place->stiffness) * place->position;
+    }
+    if (total > 0) centroid /= total;
+    for (const auto* place : held)
+      sum += weight_of(place->stiffness) * (place->position - centroid).squaredNorm();
+    for (const auto& [stiffness, square] : scales.lengths) {
+      total += weight_of(stiffness);
+      sum += weight_of(stiffness) * square;
+    }
+    if (sum > 0) return std::sqrt(sum / total);
+  }
+  double reach = 0;
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (scales.stiffness[i] > 0 && !system.is_fixed(i))
+      reach = std::max(reach, scales.loads[i] / scales.stiffness[i]);
+  }
+  if (reach > 0) return reach;
+  if (x.cols() == 0) return 0;
+  if (scales.places.empty()) centroid = x.rowwise().mean();
+  const double spread = std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<double>(x.cols()));
+  double extent = 0;
+  for (const Scales::Place& place : scales.places)
+    extent = std::max(extent, place.position.cwiseAbs().maxCoeff());
+  return extent > 0 ? std::min(extent, spread) : spread;
+}
+
+double SystemRule::stationarity(const Eigen::MatrixXd& gradient) const {
+  double largest = 0;
+  for (Eigen::Index i = 0; i < weights_.size(); ++i) {
+    const double value = gradient.col(i).norm() * weights_[i];
+    if (!(value <= largest)) largest = value;
+  }
+  return largest;
+}
+
+bool SystemRule::is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gradient) const {
+  constexpr double kRounding = 8 * std::numeric_limits<double>::epsilon();
+  for (Eigen::Index i = 0; i < weights_.size(); ++i) {
+    const double rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
+    if (!(gradient.col(i).norm() * weights_[i] * length_ <= rounding)) return false;
+  }
+  return true;
+}
+
+}  // namespace detail
+
+std::string validate(const System& system, const Eigen::MatrixXd& x, bool need_hold) {
+  if (system.nodes() == 0) return "system has no nodes";
+  if (x.rows() != system.dim() || x.cols() != system.nodes())
+    return "x must have " + std::to_string(system.dim()) + " coordinates for each of " +
+           std::to_string(system.nodes()) + " nodes";
+  for (int t = 0; t < system.term_count(); ++t) {
+    if (std::string problem = system.term(t).defect(system.nodes()); !problem.empty()) return problem;
+  }
+  for (Eigen::Index i = 0; i < x.cols(); ++i) {
+    for (Eigen::Index d = 0; d < x.rows(); ++d) {
+      if (!detail::is_finite(x(d, i))) return "x of node " + std::to_string(i) + " is not finite";
+    }
+  }
+  if (!need_hold) return {};
+  const std::vector<int> floating = detail::floating_nodes(system);
+  if (floating.empty()) return {};
+  return "node " + std::to_string(floating.front()) + " is in a connected component that nothing holds";
+}
+
+Eigen::VectorXd node_stiffness(const System& system, const Eigen::MatrixXd& x) {
+  detail::SystemRule rule;
+  rule.set(system, x, 0);
+  return rule.node_stiffness();
+}
+
+double characteristic_length(const System& system, const Eigen::MatrixXd& x) {
+  detail::SystemRule rule;
+  rule.set(system, x, 0);
+  return rule.length();
+}
+
+double stationarity(const System& system, const Eigen::MatrixXd& x) {
+  detail::SystemRule rule;
+  rule.set(system, x, 0);
+  Eigen::MatrixXd gradient;
+  energy_and_gradient(system, x, gradient);
+  return rule.stationarity(gradient);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

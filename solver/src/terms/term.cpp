@@ -1,0 +1,217 @@
+#include <algorithm>
+#include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/terms/term.hpp>
+#include <stdexcept>
+#include <utility>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace {
+
+using detail::raise;
+
+constexpr std::string_view kLosses[] = {"quadratic", "huber", "geman-mcclure", "truncated"};
+
+std::string nearest_of(std::string_view what, std::string_view name,
+                       std::span<const std::string_view> names) {
+  std::string message = "unknown " + std::string(what) + " '" + std::string(name) + "'";
+  if (!names.empty()) message += ", did you mean '" + std::string(*detail::nearest(name, names)) + "'?";
+  return message;
+}
+
+bool is_allowed(double value, Column::Range range) {
+  if (!detail::is_finite(value)) return false;
+  if (range == Column::Range::NotNegative) return value >= 0;
+  return range == Column::Range::Any || value > 0;
+}
+
+const char* problem_of(Column::Range range) {
+  if (range == Column::Range::Any) return "is not finite";
+  return range == Column::Range::NotNegative ? "is negative or not finite" : "is not positive and finite";
+}
+
+// The columns of `values` that stay.
+template <typename Matrix>
+Matrix kept(const Matrix& values, std::span<const int> columns) {
+  Matrix result(values.rows(), static_cast<Eigen::Index>(columns.size()));
+  for (Eigen::Index c = 0; const int column : columns) result.col(c++) = values.col(column);
+  return result;
+}
+
+template <typename Matrix>
+void append_columns(Matrix& to, const Matrix& more) {
+  const Eigen::Index old = to.cols();
+  to.conservativeResize(more.rows(), old + more.cols());
+  to.rightCols(more.cols()) = more;
+}
+
+}  // namespace
+
+Term::Term(std::string_view kind, int dim, int arity, std::vector<Column> columns,
+           std::vector<Choice> choices)
+    : kind_(kind), dim_(dim), nodes_(arity, 0), columns_(std::move(columns)), choices_(std::move(choices)) {
+  for (Column& column : columns_) column.values.resize(column.is_optional ? 0 : column.rows, 0);
+}
+
+std::size_t Term::find(std::string_view name) const {
+  const auto at = std::find_if(columns_.begin(), columns_.end(),
+                               [name](const Column& column) { return column.name == name; });
+  if (at == columns_.end()) {
+    std::vector<std::string_view> names;
+    for (const Column& column : columns_) names.push_back(column.name);
+    raise(std::invalid_argument(std::string(kind_) + ": " + nearest_of("column", name, names)));
+  }
+  return static_cast<std::size_t>(at - columns_.begin());
+}
+
+Eigen::MatrixXd& Term::values(std::string_view column) { return columns_[find(column)].values; }
+const Eigen::MatrixXd& Term::values(std::string_view column) const { return columns_[find(column)].values; }
+
+Choice& Term::find_choice(std::string_view name) {
+  const auto at = std::find_if(choices_.begin(), choices_.end(),
+                               [name](const Choice& choice) { return choice.name == name; });
+  if (at == choices_.end())
+    raise(std::invalid_argument(std::string(kind_) + " have no choice of " + std::string(name)));
+  return *at;
+}
+
+void Term::choose(std::string_view name, std::string_view value) {
+  Choice& choice = find_choice(name);
+  const auto at = std::find(choice.names.begin(), choice.names.end(), value);
+  if (at == choice.names.end())
+    raise(std::invalid_argument(std::string(kind_) + ": " + nearest_of(name, value, choice.names)));
+  choice.value = static_cast<int>(at - choice.names.begin());
+}
+
+std::string_view Term::chosen(std::string_view name) const {
+  const Choice& choice = const_cast<Term*>(this)->find_choice(name);
+  return choice.names[static_cast<std::size_t>(choice.value)];
+}
+
+void Term::set_loss(Loss loss, const Eigen::VectorXd& scale, const Eigen::VectorXd& sharpness) {
+  find_choice("loss").value = static_cast<int>(loss);
+  values("scale") = scale.transpose();
+  values("sharpness") = sharpness.transpose();
+}
+
+void Term::set_loss(Loss loss, double scale, double sharpness) {
+  const auto one = [](double value) { return Eigen::VectorXd::Constant(1, value); };
+  set_loss(loss, one(scale), loss == Loss::Truncated ? Eigen::VectorXd(one(sharpness)) : Eigen::VectorXd());
+}
+
+void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd> values) {
+  const auto wrong = [this](const std::string& what) {
+    raise(std::invalid_argument(std::string(kind_) + ": " + what));
+  };
+  if (nodes.rows() != arity()) wrong("an element has " + std::to_string(arity()) + " nodes");
+  const auto is_shared = [this](const Column& c) {
+    return c.values.size() == 0 ? c.is_optional : c.values.cols() == 1 && size() != 1;
+  };
+  std::size_t next = 0;
+  for (const Column& column : columns_) {
+    if (is_shared(column)) continue;
+    if (next == values.size() ||
+        values[next].rows() != std::max<Eigen::Index>(column.rows, column.values.rows()) ||
+        values[next].cols() != nodes.cols())
+      wrong("new elements need " + std::to_string(column.rows) + " numbers of " + std::string(column.name) +
+            " each");
+    ++next;
+  }
+  if (next != values.size()) wrong("more columns of numbers than it has for each element");
+  next = 0;
+  for (Column& column : columns_) {
+    if (!is_shared(column)) append_columns(column.values, values[next++]);
+  }
+  append_columns(nodes_, nodes);
+}
+
+void Term::remove(std::span<const int> elements) {
+  std::vector<bool> is_gone(static_cast<std::size_t>(size()));
+  for (const int element : elements) {
+    if (element < 0 || element >= size())
+      raise(std::invalid_argument(std::string(kind_) + ": there is no element " + std::to_string(element)));
+    is_gone[static_cast<std::size_t>(element)] = true;
+  }
+  std::vector<int> rest;
+  for (int element = 0; element < size(); ++element) {
+    if (!is_gone[static_cast<std::size_t>(element)]) rest.push_back(element);
+  }
+  for (Column& column : columns_) {
+    if (column.values.cols() == size() && size() != 1) column.values = kept(column.values, rest);
+  }
+  nodes_ = kept(nodes_, rest);
+}
+
+std::string Term::defect(int node_count) const {
+  const auto says = [this](auto&&... words) {
+    std::string text(kind_);
+    text += ": ";
+    (text += ... += words);
+    return text;
+  };
+  for (int e = 0; e < size(); ++e) {
+    for (int a = 0; a < arity(); ++a) {
+      if (nodes_(a, e) < 0 || nodes_(a, e) >= node_count)
+        return says("element ", std::to_string(e), " has a node out of range");
+      for (int b = 0; b < a; ++b) {
+        if (nodes_(a, e) == nodes_(b, e)) return says("element ", std::to_string(e), " has one node twice");
+      }
+    }
+  }
+  for (const Column& column : columns_) {
+    const std::string name(column.name);
+    const Eigen::MatrixXd& values = column.values;
+    if (values.size() == 0 && (column.is_optional || size() == 0)) continue;
+    if (values.rows() != column.rows && !(column.other_rows > 0 && values.rows() == column.other_rows))
+      return says(name, " must have ", std::to_string(column.rows), " numbers for each element");
+    if (values.cols() != size() && values.cols() != 1)
+      return says(name, " must have one entry for each element, or one for all");
+    for (Eigen::Index e = 0; e < values.cols(); ++e) {
+      for (Eigen::Index r = 0; r < values.rows(); ++r) {
+        if (!is_allowed(values(r, e), column.range))
+          return says(name, " of element ", std::to_string(e), " ", problem_of(column.range));
+      }
+    }
+  }
+  return {};
+}
+
+std::string Term::loss_defect() const {
+  const Loss kind = loss();
+  if (size() == 0) return {};
+  const auto lacks = [&](const char* parameter) {
+    return std::string(kind_) + ": the loss " + std::string(kLosses[choices_.back().value]) + " needs a " +
+           parameter;
+  };
+  if (kind != Loss::Quadratic && columns_[columns_.size() - 2].values.size() == 0) return lacks("scale");
+  if (kind == Loss::Truncated && columns_.back().values.size() == 0) return lacks("sharpness");
+  return {};
+}
+
+bool Term::is_stiff(int element) const {
+  for (std::size_t c = 0; c < columns_.size(); ++c) {
+    if (columns_[c].name == "stiffness") return *numbers(c)[element] > 0;
+  }
+  return false;
+}
+
+void Term::add_mixed(const Points&, const Points&, std::span<Eigen::MatrixXd>) const {}
+
+Term::Numbers Term::numbers(const Eigen::MatrixXd& values) {
+  if (values.size() == 0) return {nullptr, 0};
+  return {values.data(), values.cols() == 1 ? 0 : values.rows()};
+}
+
+Term::Numbers Term::numbers(std::size_t column) const { return numbers(columns_[column].values); }
+
+void Term::add_loss(std::vector<Column>& columns, std::vector<Choice>& choices) {
+  columns.push_back({"scale", 1, Column::Range::Positive, true});
+  columns.push_back({"sharpness", 1, Column::Range::Positive, true});
+  choices.push_back({"loss", kLosses, 0});
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
