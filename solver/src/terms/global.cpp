@@ -126,6 +126,8 @@ System without_losses(const System& system) {
 Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
   const Clock clock;
   if (const char* problem = options.problem()) return refused(name(), problem);
+  if (const std::string problem = validate(system, x, !options.ground_components); !problem.empty())
+    return refused(name(), std::string_view(problem));
   double least_scale = 0, most_sharpness = 1;
   for (int t = 0; t < system.term_count(); ++t) {
     const Term& term = system.term(t);
@@ -171,6 +173,7 @@ Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
       result.message = "stopped on request before the last solve: x is as it was";
     }
   }
+  if (!result.usable()) x = given;
   if (initial >= 0) result.initial_energy = initial;
   result.solver = name();
   result.seconds = clock.seconds();

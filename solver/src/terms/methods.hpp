@@ -13,9 +13,10 @@ namespace detail {
 
 // The methods for a System. Each keeps its options and no more: workspaces live for one solve.
 
-/// Newton's method with a line search. Where the Hessian is not positive definite, the step is that of the
-/// matrix without the elements' negative curvature (projected Newton; Teran et al. 2005), plus a share of the
-/// nodes' stiffness. A saddle is left along a direction of negative curvature.
+/// Newton's method with a line search. Where the Hessian is not positive definite, or its step is too long
+/// to be trusted, the step is that of the matrix without the elements' negative curvature (projected Newton;
+/// Teran et al. 2005), plus a share of the nodes' stiffness. A saddle is left along a direction of negative
+/// curvature.
 struct SystemNewton {
   AlignedOptions options;
   static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }

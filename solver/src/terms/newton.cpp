@@ -47,6 +47,16 @@ bool leave_saddle(SystemRun& run, const Eigen::VectorXd& v, double curvature) {
   return false;
 }
 
+// The step along a direction up to which a quadratic model is trusted: as far as the nodes are from where
+// their springs pull them, or the characteristic length. A robust loss may have little curvature, and beyond
+// it none and no force.
+double trusted_step(const SystemRun& run, const Eigen::MatrixXd& direction) {
+  constexpr double kTrusted = 4;
+  const double reach = run.rule().stationarity(run.gradient()) * run.rule().length();
+  return std::min(1.0,
+                  kTrusted * std::max(run.rule().length(), reach) / direction.colwise().norm().maxCoeff());
+}
+
 }  // namespace
 
 Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
@@ -80,20 +90,26 @@ Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
       }
       double step = 1;
       ++run.summary().linear_solves;
-      if (is_definite && run.search(-factor.solve(run.gradient()), step)) {
-        ++run.summary().iterations;
-        continue;
+      if (is_definite) {
+        const Eigen::MatrixXd direction = -factor.solve(run.gradient());
+        if (trusted_step(run, direction) == 1 && run.search(direction, step)) {
+          ++run.summary().iterations;
+          continue;
+        }
       }
-      bool has_moved = false;
+      bool has_moved = false, is_whole = false;
       while (!has_moved) {
         clamped.assemble(run.system(), run.x(), Curvature::Clamped);
         clamped.shift(run.rule().node_stiffness(), share);
         ++run.summary().factorizations, ++run.summary().linear_solves;
-        step = 1;
-        has_moved =
-            clamped_factor.factorize(clamped) && run.search(-clamped_factor.solve(run.gradient()), step);
-        // A long step is let grow, one that was cut short was trusted too far.
-        share = std::max(has_moved && step == 1 ? share / 10 : share * 4, kLeastShare);
+        if (clamped_factor.factorize(clamped)) {
+          const Eigen::MatrixXd direction = -clamped_factor.solve(run.gradient());
+          const double first = step = trusted_step(run, direction);
+          has_moved = run.search(direction, step);
+          is_whole = has_moved && step == first;
+        }
+        // A step that was not cut short was trusted too little.
+        share = std::max(is_whole ? share / 10 : share * 4, kLeastShare);
         if (!has_moved && share > kMostShare) return Status::NoProgress;
       }
       share = std::min(share, 1.0);
@@ -172,10 +188,12 @@ Summary SystemNewtonCg::solve(const System& system, Eigen::MatrixXd& x) const {
       double product = residual.dot(z);
       const double target = forcing * forcing * product;
       const auto most = 10 + 2 * residual.size();
+      bool is_definite = true;  // as far as the directions tell
       for (Eigen::Index inner = 0; inner < most; ++inner) {
         const Eigen::VectorXd image = hessian * direction;
         const double curvature = direction.dot(image);
         if (!(curvature > 0)) {
+          is_definite = false;
           if (inner == 0) step = direction;
           break;
         }
@@ -189,8 +207,8 @@ Summary SystemNewtonCg::solve(const System& system, Eigen::MatrixXd& x) const {
         product = next;
         ++run.summary().linear_solves;
       }
-      double length = 1;
       const Eigen::MatrixXd newton = step.head(points).reshaped(run.x().rows(), run.x().cols());
+      double length = is_definite ? 1.0 : trusted_step(run, newton);
       if (!run.search(newton, length)) {
         length = 1;
         const Eigen::MatrixXd descent =

@@ -117,6 +117,22 @@ std::vector<std::vector<Eigen::MatrixXd>> Solution::gradients(const Eigen::Matri
   return result;
 }
 
+Eigen::MatrixXd hessian(const System& system, const Eigen::MatrixXd& x, Curvature curvature) {
+  if (const std::string problem = detail::missing_curvature(system, curvature); !problem.empty())
+    detail::raise(std::invalid_argument(problem));
+  detail::SystemMatrix matrix;
+  matrix.assemble(system, x, curvature);
+  const Eigen::MatrixXd all = Eigen::MatrixXd(matrix.matrix()).selfadjointView<Eigen::Lower>();
+  const Eigen::Index points = x.size(), hidden = all.rows() - points;
+  Eigen::MatrixXd result = all.topLeftCorner(points, points);
+  // As the energy is the least one over the hidden unknowns, which are not coupled to each other.
+  for (Eigen::Index h = 0; h < hidden; ++h) {
+    const auto border = all.col(points + h).head(points);
+    result -= border * border.transpose() / all(points + h, points + h);
+  }
+  return result;
+}
+
 Certificate certify(const System& system, const Eigen::MatrixXd& x, const CertifyOptions& options) {
   Certificate result;
   const auto refuse = [&result](std::string_view why) {

@@ -57,6 +57,12 @@ class ASTERISM_API Solution {
   std::string problem_;
 };
 
+/// The second derivatives of the energy at x, (dim nodes) x (dim nodes), coordinate d of node i in row dim i +
+/// d; rows of fixed nodes are those of the identity. The system must be valid. Throws std::invalid_argument
+/// that names the term for one without this curvature.
+ASTERISM_API Eigen::MatrixXd hessian(const System& system, const Eigen::MatrixXd& x,
+                                     Curvature curvature = Curvature::True);
+
 /// Whether x is the global minimum, from the minorising curvature M of all terms: if M is positive definite,
 /// E(y) >= E(x) + g . (y - x) + (y - x)^T M (y - x) / 2 >= E(x) - g^T M^-1 g / 2 for all y. Where a term has
 /// no such bound, the proof is not applicable, and the reason names it. Rounding is accounted for.

@@ -1,0 +1,833 @@
+// Systems of terms: every kind against finite differences, plain formulas and bounds; all methods; the tie to
+// SpringSystem; what is asked about solutions; edits; and bad input.
+#include <gtest/gtest.h>
+
+#include <Eigen/Dense>
+#include <asterism/solver.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/system.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <cmath>
+#include <functional>
+#include <limits>
+#include <ostream>
+#include <stdexcept>
+#include <string>
+#include <vector>
+
+namespace asterism {
+namespace {
+
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+using testing::Rng;
+
+MatrixXd random_points(Rng& rng, int dim, int n, double size = 10) {
+  MatrixXd x(dim, n);
+  for (double& value : x.reshaped()) value = rng.uniform(-size, size);
+  return x;
+}
+
+MatrixXd random_shapes(Rng& rng, int dim, int count, bool full) {
+  MatrixXd shapes(dim * dim, count);
+  for (int e = 0; e < count; ++e) {
+    const MatrixXd root = random_points(rng, dim, full ? dim : 1, 1);
+    const MatrixXd shape = root * root.transpose();
+    shapes.col(e) = shape.reshaped();
+  }
+  return shapes;
+}
+
+VectorXd random_values(Rng& rng, Eigen::Index count, double low, double high) {
+  VectorXd values(count);
+  for (double& value : values) value = rng.uniform(low, high);
+  return values;
+}
+
+Eigen::MatrixXi random_elements(Rng& rng, int n, int arity, int count) {
+  Eigen::MatrixXi nodes(arity, count);
+  for (int e = 0; e < count; ++e) {
+    for (int a = 0; a < arity; ++a) {
+      bool is_new = false;
+      while (!is_new) {
+        nodes(a, e) = static_cast<int>(rng.uniform(0, n - 1e-9));
+        is_new = true;
+        for (int b = 0; b < a; ++b) is_new = is_new && nodes(b, e) != nodes(a, e);
+      }
+    }
+  }
+  return nodes;
+}
+
+constexpr int kNodes = 6;
+
+// A kind of term with one law and loss: adds elements to a system of kNodes nodes.
+struct Kind {
+  const char* name;
+  std::function<Term&(System&, Rng&)> add;
+};
+std::ostream& operator<<(std::ostream& out, const Kind& kind) { return out << kind.name; }
+
+void add_loss(Term& term, Rng& rng, Loss loss) {
+  term.set_loss(loss, random_values(rng, term.size(), 2, 6),
+                loss == Loss::Truncated ? random_values(rng, term.size(), 1, 3) : VectorXd());
+}
+
+template <typename Add>
+Kind with_loss(const char* name, Loss loss, Add add) {
+  return {name, [=](System& system, Rng& rng) -> Term& {
+            Term& term = add(system, rng);
+            add_loss(term, rng, loss);
+            return term;
+          }};
+}
+
+Anchors& anchors(System& system, Rng& rng) {
+  const auto nodes = random_elements(rng, kNodes, 1, 8);
+  return system.add_anchors(nodes.row(0), random_points(rng, system.dim(), 8), random_values(rng, 8, 0.1, 2));
+}
+Links& links(System& system, Rng& rng) {
+  return system.add_links(random_elements(rng, kNodes, 2, 9), random_values(rng, 9, 2, 15),
+                          random_values(rng, 9, 0.1, 2));
+}
+
+std::vector<Kind> kinds() {
+  std::vector<Kind> all{
+      {"anchors", [](System& s, Rng& rng) -> Term& { return anchors(s, rng); }},
+      {"rays",
+       [](System& s, Rng& rng) -> Term& {
+         Term& term = anchors(s, rng);
+         term.values("information") = random_shapes(rng, s.dim(), term.size(), false);
+         return term;
+       }},
+      {"links", [](System& s, Rng& rng) -> Term& { return links(s, rng); }},
+      {"links with offsets and information",
+       [](System& s, Rng& rng) -> Term& {
+         Term& term = links(s, rng);
+         term.values("offset") = random_points(rng, s.dim(), term.size());
+         term.values("information") = random_shapes(rng, s.dim(), term.size(), true);
+         return term;
+       }},
+      {"bendings",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_bendings(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 0, 15),
+                               random_values(rng, 7, 0.1, 2));
+       }},
+      {"offsets",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_offsets(random_elements(rng, kNodes, 2, 7), random_points(rng, s.dim(), 7),
+                              System::all(0.7));
+       }},
+      {"loads",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_loads(random_elements(rng, kNodes, 1, 5).row(0), random_points(rng, s.dim(), 5, 1));
+       }},
+      {"second differences",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_differences(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 0.1, 2));
+       }},
+      {"differences with matrices",
+       [](System& s, Rng& rng) -> Term& {
+         Term& term = s.add_differences(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 0.1, 2));
+         term.values("target") = random_points(rng, s.dim(), 7);
+         term.values("a") = random_points(rng, s.dim() * s.dim(), 7, 1);
+         term.values("c") = random_points(rng, s.dim() * s.dim(), 1, 1);
+         term.values("information") = random_shapes(rng, s.dim(), 7, true);
+         return term;
+       }},
+      {"common length",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_common_length(random_elements(rng, kNodes, 2, 8), random_values(rng, 8, 0.1, 2));
+       }},
+      {"common bias with a prior",
+       [](System& s, Rng& rng) -> Term& {
+         Term& term =
+             s.add_common_length(random_elements(rng, kNodes, 2, 8), random_values(rng, 8, 0.1, 2), 1, 3);
+         term.values("length") = random_values(rng, 8, 2, 15).transpose();
+         term.set_loss(Loss::Huber, 4);
+         return term;
+       }},
+      {"elements of one's own",
+       [](System& s, Rng& rng) -> Term& {
+         // (|x_i|^2 - |x_j|^2)^2 / 200
+         const int d = s.dim();
+         return s.add_elements(
+             random_elements(rng, kNodes, 2, 6),
+             [d](const MatrixXd& points, const MatrixXd&, bool second, ElementValues& values) {
+               const auto count = points.cols();
+               values.energy.resize(count);
+               values.gradient.resize(2 * d, count);
+               values.second.resize(4 * d * d, count);
+               for (Eigen::Index e = 0; e < count; ++e) {
+                 VectorXd by = 2 * points.col(e);
+                 by.tail(d) *= -1;
+                 const double f = points.col(e).head(d).squaredNorm() - points.col(e).tail(d).squaredNorm();
+                 values.energy[e] = f * f / 200;
+                 values.gradient.col(e) = f * by / 100;
+                 if (!second) continue;
+                 MatrixXd h = by * by.transpose() / 100;
+                 for (int r = 0; r < 2 * d; ++r) h(r, r) += f * (r < d ? 2 : -2) / 100;
+                 values.second.col(e) = h.reshaped();
+               }
+             },
+             true);
+       }},
+      {"angles",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_angles(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 0, 3),
+                             random_values(rng, 7, 0.1, 20));
+       }},
+      {"areas",
+       [](System& s, Rng& rng) -> Term& {
+         return s.add_areas(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 5, 60),
+                            random_values(rng, 7, 0.001, 0.02));
+       }},
+      {"a potential of one's own",
+       [](System& s, Rng& rng) -> Term& {
+         Links& term = links(s, rng);
+         term.set_function([](std::size_t count, const double* r, const double* rest, double* value,
+                              double* first, double* second) {
+           for (std::size_t l = 0; l < count; ++l) {  // log cosh, a smooth absolute value
+             const double t = std::tanh(r[l] - rest[l]);
+             value[l] = std::log(std::cosh(r[l] - rest[l]));
+             first[l] = t;
+             second[l] = 1 - t * t;
+           }
+         });
+         return term;
+       }},
+  };
+  const struct {
+    const char* name;
+    LinkLaw law;
+  } laws[] = {{"ropes", LinkLaw::Rope},
+              {"repulsions", LinkLaw::Repulsion},
+              {"intervals", LinkLaw::Interval},
+              {"logarithms", LinkLaw::Logarithm}};
+  for (const auto& [name, law] : laws) {
+    all.push_back({name, [law = law](System& s, Rng& rng) -> Term& {
+                     Links& term = links(s, rng);
+                     term.set_law(law);
+                     term.values("upper") = term.values("length").array() + 3;
+                     return term;
+                   }});
+  }
+  const struct {
+    const char *anchors, *links, *angles;
+    Loss loss;
+  } losses[] = {{"Huber anchors", "Huber links", "Huber angles", Loss::Huber},
+                {"Geman-McClure anchors", "Geman-McClure links", "Geman-McClure angles", Loss::GemanMcClure},
+                {"truncated anchors", "truncated links", "truncated angles", Loss::Truncated}};
+  for (const auto& each : losses) {
+    all.push_back(with_loss(each.anchors, each.loss, anchors));
+    all.push_back(with_loss(each.links, each.loss, links));
+    all.push_back(with_loss(each.angles, each.loss, [](System& s, Rng& rng) -> Term& {
+      return s.add_angles(random_elements(rng, kNodes, 3, 7), random_values(rng, 7, 0, 3), System::all(5));
+    }));
+  }
+  return all;
+}
+
+class EveryKind : public ::testing::TestWithParam<Kind> {
+ protected:
+  // Calls check(system, rng) for systems with this term in several dimensions.
+  template <typename Check>
+  void for_systems(Check&& check) const {
+    for (const int dim : {1, 2, 3, 5}) {
+      for (std::uint64_t seed = 1; seed <= 3; ++seed) {
+        SCOPED_TRACE(::testing::Message() << GetParam() << ", dimension " << dim << ", seed " << seed);
+        if (dim == 1 && std::string(GetParam().name).find("angles") != std::string::npos) continue;
+        if (dim == 1 && std::string(GetParam().name) == "areas") continue;  // derivatives on a line are 0
+        Rng rng(seed);
+        System system(kNodes, dim);
+        GetParam().add(system, rng);
+        if (seed == 3) system.fix(2);
+        check(system, rng);
+      }
+    }
+  }
+};
+
+INSTANTIATE_TEST_SUITE_P(Terms, EveryKind, ::testing::ValuesIn(kinds()), [](const auto& test) {
+  std::string name = test.param.name;
+  for (char& c : name) c = std::isalnum(static_cast<unsigned char>(c)) ? c : '_';
+  return name;
+});
+
+TEST_P(EveryKind, GradientIsThatOfTheEnergy) {
+  for_systems([](const System& system, Rng& rng) {
+    const MatrixXd x = random_points(rng, system.dim(), kNodes);
+    ASSERT_EQ(validate(system, x, false), "");
+    MatrixXd gradient;
+    EXPECT_EQ(energy_and_gradient(system, x, gradient), energy(system, x));
+    const double scale = 1 + gradient.cwiseAbs().maxCoeff();
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      if (system.is_fixed(static_cast<int>(c) / system.dim())) {
+        EXPECT_EQ(gradient.reshaped()[c], 0);
+        continue;
+      }
+      const double h = 1e-5;
+      MatrixXd up = x, down = x;
+      up.reshaped()[c] += h;
+      down.reshaped()[c] -= h;
+      EXPECT_NEAR(gradient.reshaped()[c], (energy(system, up) - energy(system, down)) / (2 * h),
+                  2e-6 * scale);
+    }
+  });
+}
+
+TEST_P(EveryKind, HessianIsThatOfTheGradient) {
+  for_systems([](const System& system, Rng& rng) {
+    const MatrixXd x = random_points(rng, system.dim(), kNodes);
+    const MatrixXd h = hessian(system, x);
+    const double scale = 1 + h.cwiseAbs().maxCoeff();
+    EXPECT_LE((h - h.transpose()).cwiseAbs().maxCoeff(), 1e-12 * scale);
+    for (Eigen::Index c = 0; c < x.size(); ++c) {
+      if (system.is_fixed(static_cast<int>(c) / system.dim())) {
+        EXPECT_EQ(h.col(c), VectorXd(VectorXd::Unit(x.size(), c)));
+        continue;
+      }
+      const double step = 1e-6;
+      MatrixXd up = x, down = x, above, below;
+      up.reshaped()[c] += step;
+      down.reshaped()[c] -= step;
+      energy_and_gradient(system, up, above);
+      energy_and_gradient(system, down, below);
+      EXPECT_LE((h.col(c) - (above - below).reshaped() / (2 * step)).cwiseAbs().maxCoeff(), 1e-5 * scale);
+    }
+  });
+}
+
+// Clamped matrices are positive semi-definite; the bounds hold between random points.
+TEST_P(EveryKind, CurvaturesAreWhatTheySay) {
+  for_systems([](const System& system, Rng& rng) {
+    const Term& term = system.term(0);
+    const MatrixXd x = random_points(rng, system.dim(), kNodes);
+    const MatrixXd clamped = hessian(system, x, Curvature::Clamped);
+    const double scale = 1 + clamped.cwiseAbs().maxCoeff();
+    EXPECT_GE(Eigen::SelfAdjointEigenSolver<MatrixXd>(clamped).eigenvalues().minCoeff(), -1e-12 * scale);
+    MatrixXd gradient;
+    const double here = energy_and_gradient(system, x, gradient);
+    for (const Curvature bound : {Curvature::Majorising, Curvature::Minorising}) {
+      if (term.problem_with(bound) != nullptr) {
+        EXPECT_THROW(hessian(system, x, bound), std::invalid_argument);
+        continue;
+      }
+      const MatrixXd m = hessian(system, x, bound);
+      for (int trial = 0; trial < 50; ++trial) {
+        MatrixXd move = random_points(rng, system.dim(), kNodes, std::pow(10, rng.uniform(-3, 2)));
+        for (int i = 0; i < kNodes; ++i) {
+          if (system.is_fixed(i)) move.col(i).setZero();
+        }
+        const VectorXd v = move.reshaped();
+        const double model = here + gradient.reshaped().dot(v) + v.dot(m * v) / 2;
+        const double there = energy(system, x + move);
+        const double rounding = 1e-12 * (std::abs(here) + std::abs(there) + std::abs(model));
+        if (bound == Curvature::Majorising) {
+          EXPECT_LE(there, model + rounding);
+        } else {
+          EXPECT_GE(there, model - rounding);
+        }
+      }
+    }
+  });
+}
+
+// The least of a term's numbers: their derivatives by finite differences of solutions.
+TEST_P(EveryKind, SolutionsAreDifferentiated) {
+  for_systems([](System& system, Rng& rng) {
+    if (system.term(0).why_not_differentiable() != nullptr) return;
+    system.add_anchors(random_points(rng, system.dim(), kNodes, 8), System::all(3));
+    const MatrixXd start = random_points(rng, system.dim(), kNodes, 8);
+    AlignedOptions options;
+    options.tolerance = 1e-13;
+    options.align = false;
+    MatrixXd x = start;
+    const Summary summary = solve(system, x, options);
+    ASSERT_TRUE(summary.usable()) << summary;
+    const Solution solution(system, x);
+    if (!solution) return;  // at a kink of a loss
+    const MatrixXd by_x = random_points(rng, system.dim(), kNodes, 1);
+    const auto gradients = solution.gradients(by_x);
+    for (int t = 0; t < system.term_count(); ++t) {
+      for (std::size_t c = 0; c < system.term(t).columns().size(); ++c) {
+        const std::string name(system.term(t).columns()[c].name);
+        if (name == "scale" || name == "sharpness" || name == "a" || name == "b" || name == "c") continue;
+        MatrixXd& values = system.term(t).values(name);
+        ASSERT_EQ(gradients[static_cast<std::size_t>(t)][c].size(), values.size());
+        for (Eigen::Index v = 0; v < std::min<Eigen::Index>(values.size(), 3); ++v) {
+          if (name == "information") continue;  // a change of one entry leaves no symmetric matrix
+          const double before = values.reshaped()[v], step = 1e-5 * std::max(1.0, std::abs(before));
+          double ends[2];
+          bool is_smooth = true;
+          for (const int side : {0, 1}) {
+            values.reshaped()[v] = before + (side == 0 ? step : -step);
+            MatrixXd moved = x;
+            is_smooth = solve(system, moved, options).usable() && (moved - x).norm() < 0.1 && is_smooth;
+            ends[side] = by_x.cwiseProduct(moved).sum();
+          }
+          values.reshaped()[v] = before;
+          if (!is_smooth) continue;
+          const double expected = (ends[0] - ends[1]) / (2 * step);
+          EXPECT_NEAR(gradients[static_cast<std::size_t>(t)][c].reshaped()[v], expected,
+                      2e-4 * (1 + std::abs(expected)))
+              << system.term(t).kind() << " " << name << " " << v;
+        }
+      }
+    }
+  });
+}
+
+// All terms at once, with anchors that hold every node.
+System mixture(Rng& rng, int dim, bool smooth) {
+  System system(kNodes, dim);
+  for (const Kind& kind : kinds()) {
+    const std::string name = kind.name;
+    if (!smooth || (name != "angles" && name != "areas" && name.find("truncated") == std::string::npos))
+      kind.add(system, rng);
+  }
+  system.add_anchors(random_points(rng, dim, kNodes), System::all(2));
+  return system;
+}
+
+TEST(SystemMethods, AllStopAtStationaryPointsOfAnyMixture) {
+  int converged = 0, solves = 0;
+  for (const int dim : {2, 3, 4}) {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      Rng rng(seed);
+      const System system = mixture(rng, dim, false);
+      const MatrixXd start = random_points(rng, dim, kNodes);
+      for (const std::string_view method : system_methods()) {
+        SCOPED_TRACE(::testing::Message() << method << ", dimension " << dim << ", seed " << seed);
+        MatrixXd x = start;
+        AlignedOptions options;
+        options.max_iterations = 500;
+        const Summary summary = solve(method, system, x, options);
+        if (method == "ida") {
+          EXPECT_EQ(summary.status, Status::InvalidInput);
+          EXPECT_EQ(x, start);
+          continue;
+        }
+        // Angles and lengths have kinks, at which no method can meet the tolerance.
+        EXPECT_TRUE(summary.usable()) << summary;
+        converged += summary.status == Status::Converged ? 1 : 0;
+        ++solves;
+        EXPECT_LE(summary.final_energy, energy(system, start));
+        EXPECT_EQ(summary.final_energy, energy(system, x));
+        MatrixXd gradient;
+        energy_and_gradient(system, x, gradient);
+        EXPECT_NEAR(summary.gradient_norm, gradient.norm(), 1e-12 * (1 + gradient.norm()));
+      }
+    }
+  }
+  EXPECT_GE(converged, solves * 9 / 10) << "of " << solves;
+}
+
+TEST(SystemMethods, FindTheMinimumOfAConvexSystem) {
+  for (std::uint64_t seed = 1; seed <= 20; ++seed) {
+    Rng rng(seed);
+    const int dim = 1 + static_cast<int>(seed % 4);
+    System system(kNodes, dim);
+    anchors(system, rng);
+    system.add_anchors(random_points(rng, dim, kNodes), System::all(0.3)).set_loss(Loss::Huber, 2);
+    system.add_differences(random_elements(rng, kNodes, 3, 5), System::all(2));
+    Offsets& offsets =
+        system.add_offsets(random_elements(rng, kNodes, 2, 7), random_points(rng, dim, 7), System::all(0.7));
+    offsets.values("information") = random_shapes(rng, dim, 7, false);
+    double least = std::numeric_limits<double>::infinity();
+    for (const std::string_view method : system_methods()) {
+      MatrixXd x = random_points(rng, dim, kNodes, 50);
+      const Summary summary = solve(method, system, x);
+      EXPECT_EQ(summary.status, Status::Converged) << method << " " << summary;
+      if (!std::isfinite(least)) least = summary.final_energy;
+      EXPECT_NEAR(summary.final_energy, least, 1e-9 * least) << method;
+    }
+  }
+}
+
+// The same springs, of both kinds of systems.
+TEST(SystemTie, AgreesWithSpringSystem) {
+  for (std::uint64_t seed = 1; seed <= 40; ++seed) {
+    Rng rng(seed);
+    const int n = 2 + static_cast<int>(seed % 7);
+    SpringSystem<double, 2> springs(Topology<>::full(n));
+    springs.anchors = random_points(rng, 2, n, 30);
+    springs.set_rest_lengths(random_points(rng, 2, n, 30));
+    springs.link_stiffness = random_values(rng, springs.link_count(), 0.1, 3);
+    springs.anchor_stiffness = random_values(rng, n, 0.01, 1);
+    if (seed % 3 == 0) springs.fix(0);
+    if (seed % 4 == 0) springs.loads = random_points(rng, 2, n, 1);
+    System system(n, 2);
+    system.add_anchors(springs.anchors, springs.anchor_stiffness);
+    system.add_links(all_pairs(n), springs.rest_length, springs.link_stiffness);
+    if (seed % 3 == 0) system.fix(0);
+    if (seed % 4 == 0) system.add_loads(Eigen::RowVectorXi::LinSpaced(n, 0, n - 1), springs.loads);
+    const MatrixXd start = random_points(rng, 2, n, 30);
+    const SpringSystem<double, 2>::Points at = start;
+    EXPECT_NEAR(energy(system, start), energy(springs, at), 1e-12 * energy(springs, at));
+    MatrixXd gradient;
+    energy_and_gradient(system, start, gradient);
+    EXPECT_LE((gradient - asterism::gradient(springs, at)).norm(), 1e-12 * gradient.norm());
+    EXPECT_NEAR(characteristic_length(system, start), characteristic_length(springs, at), 1e-12 * 100);
+    EXPECT_NEAR(stationarity(system, start), stationarity(springs, at), 1e-12 * stationarity(springs, at));
+    MatrixXd x = start;
+    SpringSystem<double, 2>::Points y = start;
+    const Summary summary = solve(system, x);
+    Lbfgs<SpringSystem<double, 2>>().solve(springs, y);
+    ASSERT_EQ(summary.status, Status::Converged) << summary;
+    // From the same start they may find different minima: each is one of the other's as well.
+    EXPECT_LE(stationarity(springs, SpringSystem<double, 2>::Points(x)), 1e-7);
+    EXPECT_LE(stationarity(system, y), 1e-7);
+    const Certificate ours = certify(system, x),
+                      theirs = certify(springs, SpringSystem<double, 2>::Points(x));
+    if (ours.certified()) {
+      EXPECT_LE(ours.energy, energy(system, y) * (1 + 1e-9));
+    }
+    EXPECT_TRUE(!ours.certified() || theirs.proof != Proof::NotCertified);
+    if (const Solution solution(system, x); solution) {
+      const auto expected = covariance(springs, SpringSystem<double, 2>::Points(x));
+      if (expected.status == CovarianceStatus::Computed) {
+        EXPECT_LE((solution.joint_covariance() - expected.matrix).norm(), 1e-9 * expected.matrix.norm());
+      }
+    }
+  }
+}
+
+TEST(SystemSolution, CovarianceIsTheInverseOfTheHessian) {
+  for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+    Rng rng(seed);
+    const int dim = 2 + static_cast<int>(seed % 2);
+    System system = mixture(rng, dim, true);
+    if (seed % 2 == 0) system.fix(1);
+    MatrixXd x = random_points(rng, dim, kNodes);
+    ASSERT_TRUE(solve(system, x).usable());
+    const Solution solution(system, x);
+    MatrixXd inverse = hessian(system, x).inverse();
+    if (!solution) continue;
+    if (seed % 2 == 0) inverse.middleRows(dim, dim).setZero();
+    const MatrixXd joint = solution.joint_covariance(), blocks = solution.covariances();
+    EXPECT_LE((joint - inverse).norm(), 1e-9 * inverse.norm());
+    for (int i = 0; i < kNodes; ++i) {
+      EXPECT_LE((solution.covariance(i) - joint.block(dim * i, dim * i, dim, dim)).norm(),
+                1e-12 * joint.norm());
+      EXPECT_LE((blocks.middleCols(dim * i, dim) - solution.covariance(i)).norm(), 1e-12 * joint.norm());
+    }
+    EXPECT_THROW(solution.covariance(kNodes), std::out_of_range);
+  }
+}
+
+// Two parts that turn about each other freely, and a system without anchors.
+TEST(SystemSolution, FreeMotionsHaveNoCovariance) {
+  System system(2, 2);
+  system.add_anchors(Eigen::RowVectorXi::Constant(1, 0), Eigen::Vector2d(1, 2), System::all(1));
+  system.add_links(all_pairs(2), System::all(5), System::all(1));
+  MatrixXd x(2, 2);
+  x << 1, 4, 2, 6;
+  const Summary summary = solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_EQ(summary.positive_definite, 0);
+  const Solution solution(system, x);
+  EXPECT_FALSE(solution);
+  EXPECT_THROW(solution.covariance(0), std::logic_error);
+  EXPECT_EQ(certify(system, x).proof, Proof::NotCertified);
+}
+
+// No certified placement lies above what many starts find; a chain of offsets and anchors is always
+// certified.
+TEST(SystemSolution, CertifiedMinimaAreGlobal) {
+  int certified = 0;
+  for (std::uint64_t seed = 1; seed <= 60; ++seed) {
+    Rng rng(seed);
+    System system(5, 2);
+    system.add_anchors(random_points(rng, 2, 5, 20), random_values(rng, 5, 0.05, 0.5));
+    system.add_links(all_pairs(5), random_values(rng, 10, 5, 40), System::all(1));
+    if (seed % 2 == 0) system.add_differences(random_elements(rng, 5, 3, 3), System::all(0.5));
+    MatrixXd x = random_points(rng, 2, 5, 20);
+    ASSERT_TRUE(solve(system, x).usable());
+    const Certificate certificate = certify(system, x);
+    certified += certificate.certified() ? 1 : 0;
+    AnySolver<System> starts = system_solvers().make("multi-start", {{"starts", 40}, {"spread", 2.0}});
+    MatrixXd y = x;
+    const Summary lowest = starts.solve(system, y);
+    if (certificate.certified()) {
+      EXPECT_GE(lowest.final_energy, certificate.lower_bound - 1e-12 * certificate.energy);
+      EXPECT_LE((x - y).colwise().norm().maxCoeff(), certificate.distance + 1e-6);
+    }
+  }
+  EXPECT_GE(certified, 10);
+  System truncated(2, 2);
+  truncated.add_anchors(MatrixXd::Zero(2, 2), System::all(1));
+  truncated.add_links(all_pairs(2), System::all(3), System::all(1)).set_loss(Loss::Huber, 1);
+  const Certificate refused = certify(truncated, MatrixXd::Identity(2, 2));
+  EXPECT_EQ(refused.proof, Proof::NotApplicable);
+  EXPECT_NE(std::string(std::string_view(refused.reason)).find("links"), std::string::npos);
+}
+
+TEST(SystemSolution, CommonLengthIsTheWeightedMeanAndMinimisesJointly) {
+  Rng rng(3);
+  System system(4, 2);
+  CommonLength& limbs = system.add_common_length(all_pairs(4), random_values(rng, 6, 0.1, 2));
+  const MatrixXd x = random_points(rng, 2, 4);
+  const VectorXd r = lengths_at(x, all_pairs(4)), k = limbs.values("stiffness").transpose();
+  EXPECT_NEAR(limbs.estimate(x), r.dot(k) / k.sum(), 1e-12);
+  limbs.set_loss(Loss::Huber, 0.5);
+  const double best = energy(system, x);
+  for (const double b : {0.0, 1.0, 5.0, limbs.estimate(x) + 1e-3, limbs.estimate(x) - 1e-3}) {
+    System fixed(4, 2);
+    fixed.add_links(all_pairs(4), System::all(b), k).set_loss(Loss::Huber, 0.5);
+    EXPECT_GE(energy(fixed, x), best - 1e-12);
+  }
+}
+
+// The paper's line: nodes that start on a line leave it, and a triangle does not stay flat.
+TEST(SystemMethods, NewtonLeavesALine) {
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    Rng rng(seed);
+    const int n = 3 + static_cast<int>(seed % 8);
+    System system(n, 2);
+    MatrixXd flat = random_points(rng, 2, n);
+    flat.row(1).setZero();
+    system.add_anchors(flat, System::all(0.01));
+    system.add_links(all_pairs(n), System::all(5), System::all(1));
+    MatrixXd x = flat;
+    const Summary summary = solve("newton", system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    EXPECT_EQ(summary.positive_definite, 1) << summary;
+    EXPECT_GT(x.row(1).cwiseAbs().maxCoeff(), 1);
+  }
+}
+
+TEST(SystemMethods, GraduatedFindsWhatMostAgreeOn) {
+  for (const Loss loss : {Loss::GemanMcClure, Loss::Truncated}) {
+    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
+      Rng rng(seed);
+      const MatrixXd shape = random_points(rng, 2, 9, 30);
+      MatrixXd seen = shape;
+      for (const int i : {0, 3, 6}) seen.col(i) += random_points(rng, 2, 1, 40) + Eigen::Vector2d(60, 0);
+      System system(9, 2);
+      system.add_anchors(seen, System::all(1)).set_loss(loss, 2);
+      system.add_offsets(
+          all_pairs(9),
+          [&] {
+            MatrixXd offsets(2, 36);
+            for (int l = 0; l < 36; ++l)
+              offsets.col(l) = shape.col(all_pairs(9)(0, l)) - shape.col(all_pairs(9)(1, l));
+            return offsets;
+          }(),
+          System::all(1));
+      MatrixXd x = seen;
+      const Summary summary = solve("graduated", system, x);
+      EXPECT_TRUE(summary.usable()) << summary;
+      EXPECT_LE((x - shape).colwise().norm().maxCoeff(), 1.0) << summary;
+    }
+  }
+}
+
+// What is added, changed and removed between solves is as if the system had been made so.
+TEST(SystemEdits, AreThoseOfASystemMadeAtOnce) {
+  Rng rng(5);
+  const MatrixXd positions = random_points(rng, 2, 7);
+  const VectorXd lengths = random_values(rng, 4, 2, 9);
+  Eigen::Matrix2Xi pairs(2, 4);
+  pairs << 0, 1, 2, 5, 1, 2, 5, 6;
+  System system(5, 2);
+  Anchors& held = system.add_anchors(positions.leftCols(5), System::all(0.5));
+  Links& chain = system.add_links(pairs.leftCols(2), lengths.head(2), System::all(2));
+  system.add_loads(Eigen::RowVectorXi::Constant(1, 3), Eigen::Vector2d(1, 1));
+  MatrixXd x = positions.leftCols(5);
+  EXPECT_TRUE(solve(system, x).usable());
+  system.add_nodes(2);
+  const MatrixXd more = positions.rightCols(2);
+  held.append(Eigen::RowVector2i(5, 6), std::vector<MatrixXd>{more});
+  chain.append(pairs.rightCols(2), std::vector<MatrixXd>{lengths.tail(2).transpose()});
+  const std::vector<int> gone{3};
+  system.remove_nodes(gone);
+
+  System expected(6, 2);
+  MatrixXd left(2, 6);
+  left << positions.leftCols(3), positions.rightCols(3);
+  expected.add_anchors(left, System::all(0.5));
+  pairs << 0, 1, 2, 4, 1, 2, 4, 5;
+  expected.add_links(pairs, lengths, System::all(2));
+  expected.add_loads(Eigen::RowVectorXi(0), MatrixXd(2, 1));
+  EXPECT_EQ(energy(system, left), energy(expected, left));
+  EXPECT_EQ(hessian(system, left), hessian(expected, left));
+  MatrixXd a = left, b = left;
+  EXPECT_EQ(solve(system, a).status, solve(expected, b).status);
+  EXPECT_EQ(a, b);
+
+  const System copy = system;
+  chain.values("length").setConstant(1);
+  EXPECT_EQ(energy(copy, left), energy(expected, left));
+  EXPECT_NE(energy(system, left), energy(expected, left));
+  system.remove(chain);
+  EXPECT_EQ(system.term_count(), 2);
+  EXPECT_THROW(system.remove(copy.term(0)), std::invalid_argument);
+}
+
+// A system of one bad number, and a word of what is said of it.
+struct BadInput {
+  const char* name;
+  std::function<void(System&, MatrixXd&)> spoil;
+  const char* word;
+};
+std::ostream& operator<<(std::ostream& out, const BadInput& bad) { return out << bad.name; }
+
+class Refused : public ::testing::TestWithParam<BadInput> {};
+
+INSTANTIATE_TEST_SUITE_P(
+    BadInput, Refused,
+    ::testing::Values(
+        BadInput{"nan_position", [](System& s, MatrixXd&) { s.term(0).values("position")(1, 2) = NAN; },
+                 "position of element 2 is not finite"},
+        BadInput{"negative_stiffness", [](System& s, MatrixXd&) { s.term(1).values("stiffness")(0, 0) = -1; },
+                 "links: stiffness of element 0 is negative"},
+        BadInput{"wrong_count", [](System& s, MatrixXd&) { s.term(1).values("length").resize(1, 2); },
+                 "length must have one entry for each element"},
+        BadInput{"node_out_of_range",
+                 [](System& s, MatrixXd&) {
+                   Eigen::MatrixXi nodes = s.term(1).nodes();
+                   nodes(1, 3) = 17;
+                   s.term(1).set_nodes(nodes);
+                 },
+                 "element 3 has a node out of range"},
+        BadInput{"self_link",
+                 [](System& s, MatrixXd&) {
+                   Eigen::MatrixXi nodes = s.term(1).nodes();
+                   nodes(1, 3) = nodes(0, 3);
+                   s.term(1).set_nodes(nodes);
+                 },
+                 "element 3 has one node twice"},
+        BadInput{"no_scale", [](System& s, MatrixXd&) { s.term(0).choose("loss", "huber"); },
+                 "needs a scale"},
+        BadInput{"zero_scale", [](System& s, MatrixXd&) { s.term(0).set_loss(Loss::Huber, 0.0); },
+                 "scale of element 0 is not positive"},
+        BadInput{"upper_below_length",
+                 [](System& s, MatrixXd&) {
+                   s.term(1).choose("law", "interval");
+                   s.term(1).values("upper").setConstant(1, 1, 0.5);
+                 },
+                 "upper length is less"},
+        BadInput{"indefinite_information",
+                 [](System& s, MatrixXd&) { s.term(0).values("information") = Eigen::Vector4d(1, 0, 0, -1); },
+                 "positive semi-definite"},
+        BadInput{"x_of_another_size", [](System&, MatrixXd& x) { x.resize(2, 3); }, "x must have"},
+        BadInput{"infinite_x", [](System&, MatrixXd& x) { x(0, 1) = INFINITY; }, "x of node 1 is not finite"},
+        BadInput{"nothing_holds",
+                 [](System& s, MatrixXd&) {
+                   s.add_nodes(1);
+                   s.remove(s.term(0));
+                 },
+                 "x must have"},
+        BadInput{"floating", [](System& s, MatrixXd&) { s.term(0).values("stiffness").setZero(); },
+                 "connected component that nothing holds"},
+        BadInput{"common_length_with_a_robust_loss",
+                 [](System& s, MatrixXd&) {
+                   s.add_common_length(all_pairs(4), System::all(1)).set_loss(Loss::GemanMcClure, 1);
+                 },
+                 "quadratic or huber"}),
+    [](const auto& test) { return test.param.name; });
+
+TEST_P(Refused, ByAllMethodsAndQuestions) {
+  Rng rng(1);
+  System system(4, 2);
+  MatrixXd x = random_points(rng, 2, 4);
+  system.add_anchors(x, random_values(rng, 4, 0.5, 1));
+  system.add_links(all_pairs(4), random_values(rng, 6, 2, 9), random_values(rng, 6, 1, 2));
+  GetParam().spoil(system, x);
+  const MatrixXd before = x;
+  for (const std::string_view method : system_methods()) {
+    const Summary summary = solve(method, system, x);
+    EXPECT_EQ(summary.status, Status::InvalidInput) << method;
+    EXPECT_NE(std::string(std::string_view(summary.message)).find(GetParam().word), std::string::npos)
+        << method << ": " << summary.message;
+    EXPECT_TRUE(x.cwiseEqual(before).all() || !x.allFinite());
+  }
+  const Certificate certificate = certify(system, x);
+  EXPECT_EQ(certificate.proof, Proof::NotApplicable);
+  EXPECT_FALSE(std::string_view(certificate.reason).empty());
+}
+
+TEST(SystemErrors, NameWhatIsNear) {
+  System system(2, 2);
+  Links& one = system.add_links(all_pairs(2), System::all(1), System::all(1));
+  const auto message = [](auto&& f) -> std::string {
+    try {
+      f();
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "nothing was thrown";
+  };
+  EXPECT_EQ(message([&] { one.values("lenght"); }), "links: unknown column 'lenght', did you mean 'length'?");
+  EXPECT_EQ(message([&] { one.choose("law", "hook"); }), "links: unknown law 'hook', did you mean 'hooke'?");
+  MatrixXd x = MatrixXd::Zero(2, 2);
+  EXPECT_NE(message([&] { solve("newtn", system, x); }).find("did you mean 'newton'"), std::string::npos);
+  EXPECT_NE(message([] { make_term("springs", 2); }).find("known: anchors links"), std::string::npos);
+  EXPECT_THROW(System(1, 0), std::invalid_argument);
+  EXPECT_THROW(System(-1, 2), std::invalid_argument);
+  EXPECT_THROW(system.add(Links(3)), std::invalid_argument);
+  EXPECT_THROW(system.add_links(all_pairs(2), VectorXd::Ones(5), System::all(1)), std::invalid_argument);
+}
+
+// What a user's function throws reaches the caller, and x is as it was.
+TEST(SystemErrors, OfAUsersFunctionReachTheCaller) {
+  System system(2, 2);
+  system.add_anchors(MatrixXd::Identity(2, 2), System::all(1));
+  int calls = 0;
+  system.add_elements(
+      all_pairs(2),
+      [&calls](const MatrixXd& points, const MatrixXd&, bool, ElementValues& values) {
+        if (++calls == 3) throw std::runtime_error("my own");
+        values.energy = points.colwise().squaredNorm();
+        values.gradient = 2 * points;
+      },
+      false);
+  MatrixXd x = MatrixXd::Constant(2, 2, 5);
+  const MatrixXd start = x;
+  EXPECT_THROW(solve(system, x), std::runtime_error);
+  EXPECT_EQ(x, start);
+  EXPECT_EQ(solve("newton", system, x).status, Status::InvalidInput);
+  const Summary summary = solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_LE((x - MatrixXd::Identity(2, 2) / 3).norm(), 1e-6);
+}
+
+TEST(SystemMethods, CanBeStoppedAndObserved) {
+  Rng rng(1);
+  const System system = mixture(rng, 2, true);
+  for (const std::string_view method : system_methods()) {
+    if (method == "ida") continue;
+    int calls = 0;
+    auto stop_at_2 = [&calls](const Iteration& at) {
+      ++calls;
+      return at.number < 2;
+    };
+    AlignedOptions options;
+    options.on_iteration = stop_at_2;
+    MatrixXd x = random_points(rng, 2, kNodes);
+    const double before = energy(system, x);
+    const Summary summary = solve(method, system, x, options);
+    EXPECT_EQ(summary.status, Status::Interrupted) << method << " " << summary;
+    EXPECT_LE(energy(system, x), before);
+    EXPECT_GE(calls, 3);
+  }
+}
+
+TEST(SystemMethods, GroundComponentsThatNothingHolds) {
+  System system(3, 2);
+  system.add_links(all_pairs(3), System::all(4), System::all(1));
+  MatrixXd x(2, 3);
+  x << 1, 3, 2, 1, 1, 3;
+  const MatrixXd start = x;
+  EXPECT_EQ(solve(system, x).status, Status::InvalidInput);
+  AlignedOptions options;
+  options.ground_components = true;
+  const Summary summary = solve(system, x, options);
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_LE((lengths_at(x, all_pairs(3)).array() - 4).abs().maxCoeff(), 1e-6);
+  EXPECT_EQ(x.col(0), start.col(0));
+}
+
+}  // namespace
+}  // namespace asterism
