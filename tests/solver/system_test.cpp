@@ -4,6 +4,7 @@
 
 #include <Eigen/Dense>
 #include <asterism/solver.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/system.hpp>
 #include <asterism/testing/random_system.hpp>
@@ -577,6 +578,83 @@ TEST(SystemSolution, CommonLengthIsTheWeightedMeanAndMinimisesJointly) {
     fixed.add_links(all_pairs(4), System::all(b), k).set_loss(Loss::Huber, 0.5);
     EXPECT_GE(energy(fixed, x), best - 1e-12);
   }
+}
+
+template <typename Springs>
+void expect_same(const Springs& springs, const MatrixXd& x) {
+  const typename Springs::Points at = x;
+  const System system = to_system(springs);
+  ASSERT_EQ(validate(system, x), "");
+  MatrixXd gradient;
+  const double e = energy_and_gradient(system, x, gradient);
+  EXPECT_NEAR(e, energy(springs, at), 1e-12 * std::abs(e));
+  EXPECT_LE((gradient - asterism::gradient(springs, at)).norm(), 1e-11 * gradient.norm());
+  EXPECT_LE((hessian(system, x) - hessian(springs, at)).norm(), 1e-11 * hessian(springs, at).norm());
+  EXPECT_NEAR(stationarity(system, x), stationarity(springs, at), 1e-11 * stationarity(springs, at));
+}
+
+template <typename Model, int Dim = 2>
+void expect_same_model(const Model& model, std::uint64_t seed) {
+  Rng rng(seed);
+  SpringSystem<double, Dim, Eigen::Dynamic, Eigen::Dynamic, Model> springs(Topology<>::full(5));
+  static_cast<void>(model);
+  springs.anchors = random_points(rng, Dim, 5);
+  springs.anchor_stiffness = random_values(rng, 5, 0.1, 1);
+  springs.rest_length = random_values(rng, 10, 2, 15);
+  springs.link_stiffness = random_values(rng, 10, 0.1, 1);
+  if constexpr (requires { springs.anchor_loss.scale; }) springs.anchor_loss.scale = 4;
+  if constexpr (requires { springs.anchor_loss.values; })
+    springs.anchor_loss.values = {{3}, {4}, {5}, {6}, {7}};
+  if constexpr (requires { springs.link_potential.loss.scale; }) springs.link_potential.loss.scale = 3;
+  for (int i = 0; i < 5; ++i) {
+    if constexpr (requires { springs.anchor_shape.cols(); }) {
+      const MatrixXd root = random_points(rng, Dim, Dim, 1);
+      springs.set_anchor_information(i, Eigen::Matrix<double, Dim, Dim>(root * root.transpose()));
+    }
+  }
+  if (seed % 2 == 0) springs.rest_offset = random_points(rng, Dim, 10, 3);
+  if (seed % 3 == 0) springs.loads = random_points(rng, Dim, 5, 1);
+  expect_same(springs, random_points(rng, Dim, 5));
+}
+
+TEST(SystemTie, TakesEveryModel) {
+  for (std::uint64_t seed = 1; seed <= 6; ++seed) {
+    expect_same_model(Model<>(), seed);
+    expect_same_model<Model<>, 3>(Model<>(), seed);
+    expect_same_model(Model<Rope, Huber>(), seed);
+    expect_same_model(Model<Repulsion, Truncated>(), seed);
+    expect_same_model(Model<RobustHooke<GemanMcClure>, Each<Huber>>(), seed);
+    expect_same_model(Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>(), seed);
+  }
+}
+
+// A law with a name is one for Term::choose, and stays out of others' way.
+TEST(SystemTie, ALawWithANameIsAsTheLibrarysOwn) {
+  add_link_law(
+      "a second hooke",
+      [](std::size_t count, const double* r, const double* rest, double* value, double* first,
+         double* second) {
+        for (std::size_t l = 0; l < count; ++l) {
+          first[l] = r[l] - rest[l];
+          value[l] = first[l] * first[l] / 2;
+          second[l] = 1;
+        }
+      },
+      true);
+  EXPECT_THROW(add_link_law("a second hooke", {}), std::invalid_argument);
+  EXPECT_THROW(add_link_law("rope", {}), std::invalid_argument);
+  Rng rng(1);
+  System system(kNodes, 2);
+  Links& term = links(system, rng);
+  system.add_anchors(random_points(rng, 2, kNodes), System::all(1));
+  const MatrixXd x = random_points(rng, 2, kNodes);
+  const double expected = energy(system, x);
+  const MatrixXd curvature = hessian(system, x, Curvature::Minorising);
+  term.choose("law", "a second hooke");
+  EXPECT_EQ(term.chosen("law"), "a second hooke");
+  EXPECT_NEAR(energy(system, x), expected, 1e-12 * expected);
+  EXPECT_LE((hessian(system, x, Curvature::Minorising) - curvature).norm(), 1e-12 * curvature.norm());
+  EXPECT_EQ(energy(System(system), x), energy(system, x));
 }
 
 // The paper's line: nodes that start on a line leave it, and a triangle does not stay flat.

@@ -147,7 +147,7 @@ double CommonLength::energy(const Points& x, Points* gradient) const {
 // The matrix over the points and b, whose Schur complement is that of the energy minimised over b.
 void CommonLength::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   if (size() == 0) return;
-  const Numbers stiffness = numbers(kStiffness), scale = this->scale(), length = numbers(kLength);
+  const Numbers stiffness = numbers(kStiffness), scale = this->scale();
   const Eigen::VectorXd ranges = this->ranges(x);
   const double b = estimate(ranges);
   const int d = dim(), rows = 2 * d + 1;
@@ -165,7 +165,6 @@ void CommonLength::add_curvature(const Points& x, Curvature curvature, Curvature
     const int i = nodes()(0, e), j = nodes()(1, e);
     const double r = detail::length_and_direction(i, j, Eigen::VectorXd(x.col(i) - x.col(j)), u);
     const auto phi = detail::of_residual(detail::loss_at(loss(), scale[e], nullptr, s * s), s);
-    static_cast<void>(length);
     double along = k * phi.second, across = k * phi.first / r;
     if (!detail::is_finite(across)) across = phi.first < 0 ? 0.0 : along;
     matrix.setZero();
@@ -201,7 +200,7 @@ const char* CommonLength::problem_with(Curvature curvature) const {
 
 void CommonLength::add_scales(const Points& x, Scales& scales) const {
   const double b = estimate(x);
-  const Numbers stiffness = numbers(kStiffness), length = numbers(kLength);
+  const Numbers stiffness = numbers(kStiffness);
   for (int e = 0; e < size(); ++e) {
     const double rest = *length[e] + b;
     scales.lengths.emplace_back(*stiffness[e], rest * rest);

@@ -69,6 +69,8 @@ double length_and_direction(int i, int j, const Point& v, Point& direction, cons
 
 /// Whether a matrix is symmetric and positive semi-definite, up to rounding.
 bool is_semidefinite(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
+/// The largest eigenvalue of a symmetric matrix.
+double largest_eigenvalue(const Eigen::Ref<const Eigen::MatrixXd>& matrix);
 
 }  // namespace detail
 }  // namespace ASTERISM_ABI

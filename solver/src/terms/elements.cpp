@@ -1,6 +1,7 @@
 #include <Eigen/Eigenvalues>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/terms/kinds.hpp>
+#include <cmath>
 #include <limits>
 #include <stdexcept>
 #include <utility>
@@ -18,6 +19,16 @@ bool is_semidefinite(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
   if (!((matrix - matrix.transpose()).cwiseAbs().array() <= kRounding * largest).all()) return false;
   const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(matrix, Eigen::EigenvaluesOnly);
   return modes.eigenvalues().minCoeff() >= -kRounding * largest;
+}
+
+double largest_eigenvalue(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
+  if (matrix.rows() == 2) {
+    const double difference = (matrix(0, 0) - matrix(1, 1)) / 2;
+    return (matrix(0, 0) + matrix(1, 1)) / 2 + std::hypot(difference, matrix(1, 0));
+  }
+  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix, Eigen::EigenvaluesOnly)
+      .eigenvalues()
+      .maxCoeff();
 }
 
 }  // namespace detail

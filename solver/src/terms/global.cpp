@@ -46,9 +46,26 @@ class Random {
 
 }  // namespace
 
+namespace {
+
+// Whether the Hessian is small, or has a factor with few entries, as those of chains and trees have.
+bool is_easy_to_factor(const System& system, const Eigen::MatrixXd& x) {
+  constexpr int kSmall = 512;
+  constexpr double kFewEntries = 32;  // of a column
+  if (x.size() <= kSmall) return true;
+  if (!validate(system, x, false).empty()) return true;  // the method refuses it
+  SystemMatrix matrix;
+  matrix.assemble(system, x, Curvature::Clamped);
+  SystemFactor factor;
+  return factor.entries(matrix) <= kFewEntries * static_cast<double>(matrix.matrix().rows());
+}
+
+}  // namespace
+
 Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
-  if (missing_curvature(system, Curvature::True).empty()) return SystemNewton{options}.solve(system, x);
-  return SystemLbfgs{options}.solve(system, x);
+  if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
+  if (is_easy_to_factor(system, x)) return SystemNewton{options}.solve(system, x);
+  return SystemNewtonCg{options}.solve(system, x);
 }
 
 Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const {

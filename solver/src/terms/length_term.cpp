@@ -1,8 +1,13 @@
 #include <algorithm>
+#include <array>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/terms/kinds.hpp>
+#include <atomic>
 #include <cmath>
 #include <limits>
+#include <mutex>
+#include <stdexcept>
 #include <utility>
 
 #include "direction.hpp"
@@ -17,6 +22,33 @@ using detail::PointOf;
 namespace {
 
 constexpr std::string_view kLaws[] = {"hooke", "rope", "repulsion", "interval", "logarithm", "own"};
+constexpr std::size_t kOwn = 5;
+constexpr std::size_t kMostLaws = 64;
+
+// The laws with a name of the user's. They are only ever added, and stay where they are.
+struct NamedLaws {
+  struct Law {
+    std::string name;
+    LinkFunction function;
+    bool is_convex_in_square;
+  };
+  std::mutex mutex;
+  std::array<Law, kMostLaws> laws;
+  std::array<std::string_view, std::size(kLaws) + kMostLaws> names;  // of all laws
+  std::atomic<std::size_t> count = 0;
+
+  NamedLaws() { std::copy(std::begin(kLaws), std::end(kLaws), names.begin()); }
+};
+
+NamedLaws& named_laws() {
+  static NamedLaws laws;
+  return laws;
+}
+
+std::span<const std::string_view> law_names() {
+  NamedLaws& named = named_laws();
+  return {named.names.data(), std::size(kLaws) + named.count.load()};
+}
 
 constexpr std::size_t kLength = 0, kUpper = 1, kStiffness = 2, kOffset = 3, kInformation = 4;
 
@@ -63,7 +95,7 @@ LengthTerm::LengthTerm(std::string_view kind, int dim, std::vector<double> coeff
           }(),
           [] {
             std::vector<Column> columns;
-            std::vector<Choice> choices{{"law", kLaws, 0}};
+            std::vector<Choice> choices{{"law", law_names, 0}};
             add_loss(columns, choices);
             return choices;
           }()),
@@ -72,7 +104,20 @@ LengthTerm::LengthTerm(std::string_view kind, int dim, std::vector<double> coeff
 Links::Links(int dim) : LengthTerm("links", dim, {1, -1}) {}
 Bendings::Bendings(int dim) : LengthTerm("bendings", dim, {1, -2, 1}) {}
 
-void LengthTerm::set_law(LinkLaw law) { choose("law", kLaws[static_cast<std::size_t>(law)]); }
+void add_link_law(std::string_view name, LinkFunction function, bool is_convex_in_square) {
+  NamedLaws& named = named_laws();
+  const std::lock_guard lock(named.mutex);
+  const std::span<const std::string_view> known = law_names();
+  if (name.empty() || std::find(known.begin(), known.end(), name) != known.end())
+    detail::raise(std::invalid_argument("there is a law of links '" + std::string(name) + "' already"));
+  const std::size_t count = named.count.load();
+  if (count == kMostLaws) detail::raise(std::length_error("there are 64 named laws of links already"));
+  named.laws[count] = {std::string(name), std::move(function), is_convex_in_square};
+  named.names[std::size(kLaws) + count] = named.laws[count].name;
+  named.count.store(count + 1);
+}
+
+void LengthTerm::set_law(LinkLaw law) { choose("law", law_names()[static_cast<std::size_t>(law)]); }
 
 void LengthTerm::set_function(LinkFunction function, bool is_convex_in_square) {
   function_ = std::move(function);
@@ -80,13 +125,22 @@ void LengthTerm::set_function(LinkFunction function, bool is_convex_in_square) {
   set_law(LinkLaw::Own);
 }
 
+const LinkFunction* LengthTerm::function(bool* is_convex) const {
+  const auto law = static_cast<std::size_t>(choice(0));
+  if (law < kOwn) return nullptr;
+  const bool is_named = law > kOwn;
+  const NamedLaws::Law* const named = is_named ? &named_laws().laws[law - kOwn - 1] : nullptr;
+  if (is_convex != nullptr) *is_convex = is_named ? named->is_convex_in_square : is_convex_in_square_;
+  return is_named ? &named->function : &function_;
+}
+
 std::string LengthTerm::defect(int node_count) const {
   if (std::string problem = Term::defect(node_count); !problem.empty()) return problem;
   if (std::string problem = loss_defect(); !problem.empty()) return problem;
   const std::string name(kind());
-  if (law() == LinkLaw::Own && !function_)
+  if (function() != nullptr && !*function())
     return name + ": the law is a function of one's own, and there is none";
-  if (law() == LinkLaw::Own && loss() != Loss::Quadratic)
+  if (function() != nullptr && loss() != Loss::Quadratic)
     return name + ": a function of one's own has no loss beside it";
   if (law() == LinkLaw::Interval && size() > 0 && columns()[kUpper].values.size() == 0)
     return name + ": the law interval needs upper lengths";
@@ -143,14 +197,14 @@ void LengthTerm::for_each(const Points& x, Visit&& visit) const {
   };
 
   PointOf<D> direction(dim);
-  if (law == LinkLaw::Own) {
+  if (const LinkFunction* const own = function()) {
     const auto count = static_cast<std::size_t>(size());
     Eigen::VectorXd r(size()), rest(size()), value(size()), first(size()), second(size());
     for (int e = 0; e < size(); ++e) {
       r[e] = direction_of(e, vector_of(e), direction);
       rest[e] = *length[e];
     }
-    function_(count, r.data(), rest.data(), value.data(), first.data(), second.data());
+    (*own)(count, r.data(), rest.data(), value.data(), first.data(), second.data());
     for (int e = 0; e < size(); ++e) {
       const double k = *stiffness[e];
       if (!(k > 0)) continue;
@@ -203,9 +257,8 @@ const char* LengthTerm::problem_with(Curvature curvature) const {
   if (curvature == Curvature::Majorising && law() == LinkLaw::Logarithm)
     return "the law logarithm has no bound of its curvature from above";
   if (curvature != Curvature::Minorising) return nullptr;
-  if (law() == LinkLaw::Own)
-    return is_convex_in_square_ ? nullptr
-                                : "the function of one's own is not said to be convex in the square";
+  if (bool is_convex = false; function(&is_convex) != nullptr)
+    return is_convex ? nullptr : "the function of one's own is not said to be convex in the square";
   if (law() == LinkLaw::Logarithm) return "the law logarithm has no bound of its curvature from below";
   return loss() == Loss::Quadratic ? nullptr : "a loss of lengths has no bound of its curvature from below";
 }
@@ -273,11 +326,11 @@ void LengthTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::Ma
 }
 
 const char* LengthTerm::why_not_differentiable() const {
-  return law() == LinkLaw::Own ? "a function of one's own is not differentiated by its rest lengths"
+  return function() != nullptr ? "a function of one's own is not differentiated by its rest lengths"
                                : nullptr;
 }
 
-void LengthTerm::add_scales(const Points& x, Scales& scales) const {
+void LengthTerm::add_scales(const Points&, Scales& scales) const {
   const Numbers length = numbers(kLength), stiffness = numbers(kStiffness), offset = numbers(kOffset);
   for (int e = 0; e < size(); ++e) {
     double k = *stiffness[e];
@@ -285,11 +338,7 @@ void LengthTerm::add_scales(const Points& x, Scales& scales) const {
     if (offset) square += Eigen::Map<const Eigen::VectorXd>(offset[e], dim()).squaredNorm();
     scales.lengths.emplace_back(k, square);
     if (const Numbers information = numbers(kInformation))
-      k *= Eigen::Map<const Eigen::MatrixXd>(information[e], dim(), dim())
-               .cwiseAbs()
-               .rowwise()
-               .sum()
-               .maxCoeff();
+      k *= detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information[e], dim(), dim()));
     // The curvature of 1/2 log(r / mu)^2 is 1 / mu^2 at rest.
     if (law() == LinkLaw::Logarithm) k /= square;
     for (int a = 0; a < arity(); ++a) {
@@ -297,7 +346,6 @@ void LengthTerm::add_scales(const Points& x, Scales& scales) const {
       scales.stiffness[nodes()(a, e)] += k * c * c;
     }
   }
-  static_cast<void>(x);
 }
 
 }  // namespace ASTERISM_ABI

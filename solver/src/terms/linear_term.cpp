@@ -196,14 +196,9 @@ void LinearTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::Ma
   });
 }
 
-// A bound of the largest eigenvalue of S, exact for many.
 double LinearTerm::size_of_information(int e) const {
   if (!information()) return 1;
-  return Eigen::Map<const Eigen::MatrixXd>(information()[e], dim(), dim())
-      .cwiseAbs()
-      .rowwise()
-      .sum()
-      .maxCoeff();
+  return detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information()[e], dim(), dim()));
 }
 
 void Anchors::add_scales(const Points&, Scales& scales) const {

@@ -117,12 +117,21 @@ void SystemMatrix::shift(const Eigen::VectorXd& node_stiffness, double share) {
   }
 }
 
-bool SystemFactor::factorize(const SystemMatrix& matrix) {
+void SystemFactor::analyse(const SystemMatrix& matrix) {
   if (analysed_ != &matrix || pattern_ != matrix.pattern()) {
     cholesky_.analyzePattern(matrix.matrix());
     analysed_ = &matrix;
     pattern_ = matrix.pattern();
   }
+}
+
+double SystemFactor::entries(const SystemMatrix& matrix) {
+  analyse(matrix);
+  return static_cast<double>(cholesky_.matrixL().nestedExpression().data().size());
+}
+
+bool SystemFactor::factorize(const SystemMatrix& matrix) {
+  analyse(matrix);
   cholesky_.factorize(matrix.matrix());
   if (cholesky_.info() != Eigen::Success) return false;
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();

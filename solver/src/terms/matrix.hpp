@@ -44,6 +44,8 @@ class SystemMatrix final : public CurvatureSink {
 /// L D L^T of such a matrix.
 class SystemFactor {
  public:
+  /// How many entries L has.
+  double entries(const SystemMatrix& matrix);
   /// Whether all pivots are positive, and not mere rounding beside the diagonal.
   bool factorize(const SystemMatrix& matrix);
   /// The points' part of the solution for a right-hand side that is `points`, and 0 for hidden unknowns.
@@ -57,6 +59,8 @@ class SystemFactor {
   const auto& cholesky() const { return cholesky_; }
 
  private:
+  void analyse(const SystemMatrix& matrix);
+
   Eigen::SimplicialLDLT<SystemMatrix::Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky_;
   int pattern_ = -1;
   const SystemMatrix* analysed_ = nullptr;

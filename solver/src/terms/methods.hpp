@@ -53,7 +53,8 @@ struct SystemIda {
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
-/// Newton where all terms have second derivatives, else L-BFGS.
+/// L-BFGS where a term has no second derivatives; else Newton where the Hessian is small or its factor has
+/// few entries, and Newton-CG elsewhere.
 struct SystemAuto {
   AlignedOptions options;
   static constexpr std::string_view name() { return "auto"; }

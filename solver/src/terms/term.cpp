@@ -15,6 +15,8 @@ using detail::raise;
 
 constexpr std::string_view kLosses[] = {"quadratic", "huber", "geman-mcclure", "truncated"};
 
+std::span<const std::string_view> losses() { return kLosses; }
+
 std::string nearest_of(std::string_view what, std::string_view name,
                        std::span<const std::string_view> names) {
   std::string message = "unknown " + std::string(what) + " '" + std::string(name) + "'";
@@ -80,15 +82,16 @@ Choice& Term::find_choice(std::string_view name) {
 
 void Term::choose(std::string_view name, std::string_view value) {
   Choice& choice = find_choice(name);
-  const auto at = std::find(choice.names.begin(), choice.names.end(), value);
-  if (at == choice.names.end())
-    raise(std::invalid_argument(std::string(kind_) + ": " + nearest_of(name, value, choice.names)));
-  choice.value = static_cast<int>(at - choice.names.begin());
+  const std::span<const std::string_view> names = choice.names();
+  const auto at = std::find(names.begin(), names.end(), value);
+  if (at == names.end())
+    raise(std::invalid_argument(std::string(kind_) + ": " + nearest_of(name, value, names)));
+  choice.value = static_cast<int>(at - names.begin());
 }
 
 std::string_view Term::chosen(std::string_view name) const {
   const Choice& choice = const_cast<Term*>(this)->find_choice(name);
-  return choice.names[static_cast<std::size_t>(choice.value)];
+  return choice.names()[static_cast<std::size_t>(choice.value)];
 }
 
 void Term::set_loss(Loss loss, const Eigen::VectorXd& scale, const Eigen::VectorXd& sharpness) {
@@ -210,7 +213,7 @@ Term::Numbers Term::numbers(std::size_t column) const { return numbers(columns_[
 void Term::add_loss(std::vector<Column>& columns, std::vector<Choice>& choices) {
   columns.push_back({"scale", 1, Column::Range::Positive, true});
   columns.push_back({"sharpness", 1, Column::Range::Positive, true});
-  choices.push_back({"loss", kLosses, 0});
+  choices.push_back({"loss", losses, 0});
 }
 
 }  // namespace ASTERISM_ABI

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/export.hpp>
 #include <asterism/solver/terms/term.hpp>
 #include <cstddef>
 #include <functional>
@@ -18,7 +19,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// A residual that is linear in its points, d = sum_a C_a x_a - t, with the energy 1/2 k rho(d^T S d).
-class LinearTerm : public Term {
+class ASTERISM_API LinearTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
@@ -44,7 +45,7 @@ class LinearTerm : public Term {
 
 /// Points that are pulled to a place: "position" (D) and "stiffness" (1), with "information" (D x D,
 /// optional), S, also of lower rank: a ray or a plane. A node may have any number of them.
-class Anchors final : public LinearTerm {
+class ASTERISM_API Anchors final : public LinearTerm {
  public:
   explicit Anchors(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Anchors>(*this); }
@@ -52,7 +53,7 @@ class Anchors final : public LinearTerm {
 };
 
 /// Pairs with a displacement at rest, d = x_i - x_j - m: "offset" (D), "stiffness" (1), "information".
-class Offsets final : public LinearTerm {
+class ASTERISM_API Offsets final : public LinearTerm {
  public:
   explicit Offsets(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Offsets>(*this); }
@@ -62,7 +63,7 @@ class Offsets final : public LinearTerm {
 /// Triples with a linear relation, d = A x_i + B x_j + C x_k - t: "target" (D), "stiffness" (1),
 /// "information", "a", "b" and "c" (1: a factor, or D x D, by columns). Second differences have 1, -2, 1; a
 /// chain that turns by a known angle and scale has the matrices of that similarity.
-class Differences final : public LinearTerm {
+class ASTERISM_API Differences final : public LinearTerm {
  public:
   explicit Differences(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Differences>(*this); }
@@ -78,7 +79,7 @@ enum class LinkLaw {
   Repulsion,  ///< as Hooke's where it is shorter than mu, else 0
   Interval,   ///< 0 from mu to `upper`, the distance to the nearer of both elsewhere
   Logarithm,  ///< s = log(r / mu), such as for the strength of a radio signal
-  Own         ///< a function of the user's, see LinkFunction
+  Own         ///< a function of the user's, see LinkFunction; those of add_link_law come after it
 };
 
 /// A user's energy phi(r, mu) of links of unit stiffness, with the conditions of LinkPotential: for `count`
@@ -86,9 +87,16 @@ enum class LinkLaw {
 using LinkFunction = std::function<void(std::size_t count, const double* length, const double* rest_length,
                                         double* value, double* first, double* second)>;
 
+/// Gives a function a name, by which Term::choose, Python and files know it from then on as a law of links.
+/// `is_convex_in_square`: whether phi is convex as a function of r^2, which certificates need. Throws
+/// std::invalid_argument for a name that is taken, std::length_error beyond 64 of them. It may be called from
+/// any thread.
+ASTERISM_API void add_link_law(std::string_view name, LinkFunction function,
+                               bool is_convex_in_square = false);
+
 /// A residual that is a length, r = |v|_S = (v^T S v)^(1/2) with v = sum_a c_a x_a - m. The energy is
 /// 1/2 k rho(s^2) with s the law's stretch. Where v = 0 its direction is a fixed one of the node numbers.
-class LengthTerm : public Term {
+class ASTERISM_API LengthTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
@@ -100,9 +108,8 @@ class LengthTerm : public Term {
 
   LinkLaw law() const { return static_cast<LinkLaw>(choice(0)); }
   void set_law(LinkLaw law);
-  /// The law of one's own, and whether its phi is convex as a function of r^2, as certificates need it.
+  /// The law of one's own without a name, see add_link_law.
   void set_function(LinkFunction function, bool is_convex_in_square = false);
-  const LinkFunction& function() const { return function_; }
 
  protected:
   LengthTerm(std::string_view kind, int dim, std::vector<double> coefficients);
@@ -113,6 +120,8 @@ class LengthTerm : public Term {
   void for_each(const Points& x, Visit&& visit) const;
   template <int D>
   double sum(const Points& x, Points* gradient) const;
+  // The function of a law that is one's own, with a name or without; else null.
+  const LinkFunction* function(bool* is_convex = nullptr) const;
 
   std::vector<double> coefficients_;
   LinkFunction function_;
@@ -121,21 +130,21 @@ class LengthTerm : public Term {
 
 /// Pairs with a length at rest: "length" (1), "upper" (1, for intervals), "stiffness" (1), "offset" (D,
 /// optional: m), "information" (D x D, optional: S).
-class Links final : public LengthTerm {
+class ASTERISM_API Links final : public LengthTerm {
  public:
   explicit Links(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Links>(*this); }
 };
 
 /// Triples with a length of the second difference at rest, v = x_i - 2 x_j + x_k: columns as of Links.
-class Bendings final : public LengthTerm {
+class ASTERISM_API Bendings final : public LengthTerm {
  public:
   explicit Bendings(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Bendings>(*this); }
 };
 
 /// A constant force on a node, E = -f . x: "force" (D).
-class Loads final : public TermOf<Loads> {
+class ASTERISM_API Loads final : public TermOf<Loads> {
  public:
   explicit Loads(int dim);
   double energy(const Points& x, Points* gradient) const override;
@@ -147,7 +156,7 @@ class Loads final : public TermOf<Loads> {
 
 /// A residual that is a function of a triangle, s = f(x_i, x_j, x_k) - rest, with the energy 1/2 k rho(s^2):
 /// "rest" (1) and "stiffness" (1).
-class TriangleTerm : public Term {
+class ASTERISM_API TriangleTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
@@ -169,7 +178,7 @@ class TriangleTerm : public Term {
 
 /// The angle at node j between i and k, in [0, pi] radians, not differentiable where they are on a line: its
 /// derivatives count as 0 there. Stiffness in energy per square of a radian.
-class Angles final : public TriangleTerm {
+class ASTERISM_API Angles final : public TriangleTerm {
  public:
   explicit Angles(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Angles>(*this); }
@@ -182,7 +191,7 @@ class Angles final : public TriangleTerm {
 /// The area of the triangle. In the plane it has a sign, positive where i, j, k turn from the x axis to the y
 /// axis; elsewhere it has none, and its derivatives count as 0 where the corners are on a line. Stiffness in
 /// energy per px^4.
-class Areas final : public TriangleTerm {
+class ASTERISM_API Areas final : public TriangleTerm {
  public:
   explicit Areas(int dim);
   std::unique_ptr<Term> clone() const override { return std::make_unique<Areas>(*this); }
@@ -196,7 +205,7 @@ class Areas final : public TriangleTerm {
 /// of sum 1/2 k rho((r - mu - b)^2) + 1/2 p (b - q)^2. "length" (1, mu: 0 for limbs, a measured distance for
 /// ranges with a common bias), "stiffness" (1, k), "prior" (1, q) and "prior_stiffness" (1, p), which are the
 /// same for all. The loss is quadratic or Huber's.
-class CommonLength final : public TermOf<CommonLength> {
+class ASTERISM_API CommonLength final : public TermOf<CommonLength> {
  public:
   explicit CommonLength(int dim);
   std::string defect(int node_count) const override;
@@ -229,7 +238,7 @@ using ElementFunction = std::function<void(const Eigen::MatrixXd& points, const 
                                            bool second, ElementValues& values)>;
 
 /// Elements of one's own: any function of the points of `arity` nodes, and of `rows` "numbers" of each.
-class Elements final : public TermOf<Elements> {
+class ASTERISM_API Elements final : public TermOf<Elements> {
  public:
   /// `has_second`: whether the function has second derivatives; without, only methods that need none take it.
   Elements(int dim, int arity, int rows, ElementFunction function, bool has_second);
@@ -250,7 +259,7 @@ class Elements final : public TermOf<Elements> {
 
 /// A term without elements by its kind, as files and pickles name it. Throws std::invalid_argument for an
 /// unknown one, and for "elements", whose function cannot be stored.
-std::unique_ptr<Term> make_term(std::string_view kind, int dim);
+ASTERISM_API std::unique_ptr<Term> make_term(std::string_view kind, int dim);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

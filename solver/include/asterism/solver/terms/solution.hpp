@@ -57,8 +57,8 @@ class ASTERISM_API Solution {
   std::string problem_;
 };
 
-/// The second derivatives of the energy at x, (dim nodes) x (dim nodes), coordinate d of node i in row dim i +
-/// d; rows of fixed nodes are those of the identity. The system must be valid. Throws std::invalid_argument
+/// The second derivatives of the energy at x, (dim nodes) x (dim nodes), coordinate d of node i in row dim i
+/// + d; rows of fixed nodes are those of the identity. The system must be valid. Throws std::invalid_argument
 /// that names the term for one without this curvature.
 ASTERISM_API Eigen::MatrixXd hessian(const System& system, const Eigen::MatrixXd& x,
                                      Curvature curvature = Curvature::True);

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/export.hpp>
 #include <cstddef>
 #include <memory>
 #include <span>
@@ -24,7 +25,7 @@ enum class Curvature {
 enum class Loss { Quadratic, Huber, GemanMcClure, Truncated };
 
 /// Takes the second derivatives of a term, element by element.
-class CurvatureSink {
+class ASTERISM_API CurvatureSink {
  public:
   virtual ~CurvatureSink() = default;
 
@@ -72,9 +73,9 @@ struct Column {
 
 /// A property of a term as a whole, by name.
 struct Choice {
-  std::string_view name;                    ///< such as "loss"
-  std::span<const std::string_view> names;  ///< of its values
-  int value = 0;                            ///< an index into names
+  std::string_view name;                         ///< such as "loss"
+  std::span<const std::string_view> (*names)();  ///< of its values
+  int value = 0;                                 ///< an index into names
 };
 
 /// A part of the energy of a System: an array of like elements, such as all links. An element has as many
@@ -82,7 +83,7 @@ struct Choice {
 /// or binds a term does so by these arrays.
 ///
 /// For a term of your own, derive from TermOf; see docs/own-spring.md.
-class Term {
+class ASTERISM_API Term {
  public:
   using Points = Eigen::MatrixXd;
 

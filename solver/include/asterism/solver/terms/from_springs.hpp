@@ -1,0 +1,115 @@
+#pragma once
+
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/problem/model.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/terms/system.hpp>
+#include <concepts>
+#include <cstddef>
+#include <string>
+#include <type_traits>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+// The loss of a model as that of a term; `Each` gives one number for each element.
+
+template <typename L>
+Eigen::VectorXd parameters(const L& loss, double L::*parameter) {
+  return Eigen::VectorXd::Constant(1, loss.*parameter);
+}
+template <typename L>
+Eigen::VectorXd parameters(const Each<L>& each, double L::*parameter) {
+  Eigen::VectorXd result(static_cast<Eigen::Index>(each.values.size()));
+  for (std::size_t e = 0; e < each.values.size(); ++e)
+    result[static_cast<Eigen::Index>(e)] = each.values[e].*parameter;
+  return result;
+}
+
+template <typename T>
+struct WithoutEach {
+  using Type = T;
+};
+template <typename T>
+struct WithoutEach<Each<T>> {
+  using Type = T;
+};
+
+template <typename Losses>
+void set_loss(Term& term, const Losses& losses) {
+  using L = typename WithoutEach<Losses>::Type;
+  if constexpr (std::same_as<L, Huber>) {
+    term.set_loss(Loss::Huber, parameters(losses, &Huber::scale));
+  } else if constexpr (std::same_as<L, GemanMcClure>) {
+    term.set_loss(Loss::GemanMcClure, parameters(losses, &GemanMcClure::scale));
+  } else if constexpr (std::same_as<L, Truncated>) {
+    term.set_loss(Loss::Truncated, parameters(losses, &Truncated::scale),
+                  parameters(losses, &Truncated::sharpness));
+  } else {
+    static_assert(std::same_as<L, Quadratic>, "a loss of one's own is not one that a term can have");
+  }
+}
+
+template <typename Potential>
+void set_law(Links& links, const Potential& potential) {
+  using P = typename WithoutEach<Potential>::Type;
+  if constexpr (std::same_as<P, Rope>) {
+    links.set_law(LinkLaw::Rope);
+  } else if constexpr (std::same_as<P, Repulsion>) {
+    links.set_law(LinkLaw::Repulsion);
+  } else if constexpr (!std::same_as<P, Hooke>) {
+    bool is_convex = false;
+    if constexpr (requires { P::kConvexInSquare; }) is_convex = P::kConvexInSquare;
+    links.set_function(
+        [potential](std::size_t count, const double* length, const double* rest, double* value, double* first,
+                    double* second) {
+          for (std::size_t l = 0; l < count; ++l) {
+            const auto phi = function_of(potential, static_cast<int>(l))(length[l], rest[l]);
+            value[l] = phi.value, first[l] = phi.first, second[l] = phi.second;
+          }
+        },
+        is_convex);
+  }
+}
+
+/// `matrices`, Dim x (Dim count) side by side, as columns.
+template <typename Matrices>
+Eigen::MatrixXd as_columns(const Matrices& matrices, Eigen::Index count) {
+  return matrices.template cast<double>().reshaped(matrices.rows() * matrices.rows(), count);
+}
+
+}  // namespace detail
+
+/// The same system as one of terms: anchors, links and loads, in this order, as far as it has them. Its model
+/// may have any links and the library's losses; the potentials over three nodes are those of Angles and the
+/// like, and are not taken over.
+template <typename Springs>
+requires(!Springs::kHasTriples) System to_system(const Springs& springs) {
+  const int n = springs.nodes();
+  System system(n, Springs::kDim);
+  Anchors& anchors = system.add_anchors(springs.anchors.template cast<double>(),
+                                        springs.anchor_stiffness.template cast<double>());
+  if constexpr (Springs::kAnisotropic)
+    anchors.values("information") = detail::as_columns(springs.anchor_shape, n);
+  detail::set_loss(anchors, springs.anchor_loss);
+  Eigen::Matrix2Xi pairs(2, springs.link_count());
+  for (int l = 0; const Link& link : springs.links()) pairs.col(l++) << link.i, link.j;
+  Links& links = system.add_links(pairs, springs.rest_length.template cast<double>(),
+                                  springs.link_stiffness.template cast<double>());
+  if (springs.has_offsets()) links.values("offset") = springs.rest_offset.template cast<double>();
+  if constexpr (Springs::kAnisotropicLinks)
+    links.values("information") = detail::as_columns(springs.link_shape, pairs.cols());
+  detail::set_law(links, springs.link_potential);
+  if (springs.has_loads())
+    system.add_loads(Eigen::RowVectorXi::LinSpaced(n, 0, n - 1), springs.loads.template cast<double>());
+  for (int i = 0; i < n; ++i) {
+    if (springs.is_fixed(i)) system.fix(i);
+  }
+  return system;
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
