@@ -9,7 +9,9 @@
 #include <asterism/system.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
+#include <fstream>
 #include <functional>
+#include <iterator>
 #include <limits>
 #include <ostream>
 #include <stdexcept>
@@ -905,6 +907,37 @@ TEST(SystemMethods, GroundComponentsThatNothingHolds) {
   EXPECT_EQ(summary.status, Status::Converged);
   EXPECT_LE((lengths_at(x, all_pairs(3)).array() - 4).abs().maxCoeff(), 1e-6);
   EXPECT_EQ(x.col(0), start.col(0));
+}
+
+// docs/models.md has the table of what each term allows, as the code says it.
+TEST(SystemTable, StandsInTheDocs) {
+  const auto cell = [](const char* problem) {
+    return problem == nullptr ? std::string("yes") : "no: " + std::string(problem);
+  };
+  std::string table =
+      "| term | lbfgs, ncg | newton, newton-cg, covariance | ida | certificate | gradients | files, pickle "
+      "|\n"
+      "|---|---|---|---|---|---|---|\n";
+  for (const Kind& kind : kinds()) {
+    Rng rng(1);
+    System system(kNodes, 3);
+    const Term& term = kind.add(system, rng);
+    std::string stored = "yes";
+    try {
+      make_term(term.kind(), 3);
+      if (term.kind() == "links" && term.chosen("law") == "own")
+        stored = "no: only a law with a name is stored";
+    } catch (const std::invalid_argument&) {
+      stored = "no: its function cannot be stored";
+    }
+    table += std::string("| ") + kind.name + " | yes | " + cell(term.problem_with(Curvature::True)) + " | " +
+             cell(term.problem_with(Curvature::Majorising)) + " | " +
+             cell(term.problem_with(Curvature::Minorising)) + " | " + cell(term.why_not_differentiable()) +
+             " | " + stored + " |\n";
+  }
+  std::ifstream file(ASTERISM_DOCS "/models.md");
+  const std::string page((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());
+  EXPECT_NE(page.find(table), std::string::npos) << "the table is now\n" << table;
 }
 
 }  // namespace

@@ -200,7 +200,7 @@ const char* CommonLength::problem_with(Curvature curvature) const {
 
 void CommonLength::add_scales(const Points& x, Scales& scales) const {
   const double b = estimate(x);
-  const Numbers stiffness = numbers(kStiffness);
+  const Numbers stiffness = numbers(kStiffness), length = numbers(kLength);
   for (int e = 0; e < size(); ++e) {
     const double rest = *length[e] + b;
     scales.lengths.emplace_back(*stiffness[e], rest * rest);
