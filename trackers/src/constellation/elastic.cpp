@@ -31,7 +31,7 @@ Summary ElasticConstellation::place(const ObjectPose& pose, std::span<const Evid
     const double deviation = options_.deformation * std::max(length, shortest);
     return 1 / (deviation * deviation);
   });
-  return solver_.solve(system(), placement(), options_.solver);
+  return solve_elastic(system(), placement(), options_.solver);
 }
 
 ElasticConstellation::Points ElasticConstellation::posed(const ObjectPose& pose) const {

@@ -51,7 +51,6 @@ class ASTERISM_API ElasticConstellation : public SpringConstellation<ElasticSyst
  private:
   ElasticOptions options_;
   Points layout_;
-  ElasticSolver solver_;
 };
 
 /// The edges of the Delaunay triangulation of points (2 x N, finite) in the plane; of points on a line, or

@@ -1,12 +1,11 @@
 #pragma once
 
-#include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <memory>
+#include <functional>
 #include <optional>
 
 namespace asterism {
@@ -22,23 +21,6 @@ using ElasticSystem = SpringSystem<double, 2, Eigen::Dynamic, Eigen::Dynamic,
 
 namespace detail {
 
-/// The solvers' workspace, which is not part of a tracker's value: a copy has its own.
-template <typename Solvers>
-class ASTERISM_API SolverWorkspace {
- public:
-  SolverWorkspace();
-  SolverWorkspace(const SolverWorkspace&);
-  SolverWorkspace& operator=(const SolverWorkspace&) { return *this; }
-  ~SolverWorkspace();
-  Solvers& operator*() const { return *solvers_; }
-
- private:
-  std::unique_ptr<Solvers> solvers_;
-};
-
-struct ASTERISM_API ElasticSolvers;
-extern template class ASTERISM_API SolverWorkspace<ElasticSolvers>;
-
 /// SpringSystem::set_anchor_information, compiled once for these systems as their solvers are.
 ASTERISM_API void set_anchor(DptSystem& system, int node, const Eigen::Matrix2d& information);
 ASTERISM_API void set_anchor(ElasticSystem& system, int node, const Eigen::Matrix2d& information);
@@ -49,7 +31,8 @@ ASTERISM_API void set_anchor(System& system, int node, const Eigen::Matrix2d& in
 
 }  // namespace detail
 
-/// The solver of Dpt's systems that a description names. A copy has a workspace of its own.
+/// The solver of Dpt's systems that a description names: "ida" (the paper's) and "newton", which need no
+/// heap, or another of system_methods(). A copy has a workspace of its own.
 class ASTERISM_API DptSolver {
  public:
   /// Throws std::invalid_argument for an unknown name or option, and for a value that an option cannot have.
@@ -61,11 +44,11 @@ class ASTERISM_API DptSolver {
   ~DptSolver() = default;
 
   /// Moves x (2 x N), the start, to a stationary point of the energy; statuses are the solver's.
-  Summary solve(const DptSystem& system, DptSystem::Points& x) { return solver_.solve(system, x); }
+  Summary solve(const DptSystem& system, DptSystem::Points& x) { return solve_(system, x); }
 
  private:
   SolverDescription description_;
-  AnySolver<DptSystem> solver_;
+  std::function<Summary(const DptSystem&, DptSystem::Points&)> solve_;
 };
 
 /// A 3 x 2N matrix.
@@ -82,47 +65,10 @@ ASTERISM_API std::optional<Eigen::Matrix3d> propagated_covariance(const DptSyste
 /// Whether a placement x that a DptSolver has found is proven to be the global minimum (certify).
 ASTERISM_API bool is_certified(const DptSystem& system, const DptSystem::Points& x);
 
-/// The solver of ElasticConstellation's systems, Auto. Components that no anchor holds stay where they are.
-class ASTERISM_API ElasticSolver {
- public:
-  /// Moves x (2 x N), the start, to a stationary point of the energy; statuses are those of Auto.
-  Summary solve(const ElasticSystem& system, ElasticSystem::Points& x, const SolverOptions& options);
-
- private:
-  detail::SolverWorkspace<detail::ElasticSolvers> workspace_;
-};
-
-// What takes a compiler tens of seconds is compiled once, in dpt_solver.cpp and elastic_solver.cpp, as
-// asterism::solver_compiled has it for its systems, and only declared for all that include this header. The
-// solvers' classes need not be complete for that.
-
-/// @cond
-
-template <typename System>
-class DenseCholesky;
-template <typename System, typename Factorization>
-class Ida;
-template <typename System>
-class Newton;
-template <typename System>
-class Auto;
-template <typename System>
-SolverRegistry<System> solver_registry();
-template <typename System>
-struct Covariance;
-template <typename System>
-Covariance<System> covariance(const System& system, const typename System::Points& x);
-
-extern template ASTERISM_API SolverRegistry<DptSystem> solver_registry();
-extern template ASTERISM_API Summary detail::Compiled::solve(Ida<DptSystem, DenseCholesky<DptSystem>>&,
-                                                             const DptSystem&, DptSystem::Points&);
-extern template ASTERISM_API Summary detail::Compiled::solve(Newton<DptSystem>&, const DptSystem&,
-                                                             DptSystem::Points&);
-extern template ASTERISM_API Covariance<DptSystem> covariance(const DptSystem&, const DptSystem::Points&);
-extern template ASTERISM_API Summary detail::Compiled::solve(Auto<ElasticSystem>&, const ElasticSystem&,
-                                                             ElasticSystem::Points&);
-
-/// @endcond
+/// Moves x (2 x N), the start, to a stationary point of the energy, as a system of terms. Components that no
+/// anchor holds stay where they are.
+ASTERISM_API Summary solve_elastic(const ElasticSystem& system, ElasticSystem::Points& x,
+                                   const SolverOptions& options);
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

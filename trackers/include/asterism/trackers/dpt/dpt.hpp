@@ -73,7 +73,7 @@ struct DptOptions {
 
   /// The parameters of the laws of all springs' stiffness.
   StiffnessLaw stiffness;
-  /// The solver that finds the placement of the parts, by its name in solver_registry<DptSystem>(), with its
+  /// The solver that finds the placement of the parts, by its name (DptSolver), with its
   /// options: "ida" is the paper's; "newton" finds the same minimum in a fraction of the iterations. The
   /// paper leaves the stopping rule open; see docs/tracker.md.
   SolverDescription solver = {"ida", {}};
