@@ -155,7 +155,7 @@ TEST(Sensitivity, OfNodesInOnePlace) {
 TEST(Sensitivity, OfSpringsThatWantOnePoint) {
   for (std::uint64_t seed = 1; seed <= 1000; ++seed) {
     Rng rng(seed);
-    Plane system(Topology<>::from_links(3, {{0, 1}, {1, 2}}));
+    Plane system(Topology<>::from_links(3, std::vector<Link>{{0, 1}, {1, 2}}));
     auto x = random_points<Plane>(rng, 3, -3, 3);
     system.anchors = x;
     system.rest_length.setZero();
