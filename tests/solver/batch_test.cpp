@@ -24,6 +24,7 @@
 
 #include "counting_allocator.hpp"
 #include "matrices.hpp"
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {

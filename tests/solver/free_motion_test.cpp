@@ -237,6 +237,8 @@ std::vector<Held<Dynamic3>> in_space() {
     }
     s.set_rest_lengths(x);
   };
+  const std::vector<Link> two_links = {{0, 1}, {0, 2}, {1, 2}, {0, 3}, {1, 3}, {2, 3},
+                                       {0, 4}, {1, 4}, {2, 4}, {3, 4}, {3, 5}, {4, 5}};
   return {
       {"one fixed node", "can rotate about node 2", [](System& s, Points&) { s.fix(2); }},
       {"one anchored node", "can rotate about node 1", anchors({1})},
@@ -274,6 +276,22 @@ std::vector<Held<Dynamic3>> in_space() {
          s.fix(0);
          s.fix(1);
        }},
+      {"a node that two links hold",
+       "node 5 can rotate about the line through nodes 3 and 4, which alone connect it", anchors({0, 1, 2}),
+       two_links},
+      {"a node that two links hold, between fixed nodes", "node 5 can rotate about the line",
+       [](System& s, Points&) {
+         hold_by_anchors(s, {0, 1, 2});
+         s.fix(3);
+         s.fix(4);
+       },
+       two_links},
+      {"a node of a taut cable", "",
+       [](System& s, Points& x) {
+         for (const int i : {0, 1, 2, 3, 4}) s.fix(i);
+         s.rest_length.tail<2>().setConstant(0.3 * (x.col(3) - x.col(4)).norm());
+       },
+       two_links},
       {"three anchored nodes", "", anchors({0, 3, 4})},
       {"three fixed nodes", "",
        [](System& s, Points&) {

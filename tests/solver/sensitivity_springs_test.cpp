@@ -150,6 +150,25 @@ TEST(Sensitivity, OfNodesInOnePlace) {
   expect_true_derivatives_in_one_place<Ropes::System>({{"slack cable", 1, 2, false}});
 }
 
+// Springs that all want one point have no length; what the solver leaves there is rounding, however far off
+// it started. All nodes follow the only anchor.
+TEST(Sensitivity, OfSpringsThatWantOnePoint) {
+  for (std::uint64_t seed = 1; seed <= 1000; ++seed) {
+    Rng rng(seed);
+    Plane system(Topology<>::from_links(3, std::vector<Link>{{0, 1}, {1, 2}}));
+    auto x = random_points<Plane>(rng, 3, -3, 3);
+    system.anchors = x;
+    system.rest_length.setZero();
+    for (auto& k : system.link_stiffness) k = std::pow(10, rng.uniform(-1, 1));
+    system.anchor_stiffness << std::pow(10, rng.uniform(-1, 1)), 0, 0;
+    ASSERT_EQ(Newton<Plane>().solve(system, x).status, Status::Converged);
+    const auto w = random_points<Plane>(rng, 3, -1, 1);
+    const auto gradient = sensitivity(system, x, w);
+    ASSERT_TRUE(gradient) << seed << ": " << gradient.message;
+    EXPECT_LT((gradient.anchors.col(0) - w.rowwise().sum()).norm(), 1e-12) << seed;
+  }
+}
+
 // The sum of the anchors' derivatives is that of a translation: dL/dx summed.
 TEST(Sensitivity, OfATranslationIsThatOfThePoints) {
   for (const int nodes : {4, 20, 80}) {

@@ -2,12 +2,13 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
-#include <asterism/solver.hpp>
 #include <asterism/solver/method/turning_offsets.hpp>
-#include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
+
+#include "matrices.hpp"
+#include "test_systems.hpp"
 
 namespace asterism {
 namespace {
@@ -21,12 +22,20 @@ template <int Dim>
 using Turning = TurningOffsets<System<Dim>, Newton<System<Dim>>>;
 
 template <int Dim>
+Eigen::MatrixXd turn(int a, int b, double angle) {
+  Eigen::MatrixXd R = Eigen::MatrixXd::Identity(Dim, Dim);
+  R(a, a) = R(b, b) = std::cos(angle), R(b, a) = std::sin(angle), R(a, b) = -std::sin(angle);
+  return R;
+}
+
+template <int Dim>
 Eigen::Matrix<double, Dim, Dim> random_rotation(Rng& rng) {
-  Eigen::Matrix<double, Dim, Dim> M;
-  for (double& value : M.reshaped()) value = rng.uniform(-1, 1);
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::MatrixXd R = svd.matrixU() * svd.matrixV().transpose();
-  if (R.determinant() < 0) R.col(0) *= -1;
+  Eigen::Matrix<double, Dim, Dim> R = Eigen::Matrix<double, Dim, Dim>::Identity();
+  for (int round = 0; round < 2; ++round) {  // one round would favour some rotations
+    for (int b = 1; b < Dim; ++b) {
+      for (int a = 0; a < b; ++a) R = (turn<Dim>(a, b, rng.uniform(-3.2, 3.2)) * R).eval();
+    }
+  }
   return R;
 }
 
@@ -65,7 +74,7 @@ System<2>::Points least_squares(const System<2>& system, Eigen::Matrix2d& transf
       A(row, 2 * n + 1) = d == 0 ? w * m.y() : -w * m.x();
     }
   }
-  const Eigen::VectorXd solution = A.colPivHouseholderQr().solve(b);
+  const Eigen::VectorXd solution = testing::inverse(A.transpose() * A) * (A.transpose() * b);
   transform << solution[2 * n], -solution[2 * n + 1], solution[2 * n + 1], solution[2 * n];
   return solution.head(2 * n).reshaped(2, n);
 }
@@ -201,13 +210,6 @@ class Reduced {
   Wide right_;
   Eigen::PartialPivLU<Wide> lu_;
 };
-
-template <int Dim>
-Eigen::MatrixXd turn(int a, int b, double angle) {
-  Eigen::MatrixXd R = Eigen::MatrixXd::Identity(Dim, Dim);
-  R(a, a) = R(b, b) = std::cos(angle), R(b, a) = std::sin(angle), R(a, b) = -std::sin(angle);
-  return R;
-}
 
 // The least energy of all T, by a compass search from many rotations.
 template <int Dim>

@@ -77,8 +77,8 @@ def mds(
     start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path (over 500 nodes: from the
         distances to 200 of them, the pivots).
     method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, 8 up to 300, and one for more (its option
-        `starts`, with `spread` 2 here): more starts seldom find less stress then, except of points in clusters of many dimensions
-        (up to 11 % less); "staircase" searches for the least stress from above and below.
+        `starts`, with `spread` 2 here): more starts find hardly less stress then, except of points in clusters of many dimensions
+        (about 1 % less on average, but now and then up to 25 %: try starts=8 there); "staircase" searches for the least stress from above and below.
 
     Parts that no known pair joins and no anchor holds are placed side by side. ValueError names what is wrong with the input.
     The stress may have several local minima: `gap` says what is proven of the one found.

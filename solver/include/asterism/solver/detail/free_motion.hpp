@@ -27,13 +27,17 @@ struct FreeMotion {
   int about = -1;        ///< a node that it turns about, -1 where no node is at rest
   int axis = -1;         ///< another such node, where the axis is the line through both
   bool slides = false;   ///< a translation
-  bool is_part = false;  ///< of a part of a component, which hangs on node `about` alone
+  bool is_part = false;  ///< of a part of a component, which hangs on node `about`, or on both, alone
 
   explicit operator bool() const { return node >= 0; }
 
   /// Its description, for a message.
   Message message() const {
     Message text;
+    if (is_part && axis >= 0) {
+      text.append("node ").append(node).append(" can rotate about the line through nodes ").append(about);
+      return text.append(" and ").append(axis).append(", which alone connect it to what is held");
+    }
     if (is_part) {
       text.append("node ").append(node).append(" can rotate about node ").append(about);
       return text.append(", which alone connects it to what is held");
@@ -482,7 +486,9 @@ class FreeMotions {
     are_neighbours_listed_ = false;
     Nodes nodes(*this, system, x);
     if (const FreeMotion motion = of_components(system, x, nodes)) return motion;
-    return of_parts(system, x, nodes);
+    if (const FreeMotion motion = of_parts(system, x, nodes)) return motion;
+    if constexpr (kDim > 2) return of_hinges(system, x, nodes);
+    return {};
   }
 
  private:
@@ -699,15 +705,45 @@ class FreeMotions {
     return {};
   }
 
+  // Whether something beside plain links acts on node i.
+  bool is_held_itself(const System& system, int i) const {
+    return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i) ||
+           (system.has_loads() && !system.loads.col(i).isZero(0));
+  }
+
+  // In space, of a single node that has two neighbours alone, about the line through these.
+  FreeMotion of_hinges(const System& system, const Points& x, const Nodes& nodes) {
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (is_held_itself(system, i)) continue;
+      list_neighbours(system, x);
+      FreeMotion motion;
+      bool has_more = false;
+      for (const int l : links_.of(i)) {
+        const Link& link = system.links()[static_cast<std::size_t>(l)];
+        const int j = link.i == i ? link.j : link.i;
+        if (j == motion.about || j == motion.axis) continue;
+        has_more = motion.axis >= 0;
+        if (has_more) break;
+        (motion.about < 0 ? motion.about : motion.axis) = j;
+      }
+      if (has_more || motion.axis < 0) continue;
+      const Coordinates line = nodes.place(motion.axis) - nodes.place(motion.about);
+      const double square = line.squaredNorm();
+      const Block along = square > 0 ? Block(line * line.transpose() / square) : Block(Block::Zero());
+      if (nodes.resist_turns(&i, &i + 1, nodes.place(motion.about), along)) continue;
+      motion.node = i;
+      motion.is_part = true;
+      return motion;
+    }
+    return {};
+  }
+
   // Of what hangs on a single node of the rest and has neither anchor nor load: whatever that node does, it
   // can turn about it. These parts are subtrees of a depth first search whose nodes are linked to none before
   // their parent (Hopcroft & Tarjan 1973).
   FreeMotion of_parts(const System& system, const Points& x, const Nodes& nodes) {
     const int n = system.nodes();
-    const auto is_held = [&](int i) {
-      return system.anchor_stiffness[i] > 0 || system.is_fixed(i) || has_offset(i) ||
-             (system.has_loads() && !system.loads.col(i).isZero(0));
-    };
+    const auto is_held = [&](int i) { return is_held_itself(system, i); };
     bool all_held = kDim == 1;
     if (kDim > 1) {
       all_held = true;

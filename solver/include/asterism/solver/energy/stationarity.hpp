@@ -173,6 +173,9 @@ class StoppingRule {
     return in_range && is_finite(tolerance_);
   }
 
+  /// What the rounding of coordinates up to some tens of L leaves.
+  static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
+
   /// The tolerance asked for, or what the scalar resolves where that is more.
   Scalar tolerance() const { return tolerance_; }
   Scalar length() const { return length_; }
@@ -186,21 +189,18 @@ class StoppingRule {
     return !(square(gradient) > tolerance * tolerance);
   }
 
-  /// Whether each force would move its node by a few times the rounding of its coordinates at most: another
-  /// iteration may gain nothing.
-  bool is_rounding(const typename System::Points& x, const typename System::Points& gradient) const {
-    constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
+  /// Whether each force would move its node by a few times the rounding of its coordinates at most, `share`
+  /// of them: another iteration may gain nothing.
+  bool is_rounding(const typename System::Points& x, const typename System::Points& gradient,
+                   Scalar share = 8 * std::numeric_limits<Scalar>::epsilon()) const {
     for (int i = 0; i < weights_.size(); ++i) {
-      const Scalar rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
+      const Scalar rounding = share * (length_ + x.col(i).cwiseAbs().maxCoeff());
       if (!((gradient.col(i) * weights_[i]).norm() * length_ <= rounding)) return false;
     }
     return true;
   }
 
  private:
-  // What the rounding of coordinates up to some tens of L leaves.
-  static constexpr Scalar kLeastTolerance = 64 * std::numeric_limits<Scalar>::epsilon();
-
   // Whether all of x is on the one point that anchors and springs want it at, without loads. Otherwise a
   // characteristic length of zero is of squares that underflow.
   static bool is_one_point(const System& system, const typename System::Points& x) {
