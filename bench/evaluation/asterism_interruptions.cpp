@@ -1,8 +1,10 @@
 // asterism-interruptions: what the gate for interruptions does for a tracker. Annotated sequences are
-// interrupted in many ways, also by one another, and tracked with the gate and without it.
+// interrupted in many ways, also by one another, and tracked with the gate and without it. Whole sequences as
+// they are show whether the gate acts where nothing interrupts them.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <array>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <cstdint>
@@ -250,12 +252,68 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
   std::fflush(stdout);
 }
 
+// Whole sequences as they are: those in which the gate changes a box, and their average overlaps.
+template <class T>
+void compare_unaltered(const T& tracker, const std::string& name, const std::vector<Sequence>& sequences) {
+  std::printf("%s, unaltered\n%-36s %7s %7s %7s %s\n", name.c_str(), "sequence", "without", "with", "gain",
+              "frames, of them with another box, interrupted");
+  const auto print = [](const std::string& of, double without, double with,
+                        const std::array<int, 3>& frames) {
+    std::printf("%-36s %7.3f %7.3f %+7.3f %d %d %d\n", of.c_str(), without, with, with - without, frames[0],
+                frames[1], frames[2]);
+    std::fflush(stdout);
+  };
+  double sum_with = 0, sum_without = 0;
+  std::array<int, 3> all{};
+  for (const Sequence& sequence : sequences) {
+    FrameReader reader(sequence);
+    T with = tracker, without = tracker;
+    const cv::Mat first = reader(0);
+    const cv::Rect2d start = sequence.truth[0]->equal_area_box();
+    with.init(first, start), without.init(first, start);
+    double overlap_with = 0, overlap_without = 0;
+    int compared = 0;
+    std::array<int, 3> frames{};
+    for (std::size_t t = 1; t < sequence.length(); ++t) {
+      const Frame frame(reader(t));
+      const TrackResult result = with.update(frame), other = without.update_without_gate(frame);
+      frames[0] += 1, frames[1] += result.box != other.box, frames[2] += result.interrupted;
+      if (!sequence.truth[t]) continue;
+      const cv::Rect2d truth = sequence.truth[t]->equal_area_box();
+      overlap_with += tools::overlap(result.box, truth);
+      overlap_without += tools::overlap(other.box, truth);
+      ++compared;
+    }
+    overlap_with /= std::max(1, compared), overlap_without /= std::max(1, compared);
+    if (frames[1] > 0 || frames[2] > 0) print(sequence.name, overlap_without, overlap_with, frames);
+    sum_with += overlap_with, sum_without += overlap_without;
+    std::transform(all.begin(), all.end(), frames.begin(), all.begin(), std::plus<>());
+  }
+  const auto n = static_cast<double>(sequences.size());
+  print("all " + std::to_string(sequences.size()), sum_without / n, sum_with / n, all);
+}
+
+// Calls `visit` with a tracker of this name as its own class.
+template <class Visit>
+void visit_tracker(const std::string& name, Visit&& visit) {
+  const AnyTracker tracker = make_tracker(name);
+  if (const auto* const dpt = tracker.target<Dpt>())
+    visit(*dpt);
+  else if (const auto* const coarse = tracker.target<CoarseTracker>())
+    visit(*coarse);
+  else if (const auto* const lgt = tracker.target<Lgt>())
+    visit(*lgt);
+  else
+    throw std::invalid_argument(name + " has no gate of its own");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> names{"dpt", "dpt_plus", "kcf"}, only;
   std::size_t frames = 100, draws = 3;
+  bool unaltered = false;
   CLI::App app(
       "Prints the average overlap of trackers after interruptions of many kinds, with the gate for "
       "interruptions and without it. The sequences are also cut into each other.",
@@ -265,34 +323,36 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
-  app.add_option("--draws", draws, "interruptions of each kind in a sequence, at positions that are drawn")
-      ->check(CLI::Range(1, 1000))
-      ->capture_default_str();
-  app.add_option("--frames", frames, "of each sequence, at most")
-      ->check(CLI::Range(30, 10000))
-      ->capture_default_str();
+  CLI::Option* const number =
+      app.add_option("--draws", draws,
+                     "interruptions of each kind in a sequence, at positions that are drawn")
+          ->check(CLI::Range(1, 1000))
+          ->capture_default_str();
+  CLI::Option* const most = app.add_option("--frames", frames, "of each sequence, at most")
+                                ->check(CLI::Range(30, 10000))
+                                ->capture_default_str();
+  app.add_flag(
+         "--unaltered", unaltered,
+         "interrupt nothing; compare the boxes in all frames, and list the sequences in which they differ")
+      ->excludes(number, most);
   return tools::run_tool(app, argc, argv, [&] {
     cv::setNumThreads(1);
-    for (const std::string& name : names) make_tracker(name);  // unknown ones fail before the first run
+    for (const std::string& name : names)
+      visit_tracker(name, [](const auto&) {});  // unknown ones fail before the first run
     const Dataset data = open_dataset(dataset, Layout::Auto, only);
     print_notes(data);
-    std::vector<Clip> clips;
-    for (const Sequence& sequence : data.sequences) {
+    for (const Sequence& sequence : data.sequences)
       if (sequence.length() < 30 || !sequence.truth[0])
         throw std::runtime_error(sequence.name + ": fewer than 30 frames, or no object in the first one");
-      clips.push_back(read(sequence, frames));
+    if (unaltered) {
+      for (const std::string& name : names)
+        visit_tracker(name, [&](const auto& tracker) { compare_unaltered(tracker, name, data.sequences); });
+      return;
     }
+    std::vector<Clip> clips;
+    for (const Sequence& sequence : data.sequences) clips.push_back(read(sequence, frames));
     if (clips.size() < 2) throw std::runtime_error("two sequences are needed: they interrupt each other");
-    for (const std::string& name : names) {
-      const AnyTracker tracker = make_tracker(name);
-      if (const auto* const dpt = tracker.target<Dpt>())
-        measure(*dpt, name, clips, draws);
-      else if (const auto* const coarse = tracker.target<CoarseTracker>())
-        measure(*coarse, name, clips, draws);
-      else if (const auto* const lgt = tracker.target<Lgt>())
-        measure(*lgt, name, clips, draws);
-      else
-        throw std::invalid_argument(name + " has no gate of its own");
-    }
+    for (const std::string& name : names)
+      visit_tracker(name, [&](const auto& tracker) { measure(tracker, name, clips, draws); });
   });
 }
