@@ -4,7 +4,6 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
-#include <array>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <cstdint>
@@ -252,45 +251,55 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
   std::fflush(stdout);
 }
 
-// Whole sequences as they are: those in which the gate changes a box, and their average overlaps.
+// Whole sequences as they are, each tracked `draws` times, from the second time on from a box that is moved
+// by up to a pixel: those in which the gate changes a box, and their average overlaps.
 template <class T>
-void compare_unaltered(const T& tracker, const std::string& name, const std::vector<Sequence>& sequences) {
-  std::printf("%s, unaltered\n%-36s %7s %7s %7s %s\n", name.c_str(), "sequence", "without", "with", "gain",
-              "frames, of them with another box, interrupted");
-  const auto print = [](const std::string& of, double without, double with,
-                        const std::array<int, 3>& frames) {
-    std::printf("%-36s %7.3f %7.3f %+7.3f %d %d %d\n", of.c_str(), without, with, with - without, frames[0],
-                frames[1], frames[2]);
+void compare_unaltered(const T& tracker, const std::string& name, const std::vector<Sequence>& sequences,
+                       std::size_t draws) {
+  std::printf("%s, unaltered, %zu runs of each sequence\n%-36s %7s %7s %7s %s\n", name.c_str(), draws,
+              "sequence", "without", "with", "gain", "frames, of them with another box, interrupted");
+  struct Compared {
+    double with = 0, without = 0;  // sums of the runs' average overlaps
+    int frames = 0, other = 0, interrupted = 0;
+  };
+  const auto print = [&](const std::string& of, const Compared& sum, std::size_t runs) {
+    const auto n = static_cast<double>(runs);
+    std::printf("%-36s %7.3f %7.3f %+7.4f %d %d %d\n", of.c_str(), sum.without / n, sum.with / n,
+                (sum.with - sum.without) / n, sum.frames, sum.other, sum.interrupted);
     std::fflush(stdout);
   };
-  double sum_with = 0, sum_without = 0;
-  std::array<int, 3> all{};
+  Compared all;
   for (const Sequence& sequence : sequences) {
     FrameReader reader(sequence);
-    T with = tracker, without = tracker;
-    const cv::Mat first = reader(0);
-    const cv::Rect2d start = sequence.truth[0]->equal_area_box();
-    with.init(first, start), without.init(first, start);
-    double overlap_with = 0, overlap_without = 0;
-    int compared = 0;
-    std::array<int, 3> frames{};
-    for (std::size_t t = 1; t < sequence.length(); ++t) {
-      const Frame frame(reader(t));
-      const TrackResult result = with.update(frame), other = without.update_without_gate(frame);
-      frames[0] += 1, frames[1] += result.box != other.box, frames[2] += result.interrupted;
-      if (!sequence.truth[t]) continue;
-      const cv::Rect2d truth = sequence.truth[t]->equal_area_box();
-      overlap_with += tools::overlap(result.box, truth);
-      overlap_without += tools::overlap(other.box, truth);
-      ++compared;
+    Random random(1000);
+    Compared of;
+    for (std::size_t run = 0; run < draws; ++run) {
+      const auto move = [&] { return run == 0 ? 0 : static_cast<double>(random(2001)) / 1000 - 1; };
+      cv::Rect2d start = sequence.truth[0]->equal_area_box();
+      start.x += move(), start.y += move();
+      T with = tracker, without = tracker;
+      const cv::Mat first = reader(0);
+      with.init(first, start), without.init(first, start);
+      double overlap_with = 0, overlap_without = 0;
+      int compared = 0;
+      for (std::size_t t = 1; t < sequence.length(); ++t) {
+        const cv::Mat image = reader(t);
+        const Frame frame(image);
+        const TrackResult result = with.update(frame), other = without.update_without_gate(frame);
+        of.frames += 1, of.other += result.box != other.box, of.interrupted += result.interrupted;
+        if (!sequence.truth[t]) continue;
+        const cv::Rect2d truth = sequence.truth[t]->equal_area_box();
+        overlap_with += tools::overlap(result.box, truth);
+        overlap_without += tools::overlap(other.box, truth);
+        ++compared;
+      }
+      of.with += overlap_with / std::max(1, compared), of.without += overlap_without / std::max(1, compared);
     }
-    overlap_with /= std::max(1, compared), overlap_without /= std::max(1, compared);
-    if (frames[1] > 0 || frames[2] > 0) print(sequence.name, overlap_without, overlap_with, frames);
-    sum_with += overlap_with, sum_without += overlap_without;
-    std::transform(all.begin(), all.end(), frames.begin(), all.begin(), std::plus<>());
+    if (of.other > 0) print(sequence.name, of, draws);
+    all.with += of.with, all.without += of.without;
+    all.frames += of.frames, all.other += of.other, all.interrupted += of.interrupted;
   }
-  const auto n = static_cast<double>(sequences.size());
-  print("all " + std::to_string(sequences.size()), sum_without / n, sum_with / n, all);
+  print("all " + std::to_string(sequences.size()), all, draws * sequences.size());
 }
 
 // Calls `visit` with a tracker of this name as its own class.
@@ -323,18 +332,19 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
-  CLI::Option* const number =
-      app.add_option("--draws", draws,
-                     "interruptions of each kind in a sequence, at positions that are drawn")
-          ->check(CLI::Range(1, 1000))
-          ->capture_default_str();
+  app.add_option(
+         "--draws", draws,
+         "interruptions of each kind in a sequence, at positions that are drawn; with --unaltered, runs, "
+         "from the second on from a box that is moved by up to a pixel")
+      ->check(CLI::Range(1, 1000))
+      ->capture_default_str();
   CLI::Option* const most = app.add_option("--frames", frames, "of each sequence, at most")
                                 ->check(CLI::Range(30, 10000))
                                 ->capture_default_str();
   app.add_flag(
          "--unaltered", unaltered,
          "interrupt nothing; compare the boxes in all frames, and list the sequences in which they differ")
-      ->excludes(number, most);
+      ->excludes(most);
   return tools::run_tool(app, argc, argv, [&] {
     cv::setNumThreads(1);
     for (const std::string& name : names)
@@ -346,7 +356,8 @@ int main(int argc, char** argv) {
         throw std::runtime_error(sequence.name + ": fewer than 30 frames, or no object in the first one");
     if (unaltered) {
       for (const std::string& name : names)
-        visit_tracker(name, [&](const auto& tracker) { compare_unaltered(tracker, name, data.sequences); });
+        visit_tracker(name,
+                      [&](const auto& tracker) { compare_unaltered(tracker, name, data.sequences, draws); });
       return;
     }
     std::vector<Clip> clips;
