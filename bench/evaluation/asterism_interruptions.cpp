@@ -1,5 +1,6 @@
 // asterism-interruptions: what the gate for interruptions does for a tracker. Annotated sequences are
-// interrupted in many ways, also by one another, and tracked with the gate and without it.
+// interrupted in many ways, also by one another, and tracked with the gate and without it. Whole sequences as
+// they are show whether the gate acts where nothing interrupts them.
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -250,12 +251,78 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
   std::fflush(stdout);
 }
 
+// Whole sequences as they are, each tracked `draws` times, from the second time on from a box that is moved
+// by up to a pixel: those in which the gate changes a box, and their average overlaps.
+template <class T>
+void compare_unaltered(const T& tracker, const std::string& name, const std::vector<Sequence>& sequences,
+                       std::size_t draws) {
+  std::printf("%s, unaltered, %zu runs of each sequence\n%-36s %7s %7s %7s %s\n", name.c_str(), draws,
+              "sequence", "without", "with", "gain", "frames, of them with another box, interrupted");
+  struct Compared {
+    double with = 0, without = 0;  // sums of the runs' average overlaps
+    int frames = 0, other = 0, interrupted = 0;
+  };
+  const auto print = [&](const std::string& of, const Compared& sum, std::size_t runs) {
+    const auto n = static_cast<double>(runs);
+    std::printf("%-36s %7.3f %7.3f %+7.4f %d %d %d\n", of.c_str(), sum.without / n, sum.with / n,
+                (sum.with - sum.without) / n, sum.frames, sum.other, sum.interrupted);
+    std::fflush(stdout);
+  };
+  Compared all;
+  for (const Sequence& sequence : sequences) {
+    FrameReader reader(sequence);
+    Random random(1000);
+    Compared of;
+    for (std::size_t run = 0; run < draws; ++run) {
+      const auto move = [&] { return run == 0 ? 0 : static_cast<double>(random(2001)) / 1000 - 1; };
+      cv::Rect2d start = sequence.truth[0]->equal_area_box();
+      start.x += move(), start.y += move();
+      T with = tracker, without = tracker;
+      const cv::Mat first = reader(0);
+      with.init(first, start), without.init(first, start);
+      double overlap_with = 0, overlap_without = 0;
+      int compared = 0;
+      for (std::size_t t = 1; t < sequence.length(); ++t) {
+        const cv::Mat image = reader(t);
+        const Frame frame(image);
+        const TrackResult result = with.update(frame), other = without.update_without_gate(frame);
+        of.frames += 1, of.other += result.box != other.box, of.interrupted += result.interrupted;
+        if (!sequence.truth[t]) continue;
+        const cv::Rect2d truth = sequence.truth[t]->equal_area_box();
+        overlap_with += tools::overlap(result.box, truth);
+        overlap_without += tools::overlap(other.box, truth);
+        ++compared;
+      }
+      of.with += overlap_with / std::max(1, compared), of.without += overlap_without / std::max(1, compared);
+    }
+    if (of.other > 0) print(sequence.name, of, draws);
+    all.with += of.with, all.without += of.without;
+    all.frames += of.frames, all.other += of.other, all.interrupted += of.interrupted;
+  }
+  print("all " + std::to_string(sequences.size()), all, draws * sequences.size());
+}
+
+// Calls `visit` with a tracker of this name as its own class.
+template <class Visit>
+void visit_tracker(const std::string& name, Visit&& visit) {
+  const AnyTracker tracker = make_tracker(name);
+  if (const auto* const dpt = tracker.target<Dpt>())
+    visit(*dpt);
+  else if (const auto* const coarse = tracker.target<CoarseTracker>())
+    visit(*coarse);
+  else if (const auto* const lgt = tracker.target<Lgt>())
+    visit(*lgt);
+  else
+    throw std::invalid_argument(name + " has no gate of its own");
+}
+
 }  // namespace
 
 int main(int argc, char** argv) {
   std::string dataset;
   std::vector<std::string> names{"dpt", "dpt_plus", "kcf"}, only;
   std::size_t frames = 100, draws = 3;
+  bool unaltered = false;
   CLI::App app(
       "Prints the average overlap of trackers after interruptions of many kinds, with the gate for "
       "interruptions and without it. The sequences are also cut into each other.",
@@ -265,34 +332,38 @@ int main(int argc, char** argv) {
       ->delimiter(',')
       ->capture_default_str();
   app.add_option("--sequences", only, "only these, separated by commas")->delimiter(',');
-  app.add_option("--draws", draws, "interruptions of each kind in a sequence, at positions that are drawn")
+  app.add_option(
+         "--draws", draws,
+         "interruptions of each kind in a sequence, at positions that are drawn; with --unaltered, runs, "
+         "from the second on from a box that is moved by up to a pixel")
       ->check(CLI::Range(1, 1000))
       ->capture_default_str();
-  app.add_option("--frames", frames, "of each sequence, at most")
-      ->check(CLI::Range(30, 10000))
-      ->capture_default_str();
+  CLI::Option* const most = app.add_option("--frames", frames, "of each sequence, at most")
+                                ->check(CLI::Range(30, 10000))
+                                ->capture_default_str();
+  app.add_flag(
+         "--unaltered", unaltered,
+         "interrupt nothing; compare the boxes in all frames, and list the sequences in which they differ")
+      ->excludes(most);
   return tools::run_tool(app, argc, argv, [&] {
     cv::setNumThreads(1);
-    for (const std::string& name : names) make_tracker(name);  // unknown ones fail before the first run
+    for (const std::string& name : names)
+      visit_tracker(name, [](const auto&) {});  // unknown ones fail before the first run
     const Dataset data = open_dataset(dataset, Layout::Auto, only);
     print_notes(data);
-    std::vector<Clip> clips;
-    for (const Sequence& sequence : data.sequences) {
+    for (const Sequence& sequence : data.sequences)
       if (sequence.length() < 30 || !sequence.truth[0])
         throw std::runtime_error(sequence.name + ": fewer than 30 frames, or no object in the first one");
-      clips.push_back(read(sequence, frames));
+    if (unaltered) {
+      for (const std::string& name : names)
+        visit_tracker(name,
+                      [&](const auto& tracker) { compare_unaltered(tracker, name, data.sequences, draws); });
+      return;
     }
+    std::vector<Clip> clips;
+    for (const Sequence& sequence : data.sequences) clips.push_back(read(sequence, frames));
     if (clips.size() < 2) throw std::runtime_error("two sequences are needed: they interrupt each other");
-    for (const std::string& name : names) {
-      const AnyTracker tracker = make_tracker(name);
-      if (const auto* const dpt = tracker.target<Dpt>())
-        measure(*dpt, name, clips, draws);
-      else if (const auto* const coarse = tracker.target<CoarseTracker>())
-        measure(*coarse, name, clips, draws);
-      else if (const auto* const lgt = tracker.target<Lgt>())
-        measure(*lgt, name, clips, draws);
-      else
-        throw std::invalid_argument(name + " has no gate of its own");
-    }
+    for (const std::string& name : names)
+      visit_tracker(name, [&](const auto& tracker) { measure(tracker, name, clips, draws); });
   });
 }

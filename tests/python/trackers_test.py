@@ -166,7 +166,10 @@ class TrackersTest(unittest.TestCase):
         image = self.frames[1]
         for bad, error, message in [
             (image.tolist(), TypeError, "image: expected a NumPy array, found list"),
-            (image.astype(float), TypeError, "image: expected uint8, uint16 or float32, found float64"),
+            (image.astype(float), TypeError, "found float64; convert it, in .0, 1., to float32"),
+            (image.astype(np.float16), TypeError, "found float16; convert it, in .0, 1., to float32"),
+            (image.astype(np.uint32), TypeError, "image: expected uint8, uint16 or float32, found uint32$"),
+            (image.astype(np.int16), TypeError, "image: expected uint8, uint16 or float32, found int16$"),
             (image.astype(">u2"), TypeError, "image: expected uint8, uint16 or float32, found >u2"),
             (image.astype(">f4"), TypeError, "image: expected uint8, uint16 or float32, found >f4"),
             (image > 9, TypeError, "image: expected uint8, uint16 or float32, found bool"),

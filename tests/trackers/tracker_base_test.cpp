@@ -85,6 +85,19 @@ TYPED_TEST(TrackerBaseOf, GoesOnFromWhatWasSaved) {
   EXPECT_EQ(restored.update(noise()).box, tracker.update(noise()).box);
 }
 
+TEST(TrackerBase, RefusesToStartOnNothingWhereItHasAGate) {
+  Gated gated;
+  Ungated ungated;
+  gated.init(noise(), kBox), ungated.init(noise(), kBox);
+  const cv::Mat blank = cv::Mat::zeros(60, 80, CV_8UC1);
+  EXPECT_THROW(gated.init(blank, cv::Rect2d(0, 0, 5, 5)), std::invalid_argument);
+  EXPECT_EQ(gated.started(), 1);
+  EXPECT_EQ(gated.update(noise()).box, kBox + cv::Point2d(1, 0));  // as before
+  EXPECT_NO_THROW(ungated.init(blank, cv::Rect2d(0, 0, 5, 5)));
+  EXPECT_EQ(ungated.started(), 2);
+  EXPECT_EQ(ungated.update(blank).box, cv::Rect2d(1, 0, 5, 5));
+}
+
 TEST(TrackerBase, StandsInAnInterruptionWhereItHasAGate) {
   Gated gated;
   Ungated ungated;

@@ -37,9 +37,9 @@ cv::Mat mat_of(const py::object& image, py::array& copy) {
                     : py::isinstance<py::array_t<float>>(array)         ? CV_32F
                                                                         : -1;
   if (depth < 0) {
-    throw py::type_error(
-        "image: expected uint8, uint16 or float32, found " + py::str(array.dtype()).cast<std::string>() +
-        (py::isinstance<py::array_t<double>>(array) ? "; convert it, in [0, 1], to float32" : ""));
+    throw py::type_error("image: expected uint8, uint16 or float32, found " +
+                         py::str(array.dtype()).cast<std::string>() +
+                         (array.dtype().kind() == 'f' ? "; convert it, in [0, 1], to float32" : ""));
   }
   const Shape shape = shape_of(array);
   const bool is_image =
@@ -558,7 +558,9 @@ void bind_trackers(py::module_& m) {
             "a mask the upright box of the same area and centre is followed.\n"
             "ValueError, and the former state, for what is not finite, smaller than 1 x 1 or off the image, "
             "and\n"
-            "where the box and its surroundings, of twice its sides, have one gray level or color.")
+            "where the box and its surroundings, of twice its sides, have one gray level or color. Noise is "
+            "not\n"
+            "refused: start in a frame that shows the object.")
         .def(
             "update",
             [](Tracker& self, const py::args& args, const py::kwargs& kwargs) {

@@ -2,6 +2,7 @@
 #include <asterism/trackers/constellation/interruption.hpp>
 #include <cmath>
 #include <opencv2/core.hpp>
+#include <stdexcept>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -78,6 +79,31 @@ double correlation(const InterruptionGate::View& a, const InterruptionGate::View
   return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
 }
 
+// Whether the box and its surroundings, of twice its sides, have the same values everywhere: filler of a
+// decoder, or saturated light. The box overlaps the image.
+bool is_blank_around(const Frame& frame, const cv::Rect2d& box) {
+  const cv::Size size = frame.size();
+  const auto begin = [](double centre, double side, int limit) {
+    return static_cast<int>(std::clamp(std::floor(centre - kNear * side / 2), 0.0, limit - 1.0));
+  };
+  const auto end = [](double centre, double side, int limit) {
+    return static_cast<int>(
+        std::clamp(std::ceil(centre + kNear * side / 2), 1.0, static_cast<double>(limit)));
+  };
+  const double x = box.x + box.width / 2, y = box.y + box.height / 2;
+  const cv::Rect window(cv::Point(begin(x, box.width, size.width), begin(y, box.height, size.height)),
+                        cv::Point(end(x, box.width, size.width), end(y, box.height, size.height)));
+  const cv::Mat pixels = (frame.bgr().empty() ? frame.gray() : frame.bgr())(window);
+  for (int channel = 0; channel < pixels.channels(); ++channel) {
+    cv::Mat plane;
+    cv::extractChannel(pixels, plane, channel);
+    double least = 0, most = 0;
+    cv::minMaxLoc(plane, &least, &most);
+    if (most - least > kOneLevel) return false;
+  }
+  return true;
+}
+
 }  // namespace
 
 bool shows_scene(const Frame& frame) {
@@ -113,6 +139,12 @@ InterruptionGate::Blanks InterruptionGate::blanks_of(const Seen& seen, const Fra
   visit_cells<kNearCells>(frame.gray(), box_around(seen.centre, kNear * seen.size),
                           [&](std::size_t cell, int, int range) { blanks[cell] = range <= kOneLevel; });
   return blanks;
+}
+
+void InterruptionGate::require_contrast(const Frame& frame, const cv::Rect2d& box) {
+  if (is_blank_around(frame, box))
+    throw std::invalid_argument(
+        "the start box and its surroundings have one gray level or color: there is nothing to follow");
 }
 
 void InterruptionGate::learn(const Frame& frame, const View& view, const TrackResult& result) {

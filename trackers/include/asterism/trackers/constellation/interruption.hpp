@@ -32,8 +32,11 @@ class ASTERISM_API InterruptionGate {
   /// Number of successive frames of a new scene, at most, in which the box stays where it was.
   static constexpr int kMostHeld = 10;
 
-  /// The tracker starts in this frame, on this box.
+  /// The tracker starts in this frame, on this box, which overlaps the frame. Throws std::invalid_argument,
+  /// and keeps the former state, if the box and its surroundings (of twice its sides) have one gray level or
+  /// color: there is nothing to follow.
   void init(const Frame& frame, const cv::Rect2d& box) {
+    require_contrast(frame, box);
     before_ = {};
     held_ = 0;
     TrackResult result;
@@ -134,6 +137,8 @@ class ASTERISM_API InterruptionGate {
     return static_cast<const T*>(before_.tracker.get());
   }
 
+  // Throws unless the box and its surroundings have several gray levels or colors.
+  static void require_contrast(const Frame& frame, const cv::Rect2d& box);
   static View view_of(const Frame& frame);
   // About the box that was followed.
   static Blanks blanks_of(const Seen& seen, const Frame& frame);

@@ -80,9 +80,10 @@ struct TrackResult {
 ///
 /// - `init(image, box)`: start on an object; may be called again at any time with any frame size. `box` is in
 ///   pixels and covers x .. x + width - 1. Throws std::invalid_argument, and keeps the former state, for a
-///   box that is not finite, smaller than 1 x 1, or does not overlap the image, for an image that Frame
-///   refuses, and where the box and its surroundings (of twice its sides) have one gray level or color: a
-///   video that begins blank has to be started later.
+///   box that is not finite, smaller than 1 x 1, or does not overlap the image, and for an image that Frame
+///   refuses. A tracker with an InterruptionGate, as all that make_tracker knows, also refuses a box that has
+///   one gray level or color together with its surroundings (of twice its sides): a video that begins blank
+///   has to be started later. Noise is not refused; shows_scene tells it from a scene.
 /// - `update(image)`: the object's box in the next image. Throws std::logic_error before `init`, and
 ///   std::invalid_argument for an image that Frame refuses; the state is then as before the call.
 template <class T>

@@ -5,14 +5,16 @@
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <concepts>
 #include <string_view>
+#include <utility>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Throws std::invalid_argument, with the reason, if a tracker cannot start on a box (see Tracker).
+/// Throws std::invalid_argument, with the reason, if no tracker can start on a box: it is not finite, smaller
+/// than 1 x 1, or does not overlap the image.
 ASTERISM_API void check_start(const Frame& frame, const cv::Rect2d& box);
 
-/// For TrackerBase: no InterruptionGate; the tracker follows every frame.
+/// For TrackerBase: no InterruptionGate; the tracker starts on every frame and follows every frame.
 struct NoGate {};
 
 namespace detail {
@@ -45,8 +47,10 @@ class TrackerBase {
   void init(const cv::Mat& image, const cv::Rect2d& box) { init(first_frame(image), box); }
   void init(const Frame& frame, const cv::Rect2d& box) {
     check_start(frame, box);
+    Gate gate;
+    if constexpr (kGated) gate.init(frame, box);  // which may refuse
     self().start(frame, box);
-    if constexpr (kGated) gate_.init(frame, box);
+    gate_ = std::move(gate);
     initialized_ = true;
   }
   /// On the region's equal_area_box.
