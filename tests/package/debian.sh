@@ -48,7 +48,7 @@ inside asterism-trax --version
 # The solver, where nothing of OpenCV, Ceres and SuiteSparse can be compiled against.
 install /packages/libasterism-dev.deb g++ cmake make pkg-config
 absent libopencv-dev libceres-dev libsuitesparse-dev libcholmod3 liblbfgs-dev nlohmann-json3-dev
-consume solver,solver_compiled,batch
+consume solver,system,solver_compiled,batch
 
 # Everything, and an object followed.
 install libopencv-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev

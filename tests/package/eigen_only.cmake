@@ -47,7 +47,7 @@ file(REMOVE_RECURSE ${WORK}/solver-only)
 must(${CMAKE_COMMAND} --build ${WORK}/eigen-only --config ${CONFIG})
 must(${CMAKE_COMMAND} --install ${WORK}/eigen-only --config ${CONFIG} --prefix ${WORK}/solver-only)
 file(GLOB rooms RELATIVE ${WORK}/solver-only/${INCLUDEDIR}/asterism ${WORK}/solver-only/${INCLUDEDIR}/asterism/*)
-if(NOT rooms STREQUAL "solver;solver.hpp;testing")
+if(NOT rooms STREQUAL "solver;solver.hpp;system.hpp;testing")
   fail("installed with Eigen alone: ${rooms}")
 endif()
 foreach(adapter IN ITEMS linear/cholmod reference/ceres reference/liblbfgs distributed/petsc io/json)
@@ -55,7 +55,7 @@ foreach(adapter IN ITEMS linear/cholmod reference/ceres reference/liblbfgs distr
     fail("the header ${adapter}.hpp is installed without its library")
   endif()
 endforeach()
-consume(eigen-only ${WORK}/solver-only consumer/main.cpp solver_compiled batch)
+consume(eigen-only ${WORK}/solver-only consumer/main.cpp system solver_compiled batch)
 
 # Every option off, nothing to say.
 fresh(${WORK}/all-off)

@@ -2,6 +2,10 @@
 #include <asterism/solver.hpp>
 #include <iostream>
 #include <string>
+#ifdef HAVE_SYSTEM
+#include <asterism/solver/terms/from_springs.hpp>
+#include <asterism/system.hpp>
+#endif
 #ifdef HAVE_BATCH
 #include <asterism/solver/batch/batch_newton.hpp>
 #endif
@@ -59,6 +63,16 @@ bool solves(Solver solver) {
                std::string(summary.solver));
 }
 
+#ifdef HAVE_SYSTEM
+bool solves_terms() {
+  Eigen::MatrixXd x = triangle().anchors;
+  const asterism::Summary summary = asterism::solve(asterism::to_system(triangle()), x);
+  auto expected = triangle().anchors;
+  asterism::solve_ida(triangle(), expected);
+  return check(summary.status == asterism::Status::Converged && (x - expected).norm() < 1e-5, "terms");
+}
+#endif
+
 #ifdef HAVE_BATCH
 bool solves_batch() {
   using Batch = asterism::SpringBatch<double, 2>;
@@ -101,6 +115,9 @@ int main() {
                               std::to_string(ASTERISM_VERSION_PATCH);
   bool ok = check(version == VERSION, "version " + version);
   ok = solves(asterism::Ida<System>()) && ok;
+#ifdef HAVE_SYSTEM
+  ok = solves_terms() && ok;
+#endif
 #ifdef HAVE_BATCH
   ok = solves_batch() && ok;
 #endif
