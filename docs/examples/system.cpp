@@ -3,8 +3,7 @@
 
 int main() {
   // Four parts in a square of 40 px, each linked to all others.
-  Eigen::MatrixXd seen(2, 4);
-  seen << 0, 40, 0, 40, /* x */ 0, 0, 40, 40; /* y */
+  Eigen::MatrixXd seen{{0, 40, 0, 40}, {0, 0, 40, 40}};  // x, y
   asterism::System system(4, 2);
   const Eigen::Matrix2Xi pairs = asterism::all_pairs(4);
   system.add_links(pairs, asterism::lengths_at(seen, pairs), asterism::System::all(1));
