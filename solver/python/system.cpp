@@ -1119,7 +1119,11 @@ void bind_system(py::module_& m) {
         const asterism::System& system = self.system();
         std::string text = "<asterism.System: " + std::to_string(system.nodes()) + " nodes, dim " +
                            std::to_string(system.dim());
-        for (int t = 0; t < system.term_count(); ++t) text += "; " + contents(system.term(t));
+        constexpr int kShown = 8;
+        for (int t = 0; t < std::min(system.term_count(), kShown); ++t)
+          text += "; " + contents(system.term(t));
+        if (system.term_count() > kShown)
+          text += "; " + std::to_string(system.term_count() - kShown) + " more";
         return text + ">";
       });
 }

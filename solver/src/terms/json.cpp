@@ -151,8 +151,8 @@ void read_start(const Json& value, Eigen::MatrixXd& start) {
 
 void read_common(const Json& object, StoredTerms& result) {
   if (const auto fixed = object.find("fixed"); fixed != object.end()) {
-    for (const int node : read_nodes(*fixed, "fixed", 1, result.system.nodes()).reshaped())
-      result.system.fix(node);
+    const Eigen::MatrixXi nodes = read_nodes(*fixed, "fixed", 1, result.system.nodes());
+    for (const int node : nodes.reshaped()) result.system.fix(node);
   }
   if (const auto name = object.find("name"); name != object.end()) result.name = text(*name, {"name"});
   if (const auto origin = object.find("origin"); origin != object.end()) {
