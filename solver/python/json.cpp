@@ -20,13 +20,6 @@ namespace {
   throw py::error_already_set();
 }
 
-// Whether it is not of version 1, which holds a SpringSystem.
-bool is_of_terms(const nlohmann::json& object) {
-  if (!object.is_object()) return false;
-  const auto version = object.find("asterism_system");
-  return version != object.end() && version->is_number() && version->get<double>() != 1;
-}
-
 }  // namespace
 
 void bind_json(py::module_& m) {
@@ -37,7 +30,7 @@ void bind_json(py::module_& m) {
         try {
           const py::gil_scoped_release release;
           detail::stored::for_each_object(text, source, [&systems](const nlohmann::json& object) {
-            if (is_of_terms(object)) {
+            if (detail::holds_terms(object)) {
               systems.emplace_back(detail::stored_terms_from_json(object));
             } else {
               systems.emplace_back(any_system_from_json(object));

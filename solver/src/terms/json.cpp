@@ -277,6 +277,12 @@ OrderedJson term_to_json(const Term& term, int node_count) {
 
 }  // namespace
 
+bool holds_terms(const Json& object) {
+  if (!object.is_object()) return false;
+  const auto version = object.find("asterism_system");
+  return version != object.end() && version->is_number() && version->get<double>() != 1;
+}
+
 StoredTerms stored_terms_from_json(const Json& object) {
   if (!object.is_object()) refuse("expected an object, found ", object.type_name());
   const Json& version = member(object, "asterism_system");

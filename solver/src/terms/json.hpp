@@ -8,7 +8,9 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
-/// The system that a JSON object holds. Throws std::runtime_error that names the field.
+/// Whether a JSON object is to be read by stored_terms_from_json: it has a version, which is not 1.
+ASTERISM_API bool holds_terms(const nlohmann::json& object);
+/// The system that a JSON object of any version holds. Throws std::runtime_error that names the field.
 ASTERISM_API StoredTerms stored_terms_from_json(const nlohmann::json& object);
 
 }  // namespace detail
