@@ -172,7 +172,11 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   std::string file, chosen = "all";
   Limits limits;
   solve->add_option("FILE", file, "JSON as in docs/system-json.md")->required();
-  solve->add_option("--solver,--solvers", chosen, "names, separated by commas, or all")
+  solve
+      ->add_option(
+          "--solver,--solvers", chosen,
+          "names, separated by commas, or all; for systems of terms: auto, newton, newton-cg, lbfgs, ncg, "
+          "ida, multi-start, graduated")
       ->capture_default_str();
   solve->add_option("--tolerance", limits.tolerance, "tolerance of the stopping rule")->capture_default_str();
   solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();
@@ -323,7 +327,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
                              static_cast<std::uint64_t>(petsc_seed));
 #endif
   if (solve->parsed()) {
-    solve_file(file, solvers_named(chosen), limits);
+    solve_file(file, chosen, limits);
     return 0;
   }
   if (problems->parsed()) {

@@ -24,6 +24,7 @@ namespace py = pybind11;
 void bind_systems(py::module_& m);
 void bind_random(py::module_& m);
 void bind_solvers(py::module_& m);
+void bind_system(py::module_& m);
 void bind_batch(py::module_& m);
 void bind_discrete(py::module_& m);
 void bind_graph(py::module_& m);

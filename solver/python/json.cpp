@@ -1,8 +1,12 @@
-// Spring systems as JSON; asterism/stored.py wraps it for users.
+// Systems as JSON; asterism/stored.py wraps it for users.
+
+#include "../src/terms/json.hpp"
 
 #include <asterism/solver/io/json.hpp>
+#include <variant>
 
 #include "bindings.hpp"
+#include "term_system.hpp"
 
 namespace asterism::python {
 
@@ -22,15 +26,27 @@ void bind_json(py::module_& m) {
   m.def(
       "_parse_systems",
       [](const std::string& text, const std::string& source) {
-        std::vector<AnyStoredSystem> systems;
+        std::vector<std::variant<AnyStoredSystem, StoredTerms>> systems;
         try {
           const py::gil_scoped_release release;
-          systems = parse_systems(text, source);
+          detail::stored::for_each_object(text, source, [&systems](const nlohmann::json& object) {
+            if (detail::holds_terms(object)) {
+              systems.emplace_back(detail::stored_terms_from_json(object));
+            } else {
+              systems.emplace_back(any_system_from_json(object));
+            }
+          });
         } catch (const std::runtime_error& error) {
           refuse(error.what());
         }
         py::list result;
-        for (AnyStoredSystem& any : systems) {
+        for (auto& each : systems) {
+          if (auto* const terms = std::get_if<StoredTerms>(&each)) {
+            const Shape shape{terms->system.nodes(), terms->system.dim()};
+            result.append(py::make_tuple(to_python(std::move(terms->system)),
+                                         owned(std::move(terms->start), shape), terms->name, terms->origin));
+            continue;
+          }
           std::visit(
               [&]<typename S>(StoredSystem<S>& stored) {
                 const Shape shape{stored.system.nodes(), S::kDim};
@@ -38,24 +54,38 @@ void bind_json(py::module_& m) {
                                              owned(std::move(stored.start), shape), stored.name,
                                              stored.origin.dump()));
               },
-              any);
+              std::get<AnyStoredSystem>(each));
         }
         return result;
       },
       py::arg("text"), py::arg("source"));
   m.def(
       "_system_to_json",
-      [](AnySystem& system, const py::object& start, const std::string& name, const std::string& origin) {
-        return system.visit([&]<int Dim>(System<Dim>& s) {
-          const auto points = map_points<Dim>(numbers(start, "start", {s.nodes(), Dim}));
-          try {
+      [](const py::object& given, const py::object& start, const std::string& name,
+         const std::string& origin) -> std::string {
+        try {
+          if (const asterism::System* const system = system_in(given)) {
+            const auto points = numbers(start, "start", {system->nodes(), system->dim()});
+            return to_json({*system,
+                            Eigen::Map<const Eigen::MatrixXd>(points.data(), system->dim(), system->nodes()),
+                            name, origin});
+          }
+          if (!py::isinstance<AnySystem>(given)) {
+            throw py::type_error("system: expected a SpringSystem or a System, found " + type_name(given));
+          }
+          return given.cast<AnySystem&>().visit([&]<int Dim>(System<Dim>& s) {
+            const auto points = map_points<Dim>(numbers(start, "start", {s.nodes(), Dim}));
             const auto parsed =
                 detail::stored::parse(origin, "the system cannot be written: its origin", 1, true);
             return system_to_json(s, points, name, parsed).dump();
-          } catch (const std::runtime_error& error) {
-            refuse(error.what());
-          }
-        });
+          });
+        } catch (const py::builtin_exception&) {
+          throw;
+        } catch (const py::error_already_set&) {
+          throw;
+        } catch (const std::runtime_error& error) {
+          refuse(error.what());
+        }
       },
       py::arg("system"), py::arg("start"), py::arg("name"), py::arg("origin"));
 }

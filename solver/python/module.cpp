@@ -10,6 +10,7 @@ PYBIND11_MODULE(_asterism, m) {
   bind_systems(m);
   bind_random(m);
   bind_solvers(m);
+  bind_system(m);
   bind_batch(m);
   bind_discrete(m);
   bind_graph(m);

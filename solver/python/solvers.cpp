@@ -4,84 +4,17 @@
 
 #include <algorithm>
 #include <asterism/solver/problem/validate.hpp>
-#include <asterism/solver/run/iteration.hpp>
-#include <asterism/solver/run/option_visitor.hpp>
-#include <atomic>
 #include <cstring>
-#include <exception>
 #include <optional>
 #include <sstream>
 
 #include "bindings.hpp"
-#include "interrupts.hpp"
 #include "pickling.hpp"
+#include "solving.hpp"
 
 namespace asterism::python {
 
 namespace {
-
-// Collects the options' values by name.
-class OptionLister final : public OptionVisitor {
- public:
-  py::dict values;
-
-  using OptionVisitor::operator();
-  void operator()(std::string_view name, double& value, const OptionRange&) override { list(name, value); }
-  void operator()(std::string_view name, int& value, const OptionRange&) override { list(name, value); }
-  void operator()(std::string_view name, bool& value) override { list(name, value); }
-  void operator()(std::string_view name, std::uint64_t& value) override { list(name, value); }
-
- private:
-  template <typename T>
-  void list(std::string_view name, T value) {
-    values[py::str(name)] = py::cast(value);
-  }
-};
-
-// Sets one option to a Python value.
-class OptionSetter final : public OptionVisitor {
- public:
-  OptionSetter(std::string name, py::handle given) : name_(std::move(name)), given_(given) {}
-
-  using OptionVisitor::operator();
-  void operator()(std::string_view name, double& value, const OptionRange&) override { set(name, value); }
-  void operator()(std::string_view name, int& value, const OptionRange&) override { set(name, value); }
-  void operator()(std::string_view name, bool& value) override { set(name, value); }
-  void operator()(std::string_view name, std::uint64_t& value) override { set(name, value); }
-
-  void check_found(const std::string& method) const {
-    if (found_) return;
-    throw py::type_error("method '" + method + "' has no option '" + name_ + "' (it has: " + names_ + ")");
-  }
-
- private:
-  template <typename T>
-  void set(std::string_view name, T& target) {
-    names_.append(names_.empty() ? "" : ", ").append(name);
-    if (name != name_) return;
-    found_ = true;
-    constexpr bool kBool = std::is_same_v<T, bool>;
-    const py::object value = plain(given_);
-    // True is not accepted as a number, 2.5 not as an integer, and an array of one number as neither.
-    const bool is_one = kBool == py::isinstance<py::bool_>(value) && !py::isinstance<py::array>(value) &&
-                        (kBool || std::is_same_v<T, double> || PyIndex_Check(value.ptr()) != 0);
-    try {
-      if (is_one) {
-        target = value.cast<T>();
-        return;
-      }
-    } catch (const py::cast_error&) {  // refused below
-    }
-    const char* expected = kBool ? "a bool" : std::is_same_v<T, double> ? "a number" : "an integer in range";
-    throw py::type_error("option " + name_ + ": expected " + expected + ", found " +
-                         py::repr(given_).cast<std::string>());
-  }
-
-  std::string name_;
-  py::handle given_;
-  std::string names_;
-  bool found_ = false;
-};
 
 template <int Dim>
 bool same_values(const System<Dim>& a, const System<Dim>& b) {
@@ -94,40 +27,6 @@ bool same_values(const System<Dim>& a, const System<Dim>& b) {
          same(a.rest_offset, b.rest_offset) && same(a.loads, b.loads);
 }
 
-// Calls Python's on_iteration from threads that do not hold the GIL. An exception ends the solve and is kept;
-// so does a system that the callable has changed: the solver could not answer for its result.
-template <int Dim>
-class PythonCallback {
- public:
-  PythonCallback(py::object callable, const System<Dim>& system)
-      : callable_(std::move(callable)), system_(system), given_(system) {}
-
-  bool operator()(const Iteration& at) {
-    const py::gil_scoped_acquire acquire;
-    try {
-      // A copy of x, with one row per node.
-      py::array_t<double> x({at.x.cols(), at.x.rows()});
-      std::copy_n(at.x.data(), at.x.size(), x.mutable_data());
-      const py::object result = callable_(at.number, x, at.energy, at.gradient_norm);
-      if (!same_values(system_, given_))
-        throw std::runtime_error("on_iteration changed the system that is solved");
-      return result.is_none() || result.cast<bool>();
-    } catch (...) {
-      raised_ = std::current_exception();
-      return false;
-    }
-  }
-  void rethrow() const {
-    if (raised_) std::rethrow_exception(raised_);
-  }
-
- private:
-  py::object callable_;
-  const System<Dim>& system_;
-  const System<Dim> given_;
-  std::exception_ptr raised_;
-};
-
 /// asterism.Solver: a method for systems of both dimensions, which keeps its memory between solves.
 class Solver {
  public:
@@ -135,22 +34,14 @@ class Solver {
 
   Solver(const std::string& method, const py::kwargs& options)
       : method_(method), of_2_(solvers<2>().make(method)), of_3_(solvers<3>().make(method)) {
-    for (const auto& [key, given] : options) {
-      OptionSetter set(key.cast<std::string>(), given);
-      of_2_.visit_options(set);
-      set.check_found(method);
-      of_3_.visit_options(set);
-    }
+    set_options(of_2_, method, options);
+    set_options(of_3_, method, options);
     most_rounds_ = most_rounds(this->options());
   }
 
   const std::string& method() const { return method_; }
 
-  py::dict options() {
-    OptionLister list;
-    of_2_.visit_options(list);
-    return list.values;
-  }
+  py::dict options() { return options_of(of_2_); }
 
   Summary solve(AnySystem& system, const py::object& x, const py::object& on_iteration) {
     const Exclusive use(busy_, "this asterism.Solver");
@@ -161,42 +52,18 @@ class Solver {
       }
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
-      std::optional<PythonCallback<Dim>> callback;
-      if (!on_iteration.is_none()) callback.emplace(on_iteration, s);
       const AnySystem::Reading reading(system);
-      const auto work = [&](const std::atomic<bool>& stop) {
-        SolverOptions& common = solver<Dim>().options();
-        common.stop = &stop;
-        common.on_iteration = callback ? IterationCallback(*callback) : IterationCallback();
-        const Summary result = solver<Dim>().solve(s, points);
-        common.stop = nullptr;
-        common.on_iteration = {};
-        return result;
-      };
-      const Summary summary = [&] {
-        if (may_be_long(s.link_count())) return interruptible(work);
-        const py::gil_scoped_release release;
-        return work(std::atomic<bool>(false));
-      }();
-      if (callback) callback->rethrow();
+      const std::optional<System<Dim>> given =
+          on_iteration.is_none() ? std::nullopt : std::optional<System<Dim>>(s);
+      const Summary summary =
+          run(solver<Dim>(), s, points, on_iteration, may_be_long(s.link_count(), most_rounds_),
+              [&] { return same_values(s, *given); });
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
       return summary;
     });
   }
 
  private:
-  // Whether the limits of the options allow a solve of tenths of a second or more.
-  bool may_be_long(int links) const { return std::max(links, 1) * most_rounds_ > 2e7; }
-
-  // Iterations of the method, of all of its starts and of all nodes of its tree.
-  static double most_rounds(const py::dict& options) {
-    double most = 1;
-    for (const char* limit : {"max_iterations", "starts", "max_nodes"}) {
-      if (options.contains(limit)) most *= std::max(1.0, options[limit].cast<double>());
-    }
-    return most;
-  }
-
   template <int Dim>
   AnySolver<System<Dim>>& solver() {
     if constexpr (Dim == 2) {

@@ -95,6 +95,34 @@ class Laboratory(unittest.TestCase):
                 for name, energy in energies.items():
                     self.assertAlmostEqual(energy / energies["newton"], 1, delta=1e-6, msg=name)
 
+    def test_systems_of_terms(self):
+        """The square as anchors and links has the energy of its springs, in one file with them, by every method of such systems."""
+        terms = {
+            "asterism_system": 2, "dim": 2, "nodes": 4, "name": "terms", "start": SQUARE["start"],
+            "terms": [
+                {"kind": "anchors", "nodes": [0, 1, 2, 3], "position": SQUARE["anchors"], "stiffness": SQUARE["anchor_stiffness"]},
+                {"kind": "links", "nodes": SQUARE["links"], "length": SQUARE["rest_length"], "stiffness": SQUARE["link_stiffness"]},
+            ],
+        }
+        file = self.folder / "both.jsonl"
+        file.write_text(json.dumps(SQUARE) + "\n" + json.dumps(terms))
+        result = run("solve", file, "--solver", "newton,ida")
+        self.assertEqual(result.returncode, 0, result.stderr)
+        energies = [float(line.split()[-6]) for line in result.stdout.splitlines() if line.startswith(("newton", "ida"))]
+        self.assertEqual(len(energies), 4)
+        for energy in energies:
+            self.assertAlmostEqual(energy / energies[0], 1, delta=1e-6)
+        file.write_text(json.dumps(terms))
+        result = run("solve", file)
+        self.assertEqual(result.returncode, 0, result.stderr)
+        rows = [line.split() for line in result.stdout.splitlines()[2:]]
+        self.assertEqual([row[0] for row in rows], ["auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "graduated"])
+        for row in rows:
+            self.assertAlmostEqual(float(row[-6]) / energies[0], 1, delta=1e-6, msg=row[0])
+        result = run("solve", file, "--solver", "newtn")
+        self.assertNotEqual(result.returncode, 0)
+        self.assertIn("did you mean 'newton'", result.stderr)
+
     def test_problem_set(self):
         """Every stored problem is scored; the strongest method solves more than the paper's, and all that are made anew."""
         stored = pathlib.Path(__file__).parents[2] / "bench/problems"

@@ -86,6 +86,35 @@ def bench_result(x):
     return row.converged
 
 
+PAIRS, TRIPLES = [[0, 1], [2, 3], [4, 5]], [[0, 1, 2], [3, 4, 5]]
+
+
+def column(name, add):
+    """What a term has in a column after add(system, values)."""
+    return lambda values: getattr(add(asterism.System(6), values), name)
+
+
+def semidefinite(count):
+    root = whole(count, 2, 2)
+    return root @ root.transpose(0, 2, 1)
+
+
+def appended(values):
+    term = asterism.System(6).add_loads(POINTS)
+    term.append([1, 2], force=values)
+    return term.force
+
+
+def reassigned(values):
+    term = asterism.System(6).add_links(PAIRS, 1)
+    term.stiffness = values
+    return term.stiffness
+
+
+TERMS = asterism.System(6)
+TERMS.add_anchors(POINTS, 1)
+TERMS.add_links(PAIRS, 3, 0.2)
+
 JOINT = asterism.Joint(0, 1)
 MAP, STACK = whole(5, 6), whole(2, 5, 6)
 
@@ -128,6 +157,28 @@ ENTRIES = {
             "loads": (6, 2),
         }.items()
     },
+    "System.add_anchors, positions": (column("position", lambda s, v: s.add_anchors(v)), whole(6, 2)),
+    "System.add_anchors, stiffness": (column("stiffness", lambda s, v: s.add_anchors(POINTS, v)), whole(6)),
+    "System.add_anchors, information": (column("information", lambda s, v: s.add_anchors(POINTS, information=v)), semidefinite(6)),
+    "System.add_anchors, scale": (column("scale", lambda s, v: s.add_anchors(POINTS, loss="huber", scale=v)), whole(6)),
+    "System.add_anchors, sharpness": (column("sharpness", lambda s, v: s.add_anchors(POINTS, loss="truncated", scale=1, sharpness=v)), whole(6)),
+    "System.add_links, lengths": (column("length", lambda s, v: s.add_links(PAIRS, v)), whole(3)),
+    "System.add_links, upper": (column("upper", lambda s, v: s.add_links(PAIRS, 1, law="interval", upper=v)), whole(3)),
+    "System.add_links, offsets": (column("offset", lambda s, v: s.add_links(PAIRS, 1, offsets=v)), whole(3, 2)),
+    "System.add_offsets, offsets": (column("offset", lambda s, v: s.add_offsets(PAIRS, v)), whole(3, 2)),
+    "System.add_bendings, lengths": (column("length", lambda s, v: s.add_bendings(TRIPLES, v)), whole(2)),
+    "System.add_differences, target": (column("target", lambda s, v: s.add_differences(TRIPLES, target=v)), whole(2, 2)),
+    "System.add_differences, coefficients": (column("b", lambda s, v: s.add_differences(TRIPLES, coefficients=(1, v, 1))), whole(2, 2, 2)),
+    "System.add_angles, angles": (column("rest", lambda s, v: s.add_angles(TRIPLES, v)), whole(2)),
+    "System.add_areas, areas": (column("rest", lambda s, v: s.add_areas(TRIPLES, v)), whole(2)),
+    "System.add_common_length, lengths": (column("length", lambda s, v: s.add_common_length(PAIRS, lengths=v)), whole(3)),
+    "System.add_loads, forces": (column("force", lambda s, v: s.add_loads(v)), whole(6, 2)),
+    "Term.append": (appended, whole(2, 2)),
+    "Term, a column": (reassigned, whole(3)),
+    **{f"System.{name}": (getattr(TERMS, name), POINTS + 2) for name in ("energy", "gradient", "stationarity")},
+    "System.certify": (lambda x: TERMS.certify(x).energy, POINTS),
+    "System.solution": (lambda x: TERMS.solution(x).covariances, POINTS),
+    "Solution.gradients": (lambda x: TERMS.solution(POINTS).gradients(x)[1]["length"], whole(6, 2)),
     "Topology.k_nearest": (lambda points: asterism.Topology.k_nearest(points, 2).links, POINTS),
     "mds, start": (lambda x: asterism.mds(DISTANCES, start=x, method="newton").x, POINTS),
     "layout, start": (lambda x: asterism.layout([(0, 1), (1, 2), (2, 3)], start=x, method="newton").x, POINTS[:4]),
@@ -172,6 +223,7 @@ MISSING = {
 }
 MAY_BE_NONE = {
     *("mds, weights", "mds, anchors", "mds, start", "layout, start", "SpringSystem.rest_offset", "SpringSystem.loads"),
+    *("System.add_anchors, information", "System.add_anchors, sharpness", "System.add_links, offsets"),
     *(name for name in ENTRIES if name.startswith("solution_tangent")),
 }
 ALL = {**ENTRIES, **{name: (function, values) for name, (function, values, *_) in MISSING.items()}}

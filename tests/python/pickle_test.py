@@ -83,6 +83,12 @@ def use(value):
     for name in dir(type(value)):
         if isinstance(getattr(type(value), name), property):
             getattr(value, name)
+    for term in getattr(value, "terms", ()):
+        for name in ("nodes", *term.columns, *term.choices):
+            getattr(term, name)
+        repr(term)
+    if hasattr(value, "terms"):
+        value.energy(np.ones((value.nodes, value.dim)))
 
 
 class Mine(asterism.SpringSystem):
@@ -162,6 +168,11 @@ class PickleTest(unittest.TestCase):
         values = [system, system.topology, asterism.solve(system, x.copy()), asterism.certify(system, x), asterism.Solver("newton")]
         batch = asterism.SpringBatch(asterism.Topology.full(3), 2)
         values += [batch, batch.solve()]
+        terms = asterism.System(4)
+        terms.add_anchors(np.eye(4, 2), [1, 2, 3, 4], information=np.eye(2), loss="huber", scale=2)
+        terms.add_links([[0, 1], [1, 2]], 3, law="rope")
+        terms.add_elements([[0, 1, 2]], np.hypot)
+        values.append(terms)
         if hasattr(asterism, "Tracker"):
             tracker = asterism.Tracker("dpt")
             values.append(tracker)

@@ -10,6 +10,8 @@ A spring system is solved in place:
     x = anchors.copy()
     summary = asterism.solve(system, x)
 
+`asterism.System` has terms of all kinds: robust or anisotropic anchors, ropes, angles, loads, functions of one's own.
+
 Points with given distances are found by `asterism.mds`, graphs are drawn by `asterism.layout`, and parts with maps of costs are
 placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. Gradients of a function of the solution are found by `asterism.sensitivity`;
 `asterism.torch` is a layer of PyTorch. Trackers

@@ -179,6 +179,164 @@ def solve(
     system: SpringSystem, x: _Floats, method: str = "auto", on_iteration: _OnIteration | None = None, **options: bool | float
 ) -> Summary: ...
 
+# Of a System:
+
+_Number = npt.ArrayLike  # for each element, or one for all of them
+_LinkFunction = Callable[[_Floats, _Floats], tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]]  # r, mu -> value, first, second
+_ElementFunction = Callable[[_Floats], tuple[npt.ArrayLike, ...]]  # points -> energy, gradient and, with has_hessian, hessian
+
+class _Function:
+    def __init__(self, function: Callable[..., Any]) -> None: ...
+
+class Term:
+    @property
+    def kind(self) -> str: ...
+    @property
+    def nodes(self) -> _Ints: ...
+    @property
+    def columns(self) -> tuple[str, ...]: ...
+    @property
+    def choices(self) -> tuple[str, ...]: ...
+    def __getattr__(self, name: str) -> Any: ...  # a column: array or None; a choice: str, or the function of a law
+    def __setattr__(self, name: str, value: Any) -> None: ...
+    def append(self, nodes: npt.ArrayLike, **columns: npt.ArrayLike) -> None: ...
+    def remove(self, elements: npt.ArrayLike) -> None: ...
+    def __len__(self) -> int: ...
+
+class Solution:
+    def covariance(self, node: int) -> _Floats: ...
+    @property
+    def covariances(self) -> _Floats: ...
+    @property
+    def joint_covariance(self) -> _Floats: ...
+    @property
+    def log_determinant(self) -> float: ...
+    def gradients(self, by_x: npt.ArrayLike) -> list[dict[str, _Floats | None]]: ...
+
+class System:
+    def __init__(self, nodes: int, dim: int = 2) -> None: ...
+    def copy(self) -> System: ...
+    @staticmethod
+    def methods() -> list[str]: ...
+    @property
+    def nodes(self) -> int: ...
+    @property
+    def dim(self) -> int: ...
+    @property
+    def terms(self) -> tuple[Term, ...]: ...
+    def fix(self, node: int) -> None: ...
+    def unfix(self, node: int) -> None: ...
+    def is_fixed(self, node: int) -> bool: ...
+    def add_nodes(self, count: int) -> None: ...
+    def remove_nodes(self, nodes: npt.ArrayLike) -> None: ...
+    def remove(self, term: Term) -> None: ...
+    def add_anchors(
+        self,
+        positions: npt.ArrayLike,
+        stiffness: _Number = 1,
+        *,
+        nodes: npt.ArrayLike | None = None,
+        information: _Number | None = None,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_offsets(
+        self,
+        pairs: npt.ArrayLike,
+        offsets: npt.ArrayLike,
+        stiffness: _Number = 1,
+        *,
+        information: _Number | None = None,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_differences(
+        self,
+        triples: npt.ArrayLike,
+        stiffness: _Number = 1,
+        *,
+        target: _Number = 0,
+        coefficients: Sequence[_Number] = ...,
+        information: _Number | None = None,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_links(
+        self,
+        pairs: npt.ArrayLike,
+        lengths: _Number,
+        stiffness: _Number = 1,
+        *,
+        law: str | _LinkFunction = "hooke",
+        upper: _Number | None = None,
+        offsets: _Number | None = None,
+        information: _Number | None = None,
+        convex_in_square: bool = False,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_bendings(
+        self,
+        triples: npt.ArrayLike,
+        lengths: _Number,
+        stiffness: _Number = 1,
+        *,
+        law: str | _LinkFunction = "hooke",
+        upper: _Number | None = None,
+        offsets: _Number | None = None,
+        information: _Number | None = None,
+        convex_in_square: bool = False,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_angles(
+        self,
+        triples: npt.ArrayLike,
+        angles: _Number,
+        stiffness: _Number = 1,
+        *,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_areas(
+        self,
+        triples: npt.ArrayLike,
+        areas: _Number,
+        stiffness: _Number = 1,
+        *,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_common_length(
+        self,
+        pairs: npt.ArrayLike,
+        stiffness: _Number = 1,
+        *,
+        lengths: _Number = 0,
+        prior: float = 0,
+        prior_stiffness: float = 0,
+        loss: str = "quadratic",
+        scale: _Number | None = None,
+        sharpness: _Number | None = None,
+    ) -> Term: ...
+    def add_loads(self, forces: npt.ArrayLike, *, nodes: npt.ArrayLike | None = None) -> Term: ...
+    def add_elements(self, nodes: npt.ArrayLike, function: _ElementFunction, has_hessian: bool = False) -> Term: ...
+    def energy(self, x: npt.ArrayLike) -> float: ...
+    def gradient(self, x: npt.ArrayLike) -> _Floats: ...
+    def stationarity(self, x: npt.ArrayLike) -> float: ...
+    def solve(
+        self, x: _Floats, method: str = "auto", on_iteration: _OnIteration | None = None, **options: bool | float
+    ) -> Summary: ...
+    def certify(self, x: npt.ArrayLike, gap: float = ...) -> Certificate: ...
+    def solution(self, x: npt.ArrayLike) -> Solution: ...
+
 class BatchSummary:
     def copy(self) -> BatchSummary: ...
     @property
@@ -251,8 +409,8 @@ class _Graph:
 
 # Only in builds with nlohmann-json:
 
-def _parse_systems(text: str, source: str) -> list[tuple[SpringSystem, _Floats, str, str]]: ...
-def _system_to_json(system: SpringSystem, start: npt.ArrayLike, name: str, origin: str) -> str: ...
+def _parse_systems(text: str, source: str) -> list[tuple[SpringSystem | System, _Floats, str, str]]: ...
+def _system_to_json(system: SpringSystem | System, start: npt.ArrayLike, name: str, origin: str) -> str: ...
 
 # Only in builds with OpenCV:
 

@@ -1,4 +1,4 @@
-"""Spring systems in JSON files; docs/system-json.md is the format."""
+"""Systems in JSON files; docs/system-json.md is the format."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from . import _asterism
 
 @dataclasses.dataclass
 class StoredSystem:
-    """A spring system and the other contents of its file."""
+    """A system and the other contents of its file."""
 
-    system: _asterism.SpringSystem
+    #: A SpringSystem is version 1 of the format, a System version 2.
+    system: _asterism.SpringSystem | _asterism.System
     #: Where a solve starts, (N, dim) [px]; part of the problem.
     start: npt.NDArray[np.float64]
     name: str = ""
@@ -62,7 +63,7 @@ def _to_json(stored: StoredSystem) -> str:
 def write_systems(path: str | os.PathLike[str], systems: Iterable[StoredSystem]) -> None:
     """Writes systems to a file, one per line; every number is read back exactly.
 
-    ValueError for values that a solver would refuse, and for an origin with NaN, infinity or integers of more than 64 bits;
+    ValueError for values that a solver would refuse, for a term with a function of one's own, and for an origin with NaN, infinity or integers of more than 64 bits;
     TypeError for an origin that JSON cannot hold. Then nothing is written.
     """
     lines = [_to_json(stored) for stored in systems]

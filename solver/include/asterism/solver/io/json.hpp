@@ -334,20 +334,24 @@ inline Json parse(std::string_view text, const std::string& source, std::ptrdiff
   return std::move(builder.result);
 }
 
+/// Calls work(); what it refuses gets the place.
+template <typename Work>
+void located(const std::string& place, Work&& work) {
+  try {
+    work();
+  } catch (const std::runtime_error& e) {
+    refuse(place, ": ", e.what());
+  }
+}
+
 /// Calls visit(object) for each system of the text; a std::runtime_error of it gets the object's place.
 template <typename Visit>
 void for_each_object(std::string_view text, const std::string& source, Visit&& visit) {
-  const auto located = [&visit](const Json& object, const std::string& place) {
-    try {
-      visit(object);
-    } catch (const std::runtime_error& e) {
-      refuse(place, ": ", e.what());
-    }
-  };
-  const auto value = [&located](const Json& parsed, const std::string& place) {
-    if (!parsed.is_array()) return located(parsed, place);
+  const auto value = [&visit](const Json& parsed, const std::string& place) {
+    if (!parsed.is_array()) return located(place, [&] { visit(parsed); });
     std::size_t i = 0;
-    for (const Json& object : parsed) located(object, concat(place, ": system ", std::to_string(i++)));
+    for (const Json& object : parsed)
+      located(concat(place, ": system ", std::to_string(i++)), [&] { visit(object); });
   };
 
   bool first = true;
@@ -377,6 +381,19 @@ inline std::string read_text(const std::filesystem::path& path) {
     refuse(path.string(), ": cannot be read", errno == 0 ? "" : ": ", errno == 0 ? "" : std::strerror(errno));
   }
   return text;
+}
+
+/// Refuses an origin that could not be read back.
+inline void require_writable_origin(const Json& origin) {
+  if (!origin.is_object()) refuse("origin is not an object but ", origin.type_name());
+  // Around it are the system's object, and a list where there are several.
+  if (depth_of(origin) > kMaxDepth - 2)
+    refuse("origin is nested more than ", std::to_string(kMaxDepth - 2), " deep");
+  const Json leaves = origin.flatten();
+  for (const auto& [path, value] : leaves.items()) {
+    if (value.is_number_float() && !detail::is_finite(value.template get<double>()))
+      refuse("origin", path, " is not finite");
+  }
 }
 
 template <typename Vector>
@@ -488,18 +505,19 @@ std::vector<StoredSystem<System>> parse_systems(std::string_view text, const std
   return systems;
 }
 
+/// The same as system_from_json for a system of the plane or of space.
+inline AnyStoredSystem any_system_from_json(const nlohmann::json& object) {
+  const int dim = detail::stored::checked_dimension(object);
+  if (dim == 2) return system_from_json<SpringSystem<double, 2>>(object);
+  if (dim == 3) return system_from_json<SpringSystem<double, 3>>(object);
+  detail::stored::refuse("dim is ", std::to_string(dim), ", expected 2 or 3");
+}
+
 /// The same for systems of the plane and of space, also in one text.
 inline std::vector<AnyStoredSystem> parse_systems(std::string_view text, const std::string& source = "text") {
   std::vector<AnyStoredSystem> systems;
   detail::stored::for_each_object(text, source, [&systems](const nlohmann::json& object) {
-    const int dim = detail::stored::checked_dimension(object);
-    if (dim == 2) {
-      systems.emplace_back(system_from_json<SpringSystem<double, 2>>(object));
-    } else if (dim == 3) {
-      systems.emplace_back(system_from_json<SpringSystem<double, 3>>(object));
-    } else {
-      detail::stored::refuse("dim is ", std::to_string(dim), ", expected 2 or 3");
-    }
+    systems.push_back(any_system_from_json(object));
   });
   return systems;
 }
@@ -526,17 +544,7 @@ nlohmann::ordered_json system_to_json(const System& system, const typename Syste
   if (const Defect defect = detail::validate_values(system, start)) {
     no_json(std::string_view(Message(defect)));
   }
-  if (!origin.is_object()) no_json("origin is not an object but ", origin.type_name());
-  // Around it are the system's object, and a list where there are several.
-  if (depth_of(origin) > kMaxDepth - 2) {
-    no_json("origin is nested more than ", std::to_string(kMaxDepth - 2), " deep");
-  }
-  const Json leaves = origin.flatten();
-  for (const auto& [path, value] : leaves.items()) {
-    if (value.is_number_float() && !detail::is_finite(value.template get<double>())) {
-      no_json("origin", path, " is not finite");
-    }
-  }
+  located("the system cannot be written", [&origin] { require_writable_origin(origin); });
 
   nlohmann::ordered_json object;
   object["asterism_system"] = kVersion;
