@@ -815,6 +815,18 @@ void bind_system(py::module_& m) {
 
   bind_term(m);
   bind_solution(m);
+  m.def(
+      "add_link_law",
+      [](const std::string& name, const py::object& function, bool convex_in_square) {
+        if (!PyCallable_Check(function.ptr())) throw py::type_error("function must be callable");
+        add_link_law(name, link_function(function), convex_in_square);
+      },
+      py::arg("name"), py::arg("function"), py::arg("convex_in_square") = false,
+      "Gives a function a name, by which links take it as their law from then on, also from files: "
+      "function(lengths,\n"
+      "rest_lengths) returns arrays of values and of first and second derivatives by the length, for unit\n"
+      "stiffness. convex_in_square: whether the value is convex as a function of the length's square, which\n"
+      "certificates need. ValueError for a name that is taken.");
 
   py::class_<TermSystem, std::shared_ptr<TermSystem>> type(
       m, "System",

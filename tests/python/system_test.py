@@ -217,6 +217,15 @@ def own_links(system, _):
     return term, lambda x: (k * (np.sqrt(1 + (np.linalg.norm(x[nodes[:, 0]] - x[nodes[:, 1]], axis=1) - mu) ** 2) - 1)).sum()
 
 
+asterism.add_link_law("softened", softened)
+
+
+def named_links(system, _):
+    nodes, mu, k = pairs(), positive(6), positive(6)
+    term = system.add_links(nodes, mu, k, law="softened")
+    return term, lambda x: (k * (np.sqrt(1 + (np.linalg.norm(x[nodes[:, 0]] - x[nodes[:, 1]], axis=1) - mu) ** 2) - 1)).sum()
+
+
 WITH_LOSS = {
     "anchors": anchors, "all anchors": all_anchors, "links": plain_links, "offsets": offsets, "differences": differences,
     "second differences": second_differences, "angles": angles, "areas": areas,
@@ -225,7 +234,7 @@ WITH_LOSS = {
 KINDS = [(f"{name}, {loss[0]}", add, loss) for name, add in WITH_LOSS.items() for loss in LOSSES.items()]
 KINDS += [(f"common_length, {name}", common_length, (name, LOSSES[name])) for name in ("quadratic", "huber")]
 KINDS += [("loads", loads, None)]
-OWN = [("elements", elements, None), ("links of one's own", own_links, None)]
+OWN = [("elements", elements, None), ("links of one's own", own_links, None), ("links of a law with a name", named_links, None)]
 
 
 def numeric_gradient(energy, x, step=1e-6):
@@ -818,6 +827,16 @@ class FileTest(unittest.TestCase):
                 self.assertEqual(state(a.system), state(b.system))
                 b.system.terms[0].stiffness = 2  # what was read can be changed
                 b.system.add_loads(np.zeros((N, b.system.dim)))
+
+    def test_law_with_a_name(self):
+        system, corners, links = square()
+        links.law = "softened"
+        (found,) = asterism.parse_systems(asterism.StoredSystem(system, corners).to_json())
+        self.assertEqual((found.system.terms[0].law, found.system.energy(corners)), ("softened", system.energy(corners)))
+        with self.assertRaisesRegex(ValueError, "law of links 'rope' already"):
+            asterism.add_link_law("rope", softened)
+        with self.assertRaises(TypeError):
+            asterism.add_link_law("another", 3)
 
     def test_refused(self):
         system, corners, links = square()

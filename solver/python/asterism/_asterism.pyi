@@ -185,6 +185,8 @@ _Number = npt.ArrayLike  # for each element, or one for all of them
 _LinkFunction = Callable[[_Floats, _Floats], tuple[npt.ArrayLike, npt.ArrayLike, npt.ArrayLike]]  # r, mu -> value, first, second
 _ElementFunction = Callable[[_Floats], tuple[npt.ArrayLike, ...]]  # points -> energy, gradient and, with has_hessian, hessian
 
+def add_link_law(name: str, function: _LinkFunction, convex_in_square: bool = False) -> None: ...
+
 class _Function:
     def __init__(self, function: Callable[..., Any]) -> None: ...
 

@@ -41,7 +41,8 @@ struct NamedLaws {
 };
 
 NamedLaws& named_laws() {
-  static NamedLaws laws;
+  // Never destroyed: a function may be another runtime's, which ends before this library does.
+  static NamedLaws& laws = *new NamedLaws;
   return laws;
 }
 
