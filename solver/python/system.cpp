@@ -698,6 +698,17 @@ void bind_term(py::module_& m) {
           py::arg("elements"),
           "Removes elements by their numbers; the others keep their order. IndexError if one is out of "
           "range.")
+      .def(
+          "estimate",
+          [](const TermHandle& self, const py::object& x) {
+            const auto* const common = dynamic_cast<const CommonLength*>(&self.term());
+            if (common == nullptr)
+              throw py::type_error(std::string(self.term().kind()) + " estimate no length");
+            return common->estimate(valid_points(self.owner().system(), x));
+          },
+          py::arg("x"),
+          "The length that a term of kind common_length estimates at x (N, dim); TypeError for any other "
+          "kind.")
       .def("__len__", [](const TermHandle& self) { return self.term().size(); })
       .def("__repr__",
            [](const TermHandle& self) { return "<asterism.Term: " + contents(self.term()) + ">"; });

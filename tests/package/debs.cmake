@@ -32,10 +32,10 @@ function(look name depends)
 endfunction()
 string(REPLACE "." "[.]" v ${VERSION})
 string(REPLACE "." "[.]" m ${minor})
-look(libasterism${minor} "libc6 [^\n]*" "${LIBDIR}/libasterism_(batch|system|solver_compiled)[.]so[.]${v}"
-     "${LIBDIR}/libasterism_(batch|system|solver_compiled)[.]so[.]${m}"     share/doc/libasterism${m}/copyright)
-look(libasterism-dev "libeigen3-dev, libasterism${m} [(]= ${v}-1[)]" "${LIBDIR}/libasterism_(batch|system|solver_compiled)[.]so"
-     ${INCLUDEDIR}/asterism/solver[.]hpp ${INCLUDEDIR}/asterism/system[.]hpp "${INCLUDEDIR}/asterism/(solver/[a-z_]+|testing)/[a-z_]+[.]hpp" ${LIBDIR}/cmake/Asterism/AsterismConfig[.]cmake
+look(libasterism${minor} "libc6 [^\n]*" "${LIBDIR}/libasterism_(batch|solver_compiled|system)[.]so[.]${v}"
+     "${LIBDIR}/libasterism_(batch|solver_compiled|system)[.]so[.]${m}"     share/doc/libasterism${m}/copyright)
+look(libasterism-dev "libeigen3-dev, libasterism${m} [(]= ${v}-1[)]" "${LIBDIR}/libasterism_(batch|solver_compiled|system)[.]so"
+     "${INCLUDEDIR}/asterism/(solver|system)[.]hpp" "${INCLUDEDIR}/asterism/(solver/[a-z_]+|testing)/[a-z_]+[.]hpp" ${LIBDIR}/cmake/Asterism/AsterismConfig[.]cmake
      ${LIBDIR}/cmake/Asterism/AsterismConfigVersion[.]cmake
      "${LIBDIR}/cmake/Asterism/Asterism_(solver|system|solver_compiled|batch|testing)(-[a-z]+)?[.]cmake" "${LIBDIR}/pkgconfig/asterism-(solver|system|solver_compiled|batch|testing)[.]pc"
      share/doc/libasterism-dev/copyright)

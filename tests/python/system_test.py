@@ -381,6 +381,16 @@ class TermTest(unittest.TestCase):
         np.testing.assert_array_equal(term.a, [turn] if term.a.ndim == 3 else turn)
         self.assertEqual(system.energy([[1, 0], [5, 5], [0, 1]]), 0)  # x_2 is x_0 turned by 90 degrees
 
+    def test_estimate(self):
+        system = asterism.System(3)
+        term = system.add_common_length([[0, 1], [1, 2]], [1, 3], lengths=[0, 1], prior=5, prior_stiffness=2)
+        x = [[0, 0], [3, 4], [3, 14]]
+        self.assertAlmostEqual(term.estimate(x), (1 * 5 + 3 * (10 - 1) + 2 * 5) / 6)  # a weighted mean
+        with self.assertRaisesRegex(TypeError, "links estimate no length"):
+            system.add_links([[0, 1]], 1).estimate(x)
+        with self.assertRaisesRegex(ValueError, "x: expected shape"):
+            term.estimate([[0, 0]])
+
     def test_append_and_remove(self):
         system = asterism.System(5)
         anchors = system.add_anchors(np.eye(5, 2), 1)
@@ -831,7 +841,10 @@ class FileTest(unittest.TestCase):
     def test_law_with_a_name(self):
         system, corners, links = square()
         links.law = "softened"
-        (found,) = asterism.parse_systems(asterism.StoredSystem(system, corners).to_json())
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "systems.jsonl"
+            asterism.write_systems(path, [asterism.StoredSystem(system, corners)])
+            (found,) = asterism.read_systems(path)
         self.assertEqual((found.system.terms[0].law, found.system.energy(corners)), ("softened", system.energy(corners)))
         with self.assertRaisesRegex(ValueError, "law of links 'rope' already"):
             asterism.add_link_law("rope", softened)
