@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <asterism/solver/detail/config.hpp>
 #include <cmath>
 #include <concepts>
@@ -117,12 +116,16 @@ struct Area {
     const Point by_j = off / 2 * Point(b.y(), -b.x()), by_k = off / 2 * Point(-a.y(), a.x());
     return {off * off / 2, -(by_j + by_k), by_j, by_k};
   }
+  template <typename Point>
+  static Point cross(const Point& a, const Point& b) {
+    return {a.y() * b.z() - a.z() * b.y(), a.z() * b.x() - a.x() * b.z(), a.x() * b.y() - a.y() * b.x()};
+  }
   template <typename Point, typename Scalar = typename Point::Scalar>
   static TripleForce<Point> of_space(const Point& i, const Point& j, const Point& k, Scalar rest) {
-    const Point a = j - i, b = k - i, normal = a.cross(b);
+    const Point a = j - i, b = k - i, normal = cross(a, b);
     const Scalar twice = normal.norm(), off = twice / 2 - rest;
     if (!(twice > 0)) return {off * off / 2, Point::Zero(), Point::Zero(), Point::Zero()};
-    const Point n = normal / twice, by_j = off / 2 * b.cross(n), by_k = off / 2 * n.cross(a);
+    const Point n = normal / twice, by_j = off / 2 * cross(b, n), by_k = off / 2 * cross(n, a);
     return {off * off / 2, -(by_j + by_k), by_j, by_k};
   }
 };

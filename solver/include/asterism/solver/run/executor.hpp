@@ -52,6 +52,11 @@ struct ThreadExecutor {
 
 namespace detail {
 
+/// How many threads ThreadedOptions::threads asks for: at least 1.
+inline int thread_count(int threads) {
+  return threads > 0 ? threads : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
 /// Calls f(worker, task) for each of `tasks` tasks on up to `workers` threads. Calls with the same worker are
 /// one after the other. Rethrows the first exception after all workers have ended.
 template <typename F>
