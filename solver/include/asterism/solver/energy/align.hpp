@@ -130,7 +130,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     if (!(k > 0)) continue;
     const Point p = x.col(i) - centre;
     const Point q = system.anchors.col(i) - anchor_centre;
-    M += (k * q) * p.transpose();
+    for (int c = 0; c < System::kDim; ++c) {
+      for (int r = 0; r < System::kDim; ++r) M(r, c) += k * q[r] * p[c];
+    }
     spread += k * p.squaredNorm();
     anchor_spread += k * q.squaredNorm();
   }
@@ -145,11 +147,11 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 
   if constexpr (System::kPlainAnchors) {
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
-    const Scalar gain =
-        total * (centre - anchor_centre).squaredNorm() +
-        2 * (R - Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>::Identity())
-                .cwiseProduct(M)
-                .sum();
+    Scalar turn = 0;  // the trace of (R - I)^T M
+    for (int c = 0; c < System::kDim; ++c) {
+      for (int r = 0; r < System::kDim; ++r) turn += (R(r, c) - Scalar(r == c ? 1 : 0)) * M(r, c);
+    }
+    const Scalar gain = total * (centre - anchor_centre).squaredNorm() + 2 * turn;
     if (!(gain > kRounding * (spread + anchor_spread) + rounding)) return false;
   } else {
     Scalar before = 0;

@@ -87,25 +87,16 @@ struct Angle {
 /// positive where i, j, k turn from the x axis to the y axis, so that a triangle does not turn over.
 /// Stiffness in energy per px^4.
 struct Area {
-  /// In the plane, with a sign.
-  TripleForce<Eigen::Vector2d> operator()(const Eigen::Vector2d& i, const Eigen::Vector2d& j,
-                                          const Eigen::Vector2d& k, double rest) const {
-    return of_plane(i, j, k, rest);
-  }
-  /// In the plane, with a sign.
-  TripleForce<Eigen::Vector2f> operator()(const Eigen::Vector2f& i, const Eigen::Vector2f& j,
-                                          const Eigen::Vector2f& k, float rest) const {
-    return of_plane(i, j, k, rest);
-  }
-  /// In space, without one.
-  TripleForce<Eigen::Vector3d> operator()(const Eigen::Vector3d& i, const Eigen::Vector3d& j,
-                                          const Eigen::Vector3d& k, double rest) const {
-    return of_space(i, j, k, rest);
-  }
-  /// In space, without one.
-  TripleForce<Eigen::Vector3f> operator()(const Eigen::Vector3f& i, const Eigen::Vector3f& j,
-                                          const Eigen::Vector3f& k, float rest) const {
-    return of_space(i, j, k, rest);
+  /// In the plane, with a sign; in space, without one.
+  template <typename Scalar, int Dim>
+  requires(Dim == 2 || Dim == 3) TripleForce<Eigen::Matrix<Scalar, Dim, 1>>
+  operator()(const Eigen::Matrix<Scalar, Dim, 1>& i, const Eigen::Matrix<Scalar, Dim, 1>& j,
+             const Eigen::Matrix<Scalar, Dim, 1>& k, Scalar rest) const {
+    if constexpr (Dim == 2) {
+      return of_plane(i, j, k, rest);
+    } else {
+      return of_space(i, j, k, rest);
+    }
   }
 
  private:
