@@ -532,6 +532,7 @@ class FreeMotions {
   template <int kMax>
   using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
   using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
+  using Velocity = RigidVelocity<kDim>;
   using Coordinates = typename RigidNodes<kDim>::Vector;
   using Block = typename RigidNodes<kDim>::Matrix;
   using Field = Eigen::Matrix<double, kDim, Eigen::Dynamic, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor,
@@ -654,17 +655,18 @@ class FreeMotions {
       extent = std::max(extent, nodes.place(*m).cwiseAbs().maxCoeff());
       if (system.is_fixed(*m)) continue;
       const Coordinates v = motion.at(nodes.place(*m));
-      const Coordinates w = motion.turn * v;
+      const Coordinates w = Velocity::times(motion.turn, v);
       moves |= !v.isZero(0);
       velocity_.col(*m) = v;
       inward_.col(*m) = w;
       Block block = Block::Zero();
       Coordinates force = Coordinates::Zero();
       if (system.anchor_stiffness[*m] > 0) nodes.anchor_spring(*m, block, force);
-      resistance += v.dot(block * v);
-      inward += w.dot(block * w);
+      const double bent = v.dot(Velocity::times(block, v));
+      resistance += bent;
+      inward += w.dot(Velocity::times(block, w));
       size += block.norm() * v.squaredNorm();
-      path += v.dot(block * v) + w.dot(force - nodes.load(*m));
+      path += bent + w.dot(force - nodes.load(*m));
     }
     for (const int* m = begin; m != end; ++m) {
       if (velocity_.col(*m).isZero(0)) continue;
@@ -677,8 +679,8 @@ class FreeMotions {
         const auto spring = detail::spring(system, l, link, link_difference(system, l, link, x));
         const auto force = link_force(system, l, spring);
         const Block block = link_curvature(force, spring).template cast<double>();
-        resistance += v.dot(block * v);
-        inward += w.dot(block * w);
+        resistance += v.dot(Velocity::times(block, v));
+        inward += w.dot(Velocity::times(block, w));
         const auto along = static_cast<double>(force.along);
         const double ratio = extent * static_cast<double>(spring.inverse);
         const double bend = std::abs(along - static_cast<double>(force.across));

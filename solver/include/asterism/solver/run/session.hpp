@@ -77,7 +77,7 @@ class Session {
       task.aligns = options.align;
       task.reflects = options.allow_reflection;
     }
-    task.method = &iterate;
+    task.method = const_cast<void*>(static_cast<const void*>(&iterate));
     task.iterate = [](void* method, const System& system, Summary& summary) {
       return (*static_cast<std::remove_reference_t<Iterate>*>(method))(system, summary);
     };
