@@ -21,8 +21,8 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 #ifdef ASTERISM_SPRING_ROWS_AVX2
-typedef double Four __attribute__((vector_size(32)));
-typedef double FourAnywhere __attribute__((vector_size(32), aligned(8), may_alias));
+typedef double FourDoubles __attribute__((vector_size(32)));
+typedef double FourDoublesAnywhere __attribute__((vector_size(32), aligned(8), may_alias));
 #endif
 
 /// The nodes of a row of links side by side, for as many springs at a time as the processor's registers hold:
@@ -141,8 +141,10 @@ class SpringRows {
   }
 
 #ifdef ASTERISM_SPRING_ROWS_AVX2
-  static const FourAnywhere& four(const double* at) { return *reinterpret_cast<const FourAnywhere*>(at); }
-  static FourAnywhere& four(double* at) { return *reinterpret_cast<FourAnywhere*>(at); }
+  static const FourDoublesAnywhere& four(const double* at) {
+    return *reinterpret_cast<const FourDoublesAnywhere*>(at);
+  }
+  static FourDoublesAnywhere& four(double* at) { return *reinterpret_cast<FourDoublesAnywhere*>(at); }
 
   // The same by four springs at a time.
   template <bool kWithGradient>
@@ -150,31 +152,31 @@ class SpringRows {
     const int n = system_.nodes();
     const double* rest_length = system_.rest_length.data();
     const double* stiffness = system_.link_stiffness.data();
-    Four energies = {};
+    FourDoubles energies = {};
     double rest = 0;
     for (int i = 0; i < n; ++i) {
-      Four forces[kDim] = {};
+      FourDoubles forces[kDim] = {};
       int j = i + 1;
       for (; j + 4 <= n; j += 4, rest_length += 4, stiffness += 4) {
-        Four d[kDim];
-        Four square = {};
+        FourDoubles d[kDim];
+        FourDoubles square = {};
         for (int c = 0; c < kDim; ++c) {
           d[c] = coordinates_[c][i] - four(coordinates_[c] + j);
           square = d[c] * d[c] + square;
         }
-        if (__builtin_ia32_movmskpd256(Four(square < kTiny)) != 0) [[unlikely]] {
+        if (__builtin_ia32_movmskpd256(FourDoubles(square < kTiny)) != 0) [[unlikely]] {
           for (int w = 0; w < 4; ++w) rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
           continue;
         }
-        const Four length = __builtin_ia32_sqrtpd256(square);
-        const Four stretch = length - four(rest_length);
-        const Four tension = four(stiffness) * stretch;
+        const FourDoubles length = __builtin_ia32_sqrtpd256(square);
+        const FourDoubles stretch = length - four(rest_length);
+        const FourDoubles tension = four(stiffness) * stretch;
         energies = tension * stretch + energies;
         if constexpr (kWithGradient) {
-          const Four weight = tension / length;
+          const FourDoubles weight = tension / length;
           for (int c = 0; c < kDim; ++c) {
             forces[c] = weight * d[c] + forces[c];
-            FourAnywhere& other = four(forces_[c] + j);
+            FourDoublesAnywhere& other = four(forces_[c] + j);
             other = other - weight * d[c];
           }
         }
@@ -187,7 +189,9 @@ class SpringRows {
     return (sum_of(energies) + rest) / 2;
   }
 
-  [[gnu::target("avx2,fma")]] static double sum_of(const Four& v) { return (v[0] + v[2]) + (v[1] + v[3]); }
+  [[gnu::target("avx2,fma")]] static double sum_of(const FourDoubles& v) {
+    return (v[0] + v[2]) + (v[1] + v[3]);
+  }
 #endif
 
   // Twice the energy of spring (i, j), its forces added.
