@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 #include <Eigen/Cholesky>
+#include <Eigen/LU>
 #include <algorithm>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <cmath>

@@ -1,5 +1,6 @@
 // Random systems, many with a defect: no NaN, no energy increase, the tolerance kept, the same minimum as
 // Ida.
+#include <Eigen/Eigenvalues>
 #include <asterism/solver.hpp>
 #include <cmath>
 

@@ -11,7 +11,10 @@
 #include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/solver/discrete/m_best_placements.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/auto.hpp>
+#include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -86,6 +89,21 @@ TEST(Batch, Page) {
 #include "docs_batch_2.inc"
   EXPECT_TRUE(result);
   EXPECT_EQ(used, 2 * count);
+}
+
+TEST(Solver, Gap) {
+  using System = SpringSystem<double, 2>;
+  System system(Topology<>::full(4));
+  system.anchors << 0, 40, 0, 40, 0, 0, 40, 40;
+  system.set_rest_lengths(system.anchors);
+  system.link_stiffness.setOnes();
+  system.anchor_stiffness.setOnes();
+  Newton<System> newton;
+#include "docs_solver_1.inc"
+  System::Points x = system.anchors.array() + 1;
+  const Summary summary = newton.solve(system, x);
+  EXPECT_EQ(summary.status, Status::Converged);
+  EXPECT_GE(summary.lower_bound, 0);
 }
 
 TEST(ComingFromVideo, Page) {

@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <Eigen/LU>
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/testing/part_axioms.hpp>

@@ -431,12 +431,46 @@ TEST(Gap, EndsEverySolver) {
   }
 }
 
+// A method that is used by itself proves the same with a certifier as by name, and refuses a gap without one.
+TEST(Gap, NeedsACertifierOfTheSystemsType) {
+  auto [system, start] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(9), 0);
+  Plane::Points by_name = start;
+  const Summary expected = make_solver<Plane>("newton", {{"gap", 0.01}}).solve(system, by_name);
+  ASSERT_TRUE(expected.is_within(0.01)) << expected;
+
+  Certifier<Plane> certifier;
+  Newton<Plane> newton;
+  newton.options.gap = 0.01;
+  newton.options.certifier = certifier;
+  Plane::Points x = start;
+  const Summary proven = newton.solve(system, x);
+  EXPECT_EQ(x, by_name);
+  EXPECT_EQ(proven.lower_bound, expected.lower_bound);
+  EXPECT_EQ(certifier.options.gap, CertifyOptions().gap);
+
+  Certifier<SpringSystem<double, 3>> of_others;
+  for (const CertifierReference& wrong : {CertifierReference(), CertifierReference(of_others)}) {
+    newton.options.certifier = wrong;
+    x = start;
+    const Summary refused = newton.solve(system, x);
+    EXPECT_EQ(refused.status, Status::InvalidInput);
+    EXPECT_EQ(refused.message,
+              "option gap: set the option certifier, too, to a Certifier of systems of this type");
+    EXPECT_EQ(x, start);
+    newton.options.gap = 0;  // then no certifier is needed
+    EXPECT_EQ(newton.solve(system, x).status, Status::Converged);
+    newton.options.gap = 0.01;
+  }
+}
+
 TEST(Gap, EndsTheSearchForOtherMinima) {
   auto [system, start] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(4), 1);
   MultiStart<Plane, Newton<Plane>> solver;
   Plane::Points x = start;
   const Summary all = solver.solve(system, x);
+  Certifier<Plane> certifier;
   solver.options.gap = 1e-6;
+  solver.options.certifier = certifier;
   Plane::Points y = start;
   const Summary proven = solver.solve(system, y);
   EXPECT_EQ(proven.status, Status::Converged);

@@ -2,6 +2,7 @@
 // Lbfgs, NewtonCg and Auto.
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
 #include <asterism/solver.hpp>
 #include <cmath>
 #include <limits>

@@ -1,5 +1,6 @@
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/sparse_ida.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
 #include <asterism/solver/linear/cholmod.hpp>

@@ -60,8 +60,10 @@ void expect_no_heap(int n) {
   }
   x = random.start;
   EXPECT_EQ(allocations_in([&] {
+              Certifier<System> certifier;
               SolverOptions options;
               options.gap = 1e-3;
+              options.certifier = certifier;
               summary = Newton<System>(random.system, options).solve(random.system, x);
             }),
             0);

@@ -3,6 +3,7 @@
 // tolerances follow from rounding.
 #include <gtest/gtest.h>
 
+#include <Eigen/Cholesky>
 #include <algorithm>
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
@@ -16,6 +17,7 @@
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>

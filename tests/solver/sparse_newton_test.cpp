@@ -1,6 +1,7 @@
 // Newton's method with a sparse factorisation: IDA's minima, weak anchors, and the sparse Hessian itself.
 #include <gtest/gtest.h>
 
+#include <Eigen/SparseCore>
 #include <asterism/solver.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <cmath>

@@ -4,6 +4,7 @@
 // that they need for all of them: compiled once, in test_systems_*.cpp, as they would take each test seconds
 // per type.
 
+#include <Eigen/SparseCore>
 #include <asterism/solver.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>

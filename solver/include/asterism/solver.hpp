@@ -24,6 +24,7 @@
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/solve_global.hpp>
+#include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/model.hpp>

@@ -134,13 +134,36 @@ struct RigidVelocity {
   Vector slide = Vector::Zero();
   Matrix turn = Matrix::Zero();
 
-  Vector at(const Vector& p) const { return slide + turn * (p - origin); }
+  Vector at(const Vector& p) const { return slide + times(turn, p - origin); }
+
+  // Written out, as a compiler takes a tenth of a second for each of Eigen's products.
+  static Vector times(const Matrix& A, const Vector& v) {
+    Vector result = Vector::Zero();
+    for (int c = 0; c < kDim; ++c) {
+      for (int r = 0; r < kDim; ++r) result[r] += A(r, c) * v[c];
+    }
+    return result;
+  }
+  static Vector transposed_times(const Matrix& A, const Vector& v) {
+    Vector result = Vector::Zero();
+    for (int r = 0; r < kDim; ++r) {
+      for (int c = 0; c < kDim; ++c) result[c] += A(r, c) * v[r];
+    }
+    return result;
+  }
+  /// A += scale u v^T.
+  static void add_outer(Matrix& A, double scale, const Vector& u, const Vector& v) {
+    for (int c = 0; c < kDim; ++c) {
+      for (int r = 0; r < kDim; ++r) A(r, c) += scale * u[r] * v[c];
+    }
+  }
 
   /// The rotation about a point in the plane of two orthogonal directions.
   static RigidVelocity about(const Vector& point, const Vector& from, const Vector& to) {
     RigidVelocity motion;
     motion.origin = point;
-    motion.turn = to * from.transpose() - from * to.transpose();
+    add_outer(motion.turn, 1, to, from);
+    add_outer(motion.turn, -1, from, to);
     return motion;
   }
 };
@@ -206,7 +229,8 @@ class RigidMotion {
   using Matrix = typename Nodes::Matrix;
   using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
   using ModeVector = Eigen::Matrix<double, kModes, 1>;
-  using Velocities = Eigen::Matrix<double, kDim, kModes, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor>;
+  using Velocities = std::array<Vector, kModes>;
+  using Velocity = RigidVelocity<kDim>;
 
   // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
   // space, and another node is not. None of their anchors notices, wherever x is.
@@ -218,11 +242,11 @@ class RigidMotion {
     // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
     const Vector origin = place(*first);
     const double rounding = nodes.rounding() * extent;
-    Matrix basis = Matrix::Zero();
+    std::array<Vector, kDim> basis;
     int rank = 0;
     const auto outside = [&](const Vector& point) {
       Vector d = point - origin;
-      for (int a = 0; a < rank; ++a) d -= basis.col(a).dot(d) * basis.col(a);
+      for (int a = 0; a < rank; ++a) d -= basis[a].dot(d) * basis[a];
       return d;
     };
     while (true) {
@@ -234,7 +258,7 @@ class RigidMotion {
       }
       if (!(farthest_out.norm() > rounding)) break;
       if (rank >= kDim - 2) return {};
-      basis.col(rank++) = farthest_out.normalized();
+      basis[rank++] = farthest_out / farthest_out.norm();
     }
     if (rank > kDim - 2) return {};  // on a line, where there is no rotation
 
@@ -247,7 +271,8 @@ class RigidMotion {
       result.node = *m;
     }
     if (!result) return {};
-    const Matrix hull = basis.leftCols(rank) * basis.leftCols(rank).transpose();
+    Matrix hull = Matrix::Zero();
+    for (int a = 0; a < rank; ++a) Velocity::add_outer(hull, 1, basis[a], basis[a]);
     if (nodes.resist_turns(begin, end, origin, hull)) return {};
     name_rest(nodes, begin, end, rounding, farthest, distance, place, result);
     return result;
@@ -272,12 +297,13 @@ class RigidMotion {
   // The velocities of a point p for each motion of unit speed: translations by `unit`, rotations by one
   // radian in the plane of two axes.
   static Velocities velocities(const Vector& p, double unit) {
-    Velocities v = Velocities::Zero();
-    for (int c = 0; c < kDim; ++c) v(c, c) = unit;
+    Velocities v;
+    v.fill(Vector::Zero());
+    for (int c = 0; c < kDim; ++c) v[c][c] = unit;
     for (int a = 0, mode = kDim; a < kDim; ++a) {
       for (int b = a + 1; b < kDim; ++b, ++mode) {
-        v(b, mode) = p[a];
-        v(a, mode) = -p[b];
+        v[mode][b] = p[a];
+        v[mode][a] = -p[b];
       }
     }
     return v;
@@ -297,27 +323,37 @@ class RigidMotion {
   }
 
   // A motion in the axes of the modes, in those of the nodes.
-  static RigidVelocity<kDim> velocity(const Matrix& axes, const Vector& centre, const Vector& slide,
-                                      const ModeVector& motion) {
-    RigidVelocity<kDim> result;
+  static Velocity velocity(const Matrix& axes, const Vector& centre, double extent,
+                           const ModeVector& motion) {
+    Velocity result;
     result.origin = centre;
-    result.slide = axes * slide;
-    Matrix turn = Matrix::Zero();
+    for (int a = 0; a < kDim; ++a) result.slide += (extent * motion[a]) * Vector(axes.col(a));
     for (int a = 0, mode = kDim; a < kDim; ++a) {
       for (int b = a + 1; b < kDim; ++b, ++mode) {
-        turn(b, a) = motion[mode];
-        turn(a, b) = -motion[mode];
+        Velocity::add_outer(result.turn, motion[mode], axes.col(b), axes.col(a));
+        Velocity::add_outer(result.turn, -motion[mode], axes.col(a), axes.col(b));
       }
     }
-    result.turn = axes * turn * axes.transpose();
     return result;
+  }
+
+  // The length of its part in the modes first to last - 1.
+  static double norm_of(const ModeVector& motion, int first, int last) {
+    double square = 0;
+    for (int a = first; a < last; ++a) square += motion[a] * motion[a];
+    return std::sqrt(square);
   }
 
   // The nodes that a motion moves, and those it turns about.
   template <typename Place>
   static FreeMotion described(const Nodes& nodes, const int* begin, const int* end, double extent,
                               const ModeVector& motion, Place&& place) {
-    const auto speed = [&](int i) { return (velocities(place(i), extent) * motion).norm(); };
+    const auto speed = [&](int i) {
+      const Velocities v = velocities(place(i), extent);
+      Vector sum = Vector::Zero();
+      for (int a = 0; a < kModes; ++a) sum += motion[a] * v[a];
+      return sum.norm();
+    };
     FreeMotion result;
     double fastest = -1;
     for (const int* m = begin; m != end; ++m) {
@@ -327,8 +363,8 @@ class RigidMotion {
       }
     }
     name_rest(nodes, begin, end, nodes.rounding() * extent, fastest, speed, place, result);
-    result.slides = result.about < 0 && motion.template tail<kModes - kDim>().norm() * extent <=
-                                            1e-5 * motion.template head<kDim>().norm() * extent;
+    result.slides = result.about < 0 &&
+                    norm_of(motion, kDim, kModes) * extent <= 1e-5 * norm_of(motion, 0, kDim) * extent;
     return result;
   }
 };
@@ -377,7 +413,8 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   const auto spread_of = [&](bool of_fixed) {
     Matrix spread = Matrix::Zero();
     for (const int* m = begin; m != end; ++m) {
-      if (!of_fixed || nodes.is_fixed(*m)) spread += (at(*m) - centre) * (at(*m) - centre).transpose();
+      const Vector d = at(*m) - centre;
+      if (!of_fixed || nodes.is_fixed(*m)) RigidVelocity<kDim>::add_outer(spread, 1, d, d);
     }
     return spread;
   };
@@ -392,9 +429,9 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   ModeVector speed = ModeVector::Zero();
   ModeVector speed_of_fixed = ModeVector::Zero();
   for (const int* m = begin; m != end; ++m) {
-    const Velocities v = velocities(axes.transpose() * (at(*m) - centre), extent);
+    const Velocities v = velocities(Velocity::transposed_times(axes, at(*m) - centre), extent);
     ModeVector& fastest = nodes.is_fixed(*m) ? speed_of_fixed : speed;
-    fastest = fastest.cwiseMax(v.colwise().norm().transpose());
+    for (int a = 0; a < kModes; ++a) fastest[a] = std::max(fastest[a], v[a].norm());
     if (nodes.is_fixed(*m)) continue;
     const double k = nodes.stiffness(*m);
     const Vector load = nodes.load(*m);
@@ -402,21 +439,25 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
     Matrix block = Matrix::Zero();
     Vector force = Vector::Zero();
     if (k > 0) nodes.anchor_spring(*m, block, force);
-    block = (axes.transpose() * block * axes).eval();
-    force = (axes.transpose() * (force - load)).eval();
+    const Velocities bent = [&] {  // what the block makes of the velocities, both in the axes of the modes
+      Velocities result;
+      for (int a = 0; a < kModes; ++a) {
+        result[a] = Velocity::transposed_times(axes, Velocity::times(block, Velocity::times(axes, v[a])));
+      }
+      return result;
+    }();
+    force = Velocity::transposed_times(axes, force - load);
     for (int a = 0; a < kModes; ++a) {
-      slope[a] += force.dot(v.col(a));
-      scale[a] += k * v.col(a).squaredNorm() + force.norm() * turned(a, v.col(a)).norm();
+      slope[a] += force.dot(v[a]);
+      scale[a] += k * v[a].squaredNorm() + force.norm() * turned(a, v[a]).norm();
       for (int b = 0; b <= a; ++b) {
-        curvature(a, b) +=
-            v.col(a).dot(block * v.col(b)) + force.dot(turned(a, v.col(b)) + turned(b, v.col(a))) / 2;
+        curvature(a, b) += v[a].dot(bent[b]) + (force.dot(turned(a, v[b])) + force.dot(turned(b, v[a]))) / 2;
       }
     }
   }
 
   if (!turns) {
-    speed.template tail<kModes - kDim>().setZero();
-    slope.template tail<kModes - kDim>().setZero();
+    for (int a = kDim; a < kModes; ++a) speed[a] = slope[a] = 0;
   }
 
   // In units of what each motion's rounding is a share of.
@@ -449,14 +490,13 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   const double coupled = std::min(imbalance, 1e-8) / std::max(next, 0.01);
   for (const int a : order) {
     if (!(flatness(a) <= rounding + coupled)) return {};
-    ModeVector motion = motions.col(a);
+    ModeVector motion;
     for (int b = 0; b < kModes; ++b) {
-      if (scale[b] > 0) motion[b] /= std::sqrt(scale[b]);
+      motion[b] = scale[b] > 0 ? motions(b, a) / std::sqrt(scale[b]) : motions(b, a);
     }
-    if (nodes.resist(begin, end, velocity(axes, centre, extent * motion.template head<kDim>(), motion)))
-      continue;
+    if (nodes.resist(begin, end, velocity(axes, centre, extent, motion))) continue;
     return described(nodes, begin, end, extent, motion,
-                     [&](int i) { return Vector(axes.transpose() * (at(i) - centre)); });
+                     [&](int i) { return Velocity::transposed_times(axes, at(i) - centre); });
   }
   return {};
 }
@@ -498,6 +538,7 @@ class FreeMotions {
   template <int kMax>
   using Indices = Eigen::Matrix<int, Eigen::Dynamic, 1, Eigen::ColMajor, kMax, 1>;
   using NodeIndices = Indices<kMaxNodes == Eigen::Dynamic ? Eigen::Dynamic : kMaxNodes + 1>;
+  using Velocity = RigidVelocity<kDim>;
   using Coordinates = typename RigidNodes<kDim>::Vector;
   using Block = typename RigidNodes<kDim>::Matrix;
   using Field = Eigen::Matrix<double, kDim, Eigen::Dynamic, kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor,
@@ -620,17 +661,18 @@ class FreeMotions {
       extent = std::max(extent, nodes.place(*m).cwiseAbs().maxCoeff());
       if (system.is_fixed(*m)) continue;
       const Coordinates v = motion.at(nodes.place(*m));
-      const Coordinates w = motion.turn * v;
+      const Coordinates w = Velocity::times(motion.turn, v);
       moves |= !v.isZero(0);
       velocity_.col(*m) = v;
       inward_.col(*m) = w;
       Block block = Block::Zero();
       Coordinates force = Coordinates::Zero();
       if (system.anchor_stiffness[*m] > 0) nodes.anchor_spring(*m, block, force);
-      resistance += v.dot(block * v);
-      inward += w.dot(block * w);
+      const double bent = v.dot(Velocity::times(block, v));
+      resistance += bent;
+      inward += w.dot(Velocity::times(block, w));
       size += block.norm() * v.squaredNorm();
-      path += v.dot(block * v) + w.dot(force - nodes.load(*m));
+      path += bent + w.dot(force - nodes.load(*m));
     }
     for (const int* m = begin; m != end; ++m) {
       if (velocity_.col(*m).isZero(0)) continue;
@@ -643,8 +685,8 @@ class FreeMotions {
         const auto spring = detail::spring(system, l, link, link_difference(system, l, link, x));
         const auto force = link_force(system, l, spring);
         const Block block = link_curvature(force, spring).template cast<double>();
-        resistance += v.dot(block * v);
-        inward += w.dot(block * w);
+        resistance += v.dot(Velocity::times(block, v));
+        inward += w.dot(Velocity::times(block, w));
         const auto along = static_cast<double>(force.along);
         const double ratio = extent * static_cast<double>(spring.inverse);
         const double bend = std::abs(along - static_cast<double>(force.across));

@@ -4,12 +4,11 @@
 #include <asterism/solver/detail/config.hpp>
 #include <charconv>
 #include <cstddef>
+#include <cstdio>
 #include <cstdlib>
 #include <cstring>
-#include <fstream>
 #include <limits>
 #include <new>
-#include <string>
 #include <string_view>
 
 // Detects lack of memory, in one place. Operating systems promise more memory than there is, and end a
@@ -94,18 +93,28 @@ inline double available_memory() {
   constexpr double kUnknown = std::numeric_limits<double>::infinity();
   double available = 0;
   bool known = false;
-  std::ifstream meminfo("/proc/meminfo");
-  std::string key;
-  for (double kilobytes = 0; meminfo >> key >> kilobytes; meminfo.ignore(64, '\n')) {
-    if (key != "MemAvailable:" && key != "SwapFree:") continue;
-    known |= key == "MemAvailable:";
-    available += 1024 * kilobytes;
+  char line[128];
+  if (std::FILE* const file = std::fopen("/proc/meminfo", "r")) {
+    while (std::fgets(line, sizeof line, file) != nullptr) {
+      const std::string_view text = line;
+      const bool is_memory = text.starts_with("MemAvailable:");
+      if (!is_memory && !text.starts_with("SwapFree:")) continue;
+      known |= is_memory;
+      available += 1024 * std::strtod(line + text.find(':') + 1, nullptr);
+    }
+    std::fclose(file);
   }
   if (!known) available = kUnknown;
   for (const char* const file :
        {"/sys/fs/cgroup/memory.max", "/sys/fs/cgroup/memory/memory.limit_in_bytes"}) {
-    double limit = kUnknown;
-    if (std::ifstream in(file); in >> limit) available = std::min(available, limit);
+    std::FILE* const limits = std::fopen(file, "r");
+    if (limits == nullptr) continue;
+    if (std::fgets(line, sizeof line, limits) != nullptr) {
+      char* end = line;
+      const double limit = std::strtod(line, &end);
+      if (end != line) available = std::min(available, limit);  // else "max"
+    }
+    std::fclose(limits);
   }
   return available;
 }

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <Eigen/SVD>
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/diagonalise.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -14,49 +14,10 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// Eigenvalues of the symmetric matrix whose lower triangle is A's, onto its diagonal, and eigenvectors, the
-/// columns of V, by Jacobi's rotations (Golub & Van Loan, section 8.5). Some microseconds; Eigen's solver
-/// takes seconds to compile for each size and scalar.
-template <typename Scalar, int n>
-void diagonalise(Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& A,
-                 Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& V) {
-  constexpr int kMaxSweeps = 30;  // five or six do: convergence is quadratic
-  V.setIdentity();
-  for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
-    bool is_diagonal = true;
-    for (int q = 1; q < n; ++q) {
-      for (int p = 0; p < q; ++p) {
-        const Scalar off = A(q, p);
-        const Scalar scale = std::abs(A(p, p)) + std::abs(A(q, q));
-        A(q, p) = 0;
-        if (!(std::abs(off) > std::numeric_limits<Scalar>::epsilon() / 4 * scale)) continue;
-        is_diagonal = false;
-        const Scalar cotangent = (A(q, q) - A(p, p)) / (2 * off);  // of twice the angle
-        const Scalar tangent =
-            std::copysign(1 / (std::abs(cotangent) + std::sqrt(1 + cotangent * cotangent)), cotangent);
-        const Scalar cosine = 1 / std::sqrt(1 + tangent * tangent);
-        const Scalar sine = tangent * cosine;
-        A(p, p) -= tangent * off;
-        A(q, q) += tangent * off;
-        const auto turn = [cosine, sine](Scalar& a, Scalar& b) {
-          const Scalar turned = cosine * a - sine * b;
-          b = sine * a + cosine * b;
-          a = turned;
-        };
-        for (int k = 0; k < n; ++k) {
-          if (k != p && k != q) turn(k < p ? A(p, k) : A(k, p), k < q ? A(q, k) : A(k, q));
-          turn(V(k, p), V(k, q));
-        }
-      }
-    }
-    if (is_diagonal) return;
-  }
-}
-
 /// The rotation R (or, if allowed, reflection) that maximises trace(R^T M), for M = sum_i k_i q_i p_i^T the
 /// one that turns the points p_i nearest to q_i; identity for M = 0. Two dimensions: the angle's tangent is
 /// (M10 - M01) / (M00 + M11). Three: Horn's quaternion (Closed-form solution of absolute orientation, 1987).
-/// More: singular vectors (Kabsch 1976).
+/// More: singular vectors (Kabsch 1976), which need <Eigen/Dense>.
 template <typename Scalar, int Dim>
 Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
     Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> M, bool allow_reflection) {
@@ -119,6 +80,10 @@ Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> nearest_rotation(
   } else if constexpr (Dim == 1) {
     if (allow_reflection && M(0, 0) < 0) R(0, 0) = -1;
   } else {
+    // <Eigen/SVD> takes every other program a second to read.
+    static_assert(
+        requires { sizeof(Eigen::JacobiSVD<Matrix>); },
+        "systems of more than three dimensions also need <Eigen/Dense>, included before this header");
     const Eigen::JacobiSVD<Matrix> svd(M, Eigen::ComputeFullU | Eigen::ComputeFullV);
     Matrix U = svd.matrixU();
     if (!allow_reflection && (U * svd.matrixV().transpose()).determinant() < 0) U.col(Dim - 1) *= -1;
@@ -165,7 +130,9 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     if (!(k > 0)) continue;
     const Point p = x.col(i) - centre;
     const Point q = system.anchors.col(i) - anchor_centre;
-    M += (k * q) * p.transpose();
+    for (int c = 0; c < System::kDim; ++c) {
+      for (int r = 0; r < System::kDim; ++r) M(r, c) += k * q[r] * p[c];
+    }
     spread += k * p.squaredNorm();
     anchor_spread += k * q.squaredNorm();
   }
@@ -180,11 +147,11 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
 
   if constexpr (System::kPlainAnchors) {
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.
-    const Scalar gain =
-        total * (centre - anchor_centre).squaredNorm() +
-        2 * (R - Eigen::Matrix<Scalar, System::kDim, System::kDim, Eigen::ColMajor>::Identity())
-                .cwiseProduct(M)
-                .sum();
+    Scalar turn = 0;  // the trace of (R - I)^T M
+    for (int c = 0; c < System::kDim; ++c) {
+      for (int r = 0; r < System::kDim; ++r) turn += (R(r, c) - Scalar(r == c ? 1 : 0)) * M(r, c);
+    }
+    const Scalar gain = total * (centre - anchor_centre).squaredNorm() + 2 * turn;
     if (!(gain > kRounding * (spread + anchor_spread) + rounding)) return false;
   } else {
     Scalar before = 0;

@@ -13,13 +13,16 @@
 #include <asterism/solver/energy/proof.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <cmath>
 #include <limits>
 #include <new>
+#include <optional>
 #include <ostream>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -215,6 +218,16 @@ class Certifier {
       result.reason = detail::memory_message(error);
     });
     return result;
+  }
+
+  /// What this proves of x for a solver, if anything, to this gap instead of the option. See
+  /// CertifierReference.
+  std::optional<EnergyBounds> bounds(const System& system, const Points& x, double gap) {
+    const double own = std::exchange(options.gap, gap);
+    const Certificate certificate = certify(system, x);
+    options.gap = own;
+    if (certificate.proof == Proof::NotApplicable) return std::nullopt;
+    return EnergyBounds{certificate.energy, certificate.lower_bound};
   }
 
   /// A direction v, one number for each node, in which W(x) is negative, for valid input: in a dimension that

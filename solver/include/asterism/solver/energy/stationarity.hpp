@@ -109,8 +109,11 @@ typename System::Scalar plain_mean_square_length(const System& system,
   for (int i = 0; i < system.nodes(); ++i) {
     if (!(node_stiffness[i] > anchor_stiffness[i])) return 0;
   }
-  const typename System::Point centroid = system.anchors.rowwise().sum() / Scalar(system.nodes());
-  Scalar sum = (system.anchors.colwise() - centroid).squaredNorm() + system.rest_length.squaredNorm();
+  typename System::Point centroid = System::Point::Zero();
+  for (int i = 0; i < system.nodes(); ++i) centroid += system.anchors.col(i);
+  centroid /= Scalar(system.nodes());
+  Scalar sum = system.rest_length.squaredNorm();
+  for (int i = 0; i < system.nodes(); ++i) sum += (system.anchors.col(i) - centroid).squaredNorm();
   if (system.has_offsets()) sum += system.rest_offset.squaredNorm();
   return sum / Scalar(system.nodes() + system.link_count());
 }
@@ -144,9 +147,15 @@ typename System::Scalar characteristic_length(const System& system, const typena
     if (system.anchor_stiffness[i] > 0)
       extent = std::max(extent, system.anchors.col(i).cwiseAbs().maxCoeff());
   }
-  if (!(system.anchor_stiffness.array() > 0).any() && system.nodes() > 0) centroid = x.rowwise().mean();
-  const Scalar spread =
-      std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<Scalar>(std::max(1, system.nodes())));
+  const auto nodes = static_cast<Scalar>(std::max(1, system.nodes()));
+  if (!(system.anchor_stiffness.array() > 0).any() && system.nodes() > 0) {
+    centroid.setZero();
+    for (int i = 0; i < system.nodes(); ++i) centroid += x.col(i);
+    centroid /= nodes;
+  }
+  square = 0;
+  for (int i = 0; i < system.nodes(); ++i) square += (x.col(i) - centroid).squaredNorm();
+  const Scalar spread = std::sqrt(square / nodes);
   return extent > 0 ? std::min(extent, spread) : spread;
 }
 

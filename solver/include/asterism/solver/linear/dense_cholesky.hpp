@@ -151,8 +151,8 @@ class SpdSolver {
         b[p] *= diagonal_[p];
       }
       const int rest = n - j - kBlock;
-      b.tail(rest) -= b[j] * L.col(j).tail(rest) + b[j + 1] * L.col(j + 1).tail(rest) +
-                      b[j + 2] * L.col(j + 2).tail(rest) + b[j + 3] * L.col(j + 3).tail(rest);
+      subtract_columns(&b[0] + j + kBlock, L.data() + j * n + j + kBlock, n, b[j], b[j + 1], b[j + 2],
+                       b[j + 3], rest);
     }
     for (int p = kBlock * blocks; p < n; ++p) {
       for (int q = kBlock * blocks; q < p; ++q) b[p] -= L(p, q) * b[q];

@@ -4,7 +4,6 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/linear/dense_cholesky.hpp>
-#include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -59,9 +58,9 @@ inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
 /// If linked nodes coincide, u_ij is as for energy_and_gradient, so the nodes separate. A start with all
 /// nodes and anchors on one line stays on it, even if its stationary point is a saddle.
 ///
-/// `Factorization` is DenseCholesky (default), SparseCholesky or, from <asterism/solver/linear/cholmod.hpp>,
-/// CholmodCholesky; with these two, E may rise if K_dyn is singular up to rounding. An object holds
-/// its workspace: reuse it to solve without allocation, one thread at a time.
+/// `Factorization` is DenseCholesky (default), SparseCholesky (SparseIda) or, from
+/// <asterism/solver/linear/cholmod.hpp>, CholmodCholesky; with these two, E may rise if K_dyn is singular up
+/// to rounding. An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System, typename Factorization = DenseCholesky<System>>
 class Ida {
  public:
@@ -116,10 +115,6 @@ Summary Ida<System, Factorization>::run(const System& given, Points& x) {
   });
 }
 
-/// Ida with a sparse factorisation.
-template <typename System>
-using SparseIda = Ida<System, SparseCholesky<System>>;
-
 /// One IDA solve with a workspace of its own; see Ida::solve. For repeated solves, keep an Ida.
 template <typename System>
 Summary solve_ida(const System& system, typename System::Points& x, const IdaOptions& options = {}) {
@@ -127,7 +122,6 @@ Summary solve_ida(const System& system, typename System::Points& x, const IdaOpt
 }
 
 ASTERISM_COMPILED_SOLVER(Ida)
-ASTERISM_COMPILED_SPARSE_SOLVER(SparseIda)
 ASTERISM_COMPILED_SOLVE(solve_ida, IdaOptions)
 
 }  // namespace ASTERISM_ABI

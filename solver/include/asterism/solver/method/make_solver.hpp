@@ -14,6 +14,7 @@
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/run/any_solver.hpp>

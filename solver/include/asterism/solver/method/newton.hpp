@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/definite_verdict.hpp>
 #include <asterism/solver/detail/descent.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/hessian_operator.hpp>
@@ -81,6 +82,8 @@ class Newton {
   friend detail::Compiled;
 
   Summary run(const System& given, Points& x);
+
+  Status iterate(const System& system, Points& x, Summary& summary);
 
   static constexpr int kClampedSteps = 4;
   static constexpr Scalar kFlatShare = Scalar(1e-3);
@@ -244,6 +247,7 @@ class Newton {
   }
 
   Session<System> session_;
+  detail::DefiniteVerdict<System> verdict_;
   detail::NewtonMatrix<System> matrix_;
   detail::HessianOperator<System> hessian_;  // at saddles
   bool clamps_ = false;                      // the matrix at x is the clamped one
@@ -258,46 +262,53 @@ class Newton {
 template <typename System>
 Summary Newton<System>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
-    // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
-    // follow.
-    realign_ = options.align && detail::has_weak_anchors(system);
-    matrix_.reset(session_.node_stiffness());
-    clamps_ = true;
-    energy_ = assemble(system, x, gradient_, summary);
-    while (true) {
-      session_.report(x, gradient_, summary.iterations);
-      const bool stationary = session_.stationary(gradient_);
-      const bool last = summary.iterations == options.max_iterations || session_.stopped();
-      if (last && !stationary) {
-        session_.adopt(x, energy_, gradient_);
-        summary.positive_definite = -1;
-        return Status::MaxIterations;
-      }
-      if (stationary && clamps_) {
-        clamps_ = false;
-        assemble(system, x, gradient_, summary);
-      }
-      ++summary.factorizations;
-      const bool definite = matrix_.factorize();
-      summary.positive_definite = clamps_ ? -1 : definite;
-      if (stationary) {
-        const bool is_minimum = definite && detail::peaked_link(system, x) < 0;
-        if (!last &&
-            (is_minimum ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
-          continue;
-        session_.adopt(x, energy_, gradient_);
-        return Status::Converged;
-      }
-      const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
-      ++summary.linear_solves;
-      const Scalar scale = detail::energy_scale(system, x, energy_);
-      if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * scale && finish(system, x, summary))
-        return Status::Converged;
-      // Far off: the step promises to lose more than half of the energy.
-      clamps_ = decrement > scale && summary.iterations + 1 < kClampedSteps;
-      if (!search(system, x, decrement, summary) && !majorise(system, x, summary)) return Status::NoProgress;
-    }
+    const Status reason = iterate(system, x, summary);
+    verdict_.check(system, x, summary);
+    return reason;
   });
+}
+
+template <typename System>
+Status Newton<System>::iterate(const System& system, Points& x, Summary& summary) {
+  // Weak anchors leave a narrow valley, curved as the constellation turns, that straight steps have to
+  // follow.
+  realign_ = options.align && detail::has_weak_anchors(system);
+  matrix_.reset(session_.node_stiffness());
+  clamps_ = true;
+  energy_ = assemble(system, x, gradient_, summary);
+  while (true) {
+    session_.report(x, gradient_, summary.iterations);
+    const bool stationary = session_.stationary(gradient_);
+    const bool last = summary.iterations == options.max_iterations || session_.stopped();
+    if (last && !stationary) {
+      session_.adopt(x, energy_, gradient_);
+      summary.positive_definite = -1;
+      return Status::MaxIterations;
+    }
+    if (stationary && clamps_) {
+      clamps_ = false;
+      assemble(system, x, gradient_, summary);
+    }
+    ++summary.factorizations;
+    const bool definite = matrix_.factorize();
+    summary.positive_definite = clamps_ ? -1 : definite;
+    if (stationary) {
+      const bool is_minimum = definite && detail::peaked_link(system, x) < 0;
+      if (!last &&
+          (is_minimum ? polish(system, x, summary) : options.escape_saddles && escape(system, x, summary)))
+        continue;
+      session_.adopt(x, energy_, gradient_);
+      return Status::Converged;
+    }
+    const Scalar decrement = matrix_.solve(step_);  // step = H^-1 g, decrement = g^T H^-1 g
+    ++summary.linear_solves;
+    const Scalar scale = detail::energy_scale(system, x, energy_);
+    if (definite && !clamps_ && decrement <= 2 * session_.tolerance() * scale && finish(system, x, summary))
+      return Status::Converged;
+    // Far off: the step promises to lose more than half of the energy.
+    clamps_ = decrement > scale && summary.iterations + 1 < kClampedSteps;
+    if (!search(system, x, decrement, summary) && !majorise(system, x, summary)) return Status::NoProgress;
+  }
 }
 
 ASTERISM_COMPILED_SOLVER(Newton)

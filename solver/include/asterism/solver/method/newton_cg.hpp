@@ -10,6 +10,7 @@
 #include <asterism/solver/detail/spring_chunks.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
+#include <asterism/solver/run/executor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -208,7 +209,7 @@ Summary NewtonCg<System, Preconditioner>::run(const System& given, Points& x) {
         return Status::NumericalFailure;
       }
     }
-    chunks_.set(system, options.thread_count());
+    chunks_.set(system, detail::thread_count(options.threads));
     const auto evaluate = [this](const System& of, const Points& at, Points& gradient) {
       return chunks_.energy_and_gradient(of, at, gradient);
     };

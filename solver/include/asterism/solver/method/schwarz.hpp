@@ -342,7 +342,7 @@ class Schwarz {
     };
     static_cast<AlignedOptions&>(global_.options) = options;
     if constexpr (requires { global_.options.threads; }) global_.options.threads = options.threads;
-    chunks_.set(system, options.thread_count());
+    chunks_.set(system, detail::thread_count(options.threads));
     if (options.on_iteration) global_.options.on_iteration = report;
     // What is stationary to the renumbered sums has to be so to the given ones, too.
     global_.options.tolerance *= 0.9;
@@ -371,7 +371,8 @@ class Schwarz {
     const double least = std::max(options.tolerance, 1e-7);
     Scalar before = chunks_.energy(system, x);
     ++summary.energy_evaluations;
-    workers_.resize(static_cast<std::size_t>(std::min(options.thread_count(), decomposition_.count())));
+    workers_.resize(
+        static_cast<std::size_t>(std::min(detail::thread_count(options.threads), decomposition_.count())));
     for (Worker& worker : workers_) worker.scratch.set(system.nodes());
     for (int i = 0; i < kMaxSweeps && summary.iterations < options.max_iterations && !session_.stopped();
          ++i) {
@@ -426,7 +427,7 @@ Summary Schwarz<System, Global>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
     if (options.max_iterations == 0) return Status::MaxIterations;
-    decomposition_.set(system, kSubdomain, options.thread_count());
+    decomposition_.set(system, kSubdomain, detail::thread_count(options.threads));
     renumbered_ = decomposition_.renumbered(x);
     const Status status = iterate(decomposition_.system(), renumbered_, summary);
     decomposition_.restore(renumbered_, x);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/definite_verdict.hpp>
 #include <asterism/solver/detail/descent.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/policy_name.hpp>
@@ -338,6 +339,7 @@ class SparseNewton {
   }
 
   Session<System> session_;
+  detail::DefiniteVerdict<System> verdict_;
   detail::DescentState<System> state_;
   detail::SparseHessian<System, MatrixScalar> hessian_;
   Factorization factorization_;
@@ -356,7 +358,9 @@ Summary SparseNewton<System, Factorization>::run(const System& given, Points& x)
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     hessian_.prepare(system, [this](const auto& pattern) { factorization_.analyze(pattern); });
     if (options.continuation) continue_from_strong(system, x, summary);
-    return descend(system, x, 0, summary);
+    const Status reason = descend(system, x, 0, summary);
+    verdict_.check(system, x, summary);
+    return reason;
   });
 }
 

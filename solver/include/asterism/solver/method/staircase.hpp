@@ -1,5 +1,7 @@
 #pragma once
 
+#include <Eigen/LU>
+#include <Eigen/SVD>
 #include <algorithm>
 #include <asterism/solver/detail/cast_system.hpp>
 #include <asterism/solver/detail/compiled.hpp>

@@ -9,8 +9,8 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
-#include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <Eigen/Eigenvalues>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/diagonalise.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/model.hpp>
@@ -230,10 +230,12 @@ class SpringSystem {
   // A matrix divided by its largest eigenvalue, which is returned; for any other matrix one that is refused.
   template <typename Derived, typename Block>
   static Scalar split(const Eigen::MatrixBase<Derived>& information, Block&& shape) {
-    const Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor> matrix = information;
-    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>> modes(
-        matrix, Eigen::EigenvaluesOnly);
-    const Scalar largest = detail::all_finite(matrix) ? modes.eigenvalues().maxCoeff() : matrix.sum();
+    using Matrix = Eigen::Matrix<Scalar, Dim, Dim, Eigen::ColMajor>;
+    const Matrix matrix = information;
+    Matrix values = matrix;
+    Matrix modes;
+    detail::diagonalise(values, modes);
+    const Scalar largest = detail::all_finite(matrix) ? values.diagonal().maxCoeff() : matrix.sum();
     if (largest > 0) {
       shape = matrix / largest;
     } else {

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <Eigen/Geometry>
 #include <asterism/solver/detail/config.hpp>
 #include <cmath>
 #include <concepts>
@@ -88,25 +87,16 @@ struct Angle {
 /// positive where i, j, k turn from the x axis to the y axis, so that a triangle does not turn over.
 /// Stiffness in energy per px^4.
 struct Area {
-  /// In the plane, with a sign.
-  TripleForce<Eigen::Vector2d> operator()(const Eigen::Vector2d& i, const Eigen::Vector2d& j,
-                                          const Eigen::Vector2d& k, double rest) const {
-    return of_plane(i, j, k, rest);
-  }
-  /// In the plane, with a sign.
-  TripleForce<Eigen::Vector2f> operator()(const Eigen::Vector2f& i, const Eigen::Vector2f& j,
-                                          const Eigen::Vector2f& k, float rest) const {
-    return of_plane(i, j, k, rest);
-  }
-  /// In space, without one.
-  TripleForce<Eigen::Vector3d> operator()(const Eigen::Vector3d& i, const Eigen::Vector3d& j,
-                                          const Eigen::Vector3d& k, double rest) const {
-    return of_space(i, j, k, rest);
-  }
-  /// In space, without one.
-  TripleForce<Eigen::Vector3f> operator()(const Eigen::Vector3f& i, const Eigen::Vector3f& j,
-                                          const Eigen::Vector3f& k, float rest) const {
-    return of_space(i, j, k, rest);
+  /// In the plane, with a sign; in space, without one.
+  template <typename Scalar, int Dim>
+  requires(Dim == 2 || Dim == 3) TripleForce<Eigen::Matrix<Scalar, Dim, 1>>
+  operator()(const Eigen::Matrix<Scalar, Dim, 1>& i, const Eigen::Matrix<Scalar, Dim, 1>& j,
+             const Eigen::Matrix<Scalar, Dim, 1>& k, Scalar rest) const {
+    if constexpr (Dim == 2) {
+      return of_plane(i, j, k, rest);
+    } else {
+      return of_space(i, j, k, rest);
+    }
   }
 
  private:
@@ -117,12 +107,16 @@ struct Area {
     const Point by_j = off / 2 * Point(b.y(), -b.x()), by_k = off / 2 * Point(-a.y(), a.x());
     return {off * off / 2, -(by_j + by_k), by_j, by_k};
   }
+  template <typename Point>
+  static Point cross(const Point& a, const Point& b) {
+    return {a.y() * b.z() - a.z() * b.y(), a.z() * b.x() - a.x() * b.z(), a.x() * b.y() - a.y() * b.x()};
+  }
   template <typename Point, typename Scalar = typename Point::Scalar>
   static TripleForce<Point> of_space(const Point& i, const Point& j, const Point& k, Scalar rest) {
-    const Point a = j - i, b = k - i, normal = a.cross(b);
+    const Point a = j - i, b = k - i, normal = cross(a, b);
     const Scalar twice = normal.norm(), off = twice / 2 - rest;
     if (!(twice > 0)) return {off * off / 2, Point::Zero(), Point::Zero(), Point::Zero()};
-    const Point n = normal / twice, by_j = off / 2 * b.cross(n), by_k = off / 2 * n.cross(a);
+    const Point n = normal / twice, by_j = off / 2 * cross(b, n), by_k = off / 2 * cross(n, a);
     return {off * off / 2, -(by_j + by_k), by_j, by_k};
   }
 };

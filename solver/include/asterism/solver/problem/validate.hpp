@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/diagonalise.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <cmath>
@@ -98,10 +99,11 @@ int first_bad_shape(const Shapes& shapes, int count) {
   using Block = Eigen::Matrix<Scalar, kDim, kDim, Eigen::ColMajor>;
   constexpr Scalar kRounding = 64 * std::numeric_limits<Scalar>::epsilon();
   for (int i = 0; i < count; ++i) {
-    const Block shape = shapes.template block<kDim, kDim>(0, kDim * i);
+    Block shape = shapes.template block<kDim, kDim>(0, kDim * i);
     if (!all_finite(shape) || !((shape - shape.transpose()).cwiseAbs().array() <= kRounding).all()) return i;
-    const Eigen::SelfAdjointEigenSolver<Block> modes(shape, Eigen::EigenvaluesOnly);
-    if (!(modes.eigenvalues().minCoeff() >= -kRounding && modes.eigenvalues().maxCoeff() <= 1 + kRounding))
+    Block modes;
+    diagonalise(shape, modes);
+    if (!(shape.diagonal().minCoeff() >= -kRounding && shape.diagonal().maxCoeff() <= 1 + kRounding))
       return i;
   }
   return -1;

@@ -4,6 +4,8 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/edit_distance.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/scratch.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/solver.hpp>
@@ -23,7 +25,8 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// A solver of one type of systems, chosen at run time. It holds its workspace: reuse it, in one thread at a
-/// time. A solve costs one virtual call more than a solve by the solver itself.
+/// time. A solve costs one virtual call more than a solve by the solver itself. For the option gap it has a
+/// certifier of its own, which is used where the options have none.
 template <typename System>
 class AnySolver {
  public:
@@ -62,11 +65,20 @@ class AnySolver {
     ModelOf() = default;
     explicit ModelOf(S&& given) : solver(std::move(given)) {}
     std::string_view name() const override { return S::name(); }
-    Summary solve(const System& system, Points& x) override { return solver.solve(system, x); }
+    Summary solve(const System& system, Points& x) override {
+      SolverOptions& given = solver.options;
+      if (!(given.gap > 0) || given.certifier) [[likely]]
+        return solver.solve(system, x);
+      given.certifier = certifier.get();
+      const Summary summary = solver.solve(system, x);
+      given.certifier = {};
+      return summary;
+    }
     SolverOptions& options() override { return solver.options; }
     void visit_options(OptionVisitor& visit) override { see(visit, solver.options); }
 
     S solver;
+    detail::Scratch<Certifier<System>> certifier;  // for the option gap
   };
 
   // Where the name is not hidden by the members'.

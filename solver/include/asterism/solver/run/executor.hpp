@@ -6,6 +6,7 @@
 #include <atomic>
 #include <exception>
 #include <thread>
+#include <type_traits>
 #include <vector>
 
 namespace asterism {
@@ -52,19 +53,18 @@ struct ThreadExecutor {
 
 namespace detail {
 
-/// Calls f(worker, task) for each of `tasks` tasks on up to `workers` threads. Calls with the same worker are
-/// one after the other. Rethrows the first exception after all workers have ended.
-template <typename F>
-void for_each_task(int workers, int tasks, F&& f) {
-  if (workers <= 1) {
-    for (int task = 0; task < tasks; ++task) f(0, task);
-    return;
-  }
+/// How many threads ThreadedOptions::threads asks for: at least 1.
+inline int thread_count(int threads) {
+  return threads > 0 ? threads : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
+}
+
+/// Calls call(f, worker, task) for each of `tasks` tasks on several threads. Compiled once for all f.
+inline void run_on_threads(int workers, int tasks, void* f, void (*call)(void* f, int worker, int task)) {
   std::atomic<int> next{0};
   std::atomic<bool> failed{false};
   [[maybe_unused]] std::exception_ptr error;
   const auto work = [&](int worker) {
-    for (int task = next++; task < tasks && !failed; task = next++) f(worker, task);
+    for (int task = next++; task < tasks && !failed; task = next++) call(f, worker, task);
   };
   ThreadExecutor{workers}(std::min(workers, tasks), [&](int worker) {
 #ifdef __cpp_exceptions
@@ -80,6 +80,19 @@ void for_each_task(int workers, int tasks, F&& f) {
 #ifdef __cpp_exceptions
   if (error) std::rethrow_exception(error);
 #endif
+}
+
+/// Calls f(worker, task) for each of `tasks` tasks on up to `workers` threads. Calls with the same worker are
+/// one after the other. Rethrows the first exception after all workers have ended.
+template <typename F>
+void for_each_task(int workers, int tasks, F&& f) {
+  if (workers <= 1) {
+    for (int task = 0; task < tasks; ++task) f(0, task);
+    return;
+  }
+  run_on_threads(
+      workers, tasks, const_cast<void*>(static_cast<const void*>(&f)),
+      [](void* of, int worker, int task) { (*static_cast<std::remove_reference_t<F>*>(of))(worker, task); });
 }
 
 }  // namespace detail

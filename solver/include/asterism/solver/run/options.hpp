@@ -1,12 +1,11 @@
 #pragma once
 
-#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>
-#include <thread>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -26,7 +25,17 @@ struct SolverOptions {
   /// Also stop when the energy of x is proven to exceed the least energy by at most this share, see certify;
   /// 0: do not test this. The test computes a certificate at every iterate. Where W is not positive definite
   /// at the minimum, nothing is proven and the tolerance decides. BatchNewton tests this only at its end.
+  /// Solvers by name, BatchNewton, Staircase and BranchAndBound need nothing else; all others need a
+  /// certifier, below, without which a gap is InvalidInput.
   double gap = 0;
+
+  /// What computes these certificates: a Certifier of the same type of systems, which lives as long as the
+  /// solve and keeps its memory.
+  ///
+  ///     asterism::Certifier<System> certifier;
+  ///     solver.options.gap = 1e-6;
+  ///     solver.options.certifier = certifier;
+  CertifierReference certifier = {};
 
   /// Maximum number of iterations; 0: only evaluate the start.
   int max_iterations = 10000;
@@ -102,11 +111,6 @@ struct ThreadedOptions : AlignedOptions {
   constexpr const char* problem() const {
     if (threads < 0) return "option threads is negative";
     return AlignedOptions::problem();
-  }
-
-  /// How many `threads` are: at least 1.
-  int thread_count() const {
-    return threads > 0 ? threads : std::max(1, static_cast<int>(std::thread::hardware_concurrency()));
   }
 };
 

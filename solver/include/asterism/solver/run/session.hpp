@@ -3,16 +3,15 @@
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/scratch.hpp>
 #include <asterism/solver/energy/align.hpp>
-#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/iteration.hpp>
+#include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
@@ -69,36 +68,20 @@ class Session {
   template <bool kGradientAlone = false, typename Options, typename Iterate>
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
-    const auto begin = std::chrono::steady_clock::now();
-    has_run_ = true;
-    nodes_ = given.nodes();
-    links_ = given.link_count();
-    Summary summary;
-    summary.solver = name;
-    if constexpr (System::kHasTriples && !kGradientAlone)
+    if constexpr (System::kHasTriples && !kGradientAlone) {
       return detail::refused(name,
                              "the method does not support potentials over three nodes: use lbfgs or ncg");
-    bool started = false;
-    const auto solve = [&] {
-      if (const System* system = start(options, given, x, summary)) {
-        started = true;
-        summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
-        summary.linear_solves = summary.factorizations = 0;
-        summary.message.clear();
-        if constexpr (requires { options.align; }) {
-          if (options.align && options.max_iterations > 0 && !stationary(gradient_) && !stopped())
-            detail::align(*system, x, options.allow_reflection);
-        }
-        judge(iterate(*system, summary), *system, x, summary);
-      }
+    }
+    Task task{name, options.problem()};
+    if constexpr (requires { options.align; }) {
+      task.aligns = options.align;
+      task.reflects = options.allow_reflection;
+    }
+    task.method = const_cast<void*>(static_cast<const void*>(&iterate));
+    task.iterate = [](void* method, const System& system, Summary& summary) {
+      return (*static_cast<std::remove_reference_t<Iterate>*>(method))(system, summary);
     };
-    detail::attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
-      if (started) x = start_;
-      summary.status = Status::OutOfMemory;
-      summary.message = detail::memory_message(error);
-    });
-    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    return summary;
+    return run(task, options, given, x);
   }
 
   /// Whether the last solve, if any, had as many nodes and links.
@@ -120,7 +103,7 @@ class Session {
       return;
     if (gap_ > 0) {
       reported_ = iteration;
-      is_close_ = prove(x);
+      is_close_ = is_within_gap(x);
       if (!on_iteration_) return;
     }
     using View = Eigen::Map<const Eigen::MatrixXd>;
@@ -190,9 +173,47 @@ class Session {
   const Points& gradient() const { return gradient_; }
 
  private:
+  // What differs from method to method, so that the frame is compiled once for all of them.
+  struct Task {
+    std::string_view name;
+    const char* problem = nullptr;  // with the options
+    bool aligns = false;
+    bool reflects = false;
+    void* method = nullptr;  // the callable, and how to call it
+    Status (*iterate)(void* method, const System& system, Summary& summary) = nullptr;
+  };
+
+  Summary run(const Task& task, const SolverOptions& options, const System& given, Points& x) {
+    const auto begin = std::chrono::steady_clock::now();
+    has_run_ = true;
+    nodes_ = given.nodes();
+    links_ = given.link_count();
+    Summary summary;
+    summary.solver = task.name;
+    bool started = false;
+    const auto solve = [&] {
+      if (const System* system = start(task, options, given, x, summary)) {
+        started = true;
+        summary.iterations = summary.energy_evaluations = summary.gradient_evaluations = 0;
+        summary.linear_solves = summary.factorizations = 0;
+        summary.message.clear();
+        if (task.aligns && options.max_iterations > 0 && !stationary(gradient_) && !stopped())
+          detail::align(*system, x, task.reflects);
+        judge(task.iterate(task.method, *system, summary), *system, x, summary);
+      }
+    };
+    detail::attempt<std::bad_alloc>(solve, [&](const std::bad_alloc& error) {
+      if (started) x = start_;
+      summary.status = Status::OutOfMemory;
+      summary.message = detail::memory_message(error);
+    });
+    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    return summary;
+  }
+
   // The system to solve, or nullptr and the reason in the summary.
-  template <typename Options>
-  const System* start(const Options& options, const System& given, const Points& x, Summary& summary) {
+  const System* start(const Task& task, const SolverOptions& options, const System& given, const Points& x,
+                      Summary& summary) {
     summary.status = Status::InvalidInput;
     summary.message.clear();
     const System* system = &given;
@@ -200,10 +221,12 @@ class Session {
       summary.message = detail::kSharesMemory;
     } else if (const Defect defect = detail::validate_values(given, x)) {
       summary.message = defect;
-    } else if (const char* problem = options.problem()) {
-      summary.message = problem;
+    } else if (task.problem != nullptr) {
+      summary.message = task.problem;
     } else if (options.gap > 0 && given.has_loads()) {
       summary.message = "option gap: solvers know no lower bound of the energy of loads, see certify";
+    } else if (options.gap > 0 && !options.certifier.template serves<System>()) {
+      summary.message = "option gap: set the option certifier, too, to a Certifier of systems of this type";
     } else if (options.ground_components) {
       if (const int i = detail::first_floating_load(given, scratch_); i >= 0) {
         summary.message = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
@@ -219,6 +242,7 @@ class Session {
     stop_ = options.stop;
     on_iteration_ = options.on_iteration;
     gap_ = options.gap;
+    certifier_ = options.certifier;
     watches_ = on_iteration_ || gap_ > 0;
     is_stopped_ = is_close_ = false;
     lower_bound_ = -1;
@@ -248,19 +272,17 @@ class Session {
   }
 
   // Whether x is proven to be within the gap; keeps the highest lower bound so far.
-  bool prove(const Points& x) {
-    Certifier<System>& certifier = certifier_.get();
-    certifier.options.gap = gap_;
-    const Certificate certificate = certifier.certify(*system_, x);
-    if (certificate.proof == Proof::NotApplicable) return false;
-    lower_bound_ = std::max(lower_bound_, certificate.lower_bound);
-    return Summary::is_within(gap_, certificate.energy, lower_bound_);
+  bool is_within_gap(const Points& x) {
+    const std::optional<EnergyBounds> bounds = certifier_(*system_, x, gap_);
+    if (!bounds) return false;
+    lower_bound_ = std::max(lower_bound_, bounds->least);
+    return Summary::is_within(gap_, bounds->energy, lower_bound_);
   }
 
   // `reason` is the method's own; energy and gradient at x may overrule it.
   void judge(Status reason, const System& system, Points& x, Summary& summary) {
     if (!(is_evaluated_ && x == evaluated_)) energy_ = energy_and_gradient(system, x, gradient_);
-    const bool is_close = gap_ > 0 && prove(x);
+    const bool is_close = gap_ > 0 && is_within_gap(x);
     is_close_ = false;
     if (!detail::is_finite(energy_) || !detail::all_finite(gradient_)) reason = Status::NumericalFailure;
     if (reason == Status::NumericalFailure ||
@@ -291,9 +313,6 @@ class Session {
                              : reason == Status::Interrupted   ? "asked to stop, not yet stationary"
                                                                : "stopped short of the tolerance");
     }
-    if (summary.positive_definite == 1 &&
-        (detail::peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
-      summary.positive_definite = 0;
     summary.lower_bound = lower_bound_;
     summary.final_energy = static_cast<double>(energy_);
     summary.gradient_norm = gradient_.template cast<double>().norm();
@@ -311,13 +330,12 @@ class Session {
   int told_ = -1;            // the last iteration that it was told of
   int reported_ = -1;        // the last iteration that was looked at
   double gap_ = 0;
-  bool is_close_ = false;    // as close as gap_
-  double lower_bound_ = -1;  // of all iterates
-  detail::Scratch<Certifier<System>> certifier_;
+  CertifierReference certifier_;
+  bool is_close_ = false;           // as close as gap_
+  double lower_bound_ = -1;         // of all iterates
   const System* system_ = nullptr;  // that is solved
   std::optional<System> grounded_;
   detail::ComponentScratch<System> scratch_;
-  detail::FreeMotions<System> free_motions_;
   Points start_;
   Points gradient_;
   Points evaluated_;  // where energy_ and gradient_ are from, if is_evaluated_
