@@ -23,6 +23,7 @@ void detail::set_anchor(ElasticSystem& system, int node, const Eigen::Matrix2d& 
 
 DptSolver::DptSolver(const SolverDescription& description) : description_(description) {
   SolverRegistry<DptSystem> own;
+  own.set_certifier(kept_certifier<DptSystem>());
   own.add<Ida<DptSystem>>("ida");
   own.add<Newton<DptSystem>>("newton");
   own.add<Newton<DptSystem>>("auto");

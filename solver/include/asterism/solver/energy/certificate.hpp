@@ -17,6 +17,7 @@
 #include <asterism/solver/run/message.hpp>
 #include <cmath>
 #include <limits>
+#include <memory>
 #include <new>
 #include <optional>
 #include <ostream>
@@ -287,6 +288,15 @@ Certificate certify(const System& system, const typename System::Points& x,
 }
 
 ASTERISM_COMPILED_PROVER
+
+/// A source of a Certifier that is made at the first call and kept.
+template <typename System>
+CertifierSource kept_certifier() {
+  return [kept = std::shared_ptr<Certifier<System>>()]() mutable -> CertifierReference {
+    if (!kept) kept = std::make_shared<Certifier<System>>();
+    return *kept;
+  };
+}
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -2,6 +2,7 @@
 
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
@@ -50,6 +51,7 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
+  registry.set_certifier(kept_certifier<System>());
   registry.template add<Auto<System>>("auto");
   registry.template add<Ida<System>>("ida");
   registry.template add<Newton<System>>("newton");

@@ -4,8 +4,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/edit_distance.hpp>
 #include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/scratch.hpp>
-#include <asterism/solver/energy/certificate.hpp>
+#include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/solver.hpp>
@@ -25,8 +24,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// A solver of one type of systems, chosen at run time. It holds its workspace: reuse it, in one thread at a
-/// time. A solve costs one virtual call more than a solve by the solver itself. For the option gap it has a
-/// certifier of its own, which is used where the options have none.
+/// time. A solve costs one virtual call more than a solve by the solver itself.
 template <typename System>
 class AnySolver {
  public:
@@ -48,6 +46,8 @@ class AnySolver {
 
   /// The options that all solvers have.
   SolverOptions& options() { return model_->options(); }
+  /// What serves the option gap where the options have no certifier; solvers of a registry have one.
+  void set_certifier(CertifierSource source) { model_->certifier = std::move(source); }
   /// All of its options, by name.
   void visit_options(OptionVisitor& visit) { model_->visit_options(visit); }
 
@@ -58,6 +58,8 @@ class AnySolver {
     virtual Summary solve(const System& system, Points& x) = 0;
     virtual SolverOptions& options() = 0;
     virtual void visit_options(OptionVisitor& visit) = 0;
+
+    CertifierSource certifier;
   };
 
   template <typename S>
@@ -67,9 +69,9 @@ class AnySolver {
     std::string_view name() const override { return S::name(); }
     Summary solve(const System& system, Points& x) override {
       SolverOptions& given = solver.options;
-      if (!(given.gap > 0) || given.certifier) [[likely]]
+      if (!(given.gap > 0) || given.certifier || !this->certifier) [[likely]]
         return solver.solve(system, x);
-      given.certifier = certifier.get();
+      given.certifier = this->certifier();
       const Summary summary = solver.solve(system, x);
       given.certifier = {};
       return summary;
@@ -78,7 +80,6 @@ class AnySolver {
     void visit_options(OptionVisitor& visit) override { see(visit, solver.options); }
 
     S solver;
-    detail::Scratch<Certifier<System>> certifier;  // for the option gap
   };
 
   // Where the name is not hidden by the members'.
@@ -187,7 +188,8 @@ class OptionSetter final : public OptionVisitor {
 
 }  // namespace detail
 
-/// The solvers that a program knows for one type of systems, by name.
+/// The solvers that a program knows for one type of systems, by name. For the option gap, each that is made has
+/// a certifier of its own, if the registry has a source of them.
 template <typename System>
 class SolverRegistry {
  public:
@@ -217,6 +219,7 @@ class SolverRegistry {
       detail::raise(std::invalid_argument(message));
     }
     AnySolver<System> solver = at->make();
+    if (certifier_) solver.set_certifier(certifier_);
     for (const NamedOption& option : options) {
       detail::OptionSetter set(name, option);
       solver.visit_options(set);
@@ -227,6 +230,9 @@ class SolverRegistry {
 
   /// The solver that a description names. Throws as above.
   AnySolver<System> make(const SolverDescription& solver) const { return make(solver.name, solver.options); }
+
+  /// See kept_certifier.
+  void set_certifier(CertifierSource source) { certifier_ = std::move(source); }
 
   /// In the order in which they were added.
   std::vector<std::string> names() const {
@@ -247,6 +253,7 @@ class SolverRegistry {
   }
 
   std::vector<Entry> entries_;
+  CertifierSource certifier_;
 };
 
 }  // namespace ASTERISM_ABI

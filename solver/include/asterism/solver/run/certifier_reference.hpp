@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/detail/config.hpp>
+#include <functional>
 #include <memory>
 #include <optional>
 #include <string_view>
@@ -69,6 +70,9 @@ class CertifierReference {
   std::optional<EnergyBounds> (*certify_)(void*, const void*, const void*, double) = nullptr;
   std::string_view system_;
 };
+
+/// Has a certifier for as long as it lives. A copy that was made before the first call has its own.
+using CertifierSource = std::function<CertifierReference()>;
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism
