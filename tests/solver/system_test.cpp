@@ -566,6 +566,17 @@ TEST(SystemSolution, CertifiedMinimaAreGlobal) {
   EXPECT_NE(std::string(std::string_view(refused.reason)).find("links"), std::string::npos);
 }
 
+TEST(SystemSolution, CertifiesAPlacementWithoutStrain) {
+  const MatrixXd square{{0, 10, 0, 10}, {0, 0, 10, 10}};
+  System system(4, 2);
+  system.add_anchors(square, System::all(1));
+  system.add_links(all_pairs(4), lengths_at(square, all_pairs(4)), System::all(1));
+  EXPECT_TRUE(certify(system, square).certified());
+  MatrixXd x = square + MatrixXd::Constant(2, 4, 0.3);
+  EXPECT_TRUE(solve(system, x).usable());
+  EXPECT_TRUE(certify(system, x).certified()) << certify(system, x);
+}
+
 TEST(SystemSolution, CommonLengthIsTheWeightedMeanAndMinimisesJointly) {
   Rng rng(3);
   System system(4, 2);

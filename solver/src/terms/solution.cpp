@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "matrix.hpp"
+#include "stopping_rule.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -189,7 +190,11 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
     for (int c = 0; c < entries.rows(); ++c) largest_inverse += inverse(c, c) * (1 + 1e-6);
     result.least_eigenvalue = 1 / largest_inverse;
     result.distance = 2 * std::sqrt(std::max(2 * (decrease + rounding) * largest_inverse, 0.0));
-    const double allowed = options.gap * std::max(scale, 0.0) + rounding;
+    // A placement without strain has next to no energy that a share could be taken of.
+    detail::SystemRule rule;
+    rule.set(system, x, 0);
+    const double least_scale = 1e-10 * rule.node_stiffness().sum() * rule.length() * rule.length() / 2;
+    const double allowed = options.gap * std::max(scale, least_scale) + rounding;
     if (result.energy - result.lower_bound <= allowed) {
       result.proof = Proof::UniqueGlobalMinimum;
     } else {
