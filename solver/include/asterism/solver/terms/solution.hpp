@@ -65,7 +65,9 @@ ASTERISM_API Eigen::MatrixXd hessian(const System& system, const Eigen::MatrixXd
 
 /// Whether x is the global minimum, from the minorising curvature M of all terms: if M is positive definite,
 /// E(y) >= E(x) + g . (y - x) + (y - x)^T M (y - x) / 2 >= E(x) - g^T M^-1 g / 2 for all y. Where a term has
-/// no such bound, the proof is not applicable, and the reason names it. Rounding is accounted for.
+/// no such bound, the proof is not applicable, and the reason names it. Rounding is accounted for. For
+/// placements without strain, 1e-10 sum A_ii L^2 / 2 stands for the energy that CertifyOptions::gap is a
+/// share of, see node_stiffness and characteristic_length.
 ASTERISM_API Certificate certify(const System& system, const Eigen::MatrixXd& x,
                                  const CertifyOptions& options = {});
 
