@@ -75,8 +75,9 @@ std::unique_ptr<Term> random_term(std::string_view kind, int dim, int nodes, std
   }
   for (const Choice& choice : term->choices()) {
     const bool is_law = choice.name == "law";
-    const std::size_t count = kind == "common_length" ? 2 : choice.names.size() - (is_law ? 1 : 0);
-    term->choose(choice.name, choice.names[random() % count]);
+    const std::size_t count =
+        kind == "common_length" ? 2 : choice.names().size() - (is_law ? 1 : 0);  // not "own"
+    term->choose(choice.name, choice.names()[random() % count]);
   }
   return term;
 }
