@@ -845,7 +845,7 @@ class FileTest(unittest.TestCase):
             path = Path(folder) / "systems.jsonl"
             asterism.write_systems(path, [asterism.StoredSystem(system, corners)])
             (found,) = asterism.read_systems(path)
-        self.assertEqual((found.system.terms[0].law, found.system.energy(corners)), ("softened", system.energy(corners)))
+        self.assertEqual((found.system.terms[1].law, found.system.energy(corners)), ("softened", system.energy(corners)))
         with self.assertRaisesRegex(ValueError, "law of links 'rope' already"):
             asterism.add_link_law("rope", softened)
         with self.assertRaises(TypeError):
