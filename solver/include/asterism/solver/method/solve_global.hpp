@@ -7,7 +7,9 @@
 #include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <utility>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -23,7 +25,9 @@ Summary solve_global(const System& system, typename System::Points& x,
   const auto solve_by = [&](auto solver) {
     if (const char* problem = options.problem()) return detail::refused(solver.name(), problem);
     const detail::TimeLimit time(options.max_seconds, options);
+    const CertifierReference certifier = solver.options.certifier;
     static_cast<AlignedOptions&>(solver.options) = options;
+    if (!solver.options.certifier) solver.options.certifier = certifier;
     if (system.has_loads()) solver.options.gap = 0;  // no bound is known
     solver.options.on_iteration = time.observed();
     if constexpr (requires { solver.on_lifted_iteration; }) solver.on_lifted_iteration = time.hidden();
@@ -31,7 +35,13 @@ Summary solve_global(const System& system, typename System::Points& x,
     time.explain(summary);
     return summary;
   };
-  if (system.has_loads()) return solve_by(detail::AutoStarts<System>());
+  const auto solve_from_many_starts = [&] {
+    Certifier<System> certifier;
+    detail::AutoStarts<System> solver;
+    solver.options.certifier = certifier;
+    return solve_by(std::move(solver));
+  };
+  if (system.has_loads()) return solve_from_many_starts();
   if constexpr (detail::is_searchable<System>()) {
     BranchAndBound<System> solver;
     solver.options = options;
@@ -39,7 +49,7 @@ Summary solve_global(const System& system, typename System::Points& x,
   } else if constexpr (detail::is_liftable<System>()) {
     return solve_by(detail::AutoStaircase<System>());
   } else {
-    return solve_by(detail::AutoStarts<System>());
+    return solve_from_many_starts();
   }
 }
 
