@@ -9,7 +9,6 @@
 #include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <utility>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -22,7 +21,7 @@ inline namespace ASTERISM_ABI {
 template <typename System>
 Summary solve_global(const System& system, typename System::Points& x,
                      const BranchAndBoundOptions& options = {}) {
-  const auto solve_by = [&](auto solver) {
+  const auto solve_by = [&](auto& solver) {
     if (const char* problem = options.problem()) return detail::refused(solver.name(), problem);
     const detail::TimeLimit time(options.max_seconds, options);
     const CertifierReference certifier = solver.options.certifier;
@@ -39,7 +38,7 @@ Summary solve_global(const System& system, typename System::Points& x,
     Certifier<System> certifier;
     detail::AutoStarts<System> solver;
     solver.options.certifier = certifier;
-    return solve_by(std::move(solver));
+    return solve_by(solver);
   };
   if (system.has_loads()) return solve_from_many_starts();
   if constexpr (detail::is_searchable<System>()) {
@@ -47,7 +46,8 @@ Summary solve_global(const System& system, typename System::Points& x,
     solver.options = options;
     return solver.solve(system, x);
   } else if constexpr (detail::is_liftable<System>()) {
-    return solve_by(detail::AutoStaircase<System>());
+    detail::AutoStaircase<System> solver;
+    return solve_by(solver);
   } else {
     return solve_from_many_starts();
   }
