@@ -196,6 +196,7 @@ requires(detail::is_liftable<System>()) Summary Staircase<System, Solver>::run(c
   if (system.has_loads()) return detail::refused(name(), detail::kNoLoads);
   const auto begin = std::chrono::steady_clock::now();
   solver_.options = options;
+  if (!solver_.options.certifier) solver_.options.certifier = certifier_;
   Summary best = solver_.solve(system, x);
   if (best.usable() && best.status != Status::Interrupted) {
     detail::attempt<std::bad_alloc>(
