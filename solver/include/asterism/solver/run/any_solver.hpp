@@ -188,8 +188,8 @@ class OptionSetter final : public OptionVisitor {
 
 }  // namespace detail
 
-/// The solvers that a program knows for one type of systems, by name. For the option gap, each that is made has
-/// a certifier of its own, if the registry has a source of them.
+/// The solvers that a program knows for one type of systems, by name. For the option gap, each that is made
+/// has a certifier of its own, if the registry has a source of them.
 template <typename System>
 class SolverRegistry {
  public:
