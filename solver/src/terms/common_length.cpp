@@ -23,21 +23,7 @@ std::vector<Column> columns_of() {
 
 }  // namespace
 
-CommonLength::CommonLength(int dim)
-    : TermOf(
-          "common_length", dim, 2,
-          [] {
-            std::vector<Column> columns = columns_of();
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return columns;
-          }(),
-          [] {
-            std::vector<Column> columns;
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return choices;
-          }()) {}
+CommonLength::CommonLength(int dim) : TermOf("common_length", dim, 2, columns_of(), {}) { add_loss(); }
 
 std::string CommonLength::defect(int node_count) const {
   if (std::string problem = Term::defect(node_count); !problem.empty()) return problem;

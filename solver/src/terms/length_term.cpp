@@ -86,21 +86,10 @@ std::vector<Column> columns_of(int dim) {
 }  // namespace
 
 LengthTerm::LengthTerm(std::string_view kind, int dim, std::vector<double> coefficients)
-    : Term(
-          kind, dim, static_cast<int>(coefficients.size()),
-          [dim] {
-            std::vector<Column> columns = columns_of(dim);
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return columns;
-          }(),
-          [] {
-            std::vector<Column> columns;
-            std::vector<Choice> choices{{"law", law_names, 0}};
-            add_loss(columns, choices);
-            return choices;
-          }()),
-      coefficients_(std::move(coefficients)) {}
+    : Term(kind, dim, static_cast<int>(coefficients.size()), columns_of(dim), {{"law", law_names, 0}}),
+      coefficients_(std::move(coefficients)) {
+  add_loss();
+}
 
 Links::Links(int dim) : LengthTerm("links", dim, {1, -1}) {}
 Bendings::Bendings(int dim) : LengthTerm("bendings", dim, {1, -2, 1}) {}

@@ -59,20 +59,9 @@ constexpr int kMaxArity = 3;
 
 LinearTerm::LinearTerm(std::string_view kind, int dim, int arity, std::string_view target,
                        std::vector<Column> coefficients)
-    : Term(
-          kind, dim, arity,
-          [&] {
-            std::vector<Column> columns = columns_of(dim, target, std::move(coefficients));
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return columns;
-          }(),
-          [] {
-            std::vector<Column> columns;
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return choices;
-          }()) {}
+    : Term(kind, dim, arity, columns_of(dim, target, std::move(coefficients)), {}) {
+  add_loss();
+}
 
 Anchors::Anchors(int dim) : LinearTerm("anchors", dim, 1, "position", {}) {}
 Offsets::Offsets(int dim) : LinearTerm("offsets", dim, 2, "offset", {}) {}

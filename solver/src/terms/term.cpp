@@ -210,10 +210,10 @@ Term::Numbers Term::numbers(const Eigen::MatrixXd& values) {
 
 Term::Numbers Term::numbers(std::size_t column) const { return numbers(columns_[column].values); }
 
-void Term::add_loss(std::vector<Column>& columns, std::vector<Choice>& choices) {
-  columns.push_back({"scale", 1, Column::Range::Positive, true});
-  columns.push_back({"sharpness", 1, Column::Range::Positive, true});
-  choices.push_back({"loss", losses, 0});
+void Term::add_loss() {
+  columns_.push_back({"scale", 1, Column::Range::Positive, true});
+  columns_.push_back({"sharpness", 1, Column::Range::Positive, true});
+  choices_.push_back({"loss", losses, 0});
 }
 
 }  // namespace ASTERISM_ABI

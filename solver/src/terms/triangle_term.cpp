@@ -75,21 +75,9 @@ double cross_length(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
 
 }  // namespace
 
-TriangleTerm::TriangleTerm(std::string_view kind, int dim)
-    : Term(
-          kind, dim, 3,
-          [] {
-            std::vector<Column> columns = columns_of();
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return columns;
-          }(),
-          [] {
-            std::vector<Column> columns;
-            std::vector<Choice> choices;
-            add_loss(columns, choices);
-            return choices;
-          }()) {}
+TriangleTerm::TriangleTerm(std::string_view kind, int dim) : Term(kind, dim, 3, columns_of(), {}) {
+  add_loss();
+}
 
 Angles::Angles(int dim) : TriangleTerm("angles", dim) {}
 Areas::Areas(int dim) : TriangleTerm("areas", dim) {}

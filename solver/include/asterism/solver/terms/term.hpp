@@ -164,8 +164,8 @@ class ASTERISM_API Term {
   static Numbers numbers(const Eigen::MatrixXd& values);
   int choice(std::size_t index) const { return choices_[index].value; }
 
-  /// The columns and the choice of a loss, to be the last ones of a term that has one.
-  static void add_loss(std::vector<Column>& columns, std::vector<Choice>& choices);
+  /// Adds the columns and the choice of a loss, after all others: for constructors.
+  void add_loss();
   Loss loss() const { return static_cast<Loss>(choices_.back().value); }
   Numbers scale() const { return numbers(columns_.size() - 2); }
   Numbers sharpness() const { return numbers(columns_.size() - 1); }
