@@ -123,16 +123,7 @@ void SystemRun::align() {
   gradient_ = gradient;
 }
 
-// A bound of the rounding of the energy. That of loads grows with the distance from the origin.
-double SystemRun::rounding(double energy) const {
-  double terms = system_->nodes(), sum = std::abs(energy);
-  for (int t = 0; t < system_->term_count(); ++t) {
-    const Term& term = system_->term(t);
-    terms += term.size();
-    if (term.kind() == "loads") sum += 2 * std::abs(term.energy(*x_, nullptr));
-  }
-  return terms * std::numeric_limits<double>::epsilon() * sum;
-}
+double SystemRun::rounding(double energy) const { return energy_rounding(*system_, *x_, energy); }
 
 bool SystemRun::report() {
   if (options_.gap > 0) {

@@ -172,12 +172,8 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
       return;
     }
     const Eigen::MatrixXd step = factor.solve(gradient);
-    double terms = system.nodes(), scale = std::abs(result.energy);
-    for (int t = 0; t < system.term_count(); ++t) {
-      terms += system.term(t).size();
-      if (system.term(t).kind() == "loads") scale += 2 * std::abs(system.term(t).energy(x, nullptr));
-    }
-    const double rounding = terms * std::numeric_limits<double>::epsilon() * scale;
+    const double scale = detail::energy_scale(system, x, result.energy);
+    const double rounding = detail::energy_rounding(system, x, result.energy);
     const double decrease = gradient.cwiseProduct(step).sum() / 2 * (1 + 1e-6);
     result.lower_bound = result.energy - decrease - rounding;
     // The least possible energy of springs is 0, but loads have none.

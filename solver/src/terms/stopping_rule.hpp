@@ -10,6 +10,12 @@ namespace detail {
 /// The first node of each connected component that nothing holds.
 std::vector<int> floating_nodes(const System& system);
 
+/// What relative errors of the energy at x refer to: the energy, and with loads, whose energy grows with the
+/// distance from the origin, twice the absolute value of each term of them.
+double energy_scale(const System& system, const Eigen::MatrixXd& x, double energy);
+/// A bound of the rounding error of the energy at x.
+double energy_rounding(const System& system, const Eigen::MatrixXd& x, double energy);
+
 /// The stopping rule of all methods, max_i |g_i| / (A_ii L) <= tolerance, see stationarity. For terms whose
 /// curvature has no bound, A is that at the start.
 class SystemRule {

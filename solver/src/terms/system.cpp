@@ -223,6 +223,20 @@ std::vector<int> floating_nodes(const System& system) {
   return first;
 }
 
+double energy_scale(const System& system, const Eigen::MatrixXd& x, double energy) {
+  double scale = std::abs(energy);
+  for (int t = 0; t < system.term_count(); ++t) {
+    if (system.term(t).kind() == "loads") scale += 2 * std::abs(system.term(t).energy(x, nullptr));
+  }
+  return scale;
+}
+
+double energy_rounding(const System& system, const Eigen::MatrixXd& x, double energy) {
+  double terms = system.nodes();
+  for (int t = 0; t < system.term_count(); ++t) terms += system.term(t).size();
+  return terms * std::numeric_limits<double>::epsilon() * energy_scale(system, x, energy);
+}
+
 bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tolerance) {
   constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
   tolerance_ = std::max(tolerance, kLeastTolerance);
