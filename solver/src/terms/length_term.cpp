@@ -91,8 +91,8 @@ LengthTerm::LengthTerm(std::string_view kind, int dim, std::vector<double> coeff
   add_loss();
 }
 
-Links::Links(int dim) : LengthTerm("links", dim, {1, -1}) {}
-Bendings::Bendings(int dim) : LengthTerm("bendings", dim, {1, -2, 1}) {}
+Links::Links(int dim) : TermOf("links", dim, {1, -1}) {}
+Bendings::Bendings(int dim) : TermOf("bendings", dim, {1, -2, 1}) {}
 
 void add_link_law(std::string_view name, LinkFunction function, bool is_convex_in_square) {
   NamedLaws& named = named_laws();

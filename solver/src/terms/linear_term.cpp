@@ -63,13 +63,13 @@ LinearTerm::LinearTerm(std::string_view kind, int dim, int arity, std::string_vi
   add_loss();
 }
 
-Anchors::Anchors(int dim) : LinearTerm("anchors", dim, 1, "position", {}) {}
-Offsets::Offsets(int dim) : LinearTerm("offsets", dim, 2, "offset", {}) {}
+Anchors::Anchors(int dim) : TermOf("anchors", dim, 1, "position", {}) {}
+Offsets::Offsets(int dim) : TermOf("offsets", dim, 2, "offset", {}) {}
 Differences::Differences(int dim)
-    : LinearTerm("differences", dim, 3, "target",
-                 {{.name = "a", .other_rows = dim * dim},
-                  {.name = "b", .other_rows = dim * dim},
-                  {.name = "c", .other_rows = dim * dim}}) {}
+    : TermOf("differences", dim, 3, "target",
+             {{.name = "a", .other_rows = dim * dim},
+              {.name = "b", .other_rows = dim * dim},
+              {.name = "c", .other_rows = dim * dim}}) {}
 
 std::string LinearTerm::defect(int node_count) const {
   if (std::string problem = Term::defect(node_count); !problem.empty()) return problem;

@@ -79,8 +79,8 @@ TriangleTerm::TriangleTerm(std::string_view kind, int dim) : Term(kind, dim, 3, 
   add_loss();
 }
 
-Angles::Angles(int dim) : TriangleTerm("angles", dim) {}
-Areas::Areas(int dim) : TriangleTerm("areas", dim) {}
+Angles::Angles(int dim) : TermOf("angles", dim) {}
+Areas::Areas(int dim) : TermOf("areas", dim) {}
 
 std::string TriangleTerm::defect(int node_count) const {
   std::string problem = Term::defect(node_count);

@@ -27,13 +27,14 @@ class ASTERISM_API LinearTerm : public Term {
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
 
  protected:
-  // The first column is the target t, then stiffness, information, coefficients if `coefficients`, loss.
+  /// The columns are: `target` (t), "stiffness" (k), "information" (S), the coefficients, and the loss's.
   LinearTerm(std::string_view kind, int dim, int arity, std::string_view target,
              std::vector<Column> coefficients);
 
-  Numbers target() const { return numbers(0); }
-  Numbers stiffness() const { return numbers(1); }
-  Numbers information() const { return numbers(2); }
+  Numbers target() const { return numbers(0); }       ///< t
+  Numbers stiffness() const { return numbers(1); }    ///< k
+  Numbers information() const { return numbers(2); }  ///< S
+  /// The greatest eigenvalue of S, 1 without.
   double size_of_information(int element) const;
 
  private:
@@ -45,28 +46,28 @@ class ASTERISM_API LinearTerm : public Term {
 
 /// Points that are pulled to a place: "position" (D) and "stiffness" (1), with "information" (D x D,
 /// optional), S, also of lower rank: a ray or a plane. A node may have any number of them.
-class ASTERISM_API Anchors final : public LinearTerm {
+class ASTERISM_API Anchors final : public TermOf<Anchors, LinearTerm> {
  public:
+  /// Without elements.
   explicit Anchors(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Anchors>(*this); }
   void add_scales(const Points& x, Scales& scales) const override;
 };
 
 /// Pairs with a displacement at rest, d = x_i - x_j - m: "offset" (D), "stiffness" (1), "information".
-class ASTERISM_API Offsets final : public LinearTerm {
+class ASTERISM_API Offsets final : public TermOf<Offsets, LinearTerm> {
  public:
+  /// Without elements.
   explicit Offsets(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Offsets>(*this); }
   void add_scales(const Points& x, Scales& scales) const override;
 };
 
 /// Triples with a linear relation, d = A x_i + B x_j + C x_k - t: "target" (D), "stiffness" (1),
 /// "information", "a", "b" and "c" (1: a factor, or D x D, by columns). Second differences have 1, -2, 1; a
 /// chain that turns by a known angle and scale has the matrices of that similarity.
-class ASTERISM_API Differences final : public LinearTerm {
+class ASTERISM_API Differences final : public TermOf<Differences, LinearTerm> {
  public:
+  /// Without elements.
   explicit Differences(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Differences>(*this); }
   /// Whether its coefficients add up to 0: else a translation changes the energy.
   Role role(int element) const override;
   void add_scales(const Points& x, Scales& scales) const override;
@@ -106,12 +107,15 @@ class ASTERISM_API LengthTerm : public Term {
   const char* why_not_differentiable() const override;
   void add_scales(const Points& x, Scales& scales) const override;
 
+  /// Of all elements.
   LinkLaw law() const { return static_cast<LinkLaw>(choice(0)); }
+  /// See law().
   void set_law(LinkLaw law);
   /// The law of one's own without a name, see add_link_law.
   void set_function(LinkFunction function, bool is_convex_in_square = false);
 
  protected:
+  /// Without elements, with a coefficient c for each node of an element.
   LengthTerm(std::string_view kind, int dim, std::vector<double> coefficients);
 
  private:
@@ -130,22 +134,23 @@ class ASTERISM_API LengthTerm : public Term {
 
 /// Pairs with a length at rest: "length" (1), "upper" (1, for intervals), "stiffness" (1), "offset" (D,
 /// optional: m), "information" (D x D, optional: S).
-class ASTERISM_API Links final : public LengthTerm {
+class ASTERISM_API Links final : public TermOf<Links, LengthTerm> {
  public:
+  /// Without elements.
   explicit Links(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Links>(*this); }
 };
 
 /// Triples with a length of the second difference at rest, v = x_i - 2 x_j + x_k: columns as of Links.
-class ASTERISM_API Bendings final : public LengthTerm {
+class ASTERISM_API Bendings final : public TermOf<Bendings, LengthTerm> {
  public:
+  /// Without elements.
   explicit Bendings(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Bendings>(*this); }
 };
 
 /// A constant force on a node, E = -f . x: "force" (D).
 class ASTERISM_API Loads final : public TermOf<Loads> {
  public:
+  /// Without elements.
   explicit Loads(int dim);
   double energy(const Points& x, Points* gradient) const override;
   void add_curvature(const Points&, Curvature, CurvatureSink&) const override {}
@@ -166,6 +171,7 @@ class ASTERISM_API TriangleTerm : public Term {
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
 
  protected:
+  /// Without elements.
   TriangleTerm(std::string_view kind, int dim);
 
  private:
@@ -178,10 +184,10 @@ class ASTERISM_API TriangleTerm : public Term {
 
 /// The angle at node j between i and k, in [0, pi] radians, not differentiable where they are on a line: its
 /// derivatives count as 0 there. Stiffness in energy per square of a radian.
-class ASTERISM_API Angles final : public TriangleTerm {
+class ASTERISM_API Angles final : public TermOf<Angles, TriangleTerm> {
  public:
+  /// Without elements.
   explicit Angles(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Angles>(*this); }
 
  private:
   double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
@@ -191,10 +197,10 @@ class ASTERISM_API Angles final : public TriangleTerm {
 /// The area of the triangle. In the plane it has a sign, positive where i, j, k turn from the x axis to the y
 /// axis; elsewhere it has none, and its derivatives count as 0 where the corners are on a line. Stiffness in
 /// energy per px^4.
-class ASTERISM_API Areas final : public TriangleTerm {
+class ASTERISM_API Areas final : public TermOf<Areas, TriangleTerm> {
  public:
+  /// Without elements.
   explicit Areas(int dim);
-  std::unique_ptr<Term> clone() const override { return std::make_unique<Areas>(*this); }
 
  private:
   double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
@@ -207,6 +213,7 @@ class ASTERISM_API Areas final : public TriangleTerm {
 /// same for all. The loss is quadratic or Huber's.
 class ASTERISM_API CommonLength final : public TermOf<CommonLength> {
  public:
+  /// Without elements.
   explicit CommonLength(int dim);
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
@@ -225,12 +232,11 @@ class ASTERISM_API CommonLength final : public TermOf<CommonLength> {
   double curvature_of_estimate(const Eigen::VectorXd& ranges, double estimate, bool clamp) const;
 };
 
-/// What a user's function returns of elements: their energies; their gradients, (D arity) x count; and, if
-/// they were asked for, their second derivatives, (D arity)^2 x count, each column a matrix by columns.
+/// What a user's function returns of `count` elements.
 struct ElementValues {
-  Eigen::VectorXd energy;
-  Eigen::MatrixXd gradient;
-  Eigen::MatrixXd second;
+  Eigen::VectorXd energy;    ///< count
+  Eigen::MatrixXd gradient;  ///< (D arity) x count
+  Eigen::MatrixXd second;    ///< if it was asked for, (D arity)^2 x count: each column a matrix by columns
 };
 
 /// A user's function of elements: from their points, (D arity) x count, and their numbers, rows x count.

@@ -27,8 +27,8 @@ inline namespace ASTERISM_ABI {
 class ASTERISM_API System {
  public:
   using Scalar = double;
-  using Points = Eigen::MatrixXd;  ///< dim x nodes, a node is a column
-  static constexpr int kMaxDim = 32;
+  using Points = Eigen::MatrixXd;     ///< dim x nodes, a node is a column
+  static constexpr int kMaxDim = 32;  ///< the most coordinates of a point
 
   /// Throws std::invalid_argument for a negative number of nodes, or for less than one or more than kMaxDim
   /// coordinates.
@@ -40,6 +40,7 @@ class ASTERISM_API System {
   ~System() = default;
 
   int nodes() const { return static_cast<int>(is_fixed_.size()); }
+  /// The number of coordinates of a point.
   int dim() const { return dim_; }
 
   /// Adds nodes at the end.

@@ -48,14 +48,14 @@ struct Scales {
       stiffness;  ///< of each node, as the other nodes stand still: an upper bound where one exists
   /// Pairs of a spring's stiffness and the square of the length that it has at rest.
   std::vector<std::pair<double, double>> lengths;
-  /// The nodes that are pulled to a place, by a stiffness.
+  /// A node that is pulled to a position.
   struct Place {
-    int node;
-    double stiffness;
-    Eigen::VectorXd position;
+    int node;                  ///< its number
+    double stiffness;          ///< of the spring that pulls
+    Eigen::VectorXd position;  ///< where its force is 0
   };
-  std::vector<Place> places;
-  Eigen::VectorXd loads;  ///< the length of each node's load
+  std::vector<Place> places;  ///< one for each such spring
+  Eigen::VectorXd loads;      ///< the length of each node's load
 };
 
 /// Numbers of a term, so many for each of its elements.
@@ -88,6 +88,7 @@ class ASTERISM_API Term {
   using Points = Eigen::MatrixXd;
 
   virtual ~Term() = default;
+  /// A copy with all elements.
   virtual std::unique_ptr<Term> clone() const = 0;
 
   /// Such as "links": in messages and files.
@@ -100,7 +101,9 @@ class ASTERISM_API Term {
   /// arity x size; an element is a column.
   const Eigen::MatrixXi& nodes() const { return nodes_; }
 
+  /// The numbers of the elements, and the properties of the term as a whole; see values() and choose().
   std::span<const Column> columns() const { return columns_; }
+  /// See columns().
   std::span<const Choice> choices() const { return choices_; }
   /// The numbers of a column, to be read, written and resized. Throws std::invalid_argument that names the
   /// nearest column for an unknown one.
@@ -149,19 +152,25 @@ class ASTERISM_API Term {
   virtual const char* why_not_differentiable() const { return nullptr; }
 
  protected:
+  /// A term without elements, with columns and choices that last as long as it does.
   Term(std::string_view kind, int dim, int arity, std::vector<Column> columns, std::vector<Choice> choices);
-  Term(const Term&) = default;
-  Term& operator=(const Term&) = default;
+  Term(const Term&) = default;             ///< for clone()
+  Term& operator=(const Term&) = default;  ///< for terms of the same kind
 
   /// A column's numbers for an element.
   struct Numbers {
-    const double* data;
-    std::ptrdiff_t stride;  // 0 where all elements have the same
+    const double* data;     ///< of the first element; null for a column without numbers
+    std::ptrdiff_t stride;  ///< from one element to the next; 0 where all elements have the same numbers
+    /// The numbers of an element.
     const double* operator[](int element) const { return data + stride * element; }
+    /// Whether there are any.
     explicit operator bool() const { return data != nullptr; }
   };
+  /// Of columns()[column].
   Numbers numbers(std::size_t column) const;
+  /// Of an array of the shape of Column::values.
   static Numbers numbers(const Eigen::MatrixXd& values);
+  /// The value of choices()[index].
   int choice(std::size_t index) const { return choices_[index].value; }
 
   /// Adds the columns and the choice of a loss, after all others: for constructors.
@@ -182,16 +191,18 @@ class ASTERISM_API Term {
   std::vector<Choice> choices_;
 };
 
-/// The base of a term, which copies it.
-template <typename Derived>
-class TermOf : public Term {
+/// The base of the term Derived, which copies it.
+template <typename Derived, typename Base = Term>
+class TermOf : public Base {
  public:
+  /// A copy with all elements.
   std::unique_ptr<Term> clone() const override {
     return std::make_unique<Derived>(static_cast<const Derived&>(*this));
   }
 
  protected:
-  using Term::Term;
+  /// The constructors of the base.
+  using Base::Base;
 };
 
 }  // namespace ASTERISM_ABI
