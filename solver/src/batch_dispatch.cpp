@@ -3,7 +3,7 @@
 namespace asterism::lanes_v0_1 {
 
 extern const KernelSet kPortableKernels;
-#ifdef ASTERISM_BATCH_X86
+#ifdef ASTERISM_LANES_X86
 extern const KernelSet kAvx2Kernels;
 extern const KernelSet kAvx512Kernels;
 #endif
@@ -12,7 +12,7 @@ const KernelSet* kernels(Isa isa) {
   switch (isa) {
     case kPortable:
       return &kPortableKernels;
-#ifdef ASTERISM_BATCH_X86
+#ifdef ASTERISM_LANES_X86
     case kAvx2:
       if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return &kAvx2Kernels;
       break;

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "direction.hpp"
+#include "link_rows.hpp"
 #include "loss.hpp"
 
 namespace asterism {
@@ -155,9 +156,9 @@ struct LengthTerm::Force {
   double length, energy, tension, along, across, tension_by_rest;
 };
 
-// Calls visit(element, v, direction, force, k).
+// Calls visit(element, v, direction, force, k) for the elements from `begin` to before `end`.
 template <int D, typename Visit>
-void LengthTerm::for_each(const Points& x, Visit&& visit) const {
+void LengthTerm::for_each(const Points& x, int begin, int end, Visit&& visit) const {
   const Numbers length = numbers(kLength), upper = numbers(kUpper), stiffness = numbers(kStiffness);
   const Numbers offset = numbers(kOffset), information = numbers(kInformation);
   const Numbers scale = this->scale(), sharpness = this->sharpness();
@@ -204,7 +205,7 @@ void LengthTerm::for_each(const Points& x, Visit&& visit) const {
     }
     return;
   }
-  for (int e = 0; e < size(); ++e) {
+  for (int e = begin; e < end; ++e) {
     const double k = *stiffness[e];
     if (!(k > 0)) continue;
     const PointOf<D> v = vector_of(e);
@@ -225,22 +226,139 @@ void LengthTerm::for_each(const Points& x, Visit&& visit) const {
   }
 }
 
+// The energy of the elements from `begin` to before `end`; adds its gradient unless that is null.
 template <int D>
-double LengthTerm::sum(const Points& x, Points* gradient) const {
+double LengthTerm::sum(const Points& x, int begin, int end, Points* gradient) const {
   double energy = 0;
-  for_each<D>(x, [&](int e, const PointOf<D>&, const PointOf<D>& direction, const Force& force, double) {
+  const auto add = [&](int e, const PointOf<D>&, const PointOf<D>& direction, const Force& force, double) {
     energy += force.energy;
     if (gradient == nullptr) return;
     const int* const node = nodes().col(e).data();
     const PointOf<D> pull = force.tension * direction;
     for (int a = 0; a < arity(); ++a)
       gradient->col(node[a]) += coefficients_[static_cast<std::size_t>(a)] * pull;
-  });
+  };
+  for_each<D>(x, begin, end, add);
   return energy;
 }
 
+// The same for all elements: what most of them need and no more. What is left to sum() are elements whose
+// squares rounding takes too much of, or that leave the range of a double.
+template <int D, int kArity>
+double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
+  const Numbers length = numbers(kLength), upper = numbers(kUpper), stiffness = numbers(kStiffness);
+  const Numbers offset = numbers(kOffset), scale = this->scale(), sharpness = this->sharpness();
+  const LinkLaw law = this->law();
+  const Loss loss = this->loss();
+  const bool is_hooke = law == LinkLaw::Hooke && loss == Loss::Quadratic;
+  const double* const points = x.data();
+  double* const forces = gradient == nullptr ? nullptr : gradient->data();
+  constexpr double kCoefficients[] = {1, kArity == 2 ? -1 : -2, 1};
+  double energy = 0;
+  for (int e = 0; e < size(); ++e) {
+    const int* const node = nodes().data() + kArity * e;
+    double d[D], square = 0;
+    for (int c = 0; c < D; ++c) {
+      d[c] = points[D * node[0] + c];
+      for (int a = 1; a < kArity; ++a) d[c] += kCoefficients[a] * points[D * node[a] + c];
+      if (offset) d[c] -= offset[e][c];
+      square += d[c] * d[c];
+    }
+    const double r = std::sqrt(square), k = *stiffness[e];
+    double value, slope;  // of the potential at r
+    if (is_hooke) {
+      slope = r - *length[e];
+      value = slope * slope / 2;
+    } else {
+      const Stretch s = stretch_of(law, r, *length[e], upper[e]);
+      const auto phi =
+          detail::of_residual(detail::loss_at(loss, scale[e], sharpness[e], s.value * s.value), s.value);
+      value = phi.value;
+      slope = phi.first * s.first;
+    }
+    const double added = k * value, weight = k * slope / r;
+    if (!(square >= lanes_v0_1::kLeastLengthSquare) || !detail::is_finite(added + weight)) [[unlikely]] {
+      energy += sum<D>(x, e, e + 1, gradient);
+      continue;
+    }
+    energy += added;
+    if (forces == nullptr) continue;
+    for (int c = 0; c < D; ++c) {
+      for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * (weight * d[c]);
+    }
+  }
+  return energy;
+}
+
+// The same for links that are many times as many as their nodes, by vectors of them.
+template <int D>
+double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
+  constexpr int kRow = lanes_v0_1::LinkRows::kRow;
+  const auto n = static_cast<int>(x.cols());
+  double points[D][kRow], forces[D][kRow], repeated[3][kRow];
+  constexpr int kBeyond =
+      kRow - lanes_v0_1::LinkRows::kMostNodes;  // what a vector may reach beyond the last node
+  for (int c = 0; c < D; ++c) {
+    for (int i = 0; i < n; ++i) points[c][i] = x(c, i);
+    std::fill_n(points[c] + n, kBeyond, 0.0);
+    std::fill_n(forces[c], n + kBeyond, 0.0);
+  }
+  const auto row = [n](const Numbers& numbers, double* copies) {
+    if (numbers.stride == 0) std::fill_n(copies, n, *numbers[0]);
+    return lanes_v0_1::LinkNumbers{numbers.stride == 0 ? copies : numbers.data, numbers.stride};
+  };
+  constexpr double kEnds[] = {-std::numeric_limits<double>::infinity(),
+                              std::numeric_limits<double>::infinity()};
+  const LinkLaw law = this->law();
+  const Numbers length = numbers(kLength);
+  const Numbers lower = law == LinkLaw::Rope ? Numbers{&kEnds[0], 0} : length;
+  const Numbers upper = law == LinkLaw::Repulsion  ? Numbers{&kEnds[1], 0}
+                        : law == LinkLaw::Interval ? numbers(kUpper)
+                                                   : length;
+  struct LeftOut {
+    const LengthTerm& term;
+    const Points& x;
+    Points* gradient;
+    double energy = 0;
+  } left_out{*this, x, gradient};
+  const lanes_v0_1::LinkRows rows{.pairs = nodes().data(),
+                                  .count = size(),
+                                  .nodes = n,
+                                  .dim = D,
+                                  .points = points[0],
+                                  .forces = gradient == nullptr ? nullptr : forces[0],
+                                  .is_hooke = law == LinkLaw::Hooke,
+                                  .lower = row(lower, repeated[0]),
+                                  .upper = row(upper, repeated[1]),
+                                  .stiffness = row(numbers(kStiffness), repeated[2]),
+                                  .left_out =
+                                      [](void* context, int e) {
+                                        auto& here = *static_cast<LeftOut*>(context);
+                                        here.energy +=
+                                            here.term.template sum<D>(here.x, e, e + 1, here.gradient);
+                                      },
+                                  .context = &left_out};
+  const double energy = lanes_v0_1::sum(rows) / 2;
+  if (!detail::is_finite(energy)) return sum<D>(x, 0, size(), gradient);
+  for (int i = 0; gradient != nullptr && i < n; ++i) {
+    for (int c = 0; c < D; ++c) (*gradient)(c, i) += forces[c][i];
+  }
+  return energy + left_out.energy;
+}
+
 double LengthTerm::energy(const Points& x, Points* gradient) const {
-  return detail::with_dim(dim(), [&]<int D>() { return sum<D>(x, gradient); });
+  return detail::with_dim(dim(), [&]<int D>() {
+    if constexpr (D != Eigen::Dynamic) {
+      if (function() == nullptr && !numbers(kInformation)) {
+        const auto n = static_cast<int>(x.cols());
+        const bool are_rows = arity() == 2 && n <= lanes_v0_1::LinkRows::kMostNodes && size() >= 3 * n &&
+                              law() <= LinkLaw::Interval && loss() == Loss::Quadratic && !numbers(kOffset);
+        if (are_rows) return sum_of_rows<D>(x, gradient);
+        return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
+      }
+    }
+    return sum<D>(x, 0, size(), gradient);
+  });
 }
 
 const char* LengthTerm::problem_with(Curvature curvature) const {
@@ -261,24 +379,25 @@ void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSi
   Eigen::MatrixXd matrix(n * dim, n * dim);
   detail::with_dim(dim, [&]<int D>() {
     BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
-    for_each<D>(x, [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
-      if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
-      double along = force.along, across = force.across;
-      if (curvature == Curvature::Clamped) along = std::max(along, 0.0), across = std::max(across, 0.0);
-      if (curvature == Curvature::Majorising) along = across = k;
-      if (curvature == Curvature::Minorising) along = across;
-      BlockOf<D> block = u * u.transpose();
-      block *= along - across;
-      block += across * shape;
-      for (int a = 0; a < n; ++a) {
-        for (int b = 0; b < n; ++b) {
-          matrix.block(a * dim, b * dim, dim, dim) =
-              (coefficients_[static_cast<std::size_t>(a)] * coefficients_[static_cast<std::size_t>(b)]) *
-              block;
-        }
-      }
-      sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
-    });
+    for_each<D>(
+        x, 0, size(), [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
+          if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+          double along = force.along, across = force.across;
+          if (curvature == Curvature::Clamped) along = std::max(along, 0.0), across = std::max(across, 0.0);
+          if (curvature == Curvature::Majorising) along = across = k;
+          if (curvature == Curvature::Minorising) along = across;
+          BlockOf<D> block = u * u.transpose();
+          block *= along - across;
+          block += across * shape;
+          for (int a = 0; a < n; ++a) {
+            for (int b = 0; b < n; ++b) {
+              matrix.block(a * dim, b * dim, dim, dim) =
+                  (coefficients_[static_cast<std::size_t>(a)] * coefficients_[static_cast<std::size_t>(b)]) *
+                  block;
+            }
+          }
+          sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
+        });
   });
 }
 
@@ -288,30 +407,32 @@ void LengthTerm::add_mixed(const Points& x, const Points& w, std::span<Eigen::Ma
   const Numbers information = numbers(kInformation);
   detail::with_dim(dim, [&]<int D>() {
     BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
-    for_each<D>(x, [&](int e, const PointOf<D>& v, const PointOf<D>& u, const Force& force, double k) {
-      const int* const node = nodes().col(e).data();
-      PointOf<D> delta = PointOf<D>::Zero(dim);
-      for (int a = 0; a < arity(); ++a) delta += coefficients_[static_cast<std::size_t>(a)] * w.col(node[a]);
-      const double along = u.dot(delta);
-      const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
-      const auto at_rest = numbers(kLength)[e];
-      if (law() != LinkLaw::Interval || force.length < *at_rest) {
-        column(kLength)[0] += force.tension_by_rest * along;
-      } else {
-        column(kUpper)[0] += force.tension > 0 ? -force.along * along : 0;
-      }
-      column(kStiffness)[0] += force.tension / k * along;
-      if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
-      if (by[kOffset].size() > 0)
-        column(kOffset) -= (force.along - force.across) * along * u + force.across * (shape * delta);
-      if (information && force.length > 0) {
-        const BlockOf<D> both = delta * v.transpose();
-        const BlockOf<D> by_shape =
-            (force.across / 2) * (both + both.transpose()) +
-            ((force.along - force.across) * along / (2 * force.length)) * v * v.transpose();
-        column(kInformation) += Eigen::Map<const Eigen::VectorXd>(by_shape.data(), dim * dim);
-      }
-    });
+    for_each<D>(
+        x, 0, size(), [&](int e, const PointOf<D>& v, const PointOf<D>& u, const Force& force, double k) {
+          const int* const node = nodes().col(e).data();
+          PointOf<D> delta = PointOf<D>::Zero(dim);
+          for (int a = 0; a < arity(); ++a)
+            delta += coefficients_[static_cast<std::size_t>(a)] * w.col(node[a]);
+          const double along = u.dot(delta);
+          const auto column = [&](std::size_t i) { return by[i].col(by[i].cols() == 1 ? 0 : e); };
+          const auto at_rest = numbers(kLength)[e];
+          if (law() != LinkLaw::Interval || force.length < *at_rest) {
+            column(kLength)[0] += force.tension_by_rest * along;
+          } else {
+            column(kUpper)[0] += force.tension > 0 ? -force.along * along : 0;
+          }
+          column(kStiffness)[0] += force.tension / k * along;
+          if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+          if (by[kOffset].size() > 0)
+            column(kOffset) -= (force.along - force.across) * along * u + force.across * (shape * delta);
+          if (information && force.length > 0) {
+            const BlockOf<D> both = delta * v.transpose();
+            const BlockOf<D> by_shape =
+                (force.across / 2) * (both + both.transpose()) +
+                ((force.along - force.across) * along / (2 * force.length)) * v * v.transpose();
+            column(kInformation) += Eigen::Map<const Eigen::VectorXd>(by_shape.data(), dim * dim);
+          }
+        });
   });
 }
 

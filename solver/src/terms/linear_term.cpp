@@ -114,6 +114,23 @@ void LinearTerm::for_each(const Points& x, Visit&& visit) const {
 template <int D>
 double LinearTerm::sum(const Points& x, Points* gradient) const {
   double energy = 0;
+  if (D != Eigen::Dynamic && arity() <= 2 && loss() == Loss::Quadratic && !information()) {  // most of them
+    const Numbers target = this->target(), stiffness = this->stiffness();
+    for (int e = 0; e < size(); ++e) {
+      const double k = *stiffness[e];
+      if (!(k > 0)) continue;
+      const int* const node = nodes().data() + arity() * e;
+      for (int c = 0; c < D; ++c) {
+        double d = x.data()[D * node[0] + c] - target[e][c];
+        if (arity() == 2) d -= x.data()[D * node[1] + c];
+        energy += k / 2 * d * d;
+        if (gradient == nullptr) continue;
+        gradient->data()[D * node[0] + c] += k * d;
+        if (arity() == 2) gradient->data()[D * node[1] + c] -= k * d;
+      }
+    }
+    return energy;
+  }
   for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>&, const PointOf<D>& shaped,
                      const Derivatives<double>& rho, double k) {
     energy += k * rho.value / 2;

@@ -121,9 +121,13 @@ class ASTERISM_API LengthTerm : public Term {
  private:
   struct Force;
   template <int D, typename Visit>
-  void for_each(const Points& x, Visit&& visit) const;
+  void for_each(const Points& x, int begin, int end, Visit&& visit) const;
   template <int D>
-  double sum(const Points& x, Points* gradient) const;
+  double sum(const Points& x, int begin, int end, Points* gradient) const;
+  template <int D, int kArity>
+  double plain_sum(const Points& x, Points* gradient) const;
+  template <int D>
+  double sum_of_rows(const Points& x, Points* gradient) const;
   // The function of a law that is one's own, with a name or without; else null.
   const LinkFunction* function(bool* is_convex = nullptr) const;
 

@@ -1,0 +1,41 @@
+#pragma once
+
+#include <cstddef>
+
+// The border to kernels for wide instructions; see asterism/solver/detail/batch_kernels.hpp for what may not
+// be on it.
+namespace asterism::lanes_v0_1 {
+
+/// Squares of lengths below are left to others: rounding takes too much of them.
+inline constexpr double kLeastLengthSquare = 0x1p-970;
+
+/// Numbers of links; `stride` is 0 where all have the same, of which there are as many copies as nodes.
+struct LinkNumbers {
+  const double* data;
+  std::ptrdiff_t stride;
+};
+
+/// Links of which many are in rows, (i, j), (i, j + 1), ..., as all pairs of nodes are.
+struct LinkRows {
+  static constexpr int kMostNodes = 1024;
+  static constexpr int kRow = kMostNodes + 8;  ///< of numbers, of which the last are not used
+
+  const int* pairs;      ///< the nodes of each link
+  int count;             ///< of links
+  int nodes;             ///< their number
+  int dim;               ///< 2 or 3
+  const double* points;  ///< a row of kRow finite numbers for each coordinate
+  double* forces;        ///< on the points, to which those of the links are added; or null
+  /// A stretch is r - lower for lengths r below `lower`, r - upper above `upper`, and 0 between them. Hooke's
+  /// law has upper = lower.
+  bool is_hooke;
+  LinkNumbers lower, upper, stiffness;
+  /// Is told of each link that is too short, which is left out.
+  void (*left_out)(void* context, int link);
+  void* context;
+};
+
+/// Twice the energy of the links; not finite if a force is not.
+double sum(const LinkRows& links);
+
+}  // namespace asterism::lanes_v0_1

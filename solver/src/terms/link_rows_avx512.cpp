@@ -1,0 +1,10 @@
+#define ASTERISM_LANES_AVX512
+
+#include "link_rows_kernel.hpp"
+
+namespace asterism::lanes_v0_1 {
+
+double sum_avx512(const LinkRows& links);
+double sum_avx512(const LinkRows& links) { return sum_with_these_instructions(links); }
+
+}  // namespace asterism::lanes_v0_1
