@@ -44,7 +44,7 @@ class Metric {
   static constexpr double kShare = 1e-3;
 
   SystemRun& run_;
-  SystemMatrix matrix_;
+  SystemMatrix matrix_{SystemMatrix::Storage::Best};
   SystemFactor factor_;
   bool is_factored_ = false;
 };
@@ -60,7 +60,7 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
       run.summary().message = std::string_view("the method needs a majoriser: " + missing);
       return Status::InvalidInput;
     }
-    SystemMatrix matrix;
+    SystemMatrix matrix(SystemMatrix::Storage::Best);
     SystemFactor factor;
     matrix.assemble(run.system(), run.x(), Curvature::Majorising);
     ++run.summary().factorizations;

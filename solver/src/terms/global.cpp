@@ -54,10 +54,10 @@ bool is_easy_to_factor(const System& system, const Eigen::MatrixXd& x) {
   constexpr double kFewEntries = 32;  // of a column
   if (x.size() <= kSmall) return true;
   if (!validate(system, x, false).empty()) return true;  // the method refuses it
-  SystemMatrix matrix;
+  SystemMatrix matrix(SystemMatrix::Storage::Sparse);
   matrix.assemble(system, x, Curvature::Clamped);
   SystemFactor factor;
-  return factor.entries(matrix) <= kFewEntries * static_cast<double>(matrix.matrix().rows());
+  return factor.entries(matrix) <= kFewEntries * static_cast<double>(matrix.rows());
 }
 
 }  // namespace

@@ -167,10 +167,9 @@ void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSi
       if (std::any_of(c, c + n, has_matrix)) {
         spread(c, n, w, matrix);
       } else {
-        for (int a = 0; a < n; ++a) {
-          for (int b = 0; b < n; ++b)
-            matrix.block(a * dim, b * dim, dim, dim) = (c[a].factor * c[b].factor) * w;
-        }
+        double factors[kMaxArity];
+        for (int a = 0; a < n; ++a) factors[a] = c[a].factor;
+        detail::set_blocks(n, factors, w, matrix);
       }
       sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
     });

@@ -1,6 +1,7 @@
 #include "matrix.hpp"
 
 #include <algorithm>
+#include <asterism/solver/detail/dense_factor.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <cmath>
@@ -20,58 +21,134 @@ std::string missing_curvature(const System& system, Curvature curvature) {
   return {};
 }
 
+// A dense factor is as fast as a sparse one of a good part of the entries, and small systems are faster
+// without a pattern.
+bool SystemMatrix::should_be_dense() const {
+  constexpr int kSmall = 64;
+  constexpr double kDensity = 0.125;
+  if (storage_ == Storage::Sparse) return false;
+  if (size_ <= kSmall) return true;
+  double entries = 0;
+  for (int t = 0; t < system_->term_count(); ++t) {
+    const Term& term = system_->term(t);
+    entries += static_cast<double>(term.size()) * term.arity() * (term.arity() - 1) * dim_ * dim_;
+  }
+  return entries > kDensity * size_ * size_;
+}
+
 void SystemMatrix::assemble(const System& system, const Eigen::MatrixXd& x, Curvature curvature) {
+  const int former_size = size_;
+  system_ = &system;
   nodes_ = system.nodes();
   dim_ = system.dim();
   size_ = nodes_ * dim_;
-  system_ = &system;
-  rows_.swap(old_rows_);
-  columns_.swap(old_columns_);
-  rows_.clear();
-  columns_.clear();
-  values_.clear();
-  int hidden = nodes_;
   for (int t = 0; t < system.term_count(); ++t) {
-    const Term& term = system.term(t);
-    if (term.size() == 0) continue;
-    set_hidden_node(term.has_hidden() ? hidden : -1);
-    term.add_curvature(x, curvature, *this);
-    if (term.has_hidden()) ++hidden, ++size_;
+    if (system.term(t).size() > 0 && system.term(t).has_hidden()) ++size_;
+  }
+  is_dense_ = should_be_dense();
+  if (is_dense_) {
+    require_memory(3.0 * size_ * size_ * sizeof(double));
+    dense_.setZero(size_, size_);
+    add_terms(x, curvature);
+    for (int i = 0; i < nodes_; ++i) {
+      if (system.is_fixed(i)) dense_.diagonal().segment(i * dim_, dim_).setOnes();
+    }
+    return;
+  }
+
+  std::vector<bool> fixed(static_cast<std::size_t>(nodes_));
+  for (int i = 0; i < nodes_; ++i) fixed[static_cast<std::size_t>(i)] = system.is_fixed(i);
+  const bool is_same_size = size_ == former_size && fixed == known_fixed_;
+  known_fixed_.swap(fixed);
+  if (is_same_size && sparse_.rows() == size_) {
+    adding_ = Adding::ToSlots;
+    next_known_ = 0;
+    next_slot_ = 0;
+    sparse_.coeffs().setZero();
+    add_terms(x, curvature);
+  }
+  if (adding_ != Adding::ToSlots || next_known_ != known_.size()) {
+    adding_ = Adding::Recorded;
+    known_.clear();
+    add_terms(x, curvature);
+    make_pattern();
+    adding_ = Adding::ToSlots;
   }
   for (int i = 0; i < nodes_; ++i) {
-    // Every coordinate has an entry on the diagonal, for shifts and for nodes without elements.
-    for (int d = 0; d < dim_; ++d) {
-      rows_.push_back(i * dim_ + d);
-      columns_.push_back(i * dim_ + d);
-      values_.push_back(system.is_fixed(i) ? 1.0 : 0.0);
-    }
+    for (int d = 0; system.is_fixed(i) && d < dim_; ++d) pivot(i * dim_ + d) = 1;
   }
-  if (size_ != matrix_.rows() || rows_ != old_rows_ || columns_ != old_columns_) make_pattern();
-  double* const entries = matrix_.valuePtr();
-  std::fill(entries, entries + matrix_.nonZeros(), 0.0);
-  for (std::size_t e = 0; e < values_.size(); ++e) entries[slots_[e]] += values_[e];
 }
 
-void SystemMatrix::add(const int* nodes, int count, const double* matrix, int rows) {
+void SystemMatrix::add_terms(const Eigen::MatrixXd& x, Curvature curvature) {
+  int hidden = nodes_;
+  for (int t = 0; t < system_->term_count(); ++t) {
+    const Term& term = system_->term(t);
+    if (term.size() == 0) continue;
+    set_hidden_node(term.has_hidden() ? hidden++ : -1);
+    term.add_curvature(x, curvature, *this);
+  }
+}
+
+template <typename Visit>
+void SystemMatrix::for_each_entry(const int* nodes, int count, const double* matrix, int rows,
+                                  Visit&& visit) const {
+  const auto is_fixed = [this](int node) { return node < nodes_ && system_->is_fixed(node); };
   for (int a = 0, row = 0; a < count; row += unknowns(nodes[a]), ++a) {
-    if (nodes[a] < nodes_ && system_->is_fixed(nodes[a])) continue;
+    if (is_fixed(nodes[a])) continue;
     for (int b = 0, column = 0; b < count; column += unknowns(nodes[b]), ++b) {
-      if (nodes[b] < nodes_ && system_->is_fixed(nodes[b])) continue;
       const int to_row = first_unknown(nodes[a]), to_column = first_unknown(nodes[b]);
-      if (to_row < to_column) continue;
-      for (int j = 0; j < unknowns(nodes[b]); ++j) {
-        for (int i = to_row == to_column ? j : 0; i < unknowns(nodes[a]); ++i) {
-          rows_.push_back(to_row + i);
-          columns_.push_back(to_column + j);
-          values_.push_back(matrix[(column + j) * rows + row + i]);
-        }
+      if (to_row < to_column || is_fixed(nodes[b])) continue;
+      const int row_count = unknowns(nodes[a]), column_count = unknowns(nodes[b]);
+      for (int j = 0; j < column_count; ++j) {
+        for (int i = to_row == to_column ? j : 0; i < row_count; ++i)
+          visit(to_row + i, to_column + j, matrix[(column + j) * rows + row + i]);
       }
     }
   }
 }
 
+bool SystemMatrix::are_known(const int* nodes, int count) {
+  if (next_known_ + static_cast<std::size_t>(count) >= known_.size()) return false;
+  const int* const known = known_.data() + next_known_;
+  if (known[0] != count || !std::equal(nodes, nodes + count, known + 1)) return false;
+  next_known_ += static_cast<std::size_t>(count) + 1;
+  return true;
+}
+
+void SystemMatrix::add(const int* nodes, int count, const double* matrix, int rows) {
+  if (is_dense_) {
+    double* const entries = dense_.data();
+    for_each_entry(nodes, count, matrix, rows,
+                   [entries, stride = std::ptrdiff_t{size_}](int row, int column, double value) {
+                     entries[column * stride + row] += value;
+                   });
+    return;
+  }
+  if (adding_ == Adding::ToSlots && !are_known(nodes, count)) adding_ = Adding::Ignored;
+  if (adding_ == Adding::ToSlots) {
+    double* const entries = sparse_.valuePtr();
+    const int* slot = slots_.data() + next_slot_;
+    for_each_entry(nodes, count, matrix, rows, [&](int, int, double value) { entries[*slot++] += value; });
+    next_slot_ = static_cast<std::size_t>(slot - slots_.data());
+  } else if (adding_ == Adding::Recorded) {
+    known_.push_back(count);
+    known_.insert(known_.end(), nodes, nodes + count);
+    for_each_entry(nodes, count, matrix, rows, [&](int row, int column, double value) {
+      rows_.push_back(row);
+      columns_.push_back(column);
+      values_.push_back(value);
+    });
+  }
+}
+
 // Entries by column and then by row, by two counting sorts.
 void SystemMatrix::make_pattern() {
+  // Every unknown has an entry on the diagonal, for shifts and for nodes without elements.
+  const std::size_t added = values_.size();
+  for (int c = 0; c < size_; ++c) {
+    rows_.push_back(c);
+    columns_.push_back(c);
+  }
   require_entries(static_cast<double>(rows_.size()), sizeof(double) + 2 * sizeof(int));
   const auto sorted = [this](const std::vector<int>& keys, const std::vector<int>& order) {
     std::vector<int> next(static_cast<std::size_t>(size_) + 1);
@@ -101,25 +178,48 @@ void SystemMatrix::make_pattern() {
     slots_[e] = static_cast<int>(inner.size()) - 1;
   }
   std::partial_sum(outer.begin(), outer.end(), outer.begin());
-  matrix_.resize(size_, size_);
-  matrix_.resizeNonZeros(static_cast<Eigen::Index>(inner.size()));
-  std::copy(outer.begin(), outer.end(), matrix_.outerIndexPtr());
-  std::copy(inner.begin(), inner.end(), matrix_.innerIndexPtr());
+  sparse_.resize(size_, size_);
+  sparse_.resizeNonZeros(static_cast<Eigen::Index>(inner.size()));
+  std::copy(outer.begin(), outer.end(), sparse_.outerIndexPtr());
+  std::copy(inner.begin(), inner.end(), sparse_.innerIndexPtr());
+  sparse_.coeffs().setZero();
+  slots_.resize(added);
+  for (std::size_t e = 0; e < added; ++e) sparse_.valuePtr()[slots_[e]] += values_[e];
+  rows_ = columns_ = {};
+  values_ = {};
   ++pattern_;
+}
+
+// The first entry of a column of the triangle.
+double& SystemMatrix::pivot(int row) {
+  return is_dense_ ? dense_(row, row) : sparse_.valuePtr()[sparse_.outerIndexPtr()[row]];
+}
+double SystemMatrix::diagonal(int row) const {
+  return is_dense_ ? dense_(row, row) : sparse_.valuePtr()[sparse_.outerIndexPtr()[row]];
+}
+
+bool SystemMatrix::is_finite() const {
+  // Of the upper triangle of a dense matrix, all entries are 0.
+  return is_dense_ ? all_finite(dense_) : all_finite(sparse_.coeffs());
+}
+
+Eigen::VectorXd SystemMatrix::operator*(const Eigen::VectorXd& v) const {
+  if (is_dense_) return dense_.selfadjointView<Eigen::Lower>() * v;
+  return sparse_.selfadjointView<Eigen::Lower>() * v;
 }
 
 void SystemMatrix::shift(const Eigen::VectorXd& node_stiffness, double share) {
   for (int c = 0; c < size_; ++c) {
     const bool is_hidden = c >= nodes_ * dim_;
     if (!is_hidden && system_->is_fixed(c / dim_)) continue;
-    double& pivot = matrix_.valuePtr()[matrix_.outerIndexPtr()[c]];  // the first of a column of the triangle
-    pivot += share * (is_hidden ? pivot : node_stiffness[c / dim_]);
+    double& diagonal = pivot(c);
+    diagonal += share * (is_hidden ? diagonal : node_stiffness[c / dim_]);
   }
 }
 
 void SystemFactor::analyse(const SystemMatrix& matrix) {
   if (analysed_ != &matrix || pattern_ != matrix.pattern()) {
-    cholesky_.analyzePattern(matrix.matrix());
+    cholesky_.analyzePattern(matrix.sparse());
     analysed_ = &matrix;
     pattern_ = matrix.pattern();
   }
@@ -131,42 +231,93 @@ double SystemFactor::entries(const SystemMatrix& matrix) {
 }
 
 bool SystemFactor::factorize(const SystemMatrix& matrix) {
-  analyse(matrix);
-  cholesky_.factorize(matrix.matrix());
-  if (cholesky_.info() != Eigen::Success) return false;
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
+  const auto is_positive = [&matrix](double pivot, int row) {
+    return pivot > kRounding * matrix.diagonal(row) && pivot > 0 && detail::is_finite(pivot);
+  };
+  is_dense_ = matrix.is_dense();
+  if (is_dense_) {
+    dense_ = factor_ = matrix.dense();
+    if (!DenseFactor<double>::factorize(factor_.data(), factor_.rows())) return false;
+    for (int c = 0; c < matrix.rows(); ++c) {
+      if (!is_positive(factor_(c, c) * factor_(c, c), c)) return false;
+    }
+    return true;
+  }
+  analyse(matrix);
+  cholesky_.factorize(matrix.sparse());
+  if (cholesky_.info() != Eigen::Success) return false;
   const Eigen::VectorXd& pivots = cholesky_.vectorD();
   const auto& place = cholesky_.permutationP().indices();
-  const auto& entries = matrix.matrix();
-  for (Eigen::Index c = 0; c < pivots.size(); ++c) {
-    const double diagonal = entries.valuePtr()[entries.outerIndexPtr()[c]];
-    const double pivot = pivots[place[c]];
-    if (!(pivot > kRounding * diagonal) || !(pivot > 0) || !is_finite(pivot)) return false;
+  for (int c = 0; c < matrix.rows(); ++c) {
+    if (!is_positive(pivots[place[c]], c)) return false;
   }
   return true;
 }
 
-Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const { return cholesky_.solve(right); }
-
-Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(cholesky_.rows());
-  right.head(points.size()) = points.reshaped();
-  const Eigen::VectorXd solution = cholesky_.solve(right);
-  return solution.head(points.size()).reshaped(points.rows(), points.cols());
+Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
+  if (!is_dense_) return cholesky_.solve(right);
+  Eigen::MatrixXd solution = right;
+  factor_.triangularView<Eigen::Lower>().solveInPlace(solution);
+  factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(solution);
+  return solution;
 }
 
+Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(is_dense_ ? factor_.rows() : cholesky_.rows());
+  right.head(points.size()) = points.reshaped();
+  if (is_dense_) {
+    factor_.triangularView<Eigen::Lower>().solveInPlace(right);
+    factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(right);
+  } else {
+    right = cholesky_.solve(right).eval();
+  }
+  return right.head(points.size()).reshaped(points.rows(), points.cols());
+}
+
+namespace {
+
+// L D L^T of a dense matrix, in place: L below the diagonal, D on it. False if a pivot is 0.
+bool factorize_indefinite(Eigen::MatrixXd& a) {
+  for (Eigen::Index c = 0; c < a.cols(); ++c) {
+    const Eigen::Index below = a.rows() - c - 1;
+    const double pivot = a(c, c);
+    if (pivot == 0 || !is_finite(pivot)) return false;
+    const Eigen::VectorXd column = a.col(c).tail(below);
+    for (Eigen::Index j = 0; j < below; ++j)
+      a.col(c + 1 + j).tail(below - j) -= column[j] / pivot * column.tail(below - j);
+    a.col(c).tail(below) /= pivot;
+  }
+  return true;
+}
+
+}  // namespace
+
 Eigen::VectorXd SystemFactor::negative_direction() const {
-  if (cholesky_.info() != Eigen::Success) return {};
+  Eigen::MatrixXd indefinite;
+  if (is_dense_) {
+    indefinite = dense_;
+    if (!factorize_indefinite(indefinite)) return {};
+  } else if (cholesky_.info() != Eigen::Success) {
+    return {};
+  }
+  const Eigen::VectorXd pivots = is_dense_ ? Eigen::VectorXd(indefinite.diagonal()) : cholesky_.vectorD();
   Eigen::Index least = 0;
-  const Eigen::VectorXd& pivots = cholesky_.vectorD();
   if (pivots.size() == 0 || !(pivots.minCoeff(&least) < 0)) return {};
   // A = P^T L D L^T P: v = P^T L^-T e has v^T A v = D_ii.
   Eigen::VectorXd v = Eigen::VectorXd::Unit(pivots.size(), least);
+  if (is_dense_) {
+    indefinite.triangularView<Eigen::UnitLower>().transpose().solveInPlace(v);
+    return v;
+  }
   cholesky_.matrixU().solveInPlace(v);
   return cholesky_.permutationPinv() * v;
 }
 
-double SystemFactor::log_determinant() const { return cholesky_.vectorD().array().log().sum(); }
+double SystemFactor::log_determinant() const {
+  if (is_dense_) return 2 * factor_.diagonal().array().log().sum();
+  return cholesky_.vectorD().array().log().sum();
+}
 
 }  // namespace detail
 }  // namespace ASTERISM_ABI

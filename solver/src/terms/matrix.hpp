@@ -3,6 +3,8 @@
 #include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
 #include <asterism/solver/terms/system.hpp>
+#include <cstddef>
+#include <string>
 #include <vector>
 
 namespace asterism {
@@ -13,16 +15,29 @@ namespace detail {
 std::string missing_curvature(const System& system, Curvature curvature);
 
 /// The matrix of a system's second derivatives at x: its lower triangle, over the coordinates of the points,
-/// node by node, and then the hidden unknowns. Rows of fixed nodes are those of the identity. The pattern is
-/// kept while the elements stay the same.
+/// node by node, and then the hidden unknowns. Rows of fixed nodes are those of the identity. Where entries
+/// are stored is kept while the elements stay the same.
 class SystemMatrix final : public CurvatureSink {
  public:
   using Sparse = Eigen::SparseMatrix<double>;
+  enum class Storage {
+    Sparse,
+    Best  ///< dense for small systems, and where a good part of the entries is not 0
+  };
+
+  explicit SystemMatrix(Storage storage) : storage_(storage) {}
 
   void assemble(const System& system, const Eigen::MatrixXd& x, Curvature curvature);
-  const Sparse& matrix() const { return matrix_; }
-  /// Changes at every change of the pattern.
+  int rows() const { return size_; }
+  bool is_dense() const { return is_dense_; }
+  /// The entries, where is_dense() and where not. The upper triangle of dense() has no meaning.
+  const Eigen::MatrixXd& dense() const { return dense_; }
+  const Sparse& sparse() const { return sparse_; }
+  /// Changes at every change of the sparse pattern.
   int pattern() const { return pattern_; }
+  double diagonal(int row) const;
+  bool is_finite() const;
+  Eigen::VectorXd operator*(const Eigen::VectorXd& v) const;
   /// Adds `share` of the stiffness to the diagonal of each node, and of the diagonal's own to hidden
   /// unknowns.
   void shift(const Eigen::VectorXd& node_stiffness, double share);
@@ -30,21 +45,44 @@ class SystemMatrix final : public CurvatureSink {
   void add(const int* nodes, int count, const double* matrix, int rows) override;
 
  private:
+  // What becomes of the elements that are added to a sparse matrix.
+  enum class Adding {
+    Recorded,  // to make a pattern of
+    ToSlots,   // they are those that the pattern was made of, so far
+    Ignored    // they were not
+  };
+
   int unknowns(int node) const { return node < nodes_ ? dim_ : 1; }
   int first_unknown(int node) const { return node < nodes_ ? node * dim_ : nodes_ * (dim_ - 1) + node; }
+  // Calls visit(row, column, value) for the entries of an element in the lower triangle.
+  template <typename Visit>
+  void for_each_entry(const int* nodes, int count, const double* matrix, int rows, Visit&& visit) const;
+  void add_terms(const Eigen::MatrixXd& x, Curvature curvature);
+  bool should_be_dense() const;
+  bool are_known(const int* nodes, int count);
   void make_pattern();
+  double& pivot(int row);
 
-  int nodes_ = 0, dim_ = 1, size_ = 0, pattern_ = 0;
+  Storage storage_;
   const System* system_ = nullptr;
-  std::vector<int> rows_, columns_, old_rows_, old_columns_, slots_;
+  int nodes_ = 0, dim_ = 1, size_ = 0, pattern_ = 0;
+  bool is_dense_ = false;
+  Eigen::MatrixXd dense_;
+  Sparse sparse_;
+  // The elements of the pattern: for each, how many nodes it has, and these; and where its entries are.
+  std::vector<int> known_, slots_;
+  std::vector<bool> known_fixed_;
+  Adding adding_ = Adding::Recorded;
+  std::size_t next_known_ = 0, next_slot_ = 0;
+  // What is recorded.
+  std::vector<int> rows_, columns_;
   std::vector<double> values_;
-  Sparse matrix_;
 };
 
-/// L D L^T of such a matrix.
+/// A factorisation of such a matrix: L L^T of dense ones, L D L^T of sparse ones.
 class SystemFactor {
  public:
-  /// How many entries L has.
+  /// How many entries the factor of a sparse matrix has.
   double entries(const SystemMatrix& matrix);
   /// Whether all pivots are positive, and not mere rounding beside the diagonal.
   bool factorize(const SystemMatrix& matrix);
@@ -56,11 +94,14 @@ class SystemFactor {
   /// where there is none, or the factorisation broke down.
   Eigen::VectorXd negative_direction() const;
   double log_determinant() const;
+  /// Of a sparse matrix.
   const auto& cholesky() const { return cholesky_; }
 
  private:
   void analyse(const SystemMatrix& matrix);
 
+  bool is_dense_ = false;
+  Eigen::MatrixXd dense_, factor_;  // the matrix, and L in its lower triangle
   Eigen::SimplicialLDLT<SystemMatrix::Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky_;
   int pattern_ = -1;
   const SystemMatrix* analysed_ = nullptr;

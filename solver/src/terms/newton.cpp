@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 
+#include "loss.hpp"
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "run.hpp"
@@ -64,7 +65,7 @@ Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
     if (lacks_hessian(run)) return Status::InvalidInput;
     constexpr double kLeastShare = 1e-9, kMostShare = 1e3;
     constexpr int kMaxEscapes = 50;
-    SystemMatrix matrix, clamped;
+    SystemMatrix matrix(SystemMatrix::Storage::Best), clamped(SystemMatrix::Storage::Best);
     SystemFactor factor, clamped_factor;
     double share = 1e-3;  // of the nodes' stiffness
     int escapes = 0;
@@ -79,7 +80,7 @@ Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
         if (is_definite || !run.rule().reached(run.gradient()) || escapes == kMaxEscapes) return run.end();
         const Eigen::VectorXd v = factor.negative_direction();
         if (v.size() == 0) return run.end();
-        const double curvature = v.dot(matrix.matrix().selfadjointView<Eigen::Lower>() * v);
+        const double curvature = v.dot(matrix * v);
         // What rounding may have made of a free motion is none.
         const double scale =
             v.cwiseAbs2().head(run.x().size()).sum() * run.rule().node_stiffness().maxCoeff();
@@ -120,43 +121,75 @@ Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
 
 namespace {
 
-// The inverses of the nodes' diagonal blocks of a positive semi-definite matrix, and of hidden unknowns.
-class BlockDiagonal {
+// The inverses of the diagonal blocks of the clamped second derivatives, with a share of the nodes'
+// stiffness: those of nodes, and of hidden unknowns.
+class BlockDiagonal final : public CurvatureSink {
  public:
-  BlockDiagonal(const SystemMatrix& matrix, int nodes, int dim) : dim_(dim), nodes_(nodes) {
-    const auto& entries = matrix.matrix();
-    blocks_.setZero(dim, dim * nodes);
-    const Eigen::Index points = dim * nodes;
-    hidden_.resize(entries.rows() - points);
-    for (Eigen::Index c = 0; c < entries.outerSize(); ++c) {
-      for (Eigen::SparseMatrix<double>::InnerIterator at(entries, c); at; ++at) {
-        if (c >= points) {
-          if (at.row() == c) hidden_[c - points] = at.value();
-        } else if (at.row() / dim == c / dim) {
-          blocks_(at.row() % dim, c) = at.value();
-          blocks_(c % dim, dim * (c / dim) + at.row() % dim) = at.value();
-        }
+  explicit BlockDiagonal(const SystemRun& run) : dim_(run.system().dim()), nodes_(run.system().nodes()) {
+    constexpr double kShare = 1e-3;
+    const System& system = run.system();
+    blocks_.setZero(dim_, dim_ * nodes_);
+    for (int i = 0; i < nodes_; ++i)
+      blocks_.middleCols(dim_ * i, dim_).diagonal().setConstant(kShare * run.rule().node_stiffness()[i]);
+    for (int t = 0; t < system.term_count(); ++t) {
+      const Term& term = system.term(t);
+      if (term.size() == 0) continue;
+      if (term.has_hidden()) {
+        set_hidden_node(nodes_ + static_cast<int>(hidden_.size()));
+        hidden_.push_back(0);
+      }
+      term.add_curvature(run.x(), Curvature::Clamped, *this);
+    }
+    for (double& h : hidden_) h *= 1 + kShare;
+    for (int i = 0; i < nodes_; ++i) {
+      auto block = blocks_.middleCols(dim_ * i, dim_);
+      if (system.is_fixed(i)) {
+        block.setIdentity();
+      } else {
+        with_dim(dim_, [&]<int D>() { block = BlockOf<D>(BlockOf<D>(block).inverse()); });
       }
     }
-    for (int i = 0; i < nodes; ++i) {
-      auto block = blocks_.middleCols(dim * i, dim);
-      const Eigen::MatrixXd inverse = block.inverse();
-      block = inverse;
+  }
+
+  void add(const int* nodes, int count, const double* matrix, int rows) override {
+    for (int a = 0, row = 0; a < count; ++a) {
+      if (nodes[a] >= nodes_) {
+        hidden_[static_cast<std::size_t>(nodes[a] - nodes_)] += matrix[row * rows + row];
+        ++row;
+        continue;
+      }
+      for (int b = 0, column = 0; b < count; column += nodes[b] < nodes_ ? dim_ : 1, ++b) {
+        if (nodes[b] != nodes[a]) continue;
+        for (int j = 0; j < dim_; ++j) {
+          for (int i = 0; i < dim_; ++i)
+            blocks_(i, dim_ * nodes[a] + j) += matrix[(column + j) * rows + row + i];
+        }
+      }
+      row += dim_;
     }
   }
 
   Eigen::VectorXd operator()(const Eigen::VectorXd& v) const {
     Eigen::VectorXd result(v.size());
-    for (int i = 0; i < nodes_; ++i)
-      result.segment(dim_ * i, dim_) = blocks_.middleCols(dim_ * i, dim_) * v.segment(dim_ * i, dim_);
-    result.tail(hidden_.size()) = v.tail(hidden_.size()).cwiseQuotient(hidden_);
+    with_dim(dim_, [&]<int D>() {
+      for (Eigen::Index i = 0; i < nodes_; ++i) {
+        const Eigen::Map<const BlockOf<D>> block(blocks_.data() + dim_ * dim_ * i, dim_, dim_);
+        Eigen::Map<PointOf<D>>(result.data() + dim_ * i, dim_).noalias() =
+            block * Eigen::Map<const PointOf<D>>(v.data() + dim_ * i, dim_);
+      }
+    });
+    const Eigen::Index points = dim_ * nodes_;
+    for (std::size_t h = 0; h < hidden_.size(); ++h) {
+      const Eigen::Index row = points + static_cast<Eigen::Index>(h);
+      result[row] = v[row] / hidden_[h];
+    }
     return result;
   }
 
  private:
   int dim_, nodes_;
   Eigen::MatrixXd blocks_;
-  Eigen::VectorXd hidden_;
+  std::vector<double> hidden_;
 };
 
 }  // namespace
@@ -164,14 +197,11 @@ class BlockDiagonal {
 Summary SystemNewtonCg::solve(const System& system, Eigen::MatrixXd& x) const {
   return SystemRun::solve(name(), options, system, x, [](SystemRun& run) {
     if (lacks_hessian(run)) return Status::InvalidInput;
-    SystemMatrix matrix, clamped;
+    SystemMatrix matrix(SystemMatrix::Storage::Best);
     double previous_norm = 0, forcing = 0.5;
     while (!run.is_over()) {
       matrix.assemble(run.system(), run.x(), Curvature::True);
-      clamped.assemble(run.system(), run.x(), Curvature::Clamped);
-      clamped.shift(run.rule().node_stiffness(), 1e-3);
-      const BlockDiagonal precondition(clamped, run.system().nodes(), run.system().dim());
-      const auto hessian = matrix.matrix().selfadjointView<Eigen::Lower>();
+      const BlockDiagonal precondition(run);
 
       const double norm = run.gradient().norm();
       if (previous_norm > 0) {
@@ -181,7 +211,7 @@ Summary SystemNewtonCg::solve(const System& system, Eigen::MatrixXd& x) const {
       previous_norm = norm;
 
       const Eigen::Index points = run.x().size();
-      Eigen::VectorXd residual = Eigen::VectorXd::Zero(matrix.matrix().rows());
+      Eigen::VectorXd residual = Eigen::VectorXd::Zero(matrix.rows());
       residual.head(points) = -run.gradient().reshaped();
       Eigen::VectorXd step = Eigen::VectorXd::Zero(residual.size());
       Eigen::VectorXd z = precondition(residual), direction = z;
@@ -190,7 +220,7 @@ Summary SystemNewtonCg::solve(const System& system, Eigen::MatrixXd& x) const {
       const auto most = 10 + 2 * residual.size();
       bool is_definite = true;  // as far as the directions tell
       for (Eigen::Index inner = 0; inner < most; ++inner) {
-        const Eigen::VectorXd image = hessian * direction;
+        const Eigen::VectorXd image = matrix * direction;
         const double curvature = direction.dot(image);
         if (!(curvature > 0)) {
           is_definite = false;

@@ -18,7 +18,7 @@ struct Solution::Factored {
 
   System system;
   Eigen::MatrixXd x;
-  detail::SystemMatrix matrix;
+  detail::SystemMatrix matrix{detail::SystemMatrix::Storage::Sparse};
   detail::SystemFactor factor;
 };
 
@@ -29,7 +29,7 @@ Solution::Solution(const System& system, const Eigen::MatrixXd& x) {
     if (!problem_.empty()) return;
     factored_ = std::make_unique<Factored>(system, x);
     factored_->matrix.assemble(system, x, Curvature::True);
-    if (!detail::all_finite(factored_->matrix.matrix().coeffs())) {
+    if (!factored_->matrix.is_finite()) {
       problem_ = "the Hessian leaves the range of a double";
     } else if (!factored_->factor.factorize(factored_->matrix)) {
       problem_ = "the Hessian is not positive definite to the digits of a double";
@@ -54,7 +54,7 @@ Eigen::MatrixXd Solution::covariance(int node) const {
   if (node < 0 || node >= f.system.nodes())
     detail::raise(std::out_of_range("there is no node " + std::to_string(node)));
   if (f.system.is_fixed(node)) return Eigen::MatrixXd::Zero(dim, dim);
-  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(f.matrix.matrix().rows(), dim);
+  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(f.matrix.rows(), dim);
   right.middleRows(node * dim, dim).setIdentity();
   return f.factor.solve_all(right).middleRows(node * dim, dim);
 }
@@ -81,7 +81,7 @@ Eigen::MatrixXd Solution::joint_covariance() const {
   const Factored& f = factored();
   const int size = f.system.dim() * f.system.nodes();
   detail::require_memory(3.0 * size * size * sizeof(double));
-  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(f.matrix.matrix().rows(), size);
+  Eigen::MatrixXd right = Eigen::MatrixXd::Zero(f.matrix.rows(), size);
   right.topRows(size).setIdentity();
   for (int i = 0; i < f.system.nodes(); ++i) {
     if (f.system.is_fixed(i)) right.middleCols(f.system.dim() * i, f.system.dim()).setZero();
@@ -121,9 +121,9 @@ std::vector<std::vector<Eigen::MatrixXd>> Solution::gradients(const Eigen::Matri
 Eigen::MatrixXd hessian(const System& system, const Eigen::MatrixXd& x, Curvature curvature) {
   if (const std::string problem = detail::missing_curvature(system, curvature); !problem.empty())
     detail::raise(std::invalid_argument(problem));
-  detail::SystemMatrix matrix;
+  detail::SystemMatrix matrix(detail::SystemMatrix::Storage::Sparse);
   matrix.assemble(system, x, curvature);
-  const Eigen::MatrixXd all = Eigen::MatrixXd(matrix.matrix()).selfadjointView<Eigen::Lower>();
+  const Eigen::MatrixXd all = Eigen::MatrixXd(matrix.sparse()).selfadjointView<Eigen::Lower>();
   const Eigen::Index points = x.size(), hidden = all.rows() - points;
   Eigen::MatrixXd result = all.topLeftCorner(points, points);
   // As the energy is the least one over the hidden unknowns, which are not coupled to each other.
@@ -148,14 +148,14 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
   const auto prove = [&] {
     Eigen::MatrixXd gradient;
     result.energy = energy_and_gradient(system, x, gradient);
-    detail::SystemMatrix matrix;
+    detail::SystemMatrix matrix(detail::SystemMatrix::Storage::Sparse);
     matrix.assemble(system, x, Curvature::Minorising);
-    if (!detail::is_finite(result.energy) || !detail::all_finite(matrix.matrix().coeffs())) {
+    if (!detail::is_finite(result.energy) || !matrix.is_finite()) {
       refuse("energy or curvature leave the range of a double");
       return;
     }
     // The rounding of the matrix and of its factor, less than this share of its norm, is taken off first.
-    const auto& entries = matrix.matrix();
+    const auto& entries = matrix.sparse();
     const double norm = entries.nonZeros() > 0 ? entries.coeffs().abs().maxCoeff() : 0.0;
     const double margin =
         64 * std::numeric_limits<double>::epsilon() * static_cast<double>(entries.rows()) * norm;
