@@ -376,28 +376,21 @@ const char* LengthTerm::problem_with(Curvature curvature) const {
 void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   const int n = arity(), dim = this->dim();
   const Numbers information = numbers(kInformation);
-  Eigen::MatrixXd matrix(n * dim, n * dim);
   detail::with_dim(dim, [&]<int D>() {
     BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
-    for_each<D>(
-        x, 0, size(), [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
-          if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
-          double along = force.along, across = force.across;
-          if (curvature == Curvature::Clamped) along = std::max(along, 0.0), across = std::max(across, 0.0);
-          if (curvature == Curvature::Majorising) along = across = k;
-          if (curvature == Curvature::Minorising) along = across;
-          BlockOf<D> block = u * u.transpose();
-          block *= along - across;
-          block += across * shape;
-          for (int a = 0; a < n; ++a) {
-            for (int b = 0; b < n; ++b) {
-              matrix.block(a * dim, b * dim, dim, dim) =
-                  (coefficients_[static_cast<std::size_t>(a)] * coefficients_[static_cast<std::size_t>(b)]) *
-                  block;
-            }
-          }
-          sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
-        });
+    for_each<D>(x, 0, size(),
+                [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
+                  if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+                  double along = force.along, across = force.across;
+                  if (curvature == Curvature::Clamped)
+                    along = std::max(along, 0.0), across = std::max(across, 0.0);
+                  if (curvature == Curvature::Majorising) along = across = k;
+                  if (curvature == Curvature::Minorising) along = across;
+                  BlockOf<D> block = u * u.transpose();
+                  block *= along - across;
+                  block += across * shape;
+                  sink.add_blocks(nodes().col(e).data(), n, coefficients_.data(), block.data(), dim);
+                });
   });
 }
 

@@ -149,7 +149,7 @@ double LinearTerm::energy(const Points& x, Points* gradient) const {
 void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   const int n = arity(), dim = this->dim();
   const Numbers information = this->information(), sharpness = this->sharpness();
-  Eigen::MatrixXd matrix(n * dim, n * dim);
+  Eigen::MatrixXd matrix;
   detail::with_dim(dim, [&]<int D>() {
     for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>&, const PointOf<D>& shaped,
                        const Derivatives<double>& rho, double k) {
@@ -163,15 +163,16 @@ void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSi
       } else {
         w *= k * detail::least_curvature(loss(), sharpness[e]);
       }
+      const int* const node = nodes().col(e).data();
       const auto has_matrix = [](const Coefficient& each) { return each.matrix != nullptr; };
       if (std::any_of(c, c + n, has_matrix)) {
         spread(c, n, w, matrix);
+        sink.add(node, n, matrix.data(), n * dim);
       } else {
         double factors[kMaxArity];
         for (int a = 0; a < n; ++a) factors[a] = c[a].factor;
-        detail::set_blocks(n, factors, w, matrix);
+        sink.add_blocks(node, n, factors, w.data(), dim);
       }
-      sink.add(nodes().col(e).data(), n, matrix.data(), n * dim);
     });
   });
 }

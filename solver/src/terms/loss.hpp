@@ -24,21 +24,6 @@ decltype(auto) with_dim(int dim, F&& f) {
   return f.template operator()<Eigen::Dynamic>();
 }
 
-/// The matrix of an element whose nodes a and b have the block c_a c_b `block`.
-template <typename Block>
-void set_blocks(int nodes, const double* c, const Block& block, Eigen::MatrixXd& matrix) {
-  const Eigen::Index dim = block.rows();
-  double* to = matrix.data();
-  for (int b = 0; b < nodes; ++b) {
-    for (Eigen::Index j = 0; j < dim; ++j) {
-      for (int a = 0; a < nodes; ++a) {
-        const double factor = c[a] * c[b];
-        for (Eigen::Index i = 0; i < dim; ++i) *to++ = factor * block(i, j);
-      }
-    }
-  }
-}
-
 /// rho at s and its derivatives, with the parameters of one element; null where the loss needs none.
 inline Derivatives<double> loss_at(Loss loss, const double* scale, const double* sharpness, double s) {
   switch (loss) {

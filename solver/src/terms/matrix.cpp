@@ -89,19 +89,17 @@ void SystemMatrix::add_terms(const Eigen::MatrixXd& x, Curvature curvature) {
   }
 }
 
-template <typename Visit>
-void SystemMatrix::for_each_entry(const int* nodes, int count, const double* matrix, int rows,
-                                  Visit&& visit) const {
+template <typename Value, typename To>
+void SystemMatrix::for_each_entry(const int* nodes, int count, Value&& value, To&& to) const {
   const auto is_fixed = [this](int node) { return node < nodes_ && system_->is_fixed(node); };
-  for (int a = 0, row = 0; a < count; row += unknowns(nodes[a]), ++a) {
-    if (is_fixed(nodes[a])) continue;
-    for (int b = 0, column = 0; b < count; column += unknowns(nodes[b]), ++b) {
-      const int to_row = first_unknown(nodes[a]), to_column = first_unknown(nodes[b]);
-      if (to_row < to_column || is_fixed(nodes[b])) continue;
-      const int row_count = unknowns(nodes[a]), column_count = unknowns(nodes[b]);
-      for (int j = 0; j < column_count; ++j) {
-        for (int i = to_row == to_column ? j : 0; i < row_count; ++i)
-          visit(to_row + i, to_column + j, matrix[(column + j) * rows + row + i]);
+  for (int b = 0; b < count; ++b) {
+    if (is_fixed(nodes[b])) continue;
+    const int column = first_unknown(nodes[b]), columns = unknowns(nodes[b]);
+    for (int a = 0; a < count; ++a) {
+      const int row = first_unknown(nodes[a]), rows = unknowns(nodes[a]);
+      if (row < column || is_fixed(nodes[a])) continue;
+      for (int j = 0; j < columns; ++j) {
+        for (int i = row == column ? j : 0; i < rows; ++i) to(row + i, column + j, value(a, b, i, j));
       }
     }
   }
@@ -115,12 +113,13 @@ bool SystemMatrix::are_known(const int* nodes, int count) {
   return true;
 }
 
-void SystemMatrix::add(const int* nodes, int count, const double* matrix, int rows) {
+template <typename Value>
+void SystemMatrix::add_element(const int* nodes, int count, Value&& value) {
   if (is_dense_) {
     double* const entries = dense_.data();
-    for_each_entry(nodes, count, matrix, rows,
-                   [entries, stride = std::ptrdiff_t{size_}](int row, int column, double value) {
-                     entries[column * stride + row] += value;
+    for_each_entry(nodes, count, value,
+                   [entries, stride = std::ptrdiff_t{size_}](int row, int column, double v) {
+                     entries[column * stride + row] += v;
                    });
     return;
   }
@@ -128,16 +127,35 @@ void SystemMatrix::add(const int* nodes, int count, const double* matrix, int ro
   if (adding_ == Adding::ToSlots) {
     double* const entries = sparse_.valuePtr();
     const int* slot = slots_.data() + next_slot_;
-    for_each_entry(nodes, count, matrix, rows, [&](int, int, double value) { entries[*slot++] += value; });
+    for_each_entry(nodes, count, value, [&](int, int, double v) { entries[*slot++] += v; });
     next_slot_ = static_cast<std::size_t>(slot - slots_.data());
   } else if (adding_ == Adding::Recorded) {
     known_.push_back(count);
     known_.insert(known_.end(), nodes, nodes + count);
-    for_each_entry(nodes, count, matrix, rows, [&](int row, int column, double value) {
+    for_each_entry(nodes, count, value, [&](int row, int column, double v) {
       rows_.push_back(row);
       columns_.push_back(column);
-      values_.push_back(value);
+      values_.push_back(v);
     });
+  }
+}
+
+void SystemMatrix::add(const int* nodes, int count, const double* matrix, int rows) {
+  constexpr int kMostNodes = 64;
+  int few[kMostNodes];
+  std::vector<int> many(count > kMostNodes ? static_cast<std::size_t>(count) : 0);
+  int* const first = count > kMostNodes ? many.data() : few;  // the row of each node's first unknown
+  for (int a = 0, row = 0; a < count; row += unknowns(nodes[a]), ++a) first[a] = row;
+  add_element(nodes, count, [=](int a, int b, int i, int j) {
+    return matrix[std::ptrdiff_t{first[b] + j} * rows + first[a] + i];
+  });
+}
+
+void SystemMatrix::add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) {
+  if (dim == 2) {
+    add_element(nodes, count, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[2 * j + i]; });
+  } else {
+    add_element(nodes, count, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[dim * j + i]; });
   }
 }
 

@@ -43,6 +43,7 @@ class SystemMatrix final : public CurvatureSink {
   void shift(const Eigen::VectorXd& node_stiffness, double share);
 
   void add(const int* nodes, int count, const double* matrix, int rows) override;
+  void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) override;
 
  private:
   // What becomes of the elements that are added to a sparse matrix.
@@ -54,9 +55,13 @@ class SystemMatrix final : public CurvatureSink {
 
   int unknowns(int node) const { return node < nodes_ ? dim_ : 1; }
   int first_unknown(int node) const { return node < nodes_ ? node * dim_ : nodes_ * (dim_ - 1) + node; }
-  // Calls visit(row, column, value) for the entries of an element in the lower triangle.
-  template <typename Visit>
-  void for_each_entry(const int* nodes, int count, const double* matrix, int rows, Visit&& visit) const;
+  // Adds the entries of an element in the lower triangle; value(a, b, i, j) is that of the unknowns i and j
+  // of its nodes a and b.
+  template <typename Value>
+  void add_element(const int* nodes, int count, Value&& value);
+  // Calls to(row, column, value) for each entry.
+  template <typename Value, typename To>
+  void for_each_entry(const int* nodes, int count, Value&& value, To&& to) const;
   void add_terms(const Eigen::MatrixXd& x, Curvature curvature);
   bool should_be_dense() const;
   bool are_known(const int* nodes, int count);

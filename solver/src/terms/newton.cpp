@@ -151,6 +151,16 @@ class BlockDiagonal final : public CurvatureSink {
     }
   }
 
+  void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) override {
+    for (int a = 0; a < count; ++a) {
+      double* const block = blocks_.data() + std::ptrdiff_t{dim} * dim * nodes[a];
+      for (int b = 0; b < count; ++b) {
+        if (nodes[b] != nodes[a]) continue;
+        for (int entry = 0; entry < dim * dim; ++entry) block[entry] += c[a] * c[b] * B[entry];
+      }
+    }
+  }
+
   void add(const int* nodes, int count, const double* matrix, int rows) override {
     for (int a = 0, row = 0; a < count; ++a) {
       if (nodes[a] >= nodes_) {

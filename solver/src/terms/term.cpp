@@ -52,6 +52,15 @@ void append_columns(Matrix& to, const Matrix& more) {
 
 }  // namespace
 
+void CurvatureSink::add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) {
+  Eigen::MatrixXd matrix(count * dim, count * dim);
+  const Eigen::Map<const Eigen::MatrixXd> block(B, dim, dim);
+  for (int a = 0; a < count; ++a) {
+    for (int b = 0; b < count; ++b) matrix.block(a * dim, b * dim, dim, dim) = (c[a] * c[b]) * block;
+  }
+  add(nodes, count, matrix.data(), count * dim);
+}
+
 Term::Term(std::string_view kind, int dim, int arity, std::vector<Column> columns,
            std::vector<Choice> choices)
     : kind_(kind), dim_(dim), nodes_(arity, 0), columns_(std::move(columns)), choices_(std::move(choices)) {

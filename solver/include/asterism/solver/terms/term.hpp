@@ -33,6 +33,9 @@ class ASTERISM_API CurvatureSink {
   /// with `rows` rows, column by column. A node may come more than once. A hidden unknown is hidden_node()
   /// and has one row.
   virtual void add(const int* nodes, int count, const double* matrix, int rows) = 0;
+  /// The same for an element without a hidden unknown whose nodes a and b have the block c_a c_b B, with B
+  /// symmetric, dim x dim.
+  virtual void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim);
 
   /// The number that stands for the hidden unknown of the term that is visited, see Term::has_hidden.
   int hidden_node() const { return hidden_node_; }
