@@ -382,6 +382,92 @@ TEST_P(EveryKind, SolutionsAreDifferentiated) {
 }
 
 // All terms at once, with anchors that hold every node.
+// The energy and the gradient of links by the formula of each, in long double; links of coincident nodes pull
+// at none here, as their direction is a matter of choice.
+long double sum_of_links(const Links& links, const MatrixXd& x,
+                         Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic>& gradient) {
+  long double sum = 0;
+  gradient.setZero(x.rows(), x.cols());
+  const auto at = [](const MatrixXd& values, int e) {
+    return static_cast<long double>(values(0, values.cols() == 1 ? 0 : e));
+  };
+  for (int e = 0; e < links.size(); ++e) {
+    const int i = links.nodes()(0, e), j = links.nodes()(1, e);
+    const Eigen::Matrix<long double, Eigen::Dynamic, 1> d =
+        x.col(i).cast<long double>() - x.col(j).cast<long double>();
+    const long double r = std::sqrt(d.squaredNorm()), mu = at(links.values("length"), e),
+                      k = at(links.values("stiffness"), e);
+    long double s = r - mu;
+    if (links.law() == LinkLaw::Rope) s = std::max(s, 0.0L);
+    if (links.law() == LinkLaw::Repulsion) s = std::min(s, 0.0L);
+    if (links.law() == LinkLaw::Interval)
+      s = std::min(s, 0.0L) + std::max(r - at(links.values("upper"), e), 0.0L);
+    sum += k * s * s / 2;
+    if (!(r > 0)) continue;
+    gradient.col(i) += k * s / r * d;
+    gradient.col(j) -= k * s / r * d;
+  }
+  return sum;
+}
+
+class SumOfLinks : public ::testing::TestWithParam<LinkLaw> {};
+
+INSTANTIATE_TEST_SUITE_P(Terms, SumOfLinks,
+                         ::testing::Values(LinkLaw::Hooke, LinkLaw::Rope, LinkLaw::Repulsion,
+                                           LinkLaw::Interval));
+
+// Links of all pairs are summed by rows of many at a time: rows of every length, with gaps, and in any order.
+TEST_P(SumOfLinks, IsThatOfEachByItself) {
+  enum Order { kInRows, kWithGaps, kShuffled, kOrders };
+  for (const int dim : {2, 3}) {
+    for (const int n : {2, 6, 7, 8, 9, 10, 13, 33, 130}) {
+      for (int order = 0; order < kOrders; ++order) {
+        for (const double scale : {1.0, 1e-120, 1e120, 1e-160}) {
+          for (const bool same : {false, true}) {
+            Rng rng(static_cast<std::uint64_t>(n) * 10 + static_cast<std::uint64_t>(order));
+            const Eigen::Matrix2Xi all = all_pairs(n);
+            std::vector<int> chosen;
+            for (int l = 0; l < all.cols(); ++l) {
+              if (order != kWithGaps || rng.uniform(0, 1) < 0.9) chosen.push_back(l);
+            }
+            for (std::size_t l = 0; order == kShuffled && l < chosen.size(); ++l)
+              std::swap(chosen[l],
+                        chosen[static_cast<std::size_t>(rng.uniform(0, 1) * static_cast<double>(l))]);
+            const Eigen::Matrix2Xi pairs = all(Eigen::all, chosen);
+            MatrixXd x = scale * random_points(rng, dim, n);
+            const bool is_coincident = n >= 9 && scale >= 1e-120;
+            if (is_coincident) x.col(3) = x.col(7);
+            Links links(dim);
+            links.set_nodes(pairs);
+            const Eigen::Index count = same ? 1 : pairs.cols();
+            links.values("length") = scale * random_points(rng, 1, static_cast<int>(count)).cwiseAbs();
+            links.values("upper") = 1.5 * links.values("length");
+            links.values("stiffness") = random_points(rng, 1, static_cast<int>(count)).cwiseAbs();
+            links.set_law(GetParam());
+
+            MatrixXd gradient = MatrixXd::Zero(dim, n);
+            const double energy = links.energy(x, &gradient);
+            Eigen::Matrix<long double, Eigen::Dynamic, Eigen::Dynamic> expected;
+            const long double sum = sum_of_links(links, x, expected);
+            const std::string where = std::to_string(dim) + " coordinates, " + std::to_string(n) +
+                                      " nodes, order " + std::to_string(order) + ", scale " +
+                                      std::to_string(std::log10(scale));
+            const auto tolerance = static_cast<double>(sum) * 1e-13 + 1e-320;
+            EXPECT_NEAR(energy, static_cast<double>(sum), tolerance) << where;
+            EXPECT_NEAR(links.energy(x, nullptr), static_cast<double>(sum), tolerance) << where;
+            for (int i = 0; i < n; ++i) {
+              if (is_coincident && (i == 3 || i == 7)) continue;
+              EXPECT_LE((gradient.col(i) - expected.col(i).cast<double>()).norm(), 1e-12 * scale * 100 * n)
+                  << where << ", node " << i;
+            }
+            EXPECT_LE(gradient.rowwise().sum().norm(), 1e-12 * scale * 100 * n * n) << where;
+          }
+        }
+      }
+    }
+  }
+}
+
 System mixture(Rng& rng, int dim, bool smooth) {
   System system(kNodes, dim);
   for (const Kind& kind : kinds()) {
