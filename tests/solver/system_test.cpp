@@ -302,6 +302,15 @@ TEST_P(EveryKind, HessianIsThatOfTheGradient) {
 }
 
 // Clamped matrices are positive semi-definite; the bounds hold between random points.
+TEST_P(EveryKind, QuadraticOnesHaveOneHessian) {
+  for_systems([](const System& system, Rng& rng) {
+    const MatrixXd x = random_points(rng, system.dim(), kNodes);
+    if (!system.term(0).is_quadratic() || system.term(0).problem_with(Curvature::True) != nullptr) return;
+    const MatrixXd here = hessian(system, x), there = hessian(system, 2 * x);
+    EXPECT_LE((here - there).norm(), 1e-12 * here.norm());
+  });
+}
+
 TEST_P(EveryKind, CurvaturesAreWhatTheySay) {
   for_systems([](const System& system, Rng& rng) {
     const Term& term = system.term(0);
@@ -771,32 +780,6 @@ TEST(SystemMethods, NewtonLeavesALine) {
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     EXPECT_EQ(summary.positive_definite, 1) << summary;
     EXPECT_GT(x.row(1).cwiseAbs().maxCoeff(), 1);
-  }
-}
-
-TEST(SystemMethods, GraduatedFindsWhatMostAgreeOn) {
-  for (const Loss loss : {Loss::GemanMcClure, Loss::Truncated}) {
-    for (std::uint64_t seed = 1; seed <= 10; ++seed) {
-      Rng rng(seed);
-      const MatrixXd shape = random_points(rng, 2, 9, 30);
-      MatrixXd seen = shape;
-      for (const int i : {0, 3, 6}) seen.col(i) += random_points(rng, 2, 1, 40) + Eigen::Vector2d(60, 0);
-      System system(9, 2);
-      system.add_anchors(seen, System::all(1)).set_loss(loss, 2);
-      system.add_offsets(
-          all_pairs(9),
-          [&] {
-            MatrixXd offsets(2, 36);
-            for (int l = 0; l < 36; ++l)
-              offsets.col(l) = shape.col(all_pairs(9)(0, l)) - shape.col(all_pairs(9)(1, l));
-            return offsets;
-          }(),
-          System::all(1));
-      MatrixXd x = seen;
-      const Summary summary = solve("graduated", system, x);
-      EXPECT_TRUE(summary.usable()) << summary;
-      EXPECT_LE((x - shape).colwise().norm().maxCoeff(), 1.0) << summary;
-    }
   }
 }
 

@@ -14,7 +14,6 @@
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/branch_and_bound.hpp>
-#include <asterism/solver/method/graduated.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/make_solver.hpp>

@@ -48,23 +48,19 @@ class Random {
 
 namespace {
 
-// Whether the Hessian is small, or has a factor with few entries, as those of chains and trees have.
-bool is_easy_to_factor(const System& system, const Eigen::MatrixXd& x) {
-  constexpr int kSmall = 512;
-  constexpr double kFewEntries = 32;  // of a column
-  if (x.size() <= kSmall) return true;
-  if (!validate(system, x, false).empty()) return true;  // the method refuses it
-  SystemMatrix matrix(SystemMatrix::Storage::Sparse);
-  matrix.assemble(system, x, Curvature::Clamped);
-  SystemFactor factor;
-  return factor.entries(matrix) <= kFewEntries * static_cast<double>(matrix.rows());
+bool is_quadratic(const System& system) {
+  for (int t = 0; t < system.term_count(); ++t) {
+    if (system.term(t).size() > 0 && !system.term(t).is_quadratic()) return false;
+  }
+  return true;
 }
 
 }  // namespace
 
 Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
-  if (is_easy_to_factor(system, x)) return SystemNewton{options}.solve(system, x);
+  constexpr int kSmall = 64;  // unknowns
+  if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
   return SystemNewtonCg{options}.solve(system, x);
 }
 

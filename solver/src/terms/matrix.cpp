@@ -243,11 +243,6 @@ void SystemFactor::analyse(const SystemMatrix& matrix) {
   }
 }
 
-double SystemFactor::entries(const SystemMatrix& matrix) {
-  analyse(matrix);
-  return static_cast<double>(cholesky_.matrixL().nestedExpression().data().size());
-}
-
 bool SystemFactor::factorize(const SystemMatrix& matrix) {
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
   const auto is_positive = [&matrix](double pivot, int row) {

@@ -87,8 +87,6 @@ class SystemMatrix final : public CurvatureSink {
 /// A factorisation of such a matrix: L L^T of dense ones, L D L^T of sparse ones.
 class SystemFactor {
  public:
-  /// How many entries the factor of a sparse matrix has.
-  double entries(const SystemMatrix& matrix);
   /// Whether all pivots are positive, and not mere rounding beside the diagonal.
   bool factorize(const SystemMatrix& matrix);
   /// The points' part of the solution for a right-hand side that is `points`, and 0 for hidden unknowns.

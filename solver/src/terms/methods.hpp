@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/solver/method/graduated.hpp>
 #include <asterism/solver/method/multi_start.hpp>
+#include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/system.hpp>
@@ -53,8 +53,8 @@ struct SystemIda {
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
-/// L-BFGS where a term has no second derivatives; else Newton where the Hessian is small or its factor has
-/// few entries, and Newton-CG elsewhere.
+/// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
+/// energies, and Newton-CG elsewhere (bench/laboratory/terms_auto.py).
 struct SystemAuto {
   AlignedOptions options;
   static constexpr std::string_view name() { return "auto"; }
@@ -68,9 +68,29 @@ struct SystemMultiStart {
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
-/// Graduated non-convexity, see Graduated: the losses that are not convex come from convex ones.
+/// Options of graduated non-convexity, in addition to those of its solves.
+struct GraduatedOptions : AlignedOptions {
+  /// From one solve to the next, the losses come nearer to themselves by this factor.
+  double factor = 1.4;
+
+  constexpr const char* problem() const {
+    if (!(factor >= 1.001 && factor <= 1e6)) return "option factor is not between 1.001 and 1e6";
+    return AlignedOptions::problem();
+  }
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, GraduatedOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("factor", options.factor, {1.001, 1e6});
+}
+
+/// Graduated non-convexity (Blake and Zisserman 1987): solves the system with plain springs first, then with
+/// losses that come from a convex one to the given one, each from the last solution, as Yang et al. (2020)
+/// do. Where many elements are outliers, it finds the placement that the others agree on. Nothing is proven.
+/// If the sequence fails or leads above the start, the result is that of "auto" alone.
 struct SystemGraduated {
-  GraduatedOptions<AlignedOptions> options;
+  GraduatedOptions options;
   static constexpr std::string_view name() { return "graduated non-convexity"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };

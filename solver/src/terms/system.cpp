@@ -162,6 +162,12 @@ Eigen::Matrix2Xi all_pairs(int n) {
   return pairs;
 }
 
+Eigen::MatrixXd offsets_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs) {
+  Eigen::MatrixXd offsets(x.rows(), pairs.cols());
+  for (Eigen::Index l = 0; l < pairs.cols(); ++l) offsets.col(l) = x.col(pairs(0, l)) - x.col(pairs(1, l));
+  return offsets;
+}
+
 Eigen::VectorXd lengths_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs) {
   Eigen::VectorXd lengths(pairs.cols());
   for (Eigen::Index l = 0; l < pairs.cols(); ++l)

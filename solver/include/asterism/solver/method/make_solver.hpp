@@ -7,7 +7,6 @@
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/branch_and_bound.hpp>
-#include <asterism/solver/method/graduated.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/multi_start.hpp>
@@ -32,8 +31,6 @@ using AutoStaircase = Staircase<System, Auto<System>>;
 template <typename System>
 using AutoStarts = MultiStart<System, Auto<System>>;
 template <typename System>
-using AutoGraduated = Graduated<System, Auto<System>>;
-template <typename System>
 using ForwardCg = NonlinearCg<System, ForwardDifferences<System>>;
 template <typename System>
 using CentralCg = NonlinearCg<System, CentralDifferences<System>>;
@@ -44,8 +41,7 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
 /// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, unless anchors are anisotropic, "staircase" (of
-/// Auto); for springs only, in 2 or 3 dimensions, "branch-and-bound"; for robust anchors or links that have
-/// what Graduated needs, "graduated" (of Auto); for systems without a bound on their
+/// Auto); for springs only, in 2 or 3 dimensions, "branch-and-bound"; for systems without a bound on their
 /// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". The adapters of
 /// other packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
@@ -63,8 +59,6 @@ SolverRegistry<System> solver_registry() {
   registry.template add<detail::AutoStarts<System>>("multi-start");
   if constexpr (detail::is_liftable<System>())
     registry.template add<detail::AutoStaircase<System>>("staircase");
-  if constexpr (detail::is_graduable<System>())
-    registry.template add<detail::AutoGraduated<System>>("graduated");
   if constexpr (detail::is_searchable<System>())
     registry.template add<BranchAndBound<System>>("branch-and-bound");
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {

@@ -101,9 +101,6 @@ struct Quadratic {
 
 namespace detail {
 
-/// A scale beyond all lengths, whose square is still a double.
-inline constexpr double kUnlimited = 1e150;
-
 constexpr const char* scale_problem(double scale) {
   return scale > 0 && is_finite(scale) ? nullptr : "is not a positive, finite scale";
 }
@@ -142,12 +139,6 @@ struct GemanMcClure {
   }
 
   constexpr const char* problem() const { return detail::scale_problem(scale); }
-
-  /// For Graduated: the same loss with mu >= 1 times the square of its scale; the spring that it is near the
-  /// anchor; and a mu that makes it convex in the distance, up to the square s of that.
-  GemanMcClure graduated(double mu) const { return {scale * std::sqrt(mu)}; }
-  GemanMcClure unlimited() const { return {detail::kUnlimited}; }
-  double graduation(double s) const { return 3 * s / (scale * scale); }
 };
 
 /// A spring near the anchor and a constant beyond about `scale`: least squares that are truncated at `scale`,
@@ -173,12 +164,6 @@ struct Truncated {
       return "has a sharpness that is not positive and finite";
     return detail::scale_problem(scale);
   }
-
-  /// For Graduated: the same loss with 1 / mu times its sharpness; the spring that it is near the anchor; and
-  /// a mu for which no square up to s is so far off that it has no force.
-  Truncated graduated(double mu) const { return {scale, sharpness / mu}; }
-  Truncated unlimited() const { return {detail::kUnlimited, sharpness}; }
-  double graduation(double s) const { return sharpness * std::max(2 * s / (scale * scale) - 1, 0.0); }
 };
 
 /// A spring whose stretch counts by a robust loss, phi = 1/2 rho((r - mu)^2): a link that may be an outlier,
@@ -199,14 +184,6 @@ struct RobustHooke {
     if constexpr (requires { loss.problem(); }) return loss.problem();
     return nullptr;
   }
-
-  /// For Graduated, as the loss has them.
-  RobustHooke graduated(double mu) const requires requires { loss.graduated(mu); }
-  { return {loss.graduated(mu)}; }
-  RobustHooke unlimited() const requires requires { loss.unlimited(); }
-  { return {loss.unlimited()}; }
-  double graduation(double s) const requires requires { loss.graduation(s); }
-  { return loss.graduation(s); }
 };
 
 /// A loss for each anchor, or a potential for each link, with its own parameters. Sensitivity does not
@@ -220,24 +197,6 @@ struct Each {
   }();
 
   std::vector<Function> values;  ///< one for each node, or for each link in the order of links()
-
-  /// For Graduated, as the function has them.
-  Each graduated(double mu) const requires requires(const Function& f) { f.graduated(mu); }
-  {
-    return changed([mu](const Function& f) { return f.graduated(mu); });
-  }
-  Each unlimited() const requires requires(const Function& f) { f.unlimited(); }
-  {
-    return changed([](const Function& f) { return f.unlimited(); });
-  }
-
- private:
-  template <typename Change>
-  Each changed(Change&& change) const {
-    Each result = *this;
-    for (Function& f : result.values) f = change(f);
-    return result;
-  }
 };
 
 namespace detail {

@@ -24,6 +24,7 @@ class ASTERISM_API LinearTerm : public Term {
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
+  bool is_quadratic() const override { return loss() == Loss::Quadratic; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
 
  protected:
@@ -158,6 +159,7 @@ class ASTERISM_API Loads final : public TermOf<Loads> {
   explicit Loads(int dim);
   double energy(const Points& x, Points* gradient) const override;
   void add_curvature(const Points&, Curvature, CurvatureSink&) const override {}
+  bool is_quadratic() const override { return true; }
   void add_scales(const Points& x, Scales& scales) const override;
   Role role(int) const override { return Role::Pulls; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;

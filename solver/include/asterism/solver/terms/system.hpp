@@ -99,6 +99,8 @@ class ASTERISM_API System {
 
 /// Every pair of n nodes, in the order (0,1), (0,2), ..., (1,2), ...
 ASTERISM_API Eigen::Matrix2Xi all_pairs(int n);
+/// x_i - x_j of each pair, dim x pairs: what their offsets are at x.
+ASTERISM_API Eigen::MatrixXd offsets_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs);
 /// |x_i - x_j| of each pair: what their lengths are at x.
 ASTERISM_API Eigen::VectorXd lengths_at(const Eigen::MatrixXd& x, const Eigen::Matrix2Xi& pairs);
 

@@ -137,6 +137,8 @@ class ASTERISM_API Term {
   virtual void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const = 0;
   /// Why the term does not have this curvature; nullptr if it has.
   virtual const char* problem_with(Curvature) const { return nullptr; }
+  /// Whether the energy is a quadratic function of the points.
+  virtual bool is_quadratic() const { return false; }
   /// Adds what it holds its nodes by, and its lengths.
   virtual void add_scales(const Points& x, Scales& scales) const = 0;
   /// Whether an element holds its nodes in place, rather than to each other, or only pulls at them.
