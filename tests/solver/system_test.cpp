@@ -783,6 +783,41 @@ TEST(SystemMethods, NewtonLeavesALine) {
   }
 }
 
+// The second start is from the anchors; the result is the best of all starts, and the same each time.
+TEST(SystemMethods, MultiStartIsTheBestOfItsStarts) {
+  int gained = 0;
+  for (std::uint64_t seed = 1; seed <= 30; ++seed) {
+    Rng rng(seed);
+    System system(8, 2);
+    const MatrixXd seen = random_points(rng, 2, 8), start = random_points(rng, 2, 8);
+    system.add_anchors(seen, System::all(0.05));
+    system.add_links(all_pairs(8), lengths_at(random_points(rng, 2, 8), all_pairs(8)), System::all(1));
+    if (seed % 3 == 0) system.fix(2);
+    MatrixXd from_start = start, from_anchors = seen;
+    if (seed % 3 == 0) from_anchors.col(2) = start.col(2);
+    const double alone =
+        std::min(solve(system, from_start).final_energy, solve(system, from_anchors).final_energy);
+    double before = std::numeric_limits<double>::infinity();
+    for (const int starts : {2, 20, 20}) {
+      AnySolver<System> solver = system_solvers().make("multi-start", {{"starts", starts}});
+      MatrixXd x = start;
+      const Summary summary = solver.solve(system, x);
+      EXPECT_TRUE(summary.usable()) << summary;
+      EXPECT_EQ(summary.initial_energy, energy(system, start));
+      if (starts == 2) {
+        EXPECT_NEAR(summary.final_energy, alone, 1e-9 * alone);
+      }
+      EXPECT_LE(summary.final_energy, before * (1 + 1e-12));
+      gained += starts == 20 && summary.final_energy < before * (1 - 1e-6);
+      before = summary.final_energy;
+      if (seed % 3 == 0) {
+        EXPECT_EQ(x.col(2), start.col(2));
+      }
+    }
+  }
+  EXPECT_GT(gained, 3);
+}
+
 // What is added, changed and removed between solves is as if the system had been made so.
 TEST(SystemEdits, AreThoseOfASystemMadeAtOnce) {
   Rng rng(5);

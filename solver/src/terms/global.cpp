@@ -1,4 +1,5 @@
 #include <algorithm>
+#include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solve.hpp>
@@ -6,10 +7,12 @@
 #include <cmath>
 #include <cstdint>
 #include <utility>
+#include <vector>
 
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "run.hpp"
+#include "stopping_rule.hpp"
 
 // Methods around a method, and all of them by name.
 
@@ -64,34 +67,67 @@ Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   return SystemNewtonCg{options}.solve(system, x);
 }
 
+namespace {
+
+// Where the anchors of each node want it together, NaN for nodes without.
+Eigen::MatrixXd places(const System& system, const Eigen::MatrixXd& x) {
+  Scales scales;
+  scales.stiffness.setZero(system.nodes());
+  scales.loads.setZero(system.nodes());
+  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+  Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(system.dim(), system.nodes());
+  Eigen::RowVectorXd weight = Eigen::RowVectorXd::Zero(system.nodes());
+  for (const Scales::Place& place : scales.places) {
+    if (!(place.stiffness > 0)) continue;
+    sum.col(place.node) += place.stiffness * place.position;
+    weight[place.node] += place.stiffness;
+  }
+  return sum.array().rowwise() / weight.array();
+}
+
+}  // namespace
+
 Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const {
   const Clock clock;
   if (const char* problem = options.problem()) return refused(name(), problem);
   const Eigen::MatrixXd given = x;
   Summary best = SystemAuto{options}.solve(system, x);
-  const double length = best.usable() ? characteristic_length(system, given) : 0.0;
-  const double initial = best.initial_energy;
-  Random random(options.seed);
-  for (int start = 1; start < options.starts && best.usable() && best.status != Status::Interrupted;
-       ++start) {
-    if (options.gap > 0 && best.is_within(options.gap)) break;
+  best.solver = name();
+  if (best.status == Status::InvalidInput || best.status == Status::OutOfMemory ||
+      best.status == Status::Interrupted)
+    return best;
+  const double initial = best.initial_energy, reach = options.spread * characteristic_length(system, given);
+  const Eigen::MatrixXd anchored = places(system, given);
+  const bool has_anchors = anchored.array().isFinite().any();
+  std::vector<bool> is_held(static_cast<std::size_t>(system.nodes()));
+  for (int i = 0; i < system.nodes(); ++i) is_held[static_cast<std::size_t>(i)] = system.is_fixed(i);
+  if (options.ground_components) {
+    for (const int i : floating_nodes(system)) is_held[static_cast<std::size_t>(i)] = true;
+  }
+  Random random(options.seed), first_random(~options.seed);
+  for (int start = 1; start < options.starts && !(options.gap > 0 && best.is_within(options.gap)); ++start) {
+    // The anchors as they are first; without any, not the given x once more.
+    const bool is_displaced = start > 1 || !has_anchors;
+    Random& displacement = start > 1 ? random : first_random;
     Eigen::MatrixXd trial = given;
     for (int i = 0; i < system.nodes(); ++i) {
-      for (int d = 0; d < system.dim(); ++d) {
-        const double move = options.spread * length * random();
-        if (!system.is_fixed(i)) trial(d, i) += move;
-      }
+      if (start % 2 == 1 && is_finite(anchored(0, i))) trial.col(i) = anchored.col(i);
+      for (int d = 0; is_displaced && d < system.dim(); ++d) trial(d, i) += reach * displacement();
+      if (is_held[static_cast<std::size_t>(i)]) trial.col(i) = given.col(i);
     }
     Summary found = SystemAuto{options}.solve(system, trial);
-    const bool is_lower = found.usable() && found.final_energy < best.final_energy;
     const bool is_interrupted = found.status == Status::Interrupted;
-    if (is_lower) {
+    if (found.usable() && (!best.usable() || found.final_energy < best.final_energy)) {
       x = trial;
       std::swap(found, best);
     }
     best.add_work(found);
     best.lower_bound = std::max(best.lower_bound, found.lower_bound);
-    if (is_interrupted) best.status = Status::Interrupted;
+    if (is_interrupted) {
+      best.status = Status::Interrupted;
+      best.message = "stopped on request: not all starts were tried";
+      break;
+    }
   }
   best.solver = name();
   best.initial_energy = initial;

@@ -61,7 +61,8 @@ struct SystemAuto {
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
-/// The lowest of the minima from many starts: the given one, and random displacements of it.
+/// The lowest of the minima from many starts, which MultiStartOptions lists. The first is the given one, so
+/// that the result is never worse than that of "auto"; of equal minima, that of the earlier start is kept.
 struct SystemMultiStart {
   MultiStartOptions<AlignedOptions> options;
   static constexpr std::string_view name() { return "multi-start"; }

@@ -232,7 +232,8 @@ std::vector<int> floating_nodes(const System& system) {
 double energy_scale(const System& system, const Eigen::MatrixXd& x, double energy) {
   double scale = std::abs(energy);
   for (int t = 0; t < system.term_count(); ++t) {
-    if (system.term(t).kind() == "loads") scale += 2 * std::abs(system.term(t).energy(x, nullptr));
+    if (system.term(t).size() > 0 && system.term(t).role(0) == Term::Role::Pulls)
+      scale += 2 * std::abs(system.term(t).energy(x, nullptr));
   }
   return scale;
 }
