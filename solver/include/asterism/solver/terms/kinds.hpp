@@ -23,6 +23,7 @@ class ASTERISM_API LinearTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
+  Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
 
@@ -101,6 +102,7 @@ class ASTERISM_API LengthTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
+  Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   const char* problem_with(Curvature) const override;
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
@@ -153,6 +155,7 @@ class ASTERISM_API Loads final : public TermOf<Loads> {
   /// Without elements.
   explicit Loads(int dim);
   double energy(const Points& x, Points* gradient) const override;
+  Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points&, Curvature, CurvatureSink&) const override {}
   void add_scales(const Points& x, Scales& scales) const override;
   Role role(int) const override { return Role::Pulls; }
@@ -247,6 +250,7 @@ using ElementFunction = std::function<void(const Eigen::MatrixXd& points, const 
 class ASTERISM_API Elements final : public TermOf<Elements> {
  public:
   /// `has_second`: whether the function has second derivatives; without, only methods that need none take it.
+  /// Throws std::invalid_argument for less than one node of an element, or a negative number of rows.
   Elements(int dim, int arity, int rows, ElementFunction function, bool has_second);
   double energy(const Points& x, Points* gradient) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
