@@ -2,6 +2,7 @@
 """System: every kind of term against its formula in NumPy, what a term's arrays do, bad input, functions of one's own, files."""
 
 import copy
+import json
 import pickle
 import signal
 import tempfile
@@ -12,6 +13,11 @@ from pathlib import Path
 
 import asterism
 import numpy as np
+
+try:
+    import jsonschema
+except ImportError:
+    jsonschema = None
 
 rng = np.random.default_rng(3)
 N = 7
@@ -865,6 +871,66 @@ class FileTest(unittest.TestCase):
             with self.assertRaisesRegex(TypeError, "expected a SpringSystem or a System, found int"):
                 asterism.write_systems(path, [asterism.StoredSystem(3, corners)])
             self.assertFalse(path.exists())
+    @unittest.skipIf(jsonschema is None, "needs jsonschema (Debian package python3-jsonschema)")
+    def test_the_schema_takes_what_the_reader_takes(self):
+        """Every column and choice of every kind, as the terms list them; and wrong types and names of each."""
+        page = (Path(__file__).parents[2] / "docs" / "system-json.md").read_text()
+        blocks = [block[: block.index("\n```")] for block in page.split("```json\n")[1:]]
+        (schema,) = [block for block in map(json.loads, blocks) if block.get("title") == "Asterism system of terms"]
+        of_terms = schema["$defs"]["term"]
+        (pattern,) = of_terms["patternProperties"]
+        validator = jsonschema.Draft202012Validator(schema)
+
+        def verdicts(stored):
+            try:
+                is_read = bool(asterism.parse_systems(json.dumps(stored)))
+            except ValueError:
+                is_read = False
+            return is_read, validator.is_valid(stored)
+
+        eye, robust = np.eye(2), {"loss": "truncated", "scale": 2.0, "sharpness": 3.0}
+        lengths = {"law": "interval", "upper": 3.0, "offsets": [1.0, 0.0], "information": eye, **robust}
+        differences = {"target": [1.0, 2.0], "coefficients": (1, eye, -1), "information": eye, **robust}
+        system = asterism.System(3)
+        system.add_anchors([[0, 0], [1, 0], [0, 1]], information=eye, **robust)
+        system.add_links([[0, 1]], 2, **lengths)
+        system.add_bendings([[0, 1, 2]], 2, **lengths)
+        system.add_offsets([[0, 1]], [1.0, 0.0], information=eye, **robust)
+        system.add_differences([[0, 1, 2]], **differences)
+        system.add_angles([[0, 1, 2]], 1, **robust)
+        system.add_areas([[0, 1, 2]], 1, **robust)
+        system.add_common_length([[0, 1]], loss="huber", scale=1.0)
+        system.add_loads([[0, 0], [1, 0], [0, 1]])
+        kinds = [term.kind for term in system.terms]
+        self.assertEqual(sorted(kinds), sorted(of_terms["properties"]["kind"]["enum"]))
+        unknown = {"asterism_system": 2, "dim": 1, "nodes": 1, "start": [[0]], "terms": [{"kind": "?", "nodes": []}]}
+        with self.assertRaises(ValueError) as refused:  # names all that it knows
+            asterism.parse_systems(json.dumps(unknown))
+        self.assertEqual(sorted(str(refused.exception).split("known: ")[1].rstrip(")").split()), sorted(kinds))
+        with tempfile.TemporaryDirectory() as folder:
+            asterism.write_systems(Path(folder) / "all.jsonl", [asterism.StoredSystem(system, np.zeros((3, 2)))])
+            stored = json.loads((Path(folder) / "all.jsonl").read_text())
+        self.assertEqual(verdicts(stored), (True, True))
+        names = set()
+        for t, term in enumerate(system.terms):
+            written = stored["terms"][t]
+            sharpness = {"sharpness"} if term.kind == "common_length" else set()
+            self.assertEqual(set(written) | sharpness, {"kind", "nodes", *term.columns, *term.choices})
+            names |= set(term.columns)
+            for key in written:
+                wrongs = [None, True, {}, "1", [["1"]], [None]] if key not in ("kind", "loss", "law") else [None, True, {}, 1, []]
+                for wrong in wrongs:
+                    with self.subTest(term.kind, key=key, wrong=wrong):
+                        spoilt = copy.deepcopy(stored)
+                        spoilt["terms"][t][key] = wrong
+                        self.assertEqual(verdicts(spoilt), (False, False))
+                with self.subTest(term.kind, misspelt=key):
+                    spoilt = copy.deepcopy(stored)
+                    spoilt["terms"][t][key + "s"] = spoilt["terms"][t].pop(key)
+                    self.assertEqual(verdicts(spoilt), (False, False))
+        self.assertEqual(pattern, "^(" + "|".join(sorted(names, key=pattern[2:-2].split("|").index)) + ")$")
+
+    def test_names_the_place_of_what_is_wrong(self):
         text = '{"asterism_system": 2, "dim": 2, "nodes": 1, "start": [[0, 0]], "terms": [{"kind": "anchors", "nodes": [1]}]}'
         with self.assertRaisesRegex(ValueError, r"^text:1: terms\[0\]: nodes\[0\] is out of range$"):
             asterism.parse_systems(text)

@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
+#include <algorithm>
 #include <asterism/solver.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/solver/terms/registry.hpp>
@@ -390,6 +391,95 @@ TEST_P(EveryKind, SolutionsAreDifferentiated) {
   });
 }
 
+// E, its gradient and Hessian in other units are the same but for the factors of the units: for coordinates
+// of 1e-60 and 1e60, whose squares and cubes leave the range of a double in a careless formula.
+TEST_P(EveryKind, HasTheSameValuesInAnyUnit) {
+  const std::string kind = GetParam().name;
+  if (kind.find("own") != std::string::npos) return;  // functions of numbers without units
+  for_systems([&](const System& system, Rng& rng) {
+    const MatrixXd x = random_points(rng, system.dim(), kNodes);
+    MatrixXd gradient, scaled_gradient;
+    const double expected = energy_and_gradient(system, x, gradient);
+    const MatrixXd curvature = hessian(system, x);
+    for (const double length : {1e-60, 1e60}) {
+      System scaled = system;
+      Term& term = scaled.term(0);
+      const bool is_angle = term.kind() == "angles", is_area = term.kind() == "areas";
+      const bool is_log = kind == "logarithms";
+      for (const Column& column : system.term(0).columns()) {
+        double unit = 1;
+        const bool is_parameter = column.name == "scale" || column.name == "rest";
+        if (column.name == "position" || column.name == "offset" || column.name == "target" ||
+            column.name == "length" || column.name == "upper" || column.name == "prior" || is_parameter)
+          unit = is_angle ? 1 : is_area ? length * length : length;
+        if (column.name == "stiffness") unit = is_angle || is_log ? length * length : 1;
+        if (column.name == "stiffness" && is_area) unit = 1 / length / length;
+        if (column.name == "force") unit = length;
+        term.values(column.name) *= unit;
+      }
+      const double there = energy_and_gradient(scaled, length * x, scaled_gradient);
+      EXPECT_NEAR(there / length / length, expected, 1e-10 * std::abs(expected));
+      EXPECT_LE((scaled_gradient / length - gradient).norm(), 1e-10 * gradient.norm());
+      EXPECT_LE((hessian(scaled, length * x) - curvature).norm(), 1e-10 * curvature.norm());
+    }
+  });
+}
+
+// The numbers of an element that is switched off, however far off, are as if it were not there.
+TEST_P(EveryKind, ElementsWithoutStiffnessMeanNothing) {
+  for_systems([](const System& given, Rng& rng) {
+    System with = given, without = given;
+    Term &off = with.term(0), &gone = without.term(0);
+    const auto columns = off.columns();
+    if (std::none_of(columns.begin(), columns.end(), [](const Column& c) { return c.name == "stiffness"; }))
+      return;
+    for (const Column& column : columns) {
+      if (column.values.size() == 0 || column.name.starts_with("prior")) continue;
+      MatrixXd each = column.values;
+      if (each.cols() == 1) each = each.replicate(1, off.size()).eval();
+      gone.values(column.name) = each;
+      if (column.name == "stiffness") each(0, 1) = 0;
+      const bool is_length = column.name == "position" || column.name == "offset" ||
+                             column.name == "length" || column.name == "upper" || column.name == "target" ||
+                             column.name == "rest";
+      if (is_length) each.col(1).setConstant(1e200);
+      off.values(column.name) = each;
+    }
+    gone.remove(std::vector<int>{1});
+    for (System* system : {&with, &without})
+      system->add_anchors(MatrixXd::Identity(system->dim(), kNodes), System::all(0.1));
+    const MatrixXd x = random_points(rng, given.dim(), kNodes);
+    ASSERT_EQ(validate(with, x), "");
+    MatrixXd one, other;
+    EXPECT_EQ(energy_and_gradient(with, x, one), energy_and_gradient(without, x, other));
+    EXPECT_EQ(one, other);
+    EXPECT_EQ(node_stiffness(with, x), node_stiffness(without, x));
+    EXPECT_EQ(characteristic_length(with, x), characteristic_length(without, x));
+    if (with.term(0).problem_with(Curvature::True) == nullptr) {
+      EXPECT_EQ(hessian(with, x), hessian(without, x));
+    }
+  });
+}
+
+// Whatever the start, and the stiffness of terms there: at the x returned, stationarity() is in the
+// tolerance.
+TEST_P(EveryKind, ConvergedMeansStationaryAtX) {
+  for_systems([](System& system, Rng& rng) {
+    system.add_anchors(random_points(rng, system.dim(), kNodes), System::all(0.02));
+    const MatrixXd start = random_points(rng, system.dim(), kNodes, 100);
+    for (const std::string_view method : system_methods()) {
+      MatrixXd x = start;
+      AlignedOptions options;
+      options.tolerance = 1e-6;
+      options.max_iterations = 500;
+      const Summary summary = solve(method, system, x, options);
+      if (summary.status != Status::Converged) continue;
+      EXPECT_LE(stationarity(system, x), options.tolerance * (1 + 1e-9)) << method << " " << summary;
+      EXPECT_NEAR(summary.stationarity, stationarity(system, x), 1e-9 * options.tolerance) << method;
+    }
+  });
+}
+
 // All terms at once, with anchors that hold every node.
 // The energy and the gradient of links by the formula of each, in long double; links of coincident nodes pull
 // at none here, as their direction is a matter of choice.
@@ -765,6 +855,46 @@ TEST(SystemTie, ALawWithANameIsAsTheLibrarysOwn) {
   EXPECT_EQ(energy(System(system), x), energy(system, x));
 }
 
+// A triangle with next to no height h, turned in space: what leaves its plane has the curvature that follows
+// from area = |a x b| / 2 and from the angle's, by hand.
+TEST(SystemTriangles, NextToALine) {
+  const Eigen::Matrix3d turn =
+      Eigen::AngleAxisd(0.7, Eigen::Vector3d(1, 2, -2).normalized()).toRotationMatrix();
+  for (const double h : {1e-2, 1e-4, 1e-6}) {
+    Eigen::Matrix3d corners{{0, 1, 2}, {0, 0, h}, {0, 0, 0}};
+    const MatrixXd x = turn * corners;
+    for (const bool is_area : {true, false}) {
+      // s = 0 but for a rest of -1, so that the Hessian is g g^T + d2 f.
+      System system(3, 3);
+      const double f = is_area ? h / 2 : std::atan2(h, 2);
+      const Eigen::Matrix3Xi nodes = is_area ? Eigen::Vector3i(0, 1, 2) : Eigen::Vector3i(1, 0, 2);
+      if (is_area) {
+        system.add_areas(nodes, System::all(0), System::all(1));
+      } else {
+        system.add_angles(nodes, System::all(0), System::all(1));
+      }
+      // Node 1 along z: a = (1, 0, 0), b = (2, h, 0); the gradient has no z.
+      const Eigen::Vector3d z = turn.col(2);
+      const MatrixXd all = hessian(system, x);
+      const double along_z = z.dot(all.block<3, 3>(3, 3) * z);
+      const double expected = is_area ? f * (4 + h * h) / (2 * h) : f * 2 / h;
+      EXPECT_NEAR(along_z, expected, 1e-8 * expected) << h << (is_area ? " area" : " angle");
+    }
+  }
+}
+
+// On a line nothing is across, however near the nodes are: k, and for an estimated length k less its share.
+TEST(SystemLine, HasNoCurvatureAcross) {
+  MatrixXd x(1, 2);
+  x << 0.3, 0.3 + 1e-12;
+  System system(2, 1);
+  system.add_links(all_pairs(2), System::all(5), System::all(3));
+  EXPECT_EQ(hessian(system, x), (MatrixXd{{3, -3}, {-3, 3}}));
+  System estimated(2, 1);
+  estimated.add_common_length(all_pairs(2), System::all(3), 5, 1);  // k p / (k + p)
+  EXPECT_LE((hessian(estimated, x) - MatrixXd{{0.75, -0.75}, {-0.75, 0.75}}).cwiseAbs().maxCoeff(), 1e-14);
+}
+
 // The paper's line: nodes that start on a line leave it, and a triangle does not stay flat.
 TEST(SystemMethods, NewtonLeavesALine) {
   for (std::uint64_t seed = 1; seed <= 30; ++seed) {
@@ -816,6 +946,206 @@ TEST(SystemMethods, MultiStartIsTheBestOfItsStarts) {
     }
   }
   EXPECT_GT(gained, 3);
+}
+
+// A valid system is solved from its start where the changed parameters of graduated losses leave the range of
+// a double.
+struct Extreme {
+  const char* name;
+  double scale, sharpness;  // GemanMcClure's loss without sharpness
+};
+std::ostream& operator<<(std::ostream& out, const Extreme& extreme) { return out << extreme.name; }
+
+class GraduatedSolves : public ::testing::TestWithParam<Extreme> {};
+
+INSTANTIATE_TEST_SUITE_P(Numbers, GraduatedSolves,
+                         ::testing::Values(Extreme{"widest_scale", 1e307, 0},
+                                           Extreme{"narrowest_scale", 1e-200, 0},
+                                           Extreme{"least_sharpness", 3, 5e-324}),
+                         [](const auto& test) { return test.param.name; });
+
+TEST_P(GraduatedSolves, WhateverTheParameters) {
+  System system(2, 2);
+  MatrixXd seen = MatrixXd::Identity(2, 2);
+  system.add_anchors(seen, System::all(1));
+  seen(0, 0) = 5;
+  Anchors& robust = system.add_anchors(seen, System::all(1));
+  const bool is_truncated = GetParam().sharpness > 0;
+  robust.set_loss(is_truncated ? Loss::Truncated : Loss::GemanMcClure, GetParam().scale,
+                  GetParam().sharpness);
+  if (!is_truncated) robust.values("sharpness").resize(0, 0);
+  MatrixXd x = MatrixXd::Zero(2, 2);
+  const double before = energy(system, x);
+  const Summary summary = solve("graduated", system, x);
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_LE(summary.final_energy, before);
+  EXPECT_EQ(summary.initial_energy, before);
+}
+
+TEST(SystemMethods, GraduatedTellsTheEnergyOfTheStart) {
+  System system(2, 2);
+  system.add_anchors(MatrixXd::Constant(2, 2, 10), System::all(1)).set_loss(Loss::GemanMcClure, 3);
+  system.add_anchors(MatrixXd::Constant(2, 2, 10), System::all(1));
+  system.add_loads(Eigen::RowVectorXi::Constant(1, 0), Eigen::Vector2d(100, 100));
+  MatrixXd x = MatrixXd::Constant(2, 2, 10);
+  const double before = energy(system, x);  // the loads', -2000
+  EXPECT_EQ(solve("graduated", system, x).initial_energy, before);
+}
+
+// Where nodes coincide and no length is at rest, forces tell how far there is to go: the start is no minimum.
+TEST(SystemMethods, LeaveAStartWithoutExtent) {
+  const Eigen::Vector2d goal(3, -4);
+  const auto square = [&](const MatrixXd& points, const MatrixXd&, bool second, ElementValues& values) {
+    values.gradient = points.colwise() - goal;
+    values.energy = values.gradient.colwise().squaredNorm() / 2;
+    if (second) values.second = MatrixXd::Identity(2, 2).reshaped();
+  };
+  for (const bool has_second : {true, false}) {
+    System system(1, 2);
+    system.add_elements(Eigen::RowVectorXi::Zero(1), square, has_second);
+    for (const std::string_view method : system_methods()) {
+      if (method == "ida" || (!has_second && method.starts_with("newton"))) continue;
+      MatrixXd x = Eigen::Vector2d(1, 1);
+      const Summary summary = solve(method, system, x);
+      EXPECT_EQ(summary.status, Status::Converged) << method << " " << summary;
+      EXPECT_LE((x - goal).norm(), 1e-6) << method;
+    }
+  }
+  System system(3, 2);
+  Differences& sums = system.add_differences(Eigen::Vector3i(0, 1, 2), System::all(1));
+  sums.values("target") = goal;
+  sums.values("b").setConstant(1);
+  MatrixXd x = MatrixXd::Zero(2, 3);
+  EXPECT_EQ(solve(system, x).status, Status::Converged);
+  EXPECT_LE((x.rowwise().sum() - goal).norm(), 1e-6);
+}
+
+// Forces of 1e160, whose squares overflow.
+TEST(SystemMethods, SummariesAreFinite) {
+  System system(2, 2);
+  system.add_anchors(MatrixXd::Identity(2, 2) * 1e60, System::all(1e100));
+  for (const std::string_view method : system_methods()) {
+    MatrixXd x = MatrixXd::Constant(2, 2, 2e60);
+    AlignedOptions options;
+    options.max_iterations = 0;
+    const Summary summary = solve(method, system, x, options);
+    ASSERT_TRUE(summary.usable()) << method << " " << summary;
+    EXPECT_TRUE(std::isfinite(summary.gradient_norm)) << method;
+    if (method == "multi-start") continue;  // has other starts
+    EXPECT_NEAR(summary.gradient_norm, std::sqrt(10) * 1e160, 1e148) << method;
+  }
+}
+
+// Information that rounding has left a little short of semi-definite does not make energies negative.
+TEST(SystemMethods, EnergyOfARayIsNotNegative) {
+  System system(1, 2);
+  system.add_anchors(MatrixXd::Zero(2, 1), System::all(1)).values("information") =
+      Eigen::Vector4d(1, 1, 1, 1 - 1e-15);
+  ASSERT_EQ(validate(system, MatrixXd::Zero(2, 1)), "");
+  EXPECT_EQ(energy(system, Eigen::Vector2d(1e9, -1e9)), 0);
+}
+
+TEST(SystemSolution, IsRefusedWhereItsNumbersWouldOverflow) {
+  System system(2, 2);
+  system.add_anchors(MatrixXd::Identity(2, 2), System::all(5e-324));
+  const MatrixXd x = MatrixXd::Identity(2, 2);
+  EXPECT_EQ(Solution(system, x).problem(), "the Hessian leaves the range of a double");
+  const Certificate certificate = certify(system, 2 * x);
+  EXPECT_FALSE(std::isnan(certificate.lower_bound) || std::isnan(certificate.distance)) << certificate;
+  // A loss that is so narrow that its square is 0 has no force, and no NaN.
+  System narrow(2, 2);
+  narrow.add_anchors(MatrixXd::Identity(2, 2), System::all(1));
+  narrow.add_anchors(MatrixXd::Identity(2, 2), System::all(1)).set_loss(Loss::GemanMcClure, 1e-200);
+  EXPECT_EQ(hessian(narrow, 2 * x), MatrixXd(MatrixXd::Identity(4, 4)));
+}
+
+// Nodes that coincide are on a peak of a link that pushes: the forces in balance there are no minimum.
+TEST(SystemSolution, APeakIsNotCertified) {
+  for (const bool is_swapped : {false, true}) {
+    System system(2, 1);
+    const double side = is_swapped ? -1 : 1;
+    system.add_anchors(MatrixXd{{-side, side}}, System::all(1));
+    system.add_links(all_pairs(2), System::all(1), System::all(1));
+    const Certificate certificate = certify(system, MatrixXd::Zero(1, 2));
+    EXPECT_FALSE(certificate.certified()) << certificate;
+    EXPECT_LE(certificate.lower_bound, 1.0 / 6);  // at -2/3 and 2/3: 1/9 + 1/18
+  }
+}
+
+// The least energies by hand, in long double: rounding makes no bound too high.
+TEST(SystemSolution, BoundsAllowForRounding) {
+  for (std::uint64_t seed = 1; seed <= 300; ++seed) {
+    Rng rng(seed);
+    {  // far from the origin, with loads that all but cancel
+      System system(1, 1);
+      const double at = rng.uniform(1e8, 1e9), pull = rng.uniform(1, 1000), rest = rng.uniform(-1, 1);
+      system.add_anchors(MatrixXd::Constant(1, 1, at), System::all(1));
+      system.add_loads(Eigen::RowVectorXi::Zero(2), MatrixXd{{pull, rest - pull}});
+      const long double sum = static_cast<long double>(pull) + (rest - pull);
+      MatrixXd x = MatrixXd::Constant(1, 1, at);
+      solve(system, x);
+      const Certificate certificate = certify(system, x);
+      EXPECT_LE(certificate.lower_bound, -sum * at - sum * sum / 2) << seed;
+    }
+    {  // a long spring without much strain, from a fixed node at the origin
+      System system(2, 2);
+      system.fix(0);
+      const Eigen::Vector2d place(rng.uniform(100, 1000), rng.uniform(100, 1000));
+      const long double away = std::hypot(static_cast<long double>(place[0]), place[1]);
+      const auto length = static_cast<double>(away * (1 - 1e-10L));
+      system.add_anchors(Eigen::RowVectorXi::Constant(1, 1), place, System::all(1));
+      system.add_links(all_pairs(2), System::all(length), System::all(1));
+      MatrixXd x(2, 2);
+      x << Eigen::Vector2d::Zero(), place;
+      solve(system, x);
+      const Certificate certificate = certify(system, x);
+      ASSERT_TRUE(certificate.certified()) << certificate;
+      EXPECT_LE(certificate.lower_bound, (away - length) * (away - length) / 4) << seed;  // both as stiff
+    }
+  }
+}
+
+// Whether a minimum is certified does not depend on the unit of stiffness, with a fixed node or without.
+TEST(SystemSolution, IsCertifiedInAnyUnit) {
+  for (const double unit : {1e-30, 1.0, 1e30}) {
+    System system(2, 2);
+    system.fix(0);
+    system.add_anchors(MatrixXd{{0, 4}, {0, 4}}, System::all(unit));
+    system.add_links(all_pairs(2), System::all(5), System::all(unit));
+    MatrixXd x(2, 2);
+    x << 0, 4, 0, 4;
+    ASSERT_TRUE(solve(system, x).usable());
+    const Certificate certificate = certify(system, x);
+    EXPECT_TRUE(certificate.certified()) << unit << " " << certificate;
+    // M of node 1: k and k (r - mu) / r.
+    const double expected = unit * (2 - 5 / x.col(1).norm());
+    EXPECT_NEAR(certificate.least_eigenvalue, expected / 2, 1e-5 * expected);  // from the trace
+  }
+}
+
+// The curvature of log(r / mu)^2 / 2 at rest is 1 / mu^2, whatever the offset.
+TEST(SystemMethods, StiffnessOfALogarithmIsThatAtRest) {
+  System system(2, 2);
+  Links& link = system.add_links(all_pairs(2), System::all(2), System::all(8));
+  link.set_law(LinkLaw::Logarithm);
+  link.values("offset") = Eigen::Vector2d(30, 40);
+  EXPECT_EQ(node_stiffness(system, MatrixXd::Identity(2, 2)), Eigen::Vector2d(2, 2));
+}
+
+TEST(SystemEdits, AreRefusedAsAWhole) {
+  System system(3, 2);
+  system.add_anchors(MatrixXd::Identity(2, 3), System::all(1));
+  Links& links = system.add_links(Eigen::Matrix2Xi{{0, 1}, {1, 2}}, System::all(1), System::all(1));
+  EXPECT_THROW(links.set_nodes(Eigen::MatrixXi::Zero(3, 2)), std::invalid_argument);
+  EXPECT_THROW(links.set_nodes(Eigen::MatrixXi::Zero(1, 2)), std::invalid_argument);
+  EXPECT_EQ(links.arity(), 2);
+  EXPECT_THROW(system.add_elements(Eigen::MatrixXi(0, 2), {}, false), std::invalid_argument);
+  links.set_nodes(Eigen::Matrix2Xi{{0, 1}, {1, 7}});
+  EXPECT_THROW(system.remove_nodes(std::vector<int>{0}), std::out_of_range);
+  EXPECT_THROW(system.remove_nodes(std::vector<int>{-1}), std::out_of_range);
+  EXPECT_EQ(system.nodes(), 3);
+  EXPECT_EQ(system.term(0).size(), 3);
+  EXPECT_EQ(links.size(), 2);
 }
 
 // What is added, changed and removed between solves is as if the system had been made so.

@@ -46,10 +46,12 @@ std::string CommonLength::defect(int node_count) const {
 }
 
 Eigen::VectorXd CommonLength::ranges(const Points& x) const {
-  const Numbers length = numbers(kLength);
-  Eigen::VectorXd result(size());
-  for (int e = 0; e < size(); ++e)
-    result[e] = (x.col(nodes()(0, e)) - x.col(nodes()(1, e))).stableNorm() - *length[e];
+  const Numbers length = numbers(kLength), stiffness = numbers(kStiffness);
+  Eigen::VectorXd result = Eigen::VectorXd::Zero(size());  // of what has no stiffness, any number will do
+  for (int e = 0; e < size(); ++e) {
+    if (*stiffness[e] > 0)
+      result[e] = (x.col(nodes()(0, e)) - x.col(nodes()(1, e))).stableNorm() - *length[e];
+  }
   return result;
 }
 
@@ -57,6 +59,7 @@ double CommonLength::curvature_of_estimate(const Eigen::VectorXd& ranges, double
   const Numbers stiffness = numbers(kStiffness), scale = this->scale();
   double sum = size() > 0 ? *numbers(kPriorStiffness)[0] : 0.0;
   for (int e = 0; e < size(); ++e) {
+    if (!(*stiffness[e] > 0)) continue;
     const double s = ranges[e] - b;
     const double bend = detail::of_residual(detail::loss_at(loss(), scale[e], nullptr, s * s), s).second;
     sum += *stiffness[e] * (clamp ? std::max(bend, 0.0) : bend);
@@ -119,6 +122,7 @@ double CommonLength::energy(const Points& x, Points* gradient) const {
   Eigen::VectorXd direction(dim());
   for (int e = 0; e < size(); ++e) {
     const double s = ranges[e] - b, k = *stiffness[e];
+    if (!(k > 0)) continue;  // its length means nothing then, and may be so far off that its square overflows
     const auto phi = detail::of_residual(detail::loss_at(loss(), scale[e], nullptr, s * s), s);
     energy += k * phi.value;
     if (gradient == nullptr) continue;
@@ -153,6 +157,7 @@ void CommonLength::add_curvature(const Points& x, Curvature curvature, Curvature
     const auto phi = detail::of_residual(detail::loss_at(loss(), scale[e], nullptr, s * s), s);
     double along = k * phi.second, across = k * phi.first / r;
     if (!detail::is_finite(across)) across = phi.first < 0 ? 0.0 : along;
+    if (d == 1) across = along;  // on a line nothing is across
     matrix.setZero();
     if (curvature == Curvature::Majorising) {
       link(k, k);  // b as it is
@@ -207,6 +212,7 @@ void CommonLength::add_mixed(const Points& x, const Points& w, std::span<Eigen::
     return detail::of_residual(detail::loss_at(loss(), scale[e], nullptr, s * s), s);
   };
   for (int e = 0; e < size(); ++e) {
+    if (!(*stiffness[e] > 0)) continue;
     const int i = nodes()(0, e), j = nodes()(1, e);
     detail::length_and_direction(i, j, Eigen::VectorXd(x.col(i) - x.col(j)), u);
     along[e] = u.dot(w.col(i) - w.col(j));
@@ -215,8 +221,9 @@ void CommonLength::add_mixed(const Points& x, const Points& w, std::span<Eigen::
   const double share = bend > 0 ? by_estimate / bend : 0.0;
   const auto number = [&](std::size_t i, int e) -> double& { return by[i](0, by[i].cols() == 1 ? 0 : e); };
   for (int e = 0; e < size(); ++e) {
-    const auto phi = phi_of(e);
     const double k = *stiffness[e];
+    if (!(k > 0)) continue;
+    const auto phi = phi_of(e);
     number(kLength, e) -= k * phi.second * (along[e] + share);
     number(kStiffness, e) += phi.first * (along[e] + share);
   }

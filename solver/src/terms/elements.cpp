@@ -47,6 +47,15 @@ double Loads::energy(const Points& x, Points* gradient) const {
   return energy;
 }
 
+Term::Magnitude Loads::magnitude(const Points& x) const {
+  double sum = 0;
+  for (int e = 0; e < size(); ++e) {
+    const Eigen::Map<const Eigen::VectorXd> f(numbers(0)[e], dim());
+    sum += f.cwiseAbs().dot(x.col(nodes()(0, e)).cwiseAbs());
+  }
+  return {sum, 0};
+}
+
 void Loads::add_scales(const Points&, Scales& scales) const {
   for (int e = 0; e < size(); ++e)
     scales.loads[nodes()(0, e)] += Eigen::Map<const Eigen::VectorXd>(numbers(0)[e], dim()).norm();
@@ -56,8 +65,19 @@ void Loads::add_mixed(const Points&, const Points& w, std::span<Eigen::MatrixXd>
   for (int e = 0; e < size(); ++e) by[0].col(by[0].cols() == 1 ? 0 : e) -= w.col(nodes()(0, e));
 }
 
+namespace {
+
+int required(int number, int least, const char* what) {
+  if (number < least)
+    detail::raise(std::invalid_argument("elements: " + std::to_string(number) + " is no number of " + what));
+  return number;
+}
+
+}  // namespace
+
 Elements::Elements(int dim, int arity, int rows, ElementFunction function, bool has_second)
-    : TermOf("elements", dim, arity, {{.name = "numbers", .rows = rows, .is_optional = rows == 0}}, {}),
+    : TermOf("elements", dim, required(arity, 1, "nodes of an element"),
+             {{.name = "numbers", .rows = required(rows, 0, "rows"), .is_optional = rows == 0}}, {}),
       function_(std::move(function)),
       has_second_(has_second) {}
 

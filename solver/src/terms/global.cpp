@@ -193,13 +193,14 @@ Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
   }
   const Eigen::MatrixXd given = x;
   Summary result = SystemAuto{options}.solve(without_losses(system), x);
-  const double initial = result.usable() ? energy(system, given) : -1.0;
+  const double initial = energy(system, given);
   // No residual is longer than the energy of the springs alone allows by much: start where all are convex.
   double mu = 1;
   if (result.usable()) {
     const double extent = (x.rowwise().maxCoeff() - x.rowwise().minCoeff()).norm() +
                           characteristic_length(system, x) + (x - given).colwise().norm().maxCoeff();
-    mu = std::clamp(3 * extent * extent / (least_scale * least_scale) * most_sharpness, 1.0, 1e12);
+    const double ratio = extent / least_scale;
+    mu = std::clamp(3 * ratio * ratio * most_sharpness, 1.0, 1e12);
   }
   bool is_last = false;
   while (result.usable() && result.status != Status::Interrupted && !is_last) {
@@ -209,7 +210,8 @@ Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
     result.add_work(done);
     mu = std::max(1.0, mu / options.factor);
   }
-  if (result.usable() && !(is_last && result.final_energy <= initial)) {  // from the start as it was
+  // From the start as it was, also where the changed parameters leave the range of a double.
+  if (!(is_last && result.usable() && result.final_energy <= initial)) {
     const bool is_stopped = result.status == Status::Interrupted;
     x = given;
     AlignedOptions alone = options;
@@ -222,8 +224,7 @@ Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
       result.message = "stopped on request before the last solve: x is as it was";
     }
   }
-  if (!result.usable()) x = given;
-  if (initial >= 0) result.initial_energy = initial;
+  if (result.usable()) result.initial_energy = initial;
   result.solver = name();
   result.seconds = clock.seconds();
   return result;

@@ -156,6 +156,18 @@ struct LengthTerm::Force {
   double length, energy, tension, along, across, tension_by_rest;
 };
 
+namespace {
+
+// tension / length, also where the length is 0: a link that pushes has a peak there, whose curvature has no
+// bound from below. A number so far down, and no infinity, leaves the matrix without NaN.
+double least_across(double tension, double length, double along) {
+  const double across = tension / length;
+  if (detail::is_finite(across)) return across;
+  return tension < 0 ? -1e290 : along;
+}
+
+}  // namespace
+
 // Calls visit(element, v, direction, force, k) for the elements from `begin` to before `end`.
 template <int D, typename Visit>
 void LengthTerm::for_each(const Points& x, int begin, int end, Visit&& visit) const {
@@ -361,6 +373,32 @@ double LengthTerm::energy(const Points& x, Points* gradient) const {
   });
 }
 
+// v is a sum, and rounded as its parts are; the stretch is a difference of the length and that at rest.
+Term::Magnitude LengthTerm::magnitude(const Points& x) const {
+  Magnitude result;
+  const int n = arity(), dim = this->dim();
+  const Numbers rest = numbers(kLength), upper = numbers(kUpper), offset = numbers(kOffset);
+  const Numbers information = numbers(kInformation);
+  detail::with_dim(dim, [&]<int D>() {
+    for_each<D>(
+        x, 0, size(), [&](int e, const PointOf<D>& v, const PointOf<D>&, const Force& force, double k) {
+          const double length = v.stableNorm();
+          double parts = length, size = 1;
+          if (offset) parts += 2 * Eigen::Map<const PointOf<D>>(offset[e], dim).stableNorm();
+          for (int a = 0; n > 2 && a < n; ++a)
+            parts += std::abs(coefficients_[static_cast<std::size_t>(a)]) * x.col(nodes()(a, e)).stableNorm();
+          if (information)
+            size = detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information[e], dim, dim));
+          const double lengths = *rest[e] + (law() == LinkLaw::Interval ? *upper[e] : 0.0);
+          const double across = std::abs(force.across) * size;
+          result.energy += across * length * parts + std::abs(force.tension) * (force.length + lengths);
+          result.gradient += 4 * ((across + std::abs(force.along) * size) * parts +
+                                  k * std::sqrt(size) * (force.length + lengths));
+        });
+  });
+  return result;
+}
+
 const char* LengthTerm::problem_with(Curvature curvature) const {
   if (curvature == Curvature::Majorising && law() == LinkLaw::Logarithm)
     return "the law logarithm has no bound of its curvature from above";
@@ -384,8 +422,10 @@ void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSi
                   double along = force.along, across = force.across;
                   if (curvature == Curvature::Clamped)
                     along = std::max(along, 0.0), across = std::max(across, 0.0);
+                  if (dim == 1) across = along;  // on a line nothing is across
                   if (curvature == Curvature::Majorising) along = across = k;
-                  if (curvature == Curvature::Minorising) along = across;
+                  if (curvature == Curvature::Minorising)
+                    along = across = least_across(force.tension, force.length, force.along);
                   BlockOf<D> block = u * u.transpose();
                   block *= along - across;
                   block += across * shape;
@@ -438,13 +478,14 @@ void LengthTerm::add_scales(const Points&, Scales& scales) const {
   const Numbers length = numbers(kLength), stiffness = numbers(kStiffness), offset = numbers(kOffset);
   for (int e = 0; e < size(); ++e) {
     double k = *stiffness[e];
-    double square = *length[e] * *length[e];
+    const double at_rest = *length[e] * *length[e];
+    double square = at_rest;
     if (offset) square += Eigen::Map<const Eigen::VectorXd>(offset[e], dim()).squaredNorm();
     scales.lengths.emplace_back(k, square);
     if (const Numbers information = numbers(kInformation))
       k *= detail::largest_eigenvalue(Eigen::Map<const Eigen::MatrixXd>(information[e], dim(), dim()));
     // The curvature of 1/2 log(r / mu)^2 is 1 / mu^2 at rest.
-    if (law() == LinkLaw::Logarithm) k /= square;
+    if (law() == LinkLaw::Logarithm) k /= at_rest;
     for (int a = 0; a < arity(); ++a) {
       const double c = coefficients_[static_cast<std::size_t>(a)];
       scales.stiffness[nodes()(a, e)] += k * c * c;

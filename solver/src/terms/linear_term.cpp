@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <asterism/solver/terms/kinds.hpp>
+#include <cmath>
 #include <utility>
 
 #include "direction.hpp"
@@ -104,7 +105,9 @@ void LinearTerm::for_each(const Points& x, Visit&& visit) const {
     for (int a = 1; a < n; ++a) d += c[a].template times<D>(x.col(node[a]), dim);
     if (information) {
       const PointOf<D> shaped = Eigen::Map<const BlockOf<D>>(information[e], dim, dim) * d;
-      visit(e, c, d, shaped, detail::loss_at(loss, scale[e], sharpness[e], d.dot(shaped)), k);
+      // Not negative, also where rounding has left the information a little short of positive semi-definite.
+      const double square = std::max(d.dot(shaped), 0.0);
+      visit(e, c, d, shaped, detail::loss_at(loss, scale[e], sharpness[e], square), k);
     } else {
       visit(e, c, d, d, detail::loss_at(loss, scale[e], sharpness[e], d.squaredNorm()), k);
     }
@@ -144,6 +147,33 @@ double LinearTerm::sum(const Points& x, Points* gradient) const {
 
 double LinearTerm::energy(const Points& x, Points* gradient) const {
   return detail::with_dim(dim(), [&]<int D>() { return sum<D>(x, gradient); });
+}
+
+// d is a sum, and rounded as its parts are; the one difference of an anchor is rounded as itself.
+Term::Magnitude LinearTerm::magnitude(const Points& x) const {
+  Magnitude result;
+  const int n = arity(), dim = this->dim();
+  detail::with_dim(dim, [&]<int D>() {
+    for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>& d, const PointOf<D>&,
+                       const Derivatives<double>&, double k) {
+      const double length = d.stableNorm();
+      double parts = length, largest = 1;
+      if (n > 1) parts += Eigen::Map<const PointOf<D>>(target()[e], dim).stableNorm();
+      for (int a = 0; n > 1 && a < n; ++a) {
+        const double size = c[a].matrix == nullptr
+                                ? std::abs(c[a].factor)
+                                : Eigen::Map<const BlockOf<D>>(c[a].matrix, dim, dim).norm();
+        parts += size * x.col(nodes()(a, e)).stableNorm();
+        largest = std::max(largest, size);
+      }
+      // The force changes with d by at most k S, for robust losses as far as they are not convex.
+      const double sharpness = loss() == Loss::Truncated ? *this->sharpness()[e] : 0.0;
+      const double stiffness = k * size_of_information(e) * std::max(1.0, sharpness);
+      result.energy += stiffness * length * parts;
+      result.gradient += stiffness * parts * largest * n;
+    });
+  });
+  return result;
 }
 
 void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {

@@ -32,6 +32,7 @@ inline Derivatives<double> loss_at(Loss loss, const double* scale, const double*
     case Loss::Huber:
       return Huber{*scale}(s);
     case Loss::GemanMcClure:
+      if (!(*scale * *scale > 0)) return {0, 0, 0};  // so narrow that its square is 0: it has no force
       return GemanMcClure{*scale}(s);
     case Loss::Truncated:
       return Truncated{*scale, *sharpness}(s);

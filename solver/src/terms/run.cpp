@@ -140,10 +140,17 @@ bool SystemRun::report() {
   return is_stopped_ || is_close_;
 }
 
+// By the stiffness and length at x: those of some terms have changed since the start.
+bool SystemRun::is_stationary() {
+  if (!rule_.reached(gradient_)) return false;
+  rule_.renew(*system_, *x_);
+  return rule_.reached(gradient_);
+}
+
 bool SystemRun::is_over() {
   constexpr int kLook = 16;  // iterations between tests whether the gradient is only rounding
   end_ = Status::Converged;
-  if (report() || rule_.reached(gradient_)) return true;
+  if (report() || is_stationary()) return true;
   end_ = Status::MaxIterations;
   if (summary_.iterations >= options_.max_iterations) return true;
   end_ = Status::NoProgress;
@@ -204,7 +211,7 @@ void SystemRun::judge(Status reason) {
     if (reason != Status::NumericalFailure) reason = Status::NoProgress;
   } else if (reason == Status::InvalidInput) {
     *x_ = start_;
-  } else if (rule_.reached(gradient_)) {
+  } else if (is_stationary()) {
     reason = Status::Converged;
   } else if (is_close_) {
     reason = Status::Converged;
@@ -227,7 +234,7 @@ void SystemRun::judge(Status reason) {
   }
   summary_.lower_bound = lower_bound_;
   summary_.final_energy = energy_;
-  summary_.gradient_norm = gradient_.norm();
+  summary_.gradient_norm = gradient_.stableNorm();
   summary_.stationarity = rule_.stationarity(gradient_);
 }
 

@@ -50,6 +50,7 @@ class SystemRun {
   SystemRun(const AlignedOptions& options, Points& x) : options_(options), x_(&x) {}
   bool start(const System& given);
   void align();
+  bool is_stationary();
   bool report();
   void judge(Status reason);
   double rounding(double energy) const;

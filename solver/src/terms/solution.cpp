@@ -29,7 +29,14 @@ Solution::Solution(const System& system, const Eigen::MatrixXd& x) {
     if (!problem_.empty()) return;
     factored_ = std::make_unique<Factored>(system, x);
     factored_->matrix.assemble(system, x, Curvature::True);
-    if (!factored_->matrix.is_finite()) {
+    const detail::SystemMatrix& matrix = factored_->matrix;
+    constexpr double kLeast = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
+    bool has_inverse = matrix.is_finite();  // which would overflow beside smaller entries
+    for (int c = 0; c < matrix.rows(); ++c) {
+      const double diagonal = matrix.diagonal(c);
+      has_inverse = has_inverse && !(diagonal > 0 && diagonal < kLeast);
+    }
+    if (!has_inverse) {
       problem_ = "the Hessian leaves the range of a double";
     } else if (!factored_->factor.factorize(factored_->matrix)) {
       problem_ = "the Hessian is not positive definite to the digits of a double";
@@ -156,7 +163,15 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
     }
     // The rounding of the matrix and of its factor, less than this share of its norm, is taken off first.
     const auto& entries = matrix.sparse();
-    const double norm = entries.nonZeros() > 0 ? entries.coeffs().abs().maxCoeff() : 0.0;
+    const auto is_of_fixed = [&](Eigen::Index row) {
+      return row < x.size() && system.is_fixed(static_cast<int>(row) / system.dim());
+    };
+    double norm = 0;  // without the rows of fixed nodes, which have no unit
+    for (Eigen::Index c = 0; c < entries.cols(); ++c) {
+      if (is_of_fixed(c)) continue;
+      for (detail::SystemMatrix::Sparse::InnerIterator at(entries, c); at; ++at)
+        norm = std::max(norm, std::abs(at.value()));
+    }
     const double margin =
         64 * std::numeric_limits<double>::epsilon() * static_cast<double>(entries.rows()) * norm;
     matrix.shift(Eigen::VectorXd::Constant(system.nodes(), margin), -1);
@@ -172,20 +187,42 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
       return;
     }
     const Eigen::MatrixXd step = factor.solve(gradient);
-    const double scale = detail::energy_scale(system, x, result.energy);
-    const double rounding = detail::energy_rounding(system, x, result.energy);
-    const double decrease = gradient.cwiseProduct(step).sum() / 2 * (1 + 1e-6);
-    result.lower_bound = result.energy - decrease - rounding;
-    // The least possible energy of springs is 0, but loads have none.
-    if (scale == std::abs(result.energy)) result.lower_bound = std::max(result.lower_bound, 0.0);
-    // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
-    // most that of M^-1 g.
     const auto& cholesky = factor.cholesky();
     const detail::SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
+    const auto& place = cholesky.permutationP().indices();
     double largest_inverse = 0;  // the trace bounds it from above
-    for (int c = 0; c < entries.rows(); ++c) largest_inverse += inverse(c, c) * (1 + 1e-6);
+    for (int c = 0; c < entries.rows(); ++c) {
+      if (!is_of_fixed(c)) largest_inverse += inverse(place[c], place[c]) * (1 + 1e-6);
+    }
+    // The rounding of the energy, and of the gradient in the norm of M^-1.
+    Term::Magnitude magnitude;
+    double count = 16 * system.dim() + system.nodes();
+    bool has_loads = false;
+    for (int t = 0; t < system.term_count(); ++t) {
+      const Term& term = system.term(t);
+      const Term::Magnitude one = term.magnitude(x);
+      magnitude.energy += one.energy;
+      magnitude.gradient += one.gradient;
+      count += term.size();
+      has_loads = has_loads || (term.size() > 0 && term.role(0) == Term::Role::Pulls);
+    }
+    const double share = count * std::numeric_limits<double>::epsilon();
+    const double rounding = share * (std::abs(result.energy) + magnitude.energy);
+    const double root = std::sqrt(std::max(gradient.cwiseProduct(step).sum() / 2, 0.0)) * (1 + 1e-6) +
+                        share * magnitude.gradient * std::sqrt(largest_inverse / 2);
+    const double decrease = root * root;
+    const double scale = detail::energy_scale(system, x, result.energy);
+    if (!detail::is_finite(decrease) || !detail::is_finite(rounding) || !detail::is_finite(largest_inverse)) {
+      refuse("energy or curvature leave the range of a double");
+      return;
+    }
+    result.lower_bound = result.energy - decrease - rounding;
+    // The least possible energy of springs is 0, but loads have none.
+    if (!has_loads) result.lower_bound = std::max(result.lower_bound, 0.0);
+    // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
+    // most that of M^-1 g.
     result.least_eigenvalue = 1 / largest_inverse;
-    result.distance = 2 * std::sqrt(std::max(2 * (decrease + rounding) * largest_inverse, 0.0));
+    result.distance = 2 * std::sqrt(2 * (decrease + rounding) * largest_inverse);
     // A placement without strain has next to no energy that a share could be taken of.
     detail::SystemRule rule;
     rule.set(system, x, 0);

@@ -17,11 +17,13 @@ double energy_scale(const System& system, const Eigen::MatrixXd& x, double energ
 double energy_rounding(const System& system, const Eigen::MatrixXd& x, double energy);
 
 /// The stopping rule of all methods, max_i |g_i| / (A_ii L) <= tolerance, see stationarity. For terms whose
-/// curvature has no bound, A is that at the start.
+/// curvature has no bound, A is that at the x of the last `set` or `renew`.
 class SystemRule {
  public:
   /// False where stiffness or lengths leave the range of a double.
   bool set(const System& system, const Eigen::MatrixXd& x, double tolerance);
+  /// The rule at another x. It stays as it was where the gradient gave its scale: that of the start tells.
+  void renew(const System& system, const Eigen::MatrixXd& x);
 
   double tolerance() const { return tolerance_; }
   double length() const { return length_; }
@@ -37,6 +39,7 @@ class SystemRule {
 
   Eigen::VectorXd stiffness_, weights_;
   double length_ = 0, tolerance_ = 0;
+  bool is_by_gradient_ = false;
 };
 
 }  // namespace detail

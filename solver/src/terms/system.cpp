@@ -46,19 +46,20 @@ void System::remove_nodes(std::span<const int> nodes) {
     number[i] = static_cast<int>(fixed.size());
     fixed.push_back(is_fixed_[i]);
   }
-  for (const auto& term : terms_) {
-    std::vector<int> gone;
-    for (int e = 0; e < term->size(); ++e) {
-      for (int a = 0; a < term->arity(); ++a) {
-        if (number.at(static_cast<std::size_t>(term->nodes()(a, e))) >= 0) continue;
-        gone.push_back(e);
-        break;
-      }
+  std::vector<std::vector<int>> gone(terms_.size());  // of all terms, before one is changed
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    const Eigen::MatrixXi& of = terms_[t]->nodes();
+    for (Eigen::Index e = 0; e < of.cols(); ++e) {
+      bool is_gone = false;
+      for (const int node : of.col(e)) is_gone |= number.at(static_cast<std::size_t>(node)) < 0;
+      if (is_gone) gone[t].push_back(static_cast<int>(e));
     }
-    term->remove(gone);
-    Eigen::MatrixXi moved = term->nodes();
+  }
+  for (std::size_t t = 0; t < terms_.size(); ++t) {
+    terms_[t]->remove(gone[t]);
+    Eigen::MatrixXi moved = terms_[t]->nodes();
     for (int& node : moved.reshaped()) node = number[static_cast<std::size_t>(node)];
-    term->set_nodes(std::move(moved));
+    terms_[t]->set_nodes(std::move(moved));
   }
   is_fixed_ = std::move(fixed);
 }
@@ -154,7 +155,8 @@ Elements& System::add_elements(const Eigen::MatrixXi& nodes, ElementFunction fun
 }
 
 Eigen::Matrix2Xi all_pairs(int n) {
-  Eigen::Matrix2Xi pairs(2, std::max(0, n) * (std::max(0, n) - 1) / 2);
+  const Eigen::Index count = std::max(0, n);
+  Eigen::Matrix2Xi pairs(2, count * (count - 1) / 2);
   int l = 0;
   for (int i = 0; i < n; ++i) {
     for (int j = i + 1; j < n; ++j) pairs.col(l++) << i, j;
@@ -233,7 +235,7 @@ double energy_scale(const System& system, const Eigen::MatrixXd& x, double energ
   double scale = std::abs(energy);
   for (int t = 0; t < system.term_count(); ++t) {
     if (system.term(t).size() > 0 && system.term(t).role(0) == Term::Role::Pulls)
-      scale += 2 * std::abs(system.term(t).energy(x, nullptr));
+      scale += 2 * system.term(t).magnitude(x).energy;
   }
   return scale;
 }
@@ -255,15 +257,22 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   stiffness_ = scales.stiffness;
   length_ = length_of(system, x, scales);
   weights_.setZero(n);
+  double unknown = stiffness_.size() > 0 ? stiffness_.maxCoeff() : 0.0;
+  is_by_gradient_ = length_ == 0 || !(unknown > 0);
+  Eigen::MatrixXd gradient;
+  if (is_by_gradient_) energy_and_gradient(system, x, gradient);
+  // Where nothing has an extent, the length is how far the forces would move their nodes; where nothing has
+  // stiffness either, any length will do.
+  if (length_ == 0 && (gradient.array() != 0).any()) {
+    for (int i = 0; i < n; ++i) {
+      if (stiffness_[i] > 0) length_ = std::max(length_, gradient.col(i).stableNorm() / stiffness_[i]);
+    }
+    if (length_ == 0) length_ = 1;
+  }
   if (!(length_ > 0)) return length_ == 0;
   // A node whose scale is unknown counts as the stiffest; if all are, the gradient at x tells the scale.
-  double unknown = stiffness_.size() > 0 ? stiffness_.maxCoeff() : 0.0;
-  if (!(unknown > 0)) {
-    Eigen::MatrixXd gradient;
-    energy_and_gradient(system, x, gradient);
-    unknown = gradient.size() > 0 ? gradient.cwiseAbs().maxCoeff() / length_ : 0.0;
-    if (!(unknown > 0)) unknown = 1;
-  }
+  if (!(unknown > 0)) unknown = gradient.cwiseAbs().maxCoeff() / length_;
+  if (!(unknown > 0)) unknown = 1;
   bool in_range = true;
   for (int i = 0; i < n; ++i) {
     if (!(stiffness_[i] > 0)) stiffness_[i] = unknown;
@@ -271,6 +280,12 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
     in_range = in_range && weights_[i] > 0 && is_finite(weights_[i]);
   }
   return in_range;
+}
+
+void SystemRule::renew(const System& system, const Eigen::MatrixXd& x) {
+  if (is_by_gradient_) return;
+  SystemRule here;
+  if (here.set(system, x, tolerance_) && !here.is_by_gradient_) *this = here;
 }
 
 double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales) {
@@ -302,6 +317,7 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
     for (const auto* place : held)
       sum += weight_of(place->stiffness) * (place->position - centroid).squaredNorm();
     for (const auto& [stiffness, square] : scales.lengths) {
+      if (!(stiffness > 0)) continue;  // its length may be so far off that its square overflows
       total += weight_of(stiffness);
       sum += weight_of(stiffness) * square;
     }
@@ -322,10 +338,21 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
   return extent > 0 ? std::min(extent, spread) : spread;
 }
 
+namespace {
+
+// The norm, also where the square leaves the range of a double, which takes longer.
+double norm_of(const Eigen::Ref<const Eigen::VectorXd>& v) {
+  constexpr double kLeast = std::numeric_limits<double>::min() / std::numeric_limits<double>::epsilon();
+  const double square = v.squaredNorm();
+  return square >= kLeast && is_finite(square) ? std::sqrt(square) : v.stableNorm();
+}
+
+}  // namespace
+
 double SystemRule::stationarity(const Eigen::MatrixXd& gradient) const {
   double largest = 0;
   for (Eigen::Index i = 0; i < weights_.size(); ++i) {
-    const double value = gradient.col(i).norm() * weights_[i];
+    const double value = norm_of(gradient.col(i)) * weights_[i];
     if (!(value <= largest)) largest = value;
   }
   return largest;
@@ -335,7 +362,7 @@ bool SystemRule::is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gr
   constexpr double kRounding = 8 * std::numeric_limits<double>::epsilon();
   for (Eigen::Index i = 0; i < weights_.size(); ++i) {
     const double rounding = kRounding * (length_ + x.col(i).cwiseAbs().maxCoeff());
-    if (!(gradient.col(i).norm() * weights_[i] * length_ <= rounding)) return false;
+    if (!(norm_of(gradient.col(i)) * weights_[i] * length_ <= rounding)) return false;
   }
   return true;
 }

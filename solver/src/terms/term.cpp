@@ -3,6 +3,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/terms/term.hpp>
+#include <cmath>
 #include <stdexcept>
 #include <utility>
 
@@ -113,6 +114,15 @@ void Term::set_loss(Loss loss, double scale, double sharpness) {
   const auto one = [](double value) { return Eigen::VectorXd::Constant(1, value); };
   set_loss(loss, one(scale), loss == Loss::Truncated ? Eigen::VectorXd(one(sharpness)) : Eigen::VectorXd());
 }
+
+void Term::set_nodes(Eigen::MatrixXi nodes) {
+  if (nodes.rows() != arity())
+    raise(std::invalid_argument(std::string(kind_) + ": an element has " + std::to_string(arity()) +
+                                " nodes, not " + std::to_string(nodes.rows())));
+  nodes_ = std::move(nodes);
+}
+
+Term::Magnitude Term::magnitude(const Points& x) const { return {std::abs(energy(x, nullptr)), 0}; }
 
 void Term::append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd> values) {
   const auto wrong = [this](const std::string& what) {

@@ -14,29 +14,50 @@ constexpr std::size_t kRest = 0, kStiffness = 1;
 
 std::vector<Column> columns_of() { return {{"rest"}, {"stiffness", 1, Column::Range::NotNegative}}; }
 
-// A function f(p, q, c) of the products p = a . a, q = b . b and c = a . b of two edges, with its
-// derivatives.
-struct OfProducts {
-  double value, p, q, c, pp, pq, pc, qq, qc, cc;
+// Two edges in the plane that they span: lengths and unit vectors of a and of b, and the unit vectors at
+// right angles to them, turned from a to b. The sine is that of the angle between them, positive but for
+// edges on a line, which span none.
+struct Plane {
+  double a, b, cosine, sine;
+  Eigen::VectorXd along_a, along_b, across_a, across_b;
+
+  Plane(const Eigen::VectorXd& edge_a, const Eigen::VectorXd& edge_b)
+      : a(edge_a.stableNorm()), b(edge_b.stableNorm()), cosine(0), sine(0) {
+    if (!(a > 0 && b > 0)) return;
+    along_a = edge_a / a;
+    along_b = edge_b / b;
+    cosine = along_a.dot(along_b);
+    across_a = along_b - cosine * along_a;
+    across_a -= along_a.dot(across_a) * along_a;  // what rounding has left
+    sine = across_a.norm();
+    across_a /= sine;
+    across_b = cosine * across_a - sine * along_a;
+  }
+
+  bool spans() const { return sine > 0; }
+  /// Onto what is at right angles to the plane.
+  Eigen::MatrixXd normal() const {
+    if (along_a.size() == 2) return Eigen::Matrix2d::Zero();
+    return Eigen::MatrixXd::Identity(along_a.size(), along_a.size()) - along_a * along_a.transpose() -
+           across_a * across_a.transpose();
+  }
 };
 
-// The chain rule from p, q and c to the edges' coordinates: their gradient, 2 D, and second derivatives.
-void to_edges(const OfProducts& f, const Eigen::VectorXd& a, const Eigen::VectorXd& b,
-              Eigen::VectorXd& gradient, Eigen::MatrixXd* second) {
-  const Eigen::Index d = a.size();
-  gradient.resize(2 * d);
-  gradient.head(d) = 2 * f.p * a + f.c * b;
-  gradient.tail(d) = 2 * f.q * b + f.c * a;
-  if (second == nullptr) return;
-  const Eigen::MatrixXd aa = a * a.transpose(), ab = a * b.transpose(), bb = b * b.transpose();
-  const Eigen::MatrixXd one = Eigen::MatrixXd::Identity(d, d);
-  second->resize(2 * d, 2 * d);
-  second->topLeftCorner(d, d) = 2 * f.p * one + 4 * f.pp * aa + 2 * f.pc * (ab + ab.transpose()) + f.cc * bb;
-  second->bottomRightCorner(d, d) =
-      2 * f.q * one + 4 * f.qq * bb + 2 * f.qc * (ab + ab.transpose()) + f.cc * aa;
-  second->topRightCorner(d, d) =
-      f.c * one + 4 * f.pq * ab + 2 * f.pc * aa + 2 * f.qc * bb + f.cc * ab.transpose();
-  second->bottomLeftCorner(d, d) = second->topRightCorner(d, d).transpose();
+// u v^T + v u^T
+Eigen::MatrixXd both(const Eigen::VectorXd& u, const Eigen::VectorXd& v) {
+  return u * v.transpose() + v * u.transpose();
+}
+
+Eigen::VectorXd joined(const Eigen::VectorXd& of_a, const Eigen::VectorXd& of_b) {
+  Eigen::VectorXd result(2 * of_a.size());
+  result << of_a, of_b;
+  return result;
+}
+
+Eigen::MatrixXd joined(const Eigen::MatrixXd& aa, const Eigen::MatrixXd& ab, const Eigen::MatrixXd& bb) {
+  Eigen::MatrixXd result(2 * aa.rows(), 2 * aa.rows());
+  result << aa, ab, ab.transpose(), bb;
+  return result;
 }
 
 // From edges a = x_s - x_r and b = x_t - x_r to the corners, of which r is number `root`.
@@ -51,26 +72,11 @@ void to_corners(int root, int s, int t, const Eigen::VectorXd& of_edges,
   if (second != nullptr) *second = edges.transpose() * second_of_edges * edges;
 }
 
-double of_products(const OfProducts& f, int root, int s, int t, const Eigen::VectorXd& a,
-                   const Eigen::VectorXd& b, Eigen::VectorXd& gradient, Eigen::MatrixXd* second) {
-  Eigen::VectorXd of_edges;
-  Eigen::MatrixXd second_of_edges;
-  to_edges(f, a, b, of_edges, second != nullptr ? &second_of_edges : nullptr);
-  to_corners(root, s, t, of_edges, second_of_edges, gradient, second);
-  return f.value;
-}
-
 double none(double value, const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
             Eigen::MatrixXd* second) {
   gradient.setZero(corners.size());
   if (second != nullptr) second->setZero(corners.size(), corners.size());
   return value;
-}
-
-// (p q - c^2)^(1/2) = |a| |b - (b . a / a . a) a| without cancellation.
-double cross_length(const Eigen::VectorXd& a, const Eigen::VectorXd& b) {
-  const double square = a.squaredNorm();
-  return square > 0 ? std::sqrt(square) * (b - (a.dot(b) / square) * a).norm() : 0.0;
 }
 
 }  // namespace
@@ -87,26 +93,30 @@ std::string TriangleTerm::defect(int node_count) const {
   return problem.empty() ? loss_defect() : problem;
 }
 
+// The difference of the two directions' angles in the plane. A direction turns by 1 / length for each unit
+// that its end moves across; the edges' moves u and v out of the plane, as shares of their lengths, turn it
+// by
+// (|u|^2 + |v|^2) cot / 2 - u . v / sin.
 double Angles::value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
                      Eigen::MatrixXd* second) const {
-  const Eigen::VectorXd a = corners.col(0) - corners.col(1), b = corners.col(2) - corners.col(1);
-  const double p = a.squaredNorm(), q = b.squaredNorm(), c = a.dot(b), s = cross_length(a, b);
-  const double angle = std::atan2(s, c);
-  if (!(s > 0 && p > 0 && q > 0)) return none(p > 0 && q > 0 ? angle : 0, corners, gradient, second);
-  const double cube = 2 * s * s * s;
-  const OfProducts f{angle,
-                     c / (2 * s * p),
-                     c / (2 * s * q),
-                     -1 / s,
-                     -c / (2 * s * p * p) - c * q / (2 * cube * p),
-                     -c / (2 * cube),
-                     q / cube,
-                     -c / (2 * s * q * q) - c * p / (2 * cube * q),
-                     p / cube,
-                     -2 * c / cube};
-  return of_products(f, 1, 0, 2, a, b, gradient, second);
+  const Plane plane(corners.col(0) - corners.col(1), corners.col(2) - corners.col(1));
+  const double angle = std::atan2(plane.sine, plane.cosine);
+  if (!plane.spans()) return none(plane.a > 0 && plane.b > 0 ? angle : 0, corners, gradient, second);
+  const Eigen::VectorXd of_edges = joined(-plane.across_a / plane.a, plane.across_b / plane.b);
+  Eigen::MatrixXd second_of_edges;
+  if (second != nullptr) {
+    const Eigen::MatrixXd normal = plane.normal(), turned = plane.cosine / plane.sine * normal;
+    second_of_edges =
+        joined(Eigen::MatrixXd((turned + both(plane.along_a, plane.across_a)) / plane.a / plane.a),
+               Eigen::MatrixXd(-normal / plane.sine / plane.a / plane.b),
+               Eigen::MatrixXd((turned - both(plane.along_b, plane.across_b)) / plane.b / plane.b));
+  }
+  to_corners(1, 0, 2, of_edges, second_of_edges, gradient, second);
+  return angle;
 }
 
+// Half of a b sin; the edges' moves u and v out of the plane, as shares of their lengths, add
+// (|u|^2 + |v|^2 - 2 u . v cos) a b / (4 sin).
 double Areas::value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
                     Eigen::MatrixXd* second) const {
   const Eigen::VectorXd a = corners.col(1) - corners.col(0), b = corners.col(2) - corners.col(0);
@@ -119,20 +129,19 @@ double Areas::value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
     to_corners(0, 1, 2, of_edges, second_of_edges, gradient, second);
     return (a[0] * b[1] - a[1] * b[0]) / 2;
   }
-  const double p = a.squaredNorm(), q = b.squaredNorm(), c = a.dot(b), s = cross_length(a, b);
-  if (!(s > 0)) return none(0, corners, gradient, second);
-  const double cube = s * s * s;
-  const OfProducts f{s / 2,
-                     q / (4 * s),
-                     p / (4 * s),
-                     -c / (2 * s),
-                     -q * q / (8 * cube),
-                     1 / (4 * s) - p * q / (8 * cube),
-                     q * c / (4 * cube),
-                     -p * p / (8 * cube),
-                     p * c / (4 * cube),
-                     -p * q / (2 * cube)};
-  return of_products(f, 0, 1, 2, a, b, gradient, second);
+  const Plane plane(a, b);
+  if (!plane.spans()) return none(0, corners, gradient, second);
+  const Eigen::VectorXd of_edges = joined(-plane.b / 2 * plane.across_b, plane.a / 2 * plane.across_a);
+  Eigen::MatrixXd second_of_edges;
+  if (second != nullptr) {
+    const Eigen::MatrixXd normal = plane.normal() / (2 * plane.sine);
+    const Eigen::MatrixXd turned = plane.along_a * plane.across_a.transpose();
+    second_of_edges = joined(Eigen::MatrixXd(plane.b / plane.a * normal),
+                             Eigen::MatrixXd((turned - turned.transpose()) / 2 - plane.cosine * normal),
+                             Eigen::MatrixXd(plane.a / plane.b * normal));
+  }
+  to_corners(0, 1, 2, of_edges, second_of_edges, gradient, second);
+  return plane.a * plane.b * plane.sine / 2;
 }
 
 // Calls visit(element, phi, gradient of s, second derivatives of s, k).

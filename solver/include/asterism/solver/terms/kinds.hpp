@@ -23,6 +23,7 @@ class ASTERISM_API LinearTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
+  Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   bool is_quadratic() const override { return loss() == Loss::Quadratic; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
@@ -102,6 +103,7 @@ class ASTERISM_API LengthTerm : public Term {
  public:
   std::string defect(int node_count) const override;
   double energy(const Points& x, Points* gradient) const override;
+  Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   const char* problem_with(Curvature) const override;
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
@@ -158,6 +160,7 @@ class ASTERISM_API Loads final : public TermOf<Loads> {
   /// Without elements.
   explicit Loads(int dim);
   double energy(const Points& x, Points* gradient) const override;
+  Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points&, Curvature, CurvatureSink&) const override {}
   bool is_quadratic() const override { return true; }
   void add_scales(const Points& x, Scales& scales) const override;
@@ -253,6 +256,7 @@ using ElementFunction = std::function<void(const Eigen::MatrixXd& points, const 
 class ASTERISM_API Elements final : public TermOf<Elements> {
  public:
   /// `has_second`: whether the function has second derivatives; without, only methods that need none take it.
+  /// Throws std::invalid_argument for less than one node of an element, or a negative number of rows.
   Elements(int dim, int arity, int rows, ElementFunction function, bool has_second);
   double energy(const Points& x, Points* gradient) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;

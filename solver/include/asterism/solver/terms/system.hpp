@@ -46,6 +46,7 @@ class ASTERISM_API System {
   /// Adds nodes at the end.
   void add_nodes(int count);
   /// Removes nodes, and the elements that have one of them; the others are numbered anew, in their order.
+  /// Throws std::out_of_range, and changes nothing, if one of them or of the elements' nodes does not exist.
   void remove_nodes(std::span<const int> nodes);
 
   /// A fixed node stays where the start has it. Throws std::out_of_range.
@@ -118,7 +119,8 @@ ASTERISM_API std::string validate(const System& system, const Eigen::MatrixXd& x
 /// one, else from their second derivatives at x. For springs as that of SpringSystem.
 ASTERISM_API Eigen::VectorXd node_stiffness(const System& system, const Eigen::MatrixXd& x);
 /// The length L that distances are measured in, as for SpringSystem: the root mean square of the rest
-/// lengths and of the anchors about their centroid; without any, that of x about its own.
+/// lengths and of the anchors about their centroid; without any, that of x about its own; where that is 0,
+/// how far the forces would move their nodes.
 ASTERISM_API double characteristic_length(const System& system, const Eigen::MatrixXd& x);
 /// max_i |g_i| / (A_ii L): how far x is from a stationary point, without units.
 ASTERISM_API double stationarity(const System& system, const Eigen::MatrixXd& x);

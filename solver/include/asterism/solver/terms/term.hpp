@@ -125,14 +125,24 @@ class ASTERISM_API Term {
   void append(const Eigen::MatrixXi& nodes, std::span<const Eigen::MatrixXd> values);
   /// Removes elements, by their numbers; the others keep their order.
   void remove(std::span<const int> elements);
-  /// Replaces the nodes; the columns are to be changed to fit.
-  void set_nodes(Eigen::MatrixXi nodes) { nodes_ = std::move(nodes); }
+  /// Replaces the nodes; the columns are to be changed to fit. Throws std::invalid_argument for another
+  /// number of nodes of an element.
+  void set_nodes(Eigen::MatrixXi nodes);
 
   /// What is wrong with the numbers, for a system of so many nodes; empty for nothing.
   virtual std::string defect(int node_count) const;
 
   /// The energy at x (dim x nodes); adds its gradient to `gradient` unless that is null.
   virtual double energy(const Points& x, Points* gradient) const = 0;
+  /// What rounding errors are shares of, see magnitude().
+  struct Magnitude {
+    double energy = 0;    ///< of the energy
+    double gradient = 0;  ///< of the gradient's norm
+  };
+  /// The sums of the absolute values that energy() and its gradient are computed from, such as of a link's
+  /// tension times its length and its length at rest: certificates take a share of them off, so that rounding
+  /// does not make a bound wrong. Without, the energy's own for terms of one's own.
+  virtual Magnitude magnitude(const Points& x) const;
   /// Adds the second derivatives at x. Only if there is no problem_with(curvature).
   virtual void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const = 0;
   /// Why the term does not have this curvature; nullptr if it has.
