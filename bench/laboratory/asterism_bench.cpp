@@ -39,6 +39,7 @@ int run_bars(bool quick, const std::string& group) {
   proof_bars(bars);
   discrete_bars(bars);
   gradient_bars(bars);
+  terms_bars(bars);
   std::printf("%d not met\n", bars.missed());
   return 0;
 }
@@ -149,7 +150,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
   bars->add_flag("--quick", quick, "fewer and smaller systems");
   bars->add_option("--group", group, "one group only")
       ->check(CLI::IsMember(
-          {"small", "dense", "sparse", "batch", "robustness", "proof", "discrete", "gradient"}));
+          {"small", "dense", "sparse", "batch", "robustness", "proof", "discrete", "gradient", "terms"}));
 
   CLI::App* crossovers = app.add_subcommand(
       "crossovers", "times the methods that Auto chooses from, by size, linking and strength of the anchors");

@@ -55,5 +55,6 @@ void robustness_bars(Bars& bars);
 void proof_bars(Bars& bars);
 void discrete_bars(Bars& bars);
 void gradient_bars(Bars& bars);
+void terms_bars(Bars& bars);
 
 }  // namespace asterism::bench

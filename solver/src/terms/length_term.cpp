@@ -358,13 +358,28 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
   return energy + left_out.energy;
 }
 
+namespace {
+
+// Whether most links are followed by the next one of a row, to judge by some of them.
+bool mostly_in_rows(const Eigen::MatrixXi& pairs) {
+  constexpr Eigen::Index kProbes = 64;
+  const Eigen::Index links = pairs.cols() - 1, step = 1 + links / kProbes;
+  Eigen::Index followed = 0, probes = 0;
+  for (Eigen::Index l = 0; l < links; l += step, ++probes)
+    followed += pairs(0, l + 1) == pairs(0, l) && pairs(1, l + 1) == pairs(1, l) + 1;
+  return 4 * followed >= 3 * probes;
+}
+
+}  // namespace
+
 double LengthTerm::energy(const Points& x, Points* gradient) const {
   return detail::with_dim(dim(), [&]<int D>() {
     if constexpr (D != Eigen::Dynamic) {
       if (function() == nullptr && !numbers(kInformation)) {
         const auto n = static_cast<int>(x.cols());
         const bool are_rows = arity() == 2 && n <= lanes_v0_1::LinkRows::kMostNodes && size() >= 3 * n &&
-                              law() <= LinkLaw::Interval && loss() == Loss::Quadratic && !numbers(kOffset);
+                              law() <= LinkLaw::Interval && loss() == Loss::Quadratic && !numbers(kOffset) &&
+                              mostly_in_rows(nodes());
         if (are_rows) return sum_of_rows<D>(x, gradient);
         return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
       }
