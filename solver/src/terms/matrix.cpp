@@ -31,17 +31,26 @@ bool SystemMatrix::should_be_dense() const {
   double entries = 0;
   for (int t = 0; t < system_->term_count(); ++t) {
     const Term& term = system_->term(t);
-    entries += static_cast<double>(term.size()) * term.arity() * (term.arity() - 1) * dim_ * dim_;
+    entries += static_cast<double>(term.size()) * term.arity() * (term.arity() - 1) * per_node_ * per_node_;
   }
   return entries > kDensity * size_ * size_;
 }
 
 void SystemMatrix::assemble(const System& system, const Eigen::MatrixXd& x, Curvature curvature) {
-  const int former_size = size_;
   system_ = &system;
   nodes_ = system.nodes();
-  dim_ = system.dim();
-  size_ = nodes_ * dim_;
+  is_shared_ = storage_ == Storage::Best && curvature == Curvature::Majorising;
+  if (is_shared_ && assemble_entries(x, curvature)) return;
+  is_shared_ = false;
+  assemble_entries(x, curvature);
+}
+
+bool SystemMatrix::assemble_entries(const Eigen::MatrixXd& x, Curvature curvature) {
+  const System& system = *system_;
+  const int former_size = size_;
+  per_node_ = is_shared_ ? 1 : system.dim();
+  has_own_rows_ = false;
+  size_ = nodes_ * per_node_;
   for (int t = 0; t < system.term_count(); ++t) {
     if (system.term(t).size() > 0 && system.term(t).has_hidden()) ++size_;
   }
@@ -51,9 +60,9 @@ void SystemMatrix::assemble(const System& system, const Eigen::MatrixXd& x, Curv
     dense_.setZero(size_, size_);
     add_terms(x, curvature);
     for (int i = 0; i < nodes_; ++i) {
-      if (system.is_fixed(i)) dense_.diagonal().segment(i * dim_, dim_).setOnes();
+      if (system.is_fixed(i)) dense_.diagonal().segment(i * per_node_, per_node_).setOnes();
     }
-    return;
+    return !has_own_rows_;
   }
 
   std::vector<bool> fixed(static_cast<std::size_t>(nodes_));
@@ -75,8 +84,9 @@ void SystemMatrix::assemble(const System& system, const Eigen::MatrixXd& x, Curv
     adding_ = Adding::ToSlots;
   }
   for (int i = 0; i < nodes_; ++i) {
-    for (int d = 0; system.is_fixed(i) && d < dim_; ++d) pivot(i * dim_ + d) = 1;
+    for (int d = 0; system.is_fixed(i) && d < per_node_; ++d) pivot(i * per_node_ + d) = 1;
   }
+  return !has_own_rows_;
 }
 
 void SystemMatrix::add_terms(const Eigen::MatrixXd& x, Curvature curvature) {
@@ -141,6 +151,8 @@ void SystemMatrix::add_element(const int* nodes, int count, Value&& value) {
 }
 
 void SystemMatrix::add(const int* nodes, int count, const double* matrix, int rows) {
+  has_own_rows_ = true;
+  if (is_shared_) return;
   constexpr int kMostNodes = 64;
   int few[kMostNodes];
   std::vector<int> many(count > kMostNodes ? static_cast<std::size_t>(count) : 0);
@@ -152,7 +164,12 @@ void SystemMatrix::add(const int* nodes, int count, const double* matrix, int ro
 }
 
 void SystemMatrix::add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) {
-  if (dim == 2) {
+  if (is_shared_) {
+    for (int j = 0; j < dim; ++j) {
+      for (int i = 0; i < dim; ++i) has_own_rows_ |= B[dim * j + i] != (i == j ? B[0] : 0.0);
+    }
+    add_element(nodes, count, [=](int a, int b, int, int) { return c[a] * c[b] * B[0]; });
+  } else if (dim == 2) {  // of a known size, which is faster
     add_element(nodes, count, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[2 * j + i]; });
   } else {
     add_element(nodes, count, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[dim * j + i]; });
@@ -228,10 +245,10 @@ Eigen::VectorXd SystemMatrix::operator*(const Eigen::VectorXd& v) const {
 
 void SystemMatrix::shift(const Eigen::VectorXd& node_stiffness, double share) {
   for (int c = 0; c < size_; ++c) {
-    const bool is_hidden = c >= nodes_ * dim_;
-    if (!is_hidden && system_->is_fixed(c / dim_)) continue;
+    const bool is_hidden = c >= nodes_ * per_node_;
+    if (!is_hidden && system_->is_fixed(c / per_node_)) continue;
     double& diagonal = pivot(c);
-    diagonal += share * (is_hidden ? diagonal : node_stiffness[c / dim_]);
+    diagonal += share * (is_hidden ? diagonal : node_stiffness[c / per_node_]);
   }
 }
 
@@ -249,6 +266,7 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
     return pivot > kRounding * matrix.diagonal(row) && pivot > 0 && detail::is_finite(pivot);
   };
   is_dense_ = matrix.is_dense();
+  is_shared_ = matrix.is_shared();
   if (is_dense_) {
     dense_ = factor_ = matrix.dense();
     if (!DenseFactor<double>::factorize(factor_.data(), factor_.rows())) return false;
@@ -277,6 +295,7 @@ Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
 }
 
 Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
+  if (is_shared_) return solve_all(points.transpose()).transpose();
   Eigen::VectorXd right = Eigen::VectorXd::Zero(is_dense_ ? factor_.rows() : cholesky_.rows());
   right.head(points.size()) = points.reshaped();
   if (is_dense_) {

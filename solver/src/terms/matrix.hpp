@@ -22,13 +22,17 @@ class SystemMatrix final : public CurvatureSink {
   using Sparse = Eigen::SparseMatrix<double>;
   enum class Storage {
     Sparse,
-    Best  ///< dense for small systems, and where a good part of the entries is not 0
+    /// Dense for small systems, and where a good part of the entries is not 0. A majoriser whose blocks are
+    /// all multiples of the identity, as the paper's K is, has one row for all coordinates of a node.
+    Best
   };
 
   explicit SystemMatrix(Storage storage) : storage_(storage) {}
 
   void assemble(const System& system, const Eigen::MatrixXd& x, Curvature curvature);
   int rows() const { return size_; }
+  /// Whether one row stands for all coordinates of a node.
+  bool is_shared() const { return is_shared_; }
   bool is_dense() const { return is_dense_; }
   /// The entries, where is_dense() and where not. The upper triangle of dense() has no meaning.
   const Eigen::MatrixXd& dense() const { return dense_; }
@@ -53,8 +57,12 @@ class SystemMatrix final : public CurvatureSink {
     Ignored    // they were not
   };
 
-  int unknowns(int node) const { return node < nodes_ ? dim_ : 1; }
-  int first_unknown(int node) const { return node < nodes_ ? node * dim_ : nodes_ * (dim_ - 1) + node; }
+  int unknowns(int node) const { return node < nodes_ ? per_node_ : 1; }
+  int first_unknown(int node) const {
+    return node < nodes_ ? node * per_node_ : nodes_ * (per_node_ - 1) + node;
+  }
+  // False where it turns out that coordinates cannot share rows.
+  bool assemble_entries(const Eigen::MatrixXd& x, Curvature curvature);
   // Adds the entries of an element in the lower triangle; value(a, b, i, j) is that of the unknowns i and j
   // of its nodes a and b.
   template <typename Value>
@@ -70,8 +78,8 @@ class SystemMatrix final : public CurvatureSink {
 
   Storage storage_;
   const System* system_ = nullptr;
-  int nodes_ = 0, dim_ = 1, size_ = 0, pattern_ = 0;
-  bool is_dense_ = false;
+  int nodes_ = 0, per_node_ = 1, size_ = 0, pattern_ = 0;
+  bool is_dense_ = false, is_shared_ = false, has_own_rows_ = false;
   Eigen::MatrixXd dense_;
   Sparse sparse_;
   // The elements of the pattern: for each, how many nodes it has, and these; and where its entries are.
@@ -103,7 +111,7 @@ class SystemFactor {
  private:
   void analyse(const SystemMatrix& matrix);
 
-  bool is_dense_ = false;
+  bool is_dense_ = false, is_shared_ = false;
   Eigen::MatrixXd dense_, factor_;  // the matrix, and L in its lower triangle
   Eigen::SimplicialLDLT<SystemMatrix::Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky_;
   int pattern_ = -1;
