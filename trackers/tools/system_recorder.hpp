@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <fstream>
 #include <optional>
@@ -24,7 +25,7 @@ class SolveWatch {
 
   /// Makes the Dpt of a description and observes it; it must not outlive this object. Empty if the
   /// description is of another tracker.
-  std::optional<Dpt> make_tracker(const std::string& description);
+  std::optional<GatedTracker<Dpt>> make_tracker(const std::string& description);
   /// Empty before the first solve.
   const std::optional<Solve>& last() const { return last_; }
 

@@ -111,6 +111,8 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   /// The coarse layer after the last frame.
   const CoarseLayer& coarse() const { return coarse_; }
   const DptOptions& options() const { return options_; }
+  /// The result if the object and its parts stay where they are, for GatedTracker.
+  TrackResult standing() const;
 
  private:
   friend TrackerBase<Dpt>;
@@ -120,7 +122,6 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   void start(const Frame& frame, const cv::Rect2d& box);
   /// Algorithm 2.
   TrackResult follow(const Frame& frame);
-  TrackResult standing() const;
   void visit_learned(StateArchive& archive);
 
   /// Line 1: the parts go along with the root, whose centre is at `position` now.

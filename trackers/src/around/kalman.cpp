@@ -1,5 +1,5 @@
 #include <Eigen/Cholesky>
-#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 
