@@ -161,8 +161,8 @@ Track candidates(const bench::Image& image, const Region& object) {
     run->first.resize({result.box.width, result.box.height});
     run->first.localize(Frame(next.pixels), centre_of(result.box));
     const double first = run->first.similarity_at(centre_of(result.box));
-    const double root = result.confidence, color = run->tracker->coarse().evidence().peak;
-    const double energy = run->tracker->summary().final_energy;
+    const double root = result.confidence, color = run->tracker->tracker().coarse().evidence().peak;
+    const double energy = run->tracker->tracker().summary().final_energy;
     run->mean = (run->mean * run->frames + root) / (run->frames + 1);
     run->frames += 1;
     Answer answer{Region::rectangle(result.box), {}, std::move(result.covariance)};

@@ -3,7 +3,6 @@
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 
-#include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
 
 namespace asterism {

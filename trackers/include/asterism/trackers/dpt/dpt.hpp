@@ -141,7 +141,7 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   void update_coarse_models(const Frame& frame, const Segmentation& segmentation);
 
   int part_count() const { return constellation_.size(); }
-  /// f(i) for every part i, on `threads` threads; throws what the first part threw that did.
+  /// f(i) for every part i, on `threads` threads; rethrows the first exception.
   template <typename F>
   void for_each_part(F&& f);
   /// Each part at its place in the constellation, with its response there.
