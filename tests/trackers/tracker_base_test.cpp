@@ -47,6 +47,7 @@ struct NewGated : Gated {
   NewGated() : Gated(Drifting()) {}
 };
 static_assert(FrameTracker<Drifting> && FrameTracker<Gated> && Stateful<Gated>);
+static_assert(FrameTracker<GatedTracker<AnyTracker>> && Stateful<GatedTracker<AnyTracker>>);
 
 cv::Mat noise(std::uint64_t seed = 1) {
   cv::Mat image(60, 80, CV_8UC1);

@@ -844,7 +844,7 @@ TEST(Lgt, SurvivesAHalfCoveredObject) {
 
 TEST(Lgt, SaysThatTheObjectVanishedAndStays) {
   const Scene scene;
-  Lgt tracker;
+  GatedTracker tracker{Lgt()};
   tracker.init(scene.frame(0), Scene::box(0));
   for (int t = 1; t <= 10; ++t) tracker.update(scene.frame(t));
   for (int t = 0; t < 3; ++t) {
