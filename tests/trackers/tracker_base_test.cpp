@@ -128,7 +128,7 @@ struct OfAUser {
     if (*fails) throw std::runtime_error("OfAUser: failed");
     box->x += 1;
     TrackResult result;
-    result.box = *empty ? cv::Rect2d(box->x, box->y, *empty, 0) : *box;
+    result.box = *empty != 0 ? cv::Rect2d(box->x, box->y, *empty, 0) : *box;
     result.confidence = cv::mean(image)[0] < 127 ? 1 : 0;  // not found in inverted frames
     return result;
   }

@@ -10,8 +10,8 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-/// Any tracker that can be copied, kept out of frames that interrupt a video: blank frames, noise, a
-/// test card, a decoder's gray blocks, a cut to another scene.
+/// Any tracker that can be copied, kept out of frames that interrupt a video: blank frames, noise, a test
+/// card, a decoder's gray blocks, a cut to another scene.
 ///
 ///     GatedTracker tracker{Dpt(options)};
 ///
@@ -22,7 +22,7 @@ inline namespace ASTERISM_ABI {
 /// which stays where it is, until the new view has lasted for kMostHeld frames.
 ///
 /// The result of a tracker that stays is its `standing()`, if it has that function; otherwise it has the last
-/// box alone. What is in it can be saved if the tracker can.
+/// box alone. A GatedTracker can be saved if the tracker in it can.
 template <Tracker T>
 requires std::copyable<T>
 class GatedTracker {
