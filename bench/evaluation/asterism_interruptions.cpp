@@ -4,6 +4,7 @@
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <cstdint>
@@ -207,7 +208,8 @@ struct Sums {
 };
 
 template <class T>
-void measure(const T& tracker, const std::string& name, const std::vector<Clip>& clips, std::size_t draws) {
+void measure(const GatedTracker<T>& tracker, const std::string& name, const std::vector<Clip>& clips,
+             std::size_t draws) {
   std::vector<Sums> sums;
   for (std::size_t run = 0; run < draws * clips.size(); ++run) {
     Random random(1000 + run);
@@ -216,21 +218,22 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
     const Clip& other = clips[(c + 1 + random(clips.size() - 1)) % clips.size()];
     const Clip& third = clips[(c + 1 + random(clips.size() - 1)) % clips.size()];
     const std::size_t at = 10 + random(std::clamp<std::size_t>(clip.images.size() / 2, 11, 40) - 10);
-    T with = tracker, without = tracker;
+    GatedTracker<T> with = tracker;
+    T without = tracker.tracker();
     with.init(clip.images[0], *clip.truth[0]), without.init(clip.images[0], *clip.truth[0]);
     for (std::size_t t = 1; t < at; ++t) {
       with.update(clip.images[t]);
-      without.update_without_gate(Frame(clip.images[t]));
+      without.update(clip.images[t]);
     }
     const std::vector<Kind> all = kinds(clip, at, other, third, random);
     sums.resize(all.size());
     for (std::size_t k = 0; k < all.size(); ++k) {
-      T gated = with, ungated = without;
+      GatedTracker<T> gated = with;
+      T ungated = without;
       double sum_with = 0, sum_without = 0;
       int compared = 0;
       for (const Shown& shown : all[k].shown) {
-        const TrackResult result = gated.update(shown.image),
-                          other_result = ungated.update_without_gate(Frame(shown.image));
+        const TrackResult result = gated.update(shown.image), other_result = ungated.update(shown.image);
         sums[k].interrupted += result.interrupted;
         if (!shown.truth) continue;
         sum_with += tools::overlap(result.box, *shown.truth);
@@ -254,8 +257,8 @@ void measure(const T& tracker, const std::string& name, const std::vector<Clip>&
 // Whole sequences as they are, each tracked `draws` times, from the second time on from a box that is moved
 // by up to a pixel: those in which the gate changes a box, and their average overlaps.
 template <class T>
-void compare_unaltered(const T& tracker, const std::string& name, const std::vector<Sequence>& sequences,
-                       std::size_t draws) {
+void compare_unaltered(const GatedTracker<T>& tracker, const std::string& name,
+                       const std::vector<Sequence>& sequences, std::size_t draws) {
   std::printf("%s, unaltered, %zu runs of each sequence\n%-36s %7s %7s %7s %s\n", name.c_str(), draws,
               "sequence", "without", "with", "gain", "frames, of them with another box, interrupted");
   struct Compared {
@@ -277,7 +280,8 @@ void compare_unaltered(const T& tracker, const std::string& name, const std::vec
       const auto move = [&] { return run == 0 ? 0 : static_cast<double>(random(2001)) / 1000 - 1; };
       cv::Rect2d start = sequence.truth[0]->equal_area_box();
       start.x += move(), start.y += move();
-      T with = tracker, without = tracker;
+      GatedTracker<T> with = tracker;
+      T without = tracker.tracker();
       const cv::Mat first = reader(0);
       with.init(first, start), without.init(first, start);
       double overlap_with = 0, overlap_without = 0;
@@ -285,7 +289,7 @@ void compare_unaltered(const T& tracker, const std::string& name, const std::vec
       for (std::size_t t = 1; t < sequence.length(); ++t) {
         const cv::Mat image = reader(t);
         const Frame frame(image);
-        const TrackResult result = with.update(frame), other = without.update_without_gate(frame);
+        const TrackResult result = with.update(frame), other = without.update(frame);
         of.frames += 1, of.other += result.box != other.box, of.interrupted += result.interrupted;
         if (!sequence.truth[t]) continue;
         const cv::Rect2d truth = sequence.truth[t]->equal_area_box();
@@ -302,15 +306,15 @@ void compare_unaltered(const T& tracker, const std::string& name, const std::vec
   print("all " + std::to_string(sequences.size()), all, draws * sequences.size());
 }
 
-// Calls `visit` with a tracker of this name as its own class.
+// Calls `visit` with the GatedTracker of this name.
 template <class Visit>
 void visit_tracker(const std::string& name, Visit&& visit) {
   const AnyTracker tracker = make_tracker(name);
-  if (const auto* const dpt = tracker.target<Dpt>())
+  if (const auto* const dpt = tracker.target<GatedTracker<Dpt>>())
     visit(*dpt);
-  else if (const auto* const coarse = tracker.target<CoarseTracker>())
+  else if (const auto* const coarse = tracker.target<GatedTracker<CoarseTracker>>())
     visit(*coarse);
-  else if (const auto* const lgt = tracker.target<Lgt>())
+  else if (const auto* const lgt = tracker.target<GatedTracker<Lgt>>())
     visit(*lgt);
   else
     throw std::invalid_argument(name + " has no gate of its own");

@@ -6,6 +6,7 @@
 #include <Eigen/Cholesky>
 #include <Eigen/LU>
 #include <algorithm>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <cmath>
 #include <cstdio>
@@ -137,7 +138,7 @@ class WatchedRoot {
 Track candidates(const bench::Image& image, const Region& object) {
   struct Run {
     std::shared_ptr<WatchedRoot::Seen> seen = std::make_shared<WatchedRoot::Seen>();
-    std::optional<Dpt> tracker;
+    std::optional<GatedTracker<Dpt>> tracker;
     Kcf first;  // the root as learned in the first frame, never adapted
     double mean = 0, frames = 0;
   };
@@ -145,7 +146,7 @@ Track candidates(const bench::Image& image, const Region& object) {
   DptOptions options;
   options.coarse.root = WatchedRoot(run->seen);
   options.certify = true;
-  run->tracker.emplace(options);
+  run->tracker.emplace(Dpt(options));
   run->tracker->init(image.pixels, object);
   const cv::Rect2d box = object.equal_area_box();
   run->first.init(Frame(image.pixels), centre_of(box), {box.width, box.height});
@@ -160,8 +161,8 @@ Track candidates(const bench::Image& image, const Region& object) {
     run->first.resize({result.box.width, result.box.height});
     run->first.localize(Frame(next.pixels), centre_of(result.box));
     const double first = run->first.similarity_at(centre_of(result.box));
-    const double root = result.confidence, color = run->tracker->coarse().evidence().peak;
-    const double energy = run->tracker->summary().final_energy;
+    const double root = result.confidence, color = run->tracker->tracker().coarse().evidence().peak;
+    const double energy = run->tracker->tracker().summary().final_energy;
     run->mean = (run->mean * run->frames + root) / (run->frames + 1);
     run->frames += 1;
     Answer answer{Region::rectangle(result.box), {}, std::move(result.covariance)};

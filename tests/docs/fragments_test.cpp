@@ -18,6 +18,7 @@
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <asterism/trackers/tracker/opencv_tracker.hpp>
@@ -152,16 +153,23 @@ TEST(InPractice, SeveralObjects) {
   EXPECT_EQ(drawn, 1);
 }
 
+TEST(InPractice, FramesThatShowNothing) {
+#include "docs_in-practice_2.inc"
+  tracker.init(draw(0), box);
+  EXPECT_TRUE(tracker.update(cv::Mat::zeros(draw(0).size(), CV_8U)).interrupted);
+  EXPECT_EQ(tracker.update(draw(1)).parts.size(), 6u);
+}
+
 TEST(InPractice, Saving) {
   AnyTracker tracker = make_tracker("dpt");
   tracker.init(draw(0), box);
   tracker.update(draw(1));
-#include "docs_in-practice_2.inc"
+#include "docs_in-practice_3.inc"
   EXPECT_EQ(later.update(draw(2)).box, tracker.update(draw(2)).box);
 }
 
 struct Saved {
-#include "docs_in-practice_3.inc"
+#include "docs_in-practice_4.inc"
   GrayPatchOptions options_;
   Size2 size_ = Size2::Ones();
   Eigen::Array33f learned_ = Eigen::Array33f::Zero();
@@ -172,7 +180,7 @@ TEST(InPractice, Range) {
   cv::Mat image, next;
   draw(0).convertTo(image, CV_16U, 4095.0 / 255);
   draw(1).convertTo(next, CV_16U, 4095.0 / 255);
-#include "docs_in-practice_4.inc"
+#include "docs_in-practice_5.inc"
   EXPECT_FALSE(result.lost);
   EXPECT_EQ(suggested_range(image), range);
 }
@@ -180,7 +188,7 @@ TEST(InPractice, Range) {
 TEST(InPractice, StartRegion) {
   AnyTracker tracker = make_tracker("kcf");
   const cv::Mat image = draw(0);
-#include "docs_in-practice_5.inc"
+#include "docs_in-practice_6.inc"
   EXPECT_FALSE(tracker.update(draw(1)).lost);
 }
 

@@ -6,6 +6,7 @@
 #include <asterism/parts/models/mosse.hpp>
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/template.hpp>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <cstring>
 #include <functional>
@@ -37,12 +38,12 @@ std::vector<Saved> saved_trackers() {
   CoarseOptions coarse;
   coarse.use_color = false;
   coarse.root = histogram;
-  add([=] { return AnyTracker(CoarseTracker(coarse)); });
+  add([=] { return AnyTracker(GatedTracker(CoarseTracker(coarse))); });
   for (const AnyPart& part : {AnyPart(histogram), AnyPart(Template()), AnyPart(Mosse())}) {
     DptOptions options;
     options.coarse = coarse;
     options.part = part;
-    add([=] { return AnyTracker(Dpt(options)); });
+    add([=] { return AnyTracker(GatedTracker(Dpt(options))); });
   }
   for (const std::string& name : tracker_names()) {
     // dpt_loc, dpt_3x3_ov and so on save the same as dpt, with other links or more parts.
@@ -54,7 +55,7 @@ std::vector<Saved> saved_trackers() {
   }
   // Last, so that the existing corpus keeps its meaning.
   coarse.root = Strcf();
-  add([=] { return AnyTracker(CoarseTracker(coarse)); });
+  add([=] { return AnyTracker(GatedTracker(CoarseTracker(coarse))); });
   return all;
 }
 

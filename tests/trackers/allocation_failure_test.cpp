@@ -70,6 +70,23 @@ TEST_P(OutOfMemory, InUpdate) {
   EXPECT_GT(allocations, 3);
 }
 
+// A frame of another scene, at which the gate copies the tracker, is as if it had not been shown.
+TEST_P(OutOfMemory, WhereTheSceneBreaksOff) {
+  const cv::Mat next = draw_frame(1);
+  cv::Mat other;
+  cv::bitwise_not(next, other);
+  AnyTracker tracker = make_tracker(GetParam());
+  tracker.init(draw_frame(0), true_box(0));
+  const AnyTracker started = tracker;
+  const long allocations = testing::fail_each_allocation([&] { attempt([&] { tracker.update(other); }); },
+                                                         [&](long k) {
+                                                           SCOPED_TRACE(k);
+                                                           expect_same(tracker.update(next), expected_);
+                                                           tracker = started;
+                                                         });
+  EXPECT_GT(allocations, 50);
+}
+
 INSTANTIATE_TEST_SUITE_P(Trackers, OutOfMemory, ::testing::Values("dpt"));
 
 }  // namespace

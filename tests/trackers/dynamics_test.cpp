@@ -6,8 +6,8 @@
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <cmath>
 #include <functional>
 #include <limits>

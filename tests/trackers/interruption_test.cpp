@@ -2,7 +2,7 @@
 
 #include <gtest/gtest.h>
 
-#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/around/gated.hpp>
 #include <filesystem>
 
 #include "ground_truth.hpp"
@@ -89,7 +89,7 @@ TEST_P(Interrupted, GoesOnAsIfThereHadBeenNoOtherScene) {
   for (const testing::Interruption& kind : kinds)
     for (const int frames : {1, 5, 25}) {
       // The filter is outside the gate: it does not forget what it measured after the hold.
-      if (GetParam() == "kalman" && frames > InterruptionGate::kMostHeld) continue;
+      if (GetParam() == "kalman" && frames > GatedTracker<AnyTracker>::kMostHeld) continue;
       // A tracker that finds its object in one of them, as lgt does, takes it as the scene to come back to.
       if (kind.name == "two other videos" && (frames == 25 || GetParam() == "lgt")) continue;
       SCOPED_TRACE(kind.name + ", " + std::to_string(frames));
@@ -108,9 +108,9 @@ TEST_P(Interrupted, GoesOnInAnotherSceneAtLast) {
     if (!lasts) continue;
     SCOPED_TRACE(kind.name);
     AnyTracker tracker = running();
-    for (int i = 0; i < InterruptionGate::kMostHeld; ++i)
+    for (int i = 0; i < GatedTracker<AnyTracker>::kMostHeld; ++i)
       tracker.update(kind.show(draw_frame(kSeen + i), i, 40));
-    for (int i = InterruptionGate::kMostHeld; i < 40; ++i)
+    for (int i = GatedTracker<AnyTracker>::kMostHeld; i < 40; ++i)
       ASSERT_FALSE(tracker.update(kind.show(draw_frame(kSeen + i), i, 40)).interrupted) << i;
   }
 }

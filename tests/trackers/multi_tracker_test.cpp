@@ -1,8 +1,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <stdexcept>
 

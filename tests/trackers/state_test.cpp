@@ -5,8 +5,9 @@
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/superpixels.hpp>
 #include <asterism/parts/models/template.hpp>
+#include <asterism/trackers/around/gated.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <cstring>
 #include <functional>
@@ -48,11 +49,11 @@ std::string refusal(AnyTracker& tracker, const Bytes& state) {
 }
 
 // Small enough to change every byte of its state.
-CoarseTracker small_tracker() {
+GatedTracker<CoarseTracker> small_tracker() {
   CoarseOptions options;
   options.use_color = false;
   options.root = ColorHistogram({.space = ColorHistogramOptions::Space::Gray, .bins = 8});
-  return CoarseTracker(options);
+  return GatedTracker(CoarseTracker(options));
 }
 
 std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
@@ -79,7 +80,7 @@ std::vector<std::pair<std::string, std::function<AnyTracker()>>> trackers() {
       options.grid_rows = 3;
       options.constellation = Constellation::Local;
       options.solver = {"newton", {}};
-      return AnyTracker(Dpt(options));
+      return AnyTracker(GatedTracker(Dpt(options)));
     });
   return result;
 }

@@ -5,6 +5,7 @@
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/newton.hpp>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/constellation/stiffness.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
@@ -843,7 +844,7 @@ TEST(Lgt, SurvivesAHalfCoveredObject) {
 
 TEST(Lgt, SaysThatTheObjectVanishedAndStays) {
   const Scene scene;
-  Lgt tracker;
+  GatedTracker tracker{Lgt()};
   tracker.init(scene.frame(0), Scene::box(0));
   for (int t = 1; t <= 10; ++t) tracker.update(scene.frame(t));
   for (int t = 0; t < 3; ++t) {
@@ -982,9 +983,10 @@ TEST(Lgt, HasNoMorePartsThanAskedFor) {
 
 TEST(AnyTracker, ShowsTheTrackerInIt) {
   const AnyTracker tracker = make_tracker("dpt_str");
-  ASSERT_NE(tracker.target<Dpt>(), nullptr);
-  EXPECT_EQ(tracker.target<Dpt>()->options().constellation, Constellation::Star);
-  EXPECT_EQ(tracker.target<CoarseTracker>(), nullptr);
+  const auto* const dpt = tracker.target<GatedTracker<Dpt>>();
+  ASSERT_NE(dpt, nullptr);
+  EXPECT_EQ(dpt->tracker().options().constellation, Constellation::Star);
+  EXPECT_EQ(tracker.target<GatedTracker<CoarseTracker>>(), nullptr);
 }
 
 TEST(Lgt, RefusesBadOptions) {

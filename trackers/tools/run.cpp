@@ -1,7 +1,7 @@
 #include "run.hpp"
 
 #include <algorithm>
-#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/around/interruption.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/tracker/multi_tracker.hpp>
 #include <chrono>
@@ -81,7 +81,7 @@ void check(const Options& options) {
   }
   for (const auto& [option, path] : files_of(options)) check_output(option, path);
   const auto needs_dpt = [&](const std::string& option) {
-    if (tracker.target<Dpt>() != nullptr) return;
+    if (tracker.target<GatedTracker<Dpt>>() != nullptr) return;
     throw std::runtime_error(option + ": tracker \"" + options.tracker +
                              "\" solves no spring systems (dpt does)");
   };

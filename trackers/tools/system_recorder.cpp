@@ -43,11 +43,11 @@ SystemRecorder::SystemRecorder(const std::string& path, std::string name, std::s
   if (!file_) throw std::runtime_error("cannot write " + path_ + why());
 }
 
-std::optional<Dpt> SolveWatch::make_tracker(const std::string& description) {
+std::optional<GatedTracker<Dpt>> SolveWatch::make_tracker(const std::string& description) {
   const AnyTracker tracker = asterism::make_tracker(description);
-  const Dpt* const dpt = tracker.target<Dpt>();
+  const auto* const dpt = tracker.target<GatedTracker<Dpt>>();
   if (dpt == nullptr) return {};
-  DptOptions options = dpt->options();
+  DptOptions options = dpt->tracker().options();
   options.on_solve = [this](const DptSolve& solve) {
     last_.emplace(Solve{solve.system,
                         solve.start,
@@ -55,7 +55,7 @@ std::optional<Dpt> SolveWatch::make_tracker(const std::string& description) {
                         solve.start_box,
                         solve.summary});
   };
-  return Dpt(options);
+  return GatedTracker(Dpt(options));
 }
 
 void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const SolveWatch::Solve& solve,

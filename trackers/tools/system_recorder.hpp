@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <fstream>
 #include <optional>
@@ -24,7 +25,7 @@ class SolveWatch {
 
   /// Makes the Dpt of a description and observes it; it must not outlive this object. Empty if the
   /// description is of another tracker.
-  std::optional<Dpt> make_tracker(const std::string& description);
+  std::optional<GatedTracker<Dpt>> make_tracker(const std::string& description);
   /// Empty before the first solve.
   const std::optional<Solve>& last() const { return last_; }
 
@@ -45,9 +46,9 @@ class SystemRecorder {
   SystemRecorder(const std::string& path, std::string name, std::string tracker);
 
   /// Writes the system of a frame, the tracker's box after it and, where it is known, the annotated box with
-  /// the placement that it stands for: that of the first system's start, moved and scaled by the similarity
-  /// without rotation that takes the box of that start to a box of the annotated centre and area. Separate
-  /// from the solve, so that it does not count as the tracker's time. Throws std::runtime_error on failure.
+  /// the true placement: the first system's start, scaled and moved as its box has to be to get the annotated
+  /// centre and area. Separate from the solve, so that it does not count as the tracker's time. Throws
+  /// std::runtime_error on failure.
   void write(int frame, const SolveWatch::Solve& solve, const cv::Rect2d& box,
              const std::optional<cv::Rect2d>& truth);
 

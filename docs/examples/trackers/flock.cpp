@@ -4,6 +4,7 @@
 // better.
 
 #include <algorithm>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
@@ -15,6 +16,9 @@
 using namespace asterism;
 
 class Flock : public TrackerBase<Flock> {
+ public:
+  TrackResult standing() const { return points_.standing(pose_, pose_.size() / kGrid); }
+
  private:
   friend TrackerBase<Flock>;
   static constexpr std::string_view kName = "Flock";
@@ -33,8 +37,6 @@ class Flock : public TrackerBase<Flock> {
     points_.assign(layout, layout.colwise() + pose_.centre(), Topology<>::k_nearest(layout, kNeighbours));
     flow_.learn(frame, pose_.centre(), pose_.size());
   }
-
-  TrackResult standing() const { return points_.standing(pose_, pose_.size() / kGrid); }
 
   TrackResult follow(const Frame& frame) {
     // Each point is followed by itself. Points near the box's corners weigh less: they are often on the
@@ -85,4 +87,4 @@ class Flock : public TrackerBase<Flock> {
   ObjectPose pose_;
 };
 
-int main(int argc, char** argv) { return run_tracker(Flock(), argc, argv); }
+int main(int argc, char** argv) { return run_tracker(GatedTracker{Flock()}, argc, argv); }

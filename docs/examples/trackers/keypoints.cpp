@@ -7,6 +7,7 @@
 // A third argument after VIDEO and box is the greatest number of parts, 100 by default.
 
 #include <algorithm>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
@@ -24,6 +25,7 @@ using namespace asterism;
 class KeypointTracker : public TrackerBase<KeypointTracker> {
  public:
   explicit KeypointTracker(int max_parts) : max_parts_(max_parts) {}
+  TrackResult standing() const { return parts_.standing(pose_, part_size()); }
 
  private:
   friend TrackerBase<KeypointTracker>;
@@ -62,7 +64,6 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
   }
 
   Size2 part_size() const { return Size2::Constant(kOrbSide * flow_.window().spacing()); }
-  TrackResult standing() const { return parts_.standing(pose_, part_size()); }
 
   TrackResult follow(const Frame& frame) {
     TrackResult result;
@@ -235,5 +236,5 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
 
 int main(int argc, char** argv) {
   const int parts = argc > 3 ? std::atoi(argv[3]) : 100;
-  return run_tracker(KeypointTracker(std::max(1, parts)), argc, argv);
+  return run_tracker(GatedTracker{KeypointTracker(std::max(1, parts))}, argc, argv);
 }

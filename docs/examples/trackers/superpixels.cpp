@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/features/slic.hpp>
+#include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
@@ -19,6 +20,9 @@
 using namespace asterism;
 
 class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
+ public:
+  TrackResult standing() const { return parts_.standing(pose_, Size2::Constant(kSide * spacing_)); }
+
  private:
   friend TrackerBase<SuperpixelTracker>;
   static constexpr std::string_view kName = "SuperpixelTracker";
@@ -51,8 +55,6 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
     spacing_ = pose_.mean_side() / kTemplateSide;
     renew(cut(frame));
   }
-
-  TrackResult standing() const { return parts_.standing(pose_, Size2::Constant(kSide * spacing_)); }
 
   TrackResult follow(const Frame& frame) {
     const Candidates seen = cut(frame);
@@ -249,4 +251,4 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
   bool color_ = false;                   // learned in color
 };
 
-int main(int argc, char** argv) { return run_tracker(SuperpixelTracker(), argc, argv); }
+int main(int argc, char** argv) { return run_tracker(GatedTracker{SuperpixelTracker()}, argc, argv); }

@@ -8,8 +8,6 @@
 #include <opencv2/video/tracking.hpp>
 #endif
 
-#include "../tracker/require.hpp"
-
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
@@ -60,7 +58,8 @@ cv::Rect2d pixels_of(const Point2& centre, const Size2& size) {
 }  // namespace
 
 MotionModel::MotionModel(const MotionOptions& options) : options_(check_options("MotionOptions", options)) {
-  require(options.window.ordered(), "MotionOptions: template sides must satisfy min <= max");
+  if (!options.window.ordered())
+    throw std::invalid_argument("MotionOptions: template sides must satisfy min <= max");
 }
 
 bool MotionModel::available() {

@@ -11,7 +11,6 @@
 #include <span>
 #include <utility>
 
-#include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
 
 namespace asterism {

@@ -5,7 +5,6 @@
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
 
-#include "require.hpp"
 #include "stage_clock.hpp"
 
 namespace asterism {
@@ -59,7 +58,7 @@ bool OpenCvTracker::update(cv::InputArray image, cv::Rect& box) {
 }
 
 CvTracker::CvTracker(Factory create) : create_(std::move(create)) {
-  require(static_cast<bool>(create_), "CvTracker: the factory must not be empty");
+  if (!create_) throw std::invalid_argument("CvTracker: the factory must not be empty");
 }
 
 void CvTracker::start(const Frame& frame, const cv::Rect2d& box) {

@@ -1,14 +1,15 @@
 // The state of the trackers that is saved.
 
 #include <Eigen/Eigenvalues>
+#include <algorithm>
+#include <asterism/trackers/around/interruption.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 #include <limits>
-#include <stdexcept>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -17,6 +18,12 @@ namespace {
 
 // Tolerance for rounding, e.g. of a correlation matrix that should be symmetric and positive semi-definite.
 constexpr double kRounding = 1e-6;
+
+void visit_box(StateArchive& archive, cv::Rect2d& box) {
+  archive(box.x), archive(box.y), archive(box.width), archive(box.height);
+  archive.require(std::min(box.width, box.height) >= 1e-6 && std::max(box.width, box.height) <= 1e6 &&
+                  centre_of(box).cwiseAbs().maxCoeff() <= 1e6);
+}
 
 }  // namespace
 
@@ -119,11 +126,22 @@ void Lgt::visit_learned(StateArchive& archive) {
   }
   archive(frames_);
   archive.require(frames_ >= 0 && frames_ < kMostFrames);
-  archive(box_.x), archive(box_.y), archive(box_.width), archive(box_.height);
-  Point2 centre = centre_of(box_);
-  Size2 size(box_.width, box_.height);
-  archive.require(size.minCoeff() >= 1e-6 && size.maxCoeff() <= 1e6 && centre.cwiseAbs().maxCoeff() <= 1e6);
-  if (options_.use_motion) motion_.visit_state(archive, centre, size);
+  visit_box(archive, box_);
+  if (options_.use_motion) motion_.visit_state(archive, centre_of(box_), {box_.width, box_.height});
+}
+
+void FollowedFrame::visit_state(StateArchive& archive) {
+  visit_box(archive, box);
+  archive(confidence);
+  archive.require(confidence >= 0 && confidence <= 1);
+  archive(lost);
+  const auto visit = [&archive](auto& cells, int side) {
+    cv::Mat image(side, side, CV_8UC1, cells.data());
+    archive.pixels(image, image.size(), 1);
+    if (archive.loading()) std::copy(image.begin<std::uint8_t>(), image.end<std::uint8_t>(), cells.begin());
+  };
+  visit(view.levels, SceneView::kCells);
+  visit(blanks, kCells);
 }
 
 }  // namespace ASTERISM_ABI

@@ -1,7 +1,8 @@
 #include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/trackers/around/gated.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
@@ -44,6 +45,8 @@ struct ListedTracker {
   template <class T>
   ListedTracker(const T& tracker)
       : options(nlohmann::ordered_json::parse(PartRegistry::list(tracker.options()))) {}
+  template <class T>
+  ListedTracker(const GatedTracker<T>& gated) : ListedTracker(gated.tracker()) {}
 };
 
 nlohmann::ordered_json parse(std::string_view text) { return nlohmann::ordered_json::parse(text); }
@@ -115,9 +118,10 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
 // Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to.
 template <class Made>
 Made make_named(std::string_view name, std::string_view json) {
-  if (const auto options = dpt_variant(name)) return Dpt(with(*options, name, json));
-  if (const auto options = coarse_variant(name)) return CoarseTracker(with(*options, name, json));
-  if (name == "lgt") return Lgt(with(LgtOptions(), name, json));
+  if (const auto options = dpt_variant(name)) return GatedTracker(Dpt(with(*options, name, json)));
+  if (const auto options = coarse_variant(name))
+    return GatedTracker(CoarseTracker(with(*options, name, json)));
+  if (name == "lgt") return GatedTracker(Lgt(with(LgtOptions(), name, json)));
   if (name == "kalman") return make_kalman<Made>(name, json);
   std::string known;
   for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
@@ -133,7 +137,7 @@ Made make_described(std::string_view description, std::string& name) {
     name = "dpt";
     DptOptions options;
     options.part = PartRegistry().make(description.substr(kParts.size()));
-    return Dpt(options);
+    return GatedTracker(Dpt(options));
   }
   if (description.starts_with('{')) {
     detail::check_nesting("a tracker's description", description);

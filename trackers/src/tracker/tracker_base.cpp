@@ -21,10 +21,13 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
 
 namespace detail {
 
-TimedFrame timed_frame(const cv::Mat& image) {
+TrackResult update_timed(const cv::Mat& image, const std::function<TrackResult(const Frame&)>& update) {
   StageClock clock;
-  Frame frame(image);
-  return {std::move(frame), {"frame", clock.lap()}};
+  const Frame frame(image);
+  const StageTime stage{"frame", clock.lap()};
+  TrackResult result = update(frame);
+  result.times.insert(result.times.begin(), stage);
+  return result;
 }
 
 void throw_before_init(std::string_view tracker, std::string_view what) {

@@ -99,6 +99,8 @@ class ASTERISM_API CoarseTracker : public TrackerBase<CoarseTracker> {
   explicit CoarseTracker(const CoarseOptions& options = CoarseOptions());
 
   const CoarseOptions& options() const { return layer_.options(); }
+  /// The result if the object stays where it is, for GatedTracker.
+  TrackResult standing() const;
 
  private:
   friend TrackerBase<CoarseTracker>;
@@ -106,7 +108,6 @@ class ASTERISM_API CoarseTracker : public TrackerBase<CoarseTracker> {
 
   void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
-  TrackResult standing() const;
   void visit_learned(StateArchive& archive);
 
   CoarseLayer layer_;

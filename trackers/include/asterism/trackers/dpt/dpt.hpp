@@ -111,6 +111,8 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   /// The coarse layer after the last frame.
   const CoarseLayer& coarse() const { return coarse_; }
   const DptOptions& options() const { return options_; }
+  /// The result if the object and its parts stay where they are, for GatedTracker.
+  TrackResult standing() const;
 
  private:
   friend TrackerBase<Dpt>;
@@ -120,7 +122,6 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   void start(const Frame& frame, const cv::Rect2d& box);
   /// Algorithm 2.
   TrackResult follow(const Frame& frame);
-  TrackResult standing() const;
   void visit_learned(StateArchive& archive);
 
   /// Line 1: the parts go along with the root, whose centre is at `position` now.
@@ -140,7 +141,7 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   void update_coarse_models(const Frame& frame, const Segmentation& segmentation);
 
   int part_count() const { return constellation_.size(); }
-  /// f(i) for every part i, on `threads` threads; throws what the first part threw that did.
+  /// f(i) for every part i, on `threads` threads; rethrows the first exception.
   template <typename F>
   void for_each_part(F&& f);
   /// Each part at its place in the constellation, with its response there.

@@ -17,8 +17,8 @@ class ASTERISM_API ScaleShare {
 
   /// Learn the object.
   void init(const Frame& frame, const ObjectPose& pose);
-  /// By how much the object at `centre` has grown in this frame, of which the constellation says
-  /// `by_constellation`.
+  /// The factor by which the object at `centre` has grown in this frame; by_constellation: the factor that
+  /// the constellation finds.
   double growth(const Frame& frame, const Point2& centre, double by_constellation);
   /// The covariance of centre and logarithm of the size (TrackResult::covariance), which was the
   /// constellation's, becomes that of the shared size.

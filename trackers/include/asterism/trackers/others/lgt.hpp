@@ -2,9 +2,9 @@
 
 #include <asterism/parts/concept/any_part.hpp>
 #include <asterism/parts/models/color.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/constellation/motion.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <vector>
 
@@ -65,6 +65,8 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
   explicit Lgt(const LgtOptions& options = LgtOptions());
 
   const LgtOptions& options() const { return options_; }
+  /// The result if the object and its parts stay where they are, for GatedTracker.
+  TrackResult standing() const;
 
  private:
   friend TrackerBase<Lgt>;
@@ -74,7 +76,6 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
 
   void start(const Frame& frame, const cv::Rect2d& box);
   TrackResult follow(const Frame& frame);
-  TrackResult standing() const;
   void visit_learned(StateArchive& archive);
 
   using Points = ElasticConstellation::Points;

@@ -45,7 +45,7 @@ class ASTERISM_API OpenCvTracker final : public cv::Tracker {
 /// OpenCV's trackers start on whole pixels, so the start box is rounded; they see 8-bit BGR images. Where one
 /// reports no object, the result is its last box, `lost`, with confidence 0; otherwise confidence is 1. They
 /// cannot be saved or copied.
-class ASTERISM_API CvTracker : public TrackerBase<CvTracker, NoGate> {
+class ASTERISM_API CvTracker : public TrackerBase<CvTracker> {
  public:
   /// Makes a tracker; asked at each `init`.
   using Factory = std::function<cv::Ptr<cv::Tracker>()>;
@@ -57,7 +57,7 @@ class ASTERISM_API CvTracker : public TrackerBase<CvTracker, NoGate> {
   ~CvTracker() = default;
 
  private:
-  friend TrackerBase<CvTracker, NoGate>;
+  friend TrackerBase<CvTracker>;
   static constexpr std::string_view kName = "CvTracker";
 
   void start(const Frame& frame, const cv::Rect2d& box);

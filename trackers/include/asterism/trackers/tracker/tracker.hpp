@@ -47,8 +47,8 @@ struct TrackResult {
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
   bool lost = false;      ///< the tracker does not believe in the box
-  /// The frame shows nothing of the scene (InterruptionGate): the box is that of the frame before, moved into
-  /// the image if that is smaller now. `lost` is set, too.
+  /// The frame shows nothing of the scene (GatedTracker): the box is that of the frame before, moved into the
+  /// image if that is smaller now. `lost` is set, too.
   bool interrupted = false;
   /// Covariance of the box's centre, x and y [px], and of the natural logarithm of its size, in this order;
   /// both sides are scaled alike. Positive semi-definite. Empty if the tracker has none.
@@ -81,9 +81,9 @@ struct TrackResult {
 /// - `init(image, box)`: start on an object; may be called again at any time with any frame size. `box` is in
 ///   pixels and covers x .. x + width - 1. Throws std::invalid_argument, and keeps the former state, for a
 ///   box that is not finite, smaller than 1 x 1, or does not overlap the image, and for an image that Frame
-///   refuses. A tracker with an InterruptionGate, as all that make_tracker knows, also refuses a box that has
-///   one gray level or color together with its surroundings (of twice its sides): a video that begins blank
-///   has to be started later. Noise is not refused; shows_scene tells it from a scene.
+///   refuses. A GatedTracker, as all that make_tracker knows, also refuses a box that has one gray level or
+///   color together with its surroundings (of twice its sides): a video that begins blank has to be started
+///   later. Noise is not refused; shows_scene tells it from a scene.
 /// - `update(image)`: the object's box in the next image. Throws std::logic_error before `init`, and
 ///   std::invalid_argument for an image that Frame refuses; the state is then as before the call.
 template <class T>
@@ -99,6 +99,19 @@ concept FrameTracker = Tracker<T> && requires(T tracker, const Frame& frame, con
   tracker.init(frame, box);
   { tracker.update(frame) } -> std::same_as<TrackResult>;
 };
+
+namespace detail {
+
+/// What a tracker is given of a frame: the frame or, if it is no FrameTracker, its 8-bit pixels.
+template <Tracker T>
+decltype(auto) seen_by(const Frame& frame) {
+  if constexpr (FrameTracker<T>)
+    return (frame);
+  else
+    return (frame.bgr().empty() ? frame.gray() : frame.bgr());
+}
+
+}  // namespace detail
 
 /// Any Tracker, chosen at run time. It is a FrameTracker itself; if the tracker in it is not, that gets the
 /// frame's 8-bit pixels. A copy copies the tracker, and throws std::invalid_argument for one that is not
@@ -165,20 +178,14 @@ class AnyTracker {
     void init(const cv::Mat& image, const cv::Rect2d& box) override { tracker.init(image, box); }
     TrackResult update(const cv::Mat& image) override { return tracker.update(image); }
     void init(const Frame& frame, const cv::Rect2d& box) override {
-      tracker.init(seen_by_tracker(frame), box);
+      tracker.init(detail::seen_by<T>(frame), box);
     }
-    TrackResult update(const Frame& frame) override { return tracker.update(seen_by_tracker(frame)); }
+    TrackResult update(const Frame& frame) override { return tracker.update(detail::seen_by<T>(frame)); }
     void visit_state(StateArchive& archive) override {
       if constexpr (Stateful<T>)
         tracker.visit_state(archive);
       else
         throw_not_stateful("tracker");
-    }
-    static decltype(auto) seen_by_tracker(const Frame& frame) {
-      if constexpr (FrameTracker<T>)
-        return (frame);
-      else
-        return (frame.bgr().empty() ? frame.gray() : frame.bgr());
     }
     T tracker;
   };

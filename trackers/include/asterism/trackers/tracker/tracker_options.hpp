@@ -3,9 +3,9 @@
 /// The names of the trackers' options, those of their members, for descriptions in JSON (PartRegistry::read).
 
 #include <asterism/parts/concept/part_options.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
-#include <asterism/trackers/others/kalman.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 
 namespace asterism {

@@ -1,5 +1,6 @@
 #include <algorithm>
-#include <asterism/trackers/constellation/interruption.hpp>
+#include <asterism/trackers/around/interruption.hpp>
+#include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
 #include <opencv2/core.hpp>
 #include <stdexcept>
@@ -59,26 +60,6 @@ void visit_cells(const cv::Mat& gray, const cv::Rect2d& window, Visit&& visit) {
     }
 }
 
-// Variance of the gray levels in a view.
-double variance(const InterruptionGate::View& view) {
-  double sum = 0, squares = 0;
-  for (const std::uint8_t level : view) sum += level, squares += level * level;
-  const auto n = static_cast<double>(view.size());
-  return (squares - sum * sum / n) / n;
-}
-
-// Correlation of two views; 0 if either is constant.
-double correlation(const InterruptionGate::View& a, const InterruptionGate::View& b) {
-  const auto n = static_cast<double>(a.size());
-  double sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
-  for (std::size_t i = 0; i < a.size(); ++i) {
-    const double x = a[i], y = b[i];
-    sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
-  }
-  const double scale = (aa - sum_a * sum_a / n) * (bb - sum_b * sum_b / n);
-  return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
-}
-
 // Whether the box and its surroundings, of twice its sides, have the same values everywhere: filler of a
 // decoder, or saturated light. The box overlaps the image.
 bool is_blank_around(const Frame& frame, const cv::Rect2d& box) {
@@ -104,6 +85,16 @@ bool is_blank_around(const Frame& frame, const cv::Rect2d& box) {
   return true;
 }
 
+using Blanks = decltype(FollowedFrame::blanks);
+
+Blanks blanks_about(const cv::Rect2d& box, const Frame& frame) {
+  Blanks blanks;
+  const cv::Rect2d window = box_around(centre_of(box), kNear * Size2(box.width, box.height));
+  visit_cells<FollowedFrame::kCells>(
+      frame.gray(), window, [&](std::size_t cell, int, int range) { blanks[cell] = range <= kOneLevel; });
+  return blanks;
+}
+
 }  // namespace
 
 bool shows_scene(const Frame& frame) {
@@ -124,83 +115,67 @@ bool shows_scene(const Frame& frame) {
   return scale == 0 || covariance >= kLeastNeighbourCorrelation * scale;
 }
 
-InterruptionGate::View InterruptionGate::view_of(const Frame& frame) {
-  View view;
+SceneView::SceneView(const Frame& frame) {
   const cv::Size size = frame.size();
-  visit_cells<kViewCells>(
+  visit_cells<kCells>(
       frame.gray(), cv::Rect2d(0, 0, size.width, size.height), [&](std::size_t cell, int sum, int) {
-        view[cell] = static_cast<std::uint8_t>((sum + kSamples * kSamples / 2) / (kSamples * kSamples));
+        levels[cell] = static_cast<std::uint8_t>((sum + kSamples * kSamples / 2) / (kSamples * kSamples));
       });
-  return view;
 }
 
-InterruptionGate::Blanks InterruptionGate::blanks_of(const Seen& seen, const Frame& frame) {
-  Blanks blanks;
-  visit_cells<kNearCells>(frame.gray(), box_around(seen.centre, kNear * seen.size),
-                          [&](std::size_t cell, int, int range) { blanks[cell] = range <= kOneLevel; });
-  return blanks;
+bool SceneView::is_blank() const {
+  double sum = 0, squares = 0;
+  for (const std::uint8_t level : levels) sum += level, squares += level * level;
+  const auto n = static_cast<double>(levels.size());
+  return (squares - sum * sum / n) / n < kLeastVariance;
 }
 
-void InterruptionGate::require_contrast(const Frame& frame, const cv::Rect2d& box) {
-  if (is_blank_around(frame, box))
+double SceneView::correlation(const SceneView& other) const {
+  const auto n = static_cast<double>(levels.size());
+  double sum_a = 0, sum_b = 0, aa = 0, bb = 0, ab = 0;
+  for (std::size_t i = 0; i < levels.size(); ++i) {
+    const double x = levels[i], y = other.levels[i];
+    sum_a += x, sum_b += y, aa += x * x, bb += y * y, ab += x * y;
+  }
+  const double scale = (aa - sum_a * sum_a / n) * (bb - sum_b * sum_b / n);
+  return scale > 0 ? (ab - sum_a * sum_b / n) / std::sqrt(scale) : 0;
+}
+
+FollowedFrame::FollowedFrame(const Frame& frame, const cv::Rect2d& start) {
+  check_start(frame, start);
+  if (is_blank_around(frame, start))
     throw std::invalid_argument(
         "the start box and its surroundings have one gray level or color: there is nothing to follow");
+  TrackResult result;
+  result.box = start;
+  learn(frame, SceneView(frame), result);
 }
 
-void InterruptionGate::learn(const Frame& frame, const View& view, const TrackResult& result) {
-  seen_.centre = centre_of(result.box);
-  seen_.size = {result.box.width, result.box.height};
-  seen_.confidence = result.confidence;
-  seen_.lost = result.lost;
-  seen_.view = view;
-  seen_.blanks = blanks_of(seen_, frame);
+void FollowedFrame::learn(const Frame& frame, const SceneView& frame_view, const TrackResult& result) {
+  const double sum = result.box.x + result.box.y + result.box.width + result.box.height;
+  if (std::isfinite(sum) && !result.box.empty()) box = result.box;
+  confidence = result.confidence;
+  lost = result.lost;
+  view = frame_view;
+  blanks = blanks_about(box, frame);
 }
 
-bool InterruptionGate::finds(const TrackResult& result) const {
-  return !result.lost && result.confidence >= kLeastConfidence * before_.seen.confidence;
-}
-
-InterruptionGate::Sight InterruptionGate::compare(const Seen& seen, const Frame& frame, const View& view) {
-  const Blanks blanks = blanks_of(seen, frame);
+Sight FollowedFrame::compare(const Frame& frame, const SceneView& frame_view) const {
+  const Blanks now = blanks_about(box, frame);
   int shown = 0, hidden = 0;  // cells that were not blank, and those of them that now are
-  for (std::size_t i = 0; i < blanks.size(); ++i) {
-    shown += seen.blanks[i] == 0;
-    hidden += seen.blanks[i] == 0 && blanks[i] != 0;
+  for (std::size_t i = 0; i < now.size(); ++i) {
+    shown += blanks[i] == 0;
+    hidden += blanks[i] == 0 && now[i] != 0;
   }
-  const bool had_view = variance(seen.view) >= kLeastVariance, has_view = variance(view) >= kLeastVariance;
-  const bool all_blank = std::find(blanks.begin(), blanks.end(), 0) == blanks.end();
+  const bool had_view = !view.is_blank(), has_view = !frame_view.is_blank();
+  const bool all_blank = std::find(now.begin(), now.end(), 0) == now.end();
   if (!has_view && all_blank && (had_view || shown > 0)) return Sight::Blank;
-  if (had_view && !(has_view && correlation(seen.view, view) >= kSameScene)) return Sight::OtherScene;
+  if (had_view && !(has_view && view.correlation(frame_view) >= kSameScene)) return Sight::OtherScene;
   return kHidden * hidden > shown ? Sight::Hidden : Sight::Scene;
 }
 
-InterruptionGate::Sight InterruptionGate::judge(const Frame& frame, const View& view) const {
-  // Successive frames of faint noise are no scene that continues.
-  if (held_ > 0 && variance(before_.seen.view) >= kLeastVariance && variance(view) < kLeastVariance)
-    return compare(before_.seen, frame, view);
-  const Sight sight = compare(seen_, frame, view);
-  if (sight == Sight::Blank || before_.tracker == nullptr) return sight;
-  // A scene that went on may come to resemble the one before the break, while the camera turns back, say.
-  const auto nearer = [&] {
-    return held_ > 0 || before_.hidden ||
-           correlation(before_.seen.view, view) > correlation(seen_.view, view);
-  };
-  return compare(before_.seen, frame, view) == Sight::Scene && nearer() ? Sight::Back : sight;
-}
-
-void InterruptionGate::visit_seen(StateArchive& archive, Seen& seen) {
-  archive.position(seen.centre);
-  archive.size(seen.size);
-  archive(seen.confidence);
-  archive.require(seen.confidence >= 0 && seen.confidence <= 1);
-  archive(seen.lost);
-  const auto visit = [&archive](auto& cells, int side) {
-    cv::Mat image(side, side, CV_8UC1, cells.data());
-    archive.pixels(image, image.size(), 1);
-    if (archive.loading()) std::copy(image.begin<std::uint8_t>(), image.end<std::uint8_t>(), cells.begin());
-  };
-  visit(seen.view, kViewCells);
-  visit(seen.blanks, kNearCells);
+bool FollowedFrame::is_found(const TrackResult& result) const {
+  return !result.lost && result.confidence >= kLeastConfidence * confidence;
 }
 
 }  // namespace ASTERISM_ABI

@@ -56,7 +56,7 @@ struct KalmanOptions {
 /// changes only by white acceleration; the tracker's box measures them, with TrackResult::covariance if it
 /// has one. The result is the tracker's, with filtered box and covariance; the box keeps its aspect ratio.
 /// The tracker itself continues from its own box.
-class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker, NoGate> {
+class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker> {
  public:
   /// Throws std::invalid_argument for options out of range.
   explicit KalmanTracker(AnyTracker tracker, const KalmanOptions& options = {});
@@ -64,7 +64,7 @@ class ASTERISM_API KalmanTracker : public TrackerBase<KalmanTracker, NoGate> {
   const KalmanOptions& options() const { return options_; }
 
  private:
-  friend TrackerBase<KalmanTracker, NoGate>;
+  friend TrackerBase<KalmanTracker>;
   static constexpr std::string_view kName = "KalmanTracker";
 
   void start(const Frame& frame, const cv::Rect2d& box);

@@ -1,9 +1,8 @@
 #include <Eigen/Cholesky>
-#include <asterism/trackers/others/kalman.hpp>
+#include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/tracker/tracker_options.hpp>
 #include <cmath>
 
-#include "../tracker/require.hpp"
 #include "../tracker/stage_clock.hpp"
 
 namespace asterism {
