@@ -286,11 +286,19 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   return true;
 }
 
+template <typename Right>
+void SystemFactor::solve_dense(Right&& right) const {
+  const auto lower = factor_.triangularView<Eigen::Lower>();
+  lower.solveInPlace(right);
+  lower.transpose().solveInPlace(right);
+}
+
 Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
   if (!is_dense_) return cholesky_.solve(right);
   Eigen::MatrixXd solution = right;
-  factor_.triangularView<Eigen::Lower>().solveInPlace(solution);
-  factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(solution);
+  constexpr Eigen::Index kFew = 3;  // Eigen packs several right-hand sides, which takes longer for a few
+  for (Eigen::Index c = 0; c < solution.cols() && solution.cols() <= kFew; ++c) solve_dense(solution.col(c));
+  if (solution.cols() > kFew) solve_dense(solution);
   return solution;
 }
 
@@ -299,8 +307,7 @@ Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
   Eigen::VectorXd right = Eigen::VectorXd::Zero(is_dense_ ? factor_.rows() : cholesky_.rows());
   right.head(points.size()) = points.reshaped();
   if (is_dense_) {
-    factor_.triangularView<Eigen::Lower>().solveInPlace(right);
-    factor_.triangularView<Eigen::Lower>().transpose().solveInPlace(right);
+    solve_dense(right);
   } else {
     right = cholesky_.solve(right).eval();
   }

@@ -110,6 +110,8 @@ class SystemFactor {
 
  private:
   void analyse(const SystemMatrix& matrix);
+  template <typename Right>
+  void solve_dense(Right&& right) const;
 
   bool is_dense_ = false, is_shared_ = false;
   Eigen::MatrixXd dense_, factor_;  // the matrix, and L in its lower triangle
