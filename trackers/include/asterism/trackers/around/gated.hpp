@@ -30,6 +30,7 @@ class GatedTracker {
   /// Number of successive frames of a new scene, at most, in which the box stays where it was.
   static constexpr int kMostHeld = 10;
 
+  /// Around this tracker, which may have been initialised or not; init() is still to be called.
   explicit GatedTracker(T tracker) : now_{std::move(tracker), {}} {}
 
   /// See Tracker. Also throws std::invalid_argument, and keeps the former state, if the box and its

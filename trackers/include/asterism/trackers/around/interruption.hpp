@@ -13,9 +13,11 @@ ASTERISM_API bool shows_scene(const Frame& frame);
 
 /// A coarse view of a frame: mean gray levels of kCells x kCells cells, row by row.
 struct ASTERISM_API SceneView {
-  static constexpr int kCells = 16;
+  static constexpr int kCells = 16;  ///< a side, of the frame
 
+  /// Of no frame: all levels are 0.
   SceneView() = default;
+  /// Of this frame.
   explicit SceneView(const Frame& frame);
 
   /// Whether it shows nearly one gray level.
@@ -23,7 +25,7 @@ struct ASTERISM_API SceneView {
   /// 0 if either has one gray level.
   double correlation(const SceneView& other) const;
 
-  std::array<std::uint8_t, kCells * kCells> levels{};
+  std::array<std::uint8_t, kCells * kCells> levels{};  ///< the means
 };
 
 /// What a frame shows, compared with one that was followed.
