@@ -1,7 +1,6 @@
 #pragma once
 
 #include <algorithm>
-#include <array>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
@@ -11,6 +10,7 @@
 #include <asterism/solver/run/message.hpp>
 #include <cmath>
 #include <cstddef>
+#include <iterator>
 #include <limits>
 #include <numeric>
 #include <span>
@@ -229,7 +229,11 @@ class RigidMotion {
   using Matrix = typename Nodes::Matrix;
   using ModeMatrix = Eigen::Matrix<double, kModes, kModes, Eigen::ColMajor>;
   using ModeVector = Eigen::Matrix<double, kModes, 1>;
-  using Velocities = std::array<Vector, kModes>;
+  struct Velocities {
+    Vector& operator[](int mode) { return of[mode]; }
+    const Vector& operator[](int mode) const { return of[mode]; }
+    Vector of[kModes];
+  };
   using Velocity = RigidVelocity<kDim>;
 
   // The rotation about the held nodes of a body, where these are on one point in the plane, or on one line in
@@ -242,7 +246,7 @@ class RigidMotion {
     // An orthonormal basis of what they span, from the farthest points on (Gram & Schmidt).
     const Vector origin = place(*first);
     const double rounding = nodes.rounding() * extent;
-    std::array<Vector, kDim> basis;
+    Vector basis[kDim];
     int rank = 0;
     const auto outside = [&](const Vector& point) {
       Vector d = point - origin;
@@ -480,10 +484,10 @@ FreeMotion RigidMotion<kDim>::find(const RigidNodes<kDim>& nodes, const int* beg
   }
   ModeMatrix motions;
   diagonalise(curvature, motions);
-  std::array<int, kModes> order;
-  std::iota(order.begin(), order.end(), 0);
+  int order[kModes];
+  std::iota(std::begin(order), std::end(order), 0);
   const auto flatness = [&](int a) { return std::abs(curvature(a, a)); };
-  std::sort(order.begin(), order.end(), [&](int a, int b) { return flatness(a) < flatness(b); });
+  std::sort(std::begin(order), std::end(order), [&](int a, int b) { return flatness(a) < flatness(b); });
   // What is left of the gradient couples motions that do not commute: by s, which takes the curvature of a
   // free motion beside one of curvature c to s^2 / c.
   const double next = kModes > 1 ? std::min(1.0, flatness(order[std::min(1, kModes - 1)])) : 1.0;
