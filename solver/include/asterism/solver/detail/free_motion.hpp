@@ -302,7 +302,7 @@ class RigidMotion {
   // radian in the plane of two axes.
   static Velocities velocities(const Vector& p, double unit) {
     Velocities v;
-    v.fill(Vector::Zero());
+    for (Vector& each : v.of) each.setZero();
     for (int c = 0; c < kDim; ++c) v[c][c] = unit;
     for (int a = 0, mode = kDim; a < kDim; ++a) {
       for (int b = a + 1; b < kDim; ++b, ++mode) {
