@@ -67,21 +67,21 @@ bool SystemMatrix::assemble_entries(const Eigen::MatrixXd& x, Curvature curvatur
 
   std::vector<bool> fixed(static_cast<std::size_t>(nodes_));
   for (int i = 0; i < nodes_; ++i) fixed[static_cast<std::size_t>(i)] = system.is_fixed(i);
-  const bool is_same_size = size_ == former_size && fixed == known_fixed_;
+  bool are_same = size_ == former_size && sparse_.rows() == size_ && fixed == known_fixed_;
   known_fixed_.swap(fixed);
-  if (is_same_size && sparse_.rows() == size_) {
+  if (are_same) {
     adding_ = Adding::ToSlots;
     next_known_ = 0;
     next_slot_ = 0;
     sparse_.coeffs().setZero();
     add_terms(x, curvature);
+    are_same = adding_ == Adding::ToSlots && next_known_ == known_.size();
   }
-  if (adding_ != Adding::ToSlots || next_known_ != known_.size()) {
+  if (!are_same) {
     adding_ = Adding::Recorded;
     known_.clear();
     add_terms(x, curvature);
     make_pattern();
-    adding_ = Adding::ToSlots;
   }
   for (int i = 0; i < nodes_; ++i) {
     for (int d = 0; system.is_fixed(i) && d < per_node_; ++d) pivot(i * per_node_ + d) = 1;
@@ -268,7 +268,7 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   is_dense_ = matrix.is_dense();
   is_shared_ = matrix.is_shared();
   if (is_dense_) {
-    dense_ = factor_ = matrix.dense();
+    factor_ = matrix.dense();
     if (!DenseFactor<double>::factorize(factor_.data(), factor_.rows())) return false;
     for (int c = 0; c < matrix.rows(); ++c) {
       if (!is_positive(factor_(c, c) * factor_(c, c), c)) return false;
@@ -332,10 +332,10 @@ bool factorize_indefinite(Eigen::MatrixXd& a) {
 
 }  // namespace
 
-Eigen::VectorXd SystemFactor::negative_direction() const {
+Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) const {
   Eigen::MatrixXd indefinite;
   if (is_dense_) {
-    indefinite = dense_;
+    indefinite = matrix.dense();
     if (!factorize_indefinite(indefinite)) return {};
   } else if (cholesky_.info() != Eigen::Success) {
     return {};

@@ -101,9 +101,9 @@ class SystemFactor {
   Eigen::MatrixXd solve(const Eigen::MatrixXd& points) const;
   /// The same for a vector or several over all unknowns.
   Eigen::MatrixXd solve_all(const Eigen::MatrixXd& right) const;
-  /// A direction of negative curvature over all unknowns, from a negative pivot: a vector without entries
-  /// where there is none, or the factorisation broke down.
-  Eigen::VectorXd negative_direction() const;
+  /// A direction of negative curvature of the matrix that was factored last, over all unknowns, from a
+  /// negative pivot: a vector without entries where there is none, or the factorisation broke down.
+  Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;
   double log_determinant() const;
   /// Of a sparse matrix.
   const auto& cholesky() const { return cholesky_; }
@@ -114,7 +114,7 @@ class SystemFactor {
   void solve_dense(Right&& right) const;
 
   bool is_dense_ = false, is_shared_ = false;
-  Eigen::MatrixXd dense_, factor_;  // the matrix, and L in its lower triangle
+  Eigen::MatrixXd factor_;  // of a dense matrix: L in the lower triangle
   Eigen::SimplicialLDLT<SystemMatrix::Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky_;
   int pattern_ = -1;
   const SystemMatrix* analysed_ = nullptr;

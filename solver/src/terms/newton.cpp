@@ -78,7 +78,7 @@ Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
       if (is_over) {
         run.summary().positive_definite = is_definite ? 1 : 0;
         if (is_definite || !run.rule().reached(run.gradient()) || escapes == kMaxEscapes) return run.end();
-        const Eigen::VectorXd v = factor.negative_direction();
+        const Eigen::VectorXd v = factor.negative_direction(matrix);
         if (v.size() == 0) return run.end();
         const double curvature = v.dot(matrix * v);
         // What rounding may have made of a free motion is none.

@@ -179,7 +179,7 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
     result.proof = Proof::NotCertified;
     result.lower_bound = -std::numeric_limits<double>::infinity();
     if (!factor.factorize(matrix)) {
-      const Eigen::VectorXd v = factor.negative_direction();
+      const Eigen::VectorXd v = factor.negative_direction(matrix);
       if (v.size() > 0)
         result.least_eigenvalue =
             v.dot(entries.selfadjointView<Eigen::Lower>() * v) / v.squaredNorm() + 2 * margin;
