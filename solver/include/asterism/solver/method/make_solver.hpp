@@ -18,6 +18,9 @@
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/run/any_solver.hpp>
+#ifdef ASTERISM_SOLVER_COMPILED
+#include <asterism/solver/terms/from_springs.hpp>
+#endif
 #include <string_view>
 #include <vector>
 
@@ -42,8 +45,10 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
 /// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, unless anchors are anisotropic, "staircase" (of
 /// Auto); for springs only, in 2 or 3 dimensions, "branch-and-bound"; for systems without a bound on their
-/// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". The adapters of
-/// other packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
+/// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". With
+/// asterism::solver_compiled also those of system_methods, except for models that are not made of terms, see
+/// to_system. The adapters of other packages add more: add_cholmod, reference::add_ceres,
+/// reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -68,6 +73,9 @@ SolverRegistry<System> solver_registry() {
     registry.template add<Schwarz<System>>("schwarz");
     registry.template add<detail::FactoredSchwarz<System>>("schwarz-direct");
   }
+#ifdef ASTERISM_SOLVER_COMPILED
+  if constexpr (detail::has_terms<System>()) add_system_solvers(registry);
+#endif
   return registry;
 }
 

@@ -5,14 +5,17 @@
 #include <asterism/solver/detail/edit_distance.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/run/certifier_reference.hpp>
+#include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/solver.hpp>
+#include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <concepts>
 #include <cstdint>
 #include <functional>
 #include <memory>
+#include <new>
 #include <stdexcept>
 #include <string>
 #include <string_view>
@@ -37,6 +40,11 @@ class AnySolver {
   /// The same, made in place by its default constructor.
   template <Solver<System> S>
   explicit AnySolver(std::in_place_type_t<S>) : model_(std::make_unique<ModelOf<S>>()) {}
+  /// Holds a solver of another type of systems, which solves convert(system). Before that, convert.problem(
+  /// system, x) is what is wrong with the input, if that is not empty.
+  template <typename Other, typename Convert>
+  AnySolver(AnySolver<Other> solver, Convert convert)
+      : model_(std::make_unique<Converting<Other, Convert>>(std::move(solver), std::move(convert))) {}
 
   /// The name that Summary::solver has, such as "Newton, repaired LDL^T".
   std::string_view name() const { return model_->name(); }
@@ -80,6 +88,33 @@ class AnySolver {
     void visit_options(OptionVisitor& visit) override { see(visit, solver.options); }
 
     S solver;
+  };
+
+  template <typename Other, typename Convert>
+  struct Converting final : Model {
+    Converting(AnySolver<Other>&& s, Convert&& c) : solver(std::move(s)), convert(std::move(c)) {}
+    std::string_view name() const override { return solver.name(); }
+    Summary solve(const System& system, Points& x) override {
+      if (const Message problem = convert.problem(system, x); !problem.empty())
+        return detail::refused(name(), problem);
+      Summary summary;
+      summary.solver = name();
+      const auto work = [&] {
+        typename Other::Points points = x.template cast<typename Other::Scalar>();
+        summary = solver.solve(convert(system), points);
+        if (summary.usable()) x = points.template cast<typename System::Scalar>();
+      };
+      detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+        summary.status = Status::OutOfMemory;
+        summary.message = detail::memory_message(error);
+      });
+      return summary;
+    }
+    SolverOptions& options() override { return solver.options(); }
+    void visit_options(OptionVisitor& visit) override { solver.visit_options(visit); }
+
+    AnySolver<Other> solver;
+    Convert convert;
   };
 
   // Where the name is not hidden by the members'.

@@ -1,12 +1,19 @@
 #pragma once
 
+#include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/validate.hpp>
+#include <asterism/solver/run/any_solver.hpp>
+#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <concepts>
 #include <cstddef>
 #include <string>
+#include <string_view>
 #include <type_traits>
 #include <vector>
 
@@ -75,6 +82,19 @@ void set_law(Links& links, const Potential& potential) {
   }
 }
 
+template <typename Losses>
+constexpr bool has_known_loss() {
+  using L = typename WithoutEach<Losses>::Type;
+  return std::same_as<L, Quadratic> || std::same_as<L, Huber> || std::same_as<L, GemanMcClure> ||
+         std::same_as<L, Truncated>;
+}
+
+/// Whether to_system takes systems of this type.
+template <typename Springs>
+constexpr bool has_terms() {
+  return !Springs::kHasTriples && has_known_loss<typename Springs::Model::AnchorLoss>();
+}
+
 /// `matrices`, Dim x (Dim count) side by side, as columns.
 template <typename Matrices>
 Eigen::MatrixXd as_columns(const Matrices& matrices, Eigen::Index count) {
@@ -87,7 +107,7 @@ Eigen::MatrixXd as_columns(const Matrices& matrices, Eigen::Index count) {
 /// may have any links and the library's losses; the potentials over three nodes are those of Angles and the
 /// like, and are not taken over.
 template <typename Springs>
-requires(!Springs::kHasTriples) System to_system(const Springs& springs) {
+requires(detail::has_terms<Springs>()) System to_system(const Springs& springs) {
   const int n = springs.nodes();
   System system(n, Springs::kDim);
   Anchors& anchors = system.add_anchors(springs.anchors.template cast<double>(),
@@ -109,6 +129,32 @@ requires(!Springs::kHasTriples) System to_system(const Springs& springs) {
     if (springs.is_fixed(i)) system.fix(i);
   }
   return system;
+}
+
+namespace detail {
+
+/// What lets a solver of System solve springs.
+template <typename Springs>
+struct FromSprings {
+  Message problem(const Springs& springs, const typename Springs::Points& x) const {
+    if (shares_memory(springs, x.data(), x.size())) return kSharesMemory;
+    return validate_values(springs, x);
+  }
+  System operator()(const Springs& springs) const { return to_system(springs); }
+};
+
+}  // namespace detail
+
+/// Adds the methods for a System, see system_solvers, whose names `registry` does not have yet.
+template <typename Springs>
+requires(detail::has_terms<Springs>()) void add_system_solvers(SolverRegistry<Springs>& registry) {
+  const std::vector<std::string> known = registry.names();
+  for (const std::string_view name : system_methods()) {
+    if (std::find(known.begin(), known.end(), name) != known.end()) continue;
+    registry.add(std::string(name), [name] {
+      return AnySolver<Springs>(system_solvers().make(name), detail::FromSprings<Springs>());
+    });
+  }
 }
 
 }  // namespace ASTERISM_ABI
