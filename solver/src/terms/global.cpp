@@ -79,7 +79,7 @@ Eigen::MatrixXd places(const System& system, const Eigen::MatrixXd& x) {
   Eigen::RowVectorXd weight = Eigen::RowVectorXd::Zero(system.nodes());
   for (const Scales::Place& place : scales.places) {
     if (!(place.stiffness > 0)) continue;
-    sum.col(place.node) += place.stiffness * place.position;
+    sum.col(place.node) += place.stiffness * Eigen::Map<const Eigen::VectorXd>(place.position, system.dim());
     weight[place.node] += place.stiffness;
   }
   return sum.array().rowwise() / weight.array();

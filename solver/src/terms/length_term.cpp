@@ -156,6 +156,41 @@ struct LengthTerm::Force {
   double length, energy, tension, along, across, tension_by_rest;
 };
 
+// A link's energy as a function of its length, for the laws of the library.
+struct LengthTerm::Potential {
+  struct Value {
+    double value, first, second, first_by_rest;  // for stiffness 1
+  };
+
+  LinkLaw law;
+  Loss loss;
+  bool is_hooke;  // without a loss
+  Numbers length, upper, scale, sharpness;
+
+  // Of element e at length r.
+  Value operator()(int e, double r) const {
+    if (is_hooke) [[likely]] {
+      const double s = r - *length[e];
+      return {s * s / 2, s, 1, -1};
+    }
+    const Stretch s = stretch_of(law, r, *length[e], upper[e]);
+    const auto phi =
+        detail::of_residual(detail::loss_at(loss, scale[e], sharpness[e], s.value * s.value), s.value);
+    return {phi.value, phi.first * s.first, phi.second * s.first * s.first + phi.first * s.second,
+            phi.second * s.by_rest * s.first};
+  }
+};
+
+LengthTerm::Potential LengthTerm::potential() const {
+  return {law(),
+          loss(),
+          law() == LinkLaw::Hooke && loss() == Loss::Quadratic,
+          numbers(kLength),
+          numbers(kUpper),
+          scale(),
+          sharpness()};
+}
+
 namespace {
 
 // tension / length, also where the length is 0: a link that pushes has a peak there, whose curvature has no
@@ -171,13 +206,10 @@ double least_across(double tension, double length, double along) {
 // Calls visit(element, v, direction, force, k) for the elements from `begin` to before `end`.
 template <int D, typename Visit>
 void LengthTerm::for_each(const Points& x, int begin, int end, Visit&& visit) const {
-  const Numbers length = numbers(kLength), upper = numbers(kUpper), stiffness = numbers(kStiffness);
+  const Numbers length = numbers(kLength), stiffness = numbers(kStiffness);
   const Numbers offset = numbers(kOffset), information = numbers(kInformation);
-  const Numbers scale = this->scale(), sharpness = this->sharpness();
-  const LinkLaw law = this->law();
-  const Loss loss = this->loss();
+  const Potential potential = this->potential();
   const int dim = this->dim(), n = arity();
-  const bool is_plain = law == LinkLaw::Hooke && loss == Loss::Quadratic;
 
   const auto vector_of = [&](int e) {
     const int* const node = nodes().col(e).data();
@@ -192,8 +224,8 @@ void LengthTerm::for_each(const Points& x, int begin, int end, Visit&& visit) co
     return detail::length_and_direction(node[0], node[n - 1], v, direction,
                                         Eigen::Map<const BlockOf<D>>(information[e], dim, dim));
   };
-  const auto force_of = [](double k, double r, const Derivatives<double>& phi, double by_rest) {
-    Force force{r, k * phi.value, k * phi.first, k * phi.second, k * phi.first / r, k * by_rest};
+  const auto force_of = [](double k, double r, const Potential::Value& phi) {
+    Force force{r, k * phi.value, k * phi.first, k * phi.second, k * phi.first / r, k * phi.first_by_rest};
     if (!detail::is_finite(force.across)) [[unlikely]]
       force.across = force.tension < 0 ? 0.0 : force.along;
     return force;
@@ -201,19 +233,20 @@ void LengthTerm::for_each(const Points& x, int begin, int end, Visit&& visit) co
 
   PointOf<D> direction(dim);
   if (const LinkFunction* const own = function()) {
-    const auto count = static_cast<std::size_t>(size());
-    Eigen::VectorXd r(size()), rest(size()), value(size()), first(size()), second(size());
-    for (int e = 0; e < size(); ++e) {
-      r[e] = direction_of(e, vector_of(e), direction);
-      rest[e] = *length[e];
+    const auto count = static_cast<std::size_t>(end - begin);
+    Eigen::VectorXd r(end - begin), rest(r.size()), value(r.size()), first(r.size()), second(r.size());
+    for (int e = begin; e < end; ++e) {
+      r[e - begin] = direction_of(e, vector_of(e), direction);
+      rest[e - begin] = *length[e];
     }
     (*own)(count, r.data(), rest.data(), value.data(), first.data(), second.data());
-    for (int e = 0; e < size(); ++e) {
+    for (int e = begin; e < end; ++e) {
       const double k = *stiffness[e];
       if (!(k > 0)) continue;
       const PointOf<D> v = vector_of(e);
       direction_of(e, v, direction);
-      visit(e, v, direction, force_of(k, r[e], {value[e], first[e], second[e]}, 0), k);
+      const int at = e - begin;
+      visit(e, v, direction, force_of(k, r[at], {value[at], first[at], second[at], 0}), k);
     }
     return;
   }
@@ -222,19 +255,7 @@ void LengthTerm::for_each(const Points& x, int begin, int end, Visit&& visit) co
     if (!(k > 0)) continue;
     const PointOf<D> v = vector_of(e);
     const double r = direction_of(e, v, direction);
-    if (is_plain) [[likely]] {
-      const double s = r - *length[e];
-      visit(e, v, direction, force_of(k, r, {s * s / 2, s, 1}, -1), k);
-      continue;
-    }
-    const Stretch s = stretch_of(law, r, *length[e], upper[e]);
-    const auto phi =
-        detail::of_residual(detail::loss_at(loss, scale[e], sharpness[e], s.value * s.value), s.value);
-    visit(e, v, direction,
-          force_of(k, r,
-                   {phi.value, phi.first * s.first, phi.second * s.first * s.first + phi.first * s.second},
-                   phi.second * s.by_rest * s.first),
-          k);
+    visit(e, v, direction, force_of(k, r, potential(e, r)), k);
   }
 }
 
@@ -254,41 +275,41 @@ double LengthTerm::sum(const Points& x, int begin, int end, Points* gradient) co
   return energy;
 }
 
+namespace {
+
+// v = sum_a c_a x_a - offset, and |v|^2.
+template <int D, int kArity>
+double difference(const double* points, const int* node, const double* offset, double* v) {
+  constexpr double kCoefficients[] = {1, kArity == 2 ? -1 : -2, 1};
+  double square = 0;
+  for (int c = 0; c < D; ++c) {
+    v[c] = points[D * node[0] + c];
+    for (int a = 1; a < kArity; ++a) v[c] += kCoefficients[a] * points[D * node[a] + c];
+    if (offset != nullptr) v[c] -= offset[c];
+    square += v[c] * v[c];
+  }
+  return square;
+}
+
+}  // namespace
+
 // The same for all elements: what most of them need and no more. What is left to sum() are elements whose
 // squares rounding takes too much of, or that leave the range of a double.
 template <int D, int kArity>
 double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
-  const Numbers length = numbers(kLength), upper = numbers(kUpper), stiffness = numbers(kStiffness);
-  const Numbers offset = numbers(kOffset), scale = this->scale(), sharpness = this->sharpness();
-  const LinkLaw law = this->law();
-  const Loss loss = this->loss();
-  const bool is_hooke = law == LinkLaw::Hooke && loss == Loss::Quadratic;
+  const Numbers stiffness = numbers(kStiffness), offset = numbers(kOffset);
+  const Potential potential = this->potential();
   const double* const points = x.data();
   double* const forces = gradient == nullptr ? nullptr : gradient->data();
   constexpr double kCoefficients[] = {1, kArity == 2 ? -1 : -2, 1};
   double energy = 0;
   for (int e = 0; e < size(); ++e) {
     const int* const node = nodes().data() + kArity * e;
-    double d[D], square = 0;
-    for (int c = 0; c < D; ++c) {
-      d[c] = points[D * node[0] + c];
-      for (int a = 1; a < kArity; ++a) d[c] += kCoefficients[a] * points[D * node[a] + c];
-      if (offset) d[c] -= offset[e][c];
-      square += d[c] * d[c];
-    }
+    double v[D];
+    const double square = difference<D, kArity>(points, node, offset[e], v);
     const double r = std::sqrt(square), k = *stiffness[e];
-    double value, slope;  // of the potential at r
-    if (is_hooke) {
-      slope = r - *length[e];
-      value = slope * slope / 2;
-    } else {
-      const Stretch s = stretch_of(law, r, *length[e], upper[e]);
-      const auto phi =
-          detail::of_residual(detail::loss_at(loss, scale[e], sharpness[e], s.value * s.value), s.value);
-      value = phi.value;
-      slope = phi.first * s.first;
-    }
-    const double added = k * value, weight = k * slope / r;
+    const Potential::Value phi = potential(e, r);
+    const double added = k * phi.value, weight = k * phi.first / r;
     if (!(square >= lanes_v0_1::kLeastLengthSquare) || !detail::is_finite(added + weight)) [[unlikely]] {
       energy += sum<D>(x, e, e + 1, gradient);
       continue;
@@ -296,7 +317,7 @@ double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
     energy += added;
     if (forces == nullptr) continue;
     for (int c = 0; c < D; ++c) {
-      for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * (weight * d[c]);
+      for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * (weight * v[c]);
     }
   }
   return energy;
@@ -424,28 +445,98 @@ const char* LengthTerm::problem_with(Curvature curvature) const {
   return loss() == Loss::Quadratic ? nullptr : "a loss of lengths has no bound of its curvature from below";
 }
 
-// d2 = along u u^T + across (S - u u^T). A majoriser is k S; a minoriser, where phi is convex as a function
-// of r^2, across S.
-void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
-  const int n = arity(), dim = this->dim();
+namespace {
+
+// The curvature along a link's direction and across it, for a link of stiffness k whose true ones are known.
+// A majoriser is k; a minoriser, where phi is convex as a function of r^2, what it is across.
+struct AlongAndAcross {
+  double along, across;
+};
+AlongAndAcross of_kind(Curvature curvature, double k, double tension, double length, AlongAndAcross here) {
+  switch (curvature) {
+    case Curvature::True:
+      return here;
+    case Curvature::Clamped:
+      return {std::max(here.along, 0.0), std::max(here.across, 0.0)};
+    case Curvature::Majorising:
+      return {k, k};
+    case Curvature::Minorising:
+      break;
+  }
+  const double least = least_across(tension, length, here.along);
+  return {least, least};
+}
+
+}  // namespace
+
+// d2 = along u u^T + across (S - u u^T).
+template <int D>
+void LengthTerm::add_curvature(const Points& x, int begin, int end, Curvature curvature,
+                               CurvatureSink& sink) const {
+  const int dim = this->dim();
   const Numbers information = numbers(kInformation);
-  detail::with_dim(dim, [&]<int D>() {
-    BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
-    for_each<D>(x, 0, size(),
-                [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
-                  if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
-                  double along = force.along, across = force.across;
-                  if (curvature == Curvature::Clamped)
-                    along = std::max(along, 0.0), across = std::max(across, 0.0);
-                  if (dim == 1) across = along;  // on a line nothing is across
-                  if (curvature == Curvature::Majorising) along = across = k;
-                  if (curvature == Curvature::Minorising)
-                    along = across = least_across(force.tension, force.length, force.along);
-                  BlockOf<D> block = u * u.transpose();
-                  block *= along - across;
-                  block += across * shape;
-                  sink.add_blocks(nodes().col(e).data(), n, coefficients_.data(), block.data(), dim);
-                });
+  BlockOf<D> shape = BlockOf<D>::Identity(dim, dim);
+  for_each<D>(x, begin, end,
+              [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
+                if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
+                // On a line nothing is across.
+                const AlongAndAcross here{force.along, dim == 1 ? force.along : force.across};
+                const auto [along, across] = of_kind(curvature, k, force.tension, force.length, here);
+                BlockOf<D> block = u * u.transpose();
+                block *= along - across;
+                block += across * shape;
+                sink.add_blocks(nodes().col(e).data(), arity(), 1, coefficients_.data(), block.data(), dim);
+              });
+}
+
+// The same for all elements, many at a time, as plain_sum is.
+template <int D, int kArity>
+void LengthTerm::add_plain_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
+  constexpr int kMost = 64;
+  const Numbers stiffness = numbers(kStiffness), offset = numbers(kOffset);
+  const Potential potential = this->potential();
+  const double* const points = x.data();
+  double blocks[kMost][D * D];
+  int first = 0, count = 0;
+  const auto flush = [&](int next) {
+    if (count > 0)
+      sink.add_blocks(nodes().col(first).data(), kArity, count, coefficients_.data(), blocks[0], D);
+    first = next;
+    count = 0;
+  };
+  for (int e = 0; e < size(); ++e) {
+    double v[D];
+    const double square = difference<D, kArity>(points, nodes().data() + kArity * e, offset[e], v);
+    const double r = std::sqrt(square), k = *stiffness[e];
+    const Potential::Value phi = potential(e, r);
+    const double tension = k * phi.first;
+    const auto [along, across] = of_kind(curvature, k, tension, r, {k * phi.second, tension / r});
+    const double excess = (along - across) / square;
+    const bool is_plain = k > 0 && square >= lanes_v0_1::kLeastLengthSquare &&
+                          detail::is_finite(excess + across + phi.value * k + tension / r);
+    if (!is_plain) [[unlikely]] {
+      flush(e + 1);
+      add_curvature<D>(x, e, e + 1, curvature, sink);
+      continue;
+    }
+    double* const block = blocks[count];
+    for (int j = 0; j < D; ++j) {
+      for (int i = 0; i < D; ++i) block[D * j + i] = excess * v[i] * v[j] + (i == j ? across : 0.0);
+    }
+    if (++count == kMost) flush(e + 1);
+  }
+  flush(size());
+}
+
+void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
+  detail::with_dim(dim(), [&]<int D>() {
+    if constexpr (D != Eigen::Dynamic) {
+      if (function() == nullptr && !numbers(kInformation)) {
+        if (arity() == 2) return add_plain_curvature<D, 2>(x, curvature, sink);
+        return add_plain_curvature<D, 3>(x, curvature, sink);
+      }
+    }
+    add_curvature<D>(x, 0, size(), curvature, sink);
   });
 }
 

@@ -176,11 +176,38 @@ Term::Magnitude LinearTerm::magnitude(const Points& x) const {
   return result;
 }
 
+// That of springs without a loss or information, of up to two nodes: k I.
+void LinearTerm::add_plain_curvature(CurvatureSink& sink) const {
+  constexpr int kMost = 64;
+  constexpr double kFactors[] = {1, -1};
+  const Numbers stiffness = this->stiffness();
+  const int dim = this->dim(), entries = dim * dim;
+  std::vector<double> blocks(static_cast<std::size_t>(kMost * entries));  // 0 beside the diagonals
+  int first = 0, count = 0;
+  const auto flush = [&](int next) {
+    if (count > 0) sink.add_blocks(nodes().col(first).data(), arity(), count, kFactors, blocks.data(), dim);
+    first = next;
+    count = 0;
+  };
+  for (int e = 0; e < size(); ++e) {
+    const double k = *stiffness[e];
+    if (!(k > 0)) {
+      flush(e + 1);
+      continue;
+    }
+    for (int d = 0; d < dim; ++d) blocks[static_cast<std::size_t>(count * entries + d * (dim + 1))] = k;
+    if (++count == kMost) flush(e + 1);
+  }
+  flush(size());
+}
+
 void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
   const int n = arity(), dim = this->dim();
   const Numbers information = this->information(), sharpness = this->sharpness();
   Eigen::MatrixXd matrix;
+  const bool is_plain = loss() == Loss::Quadratic && !information && n <= 2;
   detail::with_dim(dim, [&]<int D>() {
+    if (is_plain) return add_plain_curvature(sink);
     for_each<D>(x, [&](int e, const Coefficient* c, const PointOf<D>&, const PointOf<D>& shaped,
                        const Derivatives<double>& rho, double k) {
       BlockOf<D> w = BlockOf<D>::Identity(dim, dim);
@@ -201,7 +228,7 @@ void LinearTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSi
       } else {
         double factors[kMaxArity];
         for (int a = 0; a < n; ++a) factors[a] = c[a].factor;
-        sink.add_blocks(node, n, factors, w.data(), dim);
+        sink.add_blocks(node, n, 1, factors, w.data(), dim);
       }
     });
   });
@@ -242,7 +269,7 @@ void Anchors::add_scales(const Points&, Scales& scales) const {
     const int node = nodes()(0, e);
     const double k = *stiffness()[e] * size_of_information(e);
     scales.stiffness[node] += k;
-    scales.places.push_back({node, k, Eigen::Map<const Eigen::VectorXd>(target()[e], dim())});
+    scales.places.push_back({node, k, target()[e]});
   }
 }
 

@@ -163,16 +163,20 @@ void SystemMatrix::add(const int* nodes, int count, const double* matrix, int ro
   });
 }
 
-void SystemMatrix::add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) {
-  if (is_shared_) {
-    for (int j = 0; j < dim; ++j) {
-      for (int i = 0; i < dim; ++i) has_own_rows_ |= B[dim * j + i] != (i == j ? B[0] : 0.0);
+void SystemMatrix::add_blocks(const int* nodes, int arity, int count, const double* c, const double* B,
+                              int dim) {
+  const int* const end = nodes + std::ptrdiff_t{arity} * count;
+  for (; nodes != end; nodes += arity, B += std::ptrdiff_t{dim} * dim) {
+    if (is_shared_) {
+      for (int j = 0; j < dim; ++j) {
+        for (int i = 0; i < dim; ++i) has_own_rows_ |= B[dim * j + i] != (i == j ? B[0] : 0.0);
+      }
+      add_element(nodes, arity, [=](int a, int b, int, int) { return c[a] * c[b] * B[0]; });
+    } else if (dim == 2) {  // of a known size, which is faster
+      add_element(nodes, arity, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[2 * j + i]; });
+    } else {
+      add_element(nodes, arity, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[dim * j + i]; });
     }
-    add_element(nodes, count, [=](int a, int b, int, int) { return c[a] * c[b] * B[0]; });
-  } else if (dim == 2) {  // of a known size, which is faster
-    add_element(nodes, count, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[2 * j + i]; });
-  } else {
-    add_element(nodes, count, [=](int a, int b, int i, int j) { return c[a] * c[b] * B[dim * j + i]; });
   }
 }
 

@@ -47,7 +47,7 @@ class SystemMatrix final : public CurvatureSink {
   void shift(const Eigen::VectorXd& node_stiffness, double share);
 
   void add(const int* nodes, int count, const double* matrix, int rows) override;
-  void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) override;
+  void add_blocks(const int* nodes, int arity, int count, const double* c, const double* B, int dim) override;
 
  private:
   // What becomes of the elements that are added to a sparse matrix.

@@ -10,6 +10,9 @@
 #include <cmath>
 #include <limits>
 #include <new>
+#include <string>
+
+#include "matrix.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -92,19 +95,23 @@ void SystemRun::align() {
   scales.loads.setZero(system_->nodes());
   for (int t = 0; t < system_->term_count(); ++t) system_->term(t).add_scales(*x_, scales);
   const int dim = system_->dim();
+  const auto position_of = [dim](const Scales::Place& place) {
+    return Eigen::Map<const Eigen::VectorXd>(place.position, dim);
+  };
   double total = 0;
   Eigen::VectorXd centre = Eigen::VectorXd::Zero(dim), place_centre = centre;
   for (const Scales::Place& place : scales.places) {
     total += place.stiffness;
     centre += place.stiffness * x_->col(place.node);
-    place_centre += place.stiffness * place.position;
+    place_centre += place.stiffness * position_of(place);
   }
   if (!(total > 0 && is_finite(total))) return;
   centre /= total;
   place_centre /= total;
   Eigen::MatrixXd moments = Eigen::MatrixXd::Zero(dim, dim);
   for (const Scales::Place& place : scales.places)
-    moments += place.stiffness * (place.position - place_centre) * (x_->col(place.node) - centre).transpose();
+    moments +=
+        place.stiffness * (position_of(place) - place_centre) * (x_->col(place.node) - centre).transpose();
   // The nearest rotation (Kabsch 1976).
   if (!all_finite(moments)) return;
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
@@ -197,6 +204,19 @@ void SystemRun::move_to(const Points& x) {
   energy_ = energy_and_gradient(*system_, *x_, gradient_);
   lowest_ = std::min(lowest_, energy_);
   ++summary_.energy_evaluations, ++summary_.gradient_evaluations;
+}
+
+double SystemRun::trusted_step(const Points& direction) const {
+  constexpr double kTrusted = 4;
+  const double reach = rule_.stationarity(gradient_) * rule_.length();
+  return std::min(1.0, kTrusted * std::max(rule_.length(), reach) / direction.colwise().norm().maxCoeff());
+}
+
+bool SystemRun::lacks_hessian() {
+  const std::string missing = missing_curvature(*system_, Curvature::True);
+  if (missing.empty()) return false;
+  summary_.message = std::string_view("the method needs second derivatives: " + missing);
+  return true;
 }
 
 // `reason` is the method's own; energy and gradient at x may overrule it.

@@ -45,6 +45,12 @@ class SystemRun {
   const Points& previous_gradient() const { return other_gradient_; }
   /// Moves x to where the energy is known to be lower.
   void move_to(const Points& x);
+  /// The step along a direction up to which a quadratic model is trusted, 1 at most: as far as the nodes are
+  /// from where their springs pull them, or the characteristic length. A robust loss may have little
+  /// curvature, and beyond it none and no force.
+  double trusted_step(const Points& direction) const;
+  /// Whether a term has no second derivatives; the summary then says which.
+  bool lacks_hessian();
 
  private:
   SystemRun(const AlignedOptions& options, Points& x) : options_(options), x_(&x) {}

@@ -289,6 +289,9 @@ void SystemRule::renew(const System& system, const Eigen::MatrixXd& x) {
 }
 
 double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales) {
+  const auto position_of = [&](const Scales::Place& place) {
+    return Eigen::Map<const Eigen::VectorXd>(place.position, system.dim());
+  };
   const auto places = [&](bool all) {
     std::vector<const Scales::Place*> result;
     for (const Scales::Place& place : scales.places) {
@@ -311,11 +314,11 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
     centroid.setZero();
     for (const auto* place : held) {
       total += weight_of(place->stiffness);
-      centroid += weight_of(place->stiffness) * place->position;
+      centroid += weight_of(place->stiffness) * position_of(*place);
     }
     if (total > 0) centroid /= total;
     for (const auto* place : held)
-      sum += weight_of(place->stiffness) * (place->position - centroid).squaredNorm();
+      sum += weight_of(place->stiffness) * (position_of(*place) - centroid).squaredNorm();
     for (const auto& [stiffness, square] : scales.lengths) {
       if (!(stiffness > 0)) continue;  // its length may be so far off that its square overflows
       total += weight_of(stiffness);
@@ -334,7 +337,7 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
   const double spread = std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<double>(x.cols()));
   double extent = 0;
   for (const Scales::Place& place : scales.places)
-    extent = std::max(extent, place.position.cwiseAbs().maxCoeff());
+    extent = std::max(extent, position_of(place).cwiseAbs().maxCoeff());
   return extent > 0 ? std::min(extent, spread) : spread;
 }
 

@@ -53,13 +53,16 @@ void append_columns(Matrix& to, const Matrix& more) {
 
 }  // namespace
 
-void CurvatureSink::add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) {
-  Eigen::MatrixXd matrix(count * dim, count * dim);
-  const Eigen::Map<const Eigen::MatrixXd> block(B, dim, dim);
-  for (int a = 0; a < count; ++a) {
-    for (int b = 0; b < count; ++b) matrix.block(a * dim, b * dim, dim, dim) = (c[a] * c[b]) * block;
+void CurvatureSink::add_blocks(const int* nodes, int arity, int count, const double* c, const double* B,
+                               int dim) {
+  Eigen::MatrixXd matrix(arity * dim, arity * dim);
+  for (std::ptrdiff_t e = 0; e < count; ++e) {
+    const Eigen::Map<const Eigen::MatrixXd> block(B + e * dim * dim, dim, dim);
+    for (int a = 0; a < arity; ++a) {
+      for (int b = 0; b < arity; ++b) matrix.block(a * dim, b * dim, dim, dim) = (c[a] * c[b]) * block;
+    }
+    add(nodes + e * arity, arity, matrix.data(), arity * dim);
   }
-  add(nodes, count, matrix.data(), count * dim);
 }
 
 Term::Term(std::string_view kind, int dim, int arity, std::vector<Column> columns,

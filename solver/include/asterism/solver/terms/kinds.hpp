@@ -44,6 +44,7 @@ class ASTERISM_API LinearTerm : public Term {
   void for_each(const Points& x, Visit&& visit) const;
   template <int D>
   double sum(const Points& x, Points* gradient) const;
+  void add_plain_curvature(CurvatureSink& sink) const;
 };
 
 /// Points that are pulled to a place: "position" (D) and "stiffness" (1), with "information" (D x D,
@@ -123,12 +124,18 @@ class ASTERISM_API LengthTerm : public Term {
 
  private:
   struct Force;
+  struct Potential;
+  Potential potential() const;
   template <int D, typename Visit>
   void for_each(const Points& x, int begin, int end, Visit&& visit) const;
   template <int D>
   double sum(const Points& x, int begin, int end, Points* gradient) const;
   template <int D, int kArity>
   double plain_sum(const Points& x, Points* gradient) const;
+  template <int D>
+  void add_curvature(const Points& x, int begin, int end, Curvature curvature, CurvatureSink& sink) const;
+  template <int D, int kArity>
+  void add_plain_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const;
   template <int D>
   double sum_of_rows(const Points& x, Points* gradient) const;
   // The function of a law that is one's own, with a name or without; else null.

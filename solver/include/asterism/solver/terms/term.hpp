@@ -33,9 +33,9 @@ class ASTERISM_API CurvatureSink {
   /// with `rows` rows, column by column. A node may come more than once. A hidden unknown is hidden_node()
   /// and has one row.
   virtual void add(const int* nodes, int count, const double* matrix, int rows) = 0;
-  /// The same for an element without a hidden unknown whose nodes a and b have the block c_a c_b B, with B
-  /// symmetric, dim x dim.
-  virtual void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim);
+  /// The same for `count` elements of `arity` nodes each, without a hidden unknown, whose nodes a and b have
+  /// the block c_a c_b B. The elements' nodes follow each other, and so do their B: symmetric, dim x dim.
+  virtual void add_blocks(const int* nodes, int arity, int count, const double* c, const double* B, int dim);
 
   /// The number that stands for the hidden unknown of the term that is visited, see Term::has_hidden.
   int hidden_node() const { return hidden_node_; }
@@ -53,9 +53,10 @@ struct Scales {
   std::vector<std::pair<double, double>> lengths;
   /// A node that is pulled to a position.
   struct Place {
-    int node;                  ///< its number
-    double stiffness;          ///< of the spring that pulls
-    Eigen::VectorXd position;  ///< where its force is 0
+    int node;          ///< its number
+    double stiffness;  ///< of the spring that pulls
+    /// Where its force is 0: dim numbers that live as long as the term.
+    const double* position;
   };
   std::vector<Place> places;  ///< one for each such spring
   Eigen::VectorXd loads;      ///< the length of each node's load
