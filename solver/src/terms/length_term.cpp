@@ -275,49 +275,90 @@ double LengthTerm::sum(const Points& x, int begin, int end, Points* gradient) co
   return energy;
 }
 
-namespace {
-
-// v = sum_a c_a x_a - offset, and |v|^2.
+// Some elements at a time, one in each lane, for all laws but one's own and lengths without information.
 template <int D, int kArity>
-double difference(const double* points, const int* node, const double* offset, double* v) {
-  constexpr double kCoefficients[] = {1, kArity == 2 ? -1 : -2, 1};
-  double square = 0;
-  for (int c = 0; c < D; ++c) {
-    v[c] = points[D * node[0] + c];
-    for (int a = 1; a < kArity; ++a) v[c] += kCoefficients[a] * points[D * node[a] + c];
-    if (offset != nullptr) v[c] -= offset[c];
-    square += v[c] * v[c];
+struct LengthTerm::Lanes {
+  static constexpr int kMost = 16;
+  static constexpr double kCoefficients[] = {1, kArity == 2 ? -1 : -2, 1};
+  using Lane = Eigen::Array<double, kMost, 1>;
+
+  explicit Lanes(const LengthTerm& term)
+      : nodes(term.nodes().data()),
+        stiffness(term.numbers(kStiffness)),
+        offset(term.numbers(kOffset)),
+        potential(term.potential()) {}
+
+  // Computes all below for `count` elements. False where rounding takes too much of the square of a length,
+  // or a number leaves the range of a double: these elements are to be left to for_each.
+  bool evaluate(const double* points, int begin, int count) {
+    node = nodes + std::ptrdiff_t{kArity} * begin;
+    Lane rest;
+    for (int e = 0; e < count; ++e) {
+      k[e] = *stiffness[begin + e];
+      rest[e] = *potential.length[begin + e];
+      for (int c = 0; c < D; ++c) {
+        double d = points[D * node[kArity * e] + c];
+        for (int a = 1; a < kArity; ++a) d += kCoefficients[a] * points[D * node[kArity * e + a] + c];
+        v[c][e] = d;
+      }
+    }
+    for (int e = 0; offset && e < count; ++e) {
+      for (int c = 0; c < D; ++c) v[c][e] -= offset[begin + e][c];
+    }
+    for (int e = count; e < kMost; ++e) {  // others do no harm
+      k[e] = rest[e] = 0;
+      for (int c = 0; c < D; ++c) v[c][e] = 1;
+    }
+    square = v[0] * v[0];
+    for (int c = 1; c < D; ++c) square += v[c] * v[c];
+    const Lane length = square.sqrt();
+    if (potential.is_hooke) {
+      const Lane stretch = length - rest;
+      energy = k * stretch * stretch / 2;
+      tension = k * stretch;
+      along = k;
+    } else {
+      energy = tension = along = 0;
+      for (int e = 0; e < count; ++e) {
+        if (!(k[e] > 0)) continue;
+        const Potential::Value phi = potential(begin + e, length[e]);
+        energy[e] = k[e] * phi.value;
+        tension[e] = k[e] * phi.first;
+        along[e] = k[e] * phi.second;
+      }
+    }
+    across = tension / length;
+    return square.minCoeff() >= lanes_v0_1::kLeastLengthSquare &&
+           detail::is_finite(energy.sum() + tension.abs().sum() + along.sum() + across.sum());
   }
-  return square;
-}
 
-}  // namespace
+  const int* nodes;
+  const Numbers stiffness, offset;
+  const Potential potential;
+  const int* node = nullptr;  // of the first element
+  Lane v[D], square, k, energy, tension, along, across;
+};
 
-// The same for all elements: what most of them need and no more. What is left to sum() are elements whose
-// squares rounding takes too much of, or that leave the range of a double.
+// The same for all elements: what most of them need and no more.
 template <int D, int kArity>
 double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
-  const Numbers stiffness = numbers(kStiffness), offset = numbers(kOffset);
-  const Potential potential = this->potential();
-  const double* const points = x.data();
+  using L = Lanes<D, kArity>;
+  L lanes(*this);
   double* const forces = gradient == nullptr ? nullptr : gradient->data();
-  constexpr double kCoefficients[] = {1, kArity == 2 ? -1 : -2, 1};
   double energy = 0;
-  for (int e = 0; e < size(); ++e) {
-    const int* const node = nodes().data() + kArity * e;
-    double v[D];
-    const double square = difference<D, kArity>(points, node, offset[e], v);
-    const double r = std::sqrt(square), k = *stiffness[e];
-    const Potential::Value phi = potential(e, r);
-    const double added = k * phi.value, weight = k * phi.first / r;
-    if (!(square >= lanes_v0_1::kLeastLengthSquare) || !detail::is_finite(added + weight)) [[unlikely]] {
-      energy += sum<D>(x, e, e + 1, gradient);
+  for (int begin = 0; begin < size(); begin += L::kMost) {
+    const int count = std::min(L::kMost, size() - begin);
+    if (!lanes.evaluate(x.data(), begin, count)) [[unlikely]] {
+      energy += sum<D>(x, begin, begin + count, gradient);
       continue;
     }
-    energy += added;
-    if (forces == nullptr) continue;
-    for (int c = 0; c < D; ++c) {
-      for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * (weight * v[c]);
+    energy += lanes.energy.sum();
+    for (int e = 0; forces != nullptr && e < count; ++e) {
+      for (int c = 0; c < D; ++c) {
+        const double pull = lanes.across[e] * lanes.v[c][e];
+        for (int a = 0; a < kArity; ++a)
+          forces[D * lanes.node[kArity * e + a] + c] += L::kCoefficients[a] * pull;
+      }
     }
   }
   return energy;
@@ -445,31 +486,8 @@ const char* LengthTerm::problem_with(Curvature curvature) const {
   return loss() == Loss::Quadratic ? nullptr : "a loss of lengths has no bound of its curvature from below";
 }
 
-namespace {
-
-// The curvature along a link's direction and across it, for a link of stiffness k whose true ones are known.
-// A majoriser is k; a minoriser, where phi is convex as a function of r^2, what it is across.
-struct AlongAndAcross {
-  double along, across;
-};
-AlongAndAcross of_kind(Curvature curvature, double k, double tension, double length, AlongAndAcross here) {
-  switch (curvature) {
-    case Curvature::True:
-      return here;
-    case Curvature::Clamped:
-      return {std::max(here.along, 0.0), std::max(here.across, 0.0)};
-    case Curvature::Majorising:
-      return {k, k};
-    case Curvature::Minorising:
-      break;
-  }
-  const double least = least_across(tension, length, here.along);
-  return {least, least};
-}
-
-}  // namespace
-
-// d2 = along u u^T + across (S - u u^T).
+// d2 = along u u^T + across (S - u u^T). A majoriser is k S; a minoriser, where phi is convex as a function
+// of r^2, across S.
 template <int D>
 void LengthTerm::add_curvature(const Points& x, int begin, int end, Curvature curvature,
                                CurvatureSink& sink) const {
@@ -479,9 +497,13 @@ void LengthTerm::add_curvature(const Points& x, int begin, int end, Curvature cu
   for_each<D>(x, begin, end,
               [&](int e, const PointOf<D>&, const PointOf<D>& u, const Force& force, double k) {
                 if (information) shape = Eigen::Map<const BlockOf<D>>(information[e], dim, dim);
-                // On a line nothing is across.
-                const AlongAndAcross here{force.along, dim == 1 ? force.along : force.across};
-                const auto [along, across] = of_kind(curvature, k, force.tension, force.length, here);
+                double along = force.along, across = force.across;
+                if (curvature == Curvature::Clamped)
+                  along = std::max(along, 0.0), across = std::max(across, 0.0);
+                if (dim == 1) across = along;  // on a line nothing is across
+                if (curvature == Curvature::Majorising) along = across = k;
+                if (curvature == Curvature::Minorising)
+                  along = across = least_across(force.tension, force.length, force.along);
                 BlockOf<D> block = u * u.transpose();
                 block *= along - across;
                 block += across * shape;
@@ -489,43 +511,44 @@ void LengthTerm::add_curvature(const Points& x, int begin, int end, Curvature cu
               });
 }
 
-// The same for all elements, many at a time, as plain_sum is.
+// The same for all elements, as plain_sum.
 template <int D, int kArity>
 void LengthTerm::add_plain_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {
-  constexpr int kMost = 64;
-  const Numbers stiffness = numbers(kStiffness), offset = numbers(kOffset);
-  const Potential potential = this->potential();
-  const double* const points = x.data();
-  double blocks[kMost][D * D];
-  int first = 0, count = 0;
-  const auto flush = [&](int next) {
-    if (count > 0)
-      sink.add_blocks(nodes().col(first).data(), kArity, count, coefficients_.data(), blocks[0], D);
-    first = next;
-    count = 0;
-  };
-  for (int e = 0; e < size(); ++e) {
-    double v[D];
-    const double square = difference<D, kArity>(points, nodes().data() + kArity * e, offset[e], v);
-    const double r = std::sqrt(square), k = *stiffness[e];
-    const Potential::Value phi = potential(e, r);
-    const double tension = k * phi.first;
-    const auto [along, across] = of_kind(curvature, k, tension, r, {k * phi.second, tension / r});
-    const double excess = (along - across) / square;
-    const bool is_plain = k > 0 && square >= lanes_v0_1::kLeastLengthSquare &&
-                          detail::is_finite(excess + across + phi.value * k + tension / r);
-    if (!is_plain) [[unlikely]] {
-      flush(e + 1);
-      add_curvature<D>(x, e, e + 1, curvature, sink);
+  using L = Lanes<D, kArity>;
+  L lanes(*this);
+  double blocks[L::kMost][D * D];
+  for (int begin = 0; begin < size(); begin += L::kMost) {
+    const int count = std::min(L::kMost, size() - begin);
+    const bool is_plain = lanes.evaluate(x.data(), begin, count) && (lanes.k.head(count) > 0).all();
+    typename L::Lane along = lanes.along, across = lanes.across;
+    switch (curvature) {
+      case Curvature::True:
+        break;
+      case Curvature::Clamped:
+        along = along.max(0.0);
+        across = across.max(0.0);
+        break;
+      case Curvature::Majorising:
+        along = across = lanes.k;
+        break;
+      case Curvature::Minorising:
+        along = across;
+        break;
+    }
+    const typename L::Lane excess = (along - across) / lanes.square;
+    if (!is_plain || !detail::is_finite(excess.sum())) [[unlikely]] {
+      add_curvature<D>(x, begin, begin + count, curvature, sink);
       continue;
     }
-    double* const block = blocks[count];
     for (int j = 0; j < D; ++j) {
-      for (int i = 0; i < D; ++i) block[D * j + i] = excess * v[i] * v[j] + (i == j ? across : 0.0);
+      for (int i = 0; i <= j; ++i) {
+        typename L::Lane entry = excess * lanes.v[i] * lanes.v[j];
+        if (i == j) entry += across;
+        for (int e = 0; e < count; ++e) blocks[e][D * j + i] = blocks[e][D * i + j] = entry[e];
+      }
     }
-    if (++count == kMost) flush(e + 1);
+    sink.add_blocks(lanes.node, kArity, count, coefficients_.data(), blocks[0], D);
   }
-  flush(size());
 }
 
 void LengthTerm::add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const {

@@ -125,6 +125,8 @@ class ASTERISM_API LengthTerm : public Term {
  private:
   struct Force;
   struct Potential;
+  template <int D, int kArity>
+  struct Lanes;
   Potential potential() const;
   template <int D, typename Visit>
   void for_each(const Points& x, int begin, int end, Visit&& visit) const;
