@@ -55,6 +55,8 @@ bool SystemMatrix::assemble_entries(const Eigen::MatrixXd& x, Curvature curvatur
     if (system.term(t).size() > 0 && system.term(t).has_hidden()) ++size_;
   }
   is_dense_ = should_be_dense();
+  has_fixed_ = false;
+  for (int i = 0; i < nodes_; ++i) has_fixed_ = has_fixed_ || system.is_fixed(i);
   if (is_dense_) {
     require_memory(3.0 * size_ * size_ * sizeof(double));
     dense_.setZero(size_, size_);
@@ -163,8 +165,30 @@ void SystemMatrix::add(const int* nodes, int count, const double* matrix, int ro
   });
 }
 
+// The same for most small systems. It also adds to the upper triangles of the diagonal's blocks.
+template <int D>
+void SystemMatrix::add_to_dense(const int* nodes, int arity, int count, const double* c, const double* B) {
+  const std::ptrdiff_t stride = size_;
+  for (; count > 0; --count, nodes += arity, B += D * D) {
+    for (int b = 0; b < arity; ++b) {
+      for (int a = 0; a < arity; ++a) {
+        if (nodes[a] < nodes[b]) continue;
+        double* const at = dense_.data() + D * (nodes[b] * stride + nodes[a]);
+        const double factor = c[a] * c[b];
+        for (int j = 0; j < D; ++j) {
+          for (int i = 0; i < D; ++i) at[j * stride + i] += factor * B[D * j + i];
+        }
+      }
+    }
+  }
+}
+
 void SystemMatrix::add_blocks(const int* nodes, int arity, int count, const double* c, const double* B,
                               int dim) {
+  if (is_dense_ && !is_shared_ && !has_fixed_) {
+    if (dim == 2) return add_to_dense<2>(nodes, arity, count, c, B);
+    if (dim == 3) return add_to_dense<3>(nodes, arity, count, c, B);
+  }
   const int* const end = nodes + std::ptrdiff_t{arity} * count;
   for (; nodes != end; nodes += arity, B += std::ptrdiff_t{dim} * dim) {
     if (is_shared_) {
@@ -238,7 +262,7 @@ double SystemMatrix::diagonal(int row) const {
 }
 
 bool SystemMatrix::is_finite() const {
-  // Of the upper triangle of a dense matrix, all entries are 0.
+  // Entries in the upper triangle of a dense matrix are 0, or those of the lower.
   return is_dense_ ? all_finite(dense_) : all_finite(sparse_.coeffs());
 }
 

@@ -70,6 +70,8 @@ class SystemMatrix final : public CurvatureSink {
   // Calls to(row, column, value) for each entry.
   template <typename Value, typename To>
   void for_each_entry(const int* nodes, int count, Value&& value, To&& to) const;
+  template <int D>
+  void add_to_dense(const int* nodes, int arity, int count, const double* c, const double* B);
   void add_terms(const Eigen::MatrixXd& x, Curvature curvature);
   bool should_be_dense() const;
   bool are_known(const int* nodes, int count);
@@ -79,7 +81,7 @@ class SystemMatrix final : public CurvatureSink {
   Storage storage_;
   const System* system_ = nullptr;
   int nodes_ = 0, per_node_ = 1, size_ = 0, pattern_ = 0;
-  bool is_dense_ = false, is_shared_ = false, has_own_rows_ = false;
+  bool is_dense_ = false, is_shared_ = false, has_own_rows_ = false, has_fixed_ = false;
   Eigen::MatrixXd dense_;
   Sparse sparse_;
   // The elements of the pattern: for each, how many nodes it has, and these; and where its entries are.

@@ -35,11 +35,12 @@ class SystemRule {
   bool is_rounding(const Eigen::MatrixXd& x, const Eigen::MatrixXd& gradient) const;
 
  private:
-  static double length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales);
+  double length_of(const System& system, const Eigen::MatrixXd& x, const Scales& scales);
 
   Eigen::VectorXd stiffness_, weights_;
   double length_ = 0, tolerance_ = 0;
   bool is_by_gradient_ = false;
+  bool changes_with_x_ = false;
 };
 
 }  // namespace detail

@@ -253,7 +253,12 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   Scales scales;
   scales.stiffness.setZero(n);
   scales.loads.setZero(n);
-  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+  changes_with_x_ = false;
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    term.add_scales(x, scales);
+    changes_with_x_ |= term.size() > 0 && term.problem_with(Curvature::Majorising) != nullptr;
+  }
   stiffness_ = scales.stiffness;
   length_ = length_of(system, x, scales);
   weights_.setZero(n);
@@ -283,7 +288,7 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
 }
 
 void SystemRule::renew(const System& system, const Eigen::MatrixXd& x) {
-  if (is_by_gradient_) return;
+  if (is_by_gradient_ || !changes_with_x_) return;
   SystemRule here;
   if (here.set(system, x, tolerance_) && !here.is_by_gradient_) *this = here;
 }
@@ -333,6 +338,7 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
   }
   if (reach > 0) return reach;
   if (x.cols() == 0) return 0;
+  changes_with_x_ = true;
   if (scales.places.empty()) centroid = x.rowwise().mean();
   const double spread = std::sqrt((x.colwise() - centroid).squaredNorm() / static_cast<double>(x.cols()));
   double extent = 0;
