@@ -293,21 +293,20 @@ struct LengthTerm::Lanes {
   bool evaluate(const double* points, int begin, int count) {
     node = nodes + std::ptrdiff_t{kArity} * begin;
     Lane rest;
-    for (int e = 0; e < count; ++e) {
-      k[e] = *stiffness[begin + e];
-      rest[e] = *potential.length[begin + e];
+    for (int e = 0; e < kMost; ++e) {
+      k[e] = e < count ? *stiffness[begin + e] : 0.0;
+      const bool counts =
+          k[e] > 0;  // what does not, whatever its length at rest, has numbers that do no harm
+      rest[e] = counts ? *potential.length[begin + e] : 0.0;
       for (int c = 0; c < D; ++c) {
-        double d = points[D * node[kArity * e] + c];
-        for (int a = 1; a < kArity; ++a) d += kCoefficients[a] * points[D * node[kArity * e + a] + c];
+        double d = 1;
+        if (counts) {
+          d = points[D * node[kArity * e] + c];
+          for (int a = 1; a < kArity; ++a) d += kCoefficients[a] * points[D * node[kArity * e + a] + c];
+          if (offset) d -= offset[begin + e][c];
+        }
         v[c][e] = d;
       }
-    }
-    for (int e = 0; offset && e < count; ++e) {
-      for (int c = 0; c < D; ++c) v[c][e] -= offset[begin + e][c];
-    }
-    for (int e = count; e < kMost; ++e) {  // others do no harm
-      k[e] = rest[e] = 0;
-      for (int c = 0; c < D; ++c) v[c][e] = 1;
     }
     square = v[0] * v[0];
     for (int c = 1; c < D; ++c) square += v[c] * v[c];
@@ -519,7 +518,7 @@ void LengthTerm::add_plain_curvature(const Points& x, Curvature curvature, Curva
   double blocks[L::kMost][D * D];
   for (int begin = 0; begin < size(); begin += L::kMost) {
     const int count = std::min(L::kMost, size() - begin);
-    const bool is_plain = lanes.evaluate(x.data(), begin, count) && (lanes.k.head(count) > 0).all();
+    const bool is_plain = lanes.evaluate(x.data(), begin, count);
     typename L::Lane along = lanes.along, across = lanes.across;
     switch (curvature) {
       case Curvature::True:

@@ -257,7 +257,8 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   for (int t = 0; t < system.term_count(); ++t) {
     const Term& term = system.term(t);
     term.add_scales(x, scales);
-    changes_with_x_ |= term.size() > 0 && term.problem_with(Curvature::Majorising) != nullptr;
+    changes_with_x_ |=
+        term.size() > 0 && (term.has_hidden() || term.problem_with(Curvature::Majorising) != nullptr);
   }
   stiffness_ = scales.stiffness;
   length_ = length_of(system, x, scales);
