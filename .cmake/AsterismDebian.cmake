@@ -7,7 +7,6 @@ set(asterism_debian_cholmod libsuitesparse-dev)
 set(asterism_debian_ceres libceres-dev)
 set(asterism_debian_lbfgs liblbfgs-dev)
 set(asterism_debian_petsc petsc-dev)
-set(asterism_debian_json nlohmann-json3-dev)
 set(asterism_debian_parts libopencv-dev)
 
 # asterism_debian_package(COMPONENT NAME SECTION TEXT) sets CPack's variables for a package in the caller's

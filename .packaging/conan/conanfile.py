@@ -45,7 +45,7 @@ class AsterismConan(ConanFile):
     def requirements(self):
         self.requires("eigen/3.4.0", transitive_headers=True)
         if self.options.json:
-            self.requires("nlohmann_json/[>=3.9 <4]", transitive_headers=True)
+            self.requires("nlohmann_json/[>=3.9 <4]")
         if self.options.parts:
             self.requires("opencv/[>=4.5 <5]", transitive_headers=True, transitive_libs=True)
 

@@ -119,7 +119,7 @@ void write(std::ostream& out, const std::string& family, int number, const Probl
   origin["minimum"] = minimum;
   origin["lower_bound"] = lower_bound;
   origin["minimiser"] = coordinates(minimiser);
-  write_system(out, problem.system, problem.start, name, origin);
+  write_system(out, problem.system, problem.start, name, origin.dump());
   if (!out.flush()) throw std::runtime_error(name + ": cannot be written");
   std::printf("%s: %.15g, proven to be at least %.15g\n", name.c_str(), minimum, lower_bound);
 }
@@ -141,9 +141,9 @@ KnownProblem known_problem(const std::filesystem::path& file, const StoredSystem
                      0,
                      0};
   try {
-    known.minimum = stored.origin.at("minimum").get<double>();
-    known.lower_bound = stored.origin.at("lower_bound").get<double>();
-    const Json& minimiser = stored.origin.at("minimiser");
+    const Json origin = Json::parse(stored.origin), minimiser = origin.at("minimiser");
+    known.minimum = origin.at("minimum").get<double>();
+    known.lower_bound = origin.at("lower_bound").get<double>();
     if (std::ssize(minimiser) != known.minimiser.cols()) refuse("origin.minimiser needs a point per node");
     for (int i = 0; const Json& point : minimiser)
       known.minimiser.col(i++) << point.at(0).get<double>(), point.at(1).get<double>();

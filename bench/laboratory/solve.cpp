@@ -10,8 +10,6 @@
 #include <type_traits>
 #include <variant>
 
-#include "../../solver/src/terms/json.hpp"
-
 namespace asterism::bench {
 
 namespace {
@@ -96,15 +94,11 @@ void solve_problem(const std::string& name, const Problem& problem, const std::v
 }
 
 void solve_file(const std::filesystem::path& path, const std::string& solvers, const Limits& limits) {
-  const std::string text = detail::stored::read_text(path);
   std::vector<std::variant<StoredSystem<System>, StoredTerms>> systems;
-  detail::stored::for_each_object(text, path.string(), [&systems](const nlohmann::json& object) {
-    if (detail::holds_terms(object)) {
-      systems.emplace_back(detail::stored_terms_from_json(object));
-    } else {
-      systems.emplace_back(system_from_json<System>(object));
-    }
-  });
+  const auto take = [&systems](auto&& stored) { systems.emplace_back(std::move(stored)); };
+  detail::StoredVisitor visitor = detail::visitor_of<System>(take);
+  visitor.terms = take;
+  detail::for_each_stored(detail::read_text(path), path.string(), visitor);
   if (systems.empty()) throw std::runtime_error(path.string() + ": no systems");
   for (std::size_t s = 0; s < systems.size(); ++s) {
     if (s > 0) std::printf("\n");

@@ -1,4 +1,4 @@
-#include <asterism/solver/io/system_json.hpp>
+#include <asterism/solver/io/json.hpp>
 #include <asterism/system.hpp>
 #include <fstream>
 #include <iostream>

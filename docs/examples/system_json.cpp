@@ -10,7 +10,7 @@ int main() {
   system.rest_length.setConstant(10);
   system.link_stiffness.setConstant(2);
   std::ofstream file("hard.jsonl");
-  asterism::write_system(file, system, system.anchors, "two minima", {{"frame", 17}});  // appends a line
+  asterism::write_system(file, system, system.anchors, "two minima", R"({"frame": 17})");  // appends a line
   file.close();
 
   try {

@@ -1,9 +1,6 @@
 // Systems as JSON; asterism/stored.py wraps it for users.
 
-#include "../src/terms/json.hpp"
-
 #include <asterism/solver/io/json.hpp>
-#include <variant>
 
 #include "bindings.hpp"
 #include "term_system.hpp"
@@ -29,13 +26,12 @@ void bind_json(py::module_& m) {
         std::vector<std::variant<AnyStoredSystem, StoredTerms>> systems;
         try {
           const py::gil_scoped_release release;
-          detail::stored::for_each_object(text, source, [&systems](const nlohmann::json& object) {
-            if (detail::holds_terms(object)) {
-              systems.emplace_back(detail::stored_terms_from_json(object));
-            } else {
-              systems.emplace_back(any_system_from_json(object));
-            }
-          });
+          detail::for_each_stored(text, source,
+                                  {0, false,
+                                   [&](detail::StoredSprings&& springs) {
+                                     systems.emplace_back(detail::any_from_stored(std::move(springs)));
+                                   },
+                                   [&](StoredTerms&& terms) { systems.emplace_back(std::move(terms)); }});
         } catch (const std::runtime_error& error) {
           refuse(error.what());
         }
@@ -52,7 +48,7 @@ void bind_json(py::module_& m) {
                 const Shape shape{stored.system.nodes(), S::kDim};
                 result.append(py::make_tuple(AnySystem{std::move(stored.system)},
                                              owned(std::move(stored.start), shape), stored.name,
-                                             stored.origin.dump()));
+                                             stored.origin));
               },
               std::get<AnyStoredSystem>(each));
         }
@@ -75,9 +71,7 @@ void bind_json(py::module_& m) {
           }
           return given.cast<AnySystem&>().visit([&]<int Dim>(System<Dim>& s) {
             const auto points = map_points<Dim>(numbers(start, "start", {s.nodes(), Dim}));
-            const auto parsed =
-                detail::stored::parse(origin, "the system cannot be written: its origin", 1, true);
-            return system_to_json(s, points, name, parsed).dump();
+            return to_json(StoredSystem<System<Dim>>{s, points, name, origin});
           });
         } catch (const py::builtin_exception&) {
           throw;

@@ -2,7 +2,6 @@
 // written and read again; every error must be a std::runtime_error.
 
 #include <asterism/solver/io/json.hpp>
-#include <asterism/solver/io/system_json.hpp>
 #include <cstdlib>
 #include <sstream>
 #include <stdexcept>

@@ -61,7 +61,7 @@ int main() {
   lbfgs_free(numbers);
 #endif
 #ifdef HAVE_JSON
-  ok = ok && nlohmann::json::parse("[1]").size() == 1;
+  ok = ok && asterism::parse_systems("").empty();
 #endif
 #ifdef HAVE_PARTS
   asterism::ResponseMap map;

@@ -66,8 +66,7 @@ foreach(version IN LISTS others)
 endforeach()
 
 # Where a component was built, but what it needs is gone.
-foreach(pair IN ITEMS solver:Eigen3 cholmod:CHOLMOD ceres:Ceres lbfgs:LIBLBFGS petsc:PETSc json:nlohmann_json
-                      parts:OpenCV)
+foreach(pair IN ITEMS solver:Eigen3 cholmod:CHOLMOD ceres:Ceres lbfgs:LIBLBFGS petsc:PETSc parts:OpenCV)
   string(REPLACE ":" ";" pair ${pair})
   list(GET pair 0 component)
   list(GET pair 1 package)

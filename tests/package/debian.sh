@@ -51,7 +51,7 @@ absent libopencv-dev libceres-dev libsuitesparse-dev libcholmod3 liblbfgs-dev nl
 consume solver,system,solver_compiled,batch
 
 # Everything, and an object followed.
-install libopencv-dev libsuitesparse-dev liblbfgs-dev nlohmann-json3-dev
+install libopencv-dev libsuitesparse-dev liblbfgs-dev
 consume solver,batch,cholmod,lbfgs,json,parts,trackers
 inside sh -c 'g++ -std=c++20 /video.cpp -o /out/video $(pkg-config --cflags --libs opencv4) && /out/video /out/video.avi'
 inside asterism-track /out/video.avi --box 100,80,48,64 --tracker dpt --out /out/boxes.csv

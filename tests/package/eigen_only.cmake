@@ -50,7 +50,7 @@ file(GLOB rooms RELATIVE ${WORK}/solver-only/${INCLUDEDIR}/asterism ${WORK}/solv
 if(NOT rooms STREQUAL "solver;solver.hpp;system.hpp;testing")
   fail("installed with Eigen alone: ${rooms}")
 endif()
-foreach(adapter IN ITEMS linear/cholmod reference/ceres reference/liblbfgs distributed/petsc io/json io/system_json)
+foreach(adapter IN ITEMS linear/cholmod reference/ceres reference/liblbfgs distributed/petsc io/json)
   if(EXISTS ${WORK}/solver-only/${INCLUDEDIR}/asterism/solver/${adapter}.hpp)
     fail("the header ${adapter}.hpp is installed without its library")
   endif()

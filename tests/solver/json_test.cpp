@@ -11,6 +11,7 @@
 #include <fstream>
 #include <iterator>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 
@@ -82,7 +83,7 @@ TYPED_TEST(RoundTrip, KeepsEveryBit) {
     if (n % 3 == 0) system.loads = testing::random_points<System>(rng, n, -5, 5);
     for (int i = n % 4; i < n; i += 3) system.fix(i);
     const json origin = {{"seed", 7}, {"n", n}, {"inner", {1.5, "x", nullptr, true}}};
-    written.push_back({system, start, "system \"" + std::to_string(n) + "\"\n", origin});
+    written.push_back({system, start, "system \"" + std::to_string(n) + "\"\n", origin.dump()});
     write_system(file, written.back());
   }
   const auto read = parse_systems<System>(file.str());
@@ -119,6 +120,18 @@ TEST(Json, KeepsLinksThatAreGivenTwice) {
   expect_same(parse_systems<Plane>(file.str()).at(0).system, system);
 }
 
+// The system of an object; its error is without the text's name and line.
+template <typename System = Plane>
+StoredSystem<System> system_from_json(const json& object) {
+  const std::string place = "text:1: ";
+  try {
+    return parse_systems<System>(object.dump()).at(0);
+  } catch (const std::runtime_error& error) {
+    const std::string what = error.what();
+    throw std::runtime_error(what.substr(what.starts_with(place) ? place.size() : 0));
+  }
+}
+
 // Two linked nodes in the plane.
 json pair() {
   return {{"asterism_system", 1},           {"dim", 2},
@@ -138,7 +151,7 @@ TEST(Json, TakesDefaultsForWhatIsLeftOut) {
   const auto plain = system_from_json(pair());
   expect_same_bits(plain.start, plain.system.anchors);
   EXPECT_EQ(plain.name, "");
-  EXPECT_EQ(plain.origin, json::object());
+  EXPECT_EQ(plain.origin, "{}");
   EXPECT_EQ(plain.system.fixed_count(), 0);
 
   const auto shaped = system_from_json<Anisotropic<2>>(pair());
@@ -203,13 +216,13 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(error_with("dim", 0), "dim is 0");
   EXPECT_EQ(error_with("dim", 3), "dim is 3, expected 2");
   EXPECT_EQ(error_with("dim", 18446744073709551615u), "dim is 18446744073709551615");
+  EXPECT_EQ(error_with("dim", 33), "dim is 33");
 
   EXPECT_EQ(error_with("anchors", nullptr), "anchors: expected an array, found null");
   EXPECT_EQ(error_with("anchors", {{0, 0}, 7}), "anchors[1]: expected an array, found number");
   EXPECT_EQ(error_with("anchors", {{0, 0}, {1, 2, 3}}), "anchors[1]: expected 2 (dim), found 3");
   EXPECT_EQ(error_with("anchors", {{0, 0}, {1, nullptr}}), "anchors[1][1]: expected a number, found null");
   EXPECT_EQ(error_with("anchors", {{0, "0"}, {1, 2}}), "anchors[0][1]: expected a number, found string");
-  EXPECT_EQ(error_with("anchors", {{0, 0}, {std::nan(""), 2}}), "anchors[1][0] is not finite");
 
   EXPECT_EQ(error_with("anchor_stiffness", {1, 2, 3}),
             "anchor_stiffness: expected 2 (one for each node), found 3");
@@ -219,7 +232,6 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(error_with("rest_length", json::array()), "rest_length: expected 1 (one for each link), found 0");
   EXPECT_EQ(error_with("rest_length", {-1}), "rest_length[0] is negative");
   EXPECT_EQ(error_with("link_stiffness", {1, 2}), "link_stiffness: expected 1 (one for each link), found 2");
-  EXPECT_EQ(error_with("link_stiffness", {HUGE_VAL}), "link_stiffness[0] is not finite");
   EXPECT_EQ(error_with("link_stiffness", 1), "link_stiffness: expected an array, found number");
 
   const auto links = [](const json& second) { return error_with("links", json::array({{0, 1}, second})); };
@@ -264,18 +276,19 @@ TEST(Json, ReadsIntegersThatAreWrittenAsFloats) {
   EXPECT_EQ(system.links()[0].i, 0);
   EXPECT_EQ(system.links()[0].j, 1);
   EXPECT_TRUE(system.is_fixed(0) && system.is_fixed(1));
-  for (const double large : {1e30, -1e30, HUGE_VAL}) {
+  for (const double large : {1e30, -1e30}) {
     EXPECT_EQ(error_with("fixed", {large}), "fixed[0] is out of range");
     EXPECT_NE(error_with("dim", large), "(none)");
     EXPECT_NE(error_with("asterism_system", large), "(none)");
   }
-  EXPECT_NE(error_with("dim", std::nan("")), "(none)");
 }
 
 // What a double, or an integer of 64 bits, would lose.
 TEST(Json, RefusesNumbersThatWouldBecomeOthers) {
   const auto error = [](const std::string& number, const char* key) {
-    return error_of([&] { detail::stored::parse("{\"" + (key + ("\":\n[" + number)) + "\n]}", "f", 1); });
+    const std::string what =
+        error_of([&] { parse_systems("{\"" + (key + ("\":\n[" + number)) + "\n]}", "f"); });
+    return what == "f: asterism_system is missing" ? "(none)" : what;  // the numbers were read
   };
   for (const char* key : {"start", "origin"}) {
     EXPECT_EQ(error("1e-400", key), "f:2: number underflow parsing '1e-400'");
@@ -458,18 +471,18 @@ TEST(Json, WritesNothingThatCannotBeRead) {
   bad.name = "\xff";
   EXPECT_EQ(error(bad), prefix + "its name or origin is not UTF-8");
   bad = stored;
-  bad.origin = 3;
+  bad.origin = "3";
   EXPECT_EQ(error(bad), prefix + "origin is not an object but number");
   bad = stored;
-  bad.origin = {{"energies", {1, std::nan("")}}};
-  EXPECT_EQ(error(bad), prefix + "origin/energies/1 is not finite");
+  bad.origin = R"({"energies": [1, nan]})";
+  EXPECT_THAT(error(bad), ::testing::StartsWith(prefix + "origin:1: not JSON: "));
   bad = stored;
-  for (int depth = 1; depth < 98; ++depth) bad.origin = {{"in", std::move(bad.origin)}};
+  for (int depth = 1; depth < 98; ++depth) bad.origin = "{\"in\":" + bad.origin + "}";
   EXPECT_EQ(error(bad), "(none)");
   std::stringstream text;
   write_system(text, bad.system, bad.start, bad.name, bad.origin);
   EXPECT_EQ(parse_systems<decltype(bad.system)>("[" + text.str() + "]").at(0).origin, bad.origin);
-  bad.origin = {{"in", std::move(bad.origin)}};
+  bad.origin = "{\"in\":" + bad.origin + "}";
   EXPECT_EQ(error(bad), prefix + "origin is nested more than 98 deep");
   bad = stored;
   bad.system.anchor_stiffness.setZero();  // nothing holds it: reported by a solver
@@ -509,6 +522,10 @@ std::vector<std::string> documented_blocks() {
 }
 
 TEST(Json, IsAsDocumented) {
+  const std::vector<std::string> kKeys = {
+      "asterism_system",  "name",         "origin", "dim",         "anchors",
+      "anchor_stiffness", "anchor_shape", "links",  "rest_length", "link_stiffness",
+      "rest_offset",      "loads",        "fixed",  "start"};
   const auto blocks = documented_blocks();
   ASSERT_EQ(blocks.size(), 4u);
   const auto systems = parse_systems<Plane>(blocks[0]);
@@ -521,7 +538,7 @@ TEST(Json, IsAsDocumented) {
   const json schema = json::parse(blocks[3]), example = json::parse(blocks[0]);
   std::vector<std::string> properties;
   for (const auto& [key, value] : schema["properties"].items()) properties.push_back(key);
-  EXPECT_THAT(properties, ::testing::UnorderedElementsAreArray(detail::stored::kKeys));
+  EXPECT_THAT(properties, ::testing::UnorderedElementsAreArray(kKeys));
   for (const auto& [key, value] : example.items()) {
     json object = example;
     object.erase(key);

@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 #include <unistd.h>
 
-#include <asterism/solver/io/system_json.hpp>
+#include <asterism/solver/io/json.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <bit>
 #include <cstdint>

@@ -9,6 +9,7 @@
 
 #ifdef ASTERISM_TRACK_HAS_JSON
 #include <asterism/solver/io/json.hpp>
+#include <nlohmann/json.hpp>
 #endif
 
 namespace asterism::tools {
@@ -88,7 +89,7 @@ void SystemRecorder::write([[maybe_unused]] int frame, [[maybe_unused]] const So
   }
   errno = 0;
   try {
-    write_system(file_, system, start, name_ + "/frame " + std::to_string(frame), origin);
+    write_system(file_, system, start, name_ + "/frame " + std::to_string(frame), origin.dump());
   } catch (const std::exception& e) {
     throw std::runtime_error("frame " + std::to_string(frame) + ": " + e.what());
   }
