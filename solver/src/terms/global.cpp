@@ -47,10 +47,6 @@ class Random {
   std::uint64_t state_;
 };
 
-}  // namespace
-
-namespace {
-
 bool is_quadratic(const System& system) {
   for (int t = 0; t < system.term_count(); ++t) {
     if (system.term(t).size() > 0 && !system.term(t).is_quadratic()) return false;
@@ -71,10 +67,7 @@ namespace {
 
 // Where the anchors of each node want it together, NaN for nodes without.
 Eigen::MatrixXd places(const System& system, const Eigen::MatrixXd& x) {
-  Scales scales;
-  scales.stiffness.setZero(system.nodes());
-  scales.loads.setZero(system.nodes());
-  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+  const Scales scales = scales_of(system, x);
   Eigen::MatrixXd sum = Eigen::MatrixXd::Zero(system.dim(), system.nodes());
   Eigen::RowVectorXd weight = Eigen::RowVectorXd::Zero(system.nodes());
   for (const Scales::Place& place : scales.places) {

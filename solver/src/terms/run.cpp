@@ -90,10 +90,7 @@ bool SystemRun::start(const System& given) {
 
 // To where the anchors' springs are least for x as one rigid body, if that lowers the energy.
 void SystemRun::align() {
-  Scales scales;
-  scales.stiffness.setZero(system_->nodes());
-  scales.loads.setZero(system_->nodes());
-  for (int t = 0; t < system_->term_count(); ++t) system_->term(t).add_scales(*x_, scales);
+  const Scales scales = scales_of(*system_, *x_);
   const int dim = system_->dim();
   const auto position_of = [dim](const Scales::Place& place) {
     return Eigen::Map<const Eigen::VectorXd>(place.position, dim);

@@ -10,6 +10,9 @@ namespace detail {
 /// The first node of each connected component that nothing holds.
 std::vector<int> floating_nodes(const System& system);
 
+/// What all terms add to the scales at x.
+Scales scales_of(const System& system, const Eigen::MatrixXd& x);
+
 /// What relative errors of the energy at x refer to: the energy, and with loads, whose energy grows with the
 /// distance from the origin, twice the absolute value of each term of them.
 double energy_scale(const System& system, const Eigen::MatrixXd& x, double energy);

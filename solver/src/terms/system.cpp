@@ -231,6 +231,14 @@ std::vector<int> floating_nodes(const System& system) {
   return first;
 }
 
+Scales scales_of(const System& system, const Eigen::MatrixXd& x) {
+  Scales scales;
+  scales.stiffness.setZero(system.nodes());
+  scales.loads.setZero(system.nodes());
+  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+  return scales;
+}
+
 double energy_scale(const System& system, const Eigen::MatrixXd& x, double energy) {
   double scale = std::abs(energy);
   for (int t = 0; t < system.term_count(); ++t) {
@@ -250,13 +258,10 @@ bool SystemRule::set(const System& system, const Eigen::MatrixXd& x, double tole
   constexpr double kLeastTolerance = 64 * std::numeric_limits<double>::epsilon();
   tolerance_ = std::max(tolerance, kLeastTolerance);
   const int n = system.nodes();
-  Scales scales;
-  scales.stiffness.setZero(n);
-  scales.loads.setZero(n);
+  const Scales scales = scales_of(system, x);
   changes_with_x_ = false;
   for (int t = 0; t < system.term_count(); ++t) {
     const Term& term = system.term(t);
-    term.add_scales(x, scales);
     changes_with_x_ |=
         term.size() > 0 && (term.has_hidden() || term.problem_with(Curvature::Majorising) != nullptr);
   }
