@@ -121,8 +121,8 @@ void Elements::add_curvature(const Points& x, Curvature curvature, CurvatureSink
     matrix = (matrix + matrix.transpose()).eval() / 2;
     if (curvature == Curvature::Clamped && matrix.allFinite()) {
       modes.compute(matrix);
-      matrix = modes.eigenvectors() * modes.eigenvalues().cwiseMax(0.0).asDiagonal() *
-               modes.eigenvectors().transpose();
+      const Eigen::MatrixXd scaled = modes.eigenvectors() * modes.eigenvalues().cwiseMax(0.0).asDiagonal();
+      matrix = scaled.lazyProduct(modes.eigenvectors().transpose());
     }
     sink.add(nodes().col(e).data(), arity(), matrix.data(), rows);
   }

@@ -51,7 +51,9 @@ void spread(const Coefficient* c, int nodes, const Eigen::MatrixXd& w, Eigen::Ma
       block = Eigen::Map<const Eigen::MatrixXd>(c[a].matrix, dim, dim);
     }
   }
-  matrix.noalias() = all.transpose() * w * all;
+  // lazyProduct, here and elsewhere: without the kernels for large matrices, which take seconds to compile.
+  const Eigen::MatrixXd weighted = w.lazyProduct(all);
+  matrix = all.transpose().lazyProduct(weighted);
 }
 
 constexpr int kMaxArity = 3;

@@ -112,10 +112,13 @@ void SystemRun::align() {
   // The nearest rotation (Kabsch 1976).
   if (!all_finite(moments)) return;
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::MatrixXd u = svd.matrixU();
-  if (!options_.allow_reflection && (u * svd.matrixV().transpose()).determinant() < 0) u.col(dim - 1) *= -1;
-  const Eigen::MatrixXd rotation = u * svd.matrixV().transpose();
-  Points moved = (rotation * (x_->colwise() - centre)).colwise() + place_centre;
+  Eigen::MatrixXd u = svd.matrixU(), rotation = u.lazyProduct(svd.matrixV().transpose());
+  if (!options_.allow_reflection && rotation.determinant() < 0) {
+    u.col(dim - 1) *= -1;
+    rotation = u.lazyProduct(svd.matrixV().transpose());
+  }
+  const Points centred = x_->colwise() - centre;
+  Points moved = rotation.lazyProduct(centred).colwise() + place_centre;
   for (int i = 0; i < system_->nodes(); ++i) {
     if (system_->is_fixed(i)) moved.col(i) = x_->col(i);
   }

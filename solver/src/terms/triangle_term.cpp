@@ -68,8 +68,10 @@ void to_corners(int root, int s, int t, const Eigen::VectorXd& of_edges,
   edges.block(0, s * d, d, d).setIdentity();
   edges.block(d, t * d, d, d).setIdentity();
   edges.middleCols(root * d, d) -= edges.middleCols(s * d, d) + edges.middleCols(t * d, d);
-  gradient = edges.transpose() * of_edges;
-  if (second != nullptr) *second = edges.transpose() * second_of_edges * edges;
+  gradient = edges.transpose().lazyProduct(of_edges);
+  if (second == nullptr) return;
+  const Eigen::MatrixXd half = second_of_edges.lazyProduct(edges);
+  *second = edges.transpose().lazyProduct(half);
 }
 
 double none(double value, const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
