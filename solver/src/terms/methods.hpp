@@ -4,7 +4,9 @@
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
+#include <string>
 #include <string_view>
 
 namespace asterism {
@@ -66,6 +68,18 @@ struct SystemAuto {
 struct SystemMultiStart {
   MultiStartOptions<AlignedOptions> options;
   static constexpr std::string_view name() { return "multi-start"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// The most dimensions that the staircase adds.
+inline constexpr int kMostLifts = 3;
+/// Why the staircase cannot solve the system; empty if it can.
+std::string why_not_liftable(const System& system);
+
+/// The Riemannian staircase, see solve_staircase.
+struct SystemStaircase {
+  StaircaseOptions options;
+  static constexpr std::string_view name() { return "staircase"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
