@@ -181,19 +181,6 @@ Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
       64 * std::numeric_limits<double>::epsilon() * static_cast<double>(matrix_.rows()) * norm;
   matrix_.shift(Eigen::VectorXd::Constant(system_.nodes(), margin), -1);
   result.proof = Proof::NotCertified;
-  result.lower_bound = -std::numeric_limits<double>::infinity();
-  if (!factor_.factorize(matrix_)) {
-    const Eigen::VectorXd v = factor_.negative_direction(matrix_);
-    if (v.size() > 0) result.least_eigenvalue = v.dot(matrix_ * v) / v.squaredNorm() + 2 * margin;
-    result.reason = "the lower bound of the curvature is not positive definite at x";
-    return result;
-  }
-  const Eigen::MatrixXd step = factor_.solve(gradient);
-  const Eigen::VectorXd inverse = diagonal_of_inverse();
-  double largest_inverse = 0;  // the trace bounds it from above
-  for (int r = 0; r < matrix_.rows(); ++r) {
-    if (!is_of_fixed(r)) largest_inverse += inverse[r] * (1 + 1e-6);
-  }
   // The rounding of the energy, and of the gradient in the norm of M^-1.
   Term::Magnitude magnitude;
   double count = 16 * system_.dim() + system_.nodes();
@@ -208,27 +195,39 @@ Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
   }
   const double share = count * std::numeric_limits<double>::epsilon();
   const double rounding = share * (std::abs(result.energy) + magnitude.energy);
-  const double root = std::sqrt(std::max(gradient.cwiseProduct(step).sum() / 2, 0.0)) * (1 + 1e-6) +
-                      share * magnitude.gradient * std::sqrt(largest_inverse / 2);
-  const double decrease = root * root;
-  const double scale = energy_scale(system_, x, result.energy);
-  if (!is_finite(decrease) || !is_finite(rounding) || !is_finite(largest_inverse)) return leave_range();
-  result.lower_bound = result.energy - decrease - rounding;
   // The least possible energy of springs is 0, but loads have none.
-  if (!has_loads) result.lower_bound = std::max(result.lower_bound, 0.0);
-  // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
-  // most that of M^-1 g.
-  result.least_eigenvalue = 1 / largest_inverse;
-  result.distance = 2 * std::sqrt(2 * (decrease + rounding) * largest_inverse);
+  result.lower_bound = has_loads ? -std::numeric_limits<double>::infinity() : 0;
+  const bool is_definite = factor_.factorize(matrix_);
+  if (is_definite) {
+    const Eigen::MatrixXd step = factor_.solve(gradient);
+    const Eigen::VectorXd inverse = diagonal_of_inverse();
+    double largest_inverse = 0;  // the trace bounds it from above
+    for (int r = 0; r < matrix_.rows(); ++r) {
+      if (!is_of_fixed(r)) largest_inverse += inverse[r] * (1 + 1e-6);
+    }
+    const double root = std::sqrt(std::max(gradient.cwiseProduct(step).sum() / 2, 0.0)) * (1 + 1e-6) +
+                        share * magnitude.gradient * std::sqrt(largest_inverse / 2);
+    const double decrease = root * root;
+    if (!is_finite(decrease) || !is_finite(rounding) || !is_finite(largest_inverse)) return leave_range();
+    result.lower_bound = std::max(result.lower_bound, result.energy - decrease - rounding);
+    // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
+    // most that of M^-1 g.
+    result.least_eigenvalue = 1 / largest_inverse;
+    result.distance = 2 * std::sqrt(2 * (decrease + rounding) * largest_inverse);
+  } else {
+    const Eigen::VectorXd v = factor_.negative_direction(matrix_);
+    if (v.size() > 0) result.least_eigenvalue = v.dot(matrix_ * v) / v.squaredNorm() + 2 * margin;
+  }
   // A placement without strain has next to no energy that a share could be taken of.
   SystemRule rule;
   rule.set(system_, x, 0);
   const double least_scale = 1e-10 * rule.node_stiffness().sum() * rule.length() * rule.length() / 2;
-  const double allowed = gap * std::max(scale, least_scale) + rounding;
-  if (result.energy - result.lower_bound <= allowed) {
-    result.proof = Proof::UniqueGlobalMinimum;
+  const double scale = energy_scale(system_, x, result.energy);
+  if (result.energy - result.lower_bound <= gap * std::max(scale, least_scale) + rounding) {
+    result.proof = is_definite ? Proof::UniqueGlobalMinimum : Proof::GlobalMinimum;
   } else {
-    result.reason = "x is not near enough to the minimum: solve with a smaller tolerance";
+    result.reason = is_definite ? "x is not near enough to the minimum: solve with a smaller tolerance"
+                                : "the lower bound of the curvature is not positive definite at x";
   }
   return result;
 }

@@ -110,7 +110,7 @@ double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
     double best = 0;
     for (double share = 1e-9; share <= 1 && (out->array() != 0).any(); share *= 10) {
       const Certificate certificate = prover.certify(x + share * *out, 0);
-      if (certificate.proof == Proof::NotApplicable || !is_finite(certificate.lower_bound)) continue;
+      if (!is_finite(certificate.distance)) continue;  // no such quadratic has a minimum
       if (!(certificate.lower_bound > best)) break;
       best = certificate.lower_bound;
     }
