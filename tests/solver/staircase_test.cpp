@@ -94,6 +94,26 @@ TEST(Staircase, LetsNodesPassEachOther) {
   EXPECT_TRUE(x.isApprox(MatrixXd{{0, 1}}, 1e-6));
 }
 
+// The third node, at the crossing of two rays, has no stiffness in more dimensions; the others pass each
+// other all the same.
+TEST(Staircase, TakesNodesThatNothingHoldsInMoreDimensions) {
+  System system(3, 2);
+  Eigen::RowVectorXi first(2), rays(2);
+  first << 0, 1;
+  rays << 2, 2;
+  system.add_anchors(first, MatrixXd{{0, 1}, {0, 0}}, System::all(1)).values("information") =
+      Eigen::Vector4d(1, 0, 0, 100);
+  system.add_anchors(rays, MatrixXd{{5, 5}, {5, 5}}, System::all(1)).values("information") =
+      MatrixXd{{1, 0}, {0, 0}, {0, 0}, {0, 1}};
+  system.add_links(all_pairs(2), System::all(1), System::all(50));
+  const MatrixXd start{{1, 0, 7}, {0, 0, 3}};
+  MatrixXd x = start, alone = start;
+  AlignedOptions options;
+  options.align = false;
+  EXPECT_GT(solve("newton", system, alone, options).final_energy, 0.5);
+  EXPECT_LT(solve("staircase", system, x, options).final_energy, 1e-12);
+}
+
 // Nodes that are far from where one fixed node and known distances put them: the placement without strain is
 // known in any number of dimensions.
 TEST(Staircase, FindsThePlacementWithoutStrain) {
@@ -350,7 +370,8 @@ TEST(Staircase, BoundsAnyMixtureFromBelow) {
   }
 }
 
-// Information that is a multiple of the identity is lifted as what it is: the links' lengths by it are shorter.
+// Information that is a multiple of the identity is lifted as what it is: the links' lengths by it are
+// shorter.
 TEST(Staircase, TakesIsotropicInformationAsStiffness) {
   const auto [springs, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(5), 3);
   const System system = to_system(springs);

@@ -5,6 +5,7 @@
 #include <asterism/solver/terms/solution.hpp>
 #include <chrono>
 #include <cmath>
+#include <limits>
 #include <new>
 #include <optional>
 #include <string>
@@ -29,7 +30,7 @@ std::string why_not_liftable(const System& system) {
   if (system.dim() + kMostLifts > System::kMaxDim)
     return "a system of more than " + std::to_string(System::kMaxDim - kMostLifts) +
            " coordinates has no room for more";
-  return {};
+  return missing_curvature(system, Curvature::True);
 }
 
 namespace {
@@ -73,6 +74,10 @@ class LastCoordinate final : public CurvatureSink {
   double negative_direction(Eigen::VectorXd& v) const {
     Eigen::SparseMatrix<double> w(system_.nodes(), system_.nodes());
     w.setFromTriplets(entries_.begin(), entries_.end());
+    // Pivots of nodes that nothing holds there are not 0, which would end the factorisation.
+    const double least_pivot =
+        64 * std::numeric_limits<double>::epsilon() * Eigen::VectorXd(w.diagonal()).cwiseAbs().maxCoeff();
+    for (int i = 0; i < system_.nodes(); ++i) w.coeffRef(i, i) += least_pivot;
     Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower, Eigen::AMDOrdering<int>> factor(w);
     if (factor.info() != Eigen::Success || !all_finite(factor.vectorD())) return 0;
     Eigen::Index least = 0;
