@@ -14,7 +14,7 @@ namespace asterism::testing {
 
 template <typename Springs>
 AnySolver<Springs> by_terms(std::string_view name, const std::vector<NamedOption>& options = {}) {
-  return AnySolver<Springs>(system_solvers().make(name, options), detail::FromSprings<Springs>());
+  return AnySolver<Springs>(system_solvers().make(name, options), asterism::detail::FromSprings<Springs>());
 }
 
 template <typename Springs>

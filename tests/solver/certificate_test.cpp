@@ -261,7 +261,7 @@ TEST(Certificate, OfLargeSparseSystemsIsThatOfTheDenseMatrix) {
     make_solver<Plane>("lbfgs-jacobi").solve(system, x);
     const Certificate sparse = certify(system, x);
     detail::Minoriser<Plane> minoriser;
-    minoriser.set(system, x, false, 1, [](int) { return false; });
+    minoriser.set(system, x, false, [](int) { return false; });
     const auto dense = detail::DenseBound<Eigen::Dynamic, Eigen::Dynamic>().bound(system, minoriser);
     EXPECT_EQ(sparse.certified(), dense.is_definite);
     EXPECT_EQ(dense.is_definite, is_taut);
