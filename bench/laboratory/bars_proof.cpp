@@ -10,7 +10,6 @@
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/make_solver.hpp>
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
@@ -122,8 +121,8 @@ void search_bars(Bars& bars, testing::Kind kind, const std::string& name) {
   using System = SpringSystem<double, 2, 4>;
   constexpr int kStarts = 200;
   constexpr double kClose = 1e-6;
-  detail::AutoStaircase<System> staircase;
-  MultiStart<System, Auto<System>> starts;
+  AnySolver<System> staircase = make_solver<System>("staircase");
+  AnySolver<System> starts = make_solver<System>("multi-start");
   const int systems = bars.quick() ? 500 : 5000;
   int staircase_lowest = 0, starts_lowest = 0, false_bounds = 0;
   double staircase_seconds = 0, starts_seconds = 0;
@@ -159,7 +158,7 @@ void interval_bars(Bars& bars, testing::Kind kind, const std::string& name, doub
   solver.options.gap = gap;
   solver.options.max_nodes = std::numeric_limits<int>::max();
   solver.options.max_seconds = 0.01;
-  detail::AutoStaircase<System> staircase;
+  AnySolver<System> staircase = make_solver<System>("staircase");
   const int systems = bars.quick() ? 500 : 5000;
   int open = 0, narrowed = 0;
   std::vector<double> seconds, nodes;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <cmath>
 #include <cstdio>
 #include <vector>
@@ -78,14 +79,13 @@ Json measure(Runner& runner, const HardCase& hard, double level, int systems) {
   return cell;
 }
 
-// Lowers the energies in `best` to those of the Staircase if these are lower. Returns how many are proven to
+// Lowers the energies in `best` to those of the staircase if these are lower. Returns how many are proven to
 // be the least possible, up to a relative gap of 1e-6.
 int lower_to_proven(const HardCase& hard, double level, std::vector<double>& best) {
-  detail::AutoStaircase<System> staircase;
   int proven = 0;
   for (std::size_t s = 0; s < best.size(); ++s) {
     Problem problem = hard.problem(static_cast<int>(s), level);
-    const Summary summary = staircase.solve(problem.system, problem.start);
+    const Summary summary = solve_staircase(problem.system, problem.start);
     if (!summary.usable()) continue;
     best[s] = std::min(best[s], summary.final_energy);
     proven += Summary::is_within(1e-6, best[s], summary.lower_bound) ? 1 : 0;

@@ -6,6 +6,7 @@
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <cmath>
 #include <cstdio>
 #include <limits>
@@ -25,7 +26,7 @@ struct Minima {
   bool is_proven = false;        ///< the first energy is proven to be the least, up to the share kSame
 };
 
-/// The minima found from the problem's own start, random starts, and by the Staircase from the lowest.
+/// The minima found from the problem's own start, random starts, and by the staircase from the lowest.
 Minima minima_of(const Problem& problem) {
   const System& system = problem.system;
   const int n = system.nodes();
@@ -51,7 +52,7 @@ Minima minima_of(const Problem& problem) {
       lowest = x;
     energies.push_back(summary.final_energy);
   }
-  const Summary up = detail::AutoStaircase<System>().solve(system, lowest);
+  const Summary up = solve_staircase(system, lowest);
   if (up.status == Status::Converged) energies.push_back(up.final_energy);
   std::sort(energies.begin(), energies.end());
   const auto same = [](double a, double b) { return b - a <= kSame * b; };

@@ -15,9 +15,9 @@ int main() {
   system.anchor_stiffness.setZero();
   system.anchors.setZero();
 
-  asterism::MultiStart<decltype(system), asterism::Auto<decltype(system)>> solver;
-  solver.options.ground_components = true;  // no anchor holds the nodes: the first one stays where it is
-  solver.options.starts = 32;
+  // No anchor holds the nodes: the first one stays where it is.
+  auto solver =
+      asterism::make_solver<decltype(system)>("multi-start", {{"starts", 32}, {"ground_components", true}});
   Eigen::Matrix2Xd x(2, 5);
   x << 0, 300, -250, -100, 150, 0, 250, 250, -200, -50;
   const asterism::Summary summary = solver.solve(system, x);

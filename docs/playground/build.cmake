@@ -16,7 +16,10 @@ if(NOT emxx OR NOT eigen)
   return()
 endif()
 
-file(GLOB_RECURSE sources ${PROJECT_SOURCE_DIR}/solver/include/*.hpp ${here}/*.cpp ${here}/*.h ${here}/*.hpp ${here}/build.cmake)
+file(GLOB terms ${PROJECT_SOURCE_DIR}/solver/src/terms/*.cpp) # the staircase's
+list(FILTER terms EXCLUDE REGEX "/json\\.cpp|_avx")
+file(GLOB_RECURSE sources ${PROJECT_SOURCE_DIR}/solver/include/*.hpp ${PROJECT_SOURCE_DIR}/solver/src/terms/*pp
+     ${here}/*.cpp ${here}/*.h ${here}/*.hpp ${here}/build.cmake)
 set(is_old FALSE)
 foreach(source IN LISTS sources)
   if(${source} IS_NEWER_THAN ${FOLDER}/solver.js) # also if there is none
@@ -35,7 +38,7 @@ execute_process(
   COMMAND
     ${CMAKE_COMMAND} -E env NODE_PATH=/usr/share/nodejs # lets any node find Debian's modules
     ${emxx} -std=c++20 -O3 -fno-exceptions -fno-rtti -Wall -Wextra -include ${here}/emscripten_library.hpp
-    -I${PROJECT_SOURCE_DIR}/solver/include -isystem ${eigen} ${here}/playground.cpp -o ${FOLDER}/solver.js
+    -I${PROJECT_SOURCE_DIR}/solver/include -isystem ${eigen} ${here}/playground.cpp ${terms} -o ${FOLDER}/solver.js
     -sSINGLE_FILE=1 # so that the page works from a folder
     -sMODULARIZE=1 -sEXPORT_NAME=createPlayground -sENVIRONMENT=web,node -sFILESYSTEM=0 -sALLOW_MEMORY_GROWTH=1
     -sEXPORTED_RUNTIME_METHODS=UTF8ToString -sEXPORTED_FUNCTIONS=_malloc,_free,${functions}

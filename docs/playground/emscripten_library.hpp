@@ -2,9 +2,12 @@
 
 // Parts of the standard library that the solver's headers use and Debian 12's emscripten (libc++ 13) lacks.
 // Only emcc includes this file, before all others (-include); with a newer library it defines nothing.
+#include <algorithm>
 #include <bit>
 #include <charconv>
 #include <cstdio>
+#include <functional>
+#include <iterator>
 #include <type_traits>
 
 #if !defined(__cpp_lib_bit_cast)
@@ -37,5 +40,15 @@ inline to_chars_result to_chars(char* first, char* last, double value, chars_for
   return {first + size, errc()};
 }
 
+namespace ranges {
+
+template <typename Range, typename Less = std::less<>, typename Projection>
+auto min_element(const Range& range, Less is_less, Projection projection) {
+  return std::min_element(std::begin(range), std::end(range), [&](const auto& a, const auto& b) {
+    return is_less(projection(a), projection(b));
+  });
+}
+
+}  // namespace ranges
 }  // namespace std
 #endif

@@ -6,13 +6,12 @@
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/energy/energy.hpp>
-#include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
-#include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <cstddef>
 #include <string>
 #include <string_view>
@@ -27,6 +26,13 @@ using Points = System::Points;
 constexpr std::array<const char*, 5> kMethods = {"ida", "ncg", "lbfgs", "newton", "staircase"};
 
 constexpr std::size_t kMaxPath = std::size_t{1} << 21;  // numbers, 16 MB
+
+struct Staircase {
+  asterism::StaircaseOptions options;
+  asterism::Summary solve(const System& system, Points& x) const {
+    return asterism::solve_staircase(system, x, options);
+  }
+};
 
 class Playground {
  public:
@@ -148,7 +154,7 @@ class Playground {
   asterism::NonlinearCg<System> nonlinear_cg_;
   asterism::Lbfgs<System> lbfgs_;
   asterism::Newton<System> newton_;
-  asterism::Staircase<System, asterism::Auto<System>> staircase_;
+  Staircase staircase_;
   asterism::Certifier<System> certifier_;
 };
 

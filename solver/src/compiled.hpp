@@ -16,7 +16,6 @@
   ASTERISM_COMPILE(NewtonCg, System)                                                          \
   ASTERISM_COMPILE(NonlinearCg, System)                                                       \
   ASTERISM_COMPILE(Auto, System)                                                              \
-  ASTERISM_COMPILE(detail::AutoStaircase, System)                                             \
   ASTERISM_COMPILE(detail::ForwardCg, System)                                                 \
   ASTERISM_COMPILE(detail::CentralCg, System)                                                 \
   template ASTERISM_API void detail::Prover<System, detail::SparseFactor<double>>::certify(   \

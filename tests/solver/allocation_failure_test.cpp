@@ -26,6 +26,7 @@
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
 
+#include "by_terms.hpp"
 #include "failing_allocator.hpp"
 
 namespace asterism {
@@ -49,8 +50,8 @@ using Solvers = ::testing::Types<
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>,
-    detail::AutoStaircase<System>, ShortSearch>;
+    Auto<System>, SparseNewton<System>, Schwarz<System>, testing::MultiStart<System>,
+    testing::Staircase<System>, ShortSearch>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;
@@ -123,7 +124,7 @@ using DenseSolvers = ::testing::Types<
 #ifdef ASTERISM_TEST_CERES
     reference::Ceres<System, reference::CeresMethod::LevenbergMarquardtDense>,
 #endif
-    Ida<System>, Newton<System>, Lbfgs<System>, MultiStart<System, Newton<System>>>;
+    Ida<System>, Newton<System>, Lbfgs<System>>;
 TYPED_TEST_SUITE(TooLarge, DenseSolvers);
 
 // Dense matrices of 10^13 bytes and more, which an operating system may grant piece by piece until it kills

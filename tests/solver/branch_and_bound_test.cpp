@@ -21,6 +21,7 @@
 #include <string_view>
 #include <vector>
 
+#include "by_terms.hpp"
 #include "lowest_energy.hpp"
 #include "model_kits.hpp"
 #include "test_systems.hpp"
@@ -104,11 +105,11 @@ TEST(BranchAndBound, LeavesManyNodesToTheStaircase) {
   Plane::Points x = start, y = start;
   BranchAndBound<Plane> solver;
   const Summary summary = solver.solve(system, x);
-  detail::AutoStaircase<Plane> staircase;
+  testing::Staircase<Plane> staircase;
   const Summary up = staircase.solve(system, y);
   ASSERT_FALSE(up.is_within(solver.options.gap));
   EXPECT_EQ(summary.status, Status::MaxIterations);
-  EXPECT_EQ(summary.message, "too many nodes for the search: the interval is that of the Staircase");
+  EXPECT_EQ(summary.message, "too many nodes for the search: the interval is that of the staircase");
   EXPECT_NEAR(summary.lower_bound, up.lower_bound, 1e-6 * up.lower_bound);
   EXPECT_NEAR(summary.final_energy, up.final_energy, 1e-6 * up.final_energy);
 }
@@ -147,8 +148,8 @@ void expect_solves_globally(std::string_view method, int nodes) {
 
 TEST(SolveGlobal, TakesTheMethodThatGoesFurthest) {
   expect_solves_globally<Four>("branch and bound", 4);
-  expect_solves_globally<testing::Line>("Newton, repaired LDL^T", 3);  // by the staircase
-  // Anisotropic anchors: several starts, at least one of them with the nodes in the right order.
+  expect_solves_globally<testing::Line>("staircase", 3);
+  // Anisotropic anchors, whose nodes have to pass each other.
   using Anisotropic = testing::Ellipses::System;
   Anisotropic system(Anisotropic::TopologyType::full(2));
   system.anchors << 0, 1, 0, 0;
@@ -191,23 +192,6 @@ TEST(SolveGlobal, KeepsToItsTime) {
   auto [loaded, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(5), 0);
   loaded.loads.setOnes(2, 5);
   expect_keeps_to_its_time(loaded, start);
-}
-
-// BranchAndBound ends it so when the time is over.
-TEST(Staircase, IsStoppedInMoreDimensions) {
-  const auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(200), 1);
-  detail::AutoStaircase<Plane> staircase;
-  int lifted = 0;
-  auto stop = [&](const Iteration& at) {
-    EXPECT_GT(at.x.rows(), 2);
-    return ++lifted < 3;
-  };
-  staircase.on_lifted_iteration = stop;
-  Plane::Points x = start;
-  const Summary stopped = staircase.solve(system, x);
-  EXPECT_EQ(lifted, 3);
-  EXPECT_EQ(stopped.status, Status::Converged) << stopped;
-  EXPECT_LE(stationarity(system, x), staircase.options.tolerance);
 }
 
 TEST(SolverRegistry, HasBranchAndBoundWhereItIs) {

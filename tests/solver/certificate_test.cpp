@@ -19,6 +19,7 @@
 #include <string_view>
 #include <vector>
 
+#include "by_terms.hpp"
 #include "lowest_energy.hpp"
 #include "model_kits.hpp"
 #include "test_systems.hpp"
@@ -67,7 +68,7 @@ void expect_bounds_below_grid(int nodes, int trials, int steps) {
     auto [system, x] = testing::random_system<Line>(rng, Line::TopologyType::full(nodes));
     Newton<Line>().solve(system, x);
     const Certificate certificate = certify(system, x);
-    const Summary up = detail::AutoStaircase<Line>().solve(system, x);
+    const Summary up = testing::Staircase<Line>().solve(system, x);
     double lowest = std::numeric_limits<double>::infinity();
     const double low = system.anchors.minCoeff() - 2, high = system.anchors.maxCoeff() + 2;
     std::vector<int> at(static_cast<std::size_t>(nodes), 0);
@@ -260,7 +261,7 @@ TEST(Certificate, OfLargeSparseSystemsIsThatOfTheDenseMatrix) {
     make_solver<Plane>("lbfgs-jacobi").solve(system, x);
     const Certificate sparse = certify(system, x);
     detail::Minoriser<Plane> minoriser;
-    minoriser.set(system, x, false, 1, [](int) { return false; });
+    minoriser.set(system, x, false, [](int) { return false; });
     const auto dense = detail::DenseBound<Eigen::Dynamic, Eigen::Dynamic>().bound(system, minoriser);
     EXPECT_EQ(sparse.certified(), dense.is_definite);
     EXPECT_EQ(dense.is_definite, is_taut);
@@ -465,12 +466,10 @@ TEST(Gap, NeedsACertifierOfTheSystemsType) {
 
 TEST(Gap, EndsTheSearchForOtherMinima) {
   auto [system, start] = testing::numbered_system<Plane>(Kind::Track, Topology<>::full(4), 1);
-  MultiStart<Plane, Newton<Plane>> solver;
+  testing::MultiStart<Plane> solver;
   Plane::Points x = start;
   const Summary all = solver.solve(system, x);
-  Certifier<Plane> certifier;
   solver.options.gap = 1e-6;
-  solver.options.certifier = certifier;
   Plane::Points y = start;
   const Summary proven = solver.solve(system, y);
   EXPECT_EQ(proven.status, Status::Converged);

@@ -10,6 +10,7 @@
 #include <utility>
 #include <vector>
 
+#include "by_terms.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -366,7 +367,7 @@ TEST(SharedMemory, IsFoundWhereverItOverlaps) {
 TEST(SharedMemory, IsRefusedByMultiStart) {
   auto [system, start] = random(3);
   const Points anchors = system.anchors;
-  MultiStart<System, Newton<System>> solver;
+  testing::MultiStart<System> solver;
   EXPECT_EQ(solver.solve(system, system.anchors).status, Status::InvalidInput);
   EXPECT_EQ(system.anchors, anchors);
 }
@@ -375,7 +376,7 @@ TEST(SharedMemory, IsRefusedByMultiStart) {
 TEST(MultiStartSolver, DoesNotStartFromAnchorsThatAreOff) {
   auto [system, start] = random(5);
   system.anchor_stiffness[1] = 0;
-  MultiStart<System, Newton<System>> solver;
+  testing::MultiStart<System> solver;
   Points expected = start;
   solver.solve(system, expected);
   for (const double idle : {1e9, 1e160, std::numeric_limits<double>::max()}) {
@@ -492,13 +493,13 @@ TEST(MultiStartSolver, NeverEndsHigherAndOftenLower) {
     testing::Rng rng(seed);
     const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), testing::Kind::Orig);
     auto single = start, many = start;
-    const Summary one = Newton<Fixed>().solve(system, single);
-    MultiStart<Fixed, Newton<Fixed>> solver;
+    const Summary one = testing::by_terms<Fixed>("auto").solve(system, single);
+    testing::MultiStart<Fixed> solver;
     const Summary best = solver.solve(system, many);
     EXPECT_EQ(best.status, Status::Converged);
     EXPECT_LE(best.final_energy, one.final_energy);
     EXPECT_EQ(best.initial_energy, one.initial_energy);
-    EXPECT_EQ(best.final_energy, energy(system, many));
+    EXPECT_NEAR(best.final_energy, energy(system, many), 1e-12 * best.final_energy);
     EXPECT_GT(best.iterations, one.iterations);
     lower += best.final_energy < 0.999 * one.final_energy;
     auto again = start;
@@ -513,7 +514,7 @@ TEST(MultiStartSolver, HoldsWhatGroundingHolds) {
   for (std::uint64_t seed = 1; seed <= 20; ++seed) {
     auto [system, start] = random(seed);
     system.anchor_stiffness.setZero();
-    MultiStart<System, Newton<System>> solver;
+    testing::MultiStart<System> solver;
     solver.options.ground_components = true;
     Points x = start;
     expect_solved(system, x, solver.solve(system, x));
@@ -528,7 +529,7 @@ TEST(MultiStartSolver, SecondStartDiffersWithoutAnchors) {
     testing::Rng rng(seed);
     auto [system, start] = testing::random_system<System>(rng, Topology<>::full(9));
     system.anchor_stiffness.setZero();
-    MultiStart<System, Newton<System>> solver;
+    testing::MultiStart<System> solver;
     solver.options.ground_components = true;
     solver.options.starts = 1;
     Points x = start;
@@ -541,15 +542,6 @@ TEST(MultiStartSolver, SecondStartDiffersWithoutAnchors) {
     lower += two.final_energy < 0.999 * one;
   }
   EXPECT_GE(lower, 2);
-}
-
-TEST(MultiStartSolver, RefusesOptionsThatAreNone) {
-  const auto [system, start] = random(1);
-  MultiStart<System, Newton<System>> solver;
-  solver.options.starts = 0;
-  Points x = start;
-  EXPECT_EQ(solver.solve(system, x).status, Status::InvalidInput);
-  EXPECT_EQ(x, start);
 }
 
 }  // namespace

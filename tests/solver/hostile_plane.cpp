@@ -1,9 +1,9 @@
 // The types in asterism::solver_compiled, the batch, and the adapters of other libraries.
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/run/summary.hpp>
 
+#include "by_terms.hpp"
 #include "hostile_solvers.hpp"
 
 #ifdef ASTERISM_TEST_CHOLMOD
@@ -36,14 +36,14 @@ using Adapters = std::tuple<
 #ifdef ASTERISM_TEST_LBFGS
     reference::Liblbfgs<Plane>,
 #endif
-    MultiStart<Plane, Newton<Plane>>>;
+    testing::MultiStart<Plane>>;
 
 // Those that refuse loads.
 using WithoutLoads = std::tuple<
 #ifdef ASTERISM_TEST_CERES
     reference::Ceres<Plane>,
 #endif
-    detail::AutoStaircase<Plane>, ShortSearch>;
+    testing::Staircase<Plane>, ShortSearch>;
 
 // The batch has neither fixed nodes, offsets, loads nor grounded components, and reports only status and
 // energy.

@@ -107,7 +107,8 @@ void expect_every_solver_to_find_the_minimum_of_moved_anchors() {
       const Summary summary = registry.make(name).solve(system, x);
       if (name == "staircase" || name == "branch-and-bound") {
         EXPECT_EQ(summary.status, Status::InvalidInput) << name;
-        EXPECT_EQ(std::string_view(summary.message), "the method does not support loads");
+        EXPECT_EQ(summary.message, name == "staircase" ? "loads: their energy has no lower bound"
+                                                       : "the method does not support loads");
         EXPECT_EQ(x, start) << name;
         continue;
       }

@@ -4,7 +4,6 @@
 
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/auto.hpp>
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>
@@ -68,9 +67,6 @@ void expect_no_heap(int n) {
             }),
             0);
   EXPECT_GE(summary.lower_bound, 0);
-  x = random.start;
-  EXPECT_EQ(allocations_in([&] { summary = MultiStart<System, Auto<System>>().solve(random.system, x); }), 0);
-  EXPECT_TRUE(summary.usable()) << summary;
 }
 
 TEST(Heap, NewtonOfFixedAndBoundedSizesDoesNotUseIt) {

@@ -12,7 +12,6 @@
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
@@ -43,6 +42,7 @@
 #include <asterism/solver/linear/cholmod.hpp>
 #endif
 
+#include "by_terms.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -368,16 +368,16 @@ TEST(SparseProperty, EnergyNeverRisesInLargeSystems) {
 }
 
 TEST(MultiStartProperty, NeverWorseThanItsMethodAndTheSameAgain) {
-  Newton<Plane> newton;
-  MultiStart<Plane, Newton<Plane>> solver;
+  AnySolver<Plane> method = testing::by_terms<Plane>("auto");
+  testing::MultiStart<Plane> solver;
   solver.options.starts = 5;
-  solver.options.max_iterations = newton.options.max_iterations = 200;
+  solver.options.max_iterations = method.options().max_iterations = 200;
   for_each_index([&](int index) {
     SCOPED_TRACE(reproduce(index));
     const auto problem = random_problem<Plane>(index);
-    auto once = problem.start, again = problem.start, of_newton = problem.start;
+    auto once = problem.start, again = problem.start, by_method = problem.start;
     const Summary summary = solver.solve(problem.system, once);
-    const Summary alone = newton.solve(problem.system, of_newton);
+    const Summary alone = method.solve(problem.system, by_method);
     Judge<Plane>(problem, is_wild(index)).goes_on(summary, once);
     EXPECT_GE(summary.usable(), alone.usable());
     if (alone.usable()) {
@@ -391,7 +391,7 @@ TEST(MultiStartProperty, NeverWorseThanItsMethodAndTheSameAgain) {
 TEST(MultiStartProperty, KeepsTheLowestWhereItIsAskedToStop) {
   Rng rng(5);
   const auto problem = testing::random_system<Plane>(rng, Topology<>::full(6), testing::Kind::Orig);
-  MultiStart<Plane, Newton<Plane>> solver;
+  testing::MultiStart<Plane> solver;
   std::atomic<bool> stop{true};
   solver.options.stop = &stop;
   solver.options.starts = 1000000000;
@@ -407,7 +407,7 @@ TEST(MultiStartProperty, KeepsTheLowestWhereItIsAskedToStop) {
   timer.join();
   EXPECT_EQ(summary.status, Status::Interrupted) << summary;
   auto once = problem.start;
-  EXPECT_LE(summary.final_energy, Newton<Plane>().solve(problem.system, once).final_energy);
+  EXPECT_LE(summary.final_energy, testing::by_terms<Plane>("auto").solve(problem.system, once).final_energy);
   EXPECT_NEAR(energy(problem.system, x), summary.final_energy, 1e-12 * summary.final_energy);
 }
 

@@ -347,6 +347,43 @@ TEST_P(EveryKind, CurvaturesAreWhatTheySay) {
 }
 
 // The least of a term's numbers: their derivatives by finite differences of solutions.
+// In more dimensions: the same energy and gradient where the further coordinates are 0, and the same again if
+// the whole is turned there; or a reason why not.
+TEST_P(EveryKind, IsLiftedOrSaysWhyNot) {
+  for_systems([&](System& system, Rng& rng) {
+    const Term& term = system.term(0);
+    if (const char* why = term.why_not_liftable()) {
+      EXPECT_GT(std::string(why).size(), 10U);
+      return;
+    }
+    const int dim = system.dim(), more = dim + 3;
+    const std::unique_ptr<Term> lifted = term.lifted(more);
+    EXPECT_EQ(lifted->dim(), more);
+    EXPECT_EQ(lifted->kind(), term.kind());
+    EXPECT_EQ(lifted->nodes(), term.nodes());
+    EXPECT_EQ(lifted->defect(kNodes), "");
+    System larger(kNodes, more);
+    larger.add(term.lifted(more));
+    const MatrixXd x = random_points(rng, dim, kNodes);
+    MatrixXd y = MatrixXd::Zero(more, kNodes), gradient, larger_gradient;
+    y.topRows(dim) = x;
+    System alone(kNodes, dim);
+    alone.add(term.clone());
+    const double expected = energy_and_gradient(alone, x, gradient);
+    EXPECT_NEAR(energy_and_gradient(larger, y, larger_gradient), expected, 1e-12 * std::abs(expected));
+    EXPECT_LE((larger_gradient.topRows(dim) - gradient).norm(), 1e-9 * (1 + gradient.norm()));
+    EXPECT_EQ(larger_gradient.bottomRows(3).norm(), 0);
+    // Stiffness in the further dimensions is no more than in any of the given ones.
+    if (term.problem_with(Curvature::Minorising) != nullptr) return;
+    const MatrixXd all = hessian(larger, y, Curvature::Majorising);
+    for (int i = 0; i < kNodes; ++i) {
+      const MatrixXd block = all.block(more * i, more * i, more, more);
+      const Eigen::SelfAdjointEigenSolver<MatrixXd> modes(block.topLeftCorner(dim, dim));
+      EXPECT_LE(block(dim, dim), modes.eigenvalues()[0] * (1 + 1e-9) + 1e-12);
+    }
+  });
+}
+
 TEST_P(EveryKind, SolutionsAreDifferentiated) {
   for_systems([](System& system, Rng& rng) {
     if (system.term(0).why_not_differentiable() != nullptr) return;
@@ -594,7 +631,7 @@ TEST(SystemMethods, AllStopAtStationaryPointsOfAnyMixture) {
         AlignedOptions options;
         options.max_iterations = 500;
         const Summary summary = solve(method, system, x, options);
-        if (method == "ida") {
+        if (method == "ida" || method == "staircase") {  // with angles, and areas or loads
           EXPECT_EQ(summary.status, Status::InvalidInput);
           EXPECT_EQ(x, start);
           continue;
@@ -720,7 +757,7 @@ TEST(SystemSolution, FreeMotionsHaveNoCovariance) {
   const Solution solution(system, x);
   EXPECT_FALSE(solution);
   EXPECT_THROW(solution.covariance(0), std::logic_error);
-  EXPECT_EQ(certify(system, x).proof, Proof::NotCertified);
+  EXPECT_EQ(certify(system, x).proof, Proof::GlobalMinimum) << "one of many, as its energy is 0";
 }
 
 // No certified placement lies above what many starts find; a chain of offsets and anchors is always
@@ -1007,7 +1044,7 @@ TEST(SystemMethods, LeaveAStartWithoutExtent) {
     System system(1, 2);
     system.add_elements(Eigen::RowVectorXi::Zero(1), square, has_second);
     for (const std::string_view method : system_methods()) {
-      if (method == "ida" || (!has_second && method.starts_with("newton"))) continue;
+      if (method == "ida" || method == "staircase" || (!has_second && method.starts_with("newton"))) continue;
       MatrixXd x = Eigen::Vector2d(1, 1);
       const Summary summary = solve(method, system, x);
       EXPECT_EQ(summary.status, Status::Converged) << method << " " << summary;
@@ -1122,7 +1159,7 @@ TEST(SystemSolution, IsCertifiedInAnyUnit) {
     EXPECT_TRUE(certificate.certified()) << unit << " " << certificate;
     // M of node 1: k and k (r - mu) / r.
     const double expected = unit * (2 - 5 / x.col(1).norm());
-    EXPECT_NEAR(certificate.least_eigenvalue, expected / 2, 1e-5 * expected);  // from the trace
+    EXPECT_NEAR(certificate.least_eigenvalue, expected, 1e-5 * expected);
   }
 }
 
@@ -1325,7 +1362,7 @@ TEST(SystemMethods, CanBeStoppedAndObserved) {
   Rng rng(1);
   const System system = mixture(rng, 2, true);
   for (const std::string_view method : system_methods()) {
-    if (method == "ida") continue;
+    if (method == "ida" || method == "staircase") continue;  // which do not take it
     int calls = 0;
     auto stop_at_2 = [&calls](const Iteration& at) {
       ++calls;
@@ -1363,9 +1400,9 @@ TEST(SystemTable, StandsInTheDocs) {
     return problem == nullptr ? std::string("yes") : "no: " + std::string(problem);
   };
   std::string table =
-      "| term | lbfgs, ncg | newton, newton-cg, covariance | ida | certificate | gradients | files, pickle "
-      "|\n"
-      "|---|---|---|---|---|---|---|\n";
+      "| term | lbfgs, ncg | newton, newton-cg, covariance | ida | certificate | staircase | gradients | "
+      "files, pickle |\n"
+      "|---|---|---|---|---|---|---|---|\n";
   for (const Kind& kind : kinds()) {
     Rng rng(1);
     System system(kNodes, 3);
@@ -1380,8 +1417,8 @@ TEST(SystemTable, StandsInTheDocs) {
     }
     table += std::string("| ") + kind.name + " | yes | " + cell(term.problem_with(Curvature::True)) + " | " +
              cell(term.problem_with(Curvature::Majorising)) + " | " +
-             cell(term.problem_with(Curvature::Minorising)) + " | " + cell(term.why_not_differentiable()) +
-             " | " + stored + " |\n";
+             cell(term.problem_with(Curvature::Minorising)) + " | " + cell(term.why_not_liftable()) + " | " +
+             cell(term.why_not_differentiable()) + " | " + stored + " |\n";
   }
   std::ifstream file(ASTERISM_DOCS "/models.md");
   const std::string page((std::istreambuf_iterator<char>(file)), std::istreambuf_iterator<char>());

@@ -81,8 +81,7 @@ inline namespace ASTERISM_ABI {
   ASTERISM_TEST_PROVER(Extern, testing::Bounded3)                    \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Bounded3)                 \
   ASTERISM_TEST_SOLVER(Extern, testing::Line, Newton<testing::Line>) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Line, Auto<testing::Line>)   \
-  ASTERISM_TEST_SOLVER(Extern, testing::Line, detail::AutoStaircase<testing::Line>)
+  ASTERISM_TEST_SOLVER(Extern, testing::Line, Auto<testing::Line>)
 
 #define ASTERISM_TEST_BOUNDED(Extern)                                     \
   ASTERISM_TEST_PROVER(Extern, testing::Bounded2)                         \
@@ -97,8 +96,7 @@ inline namespace ASTERISM_ABI {
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Planef)                         \
   ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Ida<testing::Fixed2f>)    \
   ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Newton<testing::Fixed2f>) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Auto<testing::Fixed2f>)   \
-  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, detail::AutoStaircase<testing::Fixed2f>)
+  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2f, Auto<testing::Fixed2f>)
 
 #define ASTERISM_TEST_SPACEF(Extern)                                           \
   ASTERISM_TEST_FUNCTIONS(Extern, testing::Spacef)                             \

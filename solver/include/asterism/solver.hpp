@@ -13,19 +13,15 @@
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
-#include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/make_solver.hpp>
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
-#include <asterism/solver/method/solve_global.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
-#include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -39,3 +35,8 @@
 #include <asterism/solver/run/solver.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#ifdef ASTERISM_SOLVER_COMPILED
+#include <asterism/solver/method/branch_and_bound.hpp>
+#include <asterism/solver/method/solve_global.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
+#endif

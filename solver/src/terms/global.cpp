@@ -1,6 +1,7 @@
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/time_limit.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solve.hpp>
 #include <chrono>
@@ -234,12 +235,13 @@ SolverRegistry<System> system_solvers() {
   registry.add<detail::SystemCg>("ncg");
   registry.add<detail::SystemIda>("ida");
   registry.add<detail::SystemMultiStart>("multi-start");
+  registry.add<detail::SystemStaircase>("staircase");
   registry.add<detail::SystemGraduated>("graduated");
   return registry;
 }
 
 std::vector<std::string_view> system_methods() {
-  return {"auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "graduated"};
+  return {"auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "staircase", "graduated"};
 }
 
 Summary solve(const System& system, Eigen::MatrixXd& x, const AlignedOptions& options) {
@@ -251,6 +253,24 @@ Summary solve(std::string_view method, const System& system, Eigen::MatrixXd& x,
   AnySolver<System> solver = system_solvers().make(method);
   static_cast<AlignedOptions&>(solver.options()) = options;
   return solver.solve(system, x);
+}
+
+Summary solve_global(const System& system, Eigen::MatrixXd& x, const GlobalOptions& options) {
+  const bool is_liftable = detail::why_not_liftable(system).empty();
+  detail::SystemMultiStart starts;
+  detail::SystemStaircase staircase;
+  if (const char* problem = options.problem())
+    return detail::refused(is_liftable ? staircase.name() : starts.name(), problem);
+  const detail::TimeLimit time(options.max_seconds, options);
+  const auto solve_by = [&](auto& solver) {
+    static_cast<AlignedOptions&>(solver.options) = options;
+    solver.options.on_iteration = time.observed();
+    Summary summary = solver.solve(system, x);
+    time.explain(summary);
+    return summary;
+  };
+  staircase.options.on_lifted_iteration = time.hidden();
+  return is_liftable ? solve_by(staircase) : solve_by(starts);
 }
 
 }  // namespace ASTERISM_ABI

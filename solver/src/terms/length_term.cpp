@@ -80,8 +80,8 @@ std::vector<Column> columns_of(int dim) {
   return {{"length", 1, Column::Range::NotNegative},
           {"upper", 1, Column::Range::NotNegative, true},
           {"stiffness", 1, Column::Range::NotNegative},
-          {"offset", dim, Column::Range::Any, true},
-          {"information", dim * dim, Column::Range::Any, true}};
+          {.name = "offset", .rows = dim, .is_optional = true, .shape = Column::Shape::Vector},
+          {.name = "information", .rows = dim * dim, .is_optional = true, .shape = Column::Shape::Matrix}};
 }
 
 }  // namespace

@@ -15,9 +15,10 @@ using detail::PointOf;
 namespace {
 
 std::vector<Column> columns_of(int dim, std::string_view target, std::vector<Column> coefficients) {
-  std::vector<Column> columns{{target, dim},
-                              {"stiffness", 1, Column::Range::NotNegative},
-                              {"information", dim * dim, Column::Range::Any, true}};
+  std::vector<Column> columns{
+      {.name = target, .rows = dim, .shape = Column::Shape::Vector},
+      {.name = "stiffness", .range = Column::Range::NotNegative},
+      {.name = "information", .rows = dim * dim, .is_optional = true, .shape = Column::Shape::Matrix}};
   for (Column& column : coefficients) columns.push_back(std::move(column));
   return columns;
 }
@@ -297,6 +298,13 @@ Term::Role Differences::role(int e) const {
     largest = std::max(largest, Eigen::Map<const Eigen::VectorXd>(at, values.rows()).cwiseAbs().maxCoeff());
   }
   return sum.cwiseAbs().maxCoeff() <= 1e-12 * largest ? Role::Connects : Role::Holds;
+}
+
+const char* Differences::why_not_liftable() const {
+  for (std::size_t a = 3; a < 6; ++a) {
+    if (columns()[a].values.rows() > 1) return "coefficients that are matrices have no more dimensions";
+  }
+  return nullptr;
 }
 
 // Its targets are differences of places, and most often 0: they are no lengths of the system.

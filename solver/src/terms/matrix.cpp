@@ -39,7 +39,8 @@ bool SystemMatrix::should_be_dense() const {
 void SystemMatrix::assemble(const System& system, const Eigen::MatrixXd& x, Curvature curvature) {
   system_ = &system;
   nodes_ = system.nodes();
-  is_shared_ = storage_ == Storage::Best && curvature == Curvature::Majorising;
+  is_shared_ =
+      storage_ == Storage::Best && (curvature == Curvature::Majorising || curvature == Curvature::Minorising);
   if (is_shared_ && assemble_entries(x, curvature)) return;
   is_shared_ = false;
   assemble_entries(x, curvature);

@@ -1,10 +1,12 @@
 #pragma once
 
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
+#include <cstdint>
+#include <string>
 #include <string_view>
 
 namespace asterism {
@@ -61,11 +63,50 @@ struct SystemAuto {
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 
+/// Options of "multi-start", in addition to those of its solves.
+struct MultiStartOptions : AlignedOptions {
+  /// Number of starts: the given x, the anchors (for nodes whose anchor has stiffness; without any such node,
+  /// a random displacement of x), and then, alternately, random displacements of these two.
+  int starts = 8;
+
+  /// Each coordinate is displaced by up to this many times the characteristic_length.
+  double spread = 0.5;
+
+  /// Seed of the displacements: the same seed gives the same starts on every machine.
+  std::uint64_t seed = 1;
+
+  constexpr const char* problem() const {
+    if (starts < 1) return "option starts is not positive";
+    if (!(spread >= 0 && spread <= 1e6)) return "option spread is not between 0 and 1e6";
+    return AlignedOptions::problem();
+  }
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, MultiStartOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("starts", options.starts, {1, 1e9});
+  visit("spread", options.spread, {0, 1e6});
+  visit("seed", options.seed);
+}
+
 /// The lowest of the minima from many starts, which MultiStartOptions lists. The first is the given one, so
 /// that the result is never worse than that of "auto"; of equal minima, that of the earlier start is kept.
 struct SystemMultiStart {
-  MultiStartOptions<AlignedOptions> options;
+  MultiStartOptions options;
   static constexpr std::string_view name() { return "multi-start"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+
+/// The most dimensions that the staircase adds.
+inline constexpr int kMostLifts = 3;
+/// Why the staircase cannot solve the system; empty if it can.
+std::string why_not_liftable(const System& system);
+
+/// The Riemannian staircase, see solve_staircase.
+struct SystemStaircase {
+  StaircaseOptions options;
+  static constexpr std::string_view name() { return "staircase"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 

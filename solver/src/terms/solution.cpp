@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "matrix.hpp"
+#include "prover.hpp"
 #include "stopping_rule.hpp"
 
 namespace asterism {
@@ -141,6 +142,98 @@ Eigen::MatrixXd hessian(const System& system, const Eigen::MatrixXd& x, Curvatur
   return result;
 }
 
+namespace detail {
+
+bool SystemProver::is_of_fixed(Eigen::Index row) const {
+  const int per_node = matrix_.is_shared() ? 1 : system_.dim();
+  return row < system_.nodes() * per_node && system_.is_fixed(static_cast<int>(row) / per_node);
+}
+
+Eigen::VectorXd SystemProver::diagonal_of_inverse() const {
+  const int rows = matrix_.rows();
+  if (matrix_.is_dense()) return factor_.solve_all(Eigen::MatrixXd::Identity(rows, rows)).diagonal();
+  const auto& cholesky = factor_.cholesky();
+  const SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
+  const auto& place = cholesky.permutationP().indices();
+  Eigen::VectorXd result(rows);
+  for (int r = 0; r < rows; ++r) result[r] = inverse(place[r], place[r]);
+  return result;
+}
+
+Certificate SystemProver::certify(const Eigen::MatrixXd& x, double gap) {
+  Certificate result;
+  const auto leave_range = [&result] {
+    result.proof = Proof::NotApplicable;
+    result.reason = "energy or curvature leave the range of a double";
+    return result;
+  };
+  Eigen::MatrixXd gradient;
+  result.energy = energy_and_gradient(system_, x, gradient);
+  matrix_.assemble(system_, x, Curvature::Minorising);
+  if (!is_finite(result.energy) || !matrix_.is_finite()) return leave_range();
+  // The rounding of the matrix and of its factor, less than this share of its norm, is taken off first. Rows
+  // of fixed nodes have no unit; no entry is larger than those of the diagonal unless it is indefinite.
+  double norm = 0;
+  for (int r = 0; r < matrix_.rows(); ++r) {
+    if (!is_of_fixed(r)) norm = std::max(norm, std::abs(matrix_.diagonal(r)));
+  }
+  const double margin =
+      64 * std::numeric_limits<double>::epsilon() * static_cast<double>(matrix_.rows()) * norm;
+  matrix_.shift(Eigen::VectorXd::Constant(system_.nodes(), margin), -1);
+  result.proof = Proof::NotCertified;
+  // The rounding of the energy, and of the gradient in the norm of M^-1.
+  Term::Magnitude magnitude;
+  double count = 16 * system_.dim() + system_.nodes();
+  bool has_loads = false;
+  for (int t = 0; t < system_.term_count(); ++t) {
+    const Term& term = system_.term(t);
+    const Term::Magnitude one = term.magnitude(x);
+    magnitude.energy += one.energy;
+    magnitude.gradient += one.gradient;
+    count += term.size();
+    has_loads = has_loads || (term.size() > 0 && term.role(0) == Term::Role::Pulls);
+  }
+  const double share = count * std::numeric_limits<double>::epsilon();
+  const double rounding = share * (std::abs(result.energy) + magnitude.energy);
+  // The least possible energy of springs is 0, but loads have none.
+  result.lower_bound = has_loads ? -std::numeric_limits<double>::infinity() : 0;
+  const bool is_definite = factor_.factorize(matrix_);
+  if (is_definite) {
+    const Eigen::MatrixXd step = factor_.solve(gradient);
+    const Eigen::VectorXd inverse = diagonal_of_inverse();
+    double largest_inverse = 0;  // the trace bounds it from above
+    for (int r = 0; r < matrix_.rows(); ++r) {
+      if (!is_of_fixed(r)) largest_inverse += inverse[r] * (1 + 1e-6);
+    }
+    const double root = std::sqrt(std::max(gradient.cwiseProduct(step).sum() / 2, 0.0)) * (1 + 1e-6) +
+                        share * magnitude.gradient * std::sqrt(largest_inverse / 2);
+    const double decrease = root * root;
+    if (!is_finite(decrease) || !is_finite(rounding) || !is_finite(largest_inverse)) return leave_range();
+    result.lower_bound = std::max(result.lower_bound, result.energy - decrease - rounding);
+    // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
+    // most that of M^-1 g.
+    result.least_eigenvalue = 1 / largest_inverse;
+    result.distance = 2 * std::sqrt(2 * (decrease + rounding) * largest_inverse);
+  } else {
+    const Eigen::VectorXd v = factor_.negative_direction(matrix_);
+    if (v.size() > 0) result.least_eigenvalue = v.dot(matrix_ * v) / v.squaredNorm() + 2 * margin;
+  }
+  // A placement without strain has next to no energy that a share could be taken of.
+  SystemRule rule;
+  rule.set(system_, x, 0);
+  const double least_scale = 1e-10 * rule.node_stiffness().sum() * rule.length() * rule.length() / 2;
+  const double scale = energy_scale(system_, x, result.energy);
+  if (result.energy - result.lower_bound <= gap * std::max(scale, least_scale) + rounding) {
+    result.proof = is_definite ? Proof::UniqueGlobalMinimum : Proof::GlobalMinimum;
+  } else {
+    result.reason = is_definite ? "x is not near enough to the minimum: solve with a smaller tolerance"
+                                : "the lower bound of the curvature is not positive definite at x";
+  }
+  return result;
+}
+
+}  // namespace detail
+
 Certificate certify(const System& system, const Eigen::MatrixXd& x, const CertifyOptions& options) {
   Certificate result;
   const auto refuse = [&result](std::string_view why) {
@@ -152,90 +245,9 @@ Certificate certify(const System& system, const Eigen::MatrixXd& x, const Certif
   if (const std::string problem = validate(system, x); !problem.empty()) return refuse(problem);
   if (const std::string problem = detail::missing_curvature(system, Curvature::Minorising); !problem.empty())
     return refuse(problem);
-  const auto prove = [&] {
-    Eigen::MatrixXd gradient;
-    result.energy = energy_and_gradient(system, x, gradient);
-    detail::SystemMatrix matrix(detail::SystemMatrix::Storage::Sparse);
-    matrix.assemble(system, x, Curvature::Minorising);
-    if (!detail::is_finite(result.energy) || !matrix.is_finite()) {
-      refuse("energy or curvature leave the range of a double");
-      return;
-    }
-    // The rounding of the matrix and of its factor, less than this share of its norm, is taken off first.
-    const auto& entries = matrix.sparse();
-    const auto is_of_fixed = [&](Eigen::Index row) {
-      return row < x.size() && system.is_fixed(static_cast<int>(row) / system.dim());
-    };
-    double norm = 0;  // without the rows of fixed nodes, which have no unit
-    for (Eigen::Index c = 0; c < entries.cols(); ++c) {
-      if (is_of_fixed(c)) continue;
-      for (detail::SystemMatrix::Sparse::InnerIterator at(entries, c); at; ++at)
-        norm = std::max(norm, std::abs(at.value()));
-    }
-    const double margin =
-        64 * std::numeric_limits<double>::epsilon() * static_cast<double>(entries.rows()) * norm;
-    matrix.shift(Eigen::VectorXd::Constant(system.nodes(), margin), -1);
-    detail::SystemFactor factor;
-    result.proof = Proof::NotCertified;
-    result.lower_bound = -std::numeric_limits<double>::infinity();
-    if (!factor.factorize(matrix)) {
-      const Eigen::VectorXd v = factor.negative_direction(matrix);
-      if (v.size() > 0)
-        result.least_eigenvalue =
-            v.dot(entries.selfadjointView<Eigen::Lower>() * v) / v.squaredNorm() + 2 * margin;
-      result.reason = "the lower bound of the curvature is not positive definite at x";
-      return;
-    }
-    const Eigen::MatrixXd step = factor.solve(gradient);
-    const auto& cholesky = factor.cholesky();
-    const detail::SelectedInverse<double> inverse(cholesky.matrixL().nestedExpression(), cholesky.vectorD());
-    const auto& place = cholesky.permutationP().indices();
-    double largest_inverse = 0;  // the trace bounds it from above
-    for (int c = 0; c < entries.rows(); ++c) {
-      if (!is_of_fixed(c)) largest_inverse += inverse(place[c], place[c]) * (1 + 1e-6);
-    }
-    // The rounding of the energy, and of the gradient in the norm of M^-1.
-    Term::Magnitude magnitude;
-    double count = 16 * system.dim() + system.nodes();
-    bool has_loads = false;
-    for (int t = 0; t < system.term_count(); ++t) {
-      const Term& term = system.term(t);
-      const Term::Magnitude one = term.magnitude(x);
-      magnitude.energy += one.energy;
-      magnitude.gradient += one.gradient;
-      count += term.size();
-      has_loads = has_loads || (term.size() > 0 && term.role(0) == Term::Role::Pulls);
-    }
-    const double share = count * std::numeric_limits<double>::epsilon();
-    const double rounding = share * (std::abs(result.energy) + magnitude.energy);
-    const double root = std::sqrt(std::max(gradient.cwiseProduct(step).sum() / 2, 0.0)) * (1 + 1e-6) +
-                        share * magnitude.gradient * std::sqrt(largest_inverse / 2);
-    const double decrease = root * root;
-    const double scale = detail::energy_scale(system, x, result.energy);
-    if (!detail::is_finite(decrease) || !detail::is_finite(rounding) || !detail::is_finite(largest_inverse)) {
-      refuse("energy or curvature leave the range of a double");
-      return;
-    }
-    result.lower_bound = result.energy - decrease - rounding;
-    // The least possible energy of springs is 0, but loads have none.
-    if (!has_loads) result.lower_bound = std::max(result.lower_bound, 0.0);
-    // All minima y have (y - x)^T M (y - x) / 2 <= -g . (y - x), so that |y - x - M^-1 g| in M's norm is at
-    // most that of M^-1 g.
-    result.least_eigenvalue = 1 / largest_inverse;
-    result.distance = 2 * std::sqrt(2 * (decrease + rounding) * largest_inverse);
-    // A placement without strain has next to no energy that a share could be taken of.
-    detail::SystemRule rule;
-    rule.set(system, x, 0);
-    const double least_scale = 1e-10 * rule.node_stiffness().sum() * rule.length() * rule.length() / 2;
-    const double allowed = options.gap * std::max(scale, least_scale) + rounding;
-    if (result.energy - result.lower_bound <= allowed) {
-      result.proof = Proof::UniqueGlobalMinimum;
-    } else {
-      result.reason = "x is not near enough to the minimum: solve with a smaller tolerance";
-    }
-  };
   detail::attempt<std::bad_alloc>(
-      prove, [&](const std::bad_alloc& error) { refuse(detail::memory_message(error)); });
+      [&] { result = detail::SystemProver(system).certify(x, options.gap); },
+      [&](const std::bad_alloc& error) { refuse(detail::memory_message(error)); });
   return result;
 }
 

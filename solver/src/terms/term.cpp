@@ -7,6 +7,8 @@
 #include <stdexcept>
 #include <utility>
 
+#include "direction.hpp"
+
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
@@ -222,6 +224,32 @@ bool Term::is_stiff(int element) const {
   }
   return false;
 }
+
+std::unique_ptr<Term> Term::lifted(int dim) const {
+  std::unique_ptr<Term> result = clone();
+  result->dim_ = dim;
+  for (Column& column : result->columns_) {
+    if (column.other_rows > 0) column.other_rows = dim * dim;
+    if (column.shape == Column::Shape::Numbers) continue;
+    const bool is_matrix = column.shape == Column::Shape::Matrix;
+    column.rows = is_matrix ? dim * dim : dim;
+    const Eigen::MatrixXd given = std::move(column.values);
+    column.values.setZero(given.size() > 0 ? column.rows : given.rows(), given.cols());
+    for (Eigen::Index e = 0; given.size() > 0 && e < given.cols(); ++e) {
+      if (!is_matrix) {
+        column.values.col(e).head(dim_) = given.col(e);
+        continue;
+      }
+      const Eigen::Map<const Eigen::MatrixXd> matrix(given.col(e).data(), dim_, dim_);
+      Eigen::Map<Eigen::MatrixXd> larger(column.values.col(e).data(), dim, dim);
+      larger.diagonal().setConstant(std::max(-detail::largest_eigenvalue(-matrix), 0.0));
+      larger.topLeftCorner(dim_, dim_) = matrix;
+    }
+  }
+  return result;
+}
+
+const char* Term::why_not_liftable() const { return "a term of one's own has no more dimensions"; }
 
 void Term::add_mixed(const Points&, const Points&, std::span<Eigen::MatrixXd>) const {}
 

@@ -51,9 +51,6 @@ class DenseBound {
     return bound(minoriser.view());
   }
 
-  /// Where that found W to be indefinite: a direction of negative curvature.
-  Eigen::VectorXd direction() const { return vector_; }
-
  private:
   static constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   static constexpr int kSmall = 32;

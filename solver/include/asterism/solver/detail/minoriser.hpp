@@ -64,8 +64,7 @@ double gap_with_rounding(const MinoriserView& minoriser, double norm, double shi
 /// k (1 - mu / r), its curvature across. So W has a row a node, for anisotropic anchors one a coordinate.
 ///
 /// With `clamp`, links that push count for nothing (their energy is at least 0): W is then positive
-/// semi-definite, and q is still below E, but does not touch it. With `stretch`, the quadratic of a link
-/// touches it at so many times its length at x: W is more definite then, and q below E at x.
+/// semi-definite, and q is still below E, but does not touch it.
 ///
 /// Everything is in double and has its rounding bounded, in units of epsilon: that of W by
 /// v^T (computed - exact) v <= c sum_i scale_i v_i^2, and that of gradient and energy as below.
@@ -85,7 +84,7 @@ class Minoriser {
 
   /// Of `system` at x. The nodes of `held`, beside the fixed ones, do not move.
   template <typename Held>
-  void set(const System& system, const Points& x, bool clamp, double stretch, const Held& held) {
+  void set(const System& system, const Points& x, bool clamp, const Held& held) {
     const int n = system.nodes();
     energy = energy_rounding = stored = coordinate_rounding = 0;
     loads_size_ = springs_size_ = 0;
@@ -109,12 +108,7 @@ class Minoriser {
             add_load(system, i, x);
         },
         [&](int l, const Link& link, const auto& force, const auto& spring) {
-          if (stretch == 1) [[likely]]
-            return add_link(system, l, link, force, spring, clamp, 1);
-          auto longer = spring;
-          longer.length *= stretch;
-          longer.inverse /= stretch;
-          add_link(system, l, link, link_force(system, l, longer), longer, clamp, 1 / stretch);
+          add_link(system, l, link, force, spring, clamp);
         });
     for (int i = 0; i < n; ++i) {
       if (!is_free_[i]) gradient.col(i).setZero(), gradient_scale[i] = 0, scale[i] = 1;
@@ -215,9 +209,8 @@ class Minoriser {
     gradient_scale[i] += f.cwiseAbs().sum();
   }
 
-  // A link whose quadratic touches it at `spring`, which at x is `share` of its length.
   void add_link(const System& system, int l, const Link& link, const LinkForce<double>& force,
-                const Spring<System>& spring, bool clamp, double share) {
+                const Spring<System>& spring, bool clamp) {
     const bool moves = is_free_[link.i] || is_free_[link.j];
     const double k = system.link_stiffness[l];
     if (force.tension < 0 && spring.length == 0 && moves && peaked_link < 0) peaked_link = l;
@@ -232,11 +225,11 @@ class Minoriser {
     if (offset > 0) size *= 1 + offset * spring.inverse;
     size += k;  // k (1 + mu / r) of a spring
     weights_[l] = force.across;
-    energy += force.energy + force.tension * spring.length / 2 * (share * share - 1);
+    energy += force.energy;
     springs_size_ += force.energy + std::abs(force.tension) * spring.length;
     energy_rounding += 8 * (std::abs(force.tension) + kEpsilon * reach) * (spring.length + rest);
     stored += reach * (spring.length + rest) / 2;
-    const Point pull = force.tension * share * spring.direction;
+    const Point pull = force.tension * spring.direction;
     gradient.col(link.i) += pull;
     gradient.col(link.j) -= pull;
     // Of a spring, |dw / dr| = k mu / r^2.

@@ -37,9 +37,6 @@ class SparseBound {
     });
   }
 
-  /// As DenseBound's.
-  const Eigen::VectorXd& direction() const { return direction_; }
-
  private:
   static constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
   static constexpr double kLargeShift = 1e-6;

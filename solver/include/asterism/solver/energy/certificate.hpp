@@ -39,36 +39,6 @@ class Prover {
   /// See asterism::certify, for the tolerance `gap`.
   void certify(const System& system, const Points& x, double gap, Certificate& result);
 
-  /// See Certifier.
-  double negative_direction(const System& system, const Points& x,
-                            Eigen::VectorXd& v) requires(!System::kAnisotropic) {
-    hold(system);
-    set(system, x, false);
-    if (quadratic_.peaked_link >= 0) return 0;
-    const MinoriserBound bound = factor(system);
-    if (bound.is_definite || !(bound.least_eigenvalue < 0)) return 0;
-    v = is_large_and_sparse(system) ? sparse_.direction() : dense_.direction();
-    return bound.least_eigenvalue;
-  }
-
-  /// A lower bound of E, the highest of those by minorisers that touch links at up to twice their length at
-  /// x: where W(x) is positive semi-definite and x stationary, they come close to E(x). 0 where the loss is
-  /// robust.
-  double stretched_bound(const System& system, const Points& x) {
-    double best = 0;
-    if (kRobust) return best;
-    hold(system);
-    for (double more = 1e-9; more <= 1; more *= 10) {
-      set(system, x, false, 1 + more);
-      const MinoriserBound bound = quadratic_.peaked_link < 0 ? factor(system) : MinoriserBound();
-      if (!bound.is_definite) continue;
-      const double lowest = this->lowest(bound);
-      if (!(lowest > best)) break;
-      best = lowest;
-    }
-    return best;
-  }
-
  private:
   using Lower = Minoriser<System>;
   static constexpr double kStrainless = 1e-10;
@@ -82,9 +52,9 @@ class Prover {
     return floats;
   }
 
-  void set(const System& system, const Points& x, bool clamp, double stretch = 1) {
+  void set(const System& system, const Points& x, bool clamp) {
     floor_ = system.has_loads() ? -std::numeric_limits<double>::infinity() : 0;
-    quadratic_.set(system, x, clamp, stretch, [this](int i) { return held_[i]; });
+    quadratic_.set(system, x, clamp, [this](int i) { return held_[i]; });
   }
 
   // A lower bound of all energies, by the minoriser.
@@ -99,9 +69,7 @@ class Prover {
     return dense_.bound(system, quadratic_);
   }
 
-  struct Nothing {
-    Eigen::VectorXd direction() const { return {}; }
-  };
+  struct Nothing {};
 
   double floor_ = 0;  // no energy is lower
   Lower quadratic_;
@@ -229,19 +197,6 @@ class Certifier {
     options.gap = own;
     if (certificate.proof == Proof::NotApplicable) return std::nullopt;
     return EnergyBounds{certificate.energy, certificate.lower_bound};
-  }
-
-  /// A direction v, one number for each node, in which W(x) is negative, for valid input: in a dimension that
-  /// x does not use, E falls along v. Returns v^T W v / |v|^2 or an upper bound of it; if none was found, it
-  /// returns 0 and leaves v as it was. Uses the heap.
-  double negative_direction(const System& system, const Points& x, Eigen::VectorXd& v) requires(
-      !System::kAnisotropic && !System::kHasTriples && !System::kAnisotropicLinks &&
-      detail::has_minoriser<typename System::Model::LinkPotential>()) {
-    if constexpr (std::is_same_v<typename System::Scalar, double>) {
-      return prover(system).negative_direction(system, x, v);
-    } else {
-      return prover(system).negative_direction(system.template cast<double>(), x.template cast<double>(), v);
-    }
   }
 
  private:

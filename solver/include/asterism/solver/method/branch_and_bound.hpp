@@ -14,7 +14,6 @@
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/linear/dense_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
-#include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/problem/validate.hpp>
@@ -22,6 +21,8 @@
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
+#include <asterism/solver/terms/solve.hpp>
 #include <chrono>
 #include <cmath>
 #include <cstddef>
@@ -37,22 +38,16 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// Options of BranchAndBound: of its lower bound, and of the solver for its upper one.
-struct BranchAndBoundOptions : AlignedOptions {
+/// The time includes that of the staircase. The gap applies to the search; the solves in it end by the
+/// tolerance.
+struct BranchAndBoundOptions : GlobalOptions {
   /// Maximum number of nodes of the search tree.
   int max_nodes = 10000;
-  /// Maximum wall-clock time, that of the Staircase included [s]. A step that cannot be interrupted, such as
-  /// a factorisation, is completed first.
-  double max_seconds = 1;
-
-  /// Sets a gap of 1e-3. It applies to the search; the solves in it end by the tolerance.
-  constexpr BranchAndBoundOptions() { gap = 1e-3; }
 
   /// What is wrong with the options; nullptr if nothing is.
   constexpr const char* problem() const {
-    if (!(gap > 0)) return "option gap is not positive";
     if (max_nodes < 0) return "option max_nodes is negative";
-    if (!(max_seconds >= 0)) return "option max_seconds is negative or not a number";
-    return AlignedOptions::problem();
+    return GlobalOptions::problem();
   }
 };
 
@@ -279,7 +274,6 @@ class GlobalSearch {
   }
 
   BranchAndBoundOptions options_;
-  Staircase<System, Auto<System>> staircase_;
   Auto<System> solver_;
   Certifier<System> certifier_;
   bool is_done_ = false;
@@ -294,12 +288,12 @@ void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBou
                              Summary& summary) {
   const TimeLimit time(options.max_seconds, options);
   options_ = options;
-  staircase_.options = options;
-  staircase_.options.gap = 0;  // placements are to be minima: the gap is the search's
-  staircase_.options.on_iteration = time.observed();
-  solver_.options = staircase_.options;
-  solver_.options.on_iteration = staircase_.on_lifted_iteration = time.hidden();
-  summary = staircase_.solve(system, x);
+  StaircaseOptions staircase{options};
+  staircase.gap = 0;  // placements are to be minima: the gap is the search's
+  staircase.on_iteration = time.observed();
+  solver_.options = staircase;
+  solver_.options.on_iteration = staircase.on_lifted_iteration = time.hidden();
+  summary = solve_staircase(system, x, staircase);
   if (!summary.usable()) return;
   summary.lower_bound = std::max(summary.lower_bound, 0.0);
   time.explain(summary);
@@ -315,7 +309,7 @@ void GlobalSearch<kDim>::run(const System& system, Points& x, const BranchAndBou
   }
   if (system.nodes() > kMostNodes) {
     summary.status = Status::MaxIterations;
-    summary.message = "too many nodes for the search: the interval is that of the Staircase";
+    summary.message = "too many nodes for the search: the interval is that of the staircase";
     return;
   }
   attempt<std::bad_alloc>([&] { search(system, x, time, summary); },
@@ -344,24 +338,24 @@ constexpr bool is_searchable() {
 
 }  // namespace detail
 
-/// The global minimum of a few parts, within a given gap: narrows the interval of Staircase by branch and
-/// bound.
+/// The global minimum of a few parts, within a given gap: narrows the interval of solve_staircase by
+/// branch and bound.
 ///
-/// Staircase's lower bound is below the least energy because nodes may leave the plane. A link whose
+/// The staircase's lower bound is below the least energy because nodes may leave the plane. A link whose
 /// direction in the plane is known up to a half angle h has |d| <= d . c / cos h, with c the middle
 /// direction: its energy is then above a convex quadratic, whose loss is of the order of h^2, and nothing is
 /// gained by leaving the plane; counted in part (ConeSystem), the loss is no more than is needed. So the
-/// search divides the directions of links, the loosest first, and bounds each part as Staircase bounds all:
-/// by the least energy in more dimensions (IDA's iterations, whose matrix is the same for all parts) and the
-/// quadratic that touches it there. The part of the lowest bound is divided next.
+/// search divides the directions of links, the loosest first, and bounds each part as the staircase bounds
+/// all: by the least energy in more dimensions (IDA's iterations, whose matrix is the same for all parts) and
+/// the quadratic that touches it there. The part of the lowest bound is divided next.
 ///
 /// Summary::lower_bound and final_energy are the interval. Converged means that x is stationary and the
 /// interval within options.gap (or, where the energy is mere rounding, that certify proves x); MaxIterations,
 /// that a limit came first, which the message names. `iterations`
 /// counts nodes of the tree. For about 8 nodes or fewer: the tree grows as a power of the number of loose
 /// links, and without end if a component without anchors turns freely. More than 64 nodes are left to the
-/// Staircase. For springs only, without loads, in 2 or 3 dimensions; in double; uses the heap; one thread at
-/// a time.
+/// staircase. For springs only, without loads, in 2 or 3 dimensions; in double; uses the heap; one thread at
+/// a time. Needs asterism::solver_compiled.
 template <typename System>
 requires(detail::is_searchable<System>()) class BranchAndBound {
  public:
@@ -372,7 +366,8 @@ requires(detail::is_searchable<System>()) class BranchAndBound {
 
   static constexpr std::string_view name() { return "branch and bound"; }
 
-  /// Moves x (Dim x N) to the lowest minimum found. Statuses other than those above are as for Staircase.
+  /// Moves x (Dim x N) to the lowest minimum found. Statuses other than those above are as for
+  /// solve_staircase.
   Summary solve(const System& system, Points& x) {
     const auto begin = std::chrono::steady_clock::now();
     Summary summary;

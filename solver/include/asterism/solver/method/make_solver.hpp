@@ -6,19 +6,17 @@
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/auto.hpp>
-#include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
-#include <asterism/solver/method/multi_start.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
-#include <asterism/solver/method/staircase.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #ifdef ASTERISM_SOLVER_COMPILED
+#include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #endif
 #include <string_view>
@@ -30,10 +28,6 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 template <typename System>
-using AutoStaircase = Staircase<System, Auto<System>>;
-template <typename System>
-using AutoStarts = MultiStart<System, Auto<System>>;
-template <typename System>
 using ForwardCg = NonlinearCg<System, ForwardDifferences<System>>;
 template <typename System>
 using CentralCg = NonlinearCg<System, CentralDifferences<System>>;
@@ -43,12 +37,11 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 }  // namespace detail
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, unless anchors are anisotropic, "staircase" (of
-/// Auto); for springs only, in 2 or 3 dimensions, "branch-and-bound"; for systems without a bound on their
-/// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". With
-/// asterism::solver_compiled also those of system_methods, except for models that are not made of terms, see
-/// to_system. The adapters of other packages add more: add_cholmod, reference::add_ceres,
-/// reference::add_liblbfgs.
+/// "ncg-forward", "ncg-central"; for systems without a bound on their nodes also "ida-sparse",
+/// "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". With asterism::solver_compiled also those
+/// of system_methods, such as "multi-start" and "staircase", except for models that are not made of terms,
+/// see to_system; and for springs only, in 2 or 3 dimensions, "branch-and-bound". The adapters of other
+/// packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -61,11 +54,6 @@ SolverRegistry<System> solver_registry() {
   registry.template add<NonlinearCg<System>>("ncg");
   registry.template add<detail::ForwardCg<System>>("ncg-forward");
   registry.template add<detail::CentralCg<System>>("ncg-central");
-  registry.template add<detail::AutoStarts<System>>("multi-start");
-  if constexpr (detail::is_liftable<System>())
-    registry.template add<detail::AutoStaircase<System>>("staircase");
-  if constexpr (detail::is_searchable<System>())
-    registry.template add<BranchAndBound<System>>("branch-and-bound");
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");
@@ -74,7 +62,9 @@ SolverRegistry<System> solver_registry() {
     registry.template add<detail::FactoredSchwarz<System>>("schwarz-direct");
   }
 #ifdef ASTERISM_SOLVER_COMPILED
-  if constexpr (detail::has_terms<System>()) add_system_solvers(registry);
+  if constexpr (HasTerms<System>) add_system_solvers(registry);
+  if constexpr (detail::is_searchable<System>())
+    registry.template add<BranchAndBound<System>>("branch-and-bound");
 #endif
   return registry;
 }
@@ -86,7 +76,6 @@ AnySolver<System> make_solver(std::string_view name, const std::vector<NamedOpti
   return solver_registry<System>().make(name, options);
 }
 
-ASTERISM_COMPILED_SOLVER(detail::AutoStaircase)
 ASTERISM_COMPILED_SOLVER(detail::ForwardCg)
 ASTERISM_COMPILED_SOLVER(detail::CentralCg)
 ASTERISM_COMPILED_SPARSE_SOLVER(detail::JacobiLbfgs)

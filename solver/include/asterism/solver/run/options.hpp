@@ -25,8 +25,8 @@ struct SolverOptions {
   /// Also stop when the energy of x is proven to exceed the least energy by at most this share, see certify;
   /// 0: do not test this. The test computes a certificate at every iterate. Where W is not positive definite
   /// at the minimum, nothing is proven and the tolerance decides. BatchNewton tests this only at its end.
-  /// Solvers by name, BatchNewton, Staircase and BranchAndBound need nothing else; all others need a
-  /// certifier, below, without which a gap is InvalidInput.
+  /// Solvers by name, BatchNewton, BranchAndBound and all methods for a System need nothing else; all others
+  /// need a certifier, below, without which a gap is InvalidInput.
   double gap = 0;
 
   /// What computes these certificates: a Certifier of the same type of systems, which lives as long as the

@@ -15,6 +15,7 @@
 #include <string>
 #include <string_view>
 #include <type_traits>
+#include <utility>
 #include <vector>
 
 namespace asterism {
@@ -103,11 +104,18 @@ Eigen::MatrixXd as_columns(const Matrices& matrices, Eigen::Index count) {
 
 }  // namespace detail
 
+/// Types of springs that to_system takes.
+template <typename Springs>
+concept HasTerms = requires {
+  Springs::kHasTriples;
+}
+&&detail::has_terms<Springs>();
+
 /// The same system as one of terms: anchors, links and loads, in this order, as far as it has them. Its model
 /// may have any links and the library's losses; the potentials over three nodes are those of Angles and the
 /// like, and are not taken over.
-template <typename Springs>
-requires(detail::has_terms<Springs>()) System to_system(const Springs& springs) {
+template <HasTerms Springs>
+System to_system(const Springs& springs) {
   const int n = springs.nodes();
   System system(n, Springs::kDim);
   Anchors& anchors = system.add_anchors(springs.anchors.template cast<double>(),
@@ -143,11 +151,33 @@ struct FromSprings {
   System operator()(const Springs& springs) const { return to_system(springs); }
 };
 
+/// A solver of springs by one of their terms.
+template <typename Springs, typename S>
+AnySolver<Springs> by_terms(S solver) {
+  return AnySolver<Springs>(AnySolver<System>(std::move(solver)), FromSprings<Springs>());
+}
+
+/// solve_staircase as a solver.
+struct TermStaircase {
+  StaircaseOptions options;
+  static constexpr std::string_view name() { return "staircase"; }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const {
+    return asterism::solve_staircase(system, x, options);
+  }
+};
+
 }  // namespace detail
 
+/// solve_staircase of a System for springs: moves x (Dim x N).
+template <HasTerms Springs>
+Summary solve_staircase(const Springs& springs, typename Springs::Points& x,
+                        const StaircaseOptions& options = {}) {
+  return detail::by_terms<Springs>(detail::TermStaircase{options}).solve(springs, x);
+}
+
 /// Adds the methods for a System, see system_solvers, whose names `registry` does not have yet.
-template <typename Springs>
-requires(detail::has_terms<Springs>()) void add_system_solvers(SolverRegistry<Springs>& registry) {
+template <HasTerms Springs>
+void add_system_solvers(SolverRegistry<Springs>& registry) {
   const std::vector<std::string> known = registry.names();
   for (const std::string_view name : system_methods()) {
     if (std::find(known.begin(), known.end(), name) != known.end()) continue;

@@ -26,6 +26,7 @@ class ASTERISM_API LinearTerm : public Term {
   Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   bool is_quadratic() const override { return loss() == Loss::Quadratic; }
+  const char* why_not_liftable() const override { return nullptr; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
 
  protected:
@@ -73,6 +74,7 @@ class ASTERISM_API Differences final : public TermOf<Differences, LinearTerm> {
   explicit Differences(int dim);
   /// Whether its coefficients add up to 0: else a translation changes the energy.
   Role role(int element) const override;
+  const char* why_not_liftable() const override;
   void add_scales(const Points& x, Scales& scales) const override;
 };
 
@@ -107,6 +109,7 @@ class ASTERISM_API LengthTerm : public Term {
   Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   const char* problem_with(Curvature) const override;
+  const char* why_not_liftable() const override { return nullptr; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
   const char* why_not_differentiable() const override;
   void add_scales(const Points& x, Scales& scales) const override;
@@ -172,6 +175,7 @@ class ASTERISM_API Loads final : public TermOf<Loads> {
   Magnitude magnitude(const Points& x) const override;
   void add_curvature(const Points&, Curvature, CurvatureSink&) const override {}
   bool is_quadratic() const override { return true; }
+  const char* why_not_liftable() const override { return "their energy has no lower bound"; }
   void add_scales(const Points& x, Scales& scales) const override;
   Role role(int) const override { return Role::Pulls; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
@@ -206,6 +210,7 @@ class ASTERISM_API Angles final : public TermOf<Angles, TriangleTerm> {
  public:
   /// Without elements.
   explicit Angles(int dim);
+  const char* why_not_liftable() const override { return nullptr; }
 
  private:
   double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
@@ -219,6 +224,9 @@ class ASTERISM_API Areas final : public TermOf<Areas, TriangleTerm> {
  public:
   /// Without elements.
   explicit Areas(int dim);
+  const char* why_not_liftable() const override {
+    return dim() == 2 ? "an area has a sign only in the plane" : nullptr;
+  }
 
  private:
   double value(const Eigen::MatrixXd& corners, Eigen::VectorXd& gradient,
@@ -238,6 +246,7 @@ class ASTERISM_API CommonLength final : public TermOf<CommonLength> {
   void add_curvature(const Points& x, Curvature curvature, CurvatureSink& sink) const override;
   const char* problem_with(Curvature) const override;
   void add_scales(const Points& x, Scales& scales) const override;
+  const char* why_not_liftable() const override { return nullptr; }
   bool has_hidden() const override { return true; }
   void add_mixed(const Points& x, const Points& w, std::span<Eigen::MatrixXd> by) const override;
 

@@ -17,13 +17,63 @@ inline namespace ASTERISM_ABI {
 ASTERISM_API Summary solve(const System& system, Eigen::MatrixXd& x, const AlignedOptions& options = {});
 
 /// The same by the method of a name, see system_methods: "auto", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ida", "multi-start", "graduated". Throws std::invalid_argument that names the nearest for an unknown
-/// one. For the options of one method alone, include <asterism/solver/terms/registry.hpp>.
+/// "ida", "multi-start", "staircase", "graduated". Throws std::invalid_argument that names the nearest for an
+/// unknown one. For the options of one method alone, include <asterism/solver/terms/registry.hpp>.
 ASTERISM_API Summary solve(std::string_view method, const System& system, Eigen::MatrixXd& x,
                            const AlignedOptions& options = {});
 
 /// The names of these methods.
 ASTERISM_API std::vector<std::string_view> system_methods();
+
+/// Options of solve_staircase.
+struct StaircaseOptions : AlignedOptions {
+  /// As on_iteration, which is not called there, for the iterations in more dimensions: x has more rows than
+  /// a point of the system, and the energy is below that of the system.
+  IterationCallback on_lifted_iteration = {};
+};
+
+/// The global minimum, or an interval that holds its energy: the Riemannian staircase of Boumal (2015), which
+/// CORA climbs for range-aided SLAM (Papalia et al. 2023). By name, "staircase".
+///
+/// "auto" finds a minimum x. If certify does not prove it to be the lowest, the Hessian W of the energy in a
+/// dimension that x does not use may have a negative direction v: the same system with one more dimension,
+/// see Term::lifted, descends along v to a minimum, which is no higher than any in dim dimensions if W is
+/// positive semi-definite there; if it is not, two more dimensions are added. Its energy, as far as it is
+/// proven despite rounding, is a lower bound. Without their last coordinates, its nodes are another start for
+/// "auto".
+///
+/// The lower of both minima is returned. Summary::lower_bound is the lower end of the interval and
+/// final_energy the upper; if their distance is within SolverOptions::gap (1e-6 if that is 0), the message
+/// says that this is the global minimum. Where a term's curvature has no bound from below, the only lower
+/// bound is 0. The Summary is that of the solve that found x, except that iterations, evaluations, linear
+/// solves, factorisations and time are totals, and the initial energy is that of the given x. Statuses are
+/// those of "auto"; a system with a term that is not liftable, such as loads, is refused by its name.
+ASTERISM_API Summary solve_staircase(const System& system, Eigen::MatrixXd& x,
+                                     const StaircaseOptions& options = {});
+
+/// Options of solve_global.
+struct GlobalOptions : AlignedOptions {
+  /// Maximum wall-clock time [s]. A step that cannot be interrupted, such as a factorisation, is completed
+  /// first.
+  double max_seconds = 1;
+
+  /// Sets a gap of 1e-3.
+  constexpr GlobalOptions() { gap = 1e-3; }
+
+  /// What is wrong with the options; nullptr if nothing is.
+  constexpr const char* problem() const {
+    if (!(gap > 0)) return "option gap is not positive";
+    if (!(max_seconds >= 0)) return "option max_seconds is negative or not a number";
+    return AlignedOptions::problem();
+  }
+};
+
+/// The lowest minimum that the library finds: by solve_staircase, or from many starts where a term is not
+/// liftable, such as loads. It keeps to options.max_seconds; where that ends the search, the status is
+/// MaxIterations. Summary::lower_bound is the proven bound; Summary::is_within(gap) says whether x is the
+/// global minimum.
+ASTERISM_API Summary solve_global(const System& system, Eigen::MatrixXd& x,
+                                  const GlobalOptions& options = {});
 
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -66,13 +66,18 @@ struct Scales {
 struct Column {
   /// Which numbers are allowed; NaN and infinity never are.
   enum class Range { Any, NotNegative, Positive };
+  /// What becomes of an element's numbers in more coordinates, see Term::lifted: they stay; a vector gets
+  /// zeros; a symmetric matrix gets its least eigenvalue on the diagonal, which leaves a multiple of the
+  /// identity what it is.
+  enum class Shape { Numbers, Vector, Matrix };
 
-  std::string_view name;     ///< in C++, Python and files
-  int rows = 1;              ///< numbers for each element
-  Range range = Range::Any;  ///< which are allowed
-  bool is_optional = false;  ///< may be empty
-  int other_rows = 0;        ///< also allowed, such as for a matrix instead of a factor
-  Eigen::MatrixXd values{};  ///< rows x elements; or rows x 1, the same for all of them; or empty
+  std::string_view name;         ///< in C++, Python and files
+  int rows = 1;                  ///< numbers for each element
+  Range range = Range::Any;      ///< which are allowed
+  bool is_optional = false;      ///< may be empty
+  int other_rows = 0;            ///< also allowed, such as for a matrix instead of a factor
+  Shape shape = Shape::Numbers;  ///< what they are
+  Eigen::MatrixXd values{};      ///< rows x elements; or rows x 1, the same for all of them; or empty
 };
 
 /// A property of a term as a whole, by name.
@@ -157,6 +162,13 @@ class ASTERISM_API Term {
   virtual Role role(int) const { return arity() == 1 ? Role::Holds : Role::Connects; }
   /// Whether an element has any stiffness.
   virtual bool is_stiff(int element) const;
+
+  /// The same term for points of `dim` coordinates, at least as many as here. Its energy is the same where
+  /// the further coordinates are 0, so that its least energy is no higher. Only if there is no
+  /// why_not_liftable().
+  std::unique_ptr<Term> lifted(int dim) const;
+  /// Why there is no such term; nullptr if there is one.
+  virtual const char* why_not_liftable() const;
 
   /// Whether it has one more unknown, which is minimised for every x.
   virtual bool has_hidden() const { return false; }

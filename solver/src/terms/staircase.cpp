@@ -1,0 +1,260 @@
+#include <Eigen/SparseCholesky>
+#include <algorithm>
+#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/terms/solution.hpp>
+#include <chrono>
+#include <cmath>
+#include <limits>
+#include <new>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "matrix.hpp"
+#include "methods.hpp"
+#include "prover.hpp"
+#include "stopping_rule.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+std::string why_not_liftable(const System& system) {
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    if (term.size() == 0) continue;
+    if (const char* why = term.why_not_liftable()) return std::string(term.kind()) + ": " + why;
+  }
+  if (system.dim() + kMostLifts > System::kMaxDim)
+    return "a system of more than " + std::to_string(System::kMaxDim - kMostLifts) +
+           " coordinates has no room for more";
+  return missing_curvature(system, Curvature::True);
+}
+
+namespace {
+
+System lifted(const System& system, int dim) {
+  System result(system.nodes(), dim);
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) result.fix(i);
+  }
+  for (int t = 0; t < system.term_count(); ++t) {
+    if (system.term(t).size() > 0) result.add(system.term(t).lifted(dim));
+  }
+  return result;
+}
+
+// W: the second derivatives by the last coordinate of all nodes, at points where it is 0. It is coupled to no
+// other coordinate there.
+class LastCoordinate final : public CurvatureSink {
+ public:
+  LastCoordinate(const System& system, const Eigen::MatrixXd& x) : system_(system) {
+    for (int t = 0; t < system.term_count(); ++t) system.term(t).add_curvature(x, Curvature::True, *this);
+    for (int i = 0; i < system.nodes(); ++i) entries_.emplace_back(i, i, system.is_fixed(i) ? 1.0 : 0.0);
+  }
+
+  void add(const int* nodes, int count, const double* matrix, int rows) override {
+    const int dim = system_.dim();
+    int row = 0;
+    for (int a = 0; a < count; row += nodes[a] < 0 ? 1 : dim, ++a) {
+      int column = 0;
+      for (int b = 0; b < count; column += nodes[b] < 0 ? 1 : dim, ++b)
+        add(nodes[a], nodes[b], matrix[(column + dim - 1) * rows + row + dim - 1]);
+    }
+  }
+  void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) override {
+    for (int a = 0; a < count; ++a) {
+      for (int b = 0; b < count; ++b) add(nodes[a], nodes[b], c[a] * c[b] * B[dim * dim - 1]);
+    }
+  }
+
+  // A direction in which W is negative, one number for each node, and v^T W v; 0 where there is none.
+  double negative_direction(Eigen::VectorXd& v) const {
+    Eigen::SparseMatrix<double> w(system_.nodes(), system_.nodes());
+    w.setFromTriplets(entries_.begin(), entries_.end());
+    // Pivots of nodes that nothing holds there are not 0, which would end the factorisation.
+    const double least_pivot =
+        64 * std::numeric_limits<double>::epsilon() * Eigen::VectorXd(w.diagonal()).cwiseAbs().maxCoeff();
+    for (int i = 0; i < system_.nodes(); ++i) w.coeffRef(i, i) += least_pivot;
+    Eigen::SimplicialLDLT<Eigen::SparseMatrix<double>, Eigen::Lower, Eigen::AMDOrdering<int>> factor(w);
+    if (factor.info() != Eigen::Success || !all_finite(factor.vectorD())) return 0;
+    Eigen::Index least = 0;
+    const double pivot = factor.vectorD().minCoeff(&least);
+    if (!(pivot < 0)) return 0;
+    v = Eigen::VectorXd::Unit(system_.nodes(), least);  // W = P^T L D L^T P, and v = P^T L^-T e
+    factor.matrixU().solveInPlace(v);
+    v = (factor.permutationPinv() * v).eval();
+    return pivot;
+  }
+
+ private:
+  void add(int a, int b, double value) {
+    if (a >= b && b >= 0 && !system_.is_fixed(a) && !system_.is_fixed(b)) entries_.emplace_back(a, b, value);
+  }
+
+  const System& system_;
+  std::vector<Eigen::Triplet<double>> entries_;
+};
+
+// The highest lower bound of the energy by quadratics that touch it near x, and not at x: at a minimum in
+// more dimensions than it needs, the one that touches it at x is constant along a line. x is moved in the
+// coordinates from `from` on, in which nothing is at rest elsewhere, so that no link becomes shorter; and in
+// all coordinates away from the centroid, so that most links become longer.
+double bound_near(const System& system, const Eigen::MatrixXd& x, int from) {
+  if (!missing_curvature(system, Curvature::Minorising).empty()) return 0;
+  SystemProver prover(system);
+  Eigen::MatrixXd last = x, all = x.colwise() - x.rowwise().mean();
+  last.topRows(from).setZero();
+  for (int i = 0; i < system.nodes(); ++i) {
+    if (system.is_fixed(i)) all.col(i).setZero();
+  }
+  double highest = 0;
+  for (const Eigen::MatrixXd* out : {&last, &all}) {
+    double best = 0;
+    for (double share = 1e-9; share <= 1 && (out->array() != 0).any(); share *= 10) {
+      const Certificate certificate = prover.certify(x + share * *out, 0);
+      if (!is_finite(certificate.distance)) continue;  // no such quadratic has a minimum
+      if (!(certificate.lower_bound > best)) break;
+      best = certificate.lower_bound;
+    }
+    highest = std::max(highest, best);
+  }
+  return highest;
+}
+
+class Climb {
+ public:
+  Climb(const System& system, const StaircaseOptions& options, Eigen::MatrixXd& x, Summary& best)
+      : system_(system), options_(options), x_(x), best_(best) {
+    if (!missing_curvature(system, Curvature::Minorising).empty()) return;
+    prover_.emplace(system);
+  }
+
+  void run() {
+    best_.lower_bound = std::max(best_.lower_bound, 0.0);  // of all terms but loads
+    if (is_proven()) return;
+    Eigen::MatrixXd points = x_;
+    for (const int more : {1, kMostLifts}) {
+      if (!descend(lifted(system_, system_.dim() + more), points) || is_end(points)) return;
+    }
+  }
+
+ private:
+  // Moves `points`, of fewer rows, down from where they are: first into a dimension that they lack, along
+  // negative curvature, then to a minimum, and raises the lower bound by what is proven there. False where
+  // there is no way down.
+  bool descend(const System& lifted, Eigen::MatrixXd& points) {
+    Eigen::MatrixXd x = Eigen::MatrixXd::Zero(lifted.dim(), lifted.nodes());
+    x.topRows(points.rows()) = points;
+    if (!step_off(lifted, x)) {
+      best_.lower_bound =
+          std::max(best_.lower_bound, bound_near(system_, x.topRows(system_.dim()), system_.dim()));
+      return false;
+    }
+    AlignedOptions options = options_;
+    options.align = false;
+    options.gap = 0;
+    options.on_iteration = options_.on_lifted_iteration;
+    const Summary summary = SystemAuto{options}.solve(lifted, x);
+    if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
+    best_.add_work(summary);
+    if (!summary.usable() || summary.status == Status::Interrupted) return false;
+    points = x;
+    best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
+    return true;
+  }
+
+  // By the first of ever shorter steps that lowers the energy by a tenth of what the curvature promises.
+  bool step_off(const System& lifted, Eigen::MatrixXd& x) {
+    Eigen::VectorXd v;
+    double curvature = LastCoordinate(lifted, x).negative_direction(v);
+    if (!(curvature < 0)) return false;
+    SystemRule rule;
+    rule.set(lifted, x, 0);
+    const double scale = rule.length() / v.cwiseAbs().maxCoeff();
+    v *= scale;
+    // Where linked nodes nearly coincide, the curvature has no limit, but holds over next to no distance.
+    curvature = std::max(curvature * scale * scale, -rule.node_stiffness().dot(v.cwiseAbs2()));
+    const double here = energy(lifted, x), rounding = energy_rounding(lifted, x, here);
+    constexpr int kMaxHalvings = 30;
+    double t = 0.5;
+    for (int halving = 0; halving < kMaxHalvings; ++halving, t /= 2) {
+      x.bottomRows(1) = t * v.transpose();  // the other side is the same
+      ++best_.energy_evaluations;
+      if (energy(lifted, x) < here + t * t * curvature / 20 - rounding) return true;
+    }
+    x.bottomRows(1).setZero();
+    return false;
+  }
+
+  // Takes the minimum below the lifted points if it is lower. Whether nothing is left to be found.
+  bool is_end(const Eigen::MatrixXd& lifted) {
+    Eigen::MatrixXd trial = lifted.topRows(system_.dim());
+    Summary summary = SystemAuto{options_}.solve(system_, trial);
+    if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
+    const bool is_lower = summary.usable() && summary.final_energy < best_.final_energy;
+    if (is_lower) {
+      x_ = trial;
+      summary.initial_energy = best_.initial_energy;
+      summary.lower_bound = best_.lower_bound;
+      std::swap(summary, best_);
+    }
+    best_.add_work(summary);
+    if (summary.status == Status::Interrupted || best_.status == Status::Interrupted) return true;
+    return is_lower ? is_proven() : says_so(false);
+  }
+
+  bool is_proven() {
+    if (!prover_) return says_so(false);
+    const Certificate certificate = prover_->certify(x_, gap());
+    if (certificate.proof != Proof::NotApplicable)
+      best_.lower_bound = std::max(best_.lower_bound, certificate.lower_bound);
+    return says_so(certificate.certified());
+  }
+
+  bool says_so(bool is_certified) {
+    if (!is_certified && !best_.is_within(gap())) return false;
+    best_.message = "within the gap of the global minimum";
+    return true;
+  }
+
+  double gap() const { return options_.gap > 0 ? options_.gap : CertifyOptions().gap; }
+
+  const System& system_;
+  const StaircaseOptions& options_;
+  std::optional<SystemProver> prover_;
+  Eigen::MatrixXd& x_;
+  Summary& best_;
+};
+
+}  // namespace
+
+Summary SystemStaircase::solve(const System& system, Eigen::MatrixXd& x) const {
+  const auto begin = std::chrono::steady_clock::now();
+  if (const std::string why = why_not_liftable(system); !why.empty())
+    return refused(name(), std::string_view(why));
+  Summary best = SystemAuto{options}.solve(system, x);
+  if (best.usable() && best.status != Status::Interrupted) {
+    const auto climb = [&] {
+      System held = system;
+      for (const int node : floating_nodes(system)) held.fix(node);
+      Climb(held, options, x, best).run();
+    };
+    attempt<std::bad_alloc>(climb,
+                            [&best](const std::bad_alloc& error) { best.message = memory_message(error); });
+  }
+  best.solver = name();
+  best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  return best;
+}
+
+}  // namespace detail
+
+Summary solve_staircase(const System& system, Eigen::MatrixXd& x, const StaircaseOptions& options) {
+  return detail::SystemStaircase{options}.solve(system, x);
+}
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
