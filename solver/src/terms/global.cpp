@@ -271,6 +271,10 @@ Summary solve_global(const System& system, Eigen::MatrixXd& x, const GlobalOptio
   const detail::TimeLimit time(options.max_seconds, options);
   const auto solve_by = [&](auto& solver) {
     static_cast<AlignedOptions&>(solver.options) = options;
+    for (int t = 0; t < system.term_count(); ++t) {  // loads: the energy may be negative, and has no share
+      const Term& term = system.term(t);
+      if (term.size() > 0 && term.role(0) == Term::Role::Pulls) solver.options.gap = 0;
+    }
     solver.options.on_iteration = time.observed();
     Summary summary = solver.solve(system, x);
     time.explain(summary);
