@@ -255,6 +255,17 @@ Summary solve(std::string_view method, const System& system, Eigen::MatrixXd& x,
   return solver.solve(system, x);
 }
 
+namespace {
+
+bool has_loads(const System& system) {
+  for (int t = 0; t < system.term_count(); ++t) {
+    if (system.term(t).kind() == "loads" && system.term(t).size() > 0) return true;
+  }
+  return false;
+}
+
+}  // namespace
+
 Summary solve_global(const System& system, Eigen::MatrixXd& x, const GlobalOptions& options) {
   const bool is_liftable = detail::why_not_liftable(system).empty();
   detail::SystemMultiStart starts;
@@ -264,6 +275,7 @@ Summary solve_global(const System& system, Eigen::MatrixXd& x, const GlobalOptio
   const detail::TimeLimit time(options.max_seconds, options);
   const auto solve_by = [&](auto& solver) {
     static_cast<AlignedOptions&>(solver.options) = options;
+    if (has_loads(system)) solver.options.gap = 0;  // the energy may be negative, and has no share
     solver.options.on_iteration = time.observed();
     Summary summary = solver.solve(system, x);
     time.explain(summary);
