@@ -240,13 +240,16 @@ SolverRegistry<System> system_solvers() {
   registry.add<detail::SystemLbfgs>("lbfgs");
   registry.add<detail::SystemCg>("ncg");
   registry.add<detail::SystemIda>("ida");
+  registry.add<detail::SystemSchwarz<detail::SystemNewtonCg>>("schwarz");
+  registry.add<detail::SystemSchwarz<detail::SystemNewton>>("schwarz-direct");
   registry.add<detail::SystemMultiStart>("multi-start");
   registry.add<detail::SystemGraduated>("graduated");
   return registry;
 }
 
 std::vector<std::string_view> system_methods() {
-  return {"auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "graduated"};
+  return {"auto", "newton",  "newton-cg",      "lbfgs",       "ncg",
+          "ida",  "schwarz", "schwarz-direct", "multi-start", "graduated"};
 }
 
 Summary solve(const System& system, Eigen::MatrixXd& x, const AlignedOptions& options) {

@@ -6,6 +6,7 @@
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <string_view>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -68,6 +69,31 @@ struct SystemMultiStart {
   static constexpr std::string_view name() { return "multi-start"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
+
+/// Alternating minimisation over overlapping subdomains, for large sparse systems (Schwarz's method for
+/// minimisation: Tai & Espedal 1998), finished by a method for all nodes at once.
+///
+/// A large system is slow to solve not because of its size but because of its worst places: springs far from
+/// their rest length, where the energy is not convex, limit the length of a step of all nodes together, and
+/// more nodes have more such places. Here each subdomain, some hundred connected nodes and their neighbours,
+/// is minimised by Newton-CG on its own, with the others held, so that each place takes the steps that it
+/// needs, in cache. All of them are a sweep, which never raises the energy: color by color, as subdomains of
+/// one color do not depend on each other, and can be minimised on several threads. When sweeps gain little,
+/// `Global` (Newton-CG; Newton's method where anchors are weak beside the links) has to correct what is smooth
+/// over many subdomains, which it does in a few steps. Where it does not, sweeps and Global take turns.
+///
+/// A sweep and an iteration of Global are an iteration each; the other counts are of work on all nodes at
+/// once. A term with an unknown of its own, which couples all its elements, is refused.
+template <typename Global>
+struct SystemSchwarz {
+  ThreadedOptions options;
+  static constexpr std::string_view name() {
+    return std::is_same_v<Global, SystemNewton> ? "Schwarz, sparse LDL^T" : "Schwarz, Newton-CG";
+  }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+extern template struct SystemSchwarz<SystemNewtonCg>;
+extern template struct SystemSchwarz<SystemNewton>;
 
 /// Options of graduated non-convexity, in addition to those of its solves.
 struct GraduatedOptions : AlignedOptions {
