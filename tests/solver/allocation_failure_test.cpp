@@ -27,6 +27,7 @@
 #include <asterism/testing/sparse_system.hpp>
 
 #include "failing_allocator.hpp"
+#include "terms_solvers.hpp"
 
 namespace asterism {
 namespace {
@@ -49,8 +50,8 @@ using Solvers = ::testing::Types<
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, SparseNewton<System>, Schwarz<System>, MultiStart<System, Newton<System>>,
-    detail::AutoStaircase<System>, ShortSearch>;
+    Auto<System>, SparseNewton<System>, MultiStart<System, Newton<System>>, detail::AutoStaircase<System>,
+    ShortSearch>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;
@@ -167,9 +168,9 @@ TEST(TooLarge, Matrices) {
 // Including the allocations outside the subdomains' solvers.
 TEST(OutOfMemorySparse, WithSubdomains) {
   const Problem problem = testing::sparse_system<System>(1, 700);
-  expect_out_of_memory<Schwarz<System>>(problem);
+  expect_out_of_memory<testing::Schwarz<System>>(problem);
   const Problem other = testing::sparse_system<System>(1, 900);
-  expect_out_of_memory<Schwarz<System>>(problem, &other);
+  expect_out_of_memory<testing::Schwarz<System>>(problem, &other);
 }
 
 // Gradients by each of the factorisations, for the first system of a workspace and after another one.

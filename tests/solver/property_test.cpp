@@ -16,7 +16,6 @@
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -43,6 +42,7 @@
 #include <asterism/solver/linear/cholmod.hpp>
 #endif
 
+#include "terms_solvers.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -275,7 +275,7 @@ using SparseSolvers = std::tuple<
 #ifdef ASTERISM_TEST_CHOLMOD
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
-    SparseIda<System>, SparseNewton<System>, Schwarz<System>, Schwarz<System, SparseNewton<System>>,
+    SparseIda<System>, SparseNewton<System>, testing::Schwarz<System>, testing::DirectSchwarz<System>,
     NewtonCg<System>, Lbfgs<System>>;
 
 // Calls visit(solve) for each solver, where solve(max_iterations, x) runs it.

@@ -60,10 +60,48 @@ bool is_quadratic(const System& system) {
 
 }  // namespace
 
+namespace {
+
+// Whether a third of all pairs of nodes, or more, are in an element together.
+bool is_dense(const System& system) {
+  double pairs = 0;
+  for (int t = 0; t < system.term_count(); ++t) {
+    const double arity = system.term(t).arity();
+    pairs += arity * (arity - 1) / 2 * system.term(t).size();
+  }
+  const double n = system.nodes();
+  return 3 * pairs > n * (n - 1) / 2;
+}
+
+// Whether most nodes have an anchor of less than this share of the stiffness that the other elements of a node
+// have on average.
+bool has_weak_anchors(const System& system, const Eigen::MatrixXd& x, double share) {
+  const int n = system.nodes();
+  Scales scales;
+  scales.stiffness.setZero(n);
+  scales.loads.setZero(n);
+  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+  Eigen::VectorXd held = Eigen::VectorXd::Zero(n);
+  for (const Scales::Place& place : scales.places) held[place.node] += place.stiffness;
+  const double others = (scales.stiffness - held).mean();
+  return 2 * (held.array() < share * others).count() > n;
+}
+
+}  // namespace
+
 Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
   constexpr int kSmall = 64;  // unknowns
   if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
+  constexpr int kFew = 1000, kMedium = 30000, kFactored = 300000;  // nodes
+  constexpr double kWeak = 5e-5;
+  const int n = system.nodes();
+  // Also what is refused by every method, such as nodes that do not exist, and has no scales.
+  if (n <= kFew || is_dense(system) || !validate(system, x, false).empty())
+    return SystemNewtonCg{options}.solve(system, x);
+  if (n > kFactored || !has_weak_anchors(system, x, kWeak))
+    return SystemSchwarz<SystemNewtonCg>{options}.solve(system, x);
+  if (n > kMedium) return SystemSchwarz<SystemNewton>{options}.solve(system, x);
   return SystemNewtonCg{options}.solve(system, x);
 }
 

@@ -55,9 +55,11 @@ struct SystemIda {
 };
 
 /// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
-/// energies, and Newton-CG elsewhere (bench/laboratory/terms_auto.py).
+/// energies, and Newton-CG up to 1000 nodes (bench/laboratory/terms_auto.py). For more nodes with few elements
+/// each, as Auto for SpringSystem: "schwarz", but where anchors are weak, Newton-CG up to 30,000 nodes and
+/// "schwarz-direct" up to 300,000.
 struct SystemAuto {
-  AlignedOptions options;
+  ThreadedOptions options;
   static constexpr std::string_view name() { return "auto"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
@@ -79,11 +81,13 @@ struct SystemMultiStart {
 /// is minimised by Newton-CG on its own, with the others held, so that each place takes the steps that it
 /// needs, in cache. All of them are a sweep, which never raises the energy: color by color, as subdomains of
 /// one color do not depend on each other, and can be minimised on several threads. When sweeps gain little,
-/// `Global` (Newton-CG; Newton's method where anchors are weak beside the links) has to correct what is smooth
-/// over many subdomains, which it does in a few steps. Where it does not, sweeps and Global take turns.
+/// `Global` (Newton-CG; Newton's method where anchors are weak beside the links) has to correct what is
+/// smooth over many subdomains, which it does in a few steps. Where it does not, sweeps and Global take
+/// turns.
 ///
 /// A sweep and an iteration of Global are an iteration each; the other counts are of work on all nodes at
-/// once. A term with an unknown of its own, which couples all its elements, is refused.
+/// once. Time and memory of a sweep are O(nodes + elements). A common length depends on all elements of its
+/// term, and leaves nothing to divide: Global solves such a system alone.
 template <typename Global>
 struct SystemSchwarz {
   ThreadedOptions options;

@@ -1,5 +1,7 @@
 #include "partition.hpp"
 
+#include <utility>
+
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
@@ -13,7 +15,7 @@ Incidence::Incidence(const System& system) : first_(static_cast<std::size_t>(sys
   std::ptrdiff_t sum = 0;
   for (std::ptrdiff_t& first : first_) sum += std::exchange(first, sum);
   elements_.resize(static_cast<std::size_t>(sum));
-  PerInt<std::ptrdiff_t> next(first_);
+  Indexed<std::ptrdiff_t> next(first_);
   for (int t = 0; t < system.term_count(); ++t) {
     for (int e = 0; e < system.term(t).size(); ++e) {
       for (const int node : nodes_of({t, e})) elements_[static_cast<std::size_t>(next[node]++)] = {t, e};
@@ -24,8 +26,8 @@ Incidence::Incidence(const System& system) : first_(static_cast<std::size_t>(sys
 Partition::Partition(const Incidence& incidence, int size) {
   constexpr int kNone = -1;
   const int n = incidence.nodes();
-  PerInt<int> owner(static_cast<std::size_t>(n), kNone);
-  PerInt<int> seen(static_cast<std::size_t>(n), kNone);
+  Indexed<int> owner(static_cast<std::size_t>(n), kNone);
+  Indexed<int> seen(static_cast<std::size_t>(n), kNone);
   std::vector<int> frontier;  // nodes next to a subdomain, oldest first
   std::vector<int> grown;
   std::size_t oldest = 0;
@@ -63,7 +65,7 @@ Partition::Partition(const Incidence& incidence, int size) {
   int sum = 0;
   for (int& f : first) sum += std::exchange(f, sum);
   order.resize(static_cast<std::size_t>(n));
-  PerInt<int> next(first);
+  Indexed<int> next(first);
   for (int i = 0; i < n; ++i) order[next[owner[i]]++] = i;
 }
 

@@ -1,24 +1,14 @@
 #pragma once
 
+#include <asterism/solver/detail/indexed.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstddef>
 #include <span>
-#include <utility>
 #include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
-
-/// A std::vector of one entry for each node, subdomain or the like, which ints index.
-template <typename T>
-class PerInt : public std::vector<T> {
- public:
-  using std::vector<T>::vector;
-
-  T& operator[](int i) { return std::vector<T>::operator[](static_cast<std::size_t>(i)); }
-  const T& operator[](int i) const { return std::vector<T>::operator[](static_cast<std::size_t>(i)); }
-};
 
 /// The elements of a system by their nodes. The system has to outlive it, with the same elements.
 class Incidence {
@@ -46,16 +36,16 @@ class Incidence {
     const int* data;
     int arity;
   };
-  PerInt<Nodes> nodes_;          // of each term's elements
-  PerInt<std::ptrdiff_t> first_;  // of each node's elements
+  Indexed<Nodes> nodes_;           // of each term's elements
+  Indexed<std::ptrdiff_t> first_;  // of each node's elements
   std::vector<Element> elements_;
 };
 
 /// A partition of nodes into connected subdomains of some `size` nodes each, grown breadth first one beside
 /// the other. order[k] is the k-th node, subdomain s has those from first[s] to first[s + 1].
 struct Partition {
-  PerInt<int> order;
-  PerInt<int> first;
+  Indexed<int> order;
+  Indexed<int> first;
 
   Partition() = default;
   Partition(const Incidence& incidence, int size);

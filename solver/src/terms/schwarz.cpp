@@ -43,7 +43,7 @@ class Gatherer {
   }
 
   // A system of so many nodes of elements[t] of each term t; number[i] is what node i becomes.
-  System operator()(int nodes, std::span<const std::vector<int>> elements, const PerInt<int>& number) const {
+  System operator()(int nodes, std::span<const std::vector<int>> elements, const Indexed<int>& number) const {
     System to(nodes, from_->dim());
     for (std::size_t t = 0; t < elements.size(); ++t) {
       if (!elements[t].empty()) to.add(gather(static_cast<int>(t), elements[t], number));
@@ -51,7 +51,7 @@ class Gatherer {
     return to;
   }
 
-  // Bytes of an element of each node, in the mean over the elements' nodes.
+  // Bytes of all elements.
   double bytes() const {
     double sum = 0;
     for (int t = 0; t < from_->term_count(); ++t) {
@@ -70,7 +70,7 @@ class Gatherer {
     return term.size() > 1 && column.values.cols() == term.size();
   }
 
-  std::unique_ptr<Term> gather(int t, std::span<const int> elements, const PerInt<int>& number) const {
+  std::unique_ptr<Term> gather(int t, std::span<const int> elements, const Indexed<int>& number) const {
     const Term& term = from_->term(t);
     std::unique_ptr<Term> to = empty_[static_cast<std::size_t>(t)]->clone();
     const auto count = static_cast<Eigen::Index>(elements.size());
@@ -99,8 +99,10 @@ class Gatherer {
 // constellation are near in memory, and the systems of the subdomains.
 class Decomposition {
  public:
-  Decomposition(const System& given, int size, int threads)
-      : given_(&given), partition_(Incidence(given), size), renumbered_(renumber(given)) {
+  Decomposition(const System& given, int size, int threads) : renumbered_(0, given.dim()) {
+    incidence_ = Incidence(given);
+    partition_ = Partition(incidence_, size);
+    renumbered_ = renumber(given);
     incidence_ = Incidence(renumbered_);
     gatherer_ = std::make_unique<Gatherer>(renumbered_);
     workers_.resize(static_cast<std::size_t>(std::min(threads, std::max(1, count()))));
@@ -166,7 +168,7 @@ class Decomposition {
       nodes.resize(from);
     }
 
-    PerInt<int> number;      // a node's number in the present subdomain
+    Indexed<int> number;     // a node's number in the present subdomain
     std::vector<int> nodes;  // of the present subdomain
     std::vector<std::vector<int>> elements;
   };
@@ -182,11 +184,10 @@ class Decomposition {
   }
 
   System renumber(const System& given) const {
-    PerInt<int> number(static_cast<std::size_t>(given.nodes()));
+    Indexed<int> number(static_cast<std::size_t>(given.nodes()));
     for (int k = 0; const int i : partition_.order) number[i] = k++;
-    const Incidence incidence(given);
     std::vector<std::vector<int>> elements(static_cast<std::size_t>(given.term_count()));
-    for (const int i : partition_.order) add_elements(incidence, i, number, elements);
+    for (const int i : partition_.order) add_elements(i, number, elements);
     System result = Gatherer(given)(given.nodes(), elements, number);
     for (int i = 0; i < given.nodes(); ++i) {
       if (given.is_fixed(i)) result.fix(number[i]);
@@ -195,10 +196,9 @@ class Decomposition {
   }
 
   // Adds the elements of a node that no node of a lower number has.
-  static void add_elements(const Incidence& incidence, int node, const PerInt<int>& number,
-                           std::vector<std::vector<int>>& elements) {
-    for (const Incidence::Element& element : incidence.of(node)) {
-      const std::span<const int> nodes = incidence.nodes_of(element);
+  void add_elements(int node, const Indexed<int>& number, std::vector<std::vector<int>>& elements) const {
+    for (const Incidence::Element& element : incidence_.of(node)) {
+      const std::span<const int> nodes = incidence_.nodes_of(element);
       if (std::any_of(nodes.begin(), nodes.end(), [&](int other) { return number[other] < number[node]; }))
         continue;
       std::vector<int>& of_term = elements[static_cast<std::size_t>(element.term)];
@@ -212,7 +212,7 @@ class Decomposition {
     worker.elements.resize(static_cast<std::size_t>(renumbered_.term_count()));
     for (std::vector<int>& of_term : worker.elements) of_term.clear();
     for (int k = 0; k < moving; ++k)
-      add_elements(incidence_, worker.nodes[static_cast<std::size_t>(k)], worker.number, worker.elements);
+      add_elements(worker.nodes[static_cast<std::size_t>(k)], worker.number, worker.elements);
     Subdomain result{(*gatherer_)(static_cast<int>(worker.nodes.size()), worker.elements, worker.number),
                      worker.nodes, moving};
     worker.leave();
@@ -224,9 +224,9 @@ class Decomposition {
   }
 
   // Enters the nodes of subdomain s, extended by one layer of neighbours where that does not double it, and
-  // the nodes next to them. Returns how many of them move; these are the first. A neighbour with more elements
-  // than the subdomain has nodes stays outside: its neighbours, too, would have to be gathered for each
-  // subdomain that it is next to.
+  // the nodes next to them. Returns how many of them move; these are the first. A neighbour with more
+  // elements than the subdomain has nodes stays outside: its neighbours, too, would have to be gathered for
+  // each subdomain that it is next to.
   int enter(int s, Worker& worker) const {
     worker.nodes.clear();
     for (int i = partition_.first[s]; i < partition_.first[s + 1]; ++i) worker.enter(i);
@@ -253,7 +253,7 @@ class Decomposition {
   // moves. Colors are bits; a subdomain for which no bit is left has a color of its own.
   void color() {
     constexpr int kBits = 32;
-    PerInt<std::uint32_t> moved(static_cast<std::size_t>(renumbered_.nodes()), 0), read(moved);
+    Indexed<std::uint32_t> moved(static_cast<std::size_t>(renumbered_.nodes()), 0), read(moved);
     Worker& worker = workers_[0];
     int more = kBits;
     for (int s = 0; s < count(); ++s) {
@@ -273,13 +273,12 @@ class Decomposition {
     }
   }
 
-  const System* given_;
   Partition partition_;
   System renumbered_;
-  Incidence incidence_;  // by the new numbers
+  Incidence incidence_;  // of the given system at first, then of renumbered_
   std::unique_ptr<Gatherer> gatherer_;
   std::vector<Worker> workers_;
-  std::vector<std::vector<int>> by_color_;         // subdomains
+  std::vector<std::vector<int>> by_color_;        // subdomains
   std::vector<std::unique_ptr<Subdomain>> kept_;  // none where memory does not suffice for all
 };
 
@@ -300,15 +299,17 @@ class SchwarzSolve {
   }
 
   Status iterate(Global global) {
-    constexpr int kFirstTurn = 4;  // iterations of `global`; later turns are longer
+    constexpr int kFirstTurn = 4;                      // iterations of `global`; later turns are longer
     const auto report = [this](const Iteration& at) {  // `global` knows no numbers of nodes, and no sweeps
       const Points given = decomposition_.restored(at.x);
-      return options_.on_iteration({summary_.iterations + at.number, at.energy, at.gradient_norm,
+      return options_.on_iteration({summary_.iterations + at.number,
+                                    at.energy,
+                                    at.gradient_norm,
                                     {given.data(), given.rows(), given.cols()}});
     };
     AlignedOptions options = options_;
     if (options_.on_iteration) options.on_iteration = report;
-    options.tolerance *= 0.9;  // so that it is also reached by the sums in the given order
+    options.tolerance *= 0.9;           // so that it is also reached by the sums in the given order
     options.ground_components = false;  // their nodes are fixed already
     for (int turn = kFirstTurn;; turn = std::min(2 * turn, 1 << 20)) {
       if (decomposition_.count() > 1) sweep();
@@ -358,29 +359,30 @@ class SchwarzSolve {
   AlignedOptions local_;  // of the subdomains
 };
 
-// Why the method does not take the system; empty if it does.
-std::string schwarz_problem(const System& system) {
-  if (std::string missing = missing_curvature(system, Curvature::True); !missing.empty())
-    return "the method needs second derivatives: " + missing;
+// Whether the elements of a term share an unknown, which depends on all of them and leaves no subdomains.
+bool is_coupled(const System& system) {
   for (int t = 0; t < system.term_count(); ++t) {
-    const Term& term = system.term(t);
-    if (term.size() > 0 && term.has_hidden())
-      return std::string(term.kind()) + ": its unknown depends on all elements, so that there are no subdomains";
+    if (system.term(t).size() > 0 && system.term(t).has_hidden()) return true;
   }
-  return {};
+  return false;
 }
 
 Summary solve_schwarz(std::string_view name, const ThreadedOptions& options, const System& system, Points& x,
                       Global global) {
   if (const char* problem = options.problem()) return refused(name, problem);
+  if (is_coupled(system)) {
+    Summary whole = global(options, system, x);
+    whole.solver = name;
+    return whole;
+  }
   AlignedOptions of_run = options;
   const auto report = [&options](const Iteration& at) {  // the start; later ones are those of `global`
     return at.number > 0 || options.on_iteration(at);
   };
   if (options.on_iteration) of_run.on_iteration = report;
   return SystemRun::solve(name, of_run, system, x, [&](SystemRun& run) {
-    if (const std::string problem = schwarz_problem(run.system()); !problem.empty()) {
-      run.summary().message = std::string_view(problem);
+    if (const std::string missing = missing_curvature(run.system(), Curvature::True); !missing.empty()) {
+      run.summary().message = std::string_view("the method needs second derivatives: " + missing);
       return Status::InvalidInput;
     }
     if (run.is_over()) return run.end();

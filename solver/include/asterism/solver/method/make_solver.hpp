@@ -13,7 +13,6 @@
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/method/staircase.hpp>
@@ -45,10 +44,9 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
 /// "ncg-forward", "ncg-central", "multi-start" (of Auto) and, unless anchors are anisotropic, "staircase" (of
 /// Auto); for springs only, in 2 or 3 dimensions, "branch-and-bound"; for systems without a bound on their
-/// nodes also "ida-sparse", "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". With
-/// asterism::solver_compiled also those of system_methods, except for models that are not made of terms, see
-/// to_system. The adapters of other packages add more: add_cholmod, reference::add_ceres,
-/// reference::add_liblbfgs.
+/// nodes also "ida-sparse", "newton-sparse" and "lbfgs-jacobi". With asterism::solver_compiled also those of
+/// system_methods, such as "schwarz", except for models that are not made of terms, see to_system. The
+/// adapters of other packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -70,8 +68,6 @@ SolverRegistry<System> solver_registry() {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");
     registry.template add<detail::JacobiLbfgs<System>>("lbfgs-jacobi");
-    registry.template add<Schwarz<System>>("schwarz");
-    registry.template add<detail::FactoredSchwarz<System>>("schwarz-direct");
   }
 #ifdef ASTERISM_SOLVER_COMPILED
   if constexpr (detail::has_terms<System>()) add_system_solvers(registry);
