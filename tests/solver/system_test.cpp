@@ -1360,7 +1360,8 @@ TEST(SystemTable, StandsInTheDocs) {
     return problem == nullptr ? std::string("yes") : "no: " + std::string(problem);
   };
   std::string table =
-      "| term | lbfgs, ncg | newton, newton-cg, covariance | ida | certificate | gradients | files, pickle "
+      "| term | lbfgs, ncg | newton, newton-cg, schwarz, covariance | ida | certificate | gradients | files, "
+      "pickle "
       "|\n"
       "|---|---|---|---|---|---|---|\n";
   for (const Kind& kind : kinds()) {

@@ -73,19 +73,38 @@ bool is_dense(const System& system) {
   return 3 * pairs > n * (n - 1) / 2;
 }
 
-// Whether most nodes have an anchor of less than this share of the stiffness that the other elements of a node
-// have on average.
-bool has_weak_anchors(const System& system, const Eigen::MatrixXd& x, double share) {
-  const int n = system.nodes();
-  Scales scales;
-  scales.stiffness.setZero(n);
-  scales.loads.setZero(n);
-  for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
-  Eigen::VectorXd held = Eigen::VectorXd::Zero(n);
-  for (const Scales::Place& place : scales.places) held[place.node] += place.stiffness;
-  const double others = (scales.stiffness - held).mean();
-  return 2 * (held.array() < share * others).count() > n;
+// Whether elements that connect nodes are fewer than coordinates, and so cannot hold a shape (Maxwell 1864).
+bool is_floppy(const System& system) {
+  double count = 0;  // of what an element holds, its coordinates or one length, angle or area
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    if (term.arity() > 1) count += term.is_quadratic() ? system.dim() * term.size() : term.size();
+  }
+  return count < static_cast<double>(system.dim()) * system.nodes();
 }
+
+// How strongly the nodes are held.
+class Anchoring {
+ public:
+  Anchoring(const System& system, const Eigen::MatrixXd& x) : held_(Eigen::VectorXd::Zero(system.nodes())) {
+    Scales scales;
+    scales.stiffness.setZero(system.nodes());
+    scales.loads.setZero(system.nodes());
+    for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+    for (const Scales::Place& place : scales.places) held_[place.node] += place.stiffness;
+    others_ = (scales.stiffness - held_).mean();
+  }
+
+  // Whether most nodes have an anchor.
+  bool is_of_most() const { return 2 * (held_.array() > 0).count() > held_.size(); }
+  // Whether most nodes have less than this share of the stiffness that the other elements of a node have on
+  // average.
+  bool is_below(double share) const { return 2 * (held_.array() < share * others_).count() > held_.size(); }
+
+ private:
+  Eigen::VectorXd held_;
+  double others_;
+};
 
 }  // namespace
 
@@ -94,12 +113,15 @@ Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   constexpr int kSmall = 64;  // unknowns
   if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
   constexpr int kFew = 1000, kMedium = 30000, kFactored = 300000;  // nodes
-  constexpr double kWeak = 5e-5;
+  constexpr double kWeak = 5e-5, kWeakForFloppy = 5e-3;
   const int n = system.nodes();
-  // Also what is refused by every method, such as nodes that do not exist, and has no scales.
+  // Also what every method refuses.
   if (n <= kFew || is_dense(system) || !validate(system, x, false).empty())
     return SystemNewtonCg{options}.solve(system, x);
-  if (n > kFactored || !has_weak_anchors(system, x, kWeak))
+  const Anchoring anchors(system, x);
+  if (n <= kMedium && is_floppy(system) && anchors.is_of_most() && anchors.is_below(kWeakForFloppy))
+    return SystemNewton{options}.solve(system, x);
+  if (n > kFactored || !anchors.is_below(kWeak))
     return SystemSchwarz<SystemNewtonCg>{options}.solve(system, x);
   if (n > kMedium) return SystemSchwarz<SystemNewton>{options}.solve(system, x);
   return SystemNewtonCg{options}.solve(system, x);

@@ -14,12 +14,39 @@ namespace detail {
 
 // The methods for a System. Each keeps its options and no more: workspaces live for one solve.
 
+/// Options of Newton's method, in addition to those of all methods.
+struct SystemNewtonOptions : AlignedOptions {
+  /// Continue from stationary points whose Hessian has a negative eigenvalue.
+  bool escape_saddles = true;
+
+  /// Begin with strong anchors if they are weak and the start is far from a minimum.
+  bool continuation = true;
+
+  constexpr SystemNewtonOptions() = default;
+  constexpr SystemNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, SystemNewtonOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("escape_saddles", options.escape_saddles);
+  visit("continuation", options.continuation);
+}
+
 /// Newton's method with a line search. Where the Hessian is not positive definite, or its step is too long
 /// to be trusted, the step is that of the matrix without the elements' negative curvature (projected Newton;
 /// Teran et al. 2005), plus a share of the nodes' stiffness. A saddle is left along a direction of negative
 /// curvature.
+///
+/// Two things are for systems of more than 64 unknowns, where a factorisation is expensive for a short step.
+/// If the Hessian at the start is not positive definite, weak anchors are made strong at first, and their
+/// minimum is followed as they weaken a hundredfold at a time: while anchors pull the nodes along a curved
+/// valley of the other terms' energy, steps are short, and the minimum hardly moves once anchors are far
+/// weaker. The energy of the given system may rise on the way; if the way ends above the start's energy, the
+/// solve begins again there. And steps without a positive definite Hessian, and those that the line search
+/// shortens, alternate with turns of L-BFGS, whose steps cost and count as a hundredth.
 struct SystemNewton {
-  AlignedOptions options;
+  SystemNewtonOptions options;
   static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
@@ -55,9 +82,9 @@ struct SystemIda {
 };
 
 /// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
-/// energies, and Newton-CG up to 1000 nodes (bench/laboratory/terms_auto.py). For more nodes with few elements
-/// each, as Auto for SpringSystem: "schwarz", but where anchors are weak, Newton-CG up to 30,000 nodes and
-/// "schwarz-direct" up to 300,000.
+/// energies, and Newton-CG up to 1000 nodes (bench/laboratory/terms_auto.py). For more nodes with few
+/// elements each, as Auto for SpringSystem: "schwarz", but where anchors are weak, Newton-CG up to 30,000
+/// nodes and "schwarz-direct" up to 300,000; Newton up to 30,000 nodes for a floppy system on weak anchors.
 struct SystemAuto {
   ThreadedOptions options;
   static constexpr std::string_view name() { return "auto"; }

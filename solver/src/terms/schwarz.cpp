@@ -400,7 +400,11 @@ template <typename Global>
 Summary SystemSchwarz<Global>::solve(const System& system, Eigen::MatrixXd& x) const {
   return solve_schwarz(name(), options, system, x,
                        [](const AlignedOptions& of_global, const System& renumbered, Points& points) {
-                         return Global{of_global}.solve(renumbered, points);
+                         Global solver{of_global};
+                         // After the sweeps, x is close to a minimum.
+                         if constexpr (requires { solver.options.continuation; })
+                           solver.options.continuation = false;
+                         return solver.solve(renumbered, points);
                        });
 }
 
