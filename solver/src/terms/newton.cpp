@@ -193,7 +193,8 @@ class NewtonSolve {
 
   // Where forces are below the tolerance but, for weak anchors, the energy is not.
   bool descend_further() {
-    if (options_.gap > 0 || options_.stopped() || run_.summary().iterations >= options_.max_iterations)
+    if (!run_.rule().reached(run_.gradient()) || options_.gap > 0 || options_.stopped() ||
+        run_.summary().iterations >= options_.max_iterations)
       return false;
     const Eigen::MatrixXd direction = -factor_.solve(run_.gradient());
     const double slope = run_.gradient().cwiseProduct(direction).sum();
