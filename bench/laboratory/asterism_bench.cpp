@@ -177,7 +177,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->add_option(
           "--solver,--solvers", chosen,
           "names, separated by commas, or all; for systems of terms: auto, newton, newton-cg, lbfgs, ncg, "
-          "ida, multi-start, staircase, graduated")
+          "ida, schwarz, schwarz-direct, multi-start, staircase, graduated")
       ->capture_default_str();
   solve->add_option("--tolerance", limits.tolerance, "tolerance of the stopping rule")->capture_default_str();
   solve->add_option("--iterations", limits.iterations, "maximum number of iterations")->capture_default_str();

@@ -2,8 +2,8 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <chrono>
@@ -72,9 +72,7 @@ double cloth_seconds() {
 
 // Seconds on the clock to stationarity 1e-6 by so many threads; infinity if that is not reached.
 double seconds_of_threads(const Problem& problem, int threads) {
-  Schwarz<System> solver;
-  solver.options.tolerance = 1e-6;
-  solver.options.threads = threads;
+  AnySolver<System> solver = system_solver<System>("schwarz", {{"tolerance", 1e-6}, {"threads", threads}});
   System::Points x = problem.start;
   const auto begin = std::chrono::steady_clock::now();
   const Summary summary = solver.solve(problem.system, x);

@@ -27,7 +27,5 @@
 #define ASTERISM_COMPILE_SPARSE_SOLVERS(System) \
   ASTERISM_COMPILE(SparseIda, System)           \
   ASTERISM_COMPILE(detail::JacobiLbfgs, System) \
-  ASTERISM_COMPILE(SparseNewton, System)        \
-  ASTERISM_COMPILE(Schwarz, System)             \
-  ASTERISM_COMPILE(detail::FactoredSchwarz, System)
+  ASTERISM_COMPILE(SparseNewton, System)
 // NOLINTEND(bugprone-macro-parentheses)

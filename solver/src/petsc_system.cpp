@@ -1,4 +1,4 @@
-#include <asterism/solver/method/schwarz.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <chrono>
 #include <optional>
 #include <stdexcept>
@@ -285,10 +285,10 @@ struct DistributedSystem<kDim>::Impl {
   void minimise_locally(const DistributedOptions& options) {
     using System = typename LocalSystem<kDim>::System;
     System& system = local.system;
-    SchwarzOptions sweeps;
-    sweeps.tolerance = options.tolerance;
-    sweeps.stop = options.stop;
-    sweeps.align = false;  // the others' nodes would have to move too
+    // Without alignment: the others' nodes would have to move too.
+    AnySolver<System> sweeps = system_solver<System>("schwarz", {{"align", false}});
+    sweeps.options().tolerance = options.tolerance;
+    sweeps.options().stop = options.stop;
     std::vector<int> held;
     const auto hold = [&](int i) {
       if (system.is_fixed(i)) return;
@@ -305,7 +305,7 @@ struct DistributedSystem<kDim>::Impl {
         hold(ghost);
       }
       Points points = field->fetch(x);
-      (void)Schwarz<System>(system, sweeps).solve(system, points);
+      (void)sweeps.solve(system, points);
       for (const int i : std::exchange(held, {})) system.release(i);
       double* values = nullptr;
       check(VecGetArrayWrite(x, &values));

@@ -116,7 +116,7 @@ class Laboratory(unittest.TestCase):
         result = run("solve", file)
         self.assertEqual(result.returncode, 0, result.stderr)
         rows = [line.split() for line in result.stdout.splitlines()[2:]]
-        self.assertEqual([row[0] for row in rows], ["auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "graduated"])
+        self.assertEqual([row[0] for row in rows], ["auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "schwarz", "schwarz-direct", "multi-start", "graduated"])
         for row in rows:
             self.assertAlmostEqual(float(row[-6]) / energies[0], 1, delta=1e-6, msg=row[0])
         result = run("solve", file, "--solver", "newtn")

@@ -50,8 +50,7 @@ using Solvers = ::testing::Types<
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, SparseNewton<System>, Schwarz<System>, testing::MultiStart<System>,
-    testing::Staircase<System>, ShortSearch>;
+    Auto<System>, SparseNewton<System>, testing::MultiStart<System>, testing::Staircase<System>, ShortSearch>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;
@@ -168,9 +167,9 @@ TEST(TooLarge, Matrices) {
 // Including the allocations outside the subdomains' solvers.
 TEST(OutOfMemorySparse, WithSubdomains) {
   const Problem problem = testing::sparse_system<System>(1, 700);
-  expect_out_of_memory<Schwarz<System>>(problem);
+  expect_out_of_memory<testing::Schwarz<System>>(problem);
   const Problem other = testing::sparse_system<System>(1, 900);
-  expect_out_of_memory<Schwarz<System>>(problem, &other);
+  expect_out_of_memory<testing::Schwarz<System>>(problem, &other);
 }
 
 // Gradients by each of the factorisations, for the first system of a workspace and after another one.

@@ -1,7 +1,6 @@
 #pragma once
 
-// The methods of systems of terms as solvers of springs, by name and as types with the options that tests
-// set.
+// Methods of systems of terms as types of solvers of springs, with the options that tests set.
 
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
@@ -11,11 +10,6 @@
 #include <vector>
 
 namespace asterism::testing {
-
-template <typename Springs>
-AnySolver<Springs> by_terms(std::string_view name, const std::vector<NamedOption>& options = {}) {
-  return AnySolver<Springs>(system_solvers().make(name, options), asterism::detail::FromSprings<Springs>());
-}
 
 template <typename Springs>
 struct Staircase {
@@ -35,10 +29,32 @@ struct MultiStart {
   StartsOptions options;
   static constexpr std::string_view name() { return "multi-start"; }
   Summary solve(const Springs& system, typename Springs::Points& x) const {
-    AnySolver<Springs> solver = by_terms<Springs>(name(), {{"starts", options.starts}});
+    AnySolver<Springs> solver = system_solver<Springs>(name(), {{"starts", options.starts}});
     static_cast<AlignedOptions&>(solver.options()) = options;
     return solver.solve(system, x);
   }
 };
+
+template <typename Springs, bool kDirect>
+class SchwarzOf {
+ public:
+  ThreadedOptions options;
+
+  static constexpr std::string_view name() {
+    return kDirect ? "Schwarz, sparse LDL^T" : "Schwarz, Newton-CG";
+  }
+  Summary solve(const Springs& springs, typename Springs::Points& x) {
+    static_cast<AlignedOptions&>(solver_.options()) = options;
+    return solver_.solve(springs, x);
+  }
+
+ private:
+  AnySolver<Springs> solver_ = system_solver<Springs>(kDirect ? "schwarz-direct" : "schwarz");
+};
+
+template <typename Springs>
+using Schwarz = SchwarzOf<Springs, false>;
+template <typename Springs>
+using DirectSchwarz = SchwarzOf<Springs, true>;
 
 }  // namespace asterism::testing

@@ -123,7 +123,7 @@ TEST(Each, IsDividedWithItsSystem) {
     system.link_potential.values.push_back({{length * rng.uniform(0.1, 1)}});
   auto x = start, y = start;
   const Summary direct = SparseNewton<Ropes>().solve(system, x);
-  const Summary divided = Schwarz<Ropes>().solve(system, y);
+  const Summary divided = system_solver<Ropes>("schwarz").solve(system, y);
   EXPECT_EQ(direct.status, Status::Converged) << direct;
   EXPECT_EQ(divided.status, Status::Converged) << divided;
   EXPECT_NEAR(divided.final_energy, direct.final_energy, 1e-2 * direct.final_energy);

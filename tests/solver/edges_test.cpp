@@ -4,6 +4,7 @@
 
 #include <Eigen/Cholesky>
 #include <asterism/solver.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <cmath>
 #include <limits>
 #include <string>
@@ -466,7 +467,7 @@ TEST(AutoSolver, LooksAtHowMostNodesAreHeld) {
   system.anchor_stiffness.setConstant(1e-3);
   EXPECT_EQ(chosen(), SparseNewton<System>::name());
   system.anchor_stiffness.setConstant(1);
-  EXPECT_EQ(chosen(), Schwarz<System>::name());
+  EXPECT_EQ(chosen(), system_solvers().make("schwarz").name());
   system.anchor_stiffness.setZero();
   for (const int corner : {0, kSide - 1, kSide * (kSide - 1), kSide * kSide - 1})
     system.anchor_stiffness[corner] = 10;
@@ -493,7 +494,7 @@ TEST(MultiStartSolver, NeverEndsHigherAndOftenLower) {
     testing::Rng rng(seed);
     const auto [system, start] = testing::random_system<Fixed>(rng, Topology<4>::full(), testing::Kind::Orig);
     auto single = start, many = start;
-    const Summary one = testing::by_terms<Fixed>("auto").solve(system, single);
+    const Summary one = system_solver<Fixed>("auto").solve(system, single);
     testing::MultiStart<Fixed> solver;
     const Summary best = solver.solve(system, many);
     EXPECT_EQ(best.status, Status::Converged);

@@ -76,11 +76,13 @@ void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {
 void solve_plane(const Problem& problem, std::vector<Attempt>& attempts) {
   static CommonSolvers<Plane> common;
   static SparseSolvers<Plane> sparse;
+  static DividingSolvers<Plane> dividing;
   static Adapters adapters;
   static WithoutLoads without_loads;
   static CommonSolvers<FourParts> four_parts;
   solve_with<Plane>(common, problem, attempts);
   solve_with<Plane>(sparse, problem, attempts);
+  solve_with<Plane>(dividing, problem, attempts);
   solve_with<Plane>(adapters, problem, attempts);
   if (problem.loads.size() == 0) solve_with<Plane>(without_loads, problem, attempts);
   solve_batch(problem, attempts);
@@ -94,8 +96,10 @@ void solve_plane(const Problem& problem, std::vector<Attempt>& attempts) {
 void solve_space(const Problem& problem, std::vector<Attempt>& attempts) {
   static CommonSolvers<Space> common;
   static SparseSolvers<Space> sparse;
+  static DividingSolvers<Space> dividing;
   solve_with<Space>(common, problem, attempts);
   solve_with<Space>(sparse, problem, attempts);
+  solve_with<Space>(dividing, problem, attempts);
 }
 
 }  // namespace asterism::hostile

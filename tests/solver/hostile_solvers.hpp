@@ -6,6 +6,7 @@
 #include <cstring>
 #include <tuple>
 
+#include "by_terms.hpp"
 #include "hostile.hpp"
 
 namespace asterism::hostile {
@@ -53,8 +54,10 @@ template <typename System>
 using CommonSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
                                  NonlinearCg<System>, Auto<System>>;
 template <typename System>
-using SparseSolvers =
-    std::tuple<Ida<System, SparseCholesky<System>>, Lbfgs<System, JacobiMetric<System>>, SparseNewton<System>,
-               Schwarz<System>, Schwarz<System, SparseNewton<System>>>;
+using SparseSolvers = std::tuple<Ida<System, SparseCholesky<System>>, Lbfgs<System, JacobiMetric<System>>,
+                                 SparseNewton<System>>;
+/// Those for systems of terms, which are in double.
+template <typename System>
+using DividingSolvers = std::tuple<testing::Schwarz<System>, testing::DirectSchwarz<System>>;
 
 }  // namespace asterism::hostile

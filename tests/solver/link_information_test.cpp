@@ -3,6 +3,7 @@
 
 #include <Eigen/Dense>
 #include <asterism/solver.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <cstdint>
@@ -188,7 +189,7 @@ TEST(LinkInformation, IsDividedWithItsSystem) {
   system.set_rest_offsets(System<2>::Points(start));
   System<2>::Points x = start, y = start;
   const Summary direct = SparseNewton<System<2>>().solve(system, x);
-  const Summary divided = Schwarz<System<2>>().solve(system, y);
+  const Summary divided = system_solver<System<2>>("schwarz").solve(system, y);
   EXPECT_EQ(direct.status, Status::Converged) << direct;
   EXPECT_EQ(divided.status, Status::Converged) << divided;
   EXPECT_LT((x - y).cwiseAbs().maxCoeff(), 1e-4 * characteristic_length(system, x));

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <asterism/solver.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <cmath>
@@ -246,10 +247,7 @@ TEST(Offsets, OfManyNodesAreSolvedBySubdomains) {
   system.set_rest_offsets(shape);
   auto x = start, y = start;
   const Summary direct = SparseNewton<System<2>>().solve(system, x);
-  SchwarzOptions options;
-  options.threads = 2;
-  Schwarz<System<2>> schwarz(system, options);
-  const Summary divided = schwarz.solve(system, y);
+  const Summary divided = system_solver<System<2>>("schwarz", {{"threads", 2}}).solve(system, y);
   EXPECT_EQ(direct.status, Status::Converged);
   EXPECT_EQ(divided.status, Status::Converged) << divided;
   EXPECT_NEAR(divided.final_energy, direct.final_energy, 1e-5 * direct.final_energy);

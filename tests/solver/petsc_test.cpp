@@ -6,8 +6,8 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <filesystem>
 #include <fstream>
@@ -186,9 +186,7 @@ TEST(Petsc, LeavesLittleToPetscAfterSchwarz) {
   if (size() == 1) {
     EXPECT_EQ(first.iterations, 0);
     Plane::Points x = random.start;
-    SchwarzOptions options;
-    options.align = false;
-    const Summary ours = Schwarz<Plane>(random.system, options).solve(random.system, x);
+    const Summary ours = system_solver<Plane>("schwarz", {{"align", false}}).solve(random.system, x);
     EXPECT_NEAR(first.final_energy, ours.final_energy, 1e-12 * ours.final_energy);
     EXPECT_LT((distributed.gather(0) - x).cwiseAbs().maxCoeff(), 1e-12);
   } else {

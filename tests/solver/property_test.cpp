@@ -15,7 +15,6 @@
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -275,7 +274,7 @@ using SparseSolvers = std::tuple<
 #ifdef ASTERISM_TEST_CHOLMOD
     CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
 #endif
-    SparseIda<System>, SparseNewton<System>, Schwarz<System>, Schwarz<System, SparseNewton<System>>,
+    SparseIda<System>, SparseNewton<System>, testing::Schwarz<System>, testing::DirectSchwarz<System>,
     NewtonCg<System>, Lbfgs<System>>;
 
 // Calls visit(solve) for each solver, where solve(max_iterations, x) runs it.
@@ -368,7 +367,7 @@ TEST(SparseProperty, EnergyNeverRisesInLargeSystems) {
 }
 
 TEST(MultiStartProperty, NeverWorseThanItsMethodAndTheSameAgain) {
-  AnySolver<Plane> method = testing::by_terms<Plane>("auto");
+  AnySolver<Plane> method = system_solver<Plane>("auto");
   testing::MultiStart<Plane> solver;
   solver.options.starts = 5;
   solver.options.max_iterations = method.options().max_iterations = 200;
@@ -407,7 +406,7 @@ TEST(MultiStartProperty, KeepsTheLowestWhereItIsAskedToStop) {
   timer.join();
   EXPECT_EQ(summary.status, Status::Interrupted) << summary;
   auto once = problem.start;
-  EXPECT_LE(summary.final_energy, testing::by_terms<Plane>("auto").solve(problem.system, once).final_energy);
+  EXPECT_LE(summary.final_energy, system_solver<Plane>("auto").solve(problem.system, once).final_energy);
   EXPECT_NEAR(energy(problem.system, x), summary.final_energy, 1e-12 * summary.final_energy);
 }
 

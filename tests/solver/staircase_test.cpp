@@ -24,7 +24,6 @@ namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-using testing::by_terms;
 using testing::Fixed2;
 using testing::Fixed2f;
 using testing::Kind;
@@ -44,7 +43,7 @@ struct Former {
 template <typename Springs>
 void expect_lowest(Kind kind, int nodes, int systems, double share, double accuracy,
                    const Former& former = {}) {
-  AnySolver<Springs> staircase = by_terms<Springs>("staircase"), plain = by_terms<Springs>("auto");
+  AnySolver<Springs> staircase = system_solver<Springs>("staircase"), plain = system_solver<Springs>("auto");
   int lowest_found = 0, proven = 0;
   double bounds = 0;
   for (int index = 0; index < systems; ++index) {
@@ -156,7 +155,7 @@ TEST(Staircase, KeepsFixedNodes) {
     auto [system, start] = testing::numbered_system<Plane>(Kind::Lit, Topology<>::full(5), index);
     system.fix(1);
     Plane::Points x = start, alone = start;
-    const Summary summary = by_terms<Plane>("staircase").solve(system, x);
+    const Summary summary = system_solver<Plane>("staircase").solve(system, x);
     ASSERT_TRUE(summary.usable());
     EXPECT_EQ(x.col(1), start.col(1));
     EXPECT_LE(summary.lower_bound, lowest_energy(system, start, 20, index) * (1 + 1e-9));
@@ -244,8 +243,8 @@ void expect_true_bounds(int nodes) {
         testing::numbered_system<Springs>(Kind::Lit, Springs::TopologyType::full(nodes), index);
     system.anchor_loss.scale = 0.5 * characteristic_length(system, start);
     typename Springs::Points x = start, alone = start;
-    const Summary plain = by_terms<Springs>("auto").solve(system, alone);
-    const Summary summary = by_terms<Springs>("staircase").solve(system, x);
+    const Summary plain = system_solver<Springs>("auto").solve(system, alone);
+    const Summary summary = system_solver<Springs>("staircase").solve(system, x);
     EXPECT_LE(summary.final_energy, plain.final_energy);
     const double lowest = lowest_energy(system, start, 60, index);
     EXPECT_GE(summary.lower_bound, 0);

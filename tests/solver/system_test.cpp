@@ -1044,7 +1044,8 @@ TEST(SystemMethods, LeaveAStartWithoutExtent) {
     System system(1, 2);
     system.add_elements(Eigen::RowVectorXi::Zero(1), square, has_second);
     for (const std::string_view method : system_methods()) {
-      if (method == "ida" || method == "staircase" || (!has_second && method.starts_with("newton"))) continue;
+      const bool needs_second = method.starts_with("newton") || method.starts_with("schwarz");
+      if (method == "ida" || method == "staircase" || (needs_second && !has_second)) continue;
       MatrixXd x = Eigen::Vector2d(1, 1);
       const Summary summary = solve(method, system, x);
       EXPECT_EQ(summary.status, Status::Converged) << method << " " << summary;
@@ -1400,8 +1401,8 @@ TEST(SystemTable, StandsInTheDocs) {
     return problem == nullptr ? std::string("yes") : "no: " + std::string(problem);
   };
   std::string table =
-      "| term | lbfgs, ncg | newton, newton-cg, covariance | ida | certificate | staircase | gradients | "
-      "files, pickle |\n"
+      "| term | lbfgs, ncg | newton, newton-cg, schwarz, covariance | ida | certificate | staircase | "
+      "gradients | files, pickle |\n"
       "|---|---|---|---|---|---|---|---|\n";
   for (const Kind& kind : kinds()) {
     Rng rng(1);

@@ -253,7 +253,6 @@ TEST(Triples, AreRefusedByWhatCannotTakeThem) {
   is_refused(Newton<Plane>());
   is_refused(NewtonCg<Plane>());
   is_refused(SparseNewton<Plane>());
-  is_refused(Schwarz<Plane>());
   const Certificate certificate = certify(system, system.anchors);
   EXPECT_EQ(certificate.proof, Proof::NotApplicable);
   EXPECT_EQ(std::string_view(certificate.reason), "the system has potentials over three nodes");

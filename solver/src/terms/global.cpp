@@ -57,10 +57,70 @@ bool is_quadratic(const System& system) {
 
 }  // namespace
 
+namespace {
+
+// Whether a third of all pairs of nodes, or more, are in an element together.
+bool is_dense(const System& system) {
+  double pairs = 0;
+  for (int t = 0; t < system.term_count(); ++t) {
+    const double arity = system.term(t).arity();
+    pairs += arity * (arity - 1) / 2 * system.term(t).size();
+  }
+  const double n = system.nodes();
+  return 3 * pairs > n * (n - 1) / 2;
+}
+
+// Whether elements that connect nodes are fewer than coordinates, and so cannot hold a shape (Maxwell 1864).
+bool is_floppy(const System& system) {
+  double count = 0;  // of what an element holds, its coordinates or one length, angle or area
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    if (term.arity() > 1) count += term.is_quadratic() ? system.dim() * term.size() : term.size();
+  }
+  return count < static_cast<double>(system.dim()) * system.nodes();
+}
+
+// How strongly the nodes are held.
+class Anchoring {
+ public:
+  Anchoring(const System& system, const Eigen::MatrixXd& x) : held_(Eigen::VectorXd::Zero(system.nodes())) {
+    Scales scales;
+    scales.stiffness.setZero(system.nodes());
+    scales.loads.setZero(system.nodes());
+    for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+    for (const Scales::Place& place : scales.places) held_[place.node] += place.stiffness;
+    others_ = (scales.stiffness - held_).mean();
+  }
+
+  // Whether most nodes have an anchor.
+  bool is_of_most() const { return 2 * (held_.array() > 0).count() > held_.size(); }
+  // Whether most nodes have less than this share of the stiffness that the other elements of a node have on
+  // average.
+  bool is_below(double share) const { return 2 * (held_.array() < share * others_).count() > held_.size(); }
+
+ private:
+  Eigen::VectorXd held_;
+  double others_;
+};
+
+}  // namespace
+
 Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
   constexpr int kSmall = 64;  // unknowns
   if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
+  constexpr int kFew = 1000, kMedium = 30000, kFactored = 300000;  // nodes
+  constexpr double kWeak = 5e-5, kWeakForFloppy = 5e-3;
+  const int n = system.nodes();
+  // Also what every method refuses.
+  if (n <= kFew || is_dense(system) || !validate(system, x, false).empty())
+    return SystemNewtonCg{options}.solve(system, x);
+  const Anchoring anchors(system, x);
+  if (n <= kMedium && is_floppy(system) && anchors.is_of_most() && anchors.is_below(kWeakForFloppy))
+    return SystemNewton{options}.solve(system, x);
+  if (n > kFactored || !anchors.is_below(kWeak))
+    return SystemSchwarz<SystemNewtonCg>{options}.solve(system, x);
+  if (n > kMedium) return SystemSchwarz<SystemNewton>{options}.solve(system, x);
   return SystemNewtonCg{options}.solve(system, x);
 }
 
@@ -234,6 +294,8 @@ SolverRegistry<System> system_solvers() {
   registry.add<detail::SystemLbfgs>("lbfgs");
   registry.add<detail::SystemCg>("ncg");
   registry.add<detail::SystemIda>("ida");
+  registry.add<detail::SystemSchwarz<detail::SystemNewtonCg>>("schwarz");
+  registry.add<detail::SystemSchwarz<detail::SystemNewton>>("schwarz-direct");
   registry.add<detail::SystemMultiStart>("multi-start");
   registry.add<detail::SystemStaircase>("staircase");
   registry.add<detail::SystemGraduated>("graduated");
@@ -241,7 +303,8 @@ SolverRegistry<System> system_solvers() {
 }
 
 std::vector<std::string_view> system_methods() {
-  return {"auto", "newton", "newton-cg", "lbfgs", "ncg", "ida", "multi-start", "staircase", "graduated"};
+  return {"auto",    "newton",         "newton-cg",   "lbfgs",     "ncg",      "ida",
+          "schwarz", "schwarz-direct", "multi-start", "staircase", "graduated"};
 }
 
 Summary solve(const System& system, Eigen::MatrixXd& x, const AlignedOptions& options) {

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <string>
 #include <string_view>
+#include <type_traits>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -15,12 +16,39 @@ namespace detail {
 
 // The methods for a System. Each keeps its options and no more: workspaces live for one solve.
 
+/// Options of Newton's method, in addition to those of all methods.
+struct SystemNewtonOptions : AlignedOptions {
+  /// Continue from stationary points whose Hessian has a negative eigenvalue.
+  bool escape_saddles = true;
+
+  /// Begin with strong anchors if they are weak and the start is far from a minimum.
+  bool continuation = true;
+
+  constexpr SystemNewtonOptions() = default;
+  constexpr SystemNewtonOptions(const AlignedOptions& options) : AlignedOptions(options) {}
+};
+
+/// The names of these options, for an OptionVisitor.
+inline void visit_options(OptionVisitor& visit, SystemNewtonOptions& options) {
+  visit_options(visit, static_cast<AlignedOptions&>(options));
+  visit("escape_saddles", options.escape_saddles);
+  visit("continuation", options.continuation);
+}
+
 /// Newton's method with a line search. Where the Hessian is not positive definite, or its step is too long
 /// to be trusted, the step is that of the matrix without the elements' negative curvature (projected Newton;
 /// Teran et al. 2005), plus a share of the nodes' stiffness. A saddle is left along a direction of negative
 /// curvature.
+///
+/// Two things are for systems of more than 64 unknowns, where a factorisation is expensive for a short step.
+/// If the Hessian at the start is not positive definite, weak anchors are made strong at first, and their
+/// minimum is followed as they weaken a hundredfold at a time: while anchors pull the nodes along a curved
+/// valley of the other terms' energy, steps are short, and the minimum hardly moves once anchors are far
+/// weaker. The energy of the given system may rise on the way; if the way ends above the start's energy, the
+/// solve begins again there. And steps without a positive definite Hessian, and those that the line search
+/// shortens, alternate with turns of L-BFGS, whose steps cost and count as a hundredth.
 struct SystemNewton {
-  AlignedOptions options;
+  SystemNewtonOptions options;
   static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
@@ -56,9 +84,11 @@ struct SystemIda {
 };
 
 /// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
-/// energies, and Newton-CG elsewhere (bench/laboratory/terms_auto.py).
+/// energies, and Newton-CG up to 1000 nodes (bench/laboratory/terms_auto.py). For more nodes with few
+/// elements each, as Auto for SpringSystem: "schwarz", but where anchors are weak, Newton-CG up to 30,000
+/// nodes and "schwarz-direct" up to 300,000; Newton up to 30,000 nodes for a floppy system on weak anchors.
 struct SystemAuto {
-  AlignedOptions options;
+  ThreadedOptions options;
   static constexpr std::string_view name() { return "auto"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
@@ -97,6 +127,33 @@ struct SystemMultiStart {
   static constexpr std::string_view name() { return "multi-start"; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
+
+/// Alternating minimisation over overlapping subdomains, for large sparse systems (Schwarz's method for
+/// minimisation: Tai & Espedal 1998), finished by a method for all nodes at once.
+///
+/// A large system is slow to solve not because of its size but because of its worst places: springs far from
+/// their rest length, where the energy is not convex, limit the length of a step of all nodes together, and
+/// more nodes have more such places. Here each subdomain, some hundred connected nodes and their neighbours,
+/// is minimised by Newton-CG on its own, with the others held, so that each place takes the steps that it
+/// needs, in cache. All of them are a sweep, which never raises the energy: color by color, as subdomains of
+/// one color do not depend on each other, and can be minimised on several threads. When sweeps gain little,
+/// `Global` (Newton-CG; Newton's method where anchors are weak beside the links) has to correct what is
+/// smooth over many subdomains, which it does in a few steps. Where it does not, sweeps and Global take
+/// turns.
+///
+/// A sweep and an iteration of Global are an iteration each; the other counts are of work on all nodes at
+/// once. Time and memory of a sweep are O(nodes + elements). A common length depends on all elements of its
+/// term, and leaves nothing to divide: Global solves such a system alone.
+template <typename Global>
+struct SystemSchwarz {
+  ThreadedOptions options;
+  static constexpr std::string_view name() {
+    return std::is_same_v<Global, SystemNewton> ? "Schwarz, sparse LDL^T" : "Schwarz, Newton-CG";
+  }
+  Summary solve(const System& system, Eigen::MatrixXd& x) const;
+};
+extern template struct SystemSchwarz<SystemNewtonCg>;
+extern template struct SystemSchwarz<SystemNewton>;
 
 /// The most dimensions that the staircase adds.
 inline constexpr int kMostLifts = 3;

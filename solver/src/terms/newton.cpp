@@ -1,12 +1,15 @@
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/memory.hpp>
 #include <cmath>
 #include <limits>
 
+#include "lbfgs_pairs.hpp"
 #include "loss.hpp"
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "run.hpp"
+#include "stopping_rule.hpp"
 
 // Newton's method with a factored Hessian.
 
@@ -42,62 +45,260 @@ bool leave_saddle(SystemRun& run, const Eigen::VectorXd& v, double curvature) {
 
 }  // namespace
 
-Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
-  return SystemRun::solve(name(), options, system, x, [](SystemRun& run) {
-    if (run.lacks_hessian()) return Status::InvalidInput;
-    constexpr double kLeastShare = 1e-9, kMostShare = 1e3;
-    constexpr int kMaxEscapes = 50;
-    SystemMatrix matrix(SystemMatrix::Storage::Best), clamped(SystemMatrix::Storage::Best);
-    SystemFactor factor, clamped_factor;
-    double share = 1e-3;  // of the nodes' stiffness
+namespace {
+
+// Whether the block of a node alone shows that the matrix is not positive definite.
+bool has_indefinite_block(const SystemMatrix& matrix, int nodes, int dim) {
+  if (matrix.is_dense() || matrix.is_shared()) return false;
+  Eigen::MatrixXd block(dim, dim);
+  for (int i = 0; i < nodes; ++i) {
+    block.setZero();
+    for (int c = 0; c < dim; ++c) {
+      for (SystemMatrix::Sparse::InnerIterator at(matrix.sparse(), dim * i + c); at; ++at) {
+        if (at.row() >= dim * (i + 1)) break;
+        block(at.row() - dim * i, c) = at.value();
+      }
+    }
+    for (int c = 0; c < dim; ++c) {  // elimination
+      if (!(block(c, c) > 0)) return true;
+      for (int k = c + 1; k < dim; ++k) {
+        for (int r = k; r < dim; ++r) block(r, k) -= block(r, c) * block(k, c) / block(c, c);
+      }
+    }
+  }
+  return false;
+}
+
+// What weak anchors and the other terms have in all.
+struct Shares {
+  double anchors = 0, others = 0;  // stiffness
+  double held = 0;                 // energy of the anchors
+};
+
+bool is_anchor(const Term& term) {
+  return term.size() > 0 && term.arity() == 1 && term.role(0) == Term::Role::Holds &&
+         std::any_of(term.columns().begin(), term.columns().end(),
+                     [](const Column& column) { return column.name == "stiffness"; });
+}
+
+Shares shares_at(const System& system, const Eigen::MatrixXd& x) {
+  Shares result;
+  const Scales scales = scales_of(system, x);
+  for (int t = 0; t < system.term_count(); ++t) {
+    if (is_anchor(system.term(t))) result.held += system.term(t).energy(x, nullptr);
+  }
+  for (const Scales::Place& place : scales.places) result.anchors += place.stiffness;
+  result.others = (scales.stiffness.sum() - result.anchors) / 2;
+  return result;
+}
+
+System with_anchors_times(const System& system, double factor) {
+  System result = system;
+  for (int t = 0; t < result.term_count(); ++t) {
+    if (is_anchor(result.term(t))) result.term(t).values("stiffness") *= factor;
+  }
+  return result;
+}
+
+class NewtonSolve {
+ public:
+  NewtonSolve(SystemRun& run, const SystemNewtonOptions& options)
+      : run_(run), options_(options), is_large_(run.x().size() > kSmall) {}
+
+  Status iterate() {
     int escapes = 0;
+    bool is_start = true;
+    bool has_turned = false;  // the last iteration was a turn
+    double gain = 0;          // of the last step
     while (true) {
-      const bool is_over = run.is_over();
-      if (is_over && run.end() != Status::Converged) return run.end();
-      matrix.assemble(run.system(), run.x(), Curvature::True);
-      ++run.summary().factorizations;
-      const bool is_definite = factor.factorize(matrix);
+      const bool is_over = run_.is_over();
+      if (is_over && run_.end() != Status::Converged) return run_.end();
+      bool is_definite = false;
+      if (is_over || !has_turned) {
+        matrix_.assemble(run_.system(), run_.x(), Curvature::True);
+        // To leave a saddle needs the factors.
+        if (is_over || !has_indefinite_block(matrix_, run_.system().nodes(), run_.system().dim())) {
+          ++run_.summary().factorizations;
+          is_definite = factor_.factorize(matrix_);
+        }
+      }
       if (is_over) {
-        run.summary().positive_definite = is_definite ? 1 : 0;
-        if (is_definite || !run.rule().reached(run.gradient()) || escapes == kMaxEscapes) return run.end();
-        const Eigen::VectorXd v = factor.negative_direction(matrix);
-        if (v.size() == 0) return run.end();
-        const double curvature = v.dot(matrix * v);
-        // What rounding may have made of a free motion is none.
-        const double scale =
-            v.cwiseAbs2().head(run.x().size()).sum() * run.rule().node_stiffness().maxCoeff();
-        if (!(curvature < -1e-9 * scale) || !leave_saddle(run, v, curvature)) return run.end();
-        ++escapes;
-        ++run.summary().iterations;
+        run_.summary().positive_definite = is_definite ? 1 : 0;
+        const bool goes_on =
+            is_definite ? is_large_ && descend_further() : escapes++ < kMaxEscapes && escape();
+        if (!goes_on) return run_.end();
         continue;
       }
-      double step = 1;
-      ++run.summary().linear_solves;
-      if (is_definite) {
-        const Eigen::MatrixXd direction = -factor.solve(run.gradient());
-        if (run.trusted_step(direction) == 1 && run.search(direction, step)) {
-          ++run.summary().iterations;
+      if (!is_definite && !has_turned && is_large_) {
+        if (is_start && options_.continuation && continue_from_strong()) {
+          is_start = false;
           continue;
         }
+        is_start = false;
+        take_turn(gain);
+        has_turned = true;
+        continue;
       }
-      bool has_moved = false, is_whole = false;
-      while (!has_moved) {
-        clamped.assemble(run.system(), run.x(), Curvature::Clamped);
-        clamped.shift(run.rule().node_stiffness(), share);
-        ++run.summary().factorizations, ++run.summary().linear_solves;
-        if (clamped_factor.factorize(clamped)) {
-          const Eigen::MatrixXd direction = -clamped_factor.solve(run.gradient());
-          const double first = step = run.trusted_step(direction);
-          has_moved = run.search(direction, step);
-          is_whole = has_moved && step == first;
-        }
-        // A step that was not cut short was trusted too little.
-        share = std::max(is_whole ? share / 10 : share * 4, kLeastShare);
-        if (!has_moved && share > kMostShare) return Status::NoProgress;
-      }
-      share = std::min(share, 1.0);
-      ++run.summary().iterations;
+      is_start = has_turned = false;
+      const double before = run_.energy();
+      double taken = 0;
+      if (is_definite) taken = newton_step();
+      if (taken == 0 && !repaired_step()) return Status::NoProgress;
+      gain = before - run_.energy();
+      if (taken > 0 && taken < 1 && is_large_ && run_.summary().iterations < options_.max_iterations)
+        take_turn(gain);
     }
+  }
+
+ private:
+  static constexpr int kSmall = 64;  // unknowns
+  static constexpr int kMaxEscapes = 50;
+  static constexpr int kTurn = 100;  // iterations of a turn at least, about a factorisation's cost
+  static constexpr int kLongestTurn = 1 << 20;
+
+  // From a saddle down; false where there is no way that rounding does not hide.
+  bool escape() {
+    if (!options_.escape_saddles || !run_.rule().reached(run_.gradient())) return false;
+    const Eigen::VectorXd v = factor_.negative_direction(matrix_);
+    if (v.size() == 0) return false;
+    const double curvature = v.dot(matrix_ * v);
+    // What rounding may have made of a free motion is none.
+    const double scale = v.cwiseAbs2().head(run_.x().size()).sum() * run_.rule().node_stiffness().maxCoeff();
+    if (!(curvature < -1e-9 * scale) || !leave_saddle(run_, v, curvature)) return false;
+    ++run_.summary().iterations;
+    return true;
+  }
+
+  // Where forces are below the tolerance but, for weak anchors, the energy is not.
+  bool descend_further() {
+    if (!run_.rule().reached(run_.gradient()) || options_.gap > 0 || options_.stopped() ||
+        run_.summary().iterations >= options_.max_iterations)
+      return false;
+    const Eigen::MatrixXd direction = -factor_.solve(run_.gradient());
+    const double slope = run_.gradient().cwiseProduct(direction).sum();
+    double step = 1;
+    if (!(-slope > 2 * run_.rule().tolerance() * energy_scale(run_.system(), run_.x(), run_.energy())) ||
+        !run_.search(direction, step))
+      return false;
+    ++run_.summary().iterations;
+    return true;
+  }
+
+  // A step by the factored Hessian; returns how much of it was taken, 0 where it is not to be trusted.
+  double newton_step() {
+    ++run_.summary().linear_solves;
+    const Eigen::MatrixXd direction = -factor_.solve(run_.gradient());
+    double step = 1;
+    if (run_.trusted_step(direction) < 1 || !run_.search(direction, step)) return 0;
+    ++run_.summary().iterations;
+    return step;
+  }
+
+  // A step by the matrix without the elements' negative curvature; false where rounding leaves none.
+  bool repaired_step() {
+    constexpr double kLeastShare = 1e-9, kMostShare = 1e3;
+    bool has_moved = false, is_whole = false;
+    while (!has_moved) {
+      clamped_.assemble(run_.system(), run_.x(), Curvature::Clamped);
+      clamped_.shift(run_.rule().node_stiffness(), share_);
+      ++run_.summary().factorizations, ++run_.summary().linear_solves;
+      if (clamped_factor_.factorize(clamped_)) {
+        const Eigen::MatrixXd direction = -clamped_factor_.solve(run_.gradient());
+        double step = run_.trusted_step(direction);
+        const double first = step;
+        has_moved = run_.search(direction, step);
+        is_whole = has_moved && step == first;
+      }
+      // A step that was not cut short was trusted too little.
+      share_ = std::max(is_whole ? share_ / 10 : share_ * 4, kLeastShare);
+      if (!has_moved && share_ > kMostShare) return false;
+    }
+    share_ = std::min(share_, 1.0);
+    ++run_.summary().iterations;
+    return true;
+  }
+
+  // A turn of L-BFGS from the nodes' stiffness, each kTurn of whose iterations count as one, for
+  // max_iterations to bound the work. The next one is longer if this one has lowered the energy by more than
+  // the last step did.
+  void take_turn(double gain_of_step) {
+    const Eigen::RowVectorXd inverse = run_.rule().node_stiffness().cwiseInverse().transpose();
+    const auto descent = [&inverse](const Eigen::MatrixXd& v) -> Eigen::MatrixXd {
+      return v * (-inverse).asDiagonal();
+    };
+    const int left = options_.max_iterations - run_.summary().iterations;
+    const int most = left < turn_ / kTurn ? left * kTurn : turn_;
+    const double before = run_.energy();
+    LbfgsPairs pairs;
+    int taken = 0;
+    while (taken < most && !run_.rule().reached(run_.gradient()) && !options_.stopped()) {
+      const Eigen::MatrixXd direction = pairs.direction(run_.gradient(), descent);
+      const double slope = run_.gradient().cwiseProduct(direction).sum();
+      double step = 1;
+      if (slope < 0 && run_.search(direction, step)) {
+        pairs.add(step * direction, run_.gradient() - run_.previous_gradient(), step * slope);
+        ++taken;
+      } else if (pairs.empty()) {
+        break;
+      } else {
+        pairs.clear();
+      }
+    }
+    run_.summary().iterations += 1 + std::max(0, taken - 1) / kTurn;
+    turn_ = before - run_.energy() > gain_of_step ? std::min(2 * turn_, kLongestTurn)
+                                                  : std::max(turn_ / 2, kTurn);
+  }
+
+  // Follows the minimum of the system with strong anchors as they weaken to the given ones: at first so
+  // strong that they store as much energy as the other terms, but with no more than kStrong of their
+  // stiffness. False, with x as it was, where anchors are not weak, or the way ends above the start.
+  bool continue_from_strong() {
+    constexpr double kStrong = 5e-3, kWeaken = 100;
+    constexpr double kRough = 1e-3;  // tolerance of the anchors' share of the stiffness
+    const Shares shares = shares_at(run_.system(), run_.x());
+    const double most = kStrong * shares.others;
+    if (!(shares.anchors > 0 && most > shares.anchors)) return false;
+    const double stretched = run_.energy() - shares.held;
+    double factor = stretched * shares.anchors < most * shares.held ? stretched / shares.held
+                                                                    : most / shares.anchors;  // held may be 0
+    if (!(factor > 1)) return false;
+    Eigen::MatrixXd x = run_.x();
+    Summary work;
+    for (; factor > 1 && !options_.stopped(); factor /= kWeaken) {
+      SystemNewton stage{options_};
+      stage.options.continuation = stage.options.escape_saddles = stage.options.ground_components = false;
+      stage.options.on_iteration = {};
+      stage.options.gap = 0;
+      stage.options.tolerance =
+          std::max(options_.tolerance, kRough * factor * shares.anchors / shares.others);
+      const int left = options_.max_iterations - run_.summary().iterations - std::max(0, work.iterations);
+      if (left <= 0) break;
+      stage.options.max_iterations = left;
+      const Summary part = stage.solve(with_anchors_times(run_.system(), factor), x);
+      if (part.status == Status::OutOfMemory) raise(LackOfMemory(part.message));
+      work.add_work(part);
+    }
+    if (!(energy(run_.system(), x) <= run_.energy())) x = run_.x();
+    run_.summary().add_work(work);
+    const double before = run_.energy();
+    run_.move_to(x);
+    return run_.energy() < before;
+  }
+
+  SystemRun& run_;
+  const SystemNewtonOptions& options_;
+  bool is_large_;
+  SystemMatrix matrix_{SystemMatrix::Storage::Best}, clamped_{SystemMatrix::Storage::Best};
+  SystemFactor factor_, clamped_factor_;
+  double share_ = 1e-3;  // of the nodes' stiffness, in repaired steps
+  int turn_ = kTurn;
+};
+
+}  // namespace
+
+Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
+  return SystemRun::solve(name(), options, system, x, [this](SystemRun& run) {
+    return run.lacks_hessian() ? Status::InvalidInput : NewtonSolve(run, options).iterate();
   });
 }
 

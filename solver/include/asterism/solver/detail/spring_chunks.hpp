@@ -2,7 +2,7 @@
 
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/partition.hpp>
+#include <asterism/solver/detail/indexed.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>

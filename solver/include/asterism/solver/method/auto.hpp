@@ -5,11 +5,13 @@
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
+#ifdef ASTERISM_SOLVER_COMPILED
+#include <asterism/solver/terms/from_springs.hpp>
+#endif
 #include <cstdint>
 #include <string_view>
 #include <type_traits>
@@ -17,27 +19,23 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-namespace detail {
-
-template <typename System>
-using FactoredSchwarz = Schwarz<System, SparseNewton<System>>;
-
-}  // namespace detail
-
 /// The default: the method that is fastest for a system of this size, linking and strength of anchors.
 ///
 ///   up to 12 nodes                                  Newton
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              NewtonCg
-///   few links a node, more nodes                    Schwarz
-///   the same, weak anchors                          NewtonCg up to 30,000 nodes, Schwarz with SparseNewton
-///                                                   up to 300,000, Schwarz beyond
+///   few links a node, more nodes                    "schwarz", see system_methods
+///   the same, weak anchors                          NewtonCg up to 30,000 nodes, "schwarz-direct"
+///                                                   up to 300,000, "schwarz" beyond
 ///   a floppy system on weak anchors                 SparseNewton from 100 to 30,000 nodes
 ///
 /// Anchors are weak if most of them have less than 5e-5 of the stiffness that the links of a node have on
 /// average, so also where few nodes have an anchor, however stiff. A system with fewer links than
 /// coordinates, such as a cloth, is floppy: its links cannot hold its shape (Maxwell 1864). If anchors do,
 /// because most nodes have one, they are weak there below 5e-3.
+///
+/// "schwarz" and "schwarz-direct" are there with asterism::solver_compiled, for systems in double whose model
+/// is made of terms, see to_system; elsewhere, NewtonCg takes their place.
 ///
 /// Lbfgs if the system has potentials over three nodes. The bounds are measured: `asterism-bench crossovers`
 /// prints the table. Summary::solver names the method. If a matrix cannot be factored, NewtonCg continues.
@@ -104,9 +102,20 @@ class Auto {
       const Summary summary = solve_by(sparse_newton_, system, x);
       if (summary.status != Status::NumericalFailure) return summary;
     } else if (n > kSmallSparse) {
-      if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_by(schwarz_, system, x);
-      if (n > kMediumSparse) return solve_by(factored_schwarz_, system, x);
+      if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_divided("schwarz", system, x);
+      if (n > kMediumSparse) return solve_divided("schwarz-direct", system, x);
     }
+    return solve_by(newton_cg_, system, x);
+  }
+
+  Summary solve_divided([[maybe_unused]] std::string_view method, const System& system, Points& x) {
+#ifdef ASTERISM_SOLVER_COMPILED
+    if constexpr (std::is_same_v<Scalar, double> && detail::has_terms<System>()) {
+      AnySolver<System> solver = system_solver<System>(method, {{"threads", options.threads}});
+      static_cast<AlignedOptions&>(solver.options()) = options;
+      return solver.solve(system, x);
+    }
+#endif
     return solve_by(newton_cg_, system, x);
   }
 
@@ -120,8 +129,6 @@ class Auto {
   Newton<System> newton_;
   If<kHasMore, Lbfgs<System>> lbfgs_;
   If<kHasMore, NewtonCg<System>> newton_cg_;
-  If<kHeap, Schwarz<System>> schwarz_;
-  If<kHeap, detail::FactoredSchwarz<System>> factored_schwarz_;
   If<kHeap, SparseNewton<System>> sparse_newton_;
 };
 
@@ -151,7 +158,6 @@ Summary solve(const System& system, typename System::Points& x, const ThreadedOp
   return Auto<System>(system, options).solve(system, x);
 }
 
-ASTERISM_COMPILED_SPARSE_SOLVER(detail::FactoredSchwarz)
 ASTERISM_COMPILED_SOLVER(Auto)
 ASTERISM_COMPILED_SOLVE(solve, ThreadedOptions)
 

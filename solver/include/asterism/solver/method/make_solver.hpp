@@ -11,7 +11,6 @@
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
-#include <asterism/solver/method/schwarz.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/run/any_solver.hpp>
@@ -38,10 +37,10 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
 /// "ncg-forward", "ncg-central"; for systems without a bound on their nodes also "ida-sparse",
-/// "newton-sparse", "lbfgs-jacobi", "schwarz" and "schwarz-direct". With asterism::solver_compiled also those
-/// of system_methods, such as "multi-start" and "staircase", except for models that are not made of terms,
-/// see to_system; and for springs only, in 2 or 3 dimensions, "branch-and-bound". The adapters of other
-/// packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
+/// "newton-sparse" and "lbfgs-jacobi". With asterism::solver_compiled also those of system_methods, such as
+/// "schwarz", "multi-start" and "staircase", except for models that are not made of terms, see to_system; and
+/// for springs only, in 2 or 3 dimensions, "branch-and-bound". The adapters of other packages add more:
+/// add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -58,8 +57,6 @@ SolverRegistry<System> solver_registry() {
     registry.template add<SparseIda<System>>("ida-sparse");
     registry.template add<SparseNewton<System>>("newton-sparse");
     registry.template add<detail::JacobiLbfgs<System>>("lbfgs-jacobi");
-    registry.template add<Schwarz<System>>("schwarz");
-    registry.template add<detail::FactoredSchwarz<System>>("schwarz-direct");
   }
 #ifdef ASTERISM_SOLVER_COMPILED
   if constexpr (HasTerms<System>) add_system_solvers(registry);

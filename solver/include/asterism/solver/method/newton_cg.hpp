@@ -88,7 +88,7 @@ class JacobiPreconditioner {
 /// 7.1). Memory and an inner iteration are O(nodes + links): the method for large sparse systems.
 ///
 /// ThreadedOptions::threads counts from 32,768 nodes on, where near nodes have near numbers and links come in
-/// the order of their lower nodes: elsewhere threads would wait for memory. Schwarz renumbers any system so.
+/// the order of their lower nodes: elsewhere threads would wait for memory.
 ///
 /// `Preconditioner` is JacobiPreconditioner (default) or DenseCholesky, SparseCholesky or CholmodCholesky of
 /// K_dyn. An object holds its workspace: reuse it to solve without allocation, one thread at a time.

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <concepts>
 #include <limits>
-#include <span>
 #include <vector>
 
 namespace asterism {
@@ -209,17 +208,6 @@ const Function& function_of(const Function& function, int) {
 template <typename Function>
 const Function& function_of(const Each<Function>& each, int index) {
   return each.values[static_cast<std::size_t>(index)];
-}
-
-/// Those of some anchors or links into `to`.
-template <typename Function>
-void gather_functions(const Function& from, std::span<const int>, Function& to) {
-  to = from;
-}
-template <typename Function>
-void gather_functions(const Each<Function>& from, std::span<const int> indices, Each<Function>& to) {
-  to.values.clear();
-  for (const int i : indices) to.values.push_back(function_of(from, i));
 }
 
 template <typename T>

@@ -100,7 +100,7 @@ inline void visit_options(OptionVisitor& visit, AlignedOptions& options) {
 /// Options of solvers for large systems that can use several threads.
 struct ThreadedOptions : AlignedOptions {
   /// Threads that work at the same time, the calling one included; 0: as many as the machine runs at once.
-  /// The result does not depend on it, bit for bit. For Schwarz, each takes memory for an int per node. The
+  /// The result does not depend on it, bit for bit. For "schwarz", each takes memory for an int per node. The
   /// functions of a custom model are then called from several threads.
   int threads = 1;
 

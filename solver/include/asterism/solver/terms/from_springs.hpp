@@ -61,10 +61,36 @@ void set_loss(Term& term, const Losses& losses) {
   }
 }
 
+template <typename Losses>
+constexpr bool has_known_loss() {
+  using L = typename WithoutEach<Losses>::Type;
+  return std::same_as<L, Quadratic> || std::same_as<L, Huber> || std::same_as<L, GemanMcClure> ||
+         std::same_as<L, Truncated>;
+}
+
+// The loss of a potential that is a spring with one, of all links or of each.
+template <typename L>
+const L& loss_of(const RobustHooke<L>& potential) {
+  return potential.loss;
+}
+template <typename L>
+Each<L> loss_of(const Each<RobustHooke<L>>& potential) {
+  Each<L> result;
+  for (const RobustHooke<L>& each : potential.values) result.values.push_back(each.loss);
+  return result;
+}
+
+template <typename Potential>
+constexpr bool kIsRobustHooke = false;
+template <typename L>
+constexpr bool kIsRobustHooke<RobustHooke<L>> = has_known_loss<L>();
+
 template <typename Potential>
 void set_law(Links& links, const Potential& potential) {
   using P = typename WithoutEach<Potential>::Type;
-  if constexpr (std::same_as<P, Rope>) {
+  if constexpr (kIsRobustHooke<P>) {
+    set_loss(links, loss_of(potential));
+  } else if constexpr (std::same_as<P, Rope>) {
     links.set_law(LinkLaw::Rope);
   } else if constexpr (std::same_as<P, Repulsion>) {
     links.set_law(LinkLaw::Repulsion);
@@ -75,7 +101,7 @@ void set_law(Links& links, const Potential& potential) {
         [potential](std::size_t count, const double* length, const double* rest, double* value, double* first,
                     double* second) {
           for (std::size_t l = 0; l < count; ++l) {
-            const auto phi = function_of(potential, static_cast<int>(l))(length[l], rest[l]);
+            const auto phi = potential(length[l], rest[l]);
             value[l] = phi.value, first[l] = phi.first, second[l] = phi.second;
           }
         },
@@ -83,17 +109,19 @@ void set_law(Links& links, const Potential& potential) {
   }
 }
 
-template <typename Losses>
-constexpr bool has_known_loss() {
-  using L = typename WithoutEach<Losses>::Type;
-  return std::same_as<L, Quadratic> || std::same_as<L, Huber> || std::same_as<L, GemanMcClure> ||
-         std::same_as<L, Truncated>;
+// A function of one's own of a length has no parameters for each link: it does not know which link it is.
+template <typename Potential>
+constexpr bool has_known_law() {
+  using P = typename WithoutEach<Potential>::Type;
+  return std::same_as<P, Potential> || kIsRobustHooke<P> || std::same_as<P, Hooke> || std::same_as<P, Rope> ||
+         std::same_as<P, Repulsion>;
 }
 
 /// Whether to_system takes systems of this type.
 template <typename Springs>
 constexpr bool has_terms() {
-  return !Springs::kHasTriples && has_known_loss<typename Springs::Model::AnchorLoss>();
+  return !Springs::kHasTriples && has_known_loss<typename Springs::Model::AnchorLoss>() &&
+         has_known_law<typename Springs::Model::LinkPotential>();
 }
 
 /// `matrices`, Dim x (Dim count) side by side, as columns.
@@ -112,8 +140,8 @@ concept HasTerms = requires {
 &&detail::has_terms<Springs>();
 
 /// The same system as one of terms: anchors, links and loads, in this order, as far as it has them. Its model
-/// may have any links and the library's losses; the potentials over three nodes are those of Angles and the
-/// like, and are not taken over.
+/// may have any links, except for Each potential of one's own, and the library's losses; the potentials over
+/// three nodes are those of Angles and the like, and are not taken over.
 template <HasTerms Springs>
 System to_system(const Springs& springs) {
   const int n = springs.nodes();
@@ -175,15 +203,20 @@ Summary solve_staircase(const Springs& springs, typename Springs::Points& x,
   return detail::by_terms<Springs>(detail::TermStaircase{options}).solve(springs, x);
 }
 
+/// A method for a System, see system_solvers, for springs: system_solver<Springs>("schwarz"). Throws as
+/// SolverRegistry::make.
+template <HasTerms Springs>
+AnySolver<Springs> system_solver(std::string_view method, const std::vector<NamedOption>& options = {}) {
+  return AnySolver<Springs>(system_solvers().make(method, options), detail::FromSprings<Springs>());
+}
+
 /// Adds the methods for a System, see system_solvers, whose names `registry` does not have yet.
 template <HasTerms Springs>
 void add_system_solvers(SolverRegistry<Springs>& registry) {
   const std::vector<std::string> known = registry.names();
   for (const std::string_view name : system_methods()) {
     if (std::find(known.begin(), known.end(), name) != known.end()) continue;
-    registry.add(std::string(name), [name] {
-      return AnySolver<Springs>(system_solvers().make(name), detail::FromSprings<Springs>());
-    });
+    registry.add(std::string(name), [name] { return system_solver<Springs>(name); });
   }
 }
 

@@ -12,13 +12,15 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// Moves x (dim x nodes), the start, to a minimum of the energy: by Newton's method, by Newton-CG for large
-/// systems whose Hessian is hard to factor, and by L-BFGS where a term has no second derivatives. Bad input
+/// systems whose Hessian is hard to factor, by Schwarz's method for more than 1000 nodes with few elements
+/// each, and by L-BFGS where a term has no second derivatives. Bad input
 /// leaves x as it was and is named in the summary. It throws only what a function of the user's throws.
 ASTERISM_API Summary solve(const System& system, Eigen::MatrixXd& x, const AlignedOptions& options = {});
 
 /// The same by the method of a name, see system_methods: "auto", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ida", "multi-start", "staircase", "graduated". Throws std::invalid_argument that names the nearest for an
-/// unknown one. For the options of one method alone, include <asterism/solver/terms/registry.hpp>.
+/// "ida", "schwarz", "schwarz-direct", "multi-start", "staircase", "graduated". Throws std::invalid_argument
+/// that names the nearest for an unknown one. For the options of one method alone, include
+/// <asterism/solver/terms/registry.hpp>.
 ASTERISM_API Summary solve(std::string_view method, const System& system, Eigen::MatrixXd& x,
                            const AlignedOptions& options = {});
 

@@ -1,0 +1,168 @@
+// Newton's method for large systems of terms: weak anchors, floppy systems, its options; and what "auto"
+// chooses.
+#include <gtest/gtest.h>
+
+#include <Eigen/Eigenvalues>
+#include <asterism/solver/terms/from_springs.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/system.hpp>
+#include <asterism/testing/sparse_system.hpp>
+#include <cstdint>
+#include <ostream>
+#include <string>
+#include <string_view>
+#include <utility>
+#include <vector>
+
+namespace asterism {
+namespace {
+
+using Eigen::MatrixXd;
+
+struct Problem {
+  System system;
+  MatrixXd start;
+};
+
+// Nodes that are linked to their six nearest.
+Problem linked_to_nearest(std::uint64_t seed, int n, double weakness) {
+  const auto [springs, start] = testing::sparse_system<SpringSystem<double, 2>>(seed, n);
+  Problem problem{to_system(springs), start};
+  problem.system.term(0).values("stiffness") *= weakness;
+  return problem;
+}
+
+// A sheet of side x side nodes in space, linked to their four neighbours at distance 1, on anchors of `share`
+// of the links' stiffness that lie on the sheet scaled by `extent`.
+Problem cloth(int side, double share, double extent) {
+  const int n = side * side;
+  MatrixXd grid = MatrixXd::Zero(3, n);
+  Eigen::Matrix2Xi pairs(2, 2 * side * (side - 1));
+  for (int i = 0, l = 0; i < n; ++i) {
+    grid.col(i) << i % side, i / side, 0;
+    if (i % side > 0) pairs.col(l++) << i - 1, i;
+    if (i >= side) pairs.col(l++) << i - side, i;
+  }
+  testing::Rng rng(1);
+  const auto displaced = [&](double scale) {
+    MatrixXd x = scale * grid;
+    for (double& value : x.reshaped()) value += rng.uniform(-0.3, 0.3);
+    return x;
+  };
+  System system(n, 3);
+  system.add_anchors(displaced(extent), System::all(share));
+  system.add_links(pairs, System::all(1), System::all(1));
+  return {std::move(system), displaced(1)};
+}
+
+Summary solve_by(std::string_view method, const Problem& problem, MatrixXd& x,
+                 const std::vector<NamedOption>& options = {}) {
+  x = problem.start;
+  return system_solvers().make(method, options).solve(problem.system, x);
+}
+
+// By the definition, with the Hessian of all terms. Curvature of less than 1e-9 of the stiffness may be
+// rounding's.
+void expect_minimum(const Problem& problem, const MatrixXd& x, const Summary& summary, double tolerance) {
+  EXPECT_EQ(summary.status, Status::Converged) << summary;
+  EXPECT_LE(stationarity(problem.system, x), 1.0001 * tolerance);
+  const Eigen::SelfAdjointEigenSolver<MatrixXd> modes(hessian(problem.system, x, Curvature::True),
+                                                      Eigen::EigenvaluesOnly);
+  const double least = modes.eigenvalues().minCoeff();
+  EXPECT_GT(least, -1e-9 * node_stiffness(problem.system, x).maxCoeff());
+  EXPECT_EQ(summary.positive_definite, least > 0);
+}
+
+struct Cloth {
+  double share, extent;
+};
+std::ostream& operator<<(std::ostream& out, const Cloth& of) { return out << of.share << ' ' << of.extent; }
+class Cloths : public ::testing::TestWithParam<Cloth> {};
+INSTANTIATE_TEST_SUITE_P(Shapes, Cloths,
+                         ::testing::Values(Cloth{1e-4, 0.8}, Cloth{1e-4, 1}, Cloth{1e-4, 1.2},
+                                           Cloth{1e-8, 0.8}, Cloth{1e-8, 1}, Cloth{1e-8, 1.2}));
+
+TEST_P(Cloths, OnWeakAnchorsTakeFewSteps) {
+  const Problem problem = cloth(16, GetParam().share, GetParam().extent);
+  MatrixXd x;
+  const Summary summary = solve_by("newton", problem, x, {{"tolerance", 1e-12}});
+  expect_minimum(problem, x, summary, 1e-12);
+  EXPECT_LE(summary.iterations, 120);
+  EXPECT_LE(summary.factorizations, 120);
+}
+
+TEST(TermsNewton, WeakAnchorsTakeFewSteps) {
+  for (const double weakness : {1e-2, 1e-4, 1e-6}) {
+    const Problem problem = linked_to_nearest(2, 200, weakness);
+    MatrixXd x;
+    const Summary summary = solve_by("newton", problem, x);
+    expect_minimum(problem, x, summary, 1e-8);
+    EXPECT_LT(summary.iterations, 60) << weakness;
+  }
+}
+
+TEST(TermsNewton, EnergyNeverRisesWithoutContinuation) {
+  const Problem problem = linked_to_nearest(1, 300, 1e-3);
+  double last = energy(problem.system, problem.start);
+  for (int iterations = 0; iterations <= 60; ++iterations) {
+    MatrixXd x;
+    const Summary summary =
+        solve_by("newton", problem, x, {{"max_iterations", iterations}, {"continuation", false}});
+    EXPECT_LE(summary.iterations, iterations);
+    EXPECT_LE(summary.final_energy, last * (1 + 1e-12));
+    last = summary.final_energy;
+    const Summary continued = solve_by("newton", problem, x, {{"max_iterations", iterations}});
+    EXPECT_LE(continued.iterations, iterations);
+    EXPECT_LE(continued.final_energy, continued.initial_energy);
+    if (summary.status == Status::Converged) return;
+  }
+  ADD_FAILURE() << "not converged";
+}
+
+// Nodes in a row between two fixed ones, with links that are too long for it: the row is a saddle.
+TEST(TermsNewton, LeavesSaddlesIfAsked) {
+  for (const int n : {3, 60}) {
+    Problem row{System(n, 2), MatrixXd::Zero(2, n)};
+    row.start.row(0).setLinSpaced(0, n - 1);
+    Eigen::Matrix2Xi pairs(2, n - 1);
+    for (int i = 1; i < n; ++i) pairs.col(i - 1) << i - 1, i;
+    row.system.add_links(pairs, System::all(1.5), System::all(1));
+    row.system.fix(0);
+    row.system.fix(n - 1);
+    MatrixXd x;
+    const Summary stays = solve_by("newton", row, x, {{"escape_saddles", false}});
+    EXPECT_EQ(stays.status, Status::Converged);
+    EXPECT_EQ(stays.positive_definite, 0);
+    EXPECT_EQ(x, row.start);
+    const Summary leaves = solve_by("newton", row, x);
+    EXPECT_LT(leaves.final_energy, 0.5 * stays.final_energy) << leaves;
+  }
+}
+
+TEST(TermsAuto, TakesTheMethodForTheSizeAndTheAnchors) {
+  const auto chosen = [](const Problem& problem) {
+    MatrixXd x;
+    return std::string(solve_by("auto", problem, x, {{"max_iterations", 0}}).solver);
+  };
+  const auto name_of = [](const char* method) { return std::string(system_solvers().make(method).name()); };
+  EXPECT_EQ(chosen(linked_to_nearest(1, 30, 1)), name_of("newton"));
+  EXPECT_EQ(chosen(linked_to_nearest(1, 900, 1)), name_of("newton-cg"));
+  EXPECT_EQ(chosen(linked_to_nearest(1, 1100, 1)), name_of("schwarz"));
+  EXPECT_EQ(chosen(linked_to_nearest(1, 1100, 1e-5)), name_of("newton-cg"));
+  EXPECT_EQ(chosen(linked_to_nearest(1, 31000, 1)), name_of("schwarz"));
+  EXPECT_EQ(chosen(linked_to_nearest(1, 31000, 1e-5)), name_of("schwarz-direct"));
+  EXPECT_EQ(chosen(cloth(36, 1e-3, 1)), name_of("newton"));
+  EXPECT_EQ(chosen(cloth(36, 1, 1)), name_of("schwarz"));
+  // Anchors on the corners alone hold few nodes.
+  Problem hung = cloth(36, 0, 1);
+  MatrixXd& stiffness = hung.system.term(0).values("stiffness");
+  stiffness = MatrixXd::Zero(1, 36 * 36);
+  for (const int corner : {0, 35, 36 * 35, 36 * 36 - 1}) stiffness(0, corner) = 10;
+  EXPECT_EQ(chosen(hung), name_of("newton-cg"));
+  Problem dense = linked_to_nearest(1, 1100, 1);
+  dense.system.add_links(all_pairs(1100), System::all(1), System::all(1e-9));
+  EXPECT_EQ(chosen(dense), name_of("newton-cg"));
+}
+
+}  // namespace
+}  // namespace asterism
