@@ -64,9 +64,13 @@ class LastCoordinate final : public CurvatureSink {
         add(nodes[a], nodes[b], matrix[(column + dim - 1) * rows + row + dim - 1]);
     }
   }
-  void add_blocks(const int* nodes, int count, const double* c, const double* B, int dim) override {
-    for (int a = 0; a < count; ++a) {
-      for (int b = 0; b < count; ++b) add(nodes[a], nodes[b], c[a] * c[b] * B[dim * dim - 1]);
+  void add_blocks(const int* nodes, int arity, int count, const double* c, const double* B,
+                  int dim) override {
+    const std::ptrdiff_t entries = std::ptrdiff_t{dim} * dim;
+    for (; count > 0; --count, nodes += arity, B += entries) {
+      for (int a = 0; a < arity; ++a) {
+        for (int b = 0; b < arity; ++b) add(nodes[a], nodes[b], c[a] * c[b] * B[entries - 1]);
+      }
     }
   }
 
