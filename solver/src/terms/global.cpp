@@ -59,12 +59,24 @@ bool is_quadratic(const System& system) {
   return true;
 }
 
+// Whether a third of all pairs of nodes or more have an element, as for SpringSystem.
+bool is_densely_linked(const System& system) {
+  double pairs = 0;
+  for (int t = 0; t < system.term_count(); ++t) {
+    const Term& term = system.term(t);
+    pairs += static_cast<double>(term.size()) * term.arity() * (term.arity() - 1) / 2;
+  }
+  return 3 * pairs >= static_cast<double>(system.nodes()) * (system.nodes() - 1) / 2;
+}
+
 }  // namespace
 
 Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
   constexpr int kSmall = 64;  // unknowns
   if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
+  if (is_densely_linked(system) && missing_curvature(system, Curvature::Majorising).empty())
+    return SystemLbfgs{options}.solve(system, x);
   return SystemNewtonCg{options}.solve(system, x);
 }
 

@@ -56,7 +56,8 @@ struct SystemIda {
 };
 
 /// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
-/// energies, and Newton-CG elsewhere (bench/laboratory/terms_auto.py).
+/// energies, L-BFGS where a third of all pairs or more are linked and there is a majorising matrix to start
+/// from, and Newton-CG elsewhere (bench/laboratory/terms_auto.py).
 struct SystemAuto {
   AlignedOptions options;
   static constexpr std::string_view name() { return "auto"; }
