@@ -954,6 +954,23 @@ TEST(SystemMethods, NewtonLeavesALine) {
 }
 
 // The second start is from the anchors; the result is the best of all starts, and the same each time.
+TEST(SystemMethods, AutoChoosesByUnknownsAndLinks) {
+  const auto chosen = [](int nodes, const Eigen::Matrix2Xi& pairs, LinkLaw law) {
+    Rng rng(1);
+    const MatrixXd places = random_points(rng, 2, nodes);
+    System system(nodes, 2);
+    system.add_anchors(places, System::all(0.1));
+    system.add_links(pairs, System::all(5), System::all(1)).set_law(law);
+    MatrixXd x = places;
+    return solve(system, x).solver;
+  };
+  EXPECT_EQ(chosen(32, all_pairs(32), LinkLaw::Hooke), "Newton, sparse LDL^T");
+  EXPECT_EQ(chosen(33, all_pairs(33), LinkLaw::Hooke), "L-BFGS");
+  EXPECT_EQ(chosen(33, all_pairs(33).leftCols(33 * 32 / 6), LinkLaw::Hooke), "L-BFGS");
+  EXPECT_EQ(chosen(33, all_pairs(33).leftCols(33 * 32 / 6 - 1), LinkLaw::Hooke), "Newton-CG");
+  EXPECT_EQ(chosen(33, all_pairs(33), LinkLaw::Logarithm), "Newton-CG") << "nothing to start L-BFGS from";
+}
+
 TEST(SystemMethods, MultiStartIsTheBestOfItsStarts) {
   int gained = 0;
   for (std::uint64_t seed = 1; seed <= 30; ++seed) {

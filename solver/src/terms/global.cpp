@@ -55,10 +55,6 @@ bool is_quadratic(const System& system) {
   return true;
 }
 
-}  // namespace
-
-namespace {
-
 // Whether a third of all pairs of nodes, or more, are in an element together.
 bool is_dense(const System& system) {
   double pairs = 0;
@@ -67,7 +63,7 @@ bool is_dense(const System& system) {
     pairs += arity * (arity - 1) / 2 * system.term(t).size();
   }
   const double n = system.nodes();
-  return 3 * pairs > n * (n - 1) / 2;
+  return 3 * pairs >= n * (n - 1) / 2;
 }
 
 // Whether elements that connect nodes are fewer than coordinates, and so cannot hold a shape (Maxwell 1864).
@@ -84,10 +80,7 @@ bool is_floppy(const System& system) {
 class Anchoring {
  public:
   Anchoring(const System& system, const Eigen::MatrixXd& x) : held_(Eigen::VectorXd::Zero(system.nodes())) {
-    Scales scales;
-    scales.stiffness.setZero(system.nodes());
-    scales.loads.setZero(system.nodes());
-    for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
+    const Scales scales = scales_of(system, x);
     for (const Scales::Place& place : scales.places) held_[place.node] += place.stiffness;
     others_ = (scales.stiffness - held_).mean();
   }
@@ -109,6 +102,8 @@ Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
   constexpr int kSmall = 64;  // unknowns
   if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
+  if (is_dense(system) && missing_curvature(system, Curvature::Majorising).empty())
+    return SystemLbfgs{options}.solve(system, x);
   constexpr int kFew = 1000, kMedium = 30000, kFactored = 300000;  // nodes
   constexpr double kWeak = 5e-5, kWeakForFloppy = 5e-3;
   const int n = system.nodes();
