@@ -19,7 +19,6 @@
 #include <vector>
 
 #include "model_kits.hpp"
-#include "terms_solvers.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -311,7 +310,6 @@ TEST(FreeMotion, IsNoStrictMinimumInThePlane) {
   }
   // Tight, as with looser tolerances these stop before weak anchors have rotated the constellation.
   expect_verdict<Dynamic2>(table, with<SparseNewton<Dynamic2>>(1e-12));
-  expect_verdict<Dynamic2>(table, with<testing::DirectSchwarz<Dynamic2>>(1e-12));
 }
 
 TEST(FreeMotion, IsNoStrictMinimumInSpace) {
