@@ -855,6 +855,21 @@ void expect_same_model(const Model& model, std::uint64_t seed) {
   expect_same(springs, random_points(rng, Dim, 5));
 }
 
+// However weak a link is beside the anchors of its nodes, they are linked.
+TEST(SystemTie, LengthsAreThoseOfSpringsWithWeakLinks) {
+  for (const double weakness : {1.0, 1e-9, 1e-13, 1e-15}) {
+    SpringSystem<double, 2> springs(Topology<>::full(2));
+    springs.anchors << 0, 10, 0, 0;
+    springs.anchor_stiffness.setOnes();
+    springs.rest_length.setConstant(3);
+    springs.link_stiffness.setConstant(weakness);
+    const SpringSystem<double, 2>::Points x = springs.anchors;
+    EXPECT_NEAR(characteristic_length(to_system(springs), MatrixXd(x)), characteristic_length(springs, x),
+                1e-12)
+        << weakness;
+  }
+}
+
 TEST(SystemTie, TakesEveryModel) {
   for (std::uint64_t seed = 1; seed <= 6; ++seed) {
     expect_same_model(Model<>(), seed);

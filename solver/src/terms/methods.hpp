@@ -143,8 +143,9 @@ struct SystemMultiStart {
 /// turns.
 ///
 /// A sweep and an iteration of Global are an iteration each; the other counts are of work on all nodes at
-/// once. Time and memory of a sweep are O(nodes + elements). A common length depends on all elements of its
-/// term, and leaves nothing to divide: Global solves such a system alone.
+/// once. Summary::positive_definite stays -1. Time and memory of a sweep are O(nodes + elements). A common
+/// length depends on all elements of its term, and leaves nothing to divide: Global solves such a system
+/// alone.
 template <typename Global>
 struct SystemSchwarz {
   ThreadedOptions options;

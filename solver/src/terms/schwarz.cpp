@@ -319,7 +319,6 @@ class SchwarzSolve {
       options.max_iterations = std::min(turn, left);
       const Summary part = global(options, decomposition_.system(), x_);
       summary_.add_work(part);
-      summary_.positive_definite = part.positive_definite;
       if (part.status == Status::OutOfMemory) raise(LackOfMemory(part.message));
       if (part.status != Status::MaxIterations) return part.status;
     }
@@ -373,6 +372,7 @@ Summary solve_schwarz(std::string_view name, const ThreadedOptions& options, con
   if (is_coupled(system)) {
     Summary whole = global(options, system, x);
     whole.solver = name;
+    whole.positive_definite = -1;
     return whole;
   }
   AlignedOptions of_run = options;

@@ -306,7 +306,7 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
   const auto places = [&](bool all) {
     std::vector<const Scales::Place*> result;
     for (const Scales::Place& place : scales.places) {
-      const bool has_links = scales.stiffness[place.node] > place.stiffness * (1 + 1e-12);
+      const bool has_links = scales.stiffness[place.node] > place.stiffness;
       if (place.stiffness > 0 && (all || (has_links && !system.is_fixed(place.node))))
         result.push_back(&place);
     }
