@@ -7,7 +7,6 @@
 #include <asterism/solver.hpp>
 #include <asterism/solver/batch/batch_newton.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
-#include <asterism/solver/io/json.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
@@ -355,14 +354,6 @@ TEST(Loads, HaveDerivatives) {
   EXPECT_NEAR(grad_x.cwiseProduct(moved.x).sum(), gradient.dot(tangent), 1e-10);
   tangent.loads.resize(2, 0);
   EXPECT_EQ(solution_tangent(system, x, tangent).status, SensitivityStatus::InvalidInput);
-}
-
-TEST(Loads, AreInFiles) {
-  const auto [system, start] = random_loads<3>(2, 4);
-  const auto again = parse_systems<System<3>>(to_json(StoredSystem<System<3>>{system, start, {}}));
-  ASSERT_EQ(again.size(), 1U);
-  EXPECT_EQ(again[0].system.loads, system.loads);
-  EXPECT_EQ(energy(again[0].system, start), energy(system, start));
 }
 
 TEST(Loads, AreRefusedByWhatCannotTakeThem) {

@@ -256,7 +256,7 @@ TEST(Triples, AreRefusedByWhatCannotTakeThem) {
   const Certificate certificate = certify(system, system.anchors);
   EXPECT_EQ(certificate.proof, Proof::NotApplicable);
   EXPECT_EQ(std::string_view(certificate.reason), "the system has potentials over three nodes");
-  static_assert(!detail::is_liftable<Plane>() && !detail::is_searchable<Plane>());
+  static_assert(!HasTerms<Plane> && !detail::is_searchable<Plane>());
 }
 
 TEST(Triples, AreValidated) {
