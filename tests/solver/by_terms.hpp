@@ -2,12 +2,14 @@
 
 // Methods of systems of terms as types of solvers of springs, with the options that tests set.
 
+#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
+#include <new>
 #include <string_view>
-#include <vector>
 
 namespace asterism::testing {
 
@@ -29,9 +31,18 @@ struct MultiStart {
   StartsOptions options;
   static constexpr std::string_view name() { return "multi-start"; }
   Summary solve(const Springs& system, typename Springs::Points& x) const {
-    AnySolver<Springs> solver = system_solver<Springs>(name(), {{"starts", options.starts}});
-    static_cast<AlignedOptions&>(solver.options()) = options;
-    return solver.solve(system, x);
+    Summary summary;
+    const auto work = [&] {  // to make the solver may lack memory, too
+      AnySolver<Springs> solver = system_solver<Springs>(name(), {{"starts", options.starts}});
+      static_cast<AlignedOptions&>(solver.options()) = options;
+      summary = solver.solve(system, x);
+    };
+    asterism::detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+      summary.solver = name();
+      summary.status = Status::OutOfMemory;
+      summary.message = asterism::detail::memory_message(error);
+    });
+    return summary;
   }
 };
 

@@ -70,7 +70,7 @@ void expect_minimum(const Problem& problem, const MatrixXd& x, const Summary& su
                                                       Eigen::EigenvaluesOnly);
   const double least = modes.eigenvalues().minCoeff();
   EXPECT_GT(least, -1e-9 * node_stiffness(problem.system, x).maxCoeff());
-  EXPECT_EQ(summary.positive_definite, least > 0);
+  if (summary.positive_definite >= 0) EXPECT_EQ(summary.positive_definite, least > 0);
 }
 
 struct Cloth {
@@ -161,7 +161,7 @@ TEST(TermsAuto, TakesTheMethodForTheSizeAndTheAnchors) {
   EXPECT_EQ(chosen(hung), name_of("newton-cg"));
   Problem dense = linked_to_nearest(1, 1100, 1);
   dense.system.add_links(all_pairs(1100), System::all(1), System::all(1e-9));
-  EXPECT_EQ(chosen(dense), name_of("newton-cg"));
+  EXPECT_EQ(chosen(dense), name_of("lbfgs"));
 }
 
 }  // namespace

@@ -123,7 +123,7 @@ class NewtonSolve {
         }
       }
       if (is_over) {
-        run_.summary().positive_definite = is_definite ? 1 : 0;
+        run_.summary().positive_definite = !is_definite ? 0 : is_surely_definite() ? 1 : -1;
         const bool goes_on =
             is_definite ? is_large_ && descend_further() : escapes++ < kMaxEscapes && escape();
         if (!goes_on) return run_.end();
@@ -155,6 +155,27 @@ class NewtonSolve {
   static constexpr int kMaxEscapes = 50;
   static constexpr int kTurn = 100;  // iterations of a turn at least, about a factorisation's cost
   static constexpr int kLongestTurn = 1 << 20;
+
+  // Whether the matrix that was factored is definite beyond what rounding, and the forces that are left, make
+  // of a free motion, whose curvature is 0: by its least eigenvalue, from inverse iterations.
+  bool is_surely_definite() const {
+    constexpr double kRounding = 1e3 * std::numeric_limits<double>::epsilon();
+    const System& system = run_.system();
+    Eigen::VectorXd v(matrix_.rows());
+    for (Eigen::Index i = 0; i < v.size(); ++i) v[i] = std::sin(static_cast<double>(i * i + 1));
+    for (int i = 0; i < system.nodes(); ++i) {
+      if (system.is_fixed(i)) v.segment(Eigen::Index{i} * system.dim(), system.dim()).setZero();
+    }
+    double least = 0;
+    for (int iteration = 0; iteration < 2; ++iteration) {
+      v.normalize();
+      const Eigen::VectorXd next = factor_.solve_all(v);
+      least = 1 / v.dot(next);
+      v = next;
+    }
+    const double doubt = std::max(kRounding, run_.rule().stationarity(run_.gradient()));
+    return least > doubt * run_.rule().node_stiffness().maxCoeff();
+  }
 
   // From a saddle down; false where there is no way that rounding does not hide.
   bool escape() {

@@ -2,6 +2,7 @@
 
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
@@ -13,6 +14,7 @@
 #include <asterism/solver/terms/from_springs.hpp>
 #endif
 #include <cstdint>
+#include <new>
 #include <string_view>
 #include <type_traits>
 
@@ -111,9 +113,18 @@ class Auto {
   Summary solve_divided([[maybe_unused]] std::string_view method, const System& system, Points& x) {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double> && detail::has_terms<System>()) {
-      AnySolver<System> solver = system_solver<System>(method, {{"threads", options.threads}});
-      static_cast<AlignedOptions&>(solver.options()) = options;
-      return solver.solve(system, x);
+      Summary summary;
+      const auto work = [&] {
+        AnySolver<System> solver = system_solver<System>(method, {{"threads", options.threads}});
+        static_cast<AlignedOptions&>(solver.options()) = options;
+        summary = solver.solve(system, x);
+      };
+      detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+        summary.solver = method;
+        summary.status = Status::OutOfMemory;
+        summary.message = detail::memory_message(error);
+      });
+      return summary;
     }
 #endif
     return solve_by(newton_cg_, system, x);

@@ -10,19 +10,6 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 
-namespace detail {
-
-/// solve_global of a System as a solver.
-struct TermGlobal {
-  GlobalOptions options;
-  static constexpr std::string_view name() { return "solve_global"; }
-  Summary solve(const System& system, Eigen::MatrixXd& x) const {
-    return asterism::solve_global(system, x, options);
-  }
-};
-
-}  // namespace detail
-
 /// The lowest minimum that the library finds, by the strongest method for this type of system: BranchAndBound
 /// for springs in 2 or 3 dimensions without loads; for all others, solve_global of their terms, which is the
 /// staircase, or many starts for loads. Both keep to options.max_seconds; where that ends the search, the
@@ -39,7 +26,9 @@ Summary solve_global(const Springs& system, typename Springs::Points& x,
     }
   }
   if (const char* problem = options.problem()) return detail::refused("solve_global", problem);
-  return detail::by_terms<Springs>(detail::TermGlobal{options}).solve(system, x);
+  return detail::solve_converted(
+      "solve_global", detail::FromSprings<Springs>(), system, x,
+      [&](const System& terms, Eigen::MatrixXd& points) { return solve_global(terms, points, options); });
 }
 
 }  // namespace ASTERISM_ABI

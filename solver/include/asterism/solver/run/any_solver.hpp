@@ -19,12 +19,39 @@
 #include <stdexcept>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <variant>
 #include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
+
+namespace detail {
+
+/// solve(convert(system), points) with x as its points, which become x where that is usable. Refuses what
+/// convert.problem(system, x) names.
+template <typename Convert, typename System, typename Solve>
+Summary solve_converted(std::string_view name, const Convert& convert, const System& system,
+                        typename System::Points& x, Solve&& solve) {
+  if (const Message problem = convert.problem(system, x); !problem.empty()) return refused(name, problem);
+  Summary summary;
+  summary.solver = name;
+  const auto work = [&] {
+    const auto other = convert(system);
+    using Other = std::remove_cv_t<decltype(other)>;
+    typename Other::Points points = x.template cast<typename Other::Scalar>();
+    summary = solve(other, points);
+    if (summary.usable()) x = points.template cast<typename System::Scalar>();
+  };
+  attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+    summary.status = Status::OutOfMemory;
+    summary.message = memory_message(error);
+  });
+  return summary;
+}
+
+}  // namespace detail
 
 /// A solver of one type of systems, chosen at run time. It holds its workspace: reuse it, in one thread at a
 /// time. A solve costs one virtual call more than a solve by the solver itself.
@@ -95,20 +122,9 @@ class AnySolver {
     Converting(AnySolver<Other>&& s, Convert&& c) : solver(std::move(s)), convert(std::move(c)) {}
     std::string_view name() const override { return solver.name(); }
     Summary solve(const System& system, Points& x) override {
-      if (const Message problem = convert.problem(system, x); !problem.empty())
-        return detail::refused(name(), problem);
-      Summary summary;
-      summary.solver = name();
-      const auto work = [&] {
-        typename Other::Points points = x.template cast<typename Other::Scalar>();
-        summary = solver.solve(convert(system), points);
-        if (summary.usable()) x = points.template cast<typename System::Scalar>();
-      };
-      detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
-        summary.status = Status::OutOfMemory;
-        summary.message = detail::memory_message(error);
+      return detail::solve_converted(name(), convert, system, x, [this](const Other& to, auto& points) {
+        return solver.solve(to, points);
       });
-      return summary;
     }
     SolverOptions& options() override { return solver.options(); }
     void visit_options(OptionVisitor& visit) override { solver.visit_options(visit); }

@@ -179,28 +179,16 @@ struct FromSprings {
   System operator()(const Springs& springs) const { return to_system(springs); }
 };
 
-/// A solver of springs by one of their terms.
-template <typename Springs, typename S>
-AnySolver<Springs> by_terms(S solver) {
-  return AnySolver<Springs>(AnySolver<System>(std::move(solver)), FromSprings<Springs>());
-}
-
-/// solve_staircase as a solver.
-struct TermStaircase {
-  StaircaseOptions options;
-  static constexpr std::string_view name() { return "staircase"; }
-  Summary solve(const System& system, Eigen::MatrixXd& x) const {
-    return asterism::solve_staircase(system, x, options);
-  }
-};
-
 }  // namespace detail
 
 /// solve_staircase of a System for springs: moves x (Dim x N).
 template <HasTerms Springs>
 Summary solve_staircase(const Springs& springs, typename Springs::Points& x,
                         const StaircaseOptions& options = {}) {
-  return detail::by_terms<Springs>(detail::TermStaircase{options}).solve(springs, x);
+  return detail::solve_converted("staircase", detail::FromSprings<Springs>(), springs, x,
+                                 [&](const System& system, Eigen::MatrixXd& points) {
+                                   return solve_staircase(system, points, options);
+                                 });
 }
 
 /// A method for a System, see system_solvers, for springs: system_solver<Springs>("schwarz"). Throws as
