@@ -299,13 +299,15 @@ class SchwarzSolve {
   }
 
   Status iterate(Global global) {
-    constexpr int kFirstTurn = 4;                      // iterations of `global`; later turns are longer
-    const auto report = [this](const Iteration& at) {  // `global` knows no numbers of nodes, and no sweeps
+    constexpr int kFirstTurn = 4;                   // iterations of `global`; later turns are longer
+    int told = 0;                                   // the last iterate that was reported: the start
+    const auto report = [&](const Iteration& at) {  // `global` knows no numbers of nodes, and no sweeps
+      const int number = summary_.iterations + at.number;
+      if (number == told) return true;
+      told = number;
       const Points given = decomposition_.restored(at.x);
-      return options_.on_iteration({summary_.iterations + at.number,
-                                    at.energy,
-                                    at.gradient_norm,
-                                    {given.data(), given.rows(), given.cols()}});
+      return options_.on_iteration(
+          {number, at.energy, at.gradient_norm, {given.data(), given.rows(), given.cols()}});
     };
     AlignedOptions options = options_;
     if (options_.on_iteration) options.on_iteration = report;
