@@ -1,9 +1,9 @@
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
 #include <cmath>
-#include <deque>
 #include <limits>
 
+#include "lbfgs_pairs.hpp"
 #include "matrix.hpp"
 #include "methods.hpp"
 #include "run.hpp"
@@ -81,31 +81,11 @@ Summary SystemIda::solve(const System& system, Eigen::MatrixXd& x) const {
 
 Summary SystemLbfgs::solve(const System& system, Eigen::MatrixXd& x) const {
   return SystemRun::solve(name(), options, system, x, [](SystemRun& run) {
-    constexpr std::size_t kMemory = 6;
-    constexpr double kCurvature = 1e-3;  // least change of the slope for a pair to be remembered
-    struct Pair {
-      Eigen::MatrixXd step, change;
-      double inverse_curvature;
-    };
-    std::deque<Pair> pairs;
+    LbfgsPairs pairs;
     const Metric metric(run);
+    const auto descent = [&metric](const Eigen::MatrixXd& v) { return metric.descent(v); };
     while (!run.is_over()) {
-      Eigen::MatrixXd v = run.gradient();
-      std::vector<double> alpha(pairs.size());
-      for (std::size_t i = pairs.size(); i-- > 0;) {
-        alpha[i] = pairs[i].inverse_curvature * dot(pairs[i].step, v);
-        v -= alpha[i] * pairs[i].change;
-      }
-      Eigen::MatrixXd direction = metric.descent(v);
-      if (!pairs.empty()) {
-        const Eigen::MatrixXd changed = metric.descent(pairs.back().change);
-        const double gamma = -1 / (pairs.back().inverse_curvature * dot(pairs.back().change, changed));
-        if (gamma > 0 && is_finite(gamma)) direction *= gamma;
-      }
-      for (std::size_t i = 0; i < pairs.size(); ++i) {
-        const double beta = -pairs[i].inverse_curvature * dot(pairs[i].change, direction);
-        direction += (beta - alpha[i]) * pairs[i].step;
-      }
+      const Eigen::MatrixXd direction = pairs.direction(run.gradient(), descent);
       const double slope = dot(run.gradient(), direction);
       double step = 1;
       if (!(slope < 0) || !run.search(direction, step)) {
@@ -114,12 +94,7 @@ Summary SystemLbfgs::solve(const System& system, Eigen::MatrixXd& x) const {
         continue;
       }
       ++run.summary().iterations;
-      const Eigen::MatrixXd change = run.gradient() - run.previous_gradient();
-      const double curvature = step * dot(change, direction);
-      if (curvature > kCurvature * step * -slope) {
-        pairs.push_back({step * direction, change, 1 / curvature});
-        if (pairs.size() > kMemory) pairs.pop_front();
-      }
+      pairs.add(step * direction, run.gradient() - run.previous_gradient(), step * slope);
     }
     return run.end();
   });
