@@ -70,7 +70,9 @@ void expect_minimum(const Problem& problem, const MatrixXd& x, const Summary& su
                                                       Eigen::EigenvaluesOnly);
   const double least = modes.eigenvalues().minCoeff();
   EXPECT_GT(least, -1e-9 * node_stiffness(problem.system, x).maxCoeff());
-  if (summary.positive_definite >= 0) EXPECT_EQ(summary.positive_definite, least > 0);
+  if (summary.positive_definite >= 0) {
+    EXPECT_EQ(summary.positive_definite, least > 0);
+  }
 }
 
 struct Cloth {
