@@ -165,8 +165,8 @@ class Climb {
     if (summary.status == Status::OutOfMemory) raise(std::bad_alloc());
     best_.add_work(summary);
     if (!summary.usable() || summary.status == Status::Interrupted) return false;
-    points = x;
     best_.lower_bound = std::max(best_.lower_bound, bound_near(lifted, x, system_.dim()));
+    points.swap(x);  // Eigen 3.4 frees a matrix twice if memory runs out where it changes its size
     return true;
   }
 
