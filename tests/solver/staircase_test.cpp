@@ -17,6 +17,7 @@
 #include "by_terms.hpp"
 #include "lowest_energy.hpp"
 #include "model_kits.hpp"
+#include "random_values.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -29,6 +30,9 @@ using testing::Fixed2f;
 using testing::Kind;
 using testing::lowest_energy;
 using testing::Plane;
+using testing::random_points;
+using testing::random_shapes;
+using testing::random_values;
 using testing::Rng;
 using testing::Space;
 
@@ -262,18 +266,6 @@ TEST(Staircase, ClaimsNothingFalseOfRobustAnchors) {
   expect_true_bounds<testing::Gemans::System>(5);
 }
 
-MatrixXd random_matrix(Rng& rng, Eigen::Index rows, Eigen::Index columns, double size) {
-  MatrixXd values(rows, columns);
-  for (double& value : values.reshaped()) value = rng.uniform(-size, size);
-  return values;
-}
-
-VectorXd positive(Rng& rng, Eigen::Index count, double low, double high) {
-  VectorXd values(count);
-  for (double& value : values) value = rng.uniform(low, high);
-  return values;
-}
-
 Eigen::MatrixXi elements(Rng& rng, int nodes, int arity, int count) {
   Eigen::MatrixXi result(arity, count);
   for (int e = 0; e < count; ++e) {
@@ -286,14 +278,7 @@ Eigen::MatrixXi elements(Rng& rng, int nodes, int arity, int count) {
 
 // Information that is not a multiple of the identity.
 void shape(Rng& rng, Term& term) {
-  const int dim = term.dim();
-  MatrixXd shapes(dim * dim, term.size());
-  for (int e = 0; e < term.size(); ++e) {
-    const MatrixXd root = random_matrix(rng, dim, dim, 1);
-    const MatrixXd information = root * root.transpose();
-    shapes.col(e) = information.reshaped();
-  }
-  term.values("information") = shapes;
+  term.values("information") = random_shapes(rng, term.dim(), term.size(), true);
 }
 
 // Every kind of term that is liftable, each in some of the systems; all of them have lower bounds of their
@@ -303,14 +288,14 @@ System mixture(Rng& rng, int dim, bool bounded) {
   const auto sometimes = [&rng] { return rng.uniform(0, 1) < 0.4; };
   System system(kNodes, dim);
   Anchors& anchors =
-      system.add_anchors(random_matrix(rng, dim, kNodes, 10), positive(rng, kNodes, 0.02, 0.2));
+      system.add_anchors(random_points(rng, dim, kNodes, 10), random_values(rng, kNodes, 0.02, 0.2));
   if (sometimes()) shape(rng, anchors);
   if (sometimes())
-    system.add_anchors(random_matrix(rng, dim, kNodes, 10), System::all(0.05)).set_loss(Loss::Huber, 3);
+    system.add_anchors(random_points(rng, dim, kNodes, 10), System::all(0.05)).set_loss(Loss::Huber, 3);
   const Eigen::Matrix2Xi pairs = all_pairs(kNodes);
-  Links& links =
-      system.add_links(pairs, positive(rng, pairs.cols(), 2, 15), positive(rng, pairs.cols(), 0.1, 2));
-  if (sometimes()) links.values("offset") = random_matrix(rng, dim, pairs.cols(), 3);
+  Links& links = system.add_links(pairs, random_values(rng, pairs.cols(), 2, 15),
+                                  random_values(rng, pairs.cols(), 0.1, 2));
+  if (sometimes()) links.values("offset") = random_points(rng, dim, pairs.cols(), 3);
   if (sometimes()) shape(rng, links);
   if (sometimes()) {
     links.set_law(LinkLaw::Interval);
@@ -320,11 +305,12 @@ System mixture(Rng& rng, int dim, bool bounded) {
     system.add_links(elements(rng, kNodes, 2, 5), System::all(8), System::all(1)).set_law(LinkLaw::Repulsion);
   if (sometimes())
     system.add_links(elements(rng, kNodes, 2, 5), System::all(5), System::all(1)).set_law(LinkLaw::Rope);
-  if (sometimes()) system.add_bendings(elements(rng, kNodes, 3, 4), positive(rng, 4, 1, 9), System::all(0.3));
+  if (sometimes())
+    system.add_bendings(elements(rng, kNodes, 3, 4), random_values(rng, 4, 1, 9), System::all(0.3));
   if (sometimes()) system.add_differences(elements(rng, kNodes, 3, 4), System::all(0.2));
   if (sometimes()) {
     Offsets& offsets =
-        system.add_offsets(elements(rng, kNodes, 2, 4), random_matrix(rng, dim, 4, 5), System::all(0.4));
+        system.add_offsets(elements(rng, kNodes, 2, 4), random_points(rng, dim, 4, 5), System::all(0.4));
     if (sometimes()) shape(rng, offsets);
   }
   if (!bounded) {
@@ -344,7 +330,7 @@ TEST(Staircase, BoundsAnyMixtureFromBelow) {
         SCOPED_TRACE(::testing::Message() << "dimension " << dim << ", seed " << seed << " " << bounded);
         Rng rng(seed + 1000 * static_cast<std::uint64_t>(dim));
         const System system = mixture(rng, dim, bounded);
-        const MatrixXd start = random_matrix(rng, dim, system.nodes(), 10);
+        const MatrixXd start = random_points(rng, dim, system.nodes(), 10);
         MatrixXd x = start, alone = start, best = start;
         const Summary summary = solve("staircase", system, x);
         ASSERT_TRUE(summary.usable()) << summary;

@@ -19,34 +19,17 @@
 #include <string>
 #include <vector>
 
+#include "random_values.hpp"
+
 namespace asterism {
 namespace {
 
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
+using testing::random_points;
+using testing::random_shapes;
+using testing::random_values;
 using testing::Rng;
-
-MatrixXd random_points(Rng& rng, int dim, int n, double size = 10) {
-  MatrixXd x(dim, n);
-  for (double& value : x.reshaped()) value = rng.uniform(-size, size);
-  return x;
-}
-
-MatrixXd random_shapes(Rng& rng, int dim, int count, bool full) {
-  MatrixXd shapes(dim * dim, count);
-  for (int e = 0; e < count; ++e) {
-    const MatrixXd root = random_points(rng, dim, full ? dim : 1, 1);
-    const MatrixXd shape = root * root.transpose();
-    shapes.col(e) = shape.reshaped();
-  }
-  return shapes;
-}
-
-VectorXd random_values(Rng& rng, Eigen::Index count, double low, double high) {
-  VectorXd values(count);
-  for (double& value : values) value = rng.uniform(low, high);
-  return values;
-}
 
 Eigen::MatrixXi random_elements(Rng& rng, int n, int arity, int count) {
   Eigen::MatrixXi nodes(arity, count);

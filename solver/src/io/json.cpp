@@ -151,8 +151,20 @@ std::unique_ptr<Term> read_term(const Json& object, int dim, int node_count) {
   return term;
 }
 
-void read_start(const Json& value, Eigen::MatrixXd& start) {
-  read_points(value, {"start"}, "one for each node", start);
+constexpr auto kNode = "one for each node", kLink = "one for each link";
+
+Eigen::MatrixXd read_matrix(const Json& object, const char* key, std::ptrdiff_t dim, std::ptrdiff_t count,
+                            const char* unit) {
+  Eigen::MatrixXd points(dim, count);
+  read_points(member(object, key), {key}, unit, points);
+  return points;
+}
+
+std::vector<int> read_fixed(const Json& object, int node_count) {
+  const auto fixed = object.find("fixed");
+  if (fixed == object.end()) return {};
+  const Eigen::MatrixXi nodes = read_nodes(*fixed, "fixed", 1, node_count);
+  return {nodes.reshaped().begin(), nodes.reshaped().end()};
 }
 
 void read_labels(const Json& object, std::string& name, std::string& origin) {
@@ -176,18 +188,14 @@ StoredTerms read_version_2(const Json& object) {
   const int dim = read_dimension(object);
   const int nodes = node(member(object, "nodes"), {"nodes"});
   if (nodes < 0) refuse("nodes is ", object["nodes"].dump());
-  array(member(object, "start"), {"start"}, nodes, "one for each node");  // before memory for them is taken
-  StoredTerms result{System(nodes, dim), Eigen::MatrixXd(dim, nodes), {}, "{}"};
-  read_start(object["start"], result.start);
+  array(member(object, "start"), {"start"}, nodes, kNode);  // before memory for them is taken
+  StoredTerms result{System(nodes, dim), read_matrix(object, "start", dim, nodes, kNode), {}, "{}"};
   std::size_t t = 0;
   for (const Json& term : array(member(object, "terms"), {"terms"})) {
     located(Place{"terms"}[static_cast<std::ptrdiff_t>(t++)].text(),
             [&] { result.system.add(read_term(term, dim, nodes)); });
   }
-  if (const auto fixed = object.find("fixed"); fixed != object.end()) {
-    const Eigen::MatrixXi all = read_nodes(*fixed, "fixed", 1, nodes);
-    for (const int each : all.reshaped()) result.system.fix(each);
-  }
+  for (const int each : read_fixed(object, nodes)) result.system.fix(each);
   read_labels(object, result.name, result.origin);
   if (const std::string problem = validate(result.system, result.start, false); !problem.empty())
     refuse(problem);
@@ -199,15 +207,6 @@ constexpr std::string_view kSpringKeys[] = {
     "anchor_stiffness", "anchor_shape", "links",  "rest_length", "link_stiffness",
     "rest_offset",      "loads",        "fixed",  "start",
 };
-constexpr auto kNode = "one for each node", kLink = "one for each link";
-
-Eigen::MatrixXd read_matrix(const Json& object, const char* key, std::ptrdiff_t dim, std::ptrdiff_t count,
-                            const char* unit) {
-  Eigen::MatrixXd points(dim, count);
-  read_points(member(object, key), {key}, unit, points);
-  return points;
-}
-
 // Numbers that are not negative.
 Eigen::VectorXd read_numbers(const Json& object, const char* key, std::ptrdiff_t count, const char* unit) {
   Eigen::VectorXd numbers(count);
@@ -252,10 +251,7 @@ StoredSprings read_version_1(const Json& object, const StoredVisitor& visitor) {
       shape.transposeInPlace();  // rows were read as columns
     }
   }
-  if (const auto fixed = object.find("fixed"); fixed != object.end()) {
-    const Eigen::MatrixXi all = read_nodes(*fixed, "fixed", 1, static_cast<int>(nodes));
-    result.fixed.assign(all.reshaped().begin(), all.reshaped().end());
-  }
+  result.fixed = read_fixed(object, static_cast<int>(nodes));
   result.start = object.contains("start") ? read_matrix(object, "start", dim, nodes, kNode) : result.anchors;
   read_labels(object, result.name, result.origin);
   return result;

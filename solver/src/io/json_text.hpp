@@ -319,6 +319,5 @@ inline void require_writable_origin(const Json& origin) {
 }
 
 }  // namespace detail::stored
-
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -56,7 +56,7 @@ bool is_quadratic(const System& system) {
 }
 
 // Whether a third of all pairs of nodes, or more, are in an element together.
-bool is_dense(const System& system) {
+bool has_many_pairs(const System& system) {
   double pairs = 0;
   for (int t = 0; t < system.term_count(); ++t) {
     const double arity = system.term(t).arity();
@@ -102,13 +102,14 @@ Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   if (!missing_curvature(system, Curvature::True).empty()) return SystemLbfgs{options}.solve(system, x);
   constexpr int kSmall = 64;  // unknowns
   if (x.size() <= kSmall || is_quadratic(system)) return SystemNewton{options}.solve(system, x);
-  if (is_dense(system) && missing_curvature(system, Curvature::Majorising).empty())
+  const bool is_dense = has_many_pairs(system);
+  if (is_dense && missing_curvature(system, Curvature::Majorising).empty())
     return SystemLbfgs{options}.solve(system, x);
   constexpr int kFew = 1000, kMedium = 30000, kFactored = 300000;  // nodes
   constexpr double kWeak = 5e-5, kWeakForFloppy = 5e-3;
   const int n = system.nodes();
   // Also what every method refuses.
-  if (n <= kFew || is_dense(system) || !validate(system, x, false).empty())
+  if (n <= kFew || is_dense || !validate(system, x, false).empty())
     return SystemNewtonCg{options}.solve(system, x);
   const Anchoring anchors(system, x);
   if (n <= kMedium && is_floppy(system) && anchors.is_of_most() && anchors.is_below(kWeakForFloppy))

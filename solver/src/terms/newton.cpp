@@ -43,10 +43,6 @@ bool leave_saddle(SystemRun& run, const Eigen::VectorXd& v, double curvature) {
   return false;
 }
 
-}  // namespace
-
-namespace {
-
 // Whether the block of a node alone shows that the matrix is not positive definite.
 bool has_indefinite_block(const SystemMatrix& matrix, int nodes, int dim) {
   if (matrix.is_dense() || matrix.is_shared()) return false;
