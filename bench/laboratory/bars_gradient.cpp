@@ -7,7 +7,7 @@
 #include <asterism/solver/batch/spring_batch.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <cstddef>
@@ -115,7 +115,7 @@ void many_nodes(Bars& bars) {
   using System = SpringSystem<double, 2>;
   const int nodes = bars.quick() ? 10000 : 100000;
   auto [system, start] = testing::sparse_system<System>(1, nodes);
-  SparseNewton<System> newton;
+  AnySolver<System> newton = system_solver<System>("newton");
   Sensitivity<System> sensitivity;
   System::Points x = start;
   newton.solve(system, x);

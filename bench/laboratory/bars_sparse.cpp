@@ -2,7 +2,6 @@
 #include <sys/resource.h>
 
 #include <algorithm>
-#include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>
@@ -51,7 +50,7 @@ testing::RandomSystem<SpringSystem<double, 3>> cloth(std::uint64_t seed, int sid
   return {system, grid + testing::random_points<Space>(rng, side * side, -0.3, 0.3)};
 }
 
-// The longest CPU time that SparseNewton takes for a cloth, flat or crumpled, on weak or very weak anchors;
+// The longest CPU time that Newton of terms takes for a cloth, flat or crumpled, on weak or very weak anchors;
 // infinity if it does not reach the default tolerance for one.
 double cloth_seconds() {
   double slowest = 0;
@@ -59,7 +58,7 @@ double cloth_seconds() {
     for (const double share : {1e-4, 1e-8}) {
       for (const double extent : {0.8, 1.0, 1.2}) {
         auto [system, x] = cloth(seed, 60, share, extent);
-        SparseNewton<SpringSystem<double, 3>> solver;
+        AnySolver<SpringSystem<double, 3>> solver = system_solver<SpringSystem<double, 3>>("newton");
         const double before = cpu_seconds();
         const Summary summary = solver.solve(system, x);
         if (summary.status != Status::Converged) return std::numeric_limits<double>::infinity();
@@ -140,7 +139,7 @@ void sparse_bars(Bars& bars) {
                  times_to_gap("schwarz-direct", weak).median_seconds, 0.76, 0.38);
   }
   if (!bars.quick()) ten_million_nodes(bars);
-  bars.at_most("cloths of 60 x 60 nodes in space, SparseNewton, slowest", "%.3g s", cloth_seconds(), 1, 0.5);
+  bars.at_most("cloths of 60 x 60 nodes in space, newton-sparse, slowest", "%.3g s", cloth_seconds(), 1, 0.5);
 }
 
 }  // namespace asterism::bench

@@ -134,15 +134,23 @@ void add_ida(int nodes) {
   add<Ida<System>, System>("ida", Linking::Full, nodes, 20);
 }
 
-// Schwarz's method, which is one for systems of terms.
-struct Divided {
-  ThreadedOptions options;
-  AnySolver<Dynamic> solver = system_solver<Dynamic>("schwarz");
+// A method for systems of terms.
+struct ByTerms {
+  explicit ByTerms(const char* method) : solver(system_solver<Dynamic>(method)) {}
+
+  AlignedOptions options;
+  AnySolver<Dynamic> solver;
 
   Summary solve(const Dynamic& system, Dynamic::Points& x) {
     static_cast<AlignedOptions&>(solver.options()) = options;
     return solver.solve(system, x);
   }
+};
+struct Direct : ByTerms {
+  Direct() : ByTerms("newton") {}
+};
+struct Divided : ByTerms {
+  Divided() : ByTerms("schwarz") {}
 };
 
 constexpr int kSystems = 4096;
@@ -211,7 +219,7 @@ void add_methods() {
   }
   constexpr int kMany = 10000;
   add<NewtonCg<Dynamic>, Dynamic>("newton_cg", Linking::Nearest, kMany, 5);
-  add<SparseNewton<Dynamic>, Dynamic>("sparse_newton", Linking::Nearest, kMany, 5);
+  add<Direct, Dynamic>("sparse_newton", Linking::Nearest, kMany, 5);
   add<Divided, Dynamic>("schwarz", Linking::Nearest, kMany, 2);
 
   add_batch<SpringBatch<double, 2, 4>>(4);

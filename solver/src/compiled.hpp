@@ -26,6 +26,5 @@
 
 #define ASTERISM_COMPILE_SPARSE_SOLVERS(System) \
   ASTERISM_COMPILE(SparseIda, System)           \
-  ASTERISM_COMPILE(detail::JacobiLbfgs, System) \
-  ASTERISM_COMPILE(SparseNewton, System)
+  ASTERISM_COMPILE(detail::JacobiLbfgs, System)
 // NOLINTEND(bugprone-macro-parentheses)

@@ -47,10 +47,11 @@ template <typename Solver>
 class OutOfMemory : public ::testing::Test {};
 using Solvers = ::testing::Types<
 #ifdef ASTERISM_TEST_CHOLMOD
-    CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
+    CholmodIda<System>, testing::CholmodNewton<System>,
 #endif
     Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, SparseNewton<System>, testing::MultiStart<System>, testing::Staircase<System>, ShortSearch>;
+    Auto<System>, testing::SparseNewton<System>, testing::MultiStart<System>, testing::Staircase<System>,
+    ShortSearch>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;

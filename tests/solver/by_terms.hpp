@@ -8,8 +8,12 @@
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
+#ifdef ASTERISM_TEST_CHOLMOD
+#include <asterism/solver/linear/cholmod.hpp>
+#endif
 #include <new>
 #include <string_view>
+#include <vector>
 
 namespace asterism::testing {
 
@@ -22,6 +26,24 @@ struct Staircase {
   }
 };
 
+/// A method with options of its own. To make the solver may lack memory, too.
+template <typename Springs>
+Summary solve_by_terms(std::string_view method, const std::vector<NamedOption>& own,
+                       const AlignedOptions& options, const Springs& system, typename Springs::Points& x) {
+  Summary summary;
+  const auto work = [&] {
+    AnySolver<Springs> solver = system_solver<Springs>(method, own);
+    static_cast<AlignedOptions&>(solver.options()) = options;
+    summary = solver.solve(system, x);
+  };
+  asterism::detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+    summary.solver = method;
+    summary.status = Status::OutOfMemory;
+    summary.message = asterism::detail::memory_message(error);
+  });
+  return summary;
+}
+
 struct StartsOptions : AlignedOptions {
   int starts = 8;
 };
@@ -31,18 +53,23 @@ struct MultiStart {
   StartsOptions options;
   static constexpr std::string_view name() { return "multi-start"; }
   Summary solve(const Springs& system, typename Springs::Points& x) const {
-    Summary summary;
-    const auto work = [&] {  // to make the solver may lack memory, too
-      AnySolver<Springs> solver = system_solver<Springs>(name(), {{"starts", options.starts}});
-      static_cast<AlignedOptions&>(solver.options()) = options;
-      summary = solver.solve(system, x);
-    };
-    asterism::detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
-      summary.solver = name();
-      summary.status = Status::OutOfMemory;
-      summary.message = asterism::detail::memory_message(error);
-    });
-    return summary;
+    return solve_by_terms(name(), {{"starts", options.starts}}, options, system, x);
+  }
+};
+
+struct SparseNewtonOptions : AlignedOptions {
+  bool escape_saddles = true;
+  bool continuation = true;
+};
+
+template <typename Springs>
+struct SparseNewton {
+  SparseNewtonOptions options;
+  static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }
+  Summary solve(const Springs& system, typename Springs::Points& x) const {
+    return solve_by_terms(
+        "newton", {{"escape_saddles", options.escape_saddles}, {"continuation", options.continuation}},
+        options, system, x);
   }
 };
 
@@ -67,5 +94,22 @@ template <typename Springs>
 using Schwarz = SchwarzOf<Springs, false>;
 template <typename Springs>
 using DirectSchwarz = SchwarzOf<Springs, true>;
+
+#ifdef ASTERISM_TEST_CHOLMOD
+template <typename Springs>
+class CholmodNewton {
+ public:
+  AlignedOptions options;
+
+  static constexpr std::string_view name() { return "Newton, CHOLMOD"; }
+  Summary solve(const Springs& springs, typename Springs::Points& x) {
+    static_cast<AlignedOptions&>(solver_.options()) = options;
+    return solver_.solve(springs, x);
+  }
+
+ private:
+  AnySolver<Springs> solver_{newton_by_cholmod(), asterism::detail::FromSprings<Springs>()};
+};
+#endif
 
 }  // namespace asterism::testing

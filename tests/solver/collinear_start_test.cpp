@@ -7,7 +7,6 @@
 #include <asterism/solver/energy/hessian.hpp>
 #include <asterism/solver/method/auto.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
 #include <cstdint>
@@ -16,6 +15,8 @@
 #ifdef ASTERISM_TEST_CHOLMOD
 #include <asterism/solver/linear/cholmod.hpp>
 #endif
+
+#include "by_terms.hpp"
 
 namespace asterism {
 namespace {
@@ -84,18 +85,11 @@ class CollinearStart : public ::testing::TestWithParam<std::tuple<Start, double>
   }
 };
 
-template <typename System>
-using PlainSparseNewton = SparseNewton<System>;
-#ifdef ASTERISM_TEST_CHOLMOD
-template <typename System>
-using CholmodNewton = SparseNewton<System, CholmodLlt<System>>;
-#endif
-
 TEST_P(CollinearStart, IsLeftByNewton) { check<Newton>(); }
-TEST_P(CollinearStart, IsLeftBySparseNewton) { check<PlainSparseNewton>(); }
+TEST_P(CollinearStart, IsLeftBySparseNewton) { check<testing::SparseNewton>(); }
 TEST_P(CollinearStart, IsLeftByAuto) { check<Auto>(); }
 #ifdef ASTERISM_TEST_CHOLMOD
-TEST_P(CollinearStart, IsLeftByCholmodNewton) { check<CholmodNewton>(); }
+TEST_P(CollinearStart, IsLeftByCholmodNewton) { check<testing::CholmodNewton>(); }
 #endif
 
 INSTANTIATE_TEST_SUITE_P(Starts, CollinearStart,
@@ -126,10 +120,10 @@ void expect_known_minima() {
 
 TEST(CollinearStarts, EndAtKnownMinima) {
   expect_known_minima<Newton<System<2>>>();
-  expect_known_minima<SparseNewton<System<2>>>();
+  expect_known_minima<testing::SparseNewton<System<2>>>();
   expect_known_minima<Auto<System<2>>>();
 #ifdef ASTERISM_TEST_CHOLMOD
-  expect_known_minima<CholmodNewton<System<2>>>();
+  expect_known_minima<testing::CholmodNewton<System<2>>>();
 #endif
 }
 

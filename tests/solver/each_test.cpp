@@ -12,6 +12,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "by_terms.hpp"
 #include "matrices.hpp"
 
 namespace asterism {
@@ -122,7 +123,7 @@ TEST(Each, IsDividedWithItsSystem) {
   for (int l = 0; l < system.link_count(); ++l)
     system.link_potential.values.push_back({{length * rng.uniform(0.1, 1)}});
   auto x = start, y = start;
-  const Summary direct = SparseNewton<Ropes>().solve(system, x);
+  const Summary direct = testing::SparseNewton<Ropes>().solve(system, x);
   const Summary divided = system_solver<Ropes>("schwarz").solve(system, y);
   EXPECT_EQ(direct.status, Status::Converged) << direct;
   EXPECT_EQ(divided.status, Status::Converged) << divided;

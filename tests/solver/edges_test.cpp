@@ -30,7 +30,7 @@ class Edges : public ::testing::Test {
   }
 };
 using Solvers = ::testing::Types<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
-                                 SparseNewton<System>, Auto<System>>;
+                                 testing::SparseNewton<System>, Auto<System>>;
 TYPED_TEST_SUITE(Edges, Solvers);
 
 testing::RandomSystem<System> random(std::uint64_t seed, int n = 5) {
@@ -307,7 +307,7 @@ TEST(ConicPeak, IsNoLocalMinimum) {
     EXPECT_LT((x.leftCols(2) - (Points(2, 2) << -1, 1, 0, 0).finished()).norm(), 1e-6) << left;
   };
   expect_seen_and_left(Newton<System>());
-  expect_seen_and_left(SparseNewton<System>());
+  expect_seen_and_left(testing::SparseNewton<System>());
   EXPECT_EQ(covariance(system, peak).status, CovarianceStatus::NotPositiveDefinite);
   EXPECT_LT(energy(system, at + (Points(2, 4) << 0, 0, 0, 0, 0.5, -0.5, 0, 0).finished()),
             energy(system, at));
@@ -465,7 +465,7 @@ TEST(AutoSolver, LooksAtHowMostNodesAreHeld) {
     return std::string(Auto<System>().solve(system, x).solver);
   };
   system.anchor_stiffness.setConstant(1e-3);
-  EXPECT_EQ(chosen(), SparseNewton<System>::name());
+  EXPECT_EQ(chosen(), testing::SparseNewton<System>::name());
   system.anchor_stiffness.setConstant(1);
   EXPECT_EQ(chosen(), system_solvers().make("schwarz").name());
   system.anchor_stiffness.setZero();

@@ -310,7 +310,7 @@ TEST(FreeMotion, IsNoStrictMinimumInThePlane) {
     expect_verdict<Dynamic2>(table, with<Auto<Dynamic2>>(tolerance));
   }
   // Tight, as with looser tolerances these stop before weak anchors have rotated the constellation.
-  expect_verdict<Dynamic2>(table, with<SparseNewton<Dynamic2>>(1e-12));
+  expect_verdict<Dynamic2>(table, with<testing::SparseNewton<Dynamic2>>(1e-12));
 }
 
 TEST(FreeMotion, IsNoStrictMinimumInSpace) {
@@ -318,7 +318,7 @@ TEST(FreeMotion, IsNoStrictMinimumInSpace) {
   for (const double tolerance : {1e-4, 1e-8, 1e-12}) {
     expect_verdict<Dynamic3>(table, with<Newton<Dynamic3>>(tolerance));
   }
-  expect_verdict<Dynamic3>(table, with<SparseNewton<Dynamic3>>(1e-12));
+  expect_verdict<Dynamic3>(table, with<testing::SparseNewton<Dynamic3>>(1e-12));
 }
 
 TEST(FreeMotion, IsNoStrictMinimumOfBoundedOrFixedSize) {

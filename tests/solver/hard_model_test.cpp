@@ -3,6 +3,7 @@
 
 #include <asterism/solver.hpp>
 
+#include "by_terms.hpp"
 #include "matrices.hpp"
 #include "model_kits.hpp"
 #include "test_systems.hpp"
@@ -21,7 +22,7 @@ using PlainNewtonCg = NewtonCg<System>;
 template <typename System>
 using PlainNonlinearCg = NonlinearCg<System>;
 template <typename System>
-using PlainSparseNewton = SparseNewton<System>;
+using PlainSparseNewton = testing::SparseNewton<System>;
 
 // A nonlinear potential, a loss that is not convex, and both with anisotropic anchors.
 template <typename K>

@@ -6,7 +6,7 @@ void solve_line(const Problem& problem, std::vector<Attempt>& attempts) {
   using System = SpringSystem<double, 1>;
   static CommonSolvers<System> common;
   static SparseSolvers<System> sparse;
-  static DividingSolvers<System> dividing;
+  static TermSolvers<System> dividing;
   solve_with<System>(common, problem, attempts);
   solve_with<System>(sparse, problem, attempts);
   solve_with<System>(dividing, problem, attempts);

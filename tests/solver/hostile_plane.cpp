@@ -31,7 +31,7 @@ struct ShortSearch : BranchAndBound<Plane> {
 
 using Adapters = std::tuple<
 #ifdef ASTERISM_TEST_CHOLMOD
-    Ida<Plane, CholmodCholesky<Plane>>, SparseNewton<Plane, CholmodLlt<Plane>>,
+    Ida<Plane, CholmodCholesky<Plane>>, testing::CholmodNewton<Plane>,
 #endif
 #ifdef ASTERISM_TEST_LBFGS
     reference::Liblbfgs<Plane>,
@@ -76,7 +76,7 @@ void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {
 void solve_plane(const Problem& problem, std::vector<Attempt>& attempts) {
   static CommonSolvers<Plane> common;
   static SparseSolvers<Plane> sparse;
-  static DividingSolvers<Plane> dividing;
+  static TermSolvers<Plane> dividing;
   static Adapters adapters;
   static WithoutLoads without_loads;
   static CommonSolvers<FourParts> four_parts;
@@ -96,7 +96,7 @@ void solve_plane(const Problem& problem, std::vector<Attempt>& attempts) {
 void solve_space(const Problem& problem, std::vector<Attempt>& attempts) {
   static CommonSolvers<Space> common;
   static SparseSolvers<Space> sparse;
-  static DividingSolvers<Space> dividing;
+  static TermSolvers<Space> dividing;
   solve_with<Space>(common, problem, attempts);
   solve_with<Space>(sparse, problem, attempts);
   solve_with<Space>(dividing, problem, attempts);

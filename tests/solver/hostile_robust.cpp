@@ -7,7 +7,7 @@ void solve_robust(const Problem& problem, std::vector<Attempt>& attempts) {
                               Model<Hooke, GemanMcClure, AnchorShape::Anisotropic>>;
   static CommonSolvers<System> common;
   static SparseSolvers<System> sparse;
-  static DividingSolvers<System> dividing;
+  static TermSolvers<System> dividing;
   solve_with<System>(common, problem, attempts);
   solve_with<System>(sparse, problem, attempts);
   solve_with<System>(dividing, problem, attempts);

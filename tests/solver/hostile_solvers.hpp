@@ -54,10 +54,10 @@ template <typename System>
 using CommonSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
                                  NonlinearCg<System>, Auto<System>>;
 template <typename System>
-using SparseSolvers = std::tuple<Ida<System, SparseCholesky<System>>, Lbfgs<System, JacobiMetric<System>>,
-                                 SparseNewton<System>>;
+using SparseSolvers = std::tuple<Ida<System, SparseCholesky<System>>, Lbfgs<System, JacobiMetric<System>>>;
 /// Those for systems of terms, which are in double.
 template <typename System>
-using DividingSolvers = std::tuple<testing::Schwarz<System>, testing::DirectSchwarz<System>>;
+using TermSolvers =
+    std::tuple<testing::SparseNewton<System>, testing::Schwarz<System>, testing::DirectSchwarz<System>>;
 
 }  // namespace asterism::hostile

@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <limits>
 
+#include "by_terms.hpp"
 #include "matrices.hpp"
 
 namespace asterism {
@@ -93,7 +94,8 @@ void expect_least_squares() {
 
 // The blocks differ by dimension, and what the methods do with them does not: all methods in the plane.
 TEST(LinkInformation, WithoutLengthsIsLeastSquares) {
-  expect_least_squares<2, Ida<System<2>>, Lbfgs<System<2>>, NewtonCg<System<2>>, SparseNewton<System<2>>>();
+  expect_least_squares<2, Ida<System<2>>, Lbfgs<System<2>>, NewtonCg<System<2>>,
+                       testing::SparseNewton<System<2>>>();
   expect_least_squares<3>();
 }
 
@@ -188,7 +190,7 @@ TEST(LinkInformation, IsDividedWithItsSystem) {
   for (int l = 0; l < system.link_count(); ++l) system.set_link_information(l, random_information<2>(rng));
   system.set_rest_offsets(System<2>::Points(start));
   System<2>::Points x = start, y = start;
-  const Summary direct = SparseNewton<System<2>>().solve(system, x);
+  const Summary direct = testing::SparseNewton<System<2>>().solve(system, x);
   const Summary divided = system_solver<System<2>>("schwarz").solve(system, y);
   EXPECT_EQ(direct.status, Status::Converged) << direct;
   EXPECT_EQ(divided.status, Status::Converged) << divided;

@@ -17,6 +17,7 @@
 #include <asterism/solver/reference/ceres.hpp>
 #endif
 
+#include "by_terms.hpp"
 #include "matrices.hpp"
 
 namespace asterism {
@@ -223,7 +224,7 @@ TEST(Loads, HangTheSameFarFromTheOrigin) {
 TEST(Loads, HangAClothByEveryLargeMethod) {
   const System<3> system = cloth(14);
   auto expected = system.anchors;
-  const Summary direct = SparseNewton<System<3>>().solve(system, expected);
+  const Summary direct = testing::SparseNewton<System<3>>().solve(system, expected);
   ASSERT_EQ(direct.status, Status::Converged) << direct;
   for (const char* name : {"newton-cg", "lbfgs", "schwarz", "schwarz-direct", "auto"}) {
     auto x = system.anchors;
@@ -236,7 +237,7 @@ TEST(Loads, HangAClothByEveryLargeMethod) {
   // Float has the same minimum.
   const auto narrow = system.cast<float>();
   SpringSystem<float, 3>::Points x = system.anchors.cast<float>();
-  const Summary summary = SparseNewton<SpringSystem<float, 3>>().solve(narrow, x);
+  const Summary summary = testing::SparseNewton<SpringSystem<float, 3>>().solve(narrow, x);
   EXPECT_TRUE(summary.usable()) << summary;
   EXPECT_NEAR(summary.final_energy, direct.final_energy, 1e-3 * std::abs(direct.final_energy));
 }

@@ -7,6 +7,7 @@
 #include <string>
 #include <string_view>
 
+#include "by_terms.hpp"
 #include "matrices.hpp"
 #include "model_kits.hpp"
 #include "test_systems.hpp"
@@ -40,7 +41,7 @@ TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
   check(SparseIda<System>());
   check(Lbfgs<System>());
   check(NewtonCg<System>());
-  check(SparseNewton<System>());
+  check(testing::SparseNewton<System>());
   check(NonlinearCg<System>());
   check(Auto<System>());
 }

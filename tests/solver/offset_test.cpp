@@ -16,6 +16,7 @@
 #include <asterism/solver/reference/ceres.hpp>
 #endif
 
+#include "by_terms.hpp"
 #include "matrices.hpp"
 
 namespace asterism {
@@ -246,7 +247,7 @@ TEST(Offsets, OfManyNodesAreSolvedBySubdomains) {
   const System<2>::Points shape = start;
   system.set_rest_offsets(shape);
   auto x = start, y = start;
-  const Summary direct = SparseNewton<System<2>>().solve(system, x);
+  const Summary direct = testing::SparseNewton<System<2>>().solve(system, x);
   const Summary divided = system_solver<System<2>>("schwarz", {{"threads", 2}}).solve(system, y);
   EXPECT_EQ(direct.status, Status::Converged);
   EXPECT_EQ(divided.status, Status::Converged) << divided;

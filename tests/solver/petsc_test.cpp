@@ -6,7 +6,7 @@
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
+#include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/testing/sparse_system.hpp>
 #include <filesystem>
@@ -66,10 +66,10 @@ void expect_minimum(const SpringSystem<double, kDim>& system,
                     const DistributedOptions& options = {}, bool from_near = true) {
   using System = SpringSystem<double, kDim>;
   const auto ours = [&](typename System::Points& x) {
-    SparseNewtonOptions newton;
-    newton.continuation = newton.align = false;
-    newton.ground_components = options.ground_components;
-    const Summary summary = SparseNewton<System>(system, newton).solve(system, x);
+    AnySolver<System> newton = system_solver<System>(
+        "newton",
+        {{"continuation", false}, {"align", false}, {"ground_components", options.ground_components}});
+    const Summary summary = newton.solve(system, x);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     return summary;
   };

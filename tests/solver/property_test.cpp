@@ -16,7 +16,6 @@
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -272,10 +271,10 @@ using DenseSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, Newt
 template <typename System>
 using SparseSolvers = std::tuple<
 #ifdef ASTERISM_TEST_CHOLMOD
-    CholmodIda<System>, SparseNewton<System, CholmodLlt<System>>,
+    CholmodIda<System>, testing::CholmodNewton<System>,
 #endif
-    SparseIda<System>, SparseNewton<System>, testing::Schwarz<System>, testing::DirectSchwarz<System>,
-    NewtonCg<System>, Lbfgs<System>>;
+    SparseIda<System>, testing::SparseNewton<System>, testing::Schwarz<System>,
+    testing::DirectSchwarz<System>, NewtonCg<System>, Lbfgs<System>>;
 
 // Calls visit(solve) for each solver, where solve(max_iterations, x) runs it.
 template <typename System, typename Solvers, typename Visit>

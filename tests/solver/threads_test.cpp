@@ -14,6 +14,7 @@
 #include <thread>
 #include <vector>
 
+#include "by_terms.hpp"
 #include "test_systems.hpp"
 
 namespace asterism {
@@ -41,7 +42,7 @@ TEST(LargeSystems, AreLeftWhereAskedToStop) {
     EXPECT_TRUE(x.allFinite());
   };
   check(NewtonCg<Plane>());
-  check(SparseNewton<Plane>());
+  check(testing::SparseNewton<Plane>());
   check(Lbfgs<Plane, JacobiMetric<Plane>>());
 }
 

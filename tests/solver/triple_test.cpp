@@ -252,7 +252,6 @@ TEST(Triples, AreRefusedByWhatCannotTakeThem) {
   is_refused(Ida<Plane>());
   is_refused(Newton<Plane>());
   is_refused(NewtonCg<Plane>());
-  is_refused(SparseNewton<Plane>());
   const Certificate certificate = certify(system, system.anchors);
   EXPECT_EQ(certificate.proof, Proof::NotApplicable);
   EXPECT_EQ(std::string_view(certificate.reason), "the system has potentials over three nodes");

@@ -281,12 +281,15 @@ void SystemMatrix::shift(const Eigen::VectorXd& node_stiffness, double share) {
   }
 }
 
-void SystemFactor::analyse(const SystemMatrix& matrix) {
-  if (analysed_ != &matrix || pattern_ != matrix.pattern()) {
-    cholesky_.analyzePattern(matrix.sparse());
-    analysed_ = &matrix;
-    pattern_ = matrix.pattern();
+void SystemFactor::analyze(const SystemMatrix& matrix) {
+  if (analyzed_ == &matrix && pattern_ == matrix.pattern()) return;
+  if (other_) {
+    other_->analyze(matrix.sparse());
+  } else {
+    cholesky_.analyze(matrix.sparse());
   }
+  analyzed_ = &matrix;
+  pattern_ = matrix.pattern();
 }
 
 bool SystemFactor::factorize(const SystemMatrix& matrix) {
@@ -294,6 +297,7 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
   const auto is_positive = [&matrix](double pivot, int row) {
     return pivot > kRounding * matrix.diagonal(row) && pivot > 0 && detail::is_finite(pivot);
   };
+  rows_ = matrix.rows();
   is_dense_ = matrix.is_dense();
   is_shared_ = matrix.is_shared();
   if (is_dense_) {
@@ -304,7 +308,8 @@ bool SystemFactor::factorize(const SystemMatrix& matrix) {
     }
     return true;
   }
-  analyse(matrix);
+  analyze(matrix);
+  if (other_) return other_->factorize(matrix.sparse());
   cholesky_.factorize(matrix.sparse());
   if (cholesky_.info() != Eigen::Success) return false;
   const Eigen::VectorXd& pivots = cholesky_.vectorD();
@@ -323,6 +328,7 @@ void SystemFactor::solve_dense(Right&& right) const {
 }
 
 Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
+  if (!is_dense_ && other_) return other_->solve(right);
   if (!is_dense_) return cholesky_.solve(right);
   Eigen::MatrixXd solution = right;
   constexpr Eigen::Index kFew = 3;  // Eigen packs several right-hand sides, which takes longer for a few
@@ -333,10 +339,12 @@ Eigen::MatrixXd SystemFactor::solve_all(const Eigen::MatrixXd& right) const {
 
 Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
   if (is_shared_) return solve_all(points.transpose()).transpose();
-  Eigen::VectorXd right = Eigen::VectorXd::Zero(is_dense_ ? factor_.rows() : cholesky_.rows());
+  Eigen::VectorXd right = Eigen::VectorXd::Zero(rows_);
   right.head(points.size()) = points.reshaped();
   if (is_dense_) {
     solve_dense(right);
+  } else if (other_) {
+    right = other_->solve(right);
   } else {
     right = cholesky_.solve(right).eval();
   }
@@ -362,24 +370,23 @@ bool factorize_indefinite(Eigen::MatrixXd& a) {
 }  // namespace
 
 Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) const {
-  Eigen::MatrixXd indefinite;
+  Eigen::VectorXd v;
   if (is_dense_) {
-    indefinite = matrix.dense();
-    if (!factorize_indefinite(indefinite)) return {};
-  } else if (cholesky_.info() != Eigen::Success) {
+    Eigen::MatrixXd indefinite = matrix.dense();
+    Eigen::Index least = 0;
+    if (!factorize_indefinite(indefinite) || !(indefinite.diagonal().minCoeff(&least) < 0)) return {};
+    // A = L D L^T: v = L^-T e has v^T A v = D_ii.
+    v = Eigen::VectorXd::Unit(indefinite.rows(), least);
+    indefinite.triangularView<Eigen::UnitLower>().transpose().solveInPlace(v);
+  } else if (other_) {  // which may have stopped at the first pivot that is not positive
+    SparseFactor<double> factor;
+    factor.analyze(matrix.sparse());
+    factor.factorize(matrix.sparse());
+    if (!(factor.negative_curvature(v) < 0)) return {};
+  } else if (!(cholesky_.negative_curvature(v) < 0)) {
     return {};
   }
-  const Eigen::VectorXd pivots = is_dense_ ? Eigen::VectorXd(indefinite.diagonal()) : cholesky_.vectorD();
-  Eigen::Index least = 0;
-  if (pivots.size() == 0 || !(pivots.minCoeff(&least) < 0)) return {};
-  // A = P^T L D L^T P: v = P^T L^-T e has v^T A v = D_ii.
-  Eigen::VectorXd v = Eigen::VectorXd::Unit(pivots.size(), least);
-  if (is_dense_) {
-    indefinite.triangularView<Eigen::UnitLower>().transpose().solveInPlace(v);
-    return v;
-  }
-  cholesky_.matrixU().solveInPlace(v);
-  return cholesky_.permutationPinv() * v;
+  return v;
 }
 
 double SystemFactor::log_determinant() const {

@@ -1,10 +1,13 @@
 #pragma once
 
-#include <Eigen/SparseCholesky>
 #include <Eigen/SparseCore>
+#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstddef>
+#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 namespace asterism {
@@ -94,9 +97,11 @@ class SystemMatrix final : public CurvatureSink {
   std::vector<double> values_;
 };
 
-/// A factorisation of such a matrix: L L^T of dense ones, L D L^T of sparse ones.
+/// A factorisation of such a matrix: L L^T of dense ones, L D L^T of sparse ones, or that of another package.
 class SystemFactor {
  public:
+  explicit SystemFactor(std::unique_ptr<SparseFactorization> other = nullptr) : other_(std::move(other)) {}
+
   /// Whether all pivots are positive, and not mere rounding beside the diagonal.
   bool factorize(const SystemMatrix& matrix);
   /// The points' part of the solution for a right-hand side that is `points`, and 0 for hidden unknowns.
@@ -107,19 +112,21 @@ class SystemFactor {
   /// negative pivot: a vector without entries where there is none, or the factorisation broke down.
   Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;
   double log_determinant() const;
-  /// Of a sparse matrix.
-  const auto& cholesky() const { return cholesky_; }
+  /// Of a sparse matrix, without another package.
+  const SparseFactor<double>& cholesky() const { return cholesky_; }
 
  private:
-  void analyse(const SystemMatrix& matrix);
+  void analyze(const SystemMatrix& matrix);
   template <typename Right>
   void solve_dense(Right&& right) const;
 
+  int rows_ = 0;
   bool is_dense_ = false, is_shared_ = false;
   Eigen::MatrixXd factor_;  // of a dense matrix: L in the lower triangle
-  Eigen::SimplicialLDLT<SystemMatrix::Sparse, Eigen::Lower, Eigen::AMDOrdering<int>> cholesky_;
+  SparseFactor<double> cholesky_;
+  std::unique_ptr<SparseFactorization> other_;  // in place of cholesky_
   int pattern_ = -1;
-  const SystemMatrix* analysed_ = nullptr;
+  const SystemMatrix* analyzed_ = nullptr;
 };
 
 }  // namespace detail

@@ -3,9 +3,12 @@
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
+#include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstdint>
+#include <functional>
+#include <memory>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -49,7 +52,10 @@ inline void visit_options(OptionVisitor& visit, SystemNewtonOptions& options) {
 /// shortens, alternate with turns of L-BFGS, whose steps cost and count as a hundredth.
 struct SystemNewton {
   SystemNewtonOptions options;
-  static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }
+  std::string_view its_name = "Newton, sparse LDL^T";
+  std::function<std::unique_ptr<SparseFactorization>()> make_factorization = nullptr;  // none: Eigen's
+
+  std::string_view name() const { return its_name; }
   Summary solve(const System& system, Eigen::MatrixXd& x) const;
 };
 

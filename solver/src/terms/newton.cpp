@@ -2,7 +2,12 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <cmath>
+#include <functional>
 #include <limits>
+#include <memory>
+#include <optional>
+#include <string_view>
+#include <utility>
 
 #include "lbfgs_pairs.hpp"
 #include "loss.hpp"
@@ -98,8 +103,13 @@ System with_anchors_times(const System& system, double factor) {
 
 class NewtonSolve {
  public:
-  NewtonSolve(SystemRun& run, const SystemNewtonOptions& options)
-      : run_(run), options_(options), is_large_(run.x().size() > kSmall) {}
+  NewtonSolve(SystemRun& run, const SystemNewton& method)
+      : run_(run),
+        method_(method),
+        options_(method.options),
+        is_large_(run.x().size() > kSmall),
+        factor_(make_factorization()),
+        clamped_factor_(make_factorization()) {}
 
   Status iterate() {
     int escapes = 0;
@@ -140,6 +150,7 @@ class NewtonSolve {
       double taken = 0;
       if (is_definite) taken = newton_step();
       if (taken == 0 && !repaired_step()) return Status::NoProgress;
+      if (turns_easily()) run_.align(false);
       gain = before - run_.energy();
       if (taken > 0 && taken < 1 && is_large_ && run_.summary().iterations < options_.max_iterations)
         take_turn(gain);
@@ -147,10 +158,25 @@ class NewtonSolve {
   }
 
  private:
+  std::unique_ptr<SparseFactorization> make_factorization() const {
+    return method_.make_factorization ? method_.make_factorization() : nullptr;
+  }
+
   static constexpr int kSmall = 64;  // unknowns
   static constexpr int kMaxEscapes = 50;
   static constexpr int kTurn = 100;  // iterations of a turn at least, about a factorisation's cost
   static constexpr int kLongestTurn = 1 << 20;
+
+  // Whether anchors hold on to the nodes by less than a tenth of what the other terms hold: they leave a
+  // narrow valley, curved as the constellation turns, that straight steps have to follow.
+  bool turns_easily() {
+    if (!options_.align) return false;
+    if (!has_weak_anchors_) {
+      const Shares shares = shares_at(run_.system(), run_.x());
+      has_weak_anchors_ = 10 * shares.anchors < shares.others;
+    }
+    return *has_weak_anchors_;
+  }
 
   // Whether the matrix that was factored is definite beyond what rounding, and the forces that are left, make
   // of a free motion, whose curvature is 0: by its least eigenvalue, from inverse iterations.
@@ -279,16 +305,26 @@ class NewtonSolve {
     double factor = stretched * shares.anchors < most * shares.held ? stretched / shares.held
                                                                     : most / shares.anchors;  // held may be 0
     if (!(factor > 1)) return false;
-    Eigen::MatrixXd x = run_.x();
+    Eigen::MatrixXd x = run_.x(), gradient;
     Summary work;
-    for (; factor > 1 && !options_.stopped(); factor /= kWeaken) {
-      SystemNewton stage{options_};
+    work.iterations = 0;
+    bool is_stopped = false;
+    auto report = [&](const Iteration& at) {  // of the given system
+      if (at.number == 0) return true;
+      const double here = energy_and_gradient(run_.system(), at.x, gradient);
+      is_stopped = !run_.pass_on(
+          {run_.summary().iterations + work.iterations + at.number, here, gradient.norm(), at.x});
+      return !is_stopped;
+    };
+    for (; factor > 1 && !is_stopped && !options_.stopped(); factor /= kWeaken) {
+      SystemNewton stage = method_;
       stage.options.continuation = stage.options.escape_saddles = stage.options.ground_components = false;
       stage.options.on_iteration = {};
+      if (options_.on_iteration) stage.options.on_iteration = report;
       stage.options.gap = 0;
       stage.options.tolerance =
           std::max(options_.tolerance, kRough * factor * shares.anchors / shares.others);
-      const int left = options_.max_iterations - run_.summary().iterations - std::max(0, work.iterations);
+      const int left = options_.max_iterations - run_.summary().iterations - work.iterations;
       if (left <= 0) break;
       stage.options.max_iterations = left;
       const Summary part = stage.solve(with_anchors_times(run_.system(), factor), x);
@@ -303,10 +339,12 @@ class NewtonSolve {
   }
 
   SystemRun& run_;
+  const SystemNewton& method_;
   const SystemNewtonOptions& options_;
   bool is_large_;
   SystemMatrix matrix_{SystemMatrix::Storage::Best}, clamped_{SystemMatrix::Storage::Best};
   SystemFactor factor_, clamped_factor_;
+  std::optional<bool> has_weak_anchors_;
   double share_ = 1e-3;  // of the nodes' stiffness, in repaired steps
   int turn_ = kTurn;
 };
@@ -315,10 +353,16 @@ class NewtonSolve {
 
 Summary SystemNewton::solve(const System& system, Eigen::MatrixXd& x) const {
   return SystemRun::solve(name(), options, system, x, [this](SystemRun& run) {
-    return run.lacks_hessian() ? Status::InvalidInput : NewtonSolve(run, options).iterate();
+    return run.lacks_hessian() ? Status::InvalidInput : NewtonSolve(run, *this).iterate();
   });
 }
 
 }  // namespace detail
+
+AnySolver<System> newton_by(std::string_view name,
+                            std::function<std::unique_ptr<SparseFactorization>()> make) {
+  return AnySolver<System>(detail::SystemNewton{{}, name, std::move(make)});
+}
+
 }  // namespace ASTERISM_ABI
 }  // namespace asterism

@@ -84,12 +84,11 @@ bool SystemRun::start(const System& given) {
   summary_.linear_solves = summary_.factorizations = 0;
   looked_at_ = std::numeric_limits<double>::infinity();
   if (options_.align && options_.max_iterations > 0 && !rule_.reached(gradient_) && !options_.stopped())
-    align();
+    align(options_.allow_reflection);
   return true;
 }
 
-// To where the anchors' springs are least for x as one rigid body, if that lowers the energy.
-void SystemRun::align() {
+void SystemRun::align(bool allow_reflection) {
   const Scales scales = scales_of(*system_, *x_);
   const int dim = system_->dim();
   const auto position_of = [dim](const Scales::Place& place) {
@@ -113,7 +112,7 @@ void SystemRun::align() {
   if (!all_finite(moments)) return;
   const Eigen::JacobiSVD<Eigen::MatrixXd> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::MatrixXd u = svd.matrixU(), rotation = u.lazyProduct(svd.matrixV().transpose());
-  if (!options_.allow_reflection && rotation.determinant() < 0) {
+  if (!allow_reflection && rotation.determinant() < 0) {
     u.col(dim - 1) *= -1;
     rotation = u.lazyProduct(svd.matrixV().transpose());
   }
@@ -128,6 +127,11 @@ void SystemRun::align() {
   *x_ = moved;
   energy_ = lowest_ = energy;
   gradient_ = gradient;
+}
+
+bool SystemRun::pass_on(const Iteration& at) {
+  is_stopped_ |= !options_.on_iteration(at);
+  return !is_stopped_;
 }
 
 double SystemRun::rounding(double energy) const { return energy_rounding(*system_, *x_, energy); }

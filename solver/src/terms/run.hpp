@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/system.hpp>
@@ -43,6 +44,10 @@ class SystemRun {
   bool search(const Points& direction, double& step);
   /// The gradient before the last search that found a step.
   const Points& previous_gradient() const { return other_gradient_; }
+  /// Moves x as one rigid body to where the anchors' springs are least, if that lowers the energy.
+  void align(bool allow_reflection);
+  /// Reports an iterate of another method that this one calls; false where the caller asks to stop.
+  bool pass_on(const Iteration& at);
   /// Moves x to where the energy is known to be lower.
   void move_to(const Points& x);
   /// The step along a direction up to which a quadratic model is trusted, 1 at most: as far as the nodes are
@@ -55,7 +60,6 @@ class SystemRun {
  private:
   SystemRun(const AlignedOptions& options, Points& x) : options_(options), x_(&x) {}
   bool start(const System& given);
-  void align();
   bool is_stationary();
   bool report();
   void judge(Status reason);

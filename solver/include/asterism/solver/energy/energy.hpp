@@ -61,15 +61,6 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
   return energy;
 }
 
-/// The anchors' part of the energy.
-template <typename System>
-typename System::Scalar anchor_energy(const System& system, const typename System::Points& x) {
-  typename System::Scalar energy = 0;
-  for (int i = 0; i < system.nodes(); ++i)
-    energy += anchor_force(system, i, anchor_offset(system, i, x)).energy;
-  return energy;
-}
-
 }  // namespace detail
 
 // The functions below take x as Dim x N, with as many columns as the system has nodes, and do not validate:

@@ -191,11 +191,9 @@ class StoppingRule {
   /// A_ii, see asterism::node_stiffness.
   const typename System::NodeVector& node_stiffness() const { return stiffness_; }
   Scalar stationarity(const typename System::Points& gradient) const { return std::sqrt(square(gradient)); }
-  /// Whether the tolerance is met, or `tolerance` where that is more. Also true for a gradient with NaN,
-  /// which no further iteration can cure.
-  bool reached(const typename System::Points& gradient, Scalar tolerance = 0) const {
-    tolerance = std::max(tolerance, tolerance_);
-    return !(square(gradient) > tolerance * tolerance);
+  /// Whether the tolerance is met. Also true for a gradient with NaN, which no further iteration can cure.
+  bool reached(const typename System::Points& gradient) const {
+    return !(square(gradient) > tolerance_ * tolerance_);
   }
 
   /// Whether each force would move its node by a few times the rounding of its coordinates at most, `share`

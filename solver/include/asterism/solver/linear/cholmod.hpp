@@ -6,8 +6,12 @@
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/ida.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/run/any_solver.hpp>
+#include <asterism/solver/terms/registry.hpp>
+#include <asterism/solver/terms/system.hpp>
+#ifdef ASTERISM_SOLVER_COMPILED
+#include <asterism/solver/terms/from_springs.hpp>
+#endif
 #include <memory>
 #include <new>
 #include <string_view>
@@ -43,7 +47,7 @@ class Cholmod {
   double longest_column() const { return cholesky_->longest_column(); }
 
   template <typename RightHandSide>
-  RightHandSide solve(const RightHandSide& b) {
+  RightHandSide solve(const RightHandSide& b) const {
     RightHandSide x = cholesky_->solve(b);
     check_memory();
     return x;
@@ -58,7 +62,7 @@ class Cholmod {
     }
   };
 
-  void check_memory() {
+  void check_memory() const {
     if (cholesky_->cholmod().status == CHOLMOD_OUT_OF_MEMORY) raise(std::bad_alloc());
   }
 
@@ -127,27 +131,16 @@ class CholmodProof {
   detail::Cholmod cholesky_{true};
 };
 
-/// Factorisation policy of SparseNewton: CHOLMOD with its own choice of ordering, for very large systems.
-/// Works in double whatever the system's scalar. Silent. Uses the heap. Needs target asterism::cholmod.
-template <typename System>
-class CholmodLlt {
+/// CHOLMOD for newton_by: with its own choice of ordering, for very large systems. Needs target
+/// asterism::cholmod.
+class CholmodFactorization final : public SparseFactorization {
  public:
-  using Matrix = detail::Cholmod::Matrix;
-  using Vector = Eigen::VectorXd;
-
-  static constexpr std::string_view kName = "CHOLMOD";
-
-  /// Orders a new pattern, of a lower triangle.
-  void analyze(const Matrix& lower) { cholesky_.analyzePattern(lower); }
-
-  /// False where the matrix is not positive definite in double.
-  bool factorize(const Matrix& lower) {
+  void analyze(const Matrix& lower) override { cholesky_.analyzePattern(lower); }
+  bool factorize(const Matrix& lower) override {
     cholesky_.factorize(lower);
     return cholesky_.info() == Eigen::Success;
   }
-
-  /// step = matrix^-1 gradient, both of the matrix's size.
-  void solve(const Vector& gradient, Vector& step) { step = cholesky_.solve(gradient); }
+  Eigen::MatrixXd solve(const Eigen::MatrixXd& b) const override { return cholesky_.solve(b); }
 
  private:
   detail::Cholmod cholesky_{true};  // L D L^T would not notice negative pivots
@@ -157,11 +150,26 @@ class CholmodLlt {
 template <typename System>
 using CholmodIda = Ida<System, CholmodCholesky<System>>;
 
-/// Adds "ida-cholmod" and "newton-cholmod".
-template <typename System>
-void add_cholmod(SolverRegistry<System>& registry) {
-  registry.template add<CholmodIda<System>>("ida-cholmod");
-  registry.template add<SparseNewton<System, CholmodLlt<System>>>("newton-cholmod");
+/// "newton-cholmod": newton_by CHOLMOD.
+inline AnySolver<System> newton_by_cholmod() {
+  return newton_by("Newton, CHOLMOD", [] { return std::make_unique<CholmodFactorization>(); });
+}
+
+/// Adds "newton-cholmod".
+inline void add_cholmod(SolverRegistry<System>& registry) {
+  registry.add("newton-cholmod", newton_by_cholmod);
+}
+
+/// Adds "ida-cholmod", and with asterism::solver_compiled "newton-cholmod" for models that are made of terms.
+template <typename Springs>
+void add_cholmod(SolverRegistry<Springs>& registry) {
+  registry.template add<CholmodIda<Springs>>("ida-cholmod");
+#ifdef ASTERISM_SOLVER_COMPILED
+  if constexpr (HasTerms<Springs>) {
+    registry.add("newton-cholmod",
+                 [] { return AnySolver<Springs>(newton_by_cholmod(), detail::FromSprings<Springs>()); });
+  }
+#endif
 }
 
 }  // namespace ASTERISM_ABI

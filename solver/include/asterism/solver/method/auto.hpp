@@ -6,7 +6,6 @@
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
@@ -17,6 +16,7 @@
 #include <new>
 #include <string_view>
 #include <type_traits>
+#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -29,15 +29,15 @@ inline namespace ASTERISM_ABI {
 ///   few links a node, more nodes                    "schwarz", see system_methods
 ///   the same, weak anchors                          NewtonCg up to 30,000 nodes, "schwarz-direct"
 ///                                                   up to 300,000, "schwarz" beyond
-///   a floppy system on weak anchors                 SparseNewton from 100 to 30,000 nodes
+///   a floppy system on weak anchors                 "newton-sparse" from 100 to 30,000 nodes
 ///
 /// Anchors are weak if most of them have less than 5e-5 of the stiffness that the links of a node have on
 /// average, so also where few nodes have an anchor, however stiff. A system with fewer links than
 /// coordinates, such as a cloth, is floppy: its links cannot hold its shape (Maxwell 1864). If anchors do,
 /// because most nodes have one, they are weak there below 5e-3.
 ///
-/// "schwarz" and "schwarz-direct" are there with asterism::solver_compiled, for systems in double whose model
-/// is made of terms, see to_system; elsewhere, NewtonCg takes their place.
+/// "schwarz", "schwarz-direct" and "newton-sparse" are there with asterism::solver_compiled, for systems in
+/// double whose model is made of terms, see to_system; elsewhere, NewtonCg takes their place.
 ///
 /// Lbfgs if the system has potentials over three nodes. The bounds are measured: `asterism-bench crossovers`
 /// prints the table. Summary::solver names the method. If a matrix cannot be factored, NewtonCg continues.
@@ -101,21 +101,22 @@ class Auto {
     const bool is_floppy = system.link_count() < std::int64_t{System::kDim} * n;
     if (is_floppy && are_anchored && has_weak_anchors(system, kWeakForFloppy) && n >= kSmallFloppy &&
         n <= kMediumSparse) {
-      const Summary summary = solve_by(sparse_newton_, system, x);
-      if (summary.status != Status::NumericalFailure) return summary;
+      return solve_by_terms("newton", system, x);
     } else if (n > kSmallSparse) {
-      if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_divided("schwarz", system, x);
-      if (n > kMediumSparse) return solve_divided("schwarz-direct", system, x);
+      if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_by_terms("schwarz", system, x);
+      if (n > kMediumSparse) return solve_by_terms("schwarz-direct", system, x);
     }
     return solve_by(newton_cg_, system, x);
   }
 
-  Summary solve_divided([[maybe_unused]] std::string_view method, const System& system, Points& x) {
+  Summary solve_by_terms([[maybe_unused]] std::string_view method, const System& system, Points& x) {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double> && detail::has_terms<System>()) {
       Summary summary;
       const auto work = [&] {
-        AnySolver<System> solver = system_solver<System>(method, {{"threads", options.threads}});
+        std::vector<NamedOption> threads;
+        if (method != "newton") threads.emplace_back("threads", options.threads);
+        AnySolver<System> solver = system_solver<System>(method, threads);
         static_cast<AlignedOptions&>(solver.options()) = options;
         summary = solver.solve(system, x);
       };
@@ -140,7 +141,6 @@ class Auto {
   Newton<System> newton_;
   If<kHasMore, Lbfgs<System>> lbfgs_;
   If<kHasMore, NewtonCg<System>> newton_cg_;
-  If<kHeap, SparseNewton<System>> sparse_newton_;
 };
 
 template <typename System>

@@ -12,7 +12,6 @@
 #include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
-#include <asterism/solver/method/sparse_newton.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #ifdef ASTERISM_SOLVER_COMPILED
 #include <asterism/solver/method/branch_and_bound.hpp>
@@ -36,9 +35,10 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 }  // namespace detail
 
 /// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
-/// "ncg-forward", "ncg-central"; for systems without a bound on their nodes also "ida-sparse",
-/// "newton-sparse" and "lbfgs-jacobi". With asterism::solver_compiled also those of system_methods, such as
-/// "schwarz", "multi-start" and "staircase", except for models that are not made of terms, see to_system; and
+/// "ncg-forward", "ncg-central"; for systems without a bound on their nodes also "ida-sparse" and
+/// "lbfgs-jacobi". With asterism::solver_compiled also "newton-sparse", which is "newton" of system_methods,
+/// and the others of these, such as "schwarz" and "staircase", except for models that are not made of terms,
+/// see to_system; and
 /// for springs only, in 2 or 3 dimensions, "branch-and-bound". The adapters of other packages add more:
 /// add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
@@ -55,11 +55,13 @@ SolverRegistry<System> solver_registry() {
   registry.template add<detail::CentralCg<System>>("ncg-central");
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     registry.template add<SparseIda<System>>("ida-sparse");
-    registry.template add<SparseNewton<System>>("newton-sparse");
     registry.template add<detail::JacobiLbfgs<System>>("lbfgs-jacobi");
   }
 #ifdef ASTERISM_SOLVER_COMPILED
-  if constexpr (HasTerms<System>) add_system_solvers(registry);
+  if constexpr (HasTerms<System>) {
+    registry.add("newton-sparse", [] { return system_solver<System>("newton"); });
+    add_system_solvers(registry);
+  }
   if constexpr (detail::is_searchable<System>())
     registry.template add<BranchAndBound<System>>("branch-and-bound");
 #endif

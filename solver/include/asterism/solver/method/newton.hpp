@@ -3,9 +3,9 @@
 #include <algorithm>
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/definite_verdict.hpp>
 #include <asterism/solver/detail/descent.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/hessian_operator.hpp>
 #include <asterism/solver/detail/newton_matrix.hpp>
 #include <asterism/solver/detail/saddle.hpp>
@@ -247,7 +247,7 @@ class Newton {
   }
 
   Session<System> session_;
-  detail::DefiniteVerdict<System> verdict_;
+  detail::FreeMotions<System> free_motions_;
   detail::NewtonMatrix<System> matrix_;
   detail::HessianOperator<System> hessian_;  // at saddles
   bool clamps_ = false;                      // the matrix at x is the clamped one
@@ -263,7 +263,11 @@ template <typename System>
 Summary Newton<System>::run(const System& given, Points& x) {
   return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     const Status reason = iterate(system, x, summary);
-    verdict_.check(system, x, summary);
+    // The factors say so of x also by rounding, where a component or a part of one is free to move, and where
+    // x is no minimum because a link that pushes its ends apart has them in one place.
+    if (summary.positive_definite == 1 &&
+        (detail::peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
+      summary.positive_definite = 0;
     return reason;
   });
 }

@@ -101,7 +101,7 @@ class AnySolver {
   struct ModelOf final : Model {
     ModelOf() = default;
     explicit ModelOf(S&& given) : solver(std::move(given)) {}
-    std::string_view name() const override { return S::name(); }
+    std::string_view name() const override { return solver.name(); }
     Summary solve(const System& system, Points& x) override {
       SolverOptions& given = solver.options;
       if (!(given.gap > 0) || given.certifier || !this->certifier) [[likely]]

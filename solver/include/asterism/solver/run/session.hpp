@@ -101,8 +101,8 @@ class Session {
   void report(const Points& x, const Points& gradient, int iteration) {
     if (!watches_ || iteration == reported_) [[likely]]
       return;
+    reported_ = iteration;
     if (gap_ > 0) {
-      reported_ = iteration;
       is_close_ = is_within_gap(x);
       if (!on_iteration_) return;
     }
@@ -110,29 +110,16 @@ class Session {
     const auto energy = static_cast<double>(asterism::energy(*system_, x));
     const double norm = gradient.template cast<double>().norm();
     if constexpr (std::is_same_v<Scalar, double>) {
-      report({iteration, energy, norm, View(x.data(), x.rows(), x.cols())});
+      is_stopped_ |= !on_iteration_({iteration, energy, norm, View(x.data(), x.rows(), x.cols())});
     } else {
       const Eigen::MatrixXd copy = x.template cast<double>();
-      report({iteration, energy, norm, View(copy.data(), copy.rows(), copy.cols())});
+      is_stopped_ |= !on_iteration_({iteration, energy, norm, View(copy.data(), copy.rows(), copy.cols())});
     }
-  }
-  /// The same for a method that has no gradient at x: computes it.
-  void report(const Points& x, int iteration) {
-    if (watches_ && iteration != reported_) report(x, asterism::gradient(*system_, x), iteration);
   }
   /// Whether iterates are reported.
   bool reports() const { return static_cast<bool>(on_iteration_); }
-  /// Reports an iterate of another solver that this method runs.
-  void report(const Iteration& at) {
-    if (!on_iteration_ || at.number == told_) return;
-    reported_ = told_ = at.number;
-    is_stopped_ |= !on_iteration_(at);
-  }
-  /// Whether this gradient is that of a stationary point by the stopping rule, with the larger of the solve's
-  /// tolerance and `tolerance`.
-  bool stationary(const Points& gradient, Scalar tolerance = 0) const {
-    return rule_.reached(gradient, tolerance);
-  }
+  /// Whether this gradient is that of a stationary point by the stopping rule.
+  bool stationary(const Points& gradient) const { return rule_.reached(gradient); }
   /// Whether the caller has asked to stop, or x is proven to be within SolverOptions::gap.
   bool stopped() const {
     return is_close_ || is_stopped_ || (stop_ != nullptr && stop_->load(std::memory_order_relaxed));
@@ -246,7 +233,7 @@ class Session {
     watches_ = on_iteration_ || gap_ > 0;
     is_stopped_ = is_close_ = false;
     lower_bound_ = -1;
-    reported_ = told_ = -1;
+    reported_ = -1;
     system_ = system;
 
     start_ = x;
@@ -327,7 +314,6 @@ class Session {
   IterationCallback on_iteration_;
   bool watches_ = false;     // whether iterates are looked at
   bool is_stopped_ = false;  // by on_iteration
-  int told_ = -1;            // the last iteration that it was told of
   int reported_ = -1;        // the last iteration that was looked at
   double gap_ = 0;
   CertifierReference certifier_;

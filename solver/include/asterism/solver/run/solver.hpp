@@ -16,7 +16,7 @@ template <typename S, typename System>
 concept Solver = requires(S solver, const System& system, typename System::Points& x) {
   { solver.solve(system, x) } -> std::same_as<Summary>;
   { solver.options } -> std::convertible_to<SolverOptions>;
-  { S::name() } -> std::convertible_to<std::string_view>;
+  { solver.name() } -> std::convertible_to<std::string_view>;
 };
 
 }  // namespace ASTERISM_ABI
