@@ -130,8 +130,8 @@ class NewtonSolve {
       }
       if (is_over) {
         run_.summary().positive_definite = !is_definite ? 0 : is_surely_definite() ? 1 : -1;
-        const bool goes_on = (!is_definite && escapes++ < kMaxEscapes && escape()) ||
-                             (is_large_ && descend_further(is_definite));
+        const bool goes_on =
+            is_definite ? is_large_ && descend_further() : escapes++ < kMaxEscapes && escape();
         if (!goes_on) return run_.end();
         continue;
       }
@@ -169,7 +169,6 @@ class NewtonSolve {
 
   static constexpr int kSmall = 64;  // unknowns
   static constexpr int kMaxEscapes = 50;
-  static constexpr double kLeastShare = 1e-9;  // of the nodes' stiffness
   // Repaired steps before a direction of negative curvature is taken: they creep towards saddles. Chosen from
   // 4, 8, 16, 32 and none on 1440 collinear starts; on 2880 others it takes .4 times the iterations of none.
   static constexpr int kPatience = 4;
@@ -179,7 +178,7 @@ class NewtonSolve {
   // Whether anchors hold on to the nodes by less than a tenth of what the other terms hold: they leave a
   // narrow valley, curved as the constellation turns, that straight steps have to follow.
   bool turns_easily() {
-    if (!options_.align) return false;
+    if (!options_.align || is_large_) return false;  // turns of L-BFGS follow it
     if (!has_weak_anchors_) {
       const Shares shares = shares_at(run_.system(), run_.x());
       has_weak_anchors_ = 10 * shares.anchors < shares.others;
@@ -217,7 +216,9 @@ class NewtonSolve {
     if (v.size() == 0) return false;
     const double curvature = bend_downwards(v);
     // What rounding may have made of a free motion is none.
-    if (!(curvature < -1e-9) || !leave_saddle(run_, v, curvature)) return false;
+    if (!(curvature < -1e-9)) return false;
+    // Where linked nodes nearly coincide, the curvature has no limit, but holds over next to no distance.
+    if (!leave_saddle(run_, v, std::max(curvature, -1.0))) return false;
     ++run_.summary().iterations;
     return true;
   }
@@ -256,12 +257,11 @@ class NewtonSolve {
   }
 
   // Where forces are below the tolerance but, for weak anchors, the energy is not.
-  bool descend_further(bool is_definite) {
+  bool descend_further() {
     if (!run_.rule().reached(run_.gradient()) || options_.gap > 0 || options_.stopped() ||
         run_.summary().iterations >= options_.max_iterations)
       return false;
-    if (!is_definite && !factorize_clamped(kLeastShare)) return false;
-    const Eigen::MatrixXd direction = -(is_definite ? factor_ : clamped_factor_).solve(run_.gradient());
+    const Eigen::MatrixXd direction = -factor_.solve(run_.gradient());
     const double slope = run_.gradient().cwiseProduct(direction).sum();
     double step = 1;
     if (!(-slope > 2 * run_.rule().tolerance() * energy_scale(run_.system(), run_.x(), run_.energy())) ||
@@ -269,14 +269,6 @@ class NewtonSolve {
       return false;
     ++run_.summary().iterations;
     return true;
-  }
-
-  // The matrix without the elements' negative curvature, plus a share of the nodes' stiffness.
-  bool factorize_clamped(double share) {
-    clamped_.assemble(run_.system(), run_.x(), Curvature::Clamped);
-    clamped_.shift(run_.rule().node_stiffness(), share);
-    ++run_.summary().factorizations;
-    return clamped_factor_.factorize(clamped_);
   }
 
   // A step by the factored Hessian; returns how much of it was taken, 0 where it is not to be trusted.
@@ -291,11 +283,13 @@ class NewtonSolve {
 
   // A step by the matrix without the elements' negative curvature; false where rounding leaves none.
   bool repaired_step() {
-    constexpr double kMostShare = 1e3;
+    constexpr double kLeastShare = 1e-9, kMostShare = 1e3;
     bool has_moved = false, is_whole = false;
     while (!has_moved) {
-      if (factorize_clamped(share_)) {
-        ++run_.summary().linear_solves;
+      clamped_.assemble(run_.system(), run_.x(), Curvature::Clamped);
+      clamped_.shift(run_.rule().node_stiffness(), share_);
+      ++run_.summary().factorizations, ++run_.summary().linear_solves;
+      if (clamped_factor_.factorize(clamped_)) {
         const Eigen::MatrixXd direction = -clamped_factor_.solve(run_.gradient());
         double step = run_.trusted_step(direction);
         const double first = step;
