@@ -353,40 +353,60 @@ Eigen::MatrixXd SystemFactor::solve(const Eigen::MatrixXd& points) const {
 
 namespace {
 
-// L D L^T of a dense matrix, in place: L below the diagonal, D on it. False if a pivot is 0.
-bool factorize_indefinite(Eigen::MatrixXd& a) {
+// L D L^T of a dense matrix, in place: L below the diagonal, D on it. Returns how many columns it has: a
+// pivot of 0 ends it.
+Eigen::Index factorize_indefinite(Eigen::MatrixXd& a) {
   for (Eigen::Index c = 0; c < a.cols(); ++c) {
     const Eigen::Index below = a.rows() - c - 1;
     const double pivot = a(c, c);
-    if (pivot == 0 || !is_finite(pivot)) return false;
+    if (pivot == 0 || !is_finite(pivot)) return c;
     const Eigen::VectorXd column = a.col(c).tail(below);
     for (Eigen::Index j = 0; j < below; ++j)
       a.col(c + 1 + j).tail(below - j) -= column[j] / pivot * column.tail(below - j);
     a.col(c).tail(below) /= pivot;
   }
-  return true;
+  return a.cols();
+}
+
+// From the least pivot of A = L D L^T: v = L^-T e has v^T A v = D_ii.
+Eigen::VectorXd negative_direction_of(Eigen::MatrixXd a) {
+  const Eigen::Index columns = factorize_indefinite(a);
+  Eigen::Index least = 0;
+  if (columns == 0 || !(a.diagonal().head(columns).minCoeff(&least) < 0)) return {};
+  Eigen::VectorXd v = Eigen::VectorXd::Unit(a.rows(), least);
+  a.topLeftCorner(columns, columns)
+      .triangularView<Eigen::UnitLower>()
+      .transpose()
+      .solveInPlace(v.head(columns));
+  return v;
+}
+
+// The same of a sparse matrix, whose diagonal is raised by a small share where a pivot is 0, as it often is
+// where motions are free.
+Eigen::VectorXd negative_direction_of(SystemMatrix::Sparse a) {
+  SparseFactor<double> factor;
+  factor.analyze(a);
+  factor.factorize(a);
+  if (factor.info() != Eigen::Success) {
+    const double share = std::sqrt(std::numeric_limits<double>::epsilon());
+    for (int c = 0; c < a.cols(); ++c) {
+      double& pivot = a.valuePtr()[a.outerIndexPtr()[c]];
+      pivot += share * std::abs(pivot);
+    }
+    factor.factorize(a);
+  }
+  Eigen::VectorXd v;
+  return factor.negative_curvature(v) < 0 ? v : Eigen::VectorXd();
 }
 
 }  // namespace
 
 Eigen::VectorXd SystemFactor::negative_direction(const SystemMatrix& matrix) const {
+  if (is_dense_) return negative_direction_of(matrix.dense());
+  // Another package's may have stopped at the first pivot that is not positive.
+  if (other_ || cholesky_.info() != Eigen::Success) return negative_direction_of(matrix.sparse());
   Eigen::VectorXd v;
-  if (is_dense_) {
-    Eigen::MatrixXd indefinite = matrix.dense();
-    Eigen::Index least = 0;
-    if (!factorize_indefinite(indefinite) || !(indefinite.diagonal().minCoeff(&least) < 0)) return {};
-    // A = L D L^T: v = L^-T e has v^T A v = D_ii.
-    v = Eigen::VectorXd::Unit(indefinite.rows(), least);
-    indefinite.triangularView<Eigen::UnitLower>().transpose().solveInPlace(v);
-  } else if (other_) {  // which may have stopped at the first pivot that is not positive
-    SparseFactor<double> factor;
-    factor.analyze(matrix.sparse());
-    factor.factorize(matrix.sparse());
-    if (!(factor.negative_curvature(v) < 0)) return {};
-  } else if (!(cholesky_.negative_curvature(v) < 0)) {
-    return {};
-  }
-  return v;
+  return cholesky_.negative_curvature(v) < 0 ? v : Eigen::VectorXd();
 }
 
 double SystemFactor::log_determinant() const {

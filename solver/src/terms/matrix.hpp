@@ -109,7 +109,7 @@ class SystemFactor {
   /// The same for a vector or several over all unknowns.
   Eigen::MatrixXd solve_all(const Eigen::MatrixXd& right) const;
   /// A direction of negative curvature of the matrix that was factored last, over all unknowns, from a
-  /// negative pivot: a vector without entries where there is none, or the factorisation broke down.
+  /// negative pivot; a vector without entries where there is none.
   Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;
   double log_determinant() const;
   /// Of a sparse matrix, without another package.
