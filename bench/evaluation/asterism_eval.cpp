@@ -35,8 +35,9 @@ class RunCommand {
     app_.add_option("--trackers", trackers_,
                     "names as `asterism-eval trackers` lists them, or nanotrack:FOLDER with its networks")
         ->delimiter(',');
-    app_.add_option("--tracker", described_,
-                    "NAME=DESCRIPTION, one of our trackers with options; may be repeated")
+    app_.add_option(
+            "--tracker", described_,
+            "NAME=DESCRIPTION, one of our trackers with options, or nanotrack:FOLDER; may be repeated")
         ->allow_extra_args(false);
     app_.add_option("--external", external_, "NAME=COMMAND, a tracker that speaks TraX; may be repeated")
         ->allow_extra_args(false);
