@@ -310,7 +310,8 @@ INSTANTIATE_TEST_SUITE_P(Development, InterruptedSequence,
                            return std::get<0>(instance.param) + "_" + std::get<1>(instance.param);
                          });
 
-// The first image of a real sequence, over and over, in color and gray.
+// The first image of a real sequence, over and over, in color and gray. Without lgt, whose box drifts where
+// the surroundings resemble the object, as docs/trackers.md says.
 class StillSequence : public ::testing::TestWithParam<std::tuple<std::string, std::string>> {};
 
 TEST_P(StillSequence, KeepsItsBox) {
@@ -335,8 +336,7 @@ TEST_P(StillSequence, KeepsItsBox) {
 
 INSTANTIATE_TEST_SUITE_P(Development, StillSequence,
                          ::testing::Combine(::testing::Values("bicycle", "davis-bus", "Crossing"),
-                                            ::testing::Values("dpt", "dpt_plus", "coarse", "kcf", "lgt",
-                                                              "kalman")),
+                                            ::testing::Values("dpt", "dpt_plus", "coarse", "kcf", "kalman")),
                          [](const auto& instance) {
                            std::string test = std::get<0>(instance.param) + "_" + std::get<1>(instance.param);
                            std::replace(test.begin(), test.end(), '-', '_');
