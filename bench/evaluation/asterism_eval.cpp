@@ -32,9 +32,12 @@ class RunCommand {
   explicit RunCommand(CLI::App& parent)
       : app_(*parent.add_subcommand("run", "runs trackers on a data set and stores their results")) {
     app_.add_option("DATASET", dataset_, "a sequence, or a folder of sequences")->required();
-    app_.add_option("--trackers", trackers_, "names as `asterism-eval trackers` lists them")->delimiter(',');
-    app_.add_option("--tracker", described_,
-                    "NAME=DESCRIPTION, one of our trackers with options; may be repeated")
+    app_.add_option("--trackers", trackers_,
+                    "names as `asterism-eval trackers` lists them, or nanotrack:FOLDER with its networks")
+        ->delimiter(',');
+    app_.add_option(
+            "--tracker", described_,
+            "NAME=DESCRIPTION, one of our trackers with options, or nanotrack:FOLDER; may be repeated")
         ->allow_extra_args(false);
     app_.add_option("--external", external_, "NAME=COMMAND, a tracker that speaks TraX; may be repeated")
         ->allow_extra_args(false);
@@ -88,7 +91,7 @@ class RunCommand {
     campaign.options = options_;
     campaign.options.overlap = parse_overlap_rule(overlap_);
     for (const std::string& name : protocols_) campaign.protocols.push_back(parse_protocol(name));
-    for (const std::string& name : trackers_) add_tracker(campaign, name, name);
+    for (const std::string& name : trackers_) add_tracker(campaign, name_of(name), name);
     const auto add_named = [&](const std::string& named, const std::string& prefix, const std::string& form) {
       const std::size_t equals = named.find('=');
       if (equals == std::string::npos || equals + 1 == named.size())

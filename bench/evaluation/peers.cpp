@@ -17,6 +17,7 @@ namespace asterism::bench {
 namespace {
 
 constexpr std::string_view kTrax = "trax:";
+constexpr std::string_view kNanoTrack = "nanotrack:";
 
 Start our_tracker(const std::string& name) {
   return [name](const Image& image, const Region& object) -> Step {
@@ -75,16 +76,27 @@ std::vector<std::string> evaluated_tracker_names() {
 
 bool is_external(const std::string& name) { return name.starts_with(kTrax) && name.size() > kTrax.size(); }
 
+std::string name_of(const std::string& tracker) {
+  return tracker.starts_with(kNanoTrack) ? "nanotrack" : tracker;
+}
+
 bool has_confidence(const std::string& name) {
   if (is_external(name)) return false;
   const std::vector<std::string> ours = tracker_names();
-  return name.find_first_of("+{") != std::string::npos || name == "dlib" ||
+  return name.starts_with(kNanoTrack) || name.find_first_of("+{") != std::string::npos || name == "dlib" ||
          std::ranges::find(ours, name) != ours.end();
 }
 
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
   if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
+  if (name.starts_with(kNanoTrack)) {
+#ifdef ASTERISM_EVALUATION_DNN
+    return {name, nanotrack_peer(name.substr(kNanoTrack.size()))};
+#else
+    throw std::invalid_argument(name + ": this build is without OpenCV's dnn module");
+#endif
+  }
   if (name.find_first_of("+{") != std::string::npos) {
     make_tracker(name);  // throws if it is unknown
     return {name, our_tracker(name)};
@@ -99,7 +111,7 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   std::string list;
   for (const std::string& other : known) list += other + ", ";
   throw std::invalid_argument("unknown tracker \"" + name + "\" (known: " + list +
-                              "dpt+MODEL, trax:COMMAND)");
+                              "dpt+MODEL, nanotrack:FOLDER, trax:COMMAND)");
 }
 
 }  // namespace asterism::bench

@@ -51,18 +51,24 @@ struct EvaluatedTracker {
 /// The trackers that `evaluated_tracker` knows in this build: those of `asterism::tracker_names()` and, if
 /// installed, OpenCV's opencv-csrt, -kcf and -mil, those of its neural ones (opencv-goturn, ...) whose files
 /// are found, those of its legacy module, opencv-mosse, -medianflow, -tld and -boosting, and dlib. Not in the
-/// list, as they are more than a name: trackers with options, as `make_tracker` describes them, and
-/// trax:COMMAND.
+/// list, as they are more than a name: trackers with options, as `make_tracker` describes them,
+/// nanotrack:FOLDER and trax:COMMAND.
 std::vector<std::string> evaluated_tracker_names();
 
-/// A tracker by its name, or one of ours by its description for `make_tracker`; trax:COMMAND is a shell
-/// command that speaks TraX, run as a new process for every start. All that use OpenCV run on one thread: the
-/// number of OpenCV's threads is set to one here. OpenCV's random numbers are seeded alike at every start,
-/// but opencv-mil, -boosting and -tld have others of their own, so that no two of their runs are the same.
-/// `timeout`: for each answer of an external tracker [s]. Throws std::invalid_argument, which lists the known
-/// names, the most similar first, for any other.
+/// A tracker by its name, or one of ours by its description for `make_tracker`; nanotrack:FOLDER is NanoTrack
+/// with the networks backbone.onnx and head.onnx in that folder, if OpenCV's dnn module is installed;
+/// trax:COMMAND is a shell command that speaks TraX, run as a new process for every start. All that use
+/// OpenCV run on one thread: the number of OpenCV's threads is set to one here. OpenCV's random numbers are
+/// seeded alike at every start, but opencv-mil, -boosting and -tld have others of their own, so that no two
+/// of their runs are the same. `timeout`: for each answer of an external tracker [s]. Throws
+/// std::invalid_argument, which lists the known names, the most similar first, for any other, and if
+/// NanoTrack's folder does not have its networks.
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout = 30);
-/// Whether a tracker, which `evaluated_tracker` knows, reports confidences: all of ours and dlib's do. Of an
+/// The name under which results of a tracker are stored if none is given: "nanotrack" for nanotrack:FOLDER,
+/// else the same.
+std::string name_of(const std::string& tracker);
+/// Whether a tracker, which `evaluated_tracker` knows, reports confidences: all of ours, dlib's and NanoTrack
+/// do. Of an
 /// external one this is not known, and the answer is no.
 bool has_confidence(const std::string& name);
 /// Whether a name is trax:COMMAND.

@@ -8,6 +8,8 @@
 #include <algorithm>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <functional>
 #include <opencv2/imgproc.hpp>
 #include <stdexcept>
@@ -39,7 +41,25 @@ double mean_overlap(const std::vector<Report>& reports) {
   return sum / (kFrames - 1);
 }
 
-class EveryTracker : public testing::TestWithParam<std::string> {};
+const std::string kNanoTrack = "nanotrack:" ASTERISM_NANOTRACK;
+
+class EveryTracker : public testing::TestWithParam<std::string> {
+ protected:
+  void SetUp() override {
+#ifndef ASTERISM_TINY_NANOTRACK
+    if (GetParam() == kNanoTrack) GTEST_SKIP() << "OpenCV's dnn is not installed";
+#endif
+    if (GetParam() == kNanoTrack && !std::filesystem::exists(ASTERISM_NANOTRACK "/head.onnx"))
+      GTEST_SKIP() << "no networks in " ASTERISM_NANOTRACK
+                   << " (configure with -DASTERISM_NANOTRACK=FOLDER to name another)";
+  }
+};
+
+std::vector<std::string> every_tracker() {
+  std::vector<std::string> names = evaluated_tracker_names();
+  names.push_back(kNanoTrack);
+  return names;
+}
 
 TEST_P(EveryTracker, FollowsAnObjectAndStartsAnewEachTime) {
   const EvaluatedTracker tracker = evaluated_tracker(GetParam());
@@ -73,12 +93,11 @@ TEST_P(EveryTracker, TakesAPolygonByItsEqualAreaBox) {
   EXPECT_TRUE(!report.region || tools::overlap(report.region->box(), true_box(1)) > 0.4);
 }
 
-INSTANTIATE_TEST_SUITE_P(Known, EveryTracker, testing::ValuesIn(evaluated_tracker_names()),
-                         [](const auto& instance) {
-                           std::string name = instance.param;
-                           std::replace(name.begin(), name.end(), '-', '_');
-                           return name;
-                         });
+INSTANTIATE_TEST_SUITE_P(Known, EveryTracker, testing::ValuesIn(every_tracker()), [](const auto& instance) {
+  std::string name = name_of(instance.param);
+  std::replace(name.begin(), name.end(), '-', '_');
+  return name;
+});
 
 // A tracker to be isolated: it calls `end` in the frame `last`.
 Start mortal(int last, const std::function<void()>& end) {
@@ -187,6 +206,88 @@ TEST(EvaluatedTrackers, ListTheMostSimilarNameFirst) {
       EXPECT_EQ(std::string(error.what()).substr(0, start.size()), start);
     }
   }
+}
+
+#ifdef ASTERISM_TINY_NANOTRACK
+
+// With the networks of tiny_nanotrack.py, which see blue on green; the expected values are the published
+// formulas, for the cell in column 9 and row 6.
+TEST(NanoTrack, TakesTheBestCellsBox) {
+  cv::Mat image(600, 600, CV_8UC3, cv::Scalar(0, 255, 0));
+  const auto start = [&](double x, double y) {  // the centre of the object
+    return evaluated_tracker("nanotrack:" ASTERISM_TINY_NANOTRACK)
+        .start(image, Region::rectangle({x - 63.5, y - 63.5, 127, 127}));
+  };
+  const auto expect = [](const Report& report, double x, double y, double width, double height) {
+    ASSERT_TRUE(report.region);
+    const cv::Rect2d box = report.region->box();
+    EXPECT_NEAR(box.x + box.width / 2, x, 1e-3);
+    EXPECT_NEAR(box.y + box.height / 2, y, 1e-3);
+    EXPECT_NEAR(box.width, width, 1e-3);
+    EXPECT_NEAR(box.height, height, 1e-3);
+  };
+  // Of a size in network pixels, for an object whose template is 127 pixels wide and of this aspect.
+  const auto penalty = [](double width, double height, double aspect) {
+    const double side = std::sqrt((width + (width + height) / 2) * (height + (width + height) / 2));
+    const double size = std::max(side / 127, 127 / side);
+    const double shape = std::max(width / height / aspect, height / width * aspect);
+    return std::exp(-0.138 * (size * shape - 1));
+  };
+  const Step step = start(300, 300);  // 2 image pixels are 1 network pixel
+  cv::Mat with_blue = image.clone();
+  with_blue(cv::Rect(333, 237, 32, 32)).setTo(cv::Scalar(255, 0, 0));
+  const Report found = step(with_blue);
+  double probability = 1 / (1 + std::exp(-3.0));
+  double rate = 0.348 * penalty(126, 130, 1) * probability;
+  double width = 127 + rate * (252 - 127), height = 127 + rate * (260 - 127);
+  expect(found, 300 + 2 * (32 + 3), 300 + 2 * (-16 - 5), width, height);
+  EXPECT_NEAR(found.confidence, probability, 1e-5);
+  EXPECT_TRUE(has_confidence("nanotrack:" ASTERISM_TINY_NANOTRACK));
+  // All cells are alike: the Hann window decides for the one in the middle.
+  const Report next = step(image);
+  const double scale = 127 / std::sqrt((width + (width + height) / 2) * (height + (width + height) / 2));
+  probability = 1 / (1 + std::exp(3.0));
+  rate = 0.348 * penalty(126, 130, width / height) * probability;
+  expect(next, 370 + 3 / scale, 258 - 5 / scale, width + rate * (126 / scale - width),
+         height + rate * (130 / scale - height));
+  EXPECT_NEAR(next.confidence, probability, 1e-5);
+  // Outside the image is its mean, green, which is not more like the object; the centre stays inside.
+  rate = 0.348 * penalty(126, 130, 1) * probability;
+  expect(start(10, 4)(image), 16, 0, 127 + rate * (252 - 127), 127 + rate * (260 - 127));
+}
+
+TEST(NanoTrack, SaysWhichNetworkIsMissingOrWrong) {
+  namespace fs = std::filesystem;
+  const fs::path folder = fs::path(testing::TempDir()) / ("asterism_nanotrack_" + std::to_string(getpid()));
+  const auto reason = [&folder] {
+    try {
+      evaluated_tracker("nanotrack:" + folder.string());
+    } catch (const std::invalid_argument& error) {
+      return std::string(error.what());
+    }
+    return std::string();
+  };
+  const fs::path networks = ASTERISM_TINY_NANOTRACK;
+  const std::string backbone = (folder / "backbone.onnx").string(), head = (folder / "head.onnx").string();
+  EXPECT_EQ(reason(), "nanotrack: no folder \"" + folder.string() + '"');
+  fs::create_directory(folder);
+  EXPECT_EQ(reason(),
+            "nanotrack: no file " + backbone + "; the folder has to have backbone.onnx and head.onnx");
+  fs::copy_file(networks / "backbone.onnx", backbone);
+  EXPECT_EQ(reason(), "nanotrack: no file " + head + "; the folder has to have backbone.onnx and head.onnx");
+  std::ofstream(head) << "no network";
+  EXPECT_EQ(reason(), "nanotrack: " + head + " is not a network that OpenCV " CV_VERSION " reads");
+  fs::copy_file(networks / "backbone.onnx", head, fs::copy_options::overwrite_existing);
+  EXPECT_EQ(reason(),
+            "nanotrack: the networks in " + folder.string() + " are not a backbone and a head of NanoTrack");
+  fs::remove_all(folder);
+}
+
+#endif
+
+TEST(EvaluatedTrackers, AreStoredUnderTheirNames) {
+  EXPECT_EQ(name_of("nanotrack:/some/folder"), "nanotrack");
+  EXPECT_EQ(name_of("opencv-csrt"), "opencv-csrt");
 }
 
 TEST(EvaluatedTrackers, SpeakTrax) {

@@ -42,15 +42,22 @@ def value(name, shape):
     return block(1, name) + block(2, block(1, integer(1, 1) + block(2, dims)))
 
 
-weights = [math.sin(1 + i) for i in range(4 * 3 * 3 * 3)]
-nodes = [
-    node("Conv", ["image", "weights", "bias"], "edges",
-         integers("kernel_shape", [3, 3]) + integers("pads", [1, 1, 1, 1]) + integers("strides", [4, 4])),
-    node("Relu", ["edges"], "out"),
-    node("GlobalAveragePool", ["out"], "mean"),
-]
-graph = b"".join(block(1, n) for n in nodes) + block(2, "tiny")
-graph += block(5, tensor("weights", [4, 3, 3, 3], weights)) + block(5, tensor("bias", [4], [0.1 * k - 0.1 for k in range(4)]))
-graph += block(11, value("image", [1, 3, 128, 128])) + block(12, value("mean", [1, 4, 1, 1]))
-with open(sys.argv[1], "wb") as file:
-    file.write(integer(1, 4) + block(8, block(1, "") + integer(2, 9)) + block(7, graph))
+def write(file, nodes, tensors, inputs, outputs):
+    """tensors: name, shape and values of each; inputs, outputs: name and shape of each."""
+    graph = b"".join(block(1, n) for n in nodes) + block(2, "tiny")
+    graph += b"".join(block(5, tensor(*t)) for t in tensors)
+    graph += b"".join(block(11, value(*i)) for i in inputs) + b"".join(block(12, value(*o)) for o in outputs)
+    with open(file, "wb") as out:
+        out.write(integer(1, 4) + block(8, block(1, "") + integer(2, 9)) + block(7, graph))
+
+
+if __name__ == "__main__":
+    nodes = [
+        node("Conv", ["image", "weights", "bias"], "edges",
+             integers("kernel_shape", [3, 3]) + integers("pads", [1, 1, 1, 1]) + integers("strides", [4, 4])),
+        node("Relu", ["edges"], "out"),
+        node("GlobalAveragePool", ["out"], "mean"),
+    ]
+    weights = [math.sin(1 + i) for i in range(4 * 3 * 3 * 3)]
+    write(sys.argv[1], nodes, [("weights", [4, 3, 3, 3], weights), ("bias", [4], [0.1 * k - 0.1 for k in range(4)])],
+          [("image", [1, 3, 128, 128])], [("mean", [1, 4, 1, 1])])

@@ -132,6 +132,16 @@ Bytes stack(int pages) {
   return bytes;
 }
 
+// As ffmpeg -c:v libwebp_anim writes it, with frames of the size and without their pixels' end.
+Bytes animated_webp() {
+  const Bytes still = encoded(".webp");  // RIFF, length, WEBP, then the chunk of the pixels
+  const Bytes frame = "ANMF" + little(16 + still.size() - 12, 4) + little(0, 6) + little(319, 3) +
+                      little(239, 3) + little(100, 3) + "\2" + still.substr(12);
+  const Bytes body = "WEBPVP8X" + little(10, 4) + little(2, 4) + little(319, 3) + little(239, 3) + "ANIM" +
+                     little(6, 4) + little(0xffffffff, 4) + little(0, 2) + frame + frame;
+  return "RIFF" + little(body.size(), 4) + body;
+}
+
 // Two pages of 4 x 2 pixels with gray levels 10 and 20, in the 64-bit format, in either byte order.
 Bytes big_stack(bool big_endian) {
   const auto n = [&](std::uint64_t value, int bytes) { return number(value, bytes, big_endian); };
@@ -223,10 +233,10 @@ std::vector<File> files() {
       {"LargePpm", "P6 60000\n# a comment\n60000 255\n", File::Refused, many},
       {"LargePam", "P7\nWIDTH 60000\nHEIGHT 60000\nDEPTH 3\nMAXVAL 255\nENDHDR\n", File::Refused, many},
       {"LargeJp2", patched(jp2, siz + 6, number(60000, 4) + number(60000, 4)), File::Refused, many},
-      {"AnimatedPng", animated_png(), File::Refused, "an animated image"},
-      {"AnimatedWebp",
-       "RIFF" + little(30, 4) + "WEBPVP8X" + little(10, 4) + little(2, 4) + little(319, 3) + little(239, 3),
-       File::Refused, "an animated image"},
+      {"AnimatedPng", animated_png(), File::Refused, "an animated PNG is not an image: make a video of it"},
+      {"AnimatedWebp", animated_webp(), File::Refused,
+       "an animated WebP is not an image: make a video of it"},
+      {"AnimatedWebpCut", animated_webp().substr(0, 100), File::Refused, "an animated WebP"},
       {"JpegOfTwelveBits", patched(jpeg, sof + 4, "\x0c"), File::Refused, "a JPEG of 12 bits a sample"},
       {"JpegWithoutLoss", patched(jpeg, sof + 1, "\xc3"), File::Refused, "a JPEG that is lossless"},
       {"PamWithTransparency",
@@ -299,6 +309,27 @@ INSTANTIATE_TEST_SUITE_P(Kinds, ImageFiles, testing::ValuesIn(files()),
                          [](const auto& instance) { return instance.param.name; });
 
 void PrintTo(const File& file, std::ostream* out) { *out << file.name; }
+
+// A file that ends within its size has none, rather than a part of it.
+TEST(ImageHeaders, OfFilesCutAnywhereHaveTheirSizeOrNone) {
+  std::vector<File> whole = {
+      {"animated WebP", animated_webp(), File::Frame},
+      {"PAM", "P7\nWIDTH 320\nHEIGHT 240\nDEPTH 3\nMAXVAL 255\nENDHDR\n", File::Frame}};
+  for (const char* ending : {"jpg", "png", "bmp", "tif", "webp", "ppm", "jp2", "sr"})
+    whole.push_back({ending, encoded(std::string(".") + ending), File::Frame});
+  for (const File& file : whole) {
+    int sizes = 0;
+    for (std::size_t length = 0; length <= std::min<std::size_t>(file.bytes.size(), 1000); ++length) {
+      const auto* const begin = reinterpret_cast<const unsigned char*>(file.bytes.data());
+      const auto header = read_image_header({begin, length});
+      if (!header || header->size.empty()) continue;
+      EXPECT_EQ(header->size, cv::Size(320, 240)) << file.name << " cut to " << length << " bytes";
+      ++sizes;
+    }
+    // The size of a TIFF may be at its end.
+    EXPECT_TRUE(sizes > 0 || file.name == "tif") << file.name;
+  }
+}
 
 // ---- Pixels of TIFFs ----
 
@@ -476,6 +507,19 @@ TEST_F(Folder, AnAnimatedPngIsAVideo) {
   for (int frame = 0; frame < 2; ++frame) {
     ASSERT_TRUE(source.next(image)) << frame;
     EXPECT_LE(cv::norm(image, draw_frame(frame), cv::NORM_INF), 1) << frame;
+  }
+}
+
+// OpenCV and FFmpeg find no frame in it. Its name does not matter, as a GIF's is common.
+TEST_F(Folder, AnAnimatedWebpIsRefusedUnderAnyName) {
+  for (const char* name : {"clip.webp", "clip.WEBP", "clip.gif", "clip"}) {
+    const fs::path path = write(name, animated_webp());
+    const std::string reason = reason_of([&] {
+      cv::Mat image;
+      ImageSource::open(path.string()).next(image);
+    });
+    EXPECT_EQ(reason, "cannot decode frame 1, " + path.string() +
+                          ": an animated WebP is not an image: make a video of it");
   }
 }
 

@@ -194,9 +194,11 @@ ImageHeader read_tiff(std::span<const unsigned char> file) {
 
 ImageHeader read_webp(std::span<const unsigned char> file) {
   Bytes bytes(file, false);
-  if (bytes.has(12, "VP8X"))
-    return {.size = size_of(bytes.number(24, 3) + 1, bytes.number(27, 3) + 1),
-            .animated = (bytes.number(20, 1) & 2) != 0};
+  if (bytes.has(12, "VP8X")) {
+    const bool animated = (bytes.number(20, 1) & 2) != 0;
+    const std::uint64_t width = bytes.number(24, 3) + 1, height = bytes.number(27, 3) + 1;
+    return {.size = bytes.ended() ? cv::Size() : size_of(width, height), .animated = animated};
+  }
   if (bytes.has(12, "VP8L")) {
     const std::uint64_t sides = bytes.number(21, 4);
     return {.size = bytes.ended() ? cv::Size() : size_of((sides & 0x3fff) + 1, (sides >> 14 & 0x3fff) + 1)};
@@ -233,7 +235,7 @@ ImageHeader read_anymap(std::span<const unsigned char> file) {
       at = text[at] == '#' ? std::min(text.find('\n', at), text.size()) : at + 1;
     const std::size_t begin = at;
     while (at < text.size() && std::isspace(static_cast<unsigned char>(text[at])) == 0) ++at;
-    return text.substr(begin, at - begin);
+    return at < text.size() ? text.substr(begin, at - begin) : std::string();  // the file may end within it
   };
   const auto number = [&] {
     std::uint64_t value = 0;
@@ -321,7 +323,9 @@ FrameImage decode_frame(std::span<const unsigned char> bytes, const std::string&
   if (std::int64_t{header->size.width} * header->size.height > kMostPixels)
     fail("an image of " + std::to_string(header->size.width) + " x " + std::to_string(header->size.height) +
          " pixels, and at most " + std::to_string(kMostPixels) + " are read");
-  if (header->animated) fail("an animated image: make a video of it");
+  if (header->animated)
+    fail(std::string("an animated ") + (bytes[0] == 'R' ? "WebP" : "PNG") +
+         " is not an image: make a video of it");
   if (header->images > 1 && !first_page)
     fail("several images in one file: a TIFF can be read where it is the input itself, split others");
   cv::Mat pixels;

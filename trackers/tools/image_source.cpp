@@ -5,6 +5,7 @@
 #include <cctype>
 #include <charconv>
 #include <cmath>
+#include <fstream>
 #include <limits>
 #include <map>
 #include <opencv2/core/utility.hpp>
@@ -33,6 +34,13 @@ bool is_image(const fs::path& path) {
   std::string extension = path.extension().string();
   for (char& c : extension) c = static_cast<char>(std::tolower(static_cast<unsigned char>(c)));
   return std::find(kExtensions.begin(), kExtensions.end(), extension) != kExtensions.end();
+}
+
+bool is_webp(const fs::path& path) {
+  std::array<char, 12> begin{};
+  std::ifstream(path, std::ios::binary).read(begin.data(), begin.size());
+  const std::string_view text(begin.data(), begin.size());
+  return text.starts_with("RIFF") && text.ends_with("WEBP");
 }
 
 // Files in a folder, in natural order, without hidden ones (macOS puts "._x.jpg" beside x.jpg).
@@ -226,8 +234,9 @@ ImageSource ImageSource::open(const std::string& input, const FrameOptions& opti
         fs::is_directory(path / "color") && (source.ground_truth_ || files_of(path, is_image).empty());
     source.use_folder(color ? path / "color" : path, is_image, input);
   } else if (fs::exists(path, error)) {
-    // VideoCapture would take an image's name for a pattern and read all its neighbours.
-    if (is_image(path)) {
+    // VideoCapture would take an image's name for a pattern and read all its neighbours. A WebP is an image
+    // under any name: FFmpeg opens an animated one and finds no frames.
+    if (is_image(path) || is_webp(path)) {
       source.use_image(path, input);
     } else {
       source.use_video(input);
