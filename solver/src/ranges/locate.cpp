@@ -134,7 +134,12 @@ class Heard {
     if (extent <= 10 * rounding)
       return "the beacons are all in one place: every position on a circle around it fits equally";
     const double size = scatter.trace();
-    // Twice the power of the inverse brings out the direction of least extent.
+    if constexpr (Dim == 3) {
+      const Symmetric<Dim> minors = scatter.adjugate();
+      if (minors.trace() <= 1e-12 * size * size)
+        return "the beacons lie on one line: every position on a circle around it fits equally";
+    }
+    // Powers of the inverse bring out the direction of least extent.
     const Symmetric<Dim> adjugate = scatter.shifted(1e-10 * size).adjugate();
     Vector<Dim> least;
     for (int k = 0; k < Dim; ++k) least[k] = 1 + 0.37 * k;
@@ -157,16 +162,6 @@ class Heard {
     is_flat_ = height <= 1e-10 * extent + 10 * rounding;
     if (is_flat_) {
       for (int i = 0; i < count_; ++i) beacons_[Dim * i + Dim - 1] = 0;
-    }
-    if constexpr (Dim == 3) {
-      double xx = 0, xy = 0, yy = 0;
-      for (int i = 0; i < count_; ++i) {
-        const double x = beacons_[3 * i], y = beacons_[3 * i + 1];
-        xx += x * x, xy += x * y, yy += y * y;
-      }
-      const double trace = xx + yy;
-      if (is_flat_ && xx * yy - xy * xy <= 1e-12 * trace * trace)
-        return "the beacons lie on one line: every position on a circle around it fits equally";
     }
     return {};
   }
@@ -210,7 +205,9 @@ PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double>
   for (int i = 0; i < fix.count; ++i) {
     const ranges::Minimum<Dim>& minimum = search.minimum(i);
     PositionMinimum<Dim>& result = fix.minima[static_cast<std::size_t>(i)];
-    const Symmetric<Dim> covariance = minimum.hessian.inverse();
+    // Where the energy is flat to rounding, as where a mirror image joins its minimum, the variance is huge.
+    const bool is_flat = !minimum.hessian.is_definite();
+    const Symmetric<Dim> covariance = minimum.hessian.shifted(is_flat ? 1e-12 * search.total() : 0).inverse();
     result = {heard.place(minimum.x), heard.turned(covariance), minimum.energy, 0};
     result.weight =
         std::exp(fix.minima[0].energy - minimum.energy) * std::sqrt(std::max(0.0, covariance.determinant()));

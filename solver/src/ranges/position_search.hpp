@@ -88,6 +88,7 @@ class PositionSearch {
   const Minimum<D>& minimum(int i) const { return minima_[i]; }
   bool is_complete() const { return is_complete_ && left_out_ > threshold(); }
   long cells() const { return cells_; }
+  double total() const { return total_; }  ///< of the weights
 
  private:
   static constexpr int kShells = 12;
@@ -165,6 +166,7 @@ class PositionSearch {
   }
 
   double descend(Vector<D>& x, Symmetric<D>& hessian) const;
+  bool has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const;
   int add(const Vector<D>& x, double e, const Symmetric<D>& hessian);
   int add_from(Vector<D> x) {
     Symmetric<D> hessian;
@@ -258,6 +260,19 @@ double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
   return evaluate(x, gradient, hessian);
 }
 
+/// Whether the energy rises on the way from the higher one of two minima to the lower one.
+template <int D>
+bool PositionSearch<D>::has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const {
+  const bool is_higher = e >= other.energy;
+  const Vector<D>&from = is_higher ? x : other.x, &to = is_higher ? other.x : x;
+  for (double share = 0.5; share > 1e-3; share *= 0.5) {
+    Vector<D> between;
+    for (int k = 0; k < D; ++k) between[k] = from[k] + share * (to[k] - from[k]);
+    if (energy(between) > std::max(e, other.energy) + kBarrier) return true;
+  }
+  return false;
+}
+
 /// Keeps a minimum below the threshold. Returns its index, also if it was there before, or -1.
 template <int D>
 int PositionSearch<D>::add(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
@@ -265,9 +280,7 @@ int PositionSearch<D>::add(const Vector<D>& x, double e, const Symmetric<D>& hes
   for (int i = 0; i < count_; ++i) {
     Minimum<D>& known = minima_[i];
     const double apart = distance(x, known.x);
-    Vector<D> middle;
-    for (int k = 0; k < D; ++k) middle[k] = 0.5 * (x[k] + known.x[k]);
-    if (apart > known.radius && energy(middle) > std::max(e, known.energy) + kBarrier) continue;
+    if (apart > known.radius && has_barrier(x, e, known)) continue;
     if (e < known.energy && apart > 0) {
       known = {x, e, hessian, is_robust() ? convex_radius(x) : 0};
       best_ = std::min(best_, e);
