@@ -45,7 +45,7 @@ struct Ranges {
 template <int D>
 class PositionSearch {
  public:
-  static constexpr int kMost = 16;
+  static constexpr int kMost = 32;
 
   PositionSearch(const Ranges& ranges, double within, double cutoff, long max_cells)
       : given_(ranges), within_(within), outlier_(0.5 * cutoff * cutoff), max_cells_(max_cells) {

@@ -35,7 +35,7 @@ struct PositionMinimum {
 /// What locate() finds.
 template <int Dim>
 struct PositionFix {
-  static constexpr int kMost = 16;
+  static constexpr int kMost = 32;
 
   Status status = Status::NotRun;  ///< Converged, or InvalidInput
   /// What is wrong, or what the geometry cannot tell, or why nothing is proven; may be empty.
