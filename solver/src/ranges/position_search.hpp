@@ -58,7 +58,7 @@ class PositionSearch {
     if (is_robust()) {
       reach_ = extent_;
       // Fewer than D ranges meet on circles or spheres, not in points.
-      ceiling_ = (given_.count - D + 1) * outlier_ * (1 - 1e-6);
+      ceiling_ = (given_.count - D + 0.9) * outlier_;
     }
   }
 
