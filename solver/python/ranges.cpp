@@ -1,5 +1,6 @@
 // Positions from ranges.
 
+#include <algorithm>
 #include <asterism/solver/ranges/locate.hpp>
 #include <cmath>
 #include <vector>
@@ -37,13 +38,20 @@ py::tuple locate_all(const RangeBatch& batch, const LocateOptions& options, int 
     messages[t] = fix.message;
     proven[t] = fix.proven;
     if (fix.count > 0) first[t] = fix.minima[0];
-    if (fix.count > 1) others[t].assign(fix.minima.begin() + 1, fix.minima.begin() + fix.count);
+    others[t].assign(fix.minima.begin() + std::min(fix.count, 1), fix.minima.begin() + fix.count);
   };
-  const bool is_short = batch.tags <= 16 && options.max_cells <= LocateOptions().max_cells;
-  if (is_short) {
+  // Nearly all searches are short. Where one is not, or there are many, signals are looked for meanwhile.
+  constexpr int kShort = 10'000;
+  bool is_done = false;
+  if (batch.tags <= 16) {
+    LocateOptions few = options;
+    few.max_cells = std::min(options.max_cells, kShort);
     const py::gil_scoped_release release;
-    locate_each<Dim>(batch, options, 1, take);
-  } else {
+    locate_each<Dim>(batch, few, 1, take);
+    is_done =
+        few.max_cells == options.max_cells || std::ranges::all_of(proven, [](char p) { return p != 0; });
+  }
+  if (!is_done) {
     interruptible([&](const std::atomic<bool>& stop) {
       return locate_each<Dim>(batch, options, threads, take, [&stop] { return stop.load(); });
     });

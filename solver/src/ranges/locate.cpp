@@ -241,15 +241,18 @@ bool locate_each(const RangeBatch& batch, const LocateOptions& options, int thre
       (!own_beacons && batch.beacons.size() != beacons * Dim) ||
       (!own_sigma && batch.sigma.size() != beacons))
     return false;
-  constexpr std::size_t kChunk = 256;
+  constexpr std::size_t kChunk = 64;
   std::atomic<bool> stopped{false};
   const int workers = detail::thread_count(threads), chunks = static_cast<int>((tags + kChunk - 1) / kChunk);
   const std::thread::id caller = std::this_thread::get_id();
   detail::for_each_task(workers, chunks, [&](int, int chunk) {
-    if (stopped) return;
-    if (is_stopped && std::this_thread::get_id() == caller && is_stopped()) stopped = true;
+    const bool asks = is_stopped && std::this_thread::get_id() == caller;
     const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
     for (std::size_t tag = first; tag < std::min(tags, first + kChunk) && !stopped; ++tag) {
+      if (asks && is_stopped()) {
+        stopped = true;
+        return;
+      }
       take(static_cast<int>(tag),
            locate<Dim>(batch.beacons.subspan(own_beacons ? tag * beacons * Dim : 0, beacons * Dim),
                        batch.ranges.subspan(tag * beacons, beacons),
