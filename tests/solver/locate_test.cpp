@@ -287,6 +287,23 @@ TEST(Locate, RangesOfZeroAndRangesThatWereNotHeard) {
   EXPECT_NEAR(fix.minima[0].x[1], 10.0 / 4, 1e-9);
 }
 
+TEST(Locate, TheUnitOfLengthDoesNotMatter) {
+  Rng rng(8);
+  const auto problem = random_problem<3>(rng, kScattered, 0.3, 6);
+  const PositionFix<3> expected = problem.solve();
+  for (const double unit : {0x1p-200, 0x1p+200}) {
+    auto scaled = problem;
+    for (auto* numbers : {&scaled.beacons, &scaled.ranges, &scaled.sigma})
+      for (double& number : *numbers) number *= unit;
+    const PositionFix<3> fix = scaled.solve();
+    ASSERT_EQ(fix.count, expected.count) << text(fix);
+    EXPECT_TRUE(fix.proven);
+    EXPECT_NEAR(fix.minima[0].energy, expected.minima[0].energy, 1e-12);
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(fix.minima[0].x[k] / unit, expected.minima[0].x[k], 1e-9);
+    EXPECT_NEAR(fix.minima[0].covariance[0] / unit / unit, expected.minima[0].covariance[0], 1e-9);
+  }
+}
+
 TEST(Locate, SaysWhatIsWrong) {
   struct Wrong {
     std::vector<double> beacons, ranges, sigma;
@@ -310,6 +327,7 @@ TEST(Locate, SaysWhatIsWrong) {
                  ones,
                  "beacon 1 has a coordinate that is not a finite number",
                  {}},
+           Wrong{square, ones, {1, 1, 1e-30}, "sigma is out of proportion to the distances", {}},
            Wrong{square, {1, kNaN, kNaN}, ones, "needs ranges to at least 2 beacons, found 1", {}},
            Wrong{{5, 5, 5, 5, 5, 5}, ones, ones, "all in one place", {}},
            Wrong{square, {1, 1}, ones, "same number of beacons", {}},

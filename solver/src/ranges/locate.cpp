@@ -79,7 +79,7 @@ class Heard {
   std::array<double, Dim> place(const Vector<Dim>& x) const {
     std::array<double, Dim> result;
     const Vector<Dim> y = mirrored(x);
-    for (int k = 0; k < Dim; ++k) result[static_cast<std::size_t>(k)] = y[k] + centre_[k];
+    for (int k = 0; k < Dim; ++k) result[static_cast<std::size_t>(k)] = y[k] * unit_ + centre_[k];
     return result;
   }
   std::array<double, Dim * Dim> turned(const Symmetric<Dim>& m) const {
@@ -93,7 +93,7 @@ class Heard {
       Vector<Dim> column;
       for (int k = 0; k < Dim; ++k) column[k] = columns[k][l];
       column = mirrored(column);
-      for (int k = 0; k < Dim; ++k) result[static_cast<std::size_t>(Dim * k + l)] = column[k];
+      for (int k = 0; k < Dim; ++k) result[static_cast<std::size_t>(Dim * k + l)] = column[k] * unit_ * unit_;
     }
     for (int k = 0; k < Dim; ++k)
       for (int l = 0; l < k; ++l)
@@ -102,7 +102,7 @@ class Heard {
   }
 
  private:
-  static constexpr double kLargest = 1e75;  ///< products of four numbers stay finite
+  static constexpr double kLargest = 1e75;  ///< products of two variances stay finite
 
   static Message wrong(const char* what, int index, const char* problem) {
     return Defect{what, index, problem};
@@ -122,17 +122,33 @@ class Heard {
     for (int i = 0; i < count_; ++i) total += weight_[i];
     for (int i = 0; i < count_; ++i)
       for (int k = 0; k < Dim; ++k) centre_[k] += weight_[i] / total * beacons_[Dim * i + k];
-    Symmetric<Dim> scatter = Symmetric<Dim>::zero();  // without weights: the geometry
-    double extent = 0;
+    double extent = 0, furthest = 0;
     for (int i = 0; i < count_; ++i) {
+      double square = 0;
+      for (int k = 0; k < Dim; ++k) {
+        const double b = beacons_[Dim * i + k] -= centre_[k];
+        square += b * b;
+      }
+      extent = std::max(extent, std::sqrt(square));
+      furthest = std::max(furthest, range_[i]);
+    }
+    if (extent <= 1e-13 * largest)
+      return Dim == 2 ? "the beacons are all in one place: every position on a circle around it fits equally"
+                      : "the beacons are all in one place: every position on a sphere around it fits equally";
+    // In units of the largest distance, products stay within the range of numbers.
+    unit_ = std::ldexp(1.0, std::ilogb(std::max(extent, furthest)));
+    extent /= unit_;
+    const double rounding = 1e-14 * largest / unit_;
+    Symmetric<Dim> scatter = Symmetric<Dim>::zero();  // without weights: the geometry
+    for (int i = 0; i < count_; ++i) {
+      if (!(weight_[i] * unit_ * unit_ >= 1e-50 && weight_[i] * unit_ * unit_ <= 1e50))
+        return "sigma is out of proportion to the distances: their quotient has to be between 1e-25 and 1e25";
+      weight_[i] *= unit_ * unit_;
+      range_[i] /= unit_;
       Vector<Dim> b;
-      for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k] -= centre_[k];
-      extent = std::max(extent, norm(b));
+      for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k] /= unit_;
       scatter.add(1, b);
     }
-    const double rounding = 1e-14 * largest;
-    if (extent <= 10 * rounding)
-      return "the beacons are all in one place: every position on a circle around it fits equally";
     const double size = scatter.trace();
     if constexpr (Dim == 3) {
       const Symmetric<Dim> minors = scatter.adjugate();
@@ -171,7 +187,7 @@ class Heard {
   double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr;
   int count_ = 0;
   Vector<Dim> centre_, normal_;
-  double factor_ = 0;
+  double factor_ = 0, unit_ = 1;
   bool is_flat_ = false;
 };
 
