@@ -269,6 +269,21 @@ TEST(Locate, TheMirrorImageOfFlatBeaconsIsAMinimum) {
   EXPECT_NE(text(fix).find("mirror"), std::string::npos);
 }
 
+TEST(Locate, AHigherMinimumIsNotTakenForTheLowerOne) {
+  // Halfway between the two the energy is below that of the higher one, which has a barrier beside it.
+  Problem<3> problem;
+  problem.beacons = {4.28549, 4.4233,  1.12917, 3.88751, 1.01574, 4.35286,
+                     2.34886, 7.90289, 7.37784, 7.17121, 7.32162, 1.46928};
+  problem.ranges = {5.30116, 7.21259, 3.36972, 5.43629};
+  problem.sigma.assign(4, 0.5);
+  const PositionFix<3> fix = problem.solve();
+  EXPECT_TRUE(fix.proven);
+  ASSERT_EQ(fix.count, 2);
+  Point<3> middle;
+  for (std::size_t k = 0; k < 3; ++k) middle[k] = 0.5 * (fix.minima[0].x[k] + fix.minima[1].x[k]);
+  EXPECT_LT(problem.energy(middle), fix.minima[1].energy);
+}
+
 TEST(Locate, TheCovarianceIsTheInverseOfTheHessian) {
   Rng rng(3);
   const auto problem = random_problem<3>(rng, kScattered, 0.2, 8);
