@@ -14,6 +14,7 @@ PYBIND11_MODULE(_asterism, m) {
   bind_batch(m);
   bind_discrete(m);
   bind_graph(m);
+  bind_ranges(m);
 #ifdef ASTERISM_PYTHON_JSON
   bind_json(m);
 #endif

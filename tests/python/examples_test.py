@@ -37,6 +37,9 @@ class ExamplesTest(unittest.TestCase):
         self.assertGreater(min(pixels.shape[:2]), 250)
         self.assertGreater(len(np.unique(pixels.reshape(-1, 3), axis=0)), colors)
 
+    def test_locate(self):
+        self.assertIn("proven; the beacons lie in one plane", self.run_example("locate.py"))
+
     def test_solve_and_draw(self):
         self.assertIn("converged", self.run_example("solve_and_draw.py", "--rows", 2, "--out", self.figure))
         self.assert_drawn(300)

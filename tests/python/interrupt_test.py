@@ -50,6 +50,10 @@ CALLS = {
         WIDE,
         "asterism.loopy_structure(maps, joints + [asterism.Joint(0, 3, (5, 5), 0.1)], gap=0, progress=0, max_iterations=10**9)",
     ),
+    "locate": (
+        "beacons = random.uniform(0, 10, (12, 3))\nranges = random.uniform(0, 10, (10**5, 12))\nkept = [beacons, ranges]",
+        "asterism.locate(beacons, ranges, 2.0, cutoff=3, threads=2)",
+    ),
     "certify": (GRAPH, "asterism.certify(s, x)"),
     "covariance": (GRAPH, "asterism.node_covariances(s, x)"),
     "layout_stress": ("n = 200000\ng = [(i, i + 1) for i in range(n)]\nkept = []\nx = random.normal(size=(n + 1, 2))", "asterism.layout_stress(g, x)"),

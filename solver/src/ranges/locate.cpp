@@ -1,0 +1,293 @@
+#include <algorithm>
+#include <asterism/solver/ranges/locate.hpp>
+#include <asterism/solver/run/executor.hpp>
+#include <atomic>
+#include <cmath>
+#include <thread>
+#include <vector>
+
+#include "position_search.hpp"
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+const char* LocateOptions::problem() const {
+  if (!(within >= 0 && within < std::numeric_limits<double>::infinity()))
+    return "within has to be a finite number >= 0";
+  if (!(cutoff > 0)) return "cutoff has to be > 0";
+  if (max_cells < 1) return "max_cells has to be >= 1";
+  return nullptr;
+}
+
+namespace {
+
+using ranges::Symmetric;
+using ranges::Vector;
+
+constexpr int kWithoutHeap = 64;
+
+/// The ranges that were heard, with coordinates about the beacons' centroid, the last along the direction in
+/// which the beacons extend least.
+template <int Dim>
+class Heard {
+ public:
+  /// What is wrong; empty if nothing is.
+  Message read(std::span<const double> beacons, std::span<const double> given,
+               std::span<const double> sigma) {
+    const int count = static_cast<int>(given.size());
+    if (beacons.size() != given.size() * Dim || sigma.size() != given.size())
+      return "beacons, ranges and sigma have to be for the same number of beacons";
+    if (count > kWithoutHeap) heap_.resize(static_cast<std::size_t>(count) * (Dim + 2));
+    double* const memory = count > kWithoutHeap ? heap_.data() : stack_;
+    beacons_ = memory;
+    range_ = memory + Dim * count;
+    weight_ = range_ + count;
+    double largest = 0;
+    for (int i = 0; i < count; ++i) {
+      const double r = given[static_cast<std::size_t>(i)], s = sigma[static_cast<std::size_t>(i)];
+      if (std::isnan(r)) continue;
+      if (!(r >= 0 && r <= kLargest))
+        return wrong("range", i, r < 0 ? "is negative" : "is too large or infinite");
+      if (!(s > 0 && s <= kLargest && s >= 1 / kLargest))
+        return wrong("sigma", i, "is not a finite number > 0");
+      for (int k = 0; k < Dim; ++k) {
+        const double b = beacons[static_cast<std::size_t>(Dim * i + k)];
+        if (!(std::abs(b) <= kLargest))
+          return wrong("beacon", i, "has a coordinate that is not a finite number");
+        beacons_[Dim * count_ + k] = b;
+        largest = std::max(largest, std::abs(b));
+      }
+      range_[count_] = r;
+      weight_[count_] = 1 / (s * s);
+      ++count_;
+    }
+    if (count_ < Dim) {
+      return Message("a position ")
+          .append(Dim == 2 ? "in the plane" : "in space")
+          .append(" needs ranges to at least ")
+          .append(Dim)
+          .append(" beacons, found ")
+          .append(count_);
+    }
+    return turn(largest);
+  }
+
+  ranges::Ranges ranges() const { return {count_, beacons_, range_, weight_}; }
+  bool is_flat() const { return is_flat_; }
+
+  /// The given coordinates of a place.
+  std::array<double, Dim> place(const Vector<Dim>& x) const {
+    std::array<double, Dim> result;
+    const Vector<Dim> y = mirrored(x);
+    for (int k = 0; k < Dim; ++k) result[static_cast<std::size_t>(k)] = y[k] * unit_ + centre_[k];
+    return result;
+  }
+  std::array<double, Dim * Dim> turned(const Symmetric<Dim>& m) const {
+    Vector<Dim> columns[Dim];
+    for (int k = 0; k < Dim; ++k) {
+      for (int l = 0; l < Dim; ++l) columns[k][l] = m(k, l);
+      columns[k] = mirrored(columns[k]);  // rows of m, turned: m H
+    }
+    std::array<double, Dim * Dim> result;
+    for (int l = 0; l < Dim; ++l) {
+      Vector<Dim> column;
+      for (int k = 0; k < Dim; ++k) column[k] = columns[k][l];
+      column = mirrored(column);
+      for (int k = 0; k < Dim; ++k) result[static_cast<std::size_t>(Dim * k + l)] = column[k] * unit_ * unit_;
+    }
+    for (int k = 0; k < Dim; ++k)
+      for (int l = 0; l < k; ++l)
+        result[static_cast<std::size_t>(Dim * l + k)] = result[static_cast<std::size_t>(Dim * k + l)];
+    return result;
+  }
+
+ private:
+  static constexpr double kLargest = 1e75;  ///< products of two variances stay finite
+
+  static Message wrong(const char* what, int index, const char* problem) {
+    return Defect{what, index, problem};
+  }
+
+  /// Householder's reflection, which is its own inverse.
+  Vector<Dim> mirrored(const Vector<Dim>& x) const {
+    const double q = factor_ * dot(normal_, x);
+    Vector<Dim> y;
+    for (int k = 0; k < Dim; ++k) y[k] = x[k] - q * normal_[k];
+    return y;
+  }
+
+  Message turn(double largest) {
+    double total = 0;
+    centre_ = ranges::constant<Dim>(0);
+    for (int i = 0; i < count_; ++i) total += weight_[i];
+    for (int i = 0; i < count_; ++i)
+      for (int k = 0; k < Dim; ++k) centre_[k] += weight_[i] / total * beacons_[Dim * i + k];
+    double extent = 0, furthest = 0;
+    for (int i = 0; i < count_; ++i) {
+      double square = 0;
+      for (int k = 0; k < Dim; ++k) {
+        const double b = beacons_[Dim * i + k] -= centre_[k];
+        square += b * b;
+      }
+      extent = std::max(extent, std::sqrt(square));
+      furthest = std::max(furthest, range_[i]);
+    }
+    if (extent <= 1e-13 * largest)
+      return Dim == 2 ? "the beacons are all in one place: every position on a circle around it fits equally"
+                      : "the beacons are all in one place: every position on a sphere around it fits equally";
+    // In units of the largest distance, products stay within the range of numbers.
+    unit_ = std::ldexp(1.0, std::ilogb(std::max(extent, furthest)));
+    extent /= unit_;
+    const double rounding = 1e-14 * largest / unit_;
+    Symmetric<Dim> scatter = Symmetric<Dim>::zero();  // without weights: the geometry
+    for (int i = 0; i < count_; ++i) {
+      if (!(weight_[i] * unit_ * unit_ >= 1e-50 && weight_[i] * unit_ * unit_ <= 1e50))
+        return "sigma is out of proportion to the distances: their quotient has to be between 1e-25 and 1e25";
+      weight_[i] *= unit_ * unit_;
+      range_[i] /= unit_;
+      Vector<Dim> b;
+      for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k] /= unit_;
+      scatter.add(1, b);
+    }
+    const double size = scatter.trace();
+    if constexpr (Dim == 3) {
+      const Symmetric<Dim> minors = scatter.adjugate();
+      if (minors.trace() <= 1e-12 * size * size)
+        return "the beacons lie on one line: every position on a circle around it fits equally";
+    }
+    // Powers of the inverse bring out the direction of least extent.
+    const Symmetric<Dim> adjugate = scatter.shifted(1e-10 * size).adjugate();
+    Vector<Dim> least;
+    for (int k = 0; k < Dim; ++k) least[k] = 1 + 0.37 * k;
+    for (int round = 0; round < 3; ++round) {
+      least = adjugate.times(least);
+      const double length = norm(least);
+      for (double& a : least.at) a /= length;
+    }
+    normal_ = least;
+    normal_[Dim - 1] += least[Dim - 1] >= 0 ? 1 : -1;
+    factor_ = 2 / dot(normal_, normal_);
+    double height = 0;
+    for (int i = 0; i < count_; ++i) {
+      Vector<Dim> b;
+      for (int k = 0; k < Dim; ++k) b[k] = beacons_[Dim * i + k];
+      b = mirrored(b);
+      for (int k = 0; k < Dim; ++k) beacons_[Dim * i + k] = b[k];
+      height = std::max(height, std::abs(b[Dim - 1]));
+    }
+    is_flat_ = height <= 1e-10 * extent + 10 * rounding;
+    if (is_flat_) {
+      for (int i = 0; i < count_; ++i) beacons_[Dim * i + Dim - 1] = 0;
+    }
+    return {};
+  }
+
+  double stack_[kWithoutHeap * (Dim + 2)];
+  std::vector<double> heap_;
+  double *beacons_ = nullptr, *range_ = nullptr, *weight_ = nullptr;
+  int count_ = 0;
+  Vector<Dim> centre_, normal_;
+  double factor_ = 0, unit_ = 1;
+  bool is_flat_ = false;
+};
+
+}  // namespace
+
+template <int Dim>
+PositionFix<Dim> locate(std::span<const double> beacons, std::span<const double> given,
+                        std::span<const double> sigma, const LocateOptions& options) {
+  PositionFix<Dim> fix;
+  Heard<Dim> heard;
+  fix.status = Status::InvalidInput;
+  if (const char* problem = options.problem()) {
+    fix.message = problem;
+    return fix;
+  }
+  fix.message = heard.read(beacons, given, sigma);
+  if (!fix.message.empty()) return fix;
+  ranges::PositionSearch<Dim> search(heard.ranges(), options.within, options.cutoff, options.max_cells);
+  search.run();
+  fix.count = search.finish();
+  fix.cells = static_cast<int>(search.cells());
+  if (fix.count == 0) {
+    fix.message.append("no position agrees with ")
+        .append(Dim)
+        .append(" ranges or more: a larger cutoff, or other ranges, are needed");
+    return fix;
+  }
+  fix.status = Status::Converged;
+  fix.proven = search.is_complete();
+  double total = 0;
+  for (int i = 0; i < fix.count; ++i) {
+    const ranges::Minimum<Dim>& minimum = search.minimum(i);
+    PositionMinimum<Dim>& result = fix.minima[static_cast<std::size_t>(i)];
+    // Where the energy is flat to rounding, as where a mirror image joins its minimum, the variance is huge.
+    const bool is_flat = !minimum.hessian.is_definite();
+    const Symmetric<Dim> covariance = minimum.hessian.shifted(is_flat ? 1e-12 * search.total() : 0).inverse();
+    result = {heard.place(minimum.x), heard.turned(covariance), minimum.energy, 0};
+    result.weight =
+        std::exp(fix.minima[0].energy - minimum.energy) * std::sqrt(std::max(0.0, covariance.determinant()));
+    total += result.weight;
+  }
+  for (int i = 0; i < fix.count; ++i) {
+    double& weight = fix.minima[static_cast<std::size_t>(i)].weight;
+    weight = total > 0 ? weight / total : i == 0 ? 1 : 0;
+  }
+  if (!fix.proven)
+    fix.message = "not proven: the search ended at max_cells, or there are more minima than it lists";
+  else if (heard.is_flat() && fix.count > 1)
+    fix.message =
+        Dim == 2
+            ? "the beacons lie on one line: each minimum beside it has a mirror image of the same energy"
+            : "the beacons lie in one plane: each minimum beside it has a mirror image of the same energy";
+  else if (fix.count > 1)
+    fix.message.append(fix.count).append(" places fit");
+  return fix;
+}
+
+template <int Dim>
+bool locate_each(const RangeBatch& batch, const LocateOptions& options, int threads,
+                 const std::function<void(int tag, const PositionFix<Dim>& fix)>& take,
+                 const std::function<bool()>& is_stopped) {
+  const auto tags = static_cast<std::size_t>(std::max(batch.tags, 0));
+  const auto beacons = static_cast<std::size_t>(std::max(batch.beacons_per_tag, 0));
+  const bool own_beacons = tags != 1 && batch.beacons.size() == tags * beacons * Dim;
+  const bool own_sigma = tags != 1 && batch.sigma.size() == tags * beacons;
+  if (batch.tags < 0 || batch.beacons_per_tag < 0 || batch.ranges.size() != tags * beacons ||
+      (!own_beacons && batch.beacons.size() != beacons * Dim) ||
+      (!own_sigma && batch.sigma.size() != beacons))
+    return false;
+  constexpr std::size_t kChunk = 64;
+  std::atomic<bool> stopped{false};
+  const int workers = detail::thread_count(threads), chunks = static_cast<int>((tags + kChunk - 1) / kChunk);
+  const std::thread::id caller = std::this_thread::get_id();
+  detail::for_each_task(workers, chunks, [&](int, int chunk) {
+    const bool asks = is_stopped && std::this_thread::get_id() == caller;
+    const std::size_t first = static_cast<std::size_t>(chunk) * kChunk;
+    for (std::size_t tag = first; tag < std::min(tags, first + kChunk) && !stopped; ++tag) {
+      if (asks && is_stopped()) {
+        stopped = true;
+        return;
+      }
+      take(static_cast<int>(tag),
+           locate<Dim>(batch.beacons.subspan(own_beacons ? tag * beacons * Dim : 0, beacons * Dim),
+                       batch.ranges.subspan(tag * beacons, beacons),
+                       batch.sigma.subspan(own_sigma ? tag * beacons : 0, beacons), options));
+    }
+  });
+  return !stopped;
+}
+
+template ASTERISM_API PositionFix<2> locate<2>(std::span<const double>, std::span<const double>,
+                                               std::span<const double>, const LocateOptions&);
+template ASTERISM_API PositionFix<3> locate<3>(std::span<const double>, std::span<const double>,
+                                               std::span<const double>, const LocateOptions&);
+template ASTERISM_API bool locate_each<2>(const RangeBatch&, const LocateOptions&, int,
+                                          const std::function<void(int, const PositionFix<2>&)>&,
+                                          const std::function<bool()>&);
+template ASTERISM_API bool locate_each<3>(const RangeBatch&, const LocateOptions&, int,
+                                          const std::function<void(int, const PositionFix<3>&)>&,
+                                          const std::function<bool()>&);
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism

@@ -1,0 +1,802 @@
+#pragma once
+
+#include <cmath>
+#include <limits>
+
+#include "small_matrix.hpp"
+
+// The search for all low minima of E(x) = sum_i w_i / 2 (|x - b_i| - r_i)^2, where no term exceeds a cutoff.
+//
+// Of each range: p = x - b, d = |p|, u = p / d, v = w r / d. The Hessian of E is mu I + sum v u u^T with
+// mu = sum (w - v). Three facts carry the proofs:
+//
+// 1. Identity. At a stationary point x, E(x + s e) = E(x) + mu s^2 / 2 + sum v / 2 (rho - d)^2 for a unit e,
+// with
+//    rho = |p + s e| and rho - d = s (2 p.e + s) / (rho + d). Hence, as rho <= d + s, another point at
+//    distance s is that low only if the beacons are nearly in the plane (line) halfway: sum v / (d + s/2)^2
+//    (p.e + s/2)^2 is then small, a quadratic form in e. shells() bounds it for shells of s, and the slope
+//    along e likewise.
+// 2. On a ball of radius h < d around c the Hessian of -w r |x - b| changes by at most v 2/sqrt(3) q / (1 -
+// q),
+//    q = h / d, since |D^2 u| <= 2/sqrt(3) / d^2. judge() bounds energy, gradient and curvature by it.
+// 3. All stationary points are in the ball around the centroid (weights w) of radius sum w r / sum w, as
+//    0 = sum w (x - b - r u).
+namespace asterism::ranges {
+
+/// Places between which the energy rises by less are one minimum.
+inline constexpr double kBarrier = 1e-6;
+
+template <int D>
+struct Minimum {
+  Vector<D> x;
+  double energy;
+  Symmetric<D> hessian;
+  double radius;  ///< of a ball about it with no other minimum below the threshold
+};
+
+/// What is given: M beacons about their centroid.
+struct Ranges {
+  int count;
+  const double* beacons;  ///< (count, D)
+  const double* range;
+  const double* weight;  ///< 1 / sigma^2
+};
+
+template <int D>
+class PositionSearch {
+ public:
+  static constexpr int kMost = 32;
+
+  PositionSearch(const Ranges& ranges, double within, double cutoff, long max_cells)
+      : given_(ranges), within_(within), outlier_(0.5 * cutoff * cutoff), max_cells_(max_cells) {
+    for (int i = 0; i < given_.count; ++i) {
+      total_ += given_.weight[i];
+      reach_ += given_.weight[i] * given_.range[i];
+      extent_ = std::max(extent_, norm(beacon(i)) + given_.range[i]);
+    }
+    reach_ = reach_ / total_ + 1e-9 * extent_;
+    if (is_robust()) {
+      reach_ = extent_;
+      // Fewer than D ranges meet on circles or spheres, not in points.
+      ceiling_ = (given_.count - D + 0.9) * outlier_;
+    }
+  }
+
+  /// Finds the minima.
+  void run() {
+    start();
+    if (is_robust()) {
+      start_from_sets();
+      return branch_and_bound(constant<D>(0), constant<D>(reach_));
+    }
+    for (int round = 0; round < 8; ++round) {
+      if (look_around_best()) return;
+    }
+    shell_count_ = 0;
+    branch_and_bound(constant<D>(0), constant<D>(reach_));
+  }
+
+  /// Sorted by energy, those within the threshold.
+  int finish() {
+    int kept = 0;
+    for (int i = 0; i < count_; ++i)
+      if (minima_[i].energy <= threshold()) minima_[kept++] = minima_[i];
+    count_ = kept;
+    std::sort(minima_, minima_ + count_, [](const auto& a, const auto& b) { return a.energy < b.energy; });
+    return count_;
+  }
+  const Minimum<D>& minimum(int i) const { return minima_[i]; }
+  bool is_complete() const { return is_complete_ && left_out_ > threshold(); }
+  long cells() const { return cells_; }
+  double total() const { return total_; }  ///< of the weights
+
+ private:
+  static constexpr int kShells = 12;
+  static constexpr int kMostUndecided = 5;
+  static constexpr int kForm = Symmetric<D>::kSize + D + 1;  ///< numbers of a form in (e, t)
+  using Forms = double[kForm][kShells];
+
+  struct Cell {
+    Vector<D> centre, half;
+    double bound;
+  };
+  /// What is not excluded at a distance between `inner` and `outer` from about_.
+  struct Shell {
+    double inner, outer;
+    Vector<D> low, high;
+  };
+
+  /// Sums over ranges, from which bounds on a cell follow.
+  struct Bounds {
+    double energy = 0, total = 0, mu = 0, energy_loss = 0, most = 0, least = 0, remainder = 0;
+    bool has_beacon = false;  ///< in the cell's ball
+    Vector<D> gradient = constant<D>(0);
+    Symmetric<D> sum = Symmetric<D>::zero(), sum_of_energy = Symmetric<D>::zero();
+
+    void add(const Vector<D>& p, double d, double r, double w, double h);
+    void add(const Bounds& other);
+    double least_energy(double h, double scale) const;
+    bool exclude_minimum(const Vector<D>& half) const;
+  };
+
+  bool is_robust() const { return outlier_ < std::numeric_limits<double>::infinity(); }
+  double threshold() const { return std::min(best_ + within_, ceiling_); }
+  Vector<D> beacon(int i) const {
+    Vector<D> b;
+    for (int k = 0; k < D; ++k) b[k] = given_.beacons[D * i + k];
+    return b;
+  }
+  Vector<D> from_beacon(const Vector<D>& x, int i) const {
+    Vector<D> p;
+    for (int k = 0; k < D; ++k) p[k] = x[k] - given_.beacons[D * i + k];
+    return p;
+  }
+  /// Of p, where a beacon itself is a little away from it, so that quotients are finite.
+  double length(const Vector<D>& p) const { return std::max(norm(p), 1e-13 * extent_); }
+
+  double energy(const Vector<D>& x) const {
+    double sum = 0;
+    for (int i = 0; i < given_.count; ++i) {
+      const double stretch = norm(from_beacon(x, i)) - given_.range[i];
+      sum += std::min(0.5 * given_.weight[i] * stretch * stretch, outlier_);
+    }
+    return sum;
+  }
+
+  double evaluate(const Vector<D>& x, Vector<D>& gradient, Symmetric<D>& hessian) const {
+    double sum = 0, mu = 0;
+    gradient = constant<D>(0);
+    hessian = Symmetric<D>::zero();
+    for (int i = 0; i < given_.count; ++i) {
+      const Vector<D> p = from_beacon(x, i);
+      const double w = given_.weight[i], d = length(p), stretch = d - given_.range[i];
+      const double e = 0.5 * w * stretch * stretch;
+      if (e >= outlier_) {
+        sum += outlier_;
+        continue;
+      }
+      sum += e;
+      const double inverse = 1 / d, v = w * given_.range[i] * inverse;
+      mu += w - v;
+      for (int k = 0; k < D; ++k) gradient[k] += (w - v) * p[k];
+      hessian.add(v * inverse * inverse, p);
+    }
+    hessian = hessian.shifted(mu);
+    return sum;
+  }
+
+  double descend(Vector<D>& x, Symmetric<D>& hessian) const;
+  bool has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const;
+  int add(const Vector<D>& x, double e, const Symmetric<D>& hessian);
+  int add_from(Vector<D> x) {
+    Symmetric<D> hessian;
+    const double e = descend(x, hessian);
+    return add(x, e, hessian);
+  }
+  bool is_convex_around(const Vector<D>& x, double radius) const;
+  double convex_radius(const Vector<D>& x) const;
+  void start();
+  void start_from_sets();
+  bool look_around_best();
+  double shells(const Minimum<D>& about, bool collect);
+  void leave(const Minimum<D>& about, const Forms& forms, int k, double inner, double outer, double target,
+             double gap, double mu, double scale);
+  bool is_covered(const Vector<D>& centre, const Vector<D>& half) const;
+  bool is_excluded(const Cell& cell) const;
+  bool judge(Cell& cell);
+  void branch_and_bound(const Vector<D>& centre, const Vector<D>& half);
+
+  Ranges given_;
+  double within_, outlier_;
+  long max_cells_;
+  double total_ = 0, reach_ = 0, extent_ = 0;
+  double ceiling_ = std::numeric_limits<double>::infinity(), best_ = ceiling_;
+  Minimum<D> minima_[kMost];
+  int count_ = 0;
+  long cells_ = 0;
+  double left_out_ = ceiling_;  ///< the lowest energy of a minimum for which there was no room
+  bool is_complete_ = true;
+  Shell shells_[kShells];
+  int shell_count_ = 0;
+  Vector<D> about_;
+};
+
+/// Damped Newton to a local minimum; saddle points are left along their negative curvature.
+template <int D>
+double PositionSearch<D>::descend(Vector<D>& x, Symmetric<D>& hessian) const {
+  Vector<D> gradient;
+  double e = evaluate(x, gradient, hessian), damping = 0;
+  int escapes = 0;
+  for (int iteration = 0; iteration < 200; ++iteration) {
+    Symmetric<D> matrix = hessian.shifted(damping);
+    double shift = damping;
+    while (!matrix.is_definite() && shift < 1e30 * total_) {
+      shift = shift == 0 ? 1e-8 * total_ : 3 * shift;
+      matrix = hessian.shifted(shift);
+    }
+    if (shift > 0 && escapes < 8 && dot(gradient, gradient) <= 1e-16 * total_ * total_ * reach_ * reach_ &&
+        !hessian.is_definite()) {
+      ++escapes;
+      const Vector<D> along = lowest_direction(hessian);
+      bool is_lower = false;
+      for (double step = 1e-3 * reach_; step > 1e-10 * reach_ && !is_lower; step *= 0.5) {
+        Vector<D> y = x;
+        for (int k = 0; k < D; ++k) y[k] += step * along[k];
+        is_lower = energy(y) < e;
+        if (is_lower) x = y;
+      }
+      if (!is_lower) break;
+      e = evaluate(x, gradient, hessian);
+      damping = 0;
+      continue;
+    }
+    const Vector<D> step = matrix.inverse().times(gradient);
+    const double decrease = 0.5 * dot(step, gradient);
+    Vector<D> y = x;
+    for (int k = 0; k < D; ++k) y[k] -= step[k];
+    if (decrease <= 1e-20 * (1 + e)) {
+      if (damping > 0) {
+        damping = 0;
+        continue;
+      }
+      x = y;
+      break;
+    }
+    Vector<D> next_gradient;
+    Symmetric<D> next_hessian;
+    const double next = evaluate(y, next_gradient, next_hessian);
+    if (next <= e) {
+      x = y;
+      e = next;
+      gradient = next_gradient;
+      hessian = next_hessian;
+      damping = damping < 0.01 * total_ ? 0 : damping / 4;
+    } else {
+      if (decrease < 1e-14 * (1 + e) && shift == 0) break;
+      damping = std::max(4 * shift, 0.05 * total_);
+      if (damping > 1e12 * total_) break;
+    }
+  }
+  return evaluate(x, gradient, hessian);
+}
+
+/// Whether the energy rises on the way from the higher one of two minima to the lower one.
+template <int D>
+bool PositionSearch<D>::has_barrier(const Vector<D>& x, double e, const Minimum<D>& other) const {
+  const bool is_higher = e >= other.energy;
+  const Vector<D>&from = is_higher ? x : other.x, &to = is_higher ? other.x : x;
+  for (double share = 0.5; share > 1e-3; share *= 0.5) {
+    Vector<D> between;
+    for (int k = 0; k < D; ++k) between[k] = from[k] + share * (to[k] - from[k]);
+    if (energy(between) > std::max(e, other.energy) + kBarrier) return true;
+  }
+  return false;
+}
+
+/// Keeps a minimum below the threshold. Returns its index, also if it was there before, or -1.
+template <int D>
+int PositionSearch<D>::add(const Vector<D>& x, double e, const Symmetric<D>& hessian) {
+  if (!(e <= threshold())) return -1;
+  for (int i = 0; i < count_; ++i) {
+    Minimum<D>& known = minima_[i];
+    const double apart = distance(x, known.x);
+    if (apart > known.radius && has_barrier(x, e, known)) continue;
+    if (e < known.energy && apart > 0) {
+      known = {x, e, hessian, is_robust() ? convex_radius(x) : 0};
+      best_ = std::min(best_, e);
+    }
+    return i;
+  }
+  best_ = std::min(best_, e);
+  if (count_ == kMost) finish();
+  if (count_ == kMost) {
+    const double highest = minima_[kMost - 1].energy;
+    left_out_ = std::min(left_out_, std::max(e, highest));
+    if (e >= highest) return -1;
+    --count_;
+  }
+  minima_[count_] = {x, e, hessian, is_robust() ? convex_radius(x) : 0};
+  return count_++;
+}
+
+template <int D>
+bool PositionSearch<D>::is_convex_around(const Vector<D>& x, double radius) const {
+  Symmetric<D> sum = Symmetric<D>::zero();
+  double shift = 0;
+  for (int i = 0; i < given_.count; ++i) {
+    const Vector<D> p = from_beacon(x, i);
+    const double d = length(p), w = given_.weight[i];
+    const double stretch = std::abs(d - given_.range[i]), limit = std::sqrt(2 * outlier_ / w);
+    if (stretch - radius >= limit) continue;
+    if (stretch + radius > limit) return false;
+    shift += w;
+    if (given_.range[i] == 0) continue;
+    if (d <= radius) return false;
+    const double q = radius / d, v = w * given_.range[i] / d;
+    shift -= v * (1 + 1.1547006 * q / (1 - q));
+    sum.add(v / (d * d), p);
+  }
+  return sum.shifted(shift).is_definite();
+}
+
+template <int D>
+double PositionSearch<D>::convex_radius(const Vector<D>& x) const {
+  double radius = reach_;
+  for (int i = 0; i < given_.count; ++i) radius = std::min(radius, 0.5 * norm(from_beacon(x, i)));
+  for (int k = 0; k < 8; ++k, radius *= 0.6)
+    if (is_convex_around(x, radius)) return radius;
+  return 0;
+}
+
+/// A first minimum: from the linear equations of the squared ranges, |x|^2 - 2 b.x = r^2 - |b|^2, whose mean
+/// gives |x|^2. The last axis is that along which the beacons extend least; there |x|^2 may tell more than
+/// they do.
+template <int D>
+void PositionSearch<D>::start() {
+  Symmetric<D> scatter = Symmetric<D>::zero();
+  Vector<D> right = constant<D>(0);
+  double square = 0;
+  for (int i = 0; i < given_.count; ++i) {
+    const Vector<D> b = beacon(i);
+    const double w = given_.weight[i], q = given_.range[i] * given_.range[i] - dot(b, b);
+    square += w * q / total_;
+    for (int k = 0; k < D; ++k) right[k] -= 0.5 * w * b[k] * q;
+    scatter.add(w, b);
+  }
+  Vector<D> best = scatter.shifted(1e-9 * scatter.trace()).inverse().times(right);
+  double lowest = energy(best), flat = 0;
+  for (int k = 0; k + 1 < D; ++k) flat += best[k] * best[k];
+  const double height = std::sqrt(std::max(square - flat, 0.01 * std::abs(square)));
+  for (const double last : {-height, height}) {
+    Vector<D> x = best;
+    x[D - 1] = last;
+    const double e = energy(x);
+    if (e < lowest) {
+      lowest = e;
+      best = x;
+    }
+  }
+  add_from(best);
+}
+
+/// The lowest of the places where D of the first ranges meet, or almost do.
+template <int D>
+void PositionSearch<D>::start_from_sets() {
+  const int count = std::min(given_.count, 12);
+  Vector<D> best = constant<D>(0);
+  double lowest = std::numeric_limits<double>::infinity();
+  const auto consider = [&](const Vector<D>& x) {
+    const double e = energy(x);
+    if (e < lowest) {
+      lowest = e;
+      best = x;
+    }
+  };
+  for (int i = 0; i < count; ++i) {
+    for (int j = i + 1; j < count; ++j) {
+      // On the circle (two points in the plane) of two ranges: its centre, axis and radius.
+      const Vector<D> b = beacon(i), to = beacon(j);
+      const double apart = distance(b, to), r = given_.range[i], other = given_.range[j];
+      if (apart == 0) continue;
+      const double along = (r * r - other * other + apart * apart) / (2 * apart);
+      const double radius = std::sqrt(std::max(0.0, r * r - along * along));
+      Vector<D> axis, centre;
+      for (int k = 0; k < D; ++k) {
+        axis[k] = (to[k] - b[k]) / apart;
+        centre[k] = b[k] + along * axis[k];
+      }
+      if constexpr (D == 2) {
+        for (const double side : {-radius, radius})
+          consider({{centre[0] - side * axis[1], centre[1] + side * axis[0]}});
+      } else {
+        for (int n = j + 1; n < count; ++n) {
+          // The beacon n is at `height` along the axis and at `off` from it: the cosine of the angle there.
+          const Vector<D> p = from_beacon(centre, n);
+          const double height = dot(p, axis);
+          Vector<D> first, second;
+          for (int k = 0; k < D; ++k) first[k] = height * axis[k] - p[k];
+          const double off = norm(first), third = given_.range[n];
+          if (off == 0 || radius == 0) continue;
+          const double cosine =
+              std::clamp((off * off + radius * radius + height * height - third * third) / (2 * off * radius),
+                         -1.0, 1.0);
+          const double sine = std::sqrt(1 - cosine * cosine);
+          for (int k = 0; k < D; ++k) first[k] /= off;
+          second = {{axis[1] * first[2] - axis[2] * first[1], axis[2] * first[0] - axis[0] * first[2],
+                     axis[0] * first[1] - axis[1] * first[0]}};
+          for (const double side : {-sine, sine}) {
+            Vector<D> x = centre;
+            for (int k = 0; k < D; ++k) x[k] += radius * (cosine * first[k] + side * second[k]);
+            consider(x);
+          }
+        }
+      }
+    }
+  }
+  add_from(best);
+}
+
+/// Whether e^T A e + 2 t e.m + n t^2 > target for all unit e and low <= t <= high. `form`: A, m, n.
+template <int D>
+bool is_above(const Symmetric<D>& a, const Vector<D>& m, double n, double target, double low, double high) {
+  double lambda = target;  // any number below the eigenvalues of A gives a bound
+  for (int round = 0; round < 4; ++round) {
+    const Symmetric<D> shifted = a.shifted(-lambda);
+    if (!shifted.is_definite()) return false;
+    const double rest = n - form(shifted.inverse(), m), t = rest >= 0 ? low : high;
+    if (lambda + t * t * rest > target) return true;
+    lambda += 0.3 * shifted.least_of_definite();
+  }
+  return false;
+}
+
+/// Excludes shells about a minimum by the identity. Returns the radius up to which they are. `collect`: the
+/// others go to shells_.
+template <int D>
+double PositionSearch<D>::shells(const Minimum<D>& about, bool collect) {
+  const double reach = 1.0000001 * (reach_ + norm(about.x));
+  double edge[kShells];
+  edge[kShells - 1] = reach;
+  for (int k = kShells - 1; k > 0; --k) edge[k - 1] = edge[k] / 1.6;
+  Forms height = {}, slope = {};
+  double extra[kShells] = {}, mu = 0, scale = 0;
+  for (int i = 0; i < given_.count; ++i) {
+    const Vector<D> p = from_beacon(about.x, i);
+    const double d = length(p), v = given_.weight[i] * given_.range[i] / d;
+    mu += given_.weight[i] - v;
+    scale += v;
+    double for_height[kShells], for_slope[kShells];
+    for (int k = 0; k < kShells; ++k) {
+      const double s = edge[k], t = 1 / (d + 0.5 * s);
+      for_height[k] = v * t * t;
+      // E' / s = mu + sum v (2 p.e + s) (p.e + s) / (rho (rho + d)), and the product is
+      // 2 (p.e + 3 s / 4)^2 - s^2 / 8. A summand is never below -v.
+      const bool is_near = s < 0.85 * d;
+      const double least = is_near ? d - s : d;
+      for_slope[k] = is_near ? v * t / (d + s) : 0;
+      extra[k] += is_near ? v * s * s / (8 * least * (d + least)) : v;
+    }
+    double product[kForm];
+    int n = 0;
+    for (int k = 0; k < D; ++k)
+      for (int l = 0; l <= k; ++l) product[n++] = p[k] * p[l];
+    for (int k = 0; k < D; ++k) product[n++] = p[k];
+    product[n] = 1;
+    for (n = 0; n < kForm; ++n) {
+      for (int k = 0; k < kShells; ++k) {
+        height[n][k] += for_height[k] * product[n];
+        slope[n][k] += for_slope[k] * product[n];
+      }
+    }
+  }
+  const auto exceeds = [](const Forms& forms, int k, double target, double low, double high) {
+    Symmetric<D> a;
+    Vector<D> m;
+    for (int n = 0; n < Symmetric<D>::kSize; ++n) a.at[n] = forms[n][k];
+    for (int n = 0; n < D; ++n) m[n] = forms[Symmetric<D>::kSize + n][k];
+    return is_above(a, m, forms[kForm - 1][k], target, low, high);
+  };
+  const double gap = threshold() - about.energy + kBarrier, rounding = 1e-9 * scale;
+  double radius = 0;
+  bool is_inner = true;
+  if (collect) {
+    shell_count_ = 0;
+    about_ = about.x;
+  }
+  for (int k = 0; k < kShells; ++k) {
+    const double inner = k > 0 ? edge[k - 1] : 0, outer = edge[k];
+    const double target =
+        k > 0 ? 2 * gap / (inner * inner) - mu + rounding : std::numeric_limits<double>::infinity();
+    if (exceeds(slope, k, extra[k] - mu + rounding, 0.75 * inner, 0.75 * outer) ||
+        (k > 0 && exceeds(height, k, target, 0.5 * inner, 0.5 * outer))) {
+      if (is_inner) radius = outer;
+      continue;
+    }
+    is_inner = false;
+    if (!collect) break;
+    leave(about, height, k, inner, outer, target, gap, mu, scale);
+  }
+  return radius;
+}
+
+/// Adds a box of the points z = x - about.x of the shell with
+/// sum omega (p.z + kappa)^2 - lambda |z|^2 <= 2 gap - (mu + lambda) |z|^2, kappa = |z|^2 / 2.
+template <int D>
+void PositionSearch<D>::leave(const Minimum<D>& about, const Forms& forms, int k, double inner, double outer,
+                              double target, double gap, double mu, double scale) {
+  Shell shell{inner * 0.999999, outer * 1.000001, about.x, about.x};
+  for (int j = 0; j < D; ++j) {
+    shell.low[j] = std::max(shell.low[j] - outer, -reach_);
+    shell.high[j] = std::min(shell.high[j] + outer, reach_);
+  }
+  Symmetric<D> a;
+  Vector<D> m;
+  for (int n = 0; n < Symmetric<D>::kSize; ++n) a.at[n] = forms[n][k];
+  for (int n = 0; n < D; ++n) m[n] = forms[Symmetric<D>::kSize + n][k];
+  const double least = 0.5 * inner * inner, most = 0.5 * outer * outer;
+  for (const double lambda : {target, std::max(0.0, -mu) + 1e-9 * scale, 0.0}) {
+    const Symmetric<D> shifted = a.shifted(-lambda);
+    if (!(lambda < std::numeric_limits<double>::infinity()) || !shifted.is_definite()) continue;
+    const Symmetric<D> inverse = shifted.inverse();
+    const Vector<D> along = inverse.times(m);
+    const double rest = forms[kForm - 1][k] - dot(m, along);
+    const double room = 2 * gap - (mu + lambda) * 2 * (mu + lambda > 0 ? least : most) -
+                        rest * (rest > 0 ? least * least : most * most);
+    const double spread = 1.000001 * std::sqrt(std::max(0.0, room) + 1e-9 * scale * outer * outer);
+    for (int j = 0; j < D; ++j) {
+      const double half = spread * std::sqrt(inverse(j, j)) + 1e-9 * outer;
+      const double first = about.x[j] - least * along[j], last = about.x[j] - most * along[j];
+      shell.low[j] = std::max(shell.low[j], std::min(first, last) - half);
+      shell.high[j] = std::min(shell.high[j], std::max(first, last) + half);
+    }
+  }
+  for (int j = 0; j < D; ++j)
+    if (shell.low[j] > shell.high[j]) return;
+  shells_[shell_count_++] = shell;
+}
+
+/// Proves the best minimum, with a search where closed forms leave something. False if it found a better one.
+template <int D>
+bool PositionSearch<D>::look_around_best() {
+  int at = 0;
+  for (int i = 1; i < count_; ++i)
+    if (minima_[i].energy < minima_[at].energy) at = i;
+  minima_[at].radius = std::max(minima_[at].radius, shells(minima_[at], true));
+  if (shell_count_ == 0) return true;
+  // The outermost place that is left: near the mirror image, if there is one.
+  const Shell& last = shells_[shell_count_ - 1];
+  Vector<D> centre, half, low = constant<D>(reach_), high = constant<D>(-reach_);
+  for (int k = 0; k < D; ++k) centre[k] = 0.5 * (last.low[k] + last.high[k]);
+  const double before = best_;
+  const int found = add_from(centre);
+  if (best_ < before) return false;
+  if (found >= 0 && found != at)
+    minima_[found].radius = std::max(minima_[found].radius, shells(minima_[found], false));
+  bool is_done = true;
+  for (int i = 0; i < shell_count_; ++i) {
+    for (int k = 0; k < D; ++k) {
+      centre[k] = 0.5 * (shells_[i].low[k] + shells_[i].high[k]);
+      half[k] = 0.5 * (shells_[i].high[k] - shells_[i].low[k]);
+    }
+    if (is_covered(centre, half)) continue;
+    is_done = false;
+    for (int k = 0; k < D; ++k) {
+      low[k] = std::min(low[k], shells_[i].low[k]);
+      high[k] = std::max(high[k], shells_[i].high[k]);
+    }
+  }
+  if (is_done) return true;
+  for (int k = 0; k < D; ++k) {
+    centre[k] = 0.5 * (low[k] + high[k]);
+    half[k] = 0.5 * (high[k] - low[k]);
+  }
+  branch_and_bound(centre, half);
+  return true;
+}
+
+/// Whether a box is in a ball of a known minimum.
+template <int D>
+bool PositionSearch<D>::is_covered(const Vector<D>& centre, const Vector<D>& half) const {
+  for (int i = 0; i < count_; ++i) {
+    double far = 0;
+    for (int k = 0; k < D; ++k) {
+      const double q = std::abs(centre[k] - minima_[i].x[k]) + half[k];
+      far += q * q;
+    }
+    if (far <= minima_[i].radius * minima_[i].radius) return true;
+  }
+  return false;
+}
+
+/// Whether shells() has excluded all of a cell.
+template <int D>
+bool PositionSearch<D>::is_excluded(const Cell& cell) const {
+  if (shell_count_ == 0) return false;
+  double near = 0, far = 0;
+  for (int k = 0; k < D; ++k) {
+    const double q = std::abs(cell.centre[k] - about_[k]), n = std::max(0.0, q - cell.half[k]);
+    near += n * n;
+    far += (q + cell.half[k]) * (q + cell.half[k]);
+  }
+  for (int i = 0; i < shell_count_; ++i) {
+    const Shell& shell = shells_[i];
+    bool is_apart = near > shell.outer * shell.outer || far < shell.inner * shell.inner;
+    for (int k = 0; k < D && !is_apart; ++k)
+      is_apart =
+          cell.centre[k] + cell.half[k] < shell.low[k] || cell.centre[k] - cell.half[k] > shell.high[k];
+    if (!is_apart) return false;
+  }
+  return true;
+}
+
+/// What ranges add to the bounds on a cell of half diagonal h.
+template <int D>
+void PositionSearch<D>::Bounds::add(const Vector<D>& p, double d, double r, double w, double h) {
+  const double inverse = 1 / d, v = w * r * inverse, q = h * inverse;
+  energy += 0.5 * w * (d - r) * (d - r);
+  total += w;
+  mu += w - v;
+  double share = 1;
+  const double growth = q < 1 ? q / (1 - q) : 0;
+  if (q < 0.4) {
+    energy_loss += 0.3849002 * v * growth;  // a third of the Hessian's change
+  } else {
+    // (rho - d)^2 >= (1 - q/2) / (1 + q/2)^2 ((u.z)^2 - q/2 |z|^2) in the identity of fact 1
+    const double b = 0.5 * q;
+    share = b < 1 ? (1 - b) / ((1 + b) * (1 + b)) : 0;
+    energy_loss += v * share * b;
+  }
+  if (q < 1) {
+    const double change = 1.1547006 * growth;
+    most += v * std::max(1 - change, (1 - q) / (1 + q));
+    least += v * (1 + change);
+    remainder += v * d * std::min(0.57735027 * q * q * (1 + 0.66666667 * growth), 2 + q);
+  } else {
+    has_beacon |= r > 0;
+    remainder += v * d * (2 + q);
+  }
+  for (int k = 0; k < D; ++k) gradient[k] += (w - v) * p[k];
+  sum.add(v * inverse * inverse, p);
+  sum_of_energy.add(share * v * inverse * inverse, p);
+}
+
+template <int D>
+void PositionSearch<D>::Bounds::add(const Bounds& other) {
+  energy += other.energy;
+  total += other.total;
+  mu += other.mu;
+  energy_loss += other.energy_loss;
+  most += other.most;
+  least += other.least;
+  remainder += other.remainder;
+  has_beacon |= other.has_beacon;
+  for (int k = 0; k < D; ++k) gradient[k] += other.gradient[k];
+  for (int n = 0; n < Symmetric<D>::kSize; ++n) {
+    sum.at[n] += other.sum.at[n];
+    sum_of_energy.at[n] += other.sum_of_energy.at[n];
+  }
+}
+
+/// A lower bound of the energy: that of the model energy + gradient.z + z^T low z / 2 on |z| <= h, by a
+/// multiplier.
+template <int D>
+double PositionSearch<D>::Bounds::least_energy(double h, double scale) const {
+  const double slope = norm(gradient);
+  const Symmetric<D> low = sum_of_energy.shifted(mu - energy_loss);
+  double multiplier = slope / h;
+  if (slope > 0) multiplier = std::max(0.0, multiplier - form(low, gradient) / (slope * slope));
+  Symmetric<D> shifted = low.shifted(multiplier);
+  if (!shifted.is_definite()) {
+    multiplier = slope / h + std::max(0.0, -low.gershgorin()) + 1e-12 * scale;
+    shifted = low.shifted(multiplier);
+  }
+  return energy - 0.5 * (form(shifted.inverse(), gradient) + multiplier * h * h);
+}
+
+/// Whether curvature or gradient tells that there is no minimum in a cell.
+template <int D>
+bool PositionSearch<D>::Bounds::exclude_minimum(const Vector<D>& half) const {
+  if (sum.shifted(total - most).has_negative()) return true;
+  const Symmetric<D> hessian = sum.shifted(mu);
+  // Whether along . grad E is not 0 in the cell.
+  const auto is_sloped = [&](const Vector<D>& along) {
+    const Vector<D> turned = hessian.times(along);
+    double rest = std::abs(dot(along, gradient));
+    for (int k = 0; k < D; ++k) rest -= std::abs(turned[k]) * half[k];
+    return rest > 0 && rest * rest > remainder * remainder * dot(along, along);
+  };
+  if (is_sloped(gradient)) return true;
+  const Symmetric<D> adjugate = hessian.adjugate();
+  const Vector<D> newton = adjugate.times(gradient);
+  return is_sloped(newton) || is_sloped(adjugate.times(newton));
+}
+
+/// Whether nothing is left to find in a cell; otherwise its `bound` of the energy is set.
+template <int D>
+bool PositionSearch<D>::judge(Cell& cell) {
+  ++cells_;
+  if (is_covered(cell.centre, cell.half) || is_excluded(cell)) return true;
+  const Vector<D>& c = cell.centre;
+  const double h = norm(cell.half);
+  Bounds bounds;  // of the ranges that are inliers in all of the cell
+  // Of those that are in a part of it: a bound from below, and what the energy at c is above it.
+  double outliers = 0, undecided_bound = 0, at_centre = 0;
+  Bounds undecided[kMostUndecided];
+  int undecided_count = 0;
+  for (int i = 0; i < given_.count; ++i) {
+    const Vector<D> p = from_beacon(c, i);
+    const double d = length(p), r = given_.range[i], w = given_.weight[i];
+    if (is_robust()) {
+      const double stretch = std::abs(d - r), near = std::max(stretch - h, 0.0), far = stretch + h;
+      const double bound = 0.5 * w * near * near;
+      if (bound >= outlier_) {
+        outliers += outlier_;
+        continue;
+      }
+      if (0.5 * w * far * far > outlier_) {
+        if (undecided_count < kMostUndecided) undecided[undecided_count].add(p, d, r, w, h);
+        ++undecided_count;
+        undecided_bound += bound;
+        at_centre += std::min(0.5 * w * stretch * stretch, outlier_);
+        continue;
+      }
+    }
+    bounds.add(p, d, r, w, h);
+  }
+  if (is_robust() && bounds.energy + outliers + at_centre < best_) add_from(c);
+  cell.bound = outliers + undecided_bound + bounds.least_energy(h, total_);
+  if (cell.bound > threshold()) return true;
+
+  if (undecided_count == 0) {
+    if (bounds.exclude_minimum(cell.half)) return true;
+    if (!bounds.has_beacon && bounds.sum.shifted(bounds.total - bounds.least).is_definite()) {
+      // Convex: at most one minimum.
+      for (int i = 0; i < count_; ++i)
+        if (distance(minima_[i].x, c) <= h) return true;
+      const Vector<D> newton = bounds.sum.shifted(bounds.mu).inverse().times(bounds.gradient);
+      if (dot(newton, newton) <= 2.25 * h * h) {
+        Vector<D> x = c;
+        Symmetric<D> hessian;
+        const double found = descend(x, hessian);
+        add(x, found, hessian);
+        if (distance(x, c) <= h) return true;
+      }
+    }
+  } else if (undecided_count <= kMostUndecided) {
+    // A minimum is one of the energy of a set of inliers: where a term becomes that of an outlier, the energy
+    // has a ridge.
+    bool is_empty = true;
+    for (int set = 0; set < 1 << undecided_count && is_empty; ++set) {
+      Bounds of_set = bounds;
+      double constant = outliers;
+      for (int n = 0; n < undecided_count; ++n) {
+        if ((set >> n & 1) != 0)
+          of_set.add(undecided[n]);
+        else
+          constant += outlier_;
+      }
+      is_empty = constant + of_set.least_energy(h, total_) > threshold() || of_set.exclude_minimum(cell.half);
+    }
+    if (is_empty) return true;
+  }
+  // Too flat, or too small, to be split further.
+  const double change = undecided_count == 0 ? norm(bounds.gradient) * h + 0.5 * total_ * h * h
+                                             : std::sqrt(2 * outlier_ * total_) * h * given_.count;
+  if (change < 0.1 * kBarrier || h < 1e-12 * extent_) {
+    add_from(c);
+    return true;
+  }
+  return false;
+}
+
+template <int D>
+void PositionSearch<D>::branch_and_bound(const Vector<D>& centre, const Vector<D>& half) {
+  constexpr int kDeepest = 256;  // halvings of D sides to 1e-12 of the first
+  Cell stack[kDeepest];
+  stack[0] = {centre, half, 0};
+  int count = judge(stack[0]) ? 0 : 1;
+  while (count > 0) {
+    const Cell cell = stack[--count];
+    if (cell.bound > threshold()) continue;
+    if (cells_ >= max_cells_ || count + 2 > kDeepest) {
+      is_complete_ = false;
+      return;
+    }
+    int axis = 0;
+    for (int k = 1; k < D; ++k)
+      if (cell.half[k] > cell.half[axis]) axis = k;
+    Cell children[2] = {cell, cell};
+    bool is_left[2];
+    for (int side = 0; side < 2; ++side) {
+      Cell& child = children[side];
+      child.half[axis] *= 0.5;
+      child.centre[axis] += side == 0 ? -child.half[axis] : child.half[axis];
+      is_left[side] = !judge(child);
+    }
+    const int lower = children[0].bound <= children[1].bound ? 0 : 1;  // is searched first
+    for (const int side : {1 - lower, lower})
+      if (is_left[side]) stack[count++] = children[side];
+  }
+}
+
+}  // namespace asterism::ranges

@@ -1,0 +1,128 @@
+#!/usr/bin/env python3
+"""asterism.locate on NumPy arrays, against SciPy's least squares from many starts."""
+
+import itertools
+import unittest
+
+import asterism
+import numpy as np
+from scipy.optimize import least_squares
+
+NAN = float("nan")
+SQUARE = [[0, 0], [10, 0], [10, 8], [0, 8]]
+
+
+def residuals(x, beacons, ranges, sigma):
+    return (np.linalg.norm(x - beacons, axis=1) - ranges) / sigma
+
+
+def least_energy(beacons, ranges, sigma, starts):
+    """The least energy of SciPy's descents."""
+    best = np.inf, None
+    for start in starts:
+        found = least_squares(residuals, start, args=(beacons, ranges, sigma), xtol=1e-14, ftol=1e-14, gtol=1e-14)
+        best = min(best, (found.cost, tuple(found.x)))
+    return best
+
+
+class LocateTest(unittest.TestCase):
+    def test_the_least_energy_that_scipy_finds(self):
+        rng = np.random.default_rng(1)
+        for trial, dim in itertools.product(range(15), (2, 3)):
+            beacons = rng.uniform(0, 10, (dim + 1 + trial % 5, dim))
+            sigma = rng.uniform(0.1, 0.5, len(beacons))
+            ranges = np.linalg.norm(rng.uniform(0, 10, dim) - beacons, axis=1) + sigma * rng.normal(size=len(beacons))
+            ranges = np.maximum(ranges, 0)
+            fix = asterism.locate(beacons, ranges, sigma)
+            energy, x = least_energy(beacons, ranges, sigma, rng.uniform(-5, 15, (30, dim)))
+            self.assertTrue(fix.proven)
+            self.assertAlmostEqual(fix.energy, energy, places=7)
+            np.testing.assert_allclose(fix.x, x, atol=1e-4)
+            self.assertAlmostEqual(sum(minimum.weight for minimum in fix.minima), 1)
+            np.testing.assert_array_equal(fix.minima[0].x, fix.x)
+            jacobian = (fix.x - beacons) / np.linalg.norm(fix.x - beacons, axis=1)[:, None] / sigma[:, None]
+            self.assertEqual(fix.covariance.shape, (dim, dim))
+            if fix.energy < 1:  # Gauss-Newton's matrix is near the Hessian
+                gauss_newton = np.linalg.inv(jacobian.T @ jacobian)
+                np.testing.assert_allclose(fix.covariance, gauss_newton, atol=np.abs(gauss_newton).max())
+            self.assertFalse(fix.outliers.any())
+
+    def test_outliers(self):
+        beacons = np.array(SQUARE + [[5, 12], [-4, 4], [14, 4]], float)
+        tag = np.array([3.0, 2.0])
+        ranges = np.linalg.norm(tag - beacons, axis=1)
+        ranges[[1, 5]] += [4, 7]
+        fix = asterism.locate(beacons, ranges, 0.1, cutoff=3)
+        self.assertTrue(fix.proven)
+        np.testing.assert_allclose(fix.x, tag, atol=1e-6)
+        self.assertEqual(list(np.flatnonzero(fix.outliers)), [1, 5])
+        self.assertAlmostEqual(fix.energy, 2 * 9 / 2)
+        self.assertGreater(np.linalg.norm(asterism.locate(beacons, ranges, 0.1).x - tag), 0.3)
+
+    def test_the_mirror_image(self):
+        fix = asterism.locate([[0, 0], [10, 0]], [5, 8], 0.1)
+        self.assertEqual(len(fix.minima), 2)
+        self.assertAlmostEqual(fix.minima[0].x[1], -fix.minima[1].x[1])
+        self.assertIn("mirror", fix.message)
+
+    def test_a_batch_is_each_tag(self):
+        rng = np.random.default_rng(2)
+        beacons = rng.uniform(0, 10, (6, 3))
+        ranges = np.linalg.norm(rng.uniform(0, 10, (300, 1, 3)) - beacons, axis=2) + 0.1 * rng.normal(size=(300, 6))
+        ranges = np.abs(ranges)
+        ranges[::3, 1] = NAN
+        sigma = rng.uniform(0.05, 0.2, (300, 6))
+        for threads, places in ((1, beacons), (2, np.tile(beacons, (300, 1, 1)))):
+            batch = asterism.locate(places, ranges, sigma, cutoff=4, threads=threads)
+            for tag in range(0, 300, 7):
+                one = asterism.locate(beacons, ranges[tag], sigma[tag], cutoff=4)
+                np.testing.assert_array_equal(batch.x[tag], one.x)
+                np.testing.assert_array_equal(batch.covariance[tag], one.covariance)
+                np.testing.assert_array_equal(batch.outliers[tag], one.outliers)
+                self.assertEqual(batch.energy[tag], one.energy)
+                self.assertEqual(batch.message[tag], one.message)
+                self.assertEqual(batch.proven[tag], one.proven)
+                self.assertEqual([m.energy for m in batch.minima[tag]], [m.energy for m in one.minima])
+        empty = asterism.locate(beacons, np.empty((0, 6)), 0.1)
+        self.assertEqual((empty.x.shape, empty.minima), ((0, 3), []))
+
+    def test_a_range_that_was_not_heard(self):
+        for missing in ([3, 4, NAN, 5], np.ma.masked_equal([3.0, 4, -1, 5], -1)):
+            fix = asterism.locate(SQUARE, missing, [0.1, 0.1, NAN, 0.1])
+            np.testing.assert_array_equal(fix.x, asterism.locate([SQUARE[i] for i in (0, 1, 3)], [3, 4, 5], 0.1).x)
+            self.assertFalse(fix.outliers[2])
+
+    def test_bad_input(self):
+        ones = [1, 1, 1, 1]
+        for arguments, options, error, says in (
+            ((SQUARE, [1, -1, 1, 1], 1), {}, ValueError, "range 1 is negative"),
+            ((SQUARE, [1, np.inf, 1, 1], 1), {}, ValueError, "range 1 is too large or infinite"),
+            ((SQUARE, [ones, [1, 1, 1, -1]], 1), {}, ValueError, "tag 1: range 3 is negative"),
+            ((SQUARE, ones, 0), {}, ValueError, "sigma 0 is not a finite number > 0"),
+            ((SQUARE, ones, NAN), {}, ValueError, "sigma 0 is not a finite number > 0"),
+            ((SQUARE, ones, [1, 1]), {}, ValueError, "sigma: expected a number or shape (4,)"),
+            ((SQUARE, ones, "much"), {}, TypeError, "sigma: expected numbers"),
+            ((SQUARE, [1, 1], 1), {}, ValueError, "beacons: expected shape (2, 2)"),
+            ((SQUARE, 1, 1), {}, ValueError, "ranges: expected shape (M,) or (tags, M)"),
+            (([SQUARE], ones, 1), {}, ValueError, "beacons: expected shape (M, 2) or (M, 3)"),
+            (([[1], [2], [3], [4]], ones, 1), {}, ValueError, "beacons: expected shape"),
+            (([[0, NAN]] + SQUARE[1:], ones, 1), {}, ValueError, "beacon 0 has a coordinate"),
+            ((np.ma.masked_equal(SQUARE, 8), ones, 1), {}, TypeError, "beacons: expected numbers, found masked ones"),
+            ((SQUARE, [1, NAN, NAN, NAN], 1), {}, ValueError, "at least 2 beacons, found 1"),
+            (([[5, 5]] * 4, ones, 1), {}, ValueError, "all in one place"),
+            (([[0, 0, 0], [1, 1, 1], [2, 2, 2], [5, 5, 5]], ones, 1), {}, ValueError, "on one line"),
+            ((SQUARE, ones, 0.1), {"cutoff": 0.01}, ValueError, "no position agrees with 2 ranges"),
+            ((SQUARE, ones, 1), {"cutoff": 0}, ValueError, "cutoff"),
+            ((SQUARE, ones, 1), {"within": -1}, ValueError, "within"),
+            ((SQUARE, ones, 1), {"max_cells": 0}, ValueError, "max_cells"),
+            ((SQUARE, ones, 1), {"threads": -1}, ValueError, "threads: expected 0 or more"),
+        ):
+            with self.subTest(says):
+                with self.assertRaises(error) as raised:
+                    asterism.locate(*arguments, **options)
+                self.assertIn(says, str(raised.exception))
+                self.assertNotIn("\n", str(raised.exception))
+
+
+if __name__ == "__main__":
+    unittest.main()

@@ -1,0 +1,462 @@
+// Positions from ranges, against formulas of their own: descents from a grid of starts, all sets of inliers,
+// and finite differences.
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <array>
+#include <asterism/solver/ranges/locate.hpp>
+#include <asterism/testing/random_system.hpp>
+#include <atomic>
+#include <cmath>
+#include <limits>
+#include <ostream>
+#include <string>
+#include <string_view>
+#include <thread>
+#include <vector>
+
+#include "counting_allocator.hpp"
+
+namespace asterism {
+namespace {
+
+using testing::allocations_in;
+using testing::Rng;
+
+constexpr double kNone = std::numeric_limits<double>::infinity();
+constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+template <int Dim>
+using Point = std::array<double, Dim>;
+
+template <int Dim>
+struct Problem {
+  std::vector<double> beacons, ranges, sigma;
+  double cutoff = kNone;
+
+  std::size_t count() const { return ranges.size(); }
+  double distance(std::size_t i, const Point<Dim>& x) const {
+    double square = 0;
+    for (std::size_t k = 0; k < Dim; ++k) square += std::pow(x[k] - beacons[Dim * i + k], 2);
+    return std::sqrt(square);
+  }
+  double energy(const Point<Dim>& x) const {
+    double sum = 0;
+    for (std::size_t i = 0; i < count(); ++i)
+      sum += std::min(0.5 * std::pow((distance(i, x) - ranges[i]) / sigma[i], 2), 0.5 * cutoff * cutoff);
+    return sum;
+  }
+  /// The next iterate of the majorisation, which never raises the energy of the ranges of `set`.
+  Point<Dim> next(const Point<Dim>& x, const std::vector<bool>& set) const {
+    Point<Dim> sum{};
+    double total = 0;
+    for (std::size_t i = 0; i < count(); ++i) {
+      if (!set[i]) continue;
+      const double w = std::pow(sigma[i], -2), d = distance(i, x);
+      total += w;
+      for (std::size_t k = 0; k < Dim; ++k) {
+        const double b = beacons[Dim * i + k];
+        sum[k] += w * (b + (d > 0 ? ranges[i] * (x[k] - b) / d : 0));
+      }
+    }
+    for (double& a : sum) a /= total;
+    return sum;
+  }
+  Point<Dim> descended(Point<Dim> x, const std::vector<bool>& set, int iterations = 3000) const {
+    for (int n = 0; n < iterations; ++n) {
+      const Point<Dim> y = next(x, set);
+      double moved = 0;
+      for (std::size_t k = 0; k < Dim; ++k) moved += std::abs(y[k] - x[k]);
+      x = y;
+      if (moved < 1e-12) break;
+    }
+    return x;
+  }
+  std::vector<bool> inliers(const Point<Dim>& x) const {
+    std::vector<bool> set(count());
+    for (std::size_t i = 0; i < count(); ++i)
+      set[i] = std::abs(distance(i, x) - ranges[i]) < cutoff * sigma[i];
+    return set;
+  }
+  /// The same for the set of inliers of each iterate.
+  Point<Dim> descended(Point<Dim> x) const {
+    for (int n = 0; n < 300; ++n) {
+      const std::vector<bool> set = inliers(x);
+      if (std::count(set.begin(), set.end(), true) == 0) break;
+      x = descended(x, set, cutoff == kNone ? 3000 : 10);
+      if (cutoff == kNone) break;
+    }
+    return x;
+  }
+  PositionFix<Dim> solve(double within = 5) const {
+    LocateOptions options;
+    options.cutoff = cutoff;
+    options.within = within;
+    return locate<Dim>(beacons, ranges, sigma, options);
+  }
+};
+
+enum Kind { kScattered, kFlat, kAlmostFlat, kUnrelated };
+
+struct Case {
+  Kind kind;
+  double sigma;
+  double cutoff = kNone;
+};
+void PrintTo(const Case& c, std::ostream* out) {
+  *out << "kind " << c.kind << ", sigma " << c.sigma << ", cutoff " << c.cutoff;
+}
+
+template <int Dim>
+Problem<Dim> random_problem(Rng& rng, Kind kind, double sigma, int beacons) {
+  Problem<Dim> problem;
+  Point<Dim> tag, normal;
+  for (double& a : tag) a = rng.uniform(0, 10);
+  double length = 0;
+  for (double& a : normal) {
+    a = rng.uniform(-1, 1);
+    length += a * a;
+  }
+  for (double& a : normal) a /= std::sqrt(length);
+  for (int i = 0; i < beacons; ++i) {
+    Point<Dim> b;
+    for (double& a : b) a = rng.uniform(0, 10);
+    if (kind == kFlat || kind == kAlmostFlat) {
+      double height = kind == kFlat ? 0 : rng.uniform(-0.2, 0.2);
+      for (std::size_t k = 0; k < Dim; ++k) height += normal[k] * (b[k] - 5);
+      for (std::size_t k = 0; k < Dim; ++k) b[k] -= height * normal[k];
+    }
+    problem.beacons.insert(problem.beacons.end(), b.begin(), b.end());
+    problem.sigma.push_back(sigma * rng.uniform(0.5, 2));
+    const double true_range = problem.distance(static_cast<std::size_t>(i), tag);
+    problem.ranges.push_back(kind == kUnrelated ? rng.uniform(0, 10)
+                                                : std::max(0.0, true_range + sigma * rng.uniform(-2, 2)));
+  }
+  return problem;
+}
+
+template <int Dim>
+std::string text(const PositionFix<Dim>& fix) {
+  return std::string(std::string_view(fix.message));
+}
+
+/// Whether a place belongs to a listed minimum: it is there, or the energy between them hardly rises.
+template <int Dim>
+bool is_listed(const Problem<Dim>& problem, const PositionFix<Dim>& fix, const Point<Dim>& x) {
+  for (int i = 0; i < fix.count; ++i) {
+    const auto& known = fix.minima[static_cast<std::size_t>(i)];
+    double top = 0;
+    for (int n = 1; n < 20; ++n) {
+      Point<Dim> between;
+      for (std::size_t k = 0; k < Dim; ++k) between[k] = x[k] + (known.x[k] - x[k]) * n / 20;
+      top = std::max(top, problem.energy(between));
+    }
+    if (top <= std::max(problem.energy(x), known.energy) + 1e-3) return true;
+  }
+  return false;
+}
+
+/// Whether a point nearby is lower: x is no minimum then.
+template <int Dim>
+bool is_lower_nearby(const Problem<Dim>& problem, const Point<Dim>& x, Rng& rng) {
+  // With a cutoff other minima are near.
+  const double largest = (problem.cutoff == kNone ? 1 : 0.03) * problem.sigma[0];
+  for (int n = 0; n < 300; ++n) {
+    Point<Dim> y = x;
+    for (double& a : y) a += largest * std::pow(10, -(n % 4)) * rng.uniform(-1, 1);
+    if (problem.energy(y) < problem.energy(x) - 1e-9) return true;
+  }
+  return false;
+}
+
+class Locate : public ::testing::TestWithParam<Case> {};
+
+template <int Dim>
+void check_against_a_grid(const Case& c, int problems) {
+  Rng rng(static_cast<unsigned>(100 * c.sigma) + 7 * c.kind + Dim);
+  for (int n = 0; n < problems; ++n) {
+    SCOPED_TRACE(n);
+    auto problem = random_problem<Dim>(rng, c.kind, c.sigma, c.cutoff == kNone ? 3 + n % 10 : 7 + n % 3);
+    problem.cutoff = c.cutoff;
+    if (c.cutoff != kNone) {
+      for (std::size_t i = 0; i < 2; ++i) problem.ranges[i] += rng.uniform(1, 10);
+    }
+    const PositionFix<Dim> fix = problem.solve();
+    ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+    EXPECT_TRUE(fix.proven) << text(fix);
+    // Fewer than Dim inliers do not make a minimum.
+    const double most =
+        std::min(fix.minima[0].energy + 5,
+                 (static_cast<double>(problem.count()) - Dim + 0.9) * 0.5 * c.cutoff * c.cutoff);
+    double weights = 0;
+    for (int i = 0; i < fix.count; ++i) {
+      const auto& minimum = fix.minima[static_cast<std::size_t>(i)];
+      EXPECT_NEAR(problem.energy(minimum.x), minimum.energy, 1e-9 * (1 + minimum.energy));
+      EXPECT_GE(minimum.energy, fix.minima[0].energy);
+      EXPECT_LE(minimum.energy, fix.minima[0].energy + 5);
+      const Point<Dim> next = problem.next(minimum.x, problem.inliers(minimum.x));
+      for (std::size_t k = 0; k < Dim; ++k) EXPECT_NEAR(next[k], minimum.x[k], 1e-6) << "not stationary";
+      EXPECT_FALSE(c.cutoff == kNone && is_lower_nearby<Dim>(problem, minimum.x, rng));
+      weights += minimum.weight;
+    }
+    EXPECT_NEAR(weights, 1, 1e-12);
+    constexpr int kGrid = Dim == 2 ? 9 : 5;
+    for (int g = 0; g < (Dim == 2 ? kGrid * kGrid : kGrid * kGrid * kGrid); ++g) {
+      Point<Dim> x;
+      for (int k = 0, rest = g; k < Dim; ++k, rest /= kGrid)
+        x[static_cast<std::size_t>(k)] = -5 + 20.0 * (rest % kGrid) / (kGrid - 1) + rng.uniform(-0.1, 0.1);
+      x = problem.descended(x);
+      const double e = problem.energy(x);
+      ASSERT_GE(e, fix.minima[0].energy - 1e-7 * (1 + e)) << "a lower energy than the proven one";
+      if (e > most - 1e-2 || is_listed<Dim>(problem, fix, x)) continue;
+      EXPECT_TRUE(is_lower_nearby<Dim>(problem, x, rng)) << "a minimum is missing, of energy " << e;
+    }
+  }
+}
+
+TEST_P(Locate, FindsAllMinimaThatAGridOfStartsFinds) {
+  check_against_a_grid<2>(GetParam(), 40);
+  check_against_a_grid<3>(GetParam(), 20);
+}
+
+INSTANTIATE_TEST_SUITE_P(Kinds, Locate,
+                         ::testing::Values(Case{kScattered, 0.1}, Case{kScattered, 1}, Case{kFlat, 0.05},
+                                           Case{kFlat, 0.5}, Case{kAlmostFlat, 0.1}, Case{kAlmostFlat, 0.5},
+                                           Case{kUnrelated, 0.5}, Case{kScattered, 0.2, 3},
+                                           Case{kFlat, 0.2, 3}));
+
+TEST(Locate, FindsTheBestOfAllSetsOfInliers) {
+  Rng rng(5);
+  for (int n = 0; n < 12; ++n) {
+    SCOPED_TRACE(n);
+    auto problem = random_problem<2>(rng, kScattered, 0.1, 7);
+    problem.cutoff = 3;
+    for (int i = 0; i < 2; ++i) problem.ranges[static_cast<std::size_t>(i)] += rng.uniform(1, 10);
+    const PositionFix<2> fix = problem.solve(0.5);
+    ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+    EXPECT_TRUE(fix.proven) << text(fix);
+    double least = kNone;
+    for (unsigned set = 0; set < 1U << problem.count(); ++set) {
+      std::vector<bool> inliers(problem.count());
+      for (std::size_t i = 0; i < problem.count(); ++i) inliers[i] = (set >> i & 1U) != 0;
+      if (std::count(inliers.begin(), inliers.end(), true) < 3) continue;
+      for (int g = 0; g < 9; ++g) {
+        const Point<2> x = problem.descended({-2 + 7.0 * (g % 3), -2 + 7.0 * (g / 3)}, inliers, 300);
+        least = std::min(least, problem.energy(x));
+      }
+    }
+    EXPECT_LE(fix.minima[0].energy, least + 1e-9);
+    EXPECT_NEAR(fix.minima[0].energy, least, 1e-3);
+  }
+}
+
+TEST(Locate, TheMirrorImageOfFlatBeaconsIsAMinimum) {
+  // Beacons under a ceiling at z = 3, a tag at a height of 1.
+  Problem<3> problem;
+  problem.beacons = {0, 0, 3, 8, 0, 3, 8, 5, 3, 0, 5, 3};
+  problem.sigma.assign(4, 0.1);
+  for (std::size_t i = 0; i < 4; ++i) problem.ranges.push_back(problem.distance(i, {2, 1, 1}));
+  const PositionFix<3> fix = problem.solve();
+  ASSERT_EQ(fix.count, 2);
+  EXPECT_TRUE(fix.proven);
+  for (int i = 0; i < 2; ++i) {
+    const auto& minimum = fix.minima[static_cast<std::size_t>(i)];
+    EXPECT_NEAR(minimum.x[0], 2, 1e-9);
+    EXPECT_NEAR(minimum.x[1], 1, 1e-9);
+    EXPECT_NEAR(std::abs(minimum.x[2] - 3), 2, 1e-9);
+    EXPECT_NEAR(minimum.weight, 0.5, 1e-9);
+  }
+  EXPECT_NE(text(fix).find("mirror"), std::string::npos);
+}
+
+TEST(Locate, AHigherMinimumIsNotTakenForTheLowerOne) {
+  // Halfway between the two the energy is below that of the higher one, which has a barrier beside it.
+  Problem<3> problem;
+  problem.beacons = {4.28549, 4.4233,  1.12917, 3.88751, 1.01574, 4.35286,
+                     2.34886, 7.90289, 7.37784, 7.17121, 7.32162, 1.46928};
+  problem.ranges = {5.30116, 7.21259, 3.36972, 5.43629};
+  problem.sigma.assign(4, 0.5);
+  const PositionFix<3> fix = problem.solve();
+  EXPECT_TRUE(fix.proven);
+  ASSERT_EQ(fix.count, 2);
+  Point<3> middle;
+  for (std::size_t k = 0; k < 3; ++k) middle[k] = 0.5 * (fix.minima[0].x[k] + fix.minima[1].x[k]);
+  EXPECT_LT(problem.energy(middle), fix.minima[1].energy);
+}
+
+TEST(Locate, TheCovarianceIsTheInverseOfTheHessian) {
+  Rng rng(3);
+  const auto problem = random_problem<3>(rng, kScattered, 0.2, 8);
+  const auto minimum = problem.solve().minima[0];
+  constexpr double kStep = 1e-4;
+  double hessian[3][3];
+  for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t l = 0; l < 3; ++l) {
+      double sum = 0;
+      for (const int a : {-1, 1}) {
+        for (const int b : {-1, 1}) {
+          Point<3> x = minimum.x;
+          x[k] += a * kStep;
+          x[l] += b * kStep;
+          sum += a * b * problem.energy(x);
+        }
+      }
+      hessian[k][l] = sum / (4 * kStep * kStep);
+    }
+  }
+  for (std::size_t k = 0; k < 3; ++k) {
+    for (std::size_t l = 0; l < 3; ++l) {
+      double product = 0;
+      for (std::size_t j = 0; j < 3; ++j) product += hessian[k][j] * minimum.covariance[3 * j + l];
+      EXPECT_NEAR(product, k == l ? 1 : 0, 1e-4);
+    }
+  }
+}
+
+TEST(Locate, RangesOfZeroAndRangesThatWereNotHeard) {
+  const std::vector<double> beacons{0, 0, 4, 0, 0, 3, 7, 7}, sigma(4, 0.1);
+  for (const std::vector<double>& ranges :
+       {std::vector<double>{0, 4, 3, kNaN}, std::vector<double>{0, 4, kNaN, std::sqrt(98.0)}}) {
+    const PositionFix<2> fix = locate<2>(beacons, ranges, sigma);
+    ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+    EXPECT_TRUE(fix.proven);
+    EXPECT_NEAR(fix.minima[0].x[0], 0, 1e-9);
+    EXPECT_NEAR(fix.minima[0].x[1], 0, 1e-9);
+  }
+  const std::vector<double> zero(4, 0.0);  // the mean of the beacons
+  const PositionFix<2> fix = locate<2>(beacons, zero, sigma);
+  ASSERT_EQ(fix.status, Status::Converged) << text(fix);
+  EXPECT_TRUE(fix.proven);
+  EXPECT_NEAR(fix.minima[0].x[0], 11.0 / 4, 1e-9);
+  EXPECT_NEAR(fix.minima[0].x[1], 10.0 / 4, 1e-9);
+}
+
+TEST(Locate, TheUnitOfLengthDoesNotMatter) {
+  Rng rng(8);
+  const auto problem = random_problem<3>(rng, kScattered, 0.3, 6);
+  const PositionFix<3> expected = problem.solve();
+  for (const double unit : {0x1p-200, 0x1p+200}) {
+    auto scaled = problem;
+    for (auto* numbers : {&scaled.beacons, &scaled.ranges, &scaled.sigma})
+      for (double& number : *numbers) number *= unit;
+    const PositionFix<3> fix = scaled.solve();
+    ASSERT_EQ(fix.count, expected.count) << text(fix);
+    EXPECT_TRUE(fix.proven);
+    EXPECT_NEAR(fix.minima[0].energy, expected.minima[0].energy, 1e-12);
+    for (std::size_t k = 0; k < 3; ++k) EXPECT_NEAR(fix.minima[0].x[k] / unit, expected.minima[0].x[k], 1e-9);
+    EXPECT_NEAR(fix.minima[0].covariance[0] / unit / unit, expected.minima[0].covariance[0], 1e-9);
+  }
+}
+
+TEST(Locate, SaysWhatIsWrong) {
+  struct Wrong {
+    std::vector<double> beacons, ranges, sigma;
+    const char* says;
+    LocateOptions options;
+  };
+  const std::vector<double> square{0, 0, 1, 0, 1, 1}, ones(3, 1.0);
+  LocateOptions cutoff, within, cells, tight;
+  cutoff.cutoff = 0;
+  within.within = kNaN;
+  cells.max_cells = 0;
+  tight.cutoff = 1;
+  for (const Wrong& wrong : {
+           Wrong{square, {1, -1, 1}, ones, "range 1 is negative", {}},
+           Wrong{square, {1, 1, kNone}, ones, "range 2 is too large or infinite", {}},
+           Wrong{square, ones, {1, 1, 0}, "sigma 2 is not a finite number > 0", {}},
+           Wrong{square, ones, {-1, 1, 1}, "sigma 0 is not", {}},
+           Wrong{square, ones, {kNaN, 1, 1}, "sigma 0 is not", {}},
+           Wrong{{0, 0, kNaN, 0, 1, 1},
+                 ones,
+                 ones,
+                 "beacon 1 has a coordinate that is not a finite number",
+                 {}},
+           Wrong{square, ones, {1, 1, 1e-30}, "sigma is out of proportion to the distances", {}},
+           Wrong{square, {1, kNaN, kNaN}, ones, "needs ranges to at least 2 beacons, found 1", {}},
+           Wrong{{5, 5, 5, 5, 5, 5}, ones, ones, "all in one place", {}},
+           Wrong{square, {1, 1}, ones, "same number of beacons", {}},
+           Wrong{square, ones, ones, "cutoff", cutoff},
+           Wrong{square, ones, ones, "within", within},
+           Wrong{square, ones, ones, "max_cells", cells},
+           Wrong{{0, 0, 50, 0}, {1, 1}, {0.1, 0.1}, "no position agrees with 2 ranges", tight},
+       }) {
+    const PositionFix<2> fix = locate<2>(wrong.beacons, wrong.ranges, wrong.sigma, wrong.options);
+    EXPECT_EQ(fix.status, Status::InvalidInput) << wrong.says;
+    EXPECT_NE(text(fix).find(wrong.says), std::string::npos) << text(fix);
+    EXPECT_EQ(fix.count, 0);
+    EXPECT_FALSE(fix.proven);
+  }
+  const std::vector<double> line{0, 0, 0, 1, 2, 3, 2, 4, 6, -1, -2, -3}, four(4, 3.0);
+  EXPECT_NE(text(locate<3>(line, four, four)).find("on one line"), std::string::npos);
+}
+
+TEST(Locate, IsNotProvenWhereTheSearchIsCutShort) {
+  Rng rng(2);
+  auto problem = random_problem<3>(rng, kFlat, 1, 6);
+  LocateOptions options;
+  options.max_cells = 3;
+  const PositionFix<3> fix = locate<3>(problem.beacons, problem.ranges, problem.sigma, options);
+  ASSERT_EQ(fix.status, Status::Converged);
+  EXPECT_FALSE(fix.proven);
+  EXPECT_NE(text(fix).find("max_cells"), std::string::npos);
+}
+
+TEST(Locate, NeedsNoHeap) {
+  Rng rng(4);
+  for (const Kind kind : {kScattered, kFlat, kUnrelated}) {
+    auto problem = random_problem<3>(rng, kind, 0.3, 12);
+    EXPECT_EQ(allocations_in([&] { problem.solve(); }), 0);
+    problem.cutoff = 3;
+    EXPECT_EQ(allocations_in([&] { problem.solve(); }), 0);
+  }
+}
+
+TEST(LocateEach, IsLocateOfEachTag) {
+  Rng rng(6);
+  constexpr int kTags = 1000;
+  RangeBatch batch;
+  batch.tags = kTags;
+  batch.beacons_per_tag = 5;
+  Problem<2> all, shared = random_problem<2>(rng, kScattered, 0.1, 5);
+  std::vector<PositionFix<2>> expected;
+  for (const bool is_shared : {false, true}) {
+    all = {};
+    expected.clear();
+    for (int tag = 0; tag < kTags; ++tag) {
+      auto one = random_problem<2>(rng, kScattered, 0.1, 5);
+      if (is_shared) {
+        one.beacons = shared.beacons;
+        one.sigma = shared.sigma;
+      }
+      if (tag == 7) one.ranges[2] = -1;  // only this tag is refused
+      all.beacons.insert(all.beacons.end(), one.beacons.begin(), one.beacons.end());
+      all.ranges.insert(all.ranges.end(), one.ranges.begin(), one.ranges.end());
+      all.sigma.insert(all.sigma.end(), one.sigma.begin(), one.sigma.end());
+      expected.push_back(one.solve());
+    }
+    batch.beacons = is_shared ? shared.beacons : all.beacons;
+    batch.ranges = all.ranges;
+    batch.sigma = is_shared ? shared.sigma : all.sigma;
+    std::vector<std::atomic<int>> calls(kTags);
+    std::atomic<int> different{0};
+    EXPECT_TRUE(locate_each<2>(batch, {}, 3, [&](int tag, const PositionFix<2>& fix) {
+      const PositionFix<2>& other = expected[static_cast<std::size_t>(tag)];
+      ++calls[static_cast<std::size_t>(tag)];
+      if (fix.status != other.status || fix.count != other.count ||
+          (fix.count > 0 && fix.minima[0].x != other.minima[0].x))
+        ++different;
+    }));
+    EXPECT_EQ(different, 0);
+    EXPECT_TRUE(std::all_of(calls.begin(), calls.end(), [](const auto& n) { return n == 1; }));
+    EXPECT_EQ(expected[7].status, Status::InvalidInput);
+  }
+  std::atomic<int> calls{0};
+  const auto count = [&](int, const PositionFix<2>&) { ++calls; };
+  EXPECT_FALSE(locate_each<2>(batch, {}, 1, count, [] { return true; }));
+  EXPECT_EQ(calls, 0);
+  batch.tags = kTags - 1;
+  EXPECT_FALSE(locate_each<2>(batch, {}, 1, count)) << "the sizes do not match";
+}
+
+}  // namespace
+}  // namespace asterism
