@@ -281,8 +281,12 @@ class Drawing {
         const int node = sequence_[position_++];
         const std::size_t others = components_[at(component_[at(node)])].size - 1;
         if (others == 0) continue;
+        // Every fourth source has a second shell, every fourth of those a third one, and so on: fewer of one
+        // region by chance would be less exact.
         int shells = 0;
-        while (shell_end(shells) < others && random_() % kGrowth == 0) ++shells;
+        ++number_;
+        for (std::uint64_t k = number_; shell_end(shells) < others && k % kGrowth == 0; k /= kGrowth)
+          ++shells;
         some.nodes.push_back(node);
         some.shells.push_back(shells);
         pairs += std::min(shell_end(shells), others);
@@ -303,6 +307,7 @@ class Drawing {
     std::iota(blocks.begin(), blocks.end(), 0);
     random_.shuffle(std::span(blocks));
     sequence_.clear();
+    number_ = random_();
     for (const std::size_t block : blocks) {
       const std::size_t first = sequence_.size();
       for (std::size_t i = block * kBlock; i < std::min(n, (block + 1) * kBlock); ++i)
@@ -317,15 +322,22 @@ class Drawing {
     for (std::size_t s = 0; s < sources.nodes.size() && !is_set(options_.stop); ++s) {
       const int source = sources.nodes[s];
       paths.find(source, shell_end(sources.shells[s]) + 1);
+      const std::span<const int> nodes = paths.nodes();
+      const std::span<const double> lengths = paths.lengths();
+      const std::size_t first = batch.pairs.size();
+      batch.pairs.resize(first + nodes.size() - 1);
       std::size_t end_of_shell = nearest_;
-      double share = 1;
-      for (std::size_t k = 1; k < paths.nodes().size(); ++k) {
+      double share = 1, length = 0, weight = 0;
+      for (std::size_t k = 1; k < nodes.size(); ++k) {
         if (k > end_of_shell) {
           end_of_shell *= kGrowth;
           share *= static_cast<double>(kGrowth);
         }
-        const double length = paths.lengths()[k];
-        batch.pairs.push_back({paths.nodes()[k], length, share * weight_of(length)});
+        if (lengths[k] != length) {  // many are the same
+          length = lengths[k];
+          weight = weight_of(length);
+        }
+        batch.pairs[first + k - 1] = {nodes[k], length, share * weight};
       }
       const Component& component = components_[at(component_[at(source)])];
       batch.stars.push_back({source, batch.pairs.size(), step(component, sources.iteration)});
@@ -424,6 +436,7 @@ class Drawing {
   std::vector<double> pulls_;  // of the anchors, for each pair that moves a node; empty if there are none
   std::vector<int> sequence_;  // of the sources of an iteration
   std::size_t position_ = 0;
+  std::uint64_t number_ = 0;  // of the last source, counted from a random number
   int iteration_ = 0;
   std::atomic<bool> is_bad_ = false;
 };
