@@ -70,10 +70,10 @@ void scale_by_pivots(ShortestPaths& paths, const std::vector<int>& nodes, const 
   Eigen::MatrixXf squares(n, pivots);  // of the distances, later centred
   std::vector<double> nearest(nodes.size(), std::numeric_limits<double>::infinity());
   int pivot = nodes.front();
-  double unit = 0;
+  double unit = 1;
   for (Eigen::Index k = 0; k < pivots && !is_set(stop); ++k) {
     paths.find(pivot);
-    if (k == 0) unit = paths.lengths().back();
+    if (k == 0 && paths.lengths().back() > 0) unit = paths.lengths().back();
     double farthest = -1;
     for (std::size_t t = 0; t < nodes.size(); ++t) {
       const int node = paths.nodes()[t];

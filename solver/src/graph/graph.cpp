@@ -21,8 +21,8 @@ Graph::Graph(int nodes, std::span<const Edge> edges) : first_(at(nodes) + 1) {
       if (end < 0 || end >= nodes) detail::raise(std::invalid_argument("an end of an edge is no node"));
       ++first_[at(end) + 1];
     }
-    if (!(edge.length > 0 && std::isfinite(edge.length)))
-      detail::raise(std::invalid_argument("the length of an edge is not > 0 and finite"));
+    if (!(edge.length >= 0 && std::isfinite(edge.length)))
+      detail::raise(std::invalid_argument("the length of an edge is not >= 0 and finite"));
     if (edge.length != edges.front().length) is_uniform = false;
   }
   std::partial_sum(first_.begin(), first_.end(), first_.begin());

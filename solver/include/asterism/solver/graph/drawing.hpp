@@ -47,7 +47,8 @@ ASTERISM_API std::vector<double> pivot_start(const Graph& graph, int dim,
 ///
 /// The summary's final_energy is half the stress, estimated from such a sample of pairs, and initial_energy
 /// that of the x given, from the same ones. If it is not lower, x is as it was, with Status::NoProgress;
-/// Status::MaxIterations otherwise. InvalidInput for a weight beyond the range of double, and OutOfMemory.
+/// Status::MaxIterations otherwise. InvalidInput for a weight beyond the range of double, as that of a path
+/// of length 0, and OutOfMemory.
 ASTERISM_API Summary draw_graph(const Graph& graph, int dim, std::span<double> x,
                                 const DrawingAnchors& anchors, const DrawingOptions& options);
 

@@ -20,11 +20,11 @@ class ASTERISM_API Graph {
   struct Edge {
     int from;
     int to;
-    double length;  ///< > 0 and finite
+    double length;  ///< >= 0 and finite
   };
 
   /// Several edges may join the same two nodes. Throws std::invalid_argument for an end that is no node, and
-  /// for a length that is not > 0 and finite.
+  /// for a length that is not >= 0 and finite.
   Graph(int nodes, std::span<const Edge> edges);
 
   int nodes() const { return static_cast<int>(first_.size()) - 1; }
