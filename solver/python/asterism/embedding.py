@@ -130,8 +130,8 @@ def layout(
         k N; only the shortest paths take time of N times the number of nodes and edges. A component of at most 2 k + 1 nodes
         keeps all its pairs. The result's stress is the sparse one, of which nothing is proven.
     start: (N, dim). The drawing that is found is near it, as that of a graph of which a few edges have changed should be.
-    options: of "sgd" `seed` (1), `iterations` (60 up to 100,000 nodes, 20 for more) and `threads` (0: as many as the machine runs
-        at once; the result does not depend on it). Otherwise as for mds.
+    options: of "sgd" `seed` (1), `iterations` (60 up to 100,000 nodes, 20 for more) and `threads` (at most 4 are used; 0: as
+        many as the machine runs at once; the result does not depend on it). Otherwise as for mds.
     dim, anchors, anchor_weights: as for mds.
 
     The result's `nodes` are the graph's in the order of x: dict(zip(result.nodes, result.x)) is what networkx.draw takes.

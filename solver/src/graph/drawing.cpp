@@ -20,6 +20,7 @@ constexpr double kLastStep =
     0.2;  // what all pairs of a node move it towards their minimum in the last iteration
 constexpr std::size_t kBlock = 64;  // sources that are drawn one after the other are near in memory
 constexpr std::size_t kBatch = 1 << 15;
+constexpr int kThreads = 4;
 constexpr int kBatches = 16;  // at a time
 
 std::size_t at(int node) { return static_cast<std::size_t>(node); }
@@ -171,7 +172,8 @@ class Drawing {
       ++components_[at(c)].size;
     }
     nearest_ = std::clamp<std::size_t>(kPairs / std::max<std::size_t>(component.size(), 1), kLeast, kMost);
-    paths_.assign(at(detail::thread_count(options.threads)), ShortestPaths(graph_[0]));
+    // Nodes are moved by one thread, which is a third of the work.
+    paths_.assign(at(std::min(detail::thread_count(options.threads), kThreads)), ShortestPaths(graph_[0]));
     measure();
   }
 
@@ -214,6 +216,10 @@ class Drawing {
     if (!summary.usable() || summary.status == Status::Interrupted) return summary;
     summary.iterations = options_.iterations;
     std::array<double, 2> energies = energies_of<Dim>(start, x, anchors, weights);
+    if (is_set(options_.stop)) {
+      summary.status = Status::Interrupted;
+      return summary;
+    }
     if (!(energies[1] < energies[0])) {
       summary.status = Status::NoProgress;
       x = start;
@@ -348,21 +354,21 @@ class Drawing {
   void move(const Batch& batch, std::vector<double>& x, const std::vector<double>& anchors) const {
     std::size_t k = 0;
     for (const Star& star : batch.stars) {
-      std::array<double, Dim> from;
-      std::copy_n(&x[at(star.source) * Dim], Dim, from.begin());
+      double from[Dim];
+      std::copy_n(&x[at(star.source) * Dim], Dim, from);
       for (; k < star.end; ++k) {
         const Pair& pair = batch.pairs[k];
         const double pull = pulls_.empty() ? 0 : pulls_[at(pair.node)];
         if (std::isinf(pull)) continue;
         double* const to = &x[at(pair.node) * Dim];
-        std::array<double, Dim> along;
+        double along[Dim];
         double square = 0;
         for (int c = 0; c < Dim; ++c) {
           along[c] = to[c] - from[c];
           square += along[c] * along[c];
         }
         if (square == 0) {  // any direction
-          along[at(pair.node % Dim)] = square = 1;
+          along[pair.node % Dim] = square = 1;
           to[pair.node % Dim] += 1e-6 * pair.length;
         }
         const double share = std::min(1.0, star.step * pair.weight);
@@ -370,7 +376,7 @@ class Drawing {
         for (int c = 0; c < Dim; ++c) to[c] += factor * along[c];
         if (pull == 0) continue;
         const double back = std::min(1.0, star.step * pull);
-        for (int c = 0; c < Dim; ++c) to[c] += back * (anchors[at(pair.node) * Dim + c] - to[c]);
+        for (int c = 0; c < Dim; ++c) to[c] += back * (anchors[at(pair.node) * Dim + at(c)] - to[c]);
       }
     }
   }
@@ -464,8 +470,8 @@ Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const Drawi
   const auto begin = std::chrono::steady_clock::now();
   Summary summary;
   const auto work = [&] {
-    // A round may have the pairs of all nodes with some sources; 100 bytes a node are for all else.
-    detail::require_memory(static_cast<double>(graph.nodes()) * (4 * sizeof(Pair) + 100));
+    // A round may have the pairs of all nodes with some sources; 200 bytes a node are for all else.
+    detail::require_memory(static_cast<double>(graph.nodes()) * (4 * sizeof(Pair) + 200));
     Drawing drawing(graph, options);
     const std::vector<int>& order = drawing.order();
     std::vector<double> points, positions, weights;

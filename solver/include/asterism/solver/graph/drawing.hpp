@@ -14,10 +14,11 @@ inline namespace ASTERISM_ABI {
 
 /// Of draw_graph.
 struct DrawingOptions {
-  double power = 2;          ///< the weight of two nodes is their distance along the graph ^ -power
-  int iterations = 0;        ///< 0: 60 up to 100,000 nodes, and 20 for more
-  std::uint64_t seed = 1;    ///< of the paths that are drawn
-  int threads = 0;           ///< 0: as many as the machine runs at once; the result does not depend on it
+  double power = 2;        ///< the weight of two nodes is their distance along the graph ^ -power
+  int iterations = 0;      ///< 0: 60 up to 100,000 nodes, and 20 for more
+  std::uint64_t seed = 1;  ///< of the paths that are drawn
+  int threads =
+      0;  ///< at most 4 are used; 0: as many as the machine runs at once; the result does not depend on it
   bool is_refining = false;  ///< x is nearly a drawing already: the steps are small from the first one on
   const std::atomic<bool>* stop = nullptr;  ///< if set to true, the drawing ends, with Status::Interrupted
 };
@@ -47,8 +48,8 @@ ASTERISM_API std::vector<double> pivot_start(const Graph& graph, int dim,
 ///
 /// The summary's final_energy is half the stress, estimated from such a sample of pairs, and initial_energy
 /// that of the x given, from the same ones. If it is not lower, x is as it was, with Status::NoProgress;
-/// Status::MaxIterations otherwise. InvalidInput for a weight beyond the range of double, as that of a path
-/// of length 0, and OutOfMemory.
+/// Status::MaxIterations otherwise. Of Status::Interrupted both are -1. InvalidInput for a weight beyond the
+/// range of double, as that of a path of length 0, and OutOfMemory.
 ASTERISM_API Summary draw_graph(const Graph& graph, int dim, std::span<double> x,
                                 const DrawingAnchors& anchors, const DrawingOptions& options);
 
