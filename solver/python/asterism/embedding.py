@@ -121,7 +121,7 @@ def layout(
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
     method: None: "sgd" over 1000 nodes, otherwise "multi-start". "sgd" is stochastic gradient descent (Zheng, Pawar and Goodman
         2018) over pairs that are drawn in each iteration, with weights that make the stress of all pairs their expected value. It
-        takes memory of N and time of N log N, finds shortest paths only between the pairs drawn, and ends with 0 to 5 % more
+        takes memory of N and time of N log N, finds shortest paths only between the pairs drawn, and ends with 0 to 6 % more
         stress than the other methods. Nothing is proven of its result, and its stress is an estimate: layout_stress gives
         the stress of all pairs. All other methods are those of mds, and take memory and time of N^2, unless `partners` is given.
     partners: a number k: a sparse stress, as a spring system for one of the methods of mds, by default "lbfgs-jacobi" with the
