@@ -1,17 +1,19 @@
 // Shortest paths along a graph and the stress of its drawings; asterism/embedding.py uses them.
 
 #include <algorithm>
+#include <asterism/solver/graph/drawing.hpp>
+#include <asterism/solver/graph/graph.hpp>
+#include <atomic>
 #include <cmath>
 #include <cstdint>
-#include <functional>
 #include <iterator>
 #include <limits>
-#include <numeric>
-#include <queue>
+#include <span>
 #include <utility>
 #include <vector>
 
 #include "bindings.hpp"
+#include "interrupts.hpp"
 
 namespace asterism::python {
 
@@ -22,93 +24,43 @@ using Numbers = py::array_t<double, py::array::c_style | py::array::forcecast>;
 
 constexpr double kFar = std::numeric_limits<double>::infinity();
 
-/// An undirected graph: the neighbours of each node in one array. embedding.py has checked what it gives.
-class Graph {
+std::size_t at(int node) { return static_cast<std::size_t>(node); }
+
+std::vector<Graph::Edge> edges_of(int nodes, const Integers& ends, const Numbers& lengths) {
+  const auto pairs = ends.unchecked<2>();
+  const auto along = lengths.unchecked<1>();
+  if (pairs.shape(0) != along.shape(0) || pairs.shape(1) != 2)
+    throw py::value_error("a length for each pair of ends");
+  std::vector<Graph::Edge> edges;
+  edges.reserve(static_cast<std::size_t>(along.shape(0)));
+  for (py::ssize_t e = 0; e < along.shape(0); ++e) {
+    for (const int end : {0, 1}) {
+      if (pairs(e, end) < 0 || pairs(e, end) >= nodes) throw py::index_error("an end is out of range");
+    }
+    edges.push_back({static_cast<int>(pairs(e, 0)), static_cast<int>(pairs(e, 1)), along(e)});
+  }
+  return edges;
+}
+
+/// asterism._Graph: a graph and a search of paths in it. embedding.py has checked what it gives.
+class SearchedGraph {
  public:
   using BoundToPython = void;
 
-  Graph(int nodes, const Integers& ends, const Numbers& lengths)
-      : first_(static_cast<std::size_t>(nodes) + 1), distances_(static_cast<std::size_t>(nodes), kFar) {
-    const auto pairs = ends.unchecked<2>();
-    const auto along = lengths.unchecked<1>();
-    const py::ssize_t edges = along.shape(0);
-    if (pairs.shape(0) != edges || pairs.shape(1) != 2)
-      throw py::value_error("a length for each pair of ends");
-    for (py::ssize_t e = 0; e < edges; ++e) {
-      for (int end : {0, 1}) {
-        if (pairs(e, end) < 0 || pairs(e, end) >= nodes) throw py::index_error("an end is out of range");
-        ++first_[static_cast<std::size_t>(pairs(e, end)) + 1];
-      }
-      if (along(e) != along(0)) is_uniform_ = false;
-    }
-    std::partial_sum(first_.begin(), first_.end(), first_.begin());
-    unit_ = edges > 0 ? along(0) : 1;
-    is_uniform_ = is_uniform_ && unit_ > 0;
-    neighbours_.resize(first_.back());
-    std::vector<std::size_t> place(first_.begin(), first_.end() - 1);
-    for (py::ssize_t e = 0; e < edges; ++e) {
-      const auto i = static_cast<std::size_t>(pairs(e, 0)), j = static_cast<std::size_t>(pairs(e, 1));
-      neighbours_[place[i]++] = {static_cast<int>(j), along(e)};
-      neighbours_[place[j]++] = {static_cast<int>(i), along(e)};
-    }
-  }
+  SearchedGraph(int nodes, const Integers& ends, const Numbers& lengths)
+      : graph_(nodes, edges_of(nodes, ends, lengths)), paths_(graph_), distances_(at(nodes), kFar) {}
+  SearchedGraph(const SearchedGraph&) = delete;
+  SearchedGraph& operator=(const SearchedGraph&) = delete;
 
-  int nodes() const { return static_cast<int>(first_.size()) - 1; }
-
-  /// Number of the connected component of each node; components are numbered by their first nodes.
-  std::vector<int> components() const {
-    std::vector<int> of(static_cast<std::size_t>(nodes()), -1);
-    std::vector<int> reached;
-    int count = 0;
-    for (int i = 0; i < nodes(); ++i) {
-      if (of[at(i)] >= 0) continue;
-      of[at(i)] = count;
-      reached.assign(1, i);
-      while (!reached.empty()) {
-        const int node = reached.back();
-        reached.pop_back();
-        for_each_neighbour(node, [&](int next, double) {
-          if (of[at(next)] >= 0) return;
-          of[at(next)] = count;
-          reached.push_back(next);
-        });
-      }
-      ++count;
-    }
-    return of;
-  }
+  const Graph& graph() const { return graph_; }
+  int nodes() const { return graph_.nodes(); }
 
   /// Lengths of the shortest paths from `source` to all nodes, infinite to those that it does not reach. In
   /// time of the component, not of the graph. Valid until the next call.
   const std::vector<double>& distances_from(int source) {
-    double* const to = distances_.data();
-    for (const int node : reached_) to[node] = kFar;
-    reached_.assign(1, source);
-    to[source] = 0;
-    if (is_uniform_) {
-      for (std::size_t next = 0; next < reached_.size(); ++next) {
-        const double beyond = to[reached_[next]] + 1;
-        for_each_neighbour(reached_[next], [&](int node, double) {
-          if (to[node] != kFar) return;
-          to[node] = beyond;
-          reached_.push_back(node);
-        });
-      }
-      for (const int node : reached_) to[node] *= unit_;
-      return distances_;
-    }
-    queue_.push({0, source});
-    while (!queue_.empty()) {
-      const auto [distance, node] = queue_.top();
-      queue_.pop();
-      if (distance > to[node]) continue;
-      for_each_neighbour(node, [&, distance = distance](int next, double length) {
-        if (distance + length >= to[next]) return;
-        if (to[next] == kFar) reached_.push_back(next);
-        to[next] = distance + length;
-        queue_.push({to[next], next});
-      });
-    }
+    for (const int node : paths_.nodes()) distances_[at(node)] = kFar;
+    paths_.find(source);
+    for (std::size_t k = 0; k < reached().size(); ++k) distances_[at(reached()[k])] = paths_.lengths()[k];
     return distances_;
   }
 
@@ -118,9 +70,9 @@ class Graph {
   void for_each_after(int source, F&& f) {
     const std::vector<double>& to = distances_from(source);
     // To sort the nodes, or to look at all.
-    if (reached_.size() < distances_.size() / 16) {
+    if (reached().size() < distances_.size() / 16) {
       after_.clear();
-      std::copy_if(reached_.begin(), reached_.end(), std::back_inserter(after_),
+      std::copy_if(reached().begin(), reached().end(), std::back_inserter(after_),
                    [source](int node) { return node > source; });
       std::sort(after_.begin(), after_.end());
       for (const int node : after_) f(node, to[at(node)]);
@@ -132,32 +84,15 @@ class Graph {
   }
 
   /// The nodes of the component of the last source, the source first.
-  const std::vector<int>& reached() const { return reached_; }
-
-  template <typename F>
-  void for_each_neighbour(int node, F&& f) const {
-    for (std::size_t k = first_[at(node)]; k < first_[at(node) + 1]; ++k)
-      f(neighbours_[k].node, neighbours_[k].length);
-  }
+  std::span<const int> reached() const { return paths_.nodes(); }
 
   bool busy = false;
 
  private:
-  struct Neighbour {
-    int node;
-    double length;
-  };
-  using Entry = std::pair<double, int>;
-
-  static std::size_t at(int node) { return static_cast<std::size_t>(node); }
-
-  std::vector<std::size_t> first_;  // of node i in neighbours_
-  std::vector<Neighbour> neighbours_;
-  bool is_uniform_ = true;  // all edges have the length unit_: breadth-first search
-  double unit_ = 1;
-  std::vector<double> distances_;  // from the last source, kFar for nodes that are not in reached_
-  std::vector<int> reached_, after_;
-  std::priority_queue<Entry, std::vector<Entry>, std::greater<>> queue_;
+  Graph graph_;
+  ShortestPaths paths_;
+  std::vector<double> distances_;  // from the last source, kFar for nodes that are not reached
+  std::vector<int> after_;
 };
 
 /// f(i) for 0 .. count - 1 without the GIL, which is taken now and then for Ctrl-C.
@@ -202,7 +137,8 @@ struct Pairs {
 /// Of all pairs that a path joins: sum w (d - r)^2, sum w r d and sum w r^2, with w = d^-power and r
 /// the distance in the drawing.
 template <int Dim>
-py::tuple stress_sums(Graph& graph, const Eigen::Map<const typename System<Dim>::Points>& x, double power) {
+py::tuple stress_sums(SearchedGraph& graph, const Eigen::Map<const typename System<Dim>::Points>& x,
+                      double power) {
   double sums[3] = {};
   for_each_interruptible(graph.nodes(), graph.nodes(), [&](py::ssize_t i) {
     double of_node[3] = {};
@@ -221,19 +157,19 @@ py::tuple stress_sums(Graph& graph, const Eigen::Map<const typename System<Dim>:
 }  // namespace
 
 void bind_graph(py::module_& m) {
-  py::class_<Graph> graph(m, "_Graph");
+  py::class_<SearchedGraph> graph(m, "_Graph");
   def_reduce(graph);
   graph
       .def(py::init<int, const Integers&, const Numbers&>(), py::arg("nodes"), py::arg("ends"),
            py::arg("lengths"))
       .def("components",
-           [](const Graph& self) {
-             const std::vector<int> of = self.components();
+           [](const SearchedGraph& self) {
+             const std::vector<int> of = self.graph().components();
              return py::array_t<int>(static_cast<py::ssize_t>(of.size()), of.data());
            })
       .def(
           "distances",  // (C, S, T), for each row of sources (C, S) to that of targets (C, T)
-          [](Graph& self, const Integers& sources, const Integers& targets) {
+          [](SearchedGraph& self, const Integers& sources, const Integers& targets) {
             const Exclusive exclusive(self.busy, "this graph");
             const auto from = sources.unchecked<2>(), to = targets.unchecked<2>();
             const auto is_known = [&](std::int64_t node) { return node >= 0 && node < self.nodes(); };
@@ -255,7 +191,7 @@ void bind_graph(py::module_& m) {
       .def(
           "partners",  // (L, 2), (L,) and (L,): pairs, lengths of the shortest paths, and for how many pairs
                        // each stands
-          [](Graph& self, int count, std::uint64_t seed) {
+          [](SearchedGraph& self, int count, std::uint64_t seed) {
             const Exclusive exclusive(self.busy, "this graph");
             Pairs found;
             std::vector<int> last(static_cast<std::size_t>(self.nodes()),
@@ -273,11 +209,11 @@ void bind_graph(py::module_& m) {
                 }
                 return;
               }
-              self.for_each_neighbour(i, [&](int j, double) {
-                int& by = last[static_cast<std::size_t>(j)];
+              for (const int j : self.graph().neighbours(i)) {
+                int& by = last[at(j)];
                 if (j > i && by != i) add(j, 1);
                 by = i;
-              });
+              }
               const double share = static_cast<double>(others) / (2.0 * count);
               for (int k = 0; k < count; ++k) {
                 const int j = self.reached()[static_cast<std::size_t>(1 + random(seed) % others)];
@@ -290,7 +226,7 @@ void bind_graph(py::module_& m) {
       .def(
           "pairs",  // (L, 2) and (L,): all pairs i < j that a path joins, and the lengths of the shortest
                     // ones
-          [](Graph& self, py::ssize_t count) {
+          [](SearchedGraph& self, py::ssize_t count) {
             const Exclusive exclusive(self.busy, "this graph");
             py::array_t<int> ends(Shape{count, 2});
             py::array_t<double> lengths(count);
@@ -309,12 +245,40 @@ void bind_graph(py::module_& m) {
           py::arg("count"))
       .def(
           "stress_sums",
-          [](Graph& self, const py::array_t<double>& x, double power) {
+          [](SearchedGraph& self, const py::array_t<double>& x, double power) {
             const Exclusive exclusive(self.busy, "this graph");
             return x.shape(1) == 3 ? stress_sums<3>(self, map_points<3>(x), power)
                                    : stress_sums<2>(self, map_points<2>(x), power);
           },
-          py::arg("x"), py::arg("power"));
+          py::arg("x"), py::arg("power"))
+      .def(
+          "pivot_start",  // (N, dim): where draw may start
+          [](const SearchedGraph& self, int dim) {
+            const std::vector<double> x = interruptible(
+                [&](const std::atomic<bool>& stop) { return pivot_start(self.graph(), dim, &stop); });
+            return py::array_t<double>(Shape{self.nodes(), dim}, x.data());
+          },
+          py::arg("dim"))
+      .def(
+          "draw",  // (N, dim) and the summary, of draw_graph
+          [](const SearchedGraph& self, const Numbers& start, const Numbers& positions,
+             const Numbers& weights, double power, std::uint64_t seed, int iterations, int threads,
+             bool is_refining) {
+            const auto dim = static_cast<int>(start.shape(1));
+            if (start.shape(0) != self.nodes() || dim < 2 || dim > 3 || positions.size() != start.size() ||
+                weights.size() != self.nodes())
+              throw py::value_error("a row and a weight for each node");
+            std::vector<double> x(start.data(), start.data() + start.size());
+            const DrawingAnchors anchors{{positions.data(), x.size()}, {weights.data(), at(self.nodes())}};
+            DrawingOptions options{power, iterations, seed, threads, is_refining, nullptr};
+            const Summary summary = interruptible([&](const std::atomic<bool>& stop) {
+              options.stop = &stop;
+              return draw_graph(self.graph(), dim, x, anchors, options);
+            });
+            return py::make_tuple(py::array_t<double>(Shape{self.nodes(), dim}, x.data()), summary);
+          },
+          py::arg("start"), py::arg("anchors"), py::arg("anchor_weights"), py::arg("power"), py::arg("seed"),
+          py::arg("iterations"), py::arg("threads"), py::arg("is_refining"));
 }
 
 }  // namespace asterism::python

@@ -56,6 +56,7 @@ CALLS = {
     ),
     "certify": (GRAPH, "asterism.certify(s, x)"),
     "covariance": (GRAPH, "asterism.node_covariances(s, x)"),
+    "layout, large": ("g = [(i, i + 1) for i in range(100000)]\nkept = []", "asterism.layout(g, iterations=10**6)"),
     "layout_stress": ("n = 200000\ng = [(i, i + 1) for i in range(n)]\nkept = []\nx = random.normal(size=(n + 1, 2))", "asterism.layout_stress(g, x)"),
 }
 PROGRAM = """

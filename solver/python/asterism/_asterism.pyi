@@ -412,6 +412,18 @@ class _Graph:
     def partners(self, count: int, seed: int) -> tuple[npt.NDArray[np.int64], _Floats, _Floats]: ...
     def pairs(self, count: int) -> tuple[_Ints, _Floats]: ...
     def stress_sums(self, x: _Floats, power: float) -> tuple[float, float, float]: ...
+    def pivot_start(self, dim: int) -> _Floats: ...
+    def draw(
+        self,
+        start: _Floats,
+        anchors: _Floats,
+        anchor_weights: _Floats,
+        power: float,
+        seed: int,
+        iterations: int,
+        threads: int,
+        is_refining: bool,
+    ) -> tuple[_Floats, Summary]: ...
 
 # Only in builds with nlohmann-json:
 
