@@ -362,7 +362,7 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   expect_boxes(path("boxes.csv"), 1, kFrames);
   EXPECT_TRUE(err_.starts_with("{ \"tracker\": \"dpt_plus\",")) << err_;
   EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
-  expect_error("--options dtp", {"unknown tracker 'dtp'"}, false);
+  expect_error("--options dtp", {"unknown tracker 'dtp', did you mean 'dpt'?"}, false);
   expect_error("--options", {"--options"}, false);
   if (fs::exists("/dev/full")) {
     EXPECT_NE(std::system((ASTERISM_TRACK_TOOL " --options dpt > /dev/full 2> " + path("err")).c_str()), 0);
