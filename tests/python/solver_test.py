@@ -364,7 +364,8 @@ class SolveTest(unittest.TestCase):
         summary = asterism.solve(system, x, "newton")
         self.assertEqual(summary.as_dict()["final_energy"], summary.final_energy)
         self.assertIs(summary.positive_definite, True)
-        self.assertRegex(repr(summary), "^<asterism.Summary: Newton.*: converged after .* iterations, energy ")
+        self.assertRegex(repr(summary), r"^<asterism.Summary: converged, \d+ iterations, energy [^,]*>$")
+        self.assertRegex(str(summary), "^Newton.*: converged after .* iterations, energy ")
 
     def test_a_summary_is_true_where_it_is_usable(self):
         system, start = random_system()
@@ -434,7 +435,7 @@ class SolveTest(unittest.TestCase):
             "L-BFGS": "did you mean 'lbfgs'", "NEWTON_CG": "did you mean 'newton-cg'", "newtn": "did you mean 'newton'",
         }.items():
             for call in (lambda: asterism.solve(system, x, name), lambda: asterism.Solver(name), lambda: terms.solve(np.eye(2), name)):
-                with self.subTest(name), self.assertRaisesRegex(ValueError, f"^unknown method '{name}'.*{ours}.*known: auto, ida, "):
+                with self.subTest(name), self.assertRaisesRegex(ValueError, f"^unknown method '{name}'.*{ours}.*known: auto, "):
                     call()
         if "ceres-dense" in asterism.methods():
             with self.assertRaisesRegex(ValueError, "as a reference: 'ceres-sparse'"):

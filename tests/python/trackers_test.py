@@ -326,7 +326,7 @@ class TrackersTest(unittest.TestCase):
         several.add(7, self.frames[0], BOX)
         several.add(3, self.frames[0], (200, 150, 50, 40), name="kcf")
         self.assertEqual(len(several), 2)
-        alone = self.started()
+        alone = self.started(asterism.Tracker().name)
         for frame in self.frames[1:]:
             results = several.update(frame)
             self.assertEqual(list(results), [3, 7])

@@ -2,7 +2,9 @@
 document.addEventListener("DOMContentLoaded", () => {
   for (const block of document.querySelectorAll("div.highlight")) {
     const code = block.querySelector("pre");
-    if (!code || block.closest(".highlight-text") || !navigator.clipboard) continue;
+    const isCommand = block.closest(".highlight-sh"), lines = code ? code.textContent.trim().split("\n").length : 0;
+    // Not on outputs and signatures.
+    if (block.closest(".highlight-text") || !(lines > 1 || isCommand) || !navigator.clipboard) continue;
     const button = document.createElement("button");
     button.className = "copy";
     button.type = "button";
