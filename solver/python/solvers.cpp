@@ -34,7 +34,7 @@ std::string unset(const System<Dim>& s, const Summary& summary) {
     if (values.size() == 0 || !values.isNaN().all() ||
         !std::string_view(summary.message).starts_with(element))
       return {};
-    return std::string(array) + " was not set (" + std::string(element) + "is NaN)";
+    return std::string(array) + ": not set (" + std::string(element) + "is NaN)";
   };
   for (const std::string& reason :
        {says(s.anchors.array(), "anchor 0 ", "anchors"),

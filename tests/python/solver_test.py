@@ -412,7 +412,7 @@ class SolveTest(unittest.TestCase):
                 ("rest_length", "rest length 0", 1),
                 ("link_stiffness", "link stiffness 0", 1),
             ]:
-                with self.assertRaisesRegex(ValueError, rf"^{array} was not set \({name} is NaN\)$"):
+                with self.assertRaisesRegex(ValueError, rf"^{array}: not set \({name} is NaN\)$"):
                     solve()
                 getattr(springs, array)[:] = value
             self.assertTrue(solve())
