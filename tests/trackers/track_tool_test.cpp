@@ -215,6 +215,7 @@ TEST_F(TrackTool, FollowsSeveralObjects) {
   cv::VideoCapture video(path("overlay.mp4"));
   EXPECT_EQ(video.get(cv::CAP_PROP_FRAME_COUNT), kFrames);
   expect_error(path("images") + kBox + kBox + " --sheet " + path("sheet.png"), {"--sheet is for one object"});
+  expect_error(path("images") + " --box=10,20,-5,30", {"--box \"10,20,-5,30\" is -5 x 30 px, but"});
   expect_error(path("images") + kBox + " --box 1,2,3", {"--box \"1,2,3\" is neither x,y,width,height"});
 }
 
