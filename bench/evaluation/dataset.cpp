@@ -1,6 +1,7 @@
 #include "dataset.hpp"
 
 #include <algorithm>
+#include <asterism/solver/detail/edit_distance.hpp>
 #include <cstdio>
 #include <map>
 #include <set>
@@ -182,7 +183,13 @@ Dataset open_dataset(const fs::path& path, Layout layout, const std::vector<std:
   const auto missing = std::find_if(only.begin(), only.end(), is_missing);
   if (!first_reason.empty() && (dataset.sequences.empty() || missing != only.end()))
     throw std::runtime_error(first_reason);
-  if (missing != only.end()) fail(path, "no sequence \"" + *missing + "\"");
+  if (missing != only.end()) {
+    const auto name = [](const Found& f) { return f.path.stem().string(); };
+    fail(path, "no sequence \"" + *missing + "\"" +
+                   (search.found.empty() ? ""
+                                         : ", did you mean \"" +
+                                               name(*detail::nearest(*missing, search.found, name)) + "\"?"));
+  }
   if (dataset.sequences.empty())
     fail(path, "no annotated sequence" +
                    (dataset.notes.empty() ? std::string() : " (" + dataset.notes.front() + ")"));

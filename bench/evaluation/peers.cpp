@@ -4,6 +4,7 @@
 #include <asterism/solver/detail/edit_distance.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <atomic>
+#include <cctype>
 #include <map>
 #include <memory>
 #include <opencv2/core/utility.hpp>
@@ -104,14 +105,19 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   const auto trackers = registry();
   if (const auto found = trackers.find(name); found != trackers.end()) return {name, found->second};
 
+  // A peer is also found by its own name, as OpenCV's CSRT is.
+  std::string plain;
+  for (const char letter : name) plain += static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
+  const auto distance = [&](const std::string& other) {
+    return std::min(detail::edit_distance(plain, other),
+                    detail::edit_distance(plain, other.substr(other.find('-') + 1)));
+  };
   std::vector<std::string> known = evaluated_tracker_names();
-  std::stable_sort(known.begin(), known.end(), [&](const std::string& a, const std::string& b) {
-    return detail::edit_distance(name, a) < detail::edit_distance(name, b);
-  });
+  std::ranges::stable_sort(known, {}, distance);
   std::string list;
   for (const std::string& other : known) list += other + ", ";
-  throw std::invalid_argument("unknown tracker \"" + name + "\" (known: " + list +
-                              "dpt+MODEL, nanotrack:FOLDER, trax:COMMAND)");
+  throw std::invalid_argument("unknown tracker \"" + name + "\", did you mean \"" + known.front() +
+                              "\"? (known: " + list + "dpt+MODEL, nanotrack:FOLDER, trax:COMMAND)");
 }
 
 }  // namespace asterism::bench

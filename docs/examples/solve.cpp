@@ -3,7 +3,7 @@
 
 int main() {
   // Four parts in a square of 40 px, each linked to all others.
-  asterism::SpringSystem<double, 2> system(asterism::Topology<>::full(4));
+  asterism::SpringSystem<double, 2, 4> system(asterism::Topology<4>::full());
   system.anchors << 0, 40, 0, 40, /* x */ 0, 0, 40, 40; /* y */
   system.set_rest_lengths(system.anchors);
   system.link_stiffness.setConstant(1.0);

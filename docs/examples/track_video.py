@@ -54,7 +54,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("video", type=pathlib.Path, help="a video, or a folder of images")
     parser.add_argument("--box", required=True, help="x,y,width,height in the first frame")
-    parser.add_argument("--tracker", default="dpt", choices=asterism.tracker_names())
+    parser.add_argument("--tracker", default="dpt_plus", choices=asterism.tracker_names())
     parser.add_argument("--frames", type=int, default=0, help="frames at most (default: all)")
     parser.add_argument("--out", default="track.png", help="the figure (default: %(default)s)")
     arguments = parser.parse_args()

@@ -27,13 +27,32 @@ bool same_values(const System<Dim>& a, const System<Dim>& b) {
          same(a.rest_offset, b.rest_offset) && same(a.loads, b.loads);
 }
 
+/// Says which array was never filled, if that is why a system was refused; else empty.
+template <int Dim>
+std::string unset(const System<Dim>& s, const Summary& summary) {
+  const auto says = [&](const auto& values, std::string_view element, std::string_view array) -> std::string {
+    if (values.size() == 0 || !values.isNaN().all() ||
+        !std::string_view(summary.message).starts_with(element))
+      return {};
+    return std::string(array) + ": not set (" + std::string(element) + "is NaN)";
+  };
+  for (const std::string& reason :
+       {says(s.anchors.array(), "anchor 0 ", "anchors"),
+        says(s.anchor_stiffness.array(), "anchor stiffness 0 ", "anchor_stiffness"),
+        says(s.rest_length.array(), "rest length 0 ", "rest_length"),
+        says(s.link_stiffness.array(), "link stiffness 0 ", "link_stiffness")}) {
+    if (!reason.empty()) return reason;
+  }
+  return {};
+}
+
 /// asterism.Solver: a method for systems of both dimensions, which keeps its memory between solves.
 class Solver {
  public:
   using BoundToPython = void;
 
   Solver(const std::string& method, const py::kwargs& options)
-      : method_(method), of_2_(solvers<2>().make(method)), of_3_(solvers<3>().make(method)) {
+      : method_(method), of_2_(make_method(solvers<2>(), method)), of_3_(make_method(solvers<3>(), method)) {
     set_options(of_2_, method, options);
     set_options(of_3_, method, options);
     most_rounds_ = most_rounds(this->options());
@@ -43,12 +62,12 @@ class Solver {
 
   py::dict options() { return options_of(of_2_); }
 
-  Summary solve(AnySystem& system, const py::object& x, const py::object& on_iteration) {
+  Summary solve(AnySystem& system, const py::object& x, const py::object& on_iteration, bool check) {
     const Exclusive use(busy_, "this asterism.Solver");
     return system.visit([&]<int Dim>(System<Dim>& s) {
       py::array_t<double> array = output(x, "x", {s.nodes(), Dim});
       if (detail::shares_memory(s, array.data(), array.size())) {  // the solver, given a copy, cannot tell
-        return detail::refused(solver<Dim>().name(), detail::kSharesMemory);
+        return checked(detail::refused(solver<Dim>().name(), detail::kSharesMemory), check);
       }
       auto& points = workspace<Dim>();
       points = map_points<Dim>(array);
@@ -59,7 +78,7 @@ class Solver {
           run(solver<Dim>(), s, points, on_iteration, may_be_long(s.link_count(), most_rounds_),
               [&] { return same_values(s, *given); });
       if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
-      return summary;
+      return checked(summary, check, unset(s, summary));
     });
   }
 
@@ -101,9 +120,11 @@ py::object definite(const Summary& summary) {
 constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a stationary point of the system's energy and writes it back into x, a\n"
     "float64, C-contiguous, writeable array (otherwise TypeError or ValueError). The Summary says how the\n"
-    "solve ended, also for values that a solver refuses, and for an x that shares the system's memory, such\n"
-    "as its anchors: pass a copy. If `usable` is false, x is unchanged. The GIL is released during the\n"
-    "solve; KeyboardInterrupt ends a solve that takes long, and leaves x unchanged.\n\n"
+    "solve ended. If `usable` is false, x is unchanged. The GIL is released during the solve;\n"
+    "KeyboardInterrupt ends a solve that takes long, and leaves x unchanged.\n\n"
+    "ValueError for input that the method refuses: a value that is not finite or out of range, or an x that\n"
+    "shares the system's memory, such as its anchors (pass a copy); MemoryError if memory runs out. With\n"
+    "check=False, the Summary says so instead, and nothing is raised.\n\n"
     "on_iteration(iteration, x, energy, gradient_norm), if given, is called at the start and after each\n"
     "iteration, with a copy of x; False ends the solve, with Status.INTERRUPTED, and so does an exception,\n"
     "which is raised. RuntimeError if it changes the system, which no other thread may do either.";
@@ -186,11 +207,24 @@ void bind_solvers(py::module_& m) {
             return result;
           },
           "All attributes in a dict.")
-      .def("__repr__", [](const Summary& self) {
-        std::ostringstream text;
-        text << "<asterism.Summary: " << self << ">";
-        return text.str();
-      });
+      .def("__repr__",
+           [](const Summary& self) {
+             std::ostringstream text;
+             text << "<asterism.Summary: " << self.status;
+             if (self.usable())
+               text << ", " << self.iterations << " iterations, energy " << self.final_energy << ">";
+             else
+               text << ": " << self.message << ">";
+             return text.str();
+           })
+      .def(
+          "__str__",
+          [](const Summary& self) {
+            std::ostringstream text;
+            text << self;
+            return text.str();
+          },
+          "All of it in a line.");
 
   m.def(
       "methods", [] { return solvers<2>().names(); }, "The methods of this build, for solve and Solver.");
@@ -206,7 +240,7 @@ void bind_solvers(py::module_& m) {
            "method: one of methods(), otherwise ValueError. options: those that `options` lists, otherwise "
            "TypeError.")
       .def("solve", &Solver::solve, py::arg("system"), py::arg("x"), py::arg("on_iteration") = py::none(),
-           kSolve)
+           py::arg("check") = true, kSolve)
       .def_property_readonly("method", &Solver::method, "The method's name.")
       .def_property_readonly("options", &Solver::options, "The options, a copy.")
       .def(py::pickle([](Solver& self) { return py::make_tuple(self.method(), self.options()); },
@@ -222,9 +256,10 @@ void bind_solvers(py::module_& m) {
   m.def(
       "solve",
       [](AnySystem& system, const py::object& x, const std::string& method, const py::object& on_iteration,
-         const py::kwargs& options) { return Solver(method, options).solve(system, x, on_iteration); },
+         bool check,
+         const py::kwargs& options) { return Solver(method, options).solve(system, x, on_iteration, check); },
       py::arg("system"), py::arg("x"), py::arg("method") = "auto", py::arg("on_iteration") = py::none(),
-      doc.c_str());
+      py::arg("check") = true, doc.c_str());
 }
 
 }  // namespace asterism::python

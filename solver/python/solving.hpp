@@ -3,6 +3,7 @@
 // What the classes that solve share: options by name, on_iteration, and a solve that Ctrl-C ends.
 
 #include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
 
 #include <algorithm>
 #include <asterism/solver/run/any_solver.hpp>
@@ -18,6 +19,7 @@
 #include <string_view>
 #include <type_traits>
 #include <utility>
+#include <vector>
 
 #include "bindings.hpp"
 #include "interrupts.hpp"
@@ -55,13 +57,16 @@ class OptionSetter final : public OptionVisitor {
 
   void check_found(const std::string& method) const {
     if (found_) return;
-    throw py::type_error("method '" + method + "' has no option '" + name_ + "' (it has: " + names_ + ")");
+    const std::string of = (method == "auto" ? "the default method '" : "method '") + method + "'";
+    throw py::type_error(py::module_::import("asterism.names")
+                             .attr("no_option")(of, name_, names_)
+                             .template cast<std::string>());
   }
 
  private:
   template <typename T>
   void set(std::string_view name, T& target) {
-    names_.append(names_.empty() ? "" : ", ").append(name);
+    names_.append(py::str(std::string(name)));
     if (name != name_) return;
     found_ = true;
     constexpr bool kBool = std::is_same_v<T, bool>;
@@ -83,7 +88,7 @@ class OptionSetter final : public OptionVisitor {
 
   std::string name_;
   py::handle given_;
-  std::string names_;
+  py::list names_;
   bool found_ = false;
 };
 
@@ -92,6 +97,30 @@ py::dict options_of(AnySolver<S>& solver) {
   OptionLister list;
   solver.visit_options(list);
   return list.values;
+}
+
+/// The method of this name; ValueError that also answers to the names of other libraries.
+template <typename Solvers>
+auto make_method(const Solvers& solvers, const std::string& name) {
+  const std::vector<std::string> known = solvers.names();
+  if (std::ranges::find(known, name) == known.end()) {
+    throw py::value_error(py::module_::import("asterism.names")
+                              .attr("unknown_method")(name, known)
+                              .template cast<std::string>());
+  }
+  return solvers.make(name);
+}
+
+/// What a solve returns to Python: for `check`, ValueError for input that the method refused, with `reason`
+/// or else the summary's message, and MemoryError if memory ran out.
+inline const Summary& checked(const Summary& summary, bool check, const std::string& reason = {}) {
+  if (check && summary.status == Status::InvalidInput)
+    throw py::value_error(reason.empty() ? std::string(summary.message) : reason);
+  if (check && summary.status == Status::OutOfMemory) {
+    PyErr_SetString(PyExc_MemoryError, std::string(summary.message).c_str());
+    throw py::error_already_set();
+  }
+  return summary;
 }
 
 /// TypeError that names the option.

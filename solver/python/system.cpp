@@ -616,11 +616,11 @@ void def_add(py::class_<TermSystem, std::shared_ptr<TermSystem>>& type, const ch
 
 constexpr const char* kSolve =
     "Moves x (N, dim), the start, to a minimum of the energy and writes it back into x, a float64,\n"
-    "C-contiguous, writeable array (otherwise TypeError or ValueError). The Summary says how the solve "
-    "ended,\n"
-    "also for values that a solver refuses. If `usable` is false, x is unchanged. The GIL is released "
-    "during\n"
-    "the solve; KeyboardInterrupt, and what a function of one's own raises, end it and leave x unchanged.\n\n"
+    "C-contiguous, writeable array (otherwise TypeError or ValueError). The Summary says how the solve\n"
+    "ended. If `usable` is false, x is unchanged. The GIL is released during the solve; KeyboardInterrupt,\n"
+    "and what a function of one's own raises, end it and leave x unchanged.\n\n"
+    "ValueError for input that the method refuses: a value that is not finite or out of range; MemoryError\n"
+    "if memory runs out. With check=False, the Summary says so instead, and nothing is raised.\n\n"
     "method: one of System.methods(), otherwise ValueError. options: its options by name, otherwise "
     "TypeError.\n"
     "on_iteration(iteration, x, energy, gradient_norm) is that of asterism.solve().";
@@ -1105,8 +1105,8 @@ void bind_system(py::module_& m) {
       .def(
           "solve",
           [](TermSystem& self, const py::object& x, const std::string& method, const py::object& on_iteration,
-             const py::kwargs& options) {
-            AnySolver<asterism::System> solver = system_solvers().make(method);
+             bool check, const py::kwargs& options) {
+            AnySolver<asterism::System> solver = make_method(system_solvers(), method);
             set_options(solver, method, options);
             py::array_t<double> array = output(x, "x", {self.system().nodes(), self.system().dim()});
             MatrixXd points = points_of(self.system(), array);
@@ -1115,9 +1115,10 @@ void bind_system(py::module_& m) {
               return run(solver, system, points, on_iteration, is_long, [] { return true; });
             });
             if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
-            return summary;
+            return checked(summary, check);
           },
-          py::arg("x"), py::arg("method") = "auto", py::arg("on_iteration") = py::none(), kSolve)
+          py::arg("x"), py::arg("method") = "auto", py::arg("on_iteration") = py::none(),
+          py::arg("check") = true, kSolve)
       .def(
           "certify",
           [](TermSystem& self, const py::object& x, double gap) {

@@ -132,6 +132,7 @@ TEST(PartPlugin, IsAPartLikeAnother) {
   const std::string nearest = "', did you mean '" + library + ":gray_patch";
   EXPECT_THAT(refused(library + ":grey_patch"),
               StartsWith("unknown part model '" + library + ":grey_patch" + nearest));
+  EXPECT_THAT(refused(library), HasSubstr("is a plugin: give one of its models, " + library + ":gray_patch"));
   EXPECT_THAT(refused(library + R"(:gray_patch{"nose": 1})"),
               HasSubstr("unknown option 'nose', did you mean 'noise'?"));
   EXPECT_THAT(refused(library + R"(:gray_patch{"noise": 0})"),

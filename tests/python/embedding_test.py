@@ -190,13 +190,30 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.mds(good, dim=4), ValueError, "dim: expected 2 or 3, found 4"),
             (lambda: asterism.mds(good, dim=2.0), TypeError, "dim: expected an integer, found float"),
             (lambda: asterism.mds(good, start=np.zeros((2, 2))), ValueError, "start: expected shape"),
-            (lambda: asterism.mds(good, method="smacof"), ValueError, "unknown solver 'smacof'"),
+            (lambda: asterism.mds(good, method="smacof"), ValueError, "unknown method 'smacof': use 'ida'"),
+            (lambda: asterism.mds(good, n_components=2), TypeError, r"mds\(\) has no option 'n_components': here it is 'dim'"),
+            (lambda: asterism.mds(good, n_init=4), TypeError, "here it is 'starts'"),
+            (lambda: asterism.mds(good, random_state=1), TypeError, "here it is 'seed'"),
+            (lambda: asterism.mds(good, eps=1e-3), TypeError, "here it is 'tolerance'"),
+            (lambda: asterism.mds(good, max_iter=9), TypeError, "here it is 'max_iterations'"),
+            (lambda: asterism.mds(good, init=good), TypeError, "here it is 'start'"),
+            (lambda: asterism.mds(good, dissimilarity="euclidean"), TypeError, "always a matrix of distances"),
+            (lambda: asterism.mds(good, method="ida", random_state=1), TypeError, "'seed' is an option of the method 'multi-start'"),
+            (lambda: asterism.mds(good, tolerence=1e-3), TypeError, "did you mean 'tolerance'"),
+            (lambda: asterism.mds(good, foo=1), TypeError, r"^mds\(\) has no option 'foo' \(it has: distances, "),
+            (lambda: asterism.layout([(0, 1)], weight="weight"), TypeError, r"layout\(\) has no option 'weight': here it is 'length'"),
+            (lambda: asterism.layout([(0, 1)], iterations=9), TypeError, "here it is 'max_iterations'"),
+            (lambda: asterism.layout([(0, 1)], pos=good), TypeError, "here it is 'start'"),
+            (lambda: asterism.layout([(0, 1)], k=2), TypeError, "multiply the result by a factor"),
+            (lambda: asterism.layout([(0, 1)], prog="neato"), TypeError, "here it is 'method'"),
             (lambda: asterism.mds(good, tolerance=-1.0), ValueError, "tolerance"),
             (lambda: asterism.mds(np.zeros((0, 0))), ValueError, "there are no nodes"),
             (lambda: asterism.layout([(0, 1, -1)]), ValueError, r"edge \(0, 1\) has length -1.0"),
-            (lambda: asterism.layout([(0, 1.5)]), TypeError, "the nodes of edge 0 are no integers"),
+            (lambda: asterism.layout([(0, 1.5)]), TypeError, "edge 0 has node 1.5; expected an integer or a name"),
+            (lambda: asterism.layout([([], "b")]), TypeError, r"edge 0 has node \[\]; expected"),
+            (lambda: asterism.layout([(0, 1), (-1, 1)]), ValueError, "edge 1 has node -1; expected >= 0"),
             (lambda: asterism.layout(np.zeros((3, 2))), ValueError, "give edges as a list"),
-            (lambda: asterism.layout(["ab"]), TypeError, r"edge 0 is no \(i, j\)"),
+            (lambda: asterism.layout(["ab"]), TypeError, r"edge 0 is no \(a, b\)"),
             (lambda: asterism.layout([(0, 1)], partners=0), ValueError, "partners: expected >= 1, found 0"),
             (lambda: asterism.layout([(0, 1)], partners=2.5), TypeError, "partners: expected an integer, found float"),
             (lambda: asterism.layout_stress([(0, 1)], np.zeros((3, 2))), ValueError, r"x: expected shape \(2, 2\), found \(3, 2\)"),
@@ -219,6 +236,22 @@ class Graph:
 
 
 class LayoutTest(unittest.TestCase):
+    def test_nodes_of_any_names(self):
+        expected = asterism.layout([(0, 1, 2.0), (1, 2), (2, 0)])
+        for names in ("abc", ("x", 7, (1, 2)), (b"q", frozenset(), None)):
+            a, b, c = names
+            found = asterism.layout([(a, b, 2.0), (b, c), (c, a)])
+            self.assertEqual(found.nodes, list(names))
+            np.testing.assert_allclose(np.linalg.norm(found.pos[a] - found.pos[b]), np.linalg.norm(expected.x[0] - expected.x[1]))
+        self.assertEqual(list(expected.pos), [0, 1, 2])
+        self.assertEqual(len(repr(found).splitlines()), 1)
+        self.assertRegex(repr(found), r"^<asterism.Embedding: 3 nodes, dim 2, stress .*>$")
+
+    def test_numbers_without_an_edge_are_told(self):
+        with self.assertWarnsRegex(UserWarning, "3 of the nodes 0 to 5 have no edge, such as 2") as caught:
+            self.assertEqual(len(asterism.layout([(0, 1), (1, 5)]).x), 6)
+        self.assertEqual(caught.filename, __file__)
+
     def test_a_path_is_straight(self):
         for dim in (2, 3):
             found = asterism.layout([(k, k + 1) for k in range(9)], dim)
@@ -357,7 +390,7 @@ class LayoutTest(unittest.TestCase):
         np.testing.assert_allclose(some.system.link_stiffness.sum(), every.system.link_stiffness.sum(), rtol=0.1)
         self.assertIsNone(some.certificate)
         self.assertFalse(some.certified)
-        self.assertEqual((some.lower_bound, some.gap), (0, 1))
+        self.assertEqual((some.lower_bound, str(some.gap)), (0, "nan"))
         triangle = [tuple(link) for link in some.system.topology.links if link[0] >= 900]
         self.assertEqual(sorted(triangle), [(900, 901), (900, 902), (901, 902)])
         np.testing.assert_array_equal(asterism.layout(edges, partners=40).x, some.x)

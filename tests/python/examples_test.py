@@ -2,6 +2,7 @@
 """The examples as a user runs them, small: examples_test.py PROJECT."""
 
 import importlib.util
+import os
 import pathlib
 import re
 import subprocess
@@ -11,7 +12,7 @@ import unittest
 
 import asterism
 import numpy as np
-from moving_square import BOX, draw_frame, write_png
+from moving_square import BOX, draw_frame, true_box, write_png
 from PIL import Image
 
 PROJECT = pathlib.Path(sys.argv.pop())
@@ -66,8 +67,41 @@ class ExamplesTest(unittest.TestCase):
             write_png(self.folder / f"{frame:04}.png", draw_frame(frame))
         box = ",".join(map(str, BOX))
         out = self.run_example("track_video.py", self.folder, "--box", box, "--frames", 10, "--out", self.figure)
-        self.assertIn("dpt: 9 frames", out)
+        self.assertIn("dpt_plus: 9 frames", out)
         self.assert_drawn(1000)
+
+    @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
+    def test_track_webcam(self):
+        """With a module in the place of cv2, whose camera shows the moving square, and which writes down what is drawn."""
+        (self.folder / "cv2.py").write_text(f"""
+import sys
+sys.path.insert(0, {str(pathlib.Path(__file__).parent)!r})
+from moving_square import BOX, draw_frame
+
+class VideoCapture:
+    def __init__(self, number):
+        self.frames = iter(range(6 if number == 0 else 0))
+    def read(self):
+        return next(((True, draw_frame(frame)) for frame in self.frames), (False, None))
+
+def selectROI(title, image):
+    return BOX
+def rectangle(image, box, color, thickness):
+    print(*box, *color)
+def imshow(title, image):
+    assert image.shape == (240, 320, 3)
+def waitKey(milliseconds):
+    return 27 if next(shown) == 4 else -1
+shown = iter(range(1, 9))
+""")
+        environment = dict(os.environ, PYTHONPATH=os.pathsep.join([str(self.folder), os.environ.get("PYTHONPATH", "")]))
+        command = [sys.executable, str(EXAMPLES / "track_webcam.py")]
+        run = subprocess.run(command, capture_output=True, text=True, env=environment)
+        self.assertEqual((run.returncode, run.stderr), (0, ""))
+        drawn = np.loadtxt(run.stdout.splitlines())
+        self.assertEqual(len(drawn), 4)  # Esc
+        np.testing.assert_allclose(drawn[:, :4], [true_box(frame) for frame in range(1, 5)], atol=3)
+        np.testing.assert_array_equal(drawn[:, 4:], [[0, 255, 0]] * 4)
 
     def test_programs_of_pages(self):
         """Each prints what its page shows, if that shows its output; the README's says in a comment what x is."""

@@ -319,7 +319,7 @@ class ArraysTest(unittest.TestCase):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # NumPy's, of an overflow
             system.anchors = huge
-        self.assertEqual(asterism.solve(system, POINTS.copy()).message, "anchor 0 is not finite")
+        self.assertEqual(asterism.solve(system, POINTS.copy(), check=False).message, "anchor 0 is not finite")
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             with self.assertRaises(RuntimeWarning):
@@ -453,9 +453,9 @@ class MessagesTest(unittest.TestCase):
         for dim in (2, 3):
             system = asterism.SpringSystem(asterism.Topology.full(3), dim)
             system.anchors, system.anchor_stiffness, system.rest_length, system.link_stiffness = 0, 1, 1, 1
-            summary = asterism.solve(system, system.anchors, "newton")
+            summary = asterism.solve(system, system.anchors, "newton", check=False)
             self.assertEqual(summary.solver, asterism.solve(system, system.anchors.copy(), "newton").solver)
-            self.assertIn("Newton", repr(summary))
+            self.assertIn("Newton", str(summary))
 
     @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
     def test_regions(self):

@@ -245,7 +245,7 @@ class SolveTest(unittest.TestCase):
         methods = asterism.methods()
         self.assertEqual(len(methods), len(set(methods)))
         self.assertLessEqual({"auto", "ida", "newton", "lbfgs", "schwarz", "multi-start", "staircase", "branch-and-bound"}, set(methods))
-        with self.assertRaisesRegex(ValueError, "unknown solver 'idas', did you mean 'ida'.* .known: auto, ida, "):
+        with self.assertRaisesRegex(ValueError, "unknown method 'idas', did you mean 'ida'.* .known: auto, ida, "):
             asterism.Solver("idas")
 
     def test_a_solver_is_reused(self):
@@ -364,14 +364,15 @@ class SolveTest(unittest.TestCase):
         summary = asterism.solve(system, x, "newton")
         self.assertEqual(summary.as_dict()["final_energy"], summary.final_energy)
         self.assertIs(summary.positive_definite, True)
-        self.assertRegex(repr(summary), "^<asterism.Summary: Newton.*: converged after .* iterations, energy ")
+        self.assertRegex(repr(summary), r"^<asterism.Summary: converged, \d+ iterations, energy [^,]*>$")
+        self.assertRegex(str(summary), "^Newton.*: converged after .* iterations, energy ")
 
     def test_a_summary_is_true_where_it_is_usable(self):
         system, start = random_system()
         self.assertTrue(asterism.solve(system, start.copy()))
         self.assertTrue(asterism.solve(system, start.copy(), "ida", max_iterations=2))  # no worse than the start
-        self.assertFalse(asterism.solve(system, np.full_like(start, np.nan)))
-        self.assertFalse(asterism.solve(system, start.copy(), tolerance=-1.0))
+        self.assertFalse(asterism.solve(system, np.full_like(start, np.nan), check=False))
+        self.assertFalse(asterism.solve(system, start.copy(), tolerance=-1.0, check=False))
 
     def test_status_is_a_number_to_numpy_and_a_name_to_readers(self):
         Status = asterism.Status
@@ -396,16 +397,68 @@ class SolveTest(unittest.TestCase):
             self.assertIs(Status(array[0]), member)
             self.assertIs(Status[member.name], member)
 
+    def test_what_a_solver_refuses_is_raised(self):
+        nan = np.full((4, 2), np.nan)
+        springs = asterism.SpringSystem(asterism.Topology.full(4))
+        x = np.eye(4, 2)
+        terms = asterism.System(4)
+        terms.add_links([[0, 1]], 1)
+        for solve in (lambda: asterism.solve(springs, x), lambda: asterism.Solver("ida").solve(springs, x)):
+            for array, value in [("anchors", x), ("anchor_stiffness", 1), ("rest_length", 1), ("link_stiffness", 1)]:
+                getattr(springs, array)[:] = np.nan
+            for array, name, value in [
+                ("anchors", "anchor 0", x),
+                ("anchor_stiffness", "anchor stiffness 0", 1),
+                ("rest_length", "rest length 0", 1),
+                ("link_stiffness", "link stiffness 0", 1),
+            ]:
+                with self.assertRaisesRegex(ValueError, rf"^{array}: not set \({name} is NaN\)$"):
+                    solve()
+                getattr(springs, array)[:] = value
+            self.assertTrue(solve())
+        for message, call in {
+            "x of node 0 is not finite": lambda: asterism.solve(springs, nan),
+            "tolerance": lambda: asterism.solve(springs, x, tolerance=-1.0),
+            "x shares memory": lambda: asterism.solve(springs, springs.anchors),
+            "^x of node 0 is not finite": lambda: terms.solve(nan),
+        }.items():
+            with self.subTest(message), self.assertRaisesRegex(ValueError, message):
+                call()
+        self.assertEqual(repr(asterism.solve(springs, x)).splitlines(), [repr(asterism.solve(springs, x))])
+
+    def test_names_of_other_libraries_are_answered(self):
+        system, x = random_system()
+        terms = asterism.System(2)
+        for name, ours in {
+            "levenberg-marquardt": "use 'newton' ", "lm": "use 'newton' ", "Gauss-Newton": "use 'newton' ", "smacof": "use 'ida'", "SMACOF": "use 'ida'",
+            "BFGS": "use 'lbfgs'", "L-BFGS-B": "use 'lbfgs'", "CG": "use 'ncg'", "basinhopping": "use 'multi-start'", "GNC": "use 'graduated'",
+            "L-BFGS": "did you mean 'lbfgs'", "NEWTON_CG": "did you mean 'newton-cg'", "newtn": "did you mean 'newton'",
+        }.items():
+            for call in (lambda: asterism.solve(system, x, name), lambda: asterism.Solver(name), lambda: terms.solve(np.eye(2), name)):
+                with self.subTest(name), self.assertRaisesRegex(ValueError, f"^unknown method '{name}'.*{ours}.*known: auto, "):
+                    call()
+        if "ceres-dense" in asterism.methods():
+            with self.assertRaisesRegex(ValueError, "as a reference: 'ceres-sparse'"):
+                asterism.solve(system, x, "ceres")
+        for name, ours in {"max_iter": "'max_iterations'", "eps": "'tolerance'", "tolerence": "'tolerance'", "n_jobs": "'threads'"}.items():
+            with self.subTest(name), self.assertRaisesRegex(TypeError, f"^the default method 'auto' has no option '{name}'.*{ours}"):
+                asterism.solve(system, x, **{name: 1})
+        with self.assertRaisesRegex(TypeError, "'seed' is an option of the method 'multi-start'"):
+            asterism.solve(system, x, "ida", random_state=1)
+        self.assertTrue({method for methods, _ in asterism.names._METHODS.values() for method in __import__("re").findall("'([^']+)'", methods)}
+                        <= set(asterism.methods()))
+
     def test_what_a_solver_refuses_is_in_the_summary(self):
         system, start = random_system()
         system.anchors[2, 1] = np.nan
         x = start.copy()
-        summary = asterism.solve(system, x)
+        summary = asterism.solve(system, x, check=False)
         self.assertEqual(summary.status, asterism.Status.INVALID_INPUT)
         self.assertEqual(summary.message, "anchor 2 is not finite")
+        self.assertEqual(repr(summary), "<asterism.Summary: invalid input: anchor 2 is not finite>")
         self.assertFalse(summary.usable)
         np.testing.assert_array_equal(x, start)
-        self.assertEqual(asterism.solve(*random_system(), tolerance=-1.0).status, asterism.Status.INVALID_INPUT)
+        self.assertEqual(asterism.solve(*random_system(), tolerance=-1.0, check=False).status, asterism.Status.INVALID_INPUT)
 
     def test_x_in_the_systems_memory_is_refused(self):
         for dim in (2, 3):
@@ -416,7 +469,7 @@ class SolveTest(unittest.TestCase):
             for x in (system.anchors, links[: system.nodes * dim].reshape(-1, dim)):
                 for method in asterism.methods():
                     with self.subTest(method=method, dim=dim):
-                        summary = asterism.solve(system, x, method)
+                        summary = asterism.solve(system, x, method, check=False)
                         self.assertEqual(summary.status, asterism.Status.INVALID_INPUT)
                         self.assertIn("x shares memory with the system", summary.message)
             for name, values in zip(arrays, before):

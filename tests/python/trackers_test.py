@@ -95,6 +95,32 @@ class TrackersTest(unittest.TestCase):
         self.assertAlmostEqual(sum(result.times.values()), result.milliseconds)
         self.assertRegex(repr(result), r"^<asterism.TrackResult: box \(\d+\.\d+, .*, confidence 0\.\d+>$")
 
+    def test_in_the_shape_of_cv2(self):
+        tracker, plain = asterism.OpenCvTracker.create("kcf"), self.started("kcf")
+        self.assertIsNone(tracker.init(self.frames[0], np.array(BOX)))
+        self.assertIsNone(tracker.result)
+        for frame in self.frames[1:]:
+            ok, box = tracker.update(frame)
+            result = plain.update(frame)
+            self.assertTrue(ok)
+            self.assertEqual(tracker.result.box, result.box)
+            self.assertTrue(all(type(value) is int for value in box))
+            x, y, width, height = result.box
+            edges = (box[0], box[1], box[0] + box[2], box[1] + box[3])
+            np.testing.assert_allclose(edges, (x, y, x + width, y + height), atol=0.5)
+        noise = np.random.default_rng(0).integers(0, 256, self.frames[0].shape, np.uint8)
+        for _ in range(9):
+            ok, there = tracker.update(noise)
+            if not ok:
+                break
+            box = there
+        self.assertEqual((ok, there), (False, box))  # the last box stays
+        tracker.init(self.frames[0], BOX)
+        self.assertEqual(asterism.OpenCvTracker()._tracker.name, asterism.Tracker().name)
+        self.assertRaisesRegex(ValueError, "width and height above 0, found -1.0 x 20.0", tracker.init, self.frames[0], (9, 9, -1, 20))
+        self.assertRaisesRegex(ValueError, "0 x 20 px", tracker.init, self.frames[0], (9, 9, 0, 20))
+        self.assertRaisesRegex(RuntimeError, "update before init", asterism.OpenCvTracker("kcf").update, noise)
+
     def test_images_of_every_kind(self):
         expected = boxes(follow(self.started("kcf"), self.frames[1:]))
         alpha = np.full((240, 320, 1), 255, np.uint8)
@@ -215,7 +241,7 @@ class TrackersTest(unittest.TestCase):
         self.assertEqual(list(objects.update(image=image)), [4])
 
     def test_errors_have_the_librarys_words(self):
-        with self.assertRaisesRegex(ValueError, "unknown tracker 'dbt' .known: dpt, "):
+        with self.assertRaisesRegex(ValueError, "unknown tracker 'dbt', did you mean 'dpt'. .known: dpt, "):
             asterism.Tracker("dbt")
         with self.assertRaisesRegex(RuntimeError, "init"):
             asterism.Tracker("kcf").update(self.frames[0])
@@ -300,7 +326,7 @@ class TrackersTest(unittest.TestCase):
         several.add(7, self.frames[0], BOX)
         several.add(3, self.frames[0], (200, 150, 50, 40), name="kcf")
         self.assertEqual(len(several), 2)
-        alone = self.started()
+        alone = self.started(asterism.Tracker().name)
         for frame in self.frames[1:]:
             results = several.update(frame)
             self.assertEqual(list(results), [3, 7])

@@ -215,6 +215,7 @@ TEST_F(TrackTool, FollowsSeveralObjects) {
   cv::VideoCapture video(path("overlay.mp4"));
   EXPECT_EQ(video.get(cv::CAP_PROP_FRAME_COUNT), kFrames);
   expect_error(path("images") + kBox + kBox + " --sheet " + path("sheet.png"), {"--sheet is for one object"});
+  expect_error(path("images") + " --box=10,20,-5,30", {"--box \"10,20,-5,30\" is -5 x 30 px, but"});
   expect_error(path("images") + kBox + " --box 1,2,3", {"--box \"1,2,3\" is neither x,y,width,height"});
 }
 
@@ -362,7 +363,7 @@ TEST_F(TrackTool, PrintsTheOptionsOfATracker) {
   expect_boxes(path("boxes.csv"), 1, kFrames);
   EXPECT_TRUE(err_.starts_with("{ \"tracker\": \"dpt_plus\",")) << err_;
   EXPECT_NE(err_.find("...: 20 frames, "), std::string::npos) << err_;
-  expect_error("--options dtp", {"unknown tracker 'dtp'"}, false);
+  expect_error("--options dtp", {"unknown tracker 'dtp', did you mean 'dpt'?"}, false);
   expect_error("--options", {"--options"}, false);
   if (fs::exists("/dev/full")) {
     EXPECT_NE(std::system((ASTERISM_TRACK_TOOL " --options dpt > /dev/full 2> " + path("err")).c_str()), 0);

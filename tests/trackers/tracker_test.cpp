@@ -354,7 +354,11 @@ TEST(MakeTracker, SaysWhatIsWrongWithADescription) {
             "kcf: KcfOptions: lambda must be in [1e-09, 1e+09], is -1");
   EXPECT_EQ(refusal(R"(dpt{"spring_rate": 2})"), "DptOptions: spring_rate must be in [0, 1], is 2");
   EXPECT_EQ(refusal(R"({"part": "kcf"})"), "a tracker's description must have its name as \"tracker\"");
-  EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp'"), std::string::npos);
+  EXPECT_NE(refusal(R"({"tracker": "dp"})").find("unknown tracker 'dp', did you mean 'dpt'?"),
+            std::string::npos);
+  EXPECT_NE(refusal("DPTT").find("did you mean 'dpt'? (known: dpt, "), std::string::npos);
+  for (const char* of_opencv : {"csrt", "CSRT", "opencv-csrt"})
+    EXPECT_NE(refusal(of_opencv).find("asterism-eval runs as 'opencv-csrt'"), std::string::npos) << of_opencv;
   EXPECT_NE(refusal("dpt{").find("dpt: its options are not a JSON object"), std::string::npos);
   EXPECT_NE(refusal("{").find("not a JSON object"), std::string::npos);
   EXPECT_NE(refusal(R"({"tracker": "dpt", "spring_rate": 1e999})").find("not a JSON object"),

@@ -419,7 +419,8 @@ void bind_trackers(py::module_& m) {
       .def_readonly("angle", &TrackResult::angle,
                     "By how much the object has turned since init [rad, from the x axis towards the y axis].")
       .def_readonly("confidence", &TrackResult::confidence, "In [0, 1].")
-      .def_readonly("lost", &TrackResult::lost, "The tracker does not believe in the box.")
+      .def_readonly("lost", &TrackResult::lost,
+                    "The tracker reports that it has lost the object; the box is its best guess.")
       .def_readonly("interrupted", &TrackResult::interrupted,
                     "The frame shows nothing of the scene: the box is that of the frame before.")
       .def_property_readonly(
@@ -483,7 +484,7 @@ void bind_trackers(py::module_& m) {
       [](const std::string& name, const py::object& options) {
         return options_of(description_of(name, options));
       },
-      py::arg("name") = "dpt", py::arg("options") = py::none(),
+      py::arg("name") = "dpt_plus", py::arg("options") = py::none(),
       "All options of Tracker(name, options) with their values, as the dict that Tracker takes; for\n"
       "`dpt+MODEL` as Tracker(\"dpt\", ..) takes it. ValueError as for Tracker.");
   m.def("part_names", &part_names, "The part models of this build.");
@@ -518,7 +519,7 @@ void bind_trackers(py::module_& m) {
   def_copy(tracker);
   tracker
       .def(
-          py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt",
+          py::init<const std::string&, const py::object&, const Range&>(), py::arg("name") = "dpt_plus",
           py::arg("options") = py::none(), py::arg("pixel_range") = py::none(),
           "name: one of tracker_names() or `dpt+MODEL`. options: a dict of the options of its class, for "
           "`dpt+MODEL`\n"
@@ -588,10 +589,11 @@ void bind_trackers(py::module_& m) {
           "add",
           [](Objects& self, const py::args& args, const py::kwargs& kwargs) {
             const Arguments given("add", {"id", "image", "box", "name", "options"}, 3, args, kwargs);
-            const std::string name = given[3].is_none() ? "dpt" : given.as<std::string>(3, "a str");
+            const std::string name = given[3].is_none() ? "dpt_plus" : given.as<std::string>(3, "a str");
             self.add(given.as<int>(0, "an integer"), given[1], given[2], name, given[4]);
           },
-          "add(self: asterism.MultiTracker, id: int, image: numpy.ndarray, box: object, name: str = 'dpt', "
+          "add(self: asterism.MultiTracker, id: int, image: numpy.ndarray, box: object, name: str = "
+          "'dpt_plus', "
           "options: "
           "object = None) -> None\n\n"
           "Follow an object from this image on, by a tracker of this name and options. ValueError where "

@@ -32,6 +32,10 @@ volatile std::sig_atomic_t g_stop_signal = 0;
 namespace {
 
 cv::Rect2d parse_box(const std::string& text) {
+  if (const std::vector<double> box = parse_numbers(text); box.size() == 4 && (box[2] < 1 || box[3] < 1)) {
+    throw std::runtime_error("--box \"" + text + "\" is " + cv::format("%g x %g", box[2], box[3]) +
+                             " px, but width and height must be at least 1");
+  }
   const std::optional<Region> region = parse_region(text);
   if (!region || region->box().width < 1 || region->box().height < 1) {
     throw std::runtime_error("--box \"" + text +

@@ -10,7 +10,7 @@ namespace asterism::tools {
 
 /// The command line.
 struct Options {
-  std::string input, tracker = "dpt", out, save, sheet, systems, timeline, constellation;
+  std::string input, tracker = "dpt_plus", out, save, sheet, systems, timeline, constellation;
   std::string config;                // the file that `tracker` was read from, if any
   std::vector<std::string> boxes;    // one per object; none: from the ground truth
   std::vector<std::string> compare;  // other trackers on the sheet

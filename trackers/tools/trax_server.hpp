@@ -9,7 +9,7 @@ namespace asterism::tools {
 
 /// Options of asterism-trax.
 struct TraxServerOptions {
-  std::string tracker = "dpt";
+  std::string tracker = "dpt_plus";
   /// Of the protocol, 1 to 4. The default is the highest that both old and new clients speak: 4 begins a
   /// track differently, for several objects.
   int version = 3;

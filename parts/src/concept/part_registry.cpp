@@ -441,6 +441,11 @@ const PartRegistry::Factory& PartRegistry::find(std::string_view name) {
     load(std::string(name.substr(0, colon)));
     at = factories_.find(name);
   }
+  if (at == factories_.end() && std::filesystem::is_regular_file(name)) {  // a plugin without its model
+    std::string models;
+    for (const std::string& model : load(std::string(name))) models += (models.empty() ? "" : " or ") + model;
+    throw std::invalid_argument("'" + std::string(name) + "' is a plugin: give one of its models, " + models);
+  }
   if (at == factories_.end())
     throw std::invalid_argument("unknown part model '" + std::string(name) + "', did you mean '" +
                                 *detail::nearest(name, names()) + "'?");

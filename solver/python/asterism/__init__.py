@@ -16,7 +16,8 @@ Points with given distances are found by `asterism.mds`, graphs are drawn by `as
 placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges. Gradients of a function of the solution are found by `asterism.sensitivity`;
 `asterism.torch` is a layer of PyTorch. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
-`asterism.evaluation` reads the reports of asterism-eval, and `asterism.bench` compares a solver of your own with the library's.
+`asterism.evaluation` reads the reports of asterism-eval, `asterism.trax` brings a tracker of your own into one, and `asterism.bench`
+compares a solver of your own with the library's.
 """
 
 
@@ -64,6 +65,10 @@ __all__ = [
     "scaled_structure", "sensitivity",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]
+if hasattr(_asterism, "Tracker"):
+    from .opencv import OpenCvTracker
+
+    __all__ += ["OpenCvTracker"]
 if hasattr(_asterism, "_parse_systems"):
     from .stored import StoredSystem, parse_systems, read_systems, write_systems
 

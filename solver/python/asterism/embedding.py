@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import operator
 import warnings
 from typing import Any, Callable, Iterable, Sequence
@@ -10,7 +11,7 @@ from typing import Any, Callable, Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from . import _asterism, inputs
+from . import _asterism, inputs, names
 
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
@@ -18,7 +19,7 @@ _MANY = 1000  # over it, layout's default method is "sgd"
 _Distances = Callable[[_Indices, _Indices], _Floats]  # (C, S, T), for each row of sources (C, S) to that of targets (C, T)
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Embedding:
     """What mds and layout find."""
 
@@ -30,7 +31,7 @@ class Embedding:
     #: No placement has less stress than this; 0 if nothing is proven.
     lower_bound: float
     #: Another placement may have less stress by this share of it (or of 1e-10 sum w_ij (d_ij + |x_i - x_j|)^2, if that is more,
-    #: for placements whose stress is rounding); 1 if nothing is proven.
+    #: for placements whose stress is rounding); NaN if nothing is proven.
     gap: float
     #: Of the placement: whether it is proven to have the least stress, and if not, why. None of a sparse stress and of
     #: layout's method "sgd".
@@ -43,6 +44,11 @@ class Embedding:
     nodes: list[Any]
 
     @property
+    def pos(self) -> dict[Any, _Floats]:
+        """The place of each node, by its name: what networkx.draw takes."""
+        return dict(zip(self.nodes, self.x))
+
+    @property
     def certified(self) -> bool:
         """The placement is proven to have the least stress."""
         return self.certificate is not None and self.certificate.certified
@@ -50,6 +56,11 @@ class Embedding:
     def __bool__(self) -> bool:
         """Whether x is a result: the summary's truth value."""
         return bool(self.summary)
+
+    def __repr__(self) -> str:
+        proven = "proven least" if self.certified else "nothing proven" if np.isnan(self.gap) else f"gap {self.gap:.3g}"
+        n, dim = self.x.shape
+        return f"<asterism.Embedding: {n} nodes, dim {dim}, stress {self.stress:.6g}, {proven}>"
 
 
 def mds(
@@ -86,6 +97,7 @@ def mds(
     Parts that no known pair joins and no anchor holds are placed side by side. ValueError names what is wrong with the input.
     The stress may have several local minima: `gap` says what is proven of the one found.
     """
+    _check_options("mds()", mds, method, options)
     _check_dim(dim)
     pairs, lengths, n = _known_pairs(distances)
     stiffness = _weights_of(weights, pairs, n)
@@ -115,8 +127,9 @@ def layout(
     The stress is that of mds for all pairs of nodes, with d_ij the length of the shortest path and w_ij = d_ij ** -power.
     Directions of edges are ignored. Components are placed side by side, by the method "sgd" in rows.
 
-    graph: a list of edges, (i, j) or (i, j, length), over nodes 0 .. N - 1; an adjacency matrix (N, N), of NumPy or scipy.sparse,
-        whose entries other than 0 are the lengths of edges (a masked one is no edge); or a graph of networkx.
+    graph: a list of edges, (a, b) or (a, b, length), between nodes of any names that can be keys of a dict; if all are integers, the
+        nodes are 0 .. N - 1, with a warning for those that have no edge. Or an adjacency matrix (N, N), of NumPy or scipy.sparse,
+        whose entries other than 0 are the lengths of edges (a masked one is no edge). Or a graph of networkx.
     length: the attribute that is the length of an edge of networkx; edges without it, and all edges for None, have the length 1.
         There is a warning if the edges have a "weight" instead, which may be a length or a strength.
     method: None: "sgd" over 1000 nodes, otherwise "multi-start". "sgd" is stochastic gradient descent (Zheng, Pawar and Goodman
@@ -134,8 +147,9 @@ def layout(
         many as the machine runs at once; the result does not depend on it). Otherwise as for mds.
     dim, anchors, anchor_weights: as for mds.
 
-    The result's `nodes` are the graph's in the order of x: dict(zip(result.nodes, result.x)) is what networkx.draw takes.
+    The result's `nodes` are the graph's in the order of x; its `pos` is the dict from node to place that networkx.draw takes.
     """
+    _check_options("layout()", layout, method or ("multi-start" if partners is None else "lbfgs-jacobi"), options)
     _check_dim(dim)
     nodes, edges, unit = _graph_of(graph, length)
     n = len(nodes)
@@ -195,6 +209,15 @@ def _path_weights(lengths: _Floats, power: float) -> _Floats:
             f"graph: a path of length {lengths[bad[0]]} has the weight {lengths[bad[0]]} ** {-float(power)}, which is out of range"
         )
     return weights
+
+
+def _check_options(of: str, function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
+    """TypeError for an option that neither the function nor the method has."""
+    own = [name for name, p in inspect.signature(function).parameters.items() if p.kind != p.VAR_KEYWORD]
+    known = own + [name for name in _asterism.Solver(method).options if name != "ground_components"]
+    for name in options:
+        if name not in known:
+            raise TypeError(names.no_option(of, name, known))
 
 
 def _check_dim(dim: int) -> None:
@@ -311,8 +334,7 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
             lengths = matrix[pairs[:, 0], pairs[:, 1]]
         pairs, lengths = pairs[lengths != 0], lengths[lengths != 0]
     else:
-        pairs, lengths = _edges_of_list(graph)
-        nodes = list(range(int(pairs.max()) + 1 if len(pairs) else 0))
+        nodes, pairs, lengths = _edges_of_list(graph)
     if len(bad := np.flatnonzero(~((lengths > 0) & np.isfinite(lengths)))):
         i, j = pairs[bad[0]]
         raise ValueError(f"graph: edge ({nodes[i]}, {nodes[j]}) has length {lengths[bad[0]]}; expected > 0 and finite")
@@ -320,20 +342,31 @@ def _edges_of(graph: Any, length: str | None) -> tuple[list[Any], npt.NDArray[np
     return nodes, pairs[off], lengths[off]
 
 
-def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[npt.NDArray[np.intp], _Floats]:
-    pairs, lengths = [], []
+def _edges_of_list(graph: Iterable[Sequence[Any]]) -> tuple[list[Any], npt.NDArray[np.intp], _Floats]:
+    ends, lengths = [], []
     for k, edge in enumerate(graph):
         if isinstance(edge, str) or not hasattr(edge, "__len__") or len(edge) not in (2, 3):
-            raise TypeError(f"graph: edge {k} is no (i, j) or (i, j, length)")
-        try:
-            i, j = operator.index(edge[0]), operator.index(edge[1])
-        except TypeError:
-            raise TypeError(f"graph: the nodes of edge {k} are no integers") from None
-        if i < 0 or j < 0:
-            raise ValueError(f"graph: edge {k} has node {min(i, j)}; expected >= 0")
-        pairs.append((i, j))
+            raise TypeError(f"graph: edge {k} is no (a, b) or (a, b, length)")
+        for node in edge[:2]:
+            if isinstance(node, (float, np.floating)) or getattr(node, "__hash__", None) is None:
+                raise TypeError(f"graph: edge {k} has node {node!r}; expected an integer or a name, which can be a key of a dict")
+        ends += edge[:2]
         lengths.append(edge[2] if len(edge) == 3 else 1.0)
-    return np.array(pairs, dtype=np.intp).reshape(-1, 2), inputs.numbers(lengths, "graph: the edges' lengths", (len(pairs),))
+    values = inputs.numbers(lengths, "graph: the edges' lengths", (len(lengths),))
+    if not all(hasattr(node, "__index__") for node in ends):
+        nodes = list(dict.fromkeys(ends))
+        index = {node: k for k, node in enumerate(nodes)}
+        return nodes, np.array([index[node] for node in ends], dtype=np.intp).reshape(-1, 2), values
+    pairs = np.array([operator.index(node) for node in ends], dtype=np.intp).reshape(-1, 2)
+    if len(pairs) and pairs.min() < 0:
+        raise ValueError(f"graph: edge {int(pairs.min(axis=1).argmin())} has node {pairs.min()}; expected >= 0")
+    n = int(pairs.max()) + 1 if len(pairs) else 0
+    if len(alone := np.setdiff1d(np.arange(n), pairs)):
+        warnings.warn(
+            f"graph: {len(alone)} of the nodes 0 to {n - 1} have no edge, such as {alone[0]}; to leave them out, give the nodes names (str)",
+            stacklevel=5,
+        )
+    return list(range(n)), pairs, values
 
 
 def _components(graph: _asterism._Graph) -> list[npt.NDArray[np.intp]]:
@@ -575,15 +608,16 @@ def _embed(
     if method == "multi-start":
         options = {"starts": 32 if n <= 100 else 8 if n <= 300 else 1, "spread": 2.0, **options}
     summary = _asterism.solve(system, x, method, ground_components=True, **options)
-    if summary.status == _asterism.Status.OUT_OF_MEMORY:
-        raise MemoryError(f"{summary.solver}: {summary.message}")
     if not summary:
-        raise ValueError(f"{summary.solver}: {summary.message}")
+        raise ValueError(summary.message)
     x = _side_by_side(x, components, hold)
     certificate = _asterism.certify(system, x) if prove else None
     stress = 2 * _asterism.energy(system, x)
     lower_bound = min(max(2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0), stress)
     ends = system.topology.links
     rounding = 1e-10 * float(np.sum(weights * (lengths + np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)) ** 2))
-    gap = (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
+    if lower_bound == 0 and stress > rounding:
+        gap = np.nan  # no stress is below 0, which is no news
+    else:
+        gap = (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
     return Embedding(x, stress, lower_bound, gap, certificate, summary, system, nodes)

@@ -33,7 +33,7 @@ def _system(topology, values, b):
 
 
 def _solve_one(solver, system, x, b):
-    summary = solver.solve(system, x)
+    summary = solver.solve(system, x, check=False)
     if summary.status != Status.CONVERGED and not (summary.usable and summary.stationarity <= _SETTLED):
         raise RuntimeError(f"system {b} was not solved: {summary.message}")
 

@@ -148,7 +148,7 @@ struct SystemMultiStart {
 /// smooth over many subdomains, which it does in a few steps. Where it does not, sweeps and Global take
 /// turns.
 ///
-/// A sweep and an iteration of Global are an iteration each; the other counts are of work on all nodes at
+/// Summary::iterations counts sweeps and iterations of Global; the other counts are of work on all nodes at
 /// once. Summary::positive_definite stays -1. Time and memory of a sweep are O(nodes + elements). A common
 /// length depends on all elements of its term, and leaves nothing to divide: Global solves such a system
 /// alone.

@@ -1,10 +1,12 @@
 #include <asterism/parts/models/spatial_reliability.hpp>
+#include <asterism/solver/detail/edit_distance.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>
 #include <asterism/trackers/dpt/dpt.hpp>
 #include <asterism/trackers/others/lgt.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
+#include <cctype>
 #include <cmath>
 #include <concepts>
 #include <optional>
@@ -115,6 +117,22 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   return {};
 }
 
+// Suggests the nearest known name, except for OpenCV's trackers: none of ours is meant by their names.
+[[noreturn]] void refuse_name(const std::string& name) {
+  const std::vector<std::string> names = tracker_names();
+  std::string plain, known;
+  for (const char letter : name) plain += static_cast<char>(std::tolower(static_cast<unsigned char>(letter)));
+  const std::string of_opencv = plain.starts_with("opencv-") ? plain.substr(7) : plain;
+  for (const std::string& n : names) known += (known.empty() ? "" : ", ") + n;
+  std::string hint = ", did you mean '" + *detail::nearest(plain, names) + "'?";
+  for (const char* each : {"csrt", "mil", "mosse", "medianflow", "tld", "boosting", "goturn", "dasiamrpn"}) {
+    if (of_opencv == each)
+      hint = std::string(": it is OpenCV's, which asterism-eval runs as 'opencv-") + each +
+             "'; our most accurate one is 'dpt_plus'";
+  }
+  throw std::invalid_argument("unknown tracker '" + name + "'" + hint + " (known: " + known + ")");
+}
+
 // Makes a tracker by its name, as an AnyTracker or another type that any tracker converts to.
 template <class Made>
 Made make_named(std::string_view name, std::string_view json) {
@@ -123,9 +141,7 @@ Made make_named(std::string_view name, std::string_view json) {
     return GatedTracker(CoarseTracker(with(*options, name, json)));
   if (name == "lgt") return GatedTracker(Lgt(with(LgtOptions(), name, json)));
   if (name == "kalman") return make_kalman<Made>(name, json);
-  std::string known;
-  for (const std::string& n : tracker_names()) known += (known.empty() ? "" : ", ") + n;
-  throw std::invalid_argument("unknown tracker '" + std::string(name) + "' (known: " + known + ")");
+  refuse_name(std::string(name));
 }
 
 // Makes a tracker by its description and stores its name in `name`.

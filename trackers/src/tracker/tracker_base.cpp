@@ -13,7 +13,8 @@ void check_start(const Frame& frame, const cv::Rect2d& box) {
         std::isfinite(box.height)))
     throw std::invalid_argument("the start box is not finite");
   if (!(box.width >= 1 && box.height >= 1))
-    throw std::invalid_argument("the start box must be at least one pixel wide and high");
+    throw std::invalid_argument(cv::format(
+        "the start box is %g x %g px, but must be at least one pixel wide and high", box.width, box.height));
   if (!(box.x < frame.size().width && box.y < frame.size().height && box.x + box.width > 0 &&
         box.y + box.height > 0))
     throw std::invalid_argument("the start box lies outside the image");

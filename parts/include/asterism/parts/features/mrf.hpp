@@ -11,7 +11,7 @@ inline namespace ASTERISM_ABI {
 struct MrfOptions {
   /// Smooth the posterior; false: leave it as it is.
   bool enabled = true;
-  /// Maximum number of iterations, in [1, 1000]; about eight are usual.
+  /// Maximum number of iterations, in [1, 1000]; without one, the tolerance is reached after about eight.
   int max_iterations = 50;
   /// Stop when the mean log posterior changes by less than this, >= 0.
   double tolerance = 0.1;

@@ -60,7 +60,7 @@ struct Covariance {
   CovarianceStatus status = CovarianceStatus::InvalidInput;  ///< whether there is one
   Message message;                                           ///< what is wrong, where there is none
   /// (Dim N) x (Dim N), symmetric; coordinate d of node i is row Dim i + d [px^2 for stiffness in 1/px^2].
-  /// Where it was refused it has no entries, or NaN for a fixed number of nodes.
+  /// If it was not computed, it is empty; for a fixed number of nodes, its entries are NaN.
   DenseHessian<System> matrix;
 
   /// Whether it was computed.

@@ -72,8 +72,8 @@ inline std::ostream& operator<<(std::ostream& out, SensitivityStatus status) {
 /// Options of Sensitivity.
 struct SensitivityOptions {
   /// x is refused where stationarity(system, x) is above this, unless all that is left of the gradient is
-  /// rounding. The relative error that a tolerance leaves in the derivatives is about as large, times the
-  /// condition of the Hessian. A solver's default tolerance is 1e-8. At least 64 epsilons of the scalar.
+  /// rounding. The relative error of the derivatives is about the stationarity of x times the condition
+  /// number of the Hessian. A solver's default tolerance is 1e-8. At least 64 epsilons of the scalar.
   double stationarity = 1e-6;
 
   /// What is wrong with the options, nullptr for nothing.

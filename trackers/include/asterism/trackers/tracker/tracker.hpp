@@ -46,7 +46,7 @@ struct TrackResult {
   /// 0 for trackers without parts. `box` is the object's box turned back upright.
   double angle = 0;
   double confidence = 0;  ///< in [0, 1]
-  bool lost = false;      ///< the tracker does not believe in the box
+  bool lost = false;      ///< the tracker reports that it has lost the object
   /// The frame shows nothing of the scene (GatedTracker): the box is that of the frame before, moved into the
   /// image if that is smaller now. `lost` is set, too.
   bool interrupted = false;

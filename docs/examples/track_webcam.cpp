@@ -1,0 +1,21 @@
+// Track with a webcam: draw a box around the object, press Enter; Esc stops.
+#include <asterism/trackers/tracker/opencv_tracker.hpp>
+#include <opencv2/highgui.hpp>
+#include <opencv2/imgproc.hpp>
+#include <opencv2/videoio.hpp>
+
+int main() {
+  cv::VideoCapture camera(0);
+  cv::Mat image;
+  if (!camera.read(image)) return 1;
+  cv::Rect box = cv::selectROI("track", image);
+  if (box.empty()) return 0;
+  cv::Ptr<cv::Tracker> tracker = asterism::OpenCvTracker::create("dpt_plus");  // was cv::TrackerCSRT::create()
+  tracker->init(image, box);
+  while (camera.read(image)) {
+    const bool found = tracker->update(image, box);
+    cv::rectangle(image, box, found ? cv::Scalar(0, 255, 0) : cv::Scalar(0, 0, 255), 2);
+    cv::imshow("track", image);
+    if (cv::waitKey(1) == 27) break;  // Esc
+  }
+}

@@ -1,0 +1,101 @@
+"""Answers to names that are not ours: the message of an error says what they are called here."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+__all__ = ["no_option", "unknown_method"]
+
+
+def _plain(name: str) -> str:
+    return "".join(c for c in name.lower() if c.isalnum())
+
+
+_SECOND_ORDER = ("'newton' for small systems, 'newton-sparse' or 'newton-cg' for large ones", ["ceres-dense", "ceres-sparse"])
+_QUASI_NEWTON = ("'lbfgs'", ["ceres-lbfgs", "liblbfgs"])
+
+# Methods of other libraries: what serves the same purpose here, and the reference solvers that some builds have.
+_METHODS: dict[str, tuple[str, list[str]]] = {
+    **dict.fromkeys(
+        ["levenbergmarquardt", "lm", "levmar", "gaussnewton", "dogleg", "trustncg", "trustregion", "trustexact", "trustkrylov", "trf", "hybr"],
+        _SECOND_ORDER,
+    ),
+    **dict.fromkeys(["bfgs", "lbfgsb", "quasinewton"], _QUASI_NEWTON),
+    **dict.fromkeys(["tnc", "truncatednewton", "newtonkrylov"], ("'newton-cg'", [])),
+    **dict.fromkeys(["cg", "conjugategradient", "nonlinearcg", "fletcherreeves", "polakribiere"], ("'ncg'", ["ceres-cg"])),
+    **dict.fromkeys(["smacof", "majorization", "majorisation", "localglobal", "arap"], ("'ida'", [])),
+    **dict.fromkeys(["gnc", "gncoptimizer", "graduatednonconvexity"], ("'graduated'", [])),
+    **dict.fromkeys(
+        ["basinhopping", "differentialevolution", "dualannealing", "shgo", "brute", "global"],
+        ("'multi-start', or 'branch-and-bound' for a proof of the minimum", []),
+    ),
+    **dict.fromkeys(["default", "best", "any"], ("'auto'", [])),
+    "ceres": ("one of the reference solvers", ["ceres-sparse", "ceres-dense", "ceres-lbfgs", "ceres-cg"]),
+    "cholmod": ("a sparse method", ["ida-cholmod", "newton-cholmod"]),
+}
+
+# Options of other libraries: the name here, and a remark.
+_OPTIONS: dict[str, tuple[str, str]] = {
+    **dict.fromkeys(["maxiter", "maxiters", "iterations", "niter", "nitermax", "maxnumiterations", "iter"], ("max_iterations", "")),
+    **dict.fromkeys(
+        ["eps", "tol", "epsilon", "threshold", "ftol", "gtol", "xtol", "rtol", "functiontolerance", "gradienttolerance", "parametertolerance"],
+        ("tolerance", "of the stationarity, which has no unit"),
+    ),
+    **dict.fromkeys(["randomstate", "rng", "randomseed"], ("seed", "")),
+    **dict.fromkeys(["ninit", "restarts", "nrestarts", "ninits"], ("starts", "")),
+    **dict.fromkeys(["njobs", "numthreads", "workers", "nthreads"], ("threads", "")),
+    **dict.fromkeys(["verbose", "disp", "callback"], ("on_iteration", "a function")),
+    **dict.fromkeys(["init", "x0", "pos", "initial", "initialguess"], ("start", "")),
+    **dict.fromkeys(["ncomponents", "ndim", "dims", "dimensions"], ("dim", "2 or 3")),
+    **dict.fromkeys(["weight", "len"], ("length", "the attribute that is the length of an edge")),
+    **dict.fromkeys(["w", "sampleweight"], ("weights", "")),
+    **dict.fromkeys(["npivots", "pivots"], ("partners", "")),
+    **dict.fromkeys(["minimizertype", "algorithm", "solver", "mode", "prog"], ("method", "")),
+}
+
+# Options of other libraries that have no counterpart.
+_REFUSED = {
+    "dissimilarity": "the argument is always a matrix of distances; SciPy's cdist computes one from points",
+    "metric": "mds is always metric",
+    "normalizedstress": "`stress` of the result is never normalised",
+    "k": "the drawing's unit is the length of an edge; multiply the result by a factor",
+    "scale": "multiply the result by a factor",
+    "center": "add the center to the result",
+}
+
+# The method that has an option, if not all have it.
+_OWNER = {"starts": "multi-start", "seed": "multi-start", "spread": "multi-start", "max_nodes": "branch-and-bound"}
+
+
+def unknown_method(name: str, known: Sequence[str]) -> str:
+    """The message for a method that is not known."""
+    plain = _plain(name)
+    listed = f" (known: {', '.join(known)})"
+    same = [method for method in known if _plain(method) == plain]
+    if same:
+        return f"unknown method '{name}', did you mean '{same[0]}'?{listed}"
+    if plain in _METHODS:
+        ours, references = _METHODS[plain]
+        there = [f"'{method}'" for method in references if method in known]
+        more = f"; as a reference: {' or '.join(there)}" if there else ""
+        return f"unknown method '{name}': use {ours}{more}{listed}"
+    near = difflib.get_close_matches(name.lower(), known, 1)
+    return f"unknown method '{name}'" + (f", did you mean '{near[0]}'?" if near else "") + listed
+
+
+def no_option(of: str, name: str, known: Sequence[str]) -> str:
+    """The message for an option `name` that `of`, such as "mds()", does not have, but those in `known`."""
+    plain = _plain(name)
+    listed = f" (it has: {', '.join(known)})"
+    if plain in _REFUSED:
+        return f"{of} has no option '{name}': {_REFUSED[plain]}{listed}"
+    ours, remark = _OPTIONS.get(plain, ("", ""))
+    if plain in map(_plain, _OWNER):
+        ours = next(option for option in _OWNER if _plain(option) == plain)
+    if ours in known:
+        return f"{of} has no option '{name}': here it is '{ours}'" + (f", {remark}" if remark else "") + listed
+    if ours in _OWNER:
+        return f"{of} has no option '{name}': '{ours}' is an option of the method '{_OWNER[ours]}'{listed}"
+    near = difflib.get_close_matches(name.lower(), known, 1)
+    return f"{of} has no option '{name}'" + (f", did you mean '{near[0]}'?" if near else "") + listed

@@ -1,0 +1,155 @@
+#!/usr/bin/env python3
+"""Trackers written in Python, run through asterism.trax: trax_test.py [ASTERISM_EVAL].
+
+The client is written from the protocol's documentation. With asterism-eval, the scores have to be those of the same tracker run directly.
+"""
+
+import base64
+import pathlib
+import subprocess
+import sys
+import tempfile
+import unittest
+
+import asterism
+import numpy as np
+from moving_square import BOX, draw_frame, true_box, write_png
+
+EVAL = sys.argv.pop() if len(sys.argv) > 1 and not sys.argv[-1].startswith("-") else None
+
+TRACKERS = """
+import asterism
+import numpy as np
+
+class Seen:
+    "Answers with what it was given, so that the test sees it."
+    def init(self, image, box):
+        print("a line that is no message")
+        self.first, self.box = image, box
+        assert image.dtype == np.uint8 and image.flags.c_contiguous
+    def update(self, image):
+        return [float(image[0, 0].flat[0]), float(image[0, 0].flat[-1]), float(image.shape[1]), float(image.shape[0])]
+
+class Pair(Seen):
+    def update(self, image):
+        return image[0, 0].flat[0] > 9, self.box
+
+class Blind(Seen):
+    def update(self, image):
+        return None
+
+class Fails(Seen):
+    def update(self, image):
+        raise RuntimeError("no \\"more\\"\\nlines")
+
+class Wrong(Seen):
+    def update(self, image):
+        return 1, 2, 3
+
+def kcf():
+    return asterism.Tracker("kcf")
+
+def cv2():
+    return asterism.OpenCvTracker("kcf")
+
+number = 7
+"""
+
+
+def message(kind, *arguments):
+    return "@@TRAX:" + kind + "".join(f' "{each}"' for each in arguments) + "\n"
+
+
+def memory(image):
+    height, width = image.shape[:2]
+    if image.ndim == 3:
+        return f"image:{width};{height};rgb;" + base64.b64encode(np.ascontiguousarray(image[..., ::-1]).tobytes()).decode()
+    return f"image:{width};{height};{'gray16' if image.dtype == np.uint16 else 'gray8'};" + base64.b64encode(image.tobytes()).decode()
+
+
+class TraxTest(unittest.TestCase):
+    @classmethod
+    def setUpClass(cls):
+        scratch = tempfile.TemporaryDirectory()
+        cls.addClassCleanup(scratch.cleanup)
+        cls.folder = pathlib.Path(scratch.name)
+        (cls.folder / "mine.py").write_text(TRACKERS)
+
+    def run_on(self, spec, lines):
+        command = [sys.executable, "-m", "asterism.trax", spec]
+        return subprocess.run(command, input="".join(lines), cwd=self.folder, capture_output=True, text=True, timeout=60)
+
+    def session(self, spec, images, box="1.5,2,30,40", end=("quit",)):
+        lines = [message("initialize", memory(images[0]), box), *(message("frame", memory(each)) for each in images[1:])]
+        done = self.run_on(spec, [*lines, *map(message, end)])
+        return done, done.stdout.splitlines()
+
+    def test_what_a_tracker_gets_and_says(self):
+        image = np.zeros((5, 7, 3), np.uint8)
+        image[0, 0] = 10, 20, 30  # blue, green, red
+        for spec in ("mine:Seen", "mine.py:Seen"):
+            done, (hello, start, state) = self.session(spec, [image, image])
+            self.assertEqual(done.returncode, 0, done.stderr)
+            self.assertRegex(hello, '^@@TRAX:hello "trax.version=1" .*"trax.region=rectangle" "trax.image=memory"')
+            self.assertEqual(start, '@@TRAX:state "1.5,2.0,30.0,40.0"')
+            self.assertEqual(state, '@@TRAX:state "10.0,30.0,7.0,5.0"')
+            self.assertIn("a line that is no message", done.stderr)
+        gray = np.full((5, 7), 10, np.uint8)
+        self.assertEqual(self.session("mine:Seen", [gray, gray])[1][-1], '@@TRAX:state "10.0,10.0,7.0,5.0"')
+        self.assertEqual(self.session("mine:Seen", [gray, gray.astype(np.uint16) * 100])[1][-1], '@@TRAX:state "1000.0,1000.0,7.0,5.0"')
+        self.assertEqual(self.session("mine:Pair", [gray, gray, 0 * gray])[1][-2:], ['@@TRAX:state "1.5,2.0,30.0,40.0"', '@@TRAX:state "0"'])
+        self.assertEqual(self.session("mine:Blind", [gray, gray])[1][-1], '@@TRAX:state "0"')
+
+    def test_our_trackers(self):
+        frames = [draw_frame(i) for i in range(4)]
+        box = ",".join(map(str, BOX))
+        tracker = asterism.Tracker("kcf")
+        tracker.init(frames[0], BOX)
+        for state, frame in zip(self.session("mine:kcf", frames, box)[1][2:], frames[1:]):
+            result = tracker.update(frame)
+            region = ",".join(map(repr, result.box))
+            self.assertEqual(state, f'@@TRAX:state "{region}" "confidence={result.confidence}" "lost=0"')
+        last = self.session("mine:cv2", frames, box)[1][-1]
+        np.testing.assert_allclose([float(v) for v in last.split('"')[1].split(",")], true_box(3), atol=3)
+
+    def test_errors_are_told(self):
+        image = np.zeros((5, 7), np.uint8)
+        for spec, reason in {"mine:Fails": r"RuntimeError: no \"more\"\nlines", "mine:Wrong": "ValueError: update: expected a box (x, y, width, height), found (1, 2, 3)"}.items():
+            done, lines = self.session(spec, [image, image])
+            self.assertEqual((done.returncode, lines[-1]), (1, f'@@TRAX:quit "trax.reason={reason}"'))
+            self.assertIn("Traceback", done.stderr)
+        done, lines = self.session("mine:Seen", [image], end=())
+        self.assertEqual((done.returncode, "without a quit" in lines[-1]), (1, True))
+        for lines in ([message("frame", memory(image))], [message("initialize", "/a/file.png", "1,2,3,4")], [message("state", "1,2,3,4")]):
+            done = self.run_on("mine:Seen", lines)
+            self.assertEqual((done.returncode, done.stdout.splitlines()[-1][:25]), (1, '@@TRAX:quit "trax.reason='))
+        for spec, text in {
+            "mine": "expected MODULE:CLASS, found 'mine'", "nothing:T": "No module named 'nothing'", "mine:T": "mine has no class 'T'",
+            "mine:number": "mine has no class 'number'", "no.py:T": "no.py: no such file",
+        }.items():
+            done = self.run_on(spec, [])
+            self.assertEqual((done.returncode, done.stderr), (2, f"asterism.trax: {text}\n"))
+        self.assertEqual(subprocess.run([sys.executable, "-m", "asterism.trax"], capture_output=True).returncode, 2)
+
+    @unittest.skipUnless(EVAL, "asterism-eval was not built")
+    def test_scores_are_those_of_the_same_tracker(self):
+        sequence = self.folder / "data" / "square"
+        sequence.mkdir(parents=True)
+        for i in range(12):
+            write_png(sequence / f"{i + 1:08}.png", draw_frame(i))
+        (sequence / "groundtruth.txt").write_text("".join(",".join(map(str, true_box(i))) + "\n" for i in range(12)))
+        external = f"mine={sys.executable} -m asterism.trax mine:kcf"
+        command = [EVAL, "run", self.folder / "data", "--trackers", "kcf", "--external", external, "--out", "out", "--workers", "1"]
+        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=300)
+        self.assertEqual(done.returncode, 0, done.stderr)
+        for protocol in ("baseline", "unsupervised"):
+            ours, direct = (
+                [line.split(",") for line in (self.folder / f"out/results/{name}/{protocol}/square/square_001.txt").read_text().splitlines()]
+                for name in ("mine", "kcf")
+            )
+            self.assertEqual((len(ours), ours[0]), (12, direct[0]))
+            np.testing.assert_allclose(np.array(ours[1:], float), np.array(direct[1:], float), atol=1e-3)
+
+
+if __name__ == "__main__":
+    unittest.main()
