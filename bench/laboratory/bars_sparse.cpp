@@ -50,8 +50,8 @@ testing::RandomSystem<SpringSystem<double, 3>> cloth(std::uint64_t seed, int sid
   return {system, grid + testing::random_points<Space>(rng, side * side, -0.3, 0.3)};
 }
 
-// The longest CPU time that Newton of terms takes for a cloth, flat or crumpled, on weak or very weak anchors;
-// infinity if it does not reach the default tolerance for one.
+// The longest CPU time that Newton of terms takes for a cloth, flat or crumpled, on weak or very weak
+// anchors; infinity if it does not reach the default tolerance for one.
 double cloth_seconds() {
   double slowest = 0;
   for (std::uint64_t seed = 1; seed <= 3; ++seed) {
