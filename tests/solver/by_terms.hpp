@@ -11,6 +11,7 @@
 #ifdef ASTERISM_TEST_CHOLMOD
 #include <asterism/solver/linear/cholmod.hpp>
 #endif
+#include <initializer_list>
 #include <new>
 #include <string_view>
 #include <vector>
@@ -28,7 +29,7 @@ struct Staircase {
 
 /// A method with options of its own. To make the solver may lack memory, too.
 template <typename Springs>
-Summary solve_by_terms(std::string_view method, const std::vector<NamedOption>& own,
+Summary solve_by_terms(std::string_view method, std::initializer_list<NamedOption> own,
                        const AlignedOptions& options, const Springs& system, typename Springs::Points& x) {
   Summary summary;
   const auto work = [&] {

@@ -149,25 +149,24 @@ def layout(
 
     The result's `nodes` are the graph's in the order of x; its `pos` is the dict from node to place that networkx.draw takes.
     """
-    _check_options("layout()", layout, method or ("multi-start" if partners is None else "lbfgs-jacobi"), options)
     _check_dim(dim)
     nodes, edges, unit = _graph_of(graph, length)
     n = len(nodes)
+    if method is None:
+        method = "lbfgs-jacobi" if partners is not None else "sgd" if n > _MANY else "multi-start"
+    if method != "sgd":
+        _check_options("layout()", layout, method, options)
     given = None if start is None else inputs.array(start, "start", (n, dim))
     at, hold = _anchors_of(anchors, anchor_weights, n, dim)
     components = _components(edges)
-    if method is None and partners is None and n > _MANY:
-        method = "sgd"
     if method == "sgd":
         if partners is not None:
             raise ValueError("partners: the method 'sgd' draws the pairs itself; give one of the two")
         return _draw(nodes, edges, unit, components, at, hold, given, float(power), **options)
     if partners is None:
-        method = method or "multi-start"
         pairs, lengths = edges.pairs(sum(len(c) * (len(c) - 1) // 2 for c in components))
         weights = _path_weights(lengths, power)
     else:
-        method = method or "lbfgs-jacobi"
         options = {"tolerance": 1e-6, **options}  # below it only long paths change, and take five times as long
         pairs, lengths, shares = edges.partners(_count(partners, "partners"), 1)
         weights = shares * _path_weights(lengths, power)
@@ -538,10 +537,7 @@ def _draw(
         raise ValueError("there are no nodes")
     known = {"seed": (1, 0), "iterations": (0, 1), "threads": (0, 0)}  # by default and at least
     if unknown := [name for name in options if name not in known]:
-        raise TypeError(
-            f"method 'sgd' (the default over {_MANY} nodes) has no option '{unknown[0]}' (it has: {', '.join(known)}); "
-            "give the method that has it"
-        )
+        raise TypeError(names.no_option(f"method 'sgd' (the default over {_MANY} nodes)", unknown[0], list(known)))
     values = {name: _count(options[name], name, least) if name in options else default for name, (default, least) in known.items()}
     if given is not None and not np.isfinite(given).all():
         raise ValueError("start: expected finite numbers")
