@@ -213,7 +213,7 @@ def _path_weights(lengths: _Floats, power: float) -> _Floats:
 def _check_options(of: str, function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
     """TypeError for an option that neither the function nor the method has."""
     own = [name for name, p in inspect.signature(function).parameters.items() if p.kind != p.VAR_KEYWORD]
-    known = own + [name for name in _asterism.Solver(method).options if name != "ground_components"]
+    known = [*own, *(name for name in _asterism.Solver(method).options if name != "ground_components"), "on_iteration"]
     for name in options:
         if name not in known:
             raise TypeError(names.no_option(of, name, known))
