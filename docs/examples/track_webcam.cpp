@@ -10,7 +10,8 @@ int main() {
   if (!camera.read(image)) return 1;
   cv::Rect box = cv::selectROI("track", image);
   if (box.empty()) return 0;
-  cv::Ptr<cv::Tracker> tracker = asterism::OpenCvTracker::create("dpt_plus");  // was cv::TrackerCSRT::create()
+  // Was cv::TrackerCSRT::create().
+  cv::Ptr<cv::Tracker> tracker = asterism::OpenCvTracker::create("dpt_plus");
   tracker->init(image, box);
   while (camera.read(image)) {
     const bool found = tracker->update(image, box);
