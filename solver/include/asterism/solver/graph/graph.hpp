@@ -17,9 +17,10 @@ inline namespace ASTERISM_ABI {
 /// An undirected graph of nodes 0 .. nodes() - 1. The neighbours of each node follow each other in one array.
 class ASTERISM_API Graph {
  public:
+  /// Joins two nodes.
   struct Edge {
-    int from;
-    int to;
+    int from;       ///< a node
+    int to;         ///< another one
     double length;  ///< >= 0 and finite
   };
 
@@ -59,8 +60,10 @@ class ASTERISM_API Graph {
 /// outlive it.
 class ASTERISM_API ShortestPaths {
  public:
+  /// No limit for find.
   static constexpr std::size_t kAll = std::numeric_limits<std::size_t>::max();
 
+  /// For this graph, by reference.
   explicit ShortestPaths(const Graph& graph);
 
   /// Finds the `most` nodes of the component that are nearest to the source, itself included.

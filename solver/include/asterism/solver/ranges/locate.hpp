@@ -35,7 +35,7 @@ struct PositionMinimum {
 /// What locate() finds.
 template <int Dim>
 struct PositionFix {
-  static constexpr int kMost = 32;
+  static constexpr int kMost = 32;  ///< minima that can be listed
 
   Status status = Status::NotRun;  ///< Converged, or InvalidInput
   /// What is wrong, or what the geometry cannot tell, or why nothing is proven; may be empty.
@@ -62,7 +62,8 @@ ASTERISM_API PositionFix<Dim> locate(std::span<const double> beacons, std::span<
 
 /// Ranges of many tags.
 struct RangeBatch {
-  int tags = 0, beacons_per_tag = 0;
+  int tags = 0;                     ///< whose positions are asked for
+  int beacons_per_tag = 0;          ///< M
   std::span<const double> beacons;  ///< (M, Dim) of all tags, or (tags, M, Dim)
   std::span<const double> ranges;   ///< (tags, M)
   std::span<const double> sigma;    ///< (M) of all tags, or (tags, M)
