@@ -92,7 +92,7 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
   if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
   if (name.starts_with(kNanoTrack)) {
-#ifdef ASTERISM_EVALUATION_DNN
+#ifdef ASTERISM_EVALUATION_NANOTRACK
     return {name, nanotrack_peer(name.substr(kNanoTrack.size()))};
 #else
     throw std::invalid_argument(name + ": this build is without OpenCV's dnn module");
