@@ -37,6 +37,8 @@ bool is_image(const fs::path& path) {
 }
 
 bool is_webp(const fs::path& path) {
+  std::error_code error;
+  if (!fs::is_regular_file(path, error)) return false;  // what a pipe gives can be read only once
   std::array<char, 12> begin{};
   std::ifstream(path, std::ios::binary).read(begin.data(), begin.size());
   const std::string_view text(begin.data(), begin.size());
