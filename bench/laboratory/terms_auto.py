@@ -49,6 +49,22 @@ def cloth(n: int, dim: int, rng: np.random.Generator, hold: float = 0.1) -> tupl
     return with_links(rng, rest, grid_links(width, True), hold)
 
 
+def sheet(n: int, dim: int, rng: np.random.Generator, is_hung: bool) -> tuple[asterism.System, Matrix]:
+    """Squares without diagonals, which shear: held at the corners and crumpled, or hung from an edge."""
+    width = max(2, round(n**0.5))
+    rest = np.zeros((width * width, dim))
+    rest[:, :2] = np.stack(np.divmod(np.arange(width * width), width), axis=1)
+    system = asterism.System(*rest.shape)
+    held = np.arange(width) if is_hung else np.array([0, width - 1, width * (width - 1), width * width - 1])
+    stiffness = np.zeros(len(rest))
+    stiffness[held] = 1
+    system.add_anchors(rest, stiffness)
+    system.add_links(grid_links(width, False), 1.0, 1.0)
+    if is_hung:
+        system.add_loads(np.tile(1e-3 * np.eye(dim)[-1], (len(rest), 1)))
+    return system, rest + 0.3 * rng.uniform(-1, 1, size=rest.shape)
+
+
 def net(n: int, dim: int, rng: np.random.Generator) -> tuple[asterism.System, Matrix]:
     """Each node linked to its five nearest."""
     rest = n ** (1 / dim) * rng.uniform(size=(n, dim))
@@ -76,13 +92,16 @@ KINDS: dict[str, Callable] = {
     "all pairs": everyone,
     "cloth": cloth,
     "cloth on weak anchors": lambda n, dim, rng: cloth(n, dim, rng, 1e-4),
+    "sheet held at its corners": lambda n, dim, rng: sheet(n, dim, rng, False),
+    "sheet hung from an edge": lambda n, dim, rng: sheet(n, dim, rng, True),
     "net": net,
     "chain": chain,
     "smoothing": smoothing,
 }
 SIZES = (4, 10, 30, 100, 300, 1000, 3000)
 
-# By the number of unknowns and the kind: chains have a factor with few entries, smoothing a quadratic energy.
+# By the number of unknowns and the kind: chains have a factor with few entries, smoothing a quadratic energy, sheets
+# fewer links than coordinates and few anchors.
 RULES: dict[str, Callable[[int, str], bool]] = {  # whether to take Newton
     "newton-cg": lambda unknowns, kind: False,
     "newton up to 64 unknowns": lambda unknowns, kind: unknowns <= 64,
@@ -90,6 +109,7 @@ RULES: dict[str, Callable[[int, str], bool]] = {  # whether to take Newton
     "newton up to 64, and chains": lambda unknowns, kind: unknowns <= 64 or kind in ("chain", "smoothing"),
     "newton up to 512, and chains": lambda unknowns, kind: unknowns <= 512 or kind in ("chain", "smoothing"),
     "newton up to 64, and quadratic": lambda unknowns, kind: unknowns <= 64 or kind == "smoothing",
+    "the same, and sheets": lambda unknowns, kind: unknowns <= 64 or kind.startswith("s"),
 }
 
 
@@ -120,7 +140,7 @@ def main() -> None:
                     system, start = make(n, dim, np.random.default_rng([seed, n, dim]))
                     took.append([seconds(system, start, method) for method in ("newton", "newton-cg")])
                 newton, newton_cg = np.exp(np.mean(np.log(took), axis=0))
-                print(f"{kind:22} {n:5} nodes, {dim}-D: newton {newton * 1e3:8.3f} ms, newton-cg {newton_cg * 1e3:8.3f} ms")
+                print(f"{kind:26} {n:5} nodes, {dim}-D: newton {newton * 1e3:8.3f} ms, newton-cg {newton_cg * 1e3:8.3f} ms")
                 for rule, takes_newton in RULES.items():
                     chosen = newton if takes_newton(system.nodes * dim, kind) else newton_cg
                     ratios[rule].append(chosen / min(newton, newton_cg))

@@ -2,19 +2,14 @@
 
 // Methods of systems of terms as types of solvers of springs, with the options that tests set.
 
-#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>
-#include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #ifdef ASTERISM_TEST_CHOLMOD
 #include <asterism/solver/linear/cholmod.hpp>
 #endif
-#include <initializer_list>
-#include <new>
 #include <string_view>
-#include <vector>
 
 namespace asterism::testing {
 
@@ -27,24 +22,6 @@ struct Staircase {
   }
 };
 
-/// A method with options of its own. To make the solver may lack memory, too.
-template <typename Springs>
-Summary solve_by_terms(std::string_view method, std::initializer_list<NamedOption> own,
-                       const AlignedOptions& options, const Springs& system, typename Springs::Points& x) {
-  Summary summary;
-  const auto work = [&] {
-    AnySolver<Springs> solver = system_solver<Springs>(method, own);
-    static_cast<AlignedOptions&>(solver.options()) = options;
-    summary = solver.solve(system, x);
-  };
-  asterism::detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
-    summary.solver = method;
-    summary.status = Status::OutOfMemory;
-    summary.message = asterism::detail::memory_message(error);
-  });
-  return summary;
-}
-
 struct StartsOptions : AlignedOptions {
   int starts = 8;
 };
@@ -54,7 +31,7 @@ struct MultiStart {
   StartsOptions options;
   static constexpr std::string_view name() { return "multi-start"; }
   Summary solve(const Springs& system, typename Springs::Points& x) const {
-    return solve_by_terms(name(), {{"starts", options.starts}}, options, system, x);
+    return asterism::detail::solve_by_terms(name(), {{"starts", options.starts}}, options, system, x);
   }
 };
 
@@ -68,7 +45,7 @@ struct SparseNewton {
   SparseNewtonOptions options;
   static constexpr std::string_view name() { return "Newton, sparse LDL^T"; }
   Summary solve(const Springs& system, typename Springs::Points& x) const {
-    return solve_by_terms(
+    return asterism::detail::solve_by_terms(
         "newton", {{"escape_saddles", options.escape_saddles}, {"continuation", options.continuation}},
         options, system, x);
   }

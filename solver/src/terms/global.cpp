@@ -85,8 +85,6 @@ class Anchoring {
     others_ = (scales.stiffness - held_).mean();
   }
 
-  // Whether most nodes have an anchor.
-  bool is_of_most() const { return 2 * (held_.array() > 0).count() > held_.size(); }
   // Whether most nodes have less than this share of the stiffness that the other elements of a node have on
   // average.
   bool is_below(double share) const { return 2 * (held_.array() < share * others_).count() > held_.size(); }
@@ -105,15 +103,15 @@ Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   const bool is_dense = has_many_pairs(system);
   if (is_dense && missing_curvature(system, Curvature::Majorising).empty())
     return SystemLbfgs{options}.solve(system, x);
+  // Also what every method refuses.
+  if (is_dense || !validate(system, x, false).empty()) return SystemNewtonCg{options}.solve(system, x);
   constexpr int kFew = 1000, kMedium = 30000, kFactored = 300000;  // nodes
   constexpr double kWeak = 5e-5, kWeakForFloppy = 5e-3;
   const int n = system.nodes();
-  // Also what every method refuses.
-  if (n <= kFew || is_dense || !validate(system, x, false).empty())
-    return SystemNewtonCg{options}.solve(system, x);
   const Anchoring anchors(system, x);
-  if (n <= kMedium && is_floppy(system) && anchors.is_of_most() && anchors.is_below(kWeakForFloppy))
+  if (n <= kMedium && is_floppy(system) && anchors.is_below(kWeakForFloppy))
     return SystemNewton{options}.solve(system, x);
+  if (n <= kFew) return SystemNewtonCg{options}.solve(system, x);
   if (n > kFactored || !anchors.is_below(kWeak))
     return SystemSchwarz<SystemNewtonCg>{options}.solve(system, x);
   if (n > kMedium) return SystemSchwarz<SystemNewton>{options}.solve(system, x);

@@ -91,9 +91,9 @@ struct SystemIda {
 
 /// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
 /// energies, L-BFGS where a third of all pairs or more are linked and there is a majorising matrix to start
-/// from, and Newton-CG up to 1000 nodes (bench/laboratory/terms_auto.py). For more nodes with few elements
-/// each, as Auto for SpringSystem: "schwarz", but where anchors are weak, Newton-CG up to 30,000 nodes and
-/// "schwarz-direct" up to 300,000; Newton up to 30,000 nodes for a floppy system on weak anchors.
+/// from, Newton up to 30,000 nodes for a floppy system on weak anchors or few, and Newton-CG up to 1000 nodes
+/// (bench/laboratory/terms_auto.py). For more nodes with few elements each, as Auto for SpringSystem:
+/// "schwarz", but where anchors are weak, Newton-CG up to 30,000 nodes and "schwarz-direct" up to 300,000.
 struct SystemAuto {
   ThreadedOptions options;
   static constexpr std::string_view name() { return "auto"; }

@@ -2,7 +2,6 @@
 
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/method/newton_cg.hpp>
@@ -13,7 +12,6 @@
 #include <asterism/solver/terms/from_springs.hpp>
 #endif
 #include <cstdint>
-#include <new>
 #include <string_view>
 #include <type_traits>
 #include <vector>
@@ -33,8 +31,8 @@ inline namespace ASTERISM_ABI {
 ///
 /// Anchors are weak if most of them have less than 5e-5 of the stiffness that the links of a node have on
 /// average, so also where few nodes have an anchor, however stiff. A system with fewer links than
-/// coordinates, such as a cloth, is floppy: its links cannot hold its shape (Maxwell 1864). If anchors do,
-/// because most nodes have one, they are weak there below 5e-3.
+/// coordinates, such as a cloth, is floppy: its links cannot hold its shape (Maxwell 1864), and anchors are
+/// weak there below 5e-3.
 ///
 /// "schwarz", "schwarz-direct" and "newton-sparse" are there with asterism::solver_compiled, for systems in
 /// double whose model is made of terms, see to_system; elsewhere, NewtonCg takes their place.
@@ -97,10 +95,8 @@ class Auto {
   // The solve of a system with few links a node.
   Summary solve_sparse(const System& system, Points& x) requires(kHeap) {
     const int n = system.nodes();
-    const bool are_anchored = 2 * (system.anchor_stiffness.array() > 0).count() > n;
     const bool is_floppy = system.link_count() < std::int64_t{System::kDim} * n;
-    if (is_floppy && are_anchored && has_weak_anchors(system, kWeakForFloppy) && n >= kSmallFloppy &&
-        n <= kMediumSparse) {
+    if (is_floppy && has_weak_anchors(system, kWeakForFloppy) && n >= kSmallFloppy && n <= kMediumSparse) {
       return solve_by_terms("newton", system, x);
     } else if (n > kSmallSparse) {
       if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_by_terms("schwarz", system, x);
@@ -112,20 +108,9 @@ class Auto {
   Summary solve_by_terms([[maybe_unused]] std::string_view method, const System& system, Points& x) {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double> && detail::has_terms<System>()) {
-      Summary summary;
-      const auto work = [&] {
-        std::vector<NamedOption> threads;
-        if (method != "newton") threads.emplace_back("threads", options.threads);
-        AnySolver<System> solver = system_solver<System>(method, threads);
-        static_cast<AlignedOptions&>(solver.options()) = options;
-        summary = solver.solve(system, x);
-      };
-      detail::attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
-        summary.solver = method;
-        summary.status = Status::OutOfMemory;
-        summary.message = detail::memory_message(error);
-      });
-      return summary;
+      std::vector<NamedOption> threads;
+      if (method != "newton") threads.emplace_back("threads", options.threads);
+      return detail::solve_by_terms(method, threads, options, system, x);
     }
 #endif
     return solve_by(newton_cg_, system, x);

@@ -2,16 +2,21 @@
 
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/message.hpp>
+#include <asterism/solver/run/options.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solve.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <concepts>
 #include <cstddef>
+#include <new>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -197,6 +202,29 @@ template <HasTerms Springs>
 AnySolver<Springs> system_solver(std::string_view method, const std::vector<NamedOption>& options = {}) {
   return AnySolver<Springs>(system_solvers().make(method, options), detail::FromSprings<Springs>());
 }
+
+namespace detail {
+
+/// One solve by a method for a System, with the options that all methods have and some of its own. To make
+/// the solver may lack memory, too.
+template <HasTerms Springs>
+Summary solve_by_terms(std::string_view method, const std::vector<NamedOption>& own,
+                       const AlignedOptions& options, const Springs& springs, typename Springs::Points& x) {
+  Summary summary;
+  const auto work = [&] {
+    AnySolver<Springs> solver = system_solver<Springs>(method, own);
+    static_cast<AlignedOptions&>(solver.options()) = options;
+    summary = solver.solve(springs, x);
+  };
+  attempt<std::bad_alloc>(work, [&](const std::bad_alloc& error) {
+    summary.solver = method;
+    summary.status = Status::OutOfMemory;
+    summary.message = memory_message(error);
+  });
+  return summary;
+}
+
+}  // namespace detail
 
 /// Adds the methods for a System, see system_solvers, whose names `registry` does not have yet.
 template <HasTerms Springs>
