@@ -7,6 +7,8 @@
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/system.hpp>
 #include <asterism/testing/sparse_system.hpp>
+#include <cmath>
+#include <complex>
 #include <cstdint>
 #include <ostream>
 #include <string>
@@ -61,6 +63,57 @@ Problem held_at_corners(int side) {
   MatrixXd& stiffness = problem.system.term(0).values("stiffness");
   stiffness = MatrixXd::Zero(1, side * side);
   for (const int corner : {0, side - 1, side * (side - 1), side * side - 1}) stiffness(0, corner) = 10;
+  return problem;
+}
+
+// A path of steps of length 1 whose odometry drifts, with ranges to three fixed nodes, of which some are
+// wrong; the start is what the odometry says.
+Problem path_from_ranges(std::uint64_t seed, int steps) {
+  using Complex = std::complex<double>;
+  testing::Rng rng(seed);
+  std::vector<Complex> truth{0}, start{0}, turns;
+  Complex heading = 1, believed = 1;
+  for (int k = 1; k < steps; ++k) {
+    truth.push_back(truth.back() + heading);
+    start.push_back(start.back() + believed);
+    const double turn = 0.3 * rng.uniform(-1, 1) + 0.02;
+    turns.push_back(std::polar(1.0, turn + 0.01 * rng.uniform(-1, 1) + 0.004));
+    heading *= std::polar(1.0, turn);
+    believed *= turns.back();
+  }
+  const std::vector<Complex> beacons{{20, 0}, {-10, 30}, {5, -25}};
+  Problem problem{System(steps + 3, 2), MatrixXd(2, steps + 3)};
+  const auto place = [&](int node, Complex z) { problem.start.col(node) << z.real(), z.imag(); };
+  for (int k = 0; k < steps; ++k) place(k, start[static_cast<std::size_t>(k)]);
+  for (int b = 0; b < 3; ++b) {
+    place(steps + b, beacons[static_cast<std::size_t>(b)]);
+    problem.system.fix(steps + b);
+  }
+  // p_(k+2) - p_(k+1) = q (p_(k+1) - p_k), q the turn.
+  Eigen::Matrix3Xi triples(3, steps - 2);
+  MatrixXd a(4, steps - 2), b(4, steps - 2), c(4, steps - 2);
+  const auto matrix = [](Complex z) { return Eigen::Vector4d(z.real(), z.imag(), -z.imag(), z.real()); };
+  for (int k = 0; k < steps - 2; ++k) {
+    const Complex q = turns[static_cast<std::size_t>(k)];
+    triples.col(k) << k, k + 1, k + 2;
+    a.col(k) = matrix(q);
+    b.col(k) = matrix(-1.0 - q);
+    c.col(k) = matrix(1.0);
+  }
+  Term& differences = problem.system.add_differences(triples, System::all(1e4));
+  differences.values("a") = a;
+  differences.values("b") = b;
+  differences.values("c") = c;
+  Eigen::Matrix2Xi ranges(2, steps);
+  Eigen::VectorXd lengths(steps);
+  for (int k = 0; k < steps; ++k) {
+    const int beacon = k % 3;
+    const double wrong = k % 10 == 0 ? 5 * rng.uniform(0, 1) : 0.1 * rng.uniform(-1, 1);
+    ranges.col(k) << k, steps + beacon;
+    lengths[k] =
+        std::abs(truth[static_cast<std::size_t>(k)] - beacons[static_cast<std::size_t>(beacon)]) + wrong;
+  }
+  problem.system.add_links(ranges, lengths, System::all(100)).set_loss(Loss::GemanMcClure, 0.5);
   return problem;
 }
 
@@ -150,6 +203,18 @@ TEST(TermsNewton, LeavesSaddlesIfAsked) {
   }
 }
 
+// A factorisation is cheaper there than an evaluation or two, and turns of L-BFGS would take thousands of
+// them.
+TEST(TermsNewton, FactorsAPathRatherThanCreepsAlongIt) {
+  for (const std::uint64_t seed : {1, 2, 3}) {
+    const Problem problem = path_from_ranges(seed, 400);
+    MatrixXd x;
+    const Summary summary = solve_by("newton", problem, x);
+    expect_minimum(problem, x, summary, 1e-8);
+    EXPECT_LT(summary.gradient_evaluations, 500) << summary;
+  }
+}
+
 // Conjugate gradients take thousands of iterations for a sheet that is free to shear.
 TEST(TermsAuto, SolvesASheetThatIsHeldAtItsCorners) {
   constexpr double kTolerance = 1e-8;
@@ -176,6 +241,7 @@ TEST(TermsAuto, TakesTheMethodForTheSizeAndTheAnchors) {
   EXPECT_EQ(chosen(cloth(36, 1, 1)), name_of("schwarz"));
   EXPECT_EQ(chosen(held_at_corners(36)), name_of("newton"));
   EXPECT_EQ(chosen(held_at_corners(20)), name_of("newton"));
+  EXPECT_EQ(chosen(path_from_ranges(1, 400)), name_of("newton"));
   Problem dense = linked_to_nearest(1, 1100, 1);
   dense.system.add_links(all_pairs(1100), System::all(1), System::all(1e-9));
   EXPECT_EQ(chosen(dense), name_of("lbfgs"));

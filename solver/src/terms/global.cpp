@@ -76,6 +76,12 @@ bool is_floppy(const System& system) {
   return count < static_cast<double>(system.dim()) * system.nodes();
 }
 
+bool has_thin_factor(const System& system, const Eigen::MatrixXd& x) {
+  SystemMatrix matrix(SystemMatrix::Storage::Best);
+  matrix.assemble(system, x, Curvature::True);
+  return SystemFactor().is_thin(matrix);
+}
+
 // How strongly the nodes are held.
 class Anchoring {
  public:
@@ -109,7 +115,8 @@ Summary SystemAuto::solve(const System& system, Eigen::MatrixXd& x) const {
   constexpr double kWeak = 5e-5, kWeakForFloppy = 5e-3;
   const int n = system.nodes();
   const Anchoring anchors(system, x);
-  if (n <= kMedium && is_floppy(system) && anchors.is_below(kWeakForFloppy))
+  if (n <= kMedium && ((is_floppy(system) && anchors.is_below(kWeakForFloppy)) ||
+                       (anchors.is_below(kWeak) && has_thin_factor(system, x))))
     return SystemNewton{options}.solve(system, x);
   if (n <= kFew) return SystemNewtonCg{options}.solve(system, x);
   if (n > kFactored || !anchors.is_below(kWeak))

@@ -292,6 +292,13 @@ void SystemFactor::analyze(const SystemMatrix& matrix) {
   pattern_ = matrix.pattern();
 }
 
+bool SystemFactor::is_thin(const SystemMatrix& matrix) {
+  constexpr double kMost = 50;  // multiplications for each row; 10 for a chain, 150 for six neighbours
+  if (matrix.is_dense() || other_) return false;
+  analyze(matrix);
+  return cholesky_.multiplications() <= kMost * matrix.rows();
+}
+
 bool SystemFactor::factorize(const SystemMatrix& matrix) {
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
   const auto is_positive = [&matrix](double pivot, int row) {

@@ -112,6 +112,9 @@ class SystemFactor {
   /// negative pivot; a vector without entries where there is none.
   Eigen::VectorXd negative_direction(const SystemMatrix& matrix) const;
   double log_determinant() const;
+  /// Whether the factor of the matrix has so few entries that a factorisation costs about as much as some
+  /// evaluations: that of a chain.
+  bool is_thin(const SystemMatrix& matrix);
   /// Of a sparse matrix, without another package.
   const SparseFactor<double>& cholesky() const { return cholesky_; }
 

@@ -49,7 +49,8 @@ inline void visit_options(OptionVisitor& visit, SystemNewtonOptions& options) {
 /// valley of the other terms' energy, steps are short, and the minimum hardly moves once anchors are far
 /// weaker. The energy of the given system may rise on the way; if the way ends above the start's energy, the
 /// solve begins again there. And steps without a positive definite Hessian, and those that the line search
-/// shortens, alternate with turns of L-BFGS, whose steps cost and count as a hundredth.
+/// shortens, alternate with turns of L-BFGS, whose steps cost and count as a hundredth. A chain, whose factor
+/// is thin, takes no turns.
 struct SystemNewton {
   SystemNewtonOptions options;
   std::string_view its_name = "Newton, sparse LDL^T";
@@ -91,9 +92,10 @@ struct SystemIda {
 
 /// L-BFGS where a term has no second derivatives; else Newton for up to 64 unknowns and for quadratic
 /// energies, L-BFGS where a third of all pairs or more are linked and there is a majorising matrix to start
-/// from, Newton up to 30,000 nodes for a floppy system on weak anchors or few, and Newton-CG up to 1000 nodes
-/// (bench/laboratory/terms_auto.py). For more nodes with few elements each, as Auto for SpringSystem:
-/// "schwarz", but where anchors are weak, Newton-CG up to 30,000 nodes and "schwarz-direct" up to 300,000.
+/// from, Newton up to 30,000 nodes for a floppy system or a chain on weak anchors or few, and Newton-CG up to
+/// 1000 nodes (bench/laboratory/terms_auto.py). For more nodes with few elements each, as Auto for
+/// SpringSystem: "schwarz", but where anchors are weak, Newton-CG up to 30,000 nodes and "schwarz-direct" up
+/// to 300,000.
 struct SystemAuto {
   ThreadedOptions options;
   static constexpr std::string_view name() { return "auto"; }

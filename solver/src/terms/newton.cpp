@@ -141,9 +141,11 @@ class NewtonSolve {
           continue;
         }
         is_start = false;
-        take_turn(gain);
-        has_turned = true;
-        continue;
+        if (turns_pay()) {
+          take_turn(gain);
+          has_turned = true;
+          continue;
+        }
       }
       is_start = has_turned = false;
       const double before = run_.energy();
@@ -157,7 +159,8 @@ class NewtonSolve {
       if (taken == 0 && !repaired_step()) return Status::NoProgress;
       if (turns_easily()) run_.align(false);
       gain = before - run_.energy();
-      if (taken > 0 && taken < 1 && is_large_ && run_.summary().iterations < options_.max_iterations)
+      if (taken > 0 && taken < 1 && is_large_ && run_.summary().iterations < options_.max_iterations &&
+          turns_pay())
         take_turn(gain);
     }
   }
@@ -172,7 +175,7 @@ class NewtonSolve {
   // Repaired steps before a direction of negative curvature is taken: they creep towards saddles. Chosen from
   // 4, 8, 16, 32 and none on 1440 collinear starts; on 2880 others it takes .4 times the iterations of none.
   static constexpr int kPatience = 4;
-  static constexpr int kTurn = 100;  // iterations of a turn at least, about a factorisation's cost
+  static constexpr int kTurn = 100;  // iterations of a turn at least, about the cost of a factorisation
   static constexpr int kLongestTurn = 1 << 20;
 
   // Whether anchors hold on to the nodes by less than a tenth of what the other terms hold: they leave a
@@ -305,6 +308,12 @@ class NewtonSolve {
     return true;
   }
 
+  // Beside a thin factor, a turn of L-BFGS costs some twenty factorisations.
+  bool turns_pay() {
+    if (!turns_pay_) turns_pay_ = !factor_.is_thin(matrix_);
+    return *turns_pay_;
+  }
+
   // A turn of L-BFGS from the nodes' stiffness, each kTurn of whose iterations count as one, for
   // max_iterations to bound the work. The next one is longer if this one has lowered the energy by more than
   // the last step did.
@@ -388,7 +397,7 @@ class NewtonSolve {
   bool is_large_;
   SystemMatrix matrix_{SystemMatrix::Storage::Best}, clamped_{SystemMatrix::Storage::Best};
   SystemFactor factor_, clamped_factor_;
-  std::optional<bool> has_weak_anchors_;
+  std::optional<bool> has_weak_anchors_, turns_pay_;
   int repaired_ = 0;     // steps one after the other
   double share_ = 1e-3;  // of the nodes' stiffness, in repaired steps
   int turn_ = kTurn;
