@@ -30,25 +30,19 @@ struct TrackerRuns {
   Timing timing;
 };
 
-std::string quoted(const std::string& text) {
-  std::string result = "'";
-  for (const char c : text) result += c == '\'' ? std::string("'\\''") : std::string(1, c);
-  return result + "'";
-}
-
 /// The command that makes the missing runs of a tracker.
 std::string command_for(const Campaign& campaign, const std::string& tracker, Protocol protocol) {
   const ProtocolOptions& options = campaign.options;
   const ProtocolOptions usual;
   const std::string& known = campaign.trackers.at(tracker);
-  std::string command = "asterism-eval run " + quoted(campaign.dataset.string());
+  std::string command = "asterism-eval run " + shell_quoted(campaign.dataset.string());
   if (campaign.layout != Layout::Auto) command += " --layout " + std::string(to_string(campaign.layout));
   if (known.starts_with("trax:")) {
-    command += " --external " + quoted(tracker + "=" + known.substr(5));
+    command += " --external " + shell_quoted(tracker + "=" + known.substr(5));
   } else if (known == tracker) {
     command += " --trackers " + tracker;
   } else {
-    command += " --tracker " + quoted(tracker + "=" + known);
+    command += " --tracker " + shell_quoted(tracker + "=" + known);
   }
   command += " --protocol " + std::string(to_string(protocol));
   command += " --sequences ";
@@ -63,7 +57,7 @@ std::string command_for(const Campaign& campaign, const std::string& tracker, Pr
   if (options.overlap != usual.overlap) command += " --overlap " + std::string(to_string(options.overlap));
   if (options.bounded) command += " --bounded";
   if (options.boxes) command += " --boxes";
-  return command + " --out " + quoted(campaign.folder.string());
+  return command + " --out " + shell_quoted(campaign.folder.string());
 }
 
 /// The runs to read: for a tracker that this campaign did not run, as many as there are files.

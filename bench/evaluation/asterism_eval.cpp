@@ -39,7 +39,9 @@ class RunCommand {
             "--tracker", described_,
             "NAME=DESCRIPTION, one of our trackers with options, or nanotrack:FOLDER; may be repeated")
         ->allow_extra_args(false);
-    app_.add_option("--external", external_, "NAME=COMMAND, a tracker that speaks TraX; may be repeated")
+    app_.add_option("--external", external_,
+                    "NAME=COMMAND, a tracker that speaks TraX, or NAME=python:MODULE:CLASS, a class in "
+                    "Python; may be repeated")
         ->allow_extra_args(false);
     app_.add_option("--protocol", protocols_,
                     "vot (supervised), otb (one pass), tre, sre, multistart; several separated by commas")
@@ -99,7 +101,8 @@ class RunCommand {
       add_tracker(campaign, named.substr(0, equals), prefix + named.substr(equals + 1));
     };
     for (const std::string& named : described_) add_named(named, "", "--tracker takes NAME=DESCRIPTION");
-    for (const std::string& named : external_) add_named(named, "trax:", "--external takes NAME=COMMAND");
+    for (const std::string& named : external_)
+      add_named(named, "trax:", "--external takes NAME=COMMAND or NAME=python:MODULE:CLASS");
     std::vector<std::string> names;
     for (const auto& [name, tracker] : campaign.trackers) names.push_back(name);
     if (names.empty()) throw std::invalid_argument("no tracker: --trackers, --tracker or --external");

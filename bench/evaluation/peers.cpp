@@ -12,12 +12,14 @@
 #include <string_view>
 
 #include "peers_internal.hpp"
+#include "text.hpp"
 #include "trax_client.hpp"
 
 namespace asterism::bench {
 namespace {
 
 constexpr std::string_view kTrax = "trax:";
+constexpr std::string_view kPython = "python:";
 constexpr std::string_view kNanoTrack = "nanotrack:";
 
 Start our_tracker(const std::string& name) {
@@ -29,6 +31,17 @@ Start our_tracker(const std::string& name) {
       return Report{Region::rectangle(result.box), result.confidence};  // even if it is flagged as lost
     };
   };
+}
+
+/// The command of an external tracker: that of asterism.trax for python:MODULE:CLASS.
+std::string trax_command(const std::string& external) {
+  if (!external.starts_with(kPython)) return external;
+  const std::string of_class = external.substr(kPython.size());
+  const std::size_t colon = of_class.rfind(':');
+  if (colon == 0 || colon == std::string::npos || colon + 1 == of_class.size())
+    throw std::invalid_argument("expected python:MODULE:CLASS or python:FILE.py:CLASS, found \"" + external +
+                                '"');
+  return "exec python3 -m asterism.trax " + shell_quoted(of_class);
 }
 
 Start trax_tracker(const std::string& command, double timeout) {
@@ -90,7 +103,7 @@ bool has_confidence(const std::string& name) {
 
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   cv::setNumThreads(1);
-  if (is_external(name)) return {name, trax_tracker(name.substr(kTrax.size()), timeout)};
+  if (is_external(name)) return {name, trax_tracker(trax_command(name.substr(kTrax.size())), timeout)};
   if (name.starts_with(kNanoTrack)) {
 #ifdef ASTERISM_EVALUATION_NANOTRACK
     return {name, nanotrack_peer(name.substr(kNanoTrack.size()))};
@@ -117,7 +130,8 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   std::string list;
   for (const std::string& other : known) list += other + ", ";
   throw std::invalid_argument("unknown tracker \"" + name + "\", did you mean \"" + known.front() +
-                              "\"? (known: " + list + "dpt+MODEL, nanotrack:FOLDER, trax:COMMAND)");
+                              "\"? (known: " + list +
+                              "dpt+MODEL, nanotrack:FOLDER, trax:COMMAND, trax:python:MODULE:CLASS)");
 }
 
 }  // namespace asterism::bench

@@ -52,15 +52,16 @@ struct EvaluatedTracker {
 /// installed, OpenCV's opencv-csrt, -kcf and -mil, those of its neural ones (opencv-goturn, ...) whose files
 /// are found, those of its legacy module, opencv-mosse, -medianflow, -tld and -boosting, and dlib. Not in the
 /// list, as they are more than a name: trackers with options, as `make_tracker` describes them,
-/// nanotrack:FOLDER and trax:COMMAND.
+/// nanotrack:FOLDER, trax:COMMAND and trax:python:MODULE:CLASS.
 std::vector<std::string> evaluated_tracker_names();
 
 /// A tracker by its name, or one of ours by its description for `make_tracker`; nanotrack:FOLDER is NanoTrack
 /// with the networks backbone.onnx and head.onnx in that folder, if OpenCV's dnn module is installed;
-/// trax:COMMAND is a shell command that speaks TraX, run as a new process for every start. All that use
-/// OpenCV run on one thread: the number of OpenCV's threads is set to one here. OpenCV's random numbers are
-/// seeded alike at every start, but opencv-mil, -boosting and -tld have others of their own, so that no two
-/// of their runs are the same. `timeout`: for each answer of an external tracker [s]. Throws
+/// trax:COMMAND is a shell command that speaks TraX, run as a new process for every start;
+/// trax:python:MODULE:CLASS is a Python class, or one of a file FILE.py, run by `python3 -m asterism.trax`.
+/// All that use OpenCV run on one thread: the number of OpenCV's threads is set to one here. OpenCV's random
+/// numbers are seeded alike at every start, but opencv-mil, -boosting and -tld have others of their own, so
+/// that no two of their runs are the same. `timeout`: for each answer of an external tracker [s]. Throws
 /// std::invalid_argument, which lists the known names, the most similar first, for any other, and if
 /// NanoTrack's folder does not have its networks.
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout = 30);

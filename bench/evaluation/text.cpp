@@ -53,4 +53,10 @@ std::string printable(std::string_view text) {
   return result;
 }
 
+std::string shell_quoted(std::string_view text) {
+  std::string result = "'";
+  for (const char letter : text) result += letter == '\'' ? std::string("'\\''") : std::string(1, letter);
+  return result + "'";
+}
+
 }  // namespace asterism::bench

@@ -11,4 +11,7 @@ bool is_utf8(std::string_view text);
 /// The text with \\xHH for each byte that is not part of valid UTF-8: for messages.
 std::string printable(std::string_view text);
 
+/// The text as one word of a shell's command.
+std::string shell_quoted(std::string_view text);
+
 }  // namespace asterism::bench

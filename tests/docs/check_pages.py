@@ -9,6 +9,7 @@
 - A block that is a file has its name on the line before, <!-- file: docs/examples/NAME -->, and is the same, line by line. --update
   first copies the files into the pages. Every file of docs/examples is on a page, those of its folders by a link, and every C++ file
   is built.
+- Figures that a page takes from another one are those of that page (figures.py says how they are marked); --update copies them.
 - Every link to a file, and every anchor in a page of ours, is there; URLs of others are well formed.
 
 TOOL: the built programs, to be asked for their help; commands of others of ours are not read.
@@ -21,6 +22,8 @@ import shlex
 import subprocess
 import sys
 import urllib.parse
+
+import figures
 
 OURS = re.compile(r'asterism-[a-z-]+$')
 # Programs of others, whose options are not checked.
@@ -44,6 +47,7 @@ def problems_of(root, tools):
     help_of = Help({pathlib.Path(tool).name: tool for tool in tools})
     fragments = root / 'tests/docs/fragments_test.cpp'
     included = fragments.read_text() if fragments.exists() else ''
+    source = figures.Source(root, slug_of)
     for page in pages:
         name = page.relative_to(root).as_posix()
         text = page.read_text(encoding='utf-8')
@@ -51,6 +55,8 @@ def problems_of(root, tools):
         for line, problem in block_problems(root, name, lines, help_of, included):
             yield f'{name}:{line}: {problem}'
         for line, problem in shown_problems(root, name, lines):
+            yield f'{name}:{line}: {problem}'
+        for line, problem in figures.figure_problems(lines, source):
             yield f'{name}:{line}: {problem}'
         for line, problem in link_problems(root, page, lines):
             yield f'{name}:{line}: {problem}'
@@ -87,13 +93,15 @@ def shown_files(lines):
 
 
 def update(root):
-    """Copies the files that pages show into their blocks."""
+    """Copies into the pages the files that they show, and the figures that they take from other pages."""
+    source = figures.Source(root, slug_of)
     for page in pages_of(root):
         lines = page.read_text(encoding='utf-8').split('\n')
         before = list(lines)
         for _, file, begin, end in reversed(list(shown_files(lines))):
             if begin is not None and (root / file).is_file():
                 lines[begin + 1:end] = file_lines(root / file)
+        lines, _ = figures.corrected(lines, source)
         if lines != before:
             page.write_text('\n'.join(lines), encoding='utf-8')
 
@@ -314,14 +322,18 @@ def cmake_problems(root, words):
             yield f'no option {option[1]}'
 
 
+def slug_of(heading):
+    plain = re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', heading).lower()
+    return re.sub(r'[^\w\- ]', '', plain).strip().replace(' ', '-')
+
+
 def anchors_of(page):
     """Of the headings, as code hosts and the site make them."""
     found = set()
     for _, line in outside_of_blocks(page.read_text(encoding='utf-8').split('\n')):
         heading = re.match(r'#+ (.*)', line)
         if heading:
-            plain = re.sub(r'\[([^\]]*)\]\([^)]*\)', r'\1', heading[1]).lower()
-            slug = re.sub(r'[^\w\- ]', '', plain).strip().replace(' ', '-')
+            slug = slug_of(heading[1])
             number = 0
             while (slug if not number else f'{slug}-{number}') in found:
                 number += 1

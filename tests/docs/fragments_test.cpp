@@ -1,6 +1,7 @@
 // Includes each ```cpp fragment of the pages, unchanged, in the context that its page names.
 #include <gtest/gtest.h>
 
+#include <asterism/parts/concept/part_registry.hpp>
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/parts/features/dnn_channels.hpp>
 #include <asterism/parts/models/kcf.hpp>
@@ -221,6 +222,13 @@ TEST(OpenCv, FeaturesOfANetwork) {
 #include "docs_opencv_3.inc"
   tracker.init(draw(0), box);
   EXPECT_NEAR(tracker.update(draw(1)).box.x, 62, 1);
+}
+
+TEST(CheatSheet, Page) {
+  const cv::Mat image = draw(0);
+#include "docs_cheat-sheet_1.inc"
+  EXPECT_NEAR(found.position.x(), 160, 0.5);
+  EXPECT_NEAR(result.box.x, 140, 0.5);
 }
 
 TEST(OwnPart, Page) {

@@ -1,4 +1,4 @@
-"""The recipes for vcpkg and Conan, which are not at hand: read as far as Python and CMake can, they agree with the project. The
+"""The recipes for vcpkg, Conan and colcon, which are not at hand: read as far as Python and CMake can, they agree with the project. The
 source distribution for pip, which setuptools makes."""
 
 import importlib.util
@@ -13,6 +13,7 @@ import tarfile
 import tempfile
 import types
 import unittest
+import xml.etree.ElementTree
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 VCPKG = ROOT / ".packaging/vcpkg"
@@ -181,6 +182,36 @@ class Conan(unittest.TestCase):
             self.assertIn(f"{room}/*", patterns)
         for file in INCLUDED:
             self.assertIn(f"{pathlib.Path(file).parent}/*", patterns)
+
+
+class Colcon(unittest.TestCase):
+    # The packages of Debian 12 that rosdep installs for its names.
+    DEBIAN = {
+        "cmake": "cmake", "eigen": "libeigen3-dev", "libopencv-dev": "libopencv-dev", "suitesparse": "libsuitesparse-dev", "libceres-dev": "libceres-dev",
+        "nlohmann-json-dev": "nlohmann-json3-dev", "cli11": "libcli11-dev", "pybind11-dev": "pybind11-dev", "python3-dev": "python3-dev", "python3-numpy": "python3-numpy",
+    }
+
+    def test_names(self):
+        package = xml.etree.ElementTree.parse(ROOT / "package.xml").getroot()
+        self.assertEqual((package.tag, package.get("format")), ("package", "3"))
+        self.assertEqual([package.findtext(name) for name in ("name", "version", "description")], ["asterism", VERSION, DESCRIPTION])
+        self.assertTrue((ROOT / package.find("license").get("file")).is_file())
+        self.assertEqual(package.findtext("export/build_type"), "cmake")
+
+    def test_dependencies(self):
+        """They are the packages that our own script installs for a build, as far as rosdep has a name for them."""
+        package = xml.etree.ElementTree.parse(ROOT / "package.xml").getroot()
+        named = {self.DEBIAN[each.text] for each in package if each.tag.endswith("depend")}
+        script = (ROOT / ".ci/install-packages").read_text()
+        tool, build = (re.search(rf"^{name}=\(([^)]*)\)", script, re.MULTILINE)[1].split() for name in ("tool", "build"))
+        without_name = {"g++", "make", "ninja-build", "liblbfgs-dev"}
+        self.assertEqual(named, {*tool, *build} - without_name - {'"${tool[@]}"'})
+
+    @unittest.skipUnless(importlib.util.find_spec("catkin_pkg"), "catkin_pkg, with which colcon reads it, is not installed")
+    def test_colcon_reads_it(self):
+        from catkin_pkg.package import parse_package
+
+        self.assertEqual(parse_package(str(ROOT / "package.xml")).get_build_type(), "cmake")
 
 
 @unittest.skipUnless(importlib.util.find_spec("setuptools"), "setuptools is not installed")

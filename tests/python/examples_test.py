@@ -41,6 +41,11 @@ class ExamplesTest(unittest.TestCase):
     def test_locate(self):
         self.assertIn("proven; the beacons lie in one plane", self.run_example("locate.py"))
 
+    @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
+    def test_cheat_sheet(self):
+        page = (PROJECT / "docs/cheat-sheet.md").read_text()
+        self.assertIn(f"```text\n{self.run_example('cheat_sheet.py')}```", page)
+
     def test_solve_and_draw(self):
         self.assertIn("converged", self.run_example("solve_and_draw.py", "--rows", 2, "--out", self.figure))
         self.assert_drawn(300)

@@ -5,6 +5,7 @@ The client is written from the protocol's documentation. With asterism-eval, the
 """
 
 import base64
+import os
 import pathlib
 import subprocess
 import sys
@@ -138,17 +139,32 @@ class TraxTest(unittest.TestCase):
         for i in range(12):
             write_png(sequence / f"{i + 1:08}.png", draw_frame(i))
         (sequence / "groundtruth.txt").write_text("".join(",".join(map(str, true_box(i))) + "\n" for i in range(12)))
-        external = f"mine={sys.executable} -m asterism.trax mine:kcf"
-        command = [EVAL, "run", self.folder / "data", "--trackers", "kcf", "--external", external, "--out", "out", "--workers", "1"]
-        done = subprocess.run(command, cwd=self.folder, capture_output=True, text=True, timeout=300)
+        # A file of such a name shows that the shell gets it as one word.
+        (self.folder / "it's mine.py").write_text(TRACKERS)
+        externals = {"command": f"{sys.executable} -m asterism.trax mine:kcf", "module": "python:mine:kcf", "file": "python:it's mine.py:kcf"}
+        named = [argument for name, external in externals.items() for argument in ("--external", f"{name}={external}")]
+        done = self.evaluate("--trackers", "kcf", *named)
         self.assertEqual(done.returncode, 0, done.stderr)
         for protocol in ("baseline", "unsupervised"):
-            ours, direct = (
+            direct, *others = (
                 [line.split(",") for line in (self.folder / f"out/results/{name}/{protocol}/square/square_001.txt").read_text().splitlines()]
-                for name in ("mine", "kcf")
+                for name in ("kcf", *externals)
             )
-            self.assertEqual((len(ours), ours[0]), (12, direct[0]))
-            np.testing.assert_allclose(np.array(ours[1:], float), np.array(direct[1:], float), atol=1e-3)
+            for ours in others:
+                self.assertEqual((len(ours), ours[0]), (12, direct[0]))
+                np.testing.assert_allclose(np.array(ours[1:], float), np.array(direct[1:], float), atol=1e-3)
+        for external, text in {
+            "python:mine": 'expected python:MODULE:CLASS or python:FILE.py:CLASS, found "python:mine"',
+            "python::kcf": 'found "python::kcf"', "python:mine:": 'found "python:mine:"', "python:mine:T": "mine has no class 'T'",
+        }.items():
+            done = self.evaluate("--external", f"wrong={external}")
+            self.assertEqual(done.returncode, 1)
+            self.assertIn(text, done.stderr)
+
+    def evaluate(self, *trackers):
+        path = os.pathsep.join([os.path.dirname(sys.executable), os.environ["PATH"]])  # python3 is the one that runs this test
+        command = [EVAL, "run", self.folder / "data", *trackers, "--out", "out", "--workers", "1"]
+        return subprocess.run(command, cwd=self.folder, env=os.environ | {"PATH": path}, capture_output=True, text=True, timeout=300)
 
 
 if __name__ == "__main__":

@@ -6,12 +6,12 @@
 #include <algorithm>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/tracker/program.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
 #include <vector>
 
 #include "point_flow.hpp"
-#include "program.hpp"
 
 using namespace asterism;
 
@@ -87,4 +87,4 @@ class Flock : public TrackerBase<Flock> {
   ObjectPose pose_;
 };
 
-int main(int argc, char** argv) { return run_tracker(GatedTracker{Flock()}, argc, argv); }
+int main(int argc, char** argv) { return run_program(GatedTracker{Flock()}, argc, argv); }

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/tracker/program.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
 #include <cstdlib>
@@ -18,7 +19,6 @@
 #include <vector>
 
 #include "point_flow.hpp"
-#include "program.hpp"
 
 using namespace asterism;
 
@@ -236,5 +236,5 @@ class KeypointTracker : public TrackerBase<KeypointTracker> {
 
 int main(int argc, char** argv) {
   const int parts = argc > 3 ? std::atoi(argv[3]) : 100;
-  return run_tracker(GatedTracker{KeypointTracker(std::max(1, parts))}, argc, argv);
+  return run_program(GatedTracker{KeypointTracker(std::max(1, parts))}, argc, argv);
 }

@@ -10,12 +10,11 @@
 #include <asterism/parts/features/slic.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/constellation/elastic.hpp>
+#include <asterism/trackers/tracker/program.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
 #include <cmath>
 #include <opencv2/imgproc.hpp>
 #include <vector>
-
-#include "program.hpp"
 
 using namespace asterism;
 
@@ -251,4 +250,4 @@ class SuperpixelTracker : public TrackerBase<SuperpixelTracker> {
   bool color_ = false;                   // learned in color
 };
 
-int main(int argc, char** argv) { return run_tracker(GatedTracker{SuperpixelTracker()}, argc, argv); }
+int main(int argc, char** argv) { return run_program(GatedTracker{SuperpixelTracker()}, argc, argv); }

@@ -1,4 +1,4 @@
-"""A tracker of your own, in Python, in an evaluation: it speaks the TraX protocol with asterism-eval or the toolkit of VOT.
+"""Runs a tracker that you wrote in Python in an evaluation, through the TraX protocol: by asterism-eval or the toolkit of VOT.
 
     class Still:                          # in my_tracker.py
         def init(self, image, box):       # image (height, width, 3), uint8, in the order blue, green, red, or (height, width)
@@ -7,7 +7,9 @@
         def update(self, image):
             return self.box
 
-    asterism-eval run SEQUENCES --external still='python3 -m asterism.trax my_tracker:Still' --out results
+    asterism-eval run SEQUENCES --external still=python:my_tracker:Still --out results
+
+In the toolkit of VOT, the tracker's command is `python3 -m asterism.trax my_tracker:Still`.
 
 `update` returns the box (x, y, width, height); or None if it does not see the object; or, as OpenCV's trackers, (True or False, box);
 or an object with the attribute `box` and, if it has them, `confidence` and `lost`, such as an asterism.TrackResult. The object is
