@@ -483,3 +483,130 @@ def _limb_lengths(points: _Floats, covariance: _Floats, limbs: npt.NDArray[np.in
             variance = float(np.mean((kept * (found - mean)) ** 2 + kept * error))
         lengths[limb], deviations[limb] = mean, np.sqrt(variance)
     return lengths, deviations
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Detections:
+    """The key-points of one file."""
+
+    #: Of the joints.
+    joints: list[str]
+    #: (T, J, 2), or (T, J, 3) for points in space; NaN where a joint was not seen.
+    points: _Floats
+    #: (T, J), in [0, 1]; 1 where the file has none.
+    confidence: _Floats
+    #: What the first column says, one a frame.
+    frames: list[str]
+
+
+def read_cameras(path: str | os.PathLike[str]) -> list[Camera]:
+    """The cameras of aniposelib's TOML, in the order of the file. OSError if it cannot be read; ValueError that names the file and the camera."""
+    import tomllib
+
+    try:
+        tables = tomllib.loads(pathlib.Path(path).read_bytes().decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"{os.fspath(path)}: {error}") from None
+    cameras = []
+    for key, table in tables.items():
+        if not isinstance(table, dict) or key == "metadata":
+            continue
+        try:
+            if table.get("fisheye"):
+                raise ValueError("fisheye lenses are not supported")
+            missing = [field for field in ("matrix", "rotation", "translation") if field not in table]
+            if missing:
+                raise ValueError(f"no {missing[0]}")
+            cameras.append(
+                Camera(table["matrix"], table["rotation"], table["translation"], table.get("distortions", ()), table.get("size"), str(table.get("name", key)))
+            )
+        except (ValueError, TypeError) as error:
+            raise ValueError(f"{os.fspath(path)}: {key}: {error}") from None
+    if not cameras:
+        raise ValueError(f"{os.fspath(path)}: no cameras")
+    return cameras
+
+
+def read_detections(path: str | os.PathLike[str]) -> Detections:
+    """Key-points of one view: a table as DeepLabCut writes it (.csv, .h5), SLEAP's analysis file (.h5, .hdf5), or a plain table.
+
+    Two or three header lines of the first are scorer, bodyparts and coords; a plain table has one line, NAME_x, NAME_y and perhaps NAME_likelihood or
+    NAME_z. HDF5 needs h5py: ImportError without it. OSError if the file cannot be read, ValueError with file and line if it is no such table.
+    """
+    if pathlib.Path(path).suffix.lower() in (".h5", ".hdf5"):
+        return _read_hdf5(path)
+    name = os.fspath(path)
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        rows = [row for row in csv.reader(file) if row]
+    if not rows:
+        raise ValueError(f"{name}: empty")
+    head = {row[0].strip().lower(): row[1:] for row in rows[:3]}
+    if "coords" in head and "bodyparts" in head:
+        first = 1 + next(line for line, row in enumerate(rows) if row[0].strip().lower() == "coords")
+        columns = list(zip(head["bodyparts"], head["coords"]))
+    else:
+        first, columns = 1, [tuple(title.rsplit("_", 1)) if "_" in title else (title, "") for title in rows[0][1:]]
+    joints = list(dict.fromkeys(joint for joint, _ in columns))
+    place = {column: k for k, column in enumerate(columns)}
+    if len(place) < len(columns) or not columns:
+        raise ValueError(f"{name}: expected columns x, y and likelihood for each joint, once each")
+    axes = ["x", "y"] + (["z"] if any(kind == "z" for _, kind in columns) else [])
+    for joint in joints:
+        for axis in axes:
+            if (joint, axis) not in place:
+                raise ValueError(f"{name}: joint {joint} has no column {axis}")
+    values = np.full((len(rows) - first, len(columns)), np.nan)
+    for line, row in enumerate(rows[first:]):
+        if len(row) != len(columns) + 1:
+            raise ValueError(f"{name}:{first + line + 1}: expected {len(columns) + 1} cells, found {len(row)}")
+        for k, cell in enumerate(row[1:]):
+            try:
+                values[line, k] = float(cell) if cell.strip() else np.nan
+            except ValueError:
+                raise ValueError(f"{name}:{first + line + 1}: not a number: {cell!r}") from None
+    if not len(values):
+        raise ValueError(f"{name}: no frames")
+    points = np.stack([values[:, [place[joint, axis] for joint in joints]] for axis in axes], -1)
+    points[np.isnan(points).any(-1)] = np.nan
+    confidence = np.ones(points.shape[:2])
+    for j, joint in enumerate(joints):
+        if (joint, "likelihood") in place:
+            confidence[:, j] = values[:, place[joint, "likelihood"]]
+    return Detections(joints, points, np.where(np.isnan(confidence), 1.0, confidence), [row[0] for row in rows[first:]])
+
+
+def _read_hdf5(path: str | os.PathLike[str]) -> Detections:
+    try:
+        import h5py
+    except ImportError:
+        raise ImportError(f"{os.fspath(path)}: HDF5 needs the package h5py (Debian: python3-h5py)") from None
+    with h5py.File(path, "r") as file:
+        if "tracks" not in file or "node_names" not in file:
+            raise ValueError(f"{os.fspath(path)}: expected SLEAP's analysis file, with tracks and node_names; export DeepLabCut's tables as CSV")
+        tracks = np.array(file["tracks"], float)  # (tracks, 2, nodes, frames)
+        if tracks.ndim != 4 or len(tracks) != 1:
+            raise ValueError(f"{os.fspath(path)}: expected one animal, found tracks of shape {tracks.shape}")
+        joints = [n.decode() if isinstance(n, bytes) else str(n) for n in file["node_names"]]
+        points = tracks[0].transpose(2, 1, 0)
+        confidence = np.array(file["point_scores"], float)[0].T if "point_scores" in file else np.ones(points.shape[:2])
+    points[np.isnan(points).any(-1)] = np.nan
+    return Detections(joints, points, np.clip(np.where(np.isnan(confidence), 1.0, confidence), 0, 1), [str(t) for t in range(len(points))])
+
+
+def write_points(path: str | os.PathLike[str], points: npt.ArrayLike, joints: Sequence[str], frames: Sequence[str] | None = None) -> None:
+    """Points (T, J, 2) or (T, J, 3) as a table that read_detections reads, in DeepLabCut's form; NaN becomes an empty cell."""
+    values = inputs.numbers(points, "points", missing=np.nan)
+    if values.ndim != 3 or values.shape[2] not in (2, 3):
+        raise ValueError(f"points: expected shape (frames, joints, 2 or 3), found {values.shape}")
+    if len(joints) != values.shape[1] or len(set(joints)) != len(joints):
+        raise ValueError(f"joints: expected {values.shape[1]} different names")
+    titles = [str(t) for t in range(len(values))] if frames is None else list(frames)
+    if len(titles) != len(values):
+        raise ValueError(f"frames: expected {len(values)}, found {len(titles)}")
+    axes = "xyz"[: values.shape[2]]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        table = csv.writer(file, lineterminator="\n")
+        table.writerow(["bodyparts", *(joint for joint in joints for _ in axes)])
+        table.writerow(["coords", *(axis for _ in joints for axis in axes)])
+        for title, row in zip(titles, values.reshape(len(values), -1)):
+            table.writerow([title, *("" if np.isnan(value) else repr(float(value)) for value in row)])
