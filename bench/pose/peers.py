@@ -31,7 +31,7 @@ def reprojection_errors(points, detections, cameras):
 
 
 def ransac(detections, cameras, threshold=15.0):
-    """Anipose's triangulation: the pair of views with which most views agree to the threshold [px], then all that agree."""
+    """Anipose's triangulation: the pair of views with which most views agree to the threshold [px], then all that agree; and those detections."""
     best, most = None, None
     for pair in itertools.combinations(range(len(cameras)), 2):
         only = np.full_like(detections, np.nan)
@@ -45,7 +45,8 @@ def ransac(detections, cameras, threshold=15.0):
             best, most = is_near, score
         best = np.where(score > most, is_near, best)
         most = np.maximum(score, most)
-    return triangulated(np.where(best[..., None], detections, np.nan), cameras)
+    agreeing = np.where(best[..., None], detections, np.nan)
+    return triangulated(agreeing, cameras), agreeing
 
 
 def interpolated(path):
@@ -82,9 +83,12 @@ def one_euro(path, least_cutoff=0.1, slope=0.1, derivative_cutoff=1.0):
     return found
 
 
-def anipose(detections, cameras, skeleton=(), smooth=4.0, length=2.0, threshold=15.0, order=3, steps=20):
-    """Karashchuk et al. 2021: reprojection with a soft L1 loss, third differences, limb lengths; SciPy's trust region."""
-    start = median_filtered(ransac(detections, cameras, threshold))
+def anipose(detections, cameras, start, skeleton=(), smooth=4.0, length=2.0, threshold=15.0, order=3, steps=20):
+    """Karashchuk et al. 2021: reprojection with a soft L1 loss, third differences, limb lengths; SciPy's trust region.
+
+    detections: those on which RANSAC agrees, of which start is the triangulation.
+    """
+    start = median_filtered(start)
     frames, joints, _ = start.shape
     smooth = smooth / np.mean(np.abs(np.diff(start, axis=0)))
     limbs = np.array(list(skeleton), int).reshape(-1, 2)

@@ -233,6 +233,8 @@ def fuse(
 _WINDOW = 500
 _WINDOWS = 6
 _EM_STEPS = 30
+#: Degrees of freedom of the detections' distribution, Student's t in the plane.
+_DETECTION = 4.0
 
 
 def _checked(
@@ -359,11 +361,12 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
         # Expectation: which detections are no outliers.
         variance = np.maximum(scales.noise[:, None], width) ** 2
         prior = (1 - scales.outliers[:, None, None]) * recording.belief
-        likelihood = prior * np.exp(-square / (2 * variance)) / (2 * np.pi * variance)
+        likelihood = prior * (1 + square / (_DETECTION * variance)) ** (-_DETECTION / 2 - 1) / (2 * np.pi * variance)
         probability = recording.is_seen * likelihood / (likelihood + (1 - prior) / recording.area[:, None, None] + 1e-300)
+        trust = probability * (_DETECTION + 2) / (_DETECTION + square / variance)
         # Maximisation: the scales.
         if known is None and width < 4 * target:
-            total, count = (probability * square).sum(1), 2 * probability.sum(1)
+            total, count = (trust * square).sum(1), 2 * probability.sum(1)
             common = total.sum() / max(count.sum(), 1e-9)
             scales.noise = np.maximum(np.sqrt((total + _PRIOR_COUNT * common) / (count + _PRIOR_COUNT)), smallest)
             scales.outliers = 1 - (probability.sum((1, 2)) + 1) / (recording.is_seen.sum((1, 2)) + 2)
@@ -373,7 +376,7 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
             change = (recording.differences(points) ** 2).sum(-1) + spread
             scales.motion = np.maximum(change.mean(0) / recording.dim, (1e-7 * extent) ** 2)
         variance = np.maximum(scales.noise[:, None], width) ** 2
-        points, covariance, spread = posterior(points, probability / variance, width > 30 * target)
+        points, covariance, spread = posterior(points, trust / variance, width > 30 * target)
         width, remaining = width / 2, remaining - (not is_wide)
     return scales, points, covariance + _systematic(recording, points, scales.disagreement), probability
 
