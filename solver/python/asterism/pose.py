@@ -78,12 +78,14 @@ class Camera:
         goal = (np.asarray(pixels, float) - self.matrix[:2, 2]) @ np.linalg.inv(scale).T
         image = goal.copy()
         with np.errstate(all="ignore"):
+            found, slope = self._distorted(image)
             for _ in range(12):  # Newton's method
-                found, slope = self._distorted(image)
+                if not (np.abs(found - goal) > 1e-13).any():
+                    break
                 (a, b), (c, d) = np.moveaxis(slope, (-2, -1), (0, 1))
                 u, v = np.moveaxis(goal - found, -1, 0)
                 image = image + np.stack([d * u - b * v, a * v - c * u], -1) / (a * d - b * c)[..., None]
-            found, slope = self._distorted(image)
+                found, slope = self._distorted(image)
             is_bad = ~(np.abs(found - goal).max(-1) < 1e-9) | ~(np.linalg.det(slope) > 0)
         image[is_bad] = np.nan
         return image, scale @ slope
@@ -145,6 +147,7 @@ class _Scales:
     outliers: _Floats  # (V,): the share of outliers
     offset: _Floats  # (V, J, 2): what the views are off by in all frames
     disagreement: float
+    extent: float  # of the scene
 
 
 class _Recording:
@@ -335,9 +338,9 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
     """
     views, frames, joints = recording.is_seen.shape
     centre, magnification = recording.centre()
-    step, motion, extent = _first_guess(recording, magnification)
+    scales = known or _first_guess(recording, magnification)
+    extent = scales.extent
     weak = (100 * extent) ** -2  # the prior of a point, which holds where nothing else does
-    scales = known or _Scales(np.full((views, joints), step), motion, np.full(views, 0.1), np.zeros((views, joints, 2)), 0.0)
     smallest = 1e-5 * extent * float(np.median(magnification))
 
     def posterior(points: _Floats, weight: _Floats, along_ray: bool) -> tuple[_Floats, _Floats, _Floats]:
@@ -351,9 +354,9 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
     points = np.broadcast_to(centre, (frames, joints, recording.dim)).copy()
     width = np.sqrt(recording.area.max()) / 4
     probability = recording.is_seen.astype(float)
-    for _ in range(3):  # until the depth, which scales a ray's weight, is about right
+    for _ in range(3 if recording.dim == 3 else 1):  # until the depth, which scales a ray's weight, is about right
         points, covariance, spread = posterior(points, probability / width**2, True)
-    remaining = _EM_STEPS if known is None else 3
+    remaining = _EM_STEPS if known is None else 2
     target = float(np.median(scales.noise))
     while remaining:
         is_wide = width > target
@@ -361,9 +364,10 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
         # Expectation: which detections are no outliers.
         variance = np.maximum(scales.noise[:, None], width) ** 2
         prior = (1 - scales.outliers[:, None, None]) * recording.belief
-        likelihood = prior * (1 + square / (_DETECTION * variance)) ** (-_DETECTION / 2 - 1) / (2 * np.pi * variance)
+        base = 1 + square / (_DETECTION * variance)  # to the power of 1 + _DETECTION / 2
+        likelihood = prior / (2 * np.pi * variance * base * base * base)
         probability = recording.is_seen * likelihood / (likelihood + (1 - prior) / recording.area[:, None, None] + 1e-300)
-        trust = probability * (_DETECTION + 2) / (_DETECTION + square / variance)
+        trust = probability * ((1 + 2 / _DETECTION) / base)
         # Maximisation: the scales.
         if known is None and width < 4 * target:
             total, count = (trust * square).sum(1), 2 * probability.sum(1)
@@ -377,7 +381,7 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
             scales.motion = np.maximum(change.mean(0) / recording.dim, (1e-7 * extent) ** 2)
         variance = np.maximum(scales.noise[:, None], width) ** 2
         points, covariance, spread = posterior(points, trust / variance, width > 30 * target)
-        width, remaining = width / 2, remaining - (not is_wide)
+        width, remaining = width / (2 if known is None else 4), remaining - (not is_wide)
     return scales, points, covariance + _systematic(recording, points, scales.disagreement), probability
 
 
@@ -385,28 +389,36 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
 _PRIOR_COUNT = 10.0
 
 
-def _first_guess(recording: _Recording, magnification: _Floats) -> tuple[float, _Floats, float]:
-    """Noise of a detection [px], variance of the motion of each joint, and the size of the scene.
+def _first_guess(recording: _Recording, magnification: _Floats) -> _Scales:
+    """Noise of a detection, motion of each joint and the size of the scene.
 
     All are medians, which bear outliers; the noise counts as motion as well, from which the evidence separates it.
     """
     scale = np.sqrt(np.abs(np.linalg.det(recording.sights[..., 2:].reshape(*recording.is_seen.shape, 2, 2))))
     seen = np.where(recording.is_seen[..., None], recording.sights[..., :2] * scale[..., None], np.nan)
+    views, _, joints = recording.is_seen.shape
+
+    def guess(noise: float, motion: _Floats) -> _Scales:
+        return _Scales(np.full((views, joints), noise), motion, np.full(views, 0.1), np.zeros((views, joints, 2)), 0.0, extent)
+
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # joints that a view never sees
         spread = np.nanpercentile(seen, 90, axis=1) - np.nanpercentile(seen, 10, axis=1)
-        extent = float(np.nanmax(np.nanmedian(np.concatenate([spread, np.nanpercentile(np.nanmedian(seen, 1), 90, axis=1, keepdims=True) - np.nanpercentile(np.nanmedian(seen, 1), 10, axis=1, keepdims=True)], 1).max(-1) / magnification[:, None], 0)))
+        middle = np.nanmedian(seen, axis=1)
+        apart = np.nanpercentile(middle, 90, axis=1) - np.nanpercentile(middle, 10, axis=1)
+        size = np.concatenate([spread, apart[:, None]], axis=1).max(-1) / magnification[:, None]
+        extent = float(np.nanmax(np.nanmedian(size, axis=0)))
         extent = extent if extent > 0 else float(1 / np.median(magnification))
         smallest = 1e-4 * extent * float(np.median(magnification))
         if len(recording.times) < 3:
-            return max(1.0, smallest), np.full(seen.shape[2], extent**2), extent
+            return guess(max(1.0, smallest), np.full(joints, extent**2))
         second = np.abs(seen[:, 2:] - 2 * seen[:, 1:-1] + seen[:, :-2])
         noise = float(np.nanmean(np.nanmedian(second, (1, 3)))) / (0.6745 * np.sqrt(6))
         smooth = np.stack([_running_median(view) for view in seen])
         change = np.stack([recording.differences(view) for view in smooth]) / magnification[:, None, None, None]
         motion = np.nanmedian(np.nanmedian((change**2).sum(-1), 1), 0) / recording.dim
     floor = max(1e-3 * float(np.nanmedian(motion)) if np.isfinite(motion).any() else 0.0, (1e-6 * extent) ** 2)
-    return max(noise if np.isfinite(noise) else 0.0, smallest), np.maximum(np.nan_to_num(motion), floor), extent
+    return guess(max(noise if np.isfinite(noise) else 0.0, smallest), np.maximum(np.nan_to_num(motion), floor))
 
 
 def _running_median(path: _Floats, width: int = 7) -> _Floats:
@@ -446,7 +458,13 @@ def _systematic(recording: _Recording, points: _Floats, disagreement: float) -> 
     information, _ = _asterism._pose_evidence(
         points, recording.sights, recording.cameras, is_used, np.zeros((len(is_used), is_used.shape[2], 2)), False
     )
-    return disagreement**2 * np.linalg.pinv(_matrices(information), rcond=1e-9, hermitian=True)[..., row, column]
+    matrices = _matrices(information)
+    scale = np.trace(matrices, axis1=-2, axis2=-1) / recording.dim
+    is_flat = ~(np.linalg.det(matrices) > 1e-12 * scale**recording.dim)  # one view: what is across its ray
+    found = np.empty_like(matrices)
+    found[is_flat] = np.linalg.pinv(matrices[is_flat], rcond=1e-9, hermitian=True)
+    found[~is_flat] = np.linalg.inv(matrices[~is_flat])
+    return disagreement**2 * found[..., row, column]
 
 
 def _pooled(parts: list[_Scales]) -> _Scales:
@@ -458,6 +476,7 @@ def _pooled(parts: list[_Scales]) -> _Scales:
         np.mean([p.outliers for p in parts], 0),
         np.mean([p.offset for p in parts], 0),
         float(np.sqrt(np.mean([p.disagreement**2 for p in parts]))),
+        max(p.extent for p in parts),
     )
 
 
