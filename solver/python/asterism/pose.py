@@ -144,7 +144,6 @@ class _Scales:
 
     noise: _Floats  # (V, J)
     motion: _Floats  # (J,), a variance
-    outliers: _Floats  # (V,): the share of outliers
     offset: _Floats  # (V, J, 2): what the views are off by in all frames
     disagreement: float
     extent: float  # of the scene
@@ -208,8 +207,8 @@ def fuse(
     if left out.
 
     The points minimise a sum of squares, each in units of its variance: errors of the detections in the image, less what a view is off by in all
-    frames, and changes of velocity along the path of each joint. Outliers have no weight: detections are a mixture of a Gaussian and
-    of points anywhere in the image, met from a wide Gaussian to a narrow one (graduated non-convexity). The variances and the share of outliers maximise the evidence
+    frames, and changes of velocity along the path of each joint, both with Student's t distribution. Outliers have no weight: a detection may also
+    be a point anywhere in the image. The distribution is met from a wide one to a narrow one (graduated non-convexity). The variances maximise the evidence
     (expectation-maximisation with the exact covariances). A joint without detections in a frame is interpolated, and has the covariance of that.
 
     ValueError, which names the input, for other shapes, infinite numbers, a joint that is never seen, cameras of which two are the
@@ -236,8 +235,11 @@ def fuse(
 _WINDOW = 500
 _WINDOWS = 6
 _EM_STEPS = 30
-#: Degrees of freedom of the detections' distribution, Student's t in the plane.
+#: Degrees of freedom of Student's t distribution of detections in the plane, and of changes of velocity: animals rest, and start suddenly.
 _DETECTION = 4.0
+_MOTION = 1.0
+#: How probable an outlier is beforehand. An estimate instead takes sudden motions for outliers, and then finds many.
+_OUTLIERS = 0.01
 
 
 def _checked(
@@ -348,9 +350,9 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
         row, column = np.triu_indices(recording.dim)
         information[..., row == column] += weak
         right += weak * centre
-        stiffness = np.repeat(1 / scales.motion[None], max(frames - 2, 0), 0)
-        return _asterism._difference_chains(information, right, recording.difference, stiffness)[:3]
+        return _asterism._difference_chains(information, right, recording.difference, calm / scales.motion)[:3]
 
+    calm = np.ones((max(frames - 2, 0), joints))  # the weight of each change of velocity: small where the joint moves suddenly
     points = np.broadcast_to(centre, (frames, joints, recording.dim)).copy()
     width = np.sqrt(recording.area.max()) / 4
     probability = recording.is_seen.astype(float)
@@ -363,7 +365,7 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
         square = _asterism._pose_squares(points, covariance, recording.sights, recording.cameras, scales.offset)
         # Expectation: which detections are no outliers.
         variance = np.maximum(scales.noise[:, None], width) ** 2
-        prior = (1 - scales.outliers[:, None, None]) * recording.belief
+        prior = (1 - _OUTLIERS) * recording.belief
         base = 1 + square / (_DETECTION * variance)  # to the power of 1 + _DETECTION / 2
         likelihood = prior / (2 * np.pi * variance * base * base * base)
         probability = recording.is_seen * likelihood / (likelihood + (1 - prior) / recording.area[:, None, None] + 1e-300)
@@ -373,12 +375,13 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
             total, count = (trust * square).sum(1), 2 * probability.sum(1)
             common = total.sum() / max(count.sum(), 1e-9)
             scales.noise = np.maximum(np.sqrt((total + _PRIOR_COUNT * common) / (count + _PRIOR_COUNT)), smallest)
-            scales.outliers = 1 - (probability.sum((1, 2)) + 1) / (recording.is_seen.sum((1, 2)) + 2)
         if known is None and width < 30 * target:
             scales.offset, scales.disagreement = _disagreement(recording, points, probability)
-        if known is None and not is_wide and frames > 2:
+        if frames > 2:
             change = (recording.differences(points) ** 2).sum(-1) + spread
-            scales.motion = np.maximum(change.mean(0) / recording.dim, (1e-7 * extent) ** 2)
+            calm = (_MOTION + recording.dim) / (_MOTION + change / scales.motion)
+            if known is None and not is_wide:
+                scales.motion = np.maximum((calm * change).mean(0) / recording.dim, (1e-7 * extent) ** 2)
         variance = np.maximum(scales.noise[:, None], width) ** 2
         points, covariance, spread = posterior(points, trust / variance, width > 30 * target)
         width, remaining = width / (2 if known is None else 4), remaining - (not is_wide)
@@ -399,7 +402,7 @@ def _first_guess(recording: _Recording, magnification: _Floats) -> _Scales:
     views, _, joints = recording.is_seen.shape
 
     def guess(noise: float, motion: _Floats) -> _Scales:
-        return _Scales(np.full((views, joints), noise), motion, np.full(views, 0.1), np.zeros((views, joints, 2)), 0.0, extent)
+        return _Scales(np.full((views, joints), noise), motion, np.zeros((views, joints, 2)), 0.0, extent)
 
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # joints that a view never sees
@@ -473,7 +476,6 @@ def _pooled(parts: list[_Scales]) -> _Scales:
     return _Scales(
         np.exp(np.mean([np.log(p.noise) for p in parts], 0)),
         np.mean([p.motion for p in parts], 0),
-        np.mean([p.outliers for p in parts], 0),
         np.mean([p.offset for p in parts], 0),
         float(np.sqrt(np.mean([p.disagreement**2 for p in parts]))),
         max(p.extent for p in parts),
