@@ -11,7 +11,7 @@ from scipy import optimize, signal, sparse
 
 
 def triangulated(detections, cameras):
-    """The linear least squares of Hartley and Zisserman, of normalised coordinates; NaN where fewer than two views see the joint."""
+    """Least squares of the errors in pixels, from the linear solution; NaN where fewer than two views see the joint."""
     images = np.array([camera.undistort(view)[0] for camera, view in zip(cameras, detections)])
     seen = np.isfinite(images[..., 0])
     poses = np.array([np.column_stack([camera.rotation, camera.translation]) for camera in cameras])
@@ -21,6 +21,24 @@ def triangulated(detections, cameras):
     rows[..., 3] /= max(scale, 1e-300)
     found = np.linalg.svd(rows)[2][..., -1, :]
     points = found[..., :3] / (found[..., 3:] / scale)
+    points[seen.sum(0) < 2] = np.nan
+    best, step = None, 1e-5 * np.median([np.linalg.norm(camera.translation) for camera in cameras])
+    errors = lambda x: np.concatenate([np.nan_to_num(c.project(x) - view) for c, view in zip(cameras, detections)], -1)
+    with np.errstate(all="ignore"):
+        for _ in range(6):  # Gauss-Newton
+            error = errors(points)
+            square = (error**2).sum(-1)
+            if best is not None:
+                worse = ~(square <= least)
+                points[worse], error[worse], square[worse] = best[worse], 0, least[worse]
+            best, least = points.copy(), square
+            slope = np.stack([(errors(points + step * axis) - error) / step for axis in np.eye(3)], -1)
+            matrix = np.einsum("tjea,tjeb->tjab", slope, slope)
+            matrix[~np.isfinite(matrix).all((-2, -1)) | (seen.sum(0) < 2)] = np.eye(3)
+            change = np.einsum("tjea,tje->tja", slope, error)
+            points = points - (np.linalg.pinv(matrix) @ np.nan_to_num(change)[..., None])[..., 0]
+        square = (errors(points) ** 2).sum(-1)
+    points[~(square <= least)] = best[~(square <= least)]
     points[seen.sum(0) < 2] = np.nan
     return points
 
