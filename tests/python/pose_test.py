@@ -1,10 +1,12 @@
 #!/usr/bin/env python3
 """asterism.pose: the kernel against dense matrices, cameras against OpenCV's formulas, fuse against known paths, files, bad input.
 
-pose_test.py [FOLDER]: the folder with mouse, fly and paw, whose tests are skipped without it.
+pose_test.py PAGE FOLDER: the page whose code is run, and the folder with mouse, fly and paw, whose tests are skipped without it.
 """
 
+import os
 import pathlib
+import re
 import sys
 import tempfile
 import unittest
@@ -12,7 +14,8 @@ import unittest
 import numpy as np
 from asterism import _asterism, pose
 
-FOLDER = pathlib.Path(sys.argv.pop()) if len(sys.argv) > 1 and "/" in sys.argv[-1] else None
+FOLDER = pathlib.Path(sys.argv.pop())
+PAGE = pathlib.Path(sys.argv.pop()).resolve()
 
 
 def ring(views, size=(1280, 1024)):
@@ -258,9 +261,31 @@ class FilesTest(unittest.TestCase):
                 pose.read_detections(self.write("", "a.h5"))
 
 
+class PageTest(unittest.TestCase):
+    def test_the_code_of_the_page(self):
+        truth, seen, _, cameras = recording(12, frames=60)
+        names = ["hip", "knee", "ankle", "toe"]
+        with tempfile.TemporaryDirectory() as folder:
+            here = os.getcwd()
+            os.chdir(folder)
+            self.addCleanup(os.chdir, here)
+            with open("calibration.toml", "w") as file:
+                for view, camera in enumerate(cameras):
+                    fields = {field: getattr(camera, field).tolist() for field in ("matrix", "rotation", "translation", "distortions", "size")}
+                    file.write(f'[cam_{view}]\nname = "{camera.name}"\n' + "".join(f"{key} = {value}\n" for key, value in fields.items()))
+            for camera, view in zip(cameras, seen):
+                pose.write_points(f"{camera.name}.csv", view, names)
+            session = {}
+            (block,) = re.findall(r"^```python\n(.*?)^```\n", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+            exec(compile(block, str(PAGE), "exec"), session)
+            np.testing.assert_array_equal(pose.read_detections("points.csv").points, session["found"].points)
+            self.assertLess(np.median(np.linalg.norm(session["found"].points - truth, axis=-1)), 0.0125)
+            os.chdir(here)
+
+
 class RecordingsTest(unittest.TestCase):
     def setUp(self):
-        if FOLDER is None or not FOLDER.is_dir():
+        if not FOLDER.is_dir():
             self.skipTest("the folder with mouse, fly and paw is missing")
 
     def test_the_copy_of_a_calibration_is_found(self):
