@@ -238,6 +238,8 @@ _EM_STEPS = 30
 #: Degrees of freedom of Student's t distribution of detections in the plane, and of changes of velocity: animals rest, and start suddenly.
 _DETECTION = 4.0
 _MOTION = 1.0
+#: Sudden motions come in bursts: so many neighbouring changes of velocity, an odd number, share a variance.
+_BURST = 5
 #: How probable an outlier is beforehand. An estimate instead takes sudden motions for outliers, and then finds many.
 _OUTLIERS = 0.01
 
@@ -357,7 +359,8 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
     width = np.sqrt(recording.area.max()) / 4
     probability = recording.is_seen.astype(float)
     for _ in range(3 if recording.dim == 3 else 1):  # until the depth, which scales a ray's weight, is about right
-        points, covariance, spread = posterior(points, probability / width**2, True)
+        used = probability / width**2
+        points, covariance, spread = posterior(points, used, True)
     remaining = _EM_STEPS if known is None else 2
     target = float(np.median(scales.noise))
     while remaining:
@@ -367,7 +370,13 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
         variance = np.maximum(scales.noise[:, None], width) ** 2
         prior = (1 - _OUTLIERS) * recording.belief
         base = 1 + square / (_DETECTION * variance)  # to the power of 1 + _DETECTION / 2
-        likelihood = prior / (2 * np.pi * variance * base * base * base)
+        expected, surprise = variance, base
+        if recording.dim == 2:  # what the other detections predict, with the uncertainty that the motion leaves there
+            doubt = covariance[..., 0]  # in each coordinate
+            others = np.maximum(1 - used * doubt, 1e-3)
+            expected = variance + doubt / others
+            surprise = 1 + np.maximum(square - 2 * doubt, 0) / (others**2 * _DETECTION * expected)
+        likelihood = prior / (2 * np.pi * expected * surprise * surprise * surprise)
         probability = recording.is_seen * likelihood / (likelihood + (1 - prior) / recording.area[:, None, None] + 1e-300)
         trust = probability * ((1 + 2 / _DETECTION) / base)
         # Maximisation: the scales.
@@ -379,13 +388,26 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
             scales.offset, scales.disagreement = _disagreement(recording, points, probability)
         if frames > 2:
             change = (recording.differences(points) ** 2).sum(-1) + spread
-            calm = (_MOTION + recording.dim) / (_MOTION + change / scales.motion)
+            near, count = _sums_of_neighbours(change)
+            calm = (_MOTION + recording.dim * count) / (_MOTION + near / scales.motion)
             if known is None and not is_wide:
                 scales.motion = np.maximum((calm * change).mean(0) / recording.dim, (1e-7 * extent) ** 2)
         variance = np.maximum(scales.noise[:, None], width) ** 2
-        points, covariance, spread = posterior(points, trust / variance, width > 30 * target)
+        used = trust / variance
+        points, covariance, spread = posterior(points, used, width > 30 * target)
         width, remaining = width / (2 if known is None else 4), remaining - (not is_wide)
     return scales, points, covariance + _systematic(recording, points, scales.disagreement), probability
+
+
+def _sums_of_neighbours(change: _Floats) -> tuple[_Floats, _Floats]:
+    """Sums of _BURST neighbouring rows, fewer at the ends, and how many they are, as a column."""
+    half, count = min(_BURST // 2, len(change) - 1), np.ones((len(change), 1))
+    total, number = change.copy(), count.copy()
+    for k in range(1, half + 1):
+        for to, of in ((slice(k, None), slice(None, -k)), (slice(None, -k), slice(k, None))):
+            total[to] += change[of]
+            number[to] += count[of]
+    return total, number
 
 
 #: Of the noise that all views and joints have in common, in detections.
