@@ -84,25 +84,29 @@ py::tuple evidence(const Floats& points, const Floats& sights, const Floats& cam
   const auto frames = points.shape(0), joints = points.shape(1), views = sights.shape(0);
   constexpr int kEntries = DifferenceChains<Dim>::kEntries;
   Floats information({frames, joints, py::ssize_t{kEntries}}), right_side({frames, joints, py::ssize_t{Dim}});
-  const Views<Dim> of(sights, cameras);
-  typename Views<Dim>::Rows rows;
-  Eigen::Vector2d error;
-  for (py::ssize_t i = 0; i < frames * joints; ++i) {
-    const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
-    Eigen::Matrix<double, Dim, Dim> a = Eigen::Matrix<double, Dim, Dim>::Zero();
-    Eigen::Matrix<double, Dim, 1> b = Eigen::Matrix<double, Dim, 1>::Zero();
-    for (py::ssize_t v = 0; v < views; ++v) {
-      const double w = weight.data()[v * frames * joints + i];
-      if (w == 0) continue;
-      of.residual(v, i, x, along_ray, rows, error);
-      error += Eigen::Map<const Eigen::Vector2d>(offset.data() + (v * joints + i % joints) * 2);
-      a.noalias() += w * rows.transpose() * rows;
-      b.noalias() += w * rows.transpose() * (rows * x - error);
+  double *to_information = information.mutable_data(), *to_right_side = right_side.mutable_data();
+  {
+    const py::gil_scoped_release release;
+    const Views<Dim> of(sights, cameras);
+    typename Views<Dim>::Rows rows;
+    Eigen::Vector2d error;
+    for (py::ssize_t i = 0; i < frames * joints; ++i) {
+      const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
+      Eigen::Matrix<double, Dim, Dim> a = Eigen::Matrix<double, Dim, Dim>::Zero();
+      Eigen::Matrix<double, Dim, 1> b = Eigen::Matrix<double, Dim, 1>::Zero();
+      for (py::ssize_t v = 0; v < views; ++v) {
+        const double w = weight.data()[v * frames * joints + i];
+        if (w == 0) continue;
+        of.residual(v, i, x, along_ray, rows, error);
+        error += Eigen::Map<const Eigen::Vector2d>(offset.data() + (v * joints + i % joints) * 2);
+        a.noalias() += w * rows.transpose() * rows;
+        b.noalias() += w * rows.transpose() * (rows * x - error);
+      }
+      for (int r = 0, k = 0; r < Dim; ++r) {
+        for (int c = r; c < Dim; ++c, ++k) to_information[i * kEntries + k] = a(r, c);
+      }
+      Eigen::Map<Eigen::Matrix<double, Dim, 1>>(to_right_side + i * Dim) = b;
     }
-    for (int r = 0, k = 0; r < Dim; ++r) {
-      for (int c = r; c < Dim; ++c, ++k) information.mutable_data()[i * kEntries + k] = a(r, c);
-    }
-    Eigen::Map<Eigen::Matrix<double, Dim, 1>>(right_side.mutable_data() + i * Dim) = b;
   }
   return py::make_tuple(information, right_side);
 }
@@ -113,20 +117,23 @@ Floats squares(const Floats& points, const Floats& covariance, const Floats& sig
   const auto frames = points.shape(0), joints = points.shape(1), views = sights.shape(0);
   constexpr int kEntries = DifferenceChains<Dim>::kEntries;
   Floats expected({views, frames, joints});
-  const Views<Dim> of(sights, cameras);
-  typename Views<Dim>::Rows rows;
-  Eigen::Vector2d error;
-  for (py::ssize_t i = 0; i < frames * joints; ++i) {
-    const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
-    Eigen::Matrix<double, Dim, Dim> s;
-    for (int r = 0, k = 0; r < Dim; ++r) {
-      for (int c = r; c < Dim; ++c, ++k) s(r, c) = s(c, r) = covariance.data()[i * kEntries + k];
-    }
-    for (py::ssize_t v = 0; v < views; ++v) {
-      of.residual(v, i, x, false, rows, error);
-      error += Eigen::Map<const Eigen::Vector2d>(offset.data() + (v * joints + i % joints) * 2);
-      expected.mutable_data()[v * frames * joints + i] =
-          error.squaredNorm() + (rows * s * rows.transpose()).trace();
+  double* to = expected.mutable_data();
+  {
+    const py::gil_scoped_release release;
+    const Views<Dim> of(sights, cameras);
+    typename Views<Dim>::Rows rows;
+    Eigen::Vector2d error;
+    for (py::ssize_t i = 0; i < frames * joints; ++i) {
+      const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
+      Eigen::Matrix<double, Dim, Dim> s;
+      for (int r = 0, k = 0; r < Dim; ++r) {
+        for (int c = r; c < Dim; ++c, ++k) s(r, c) = s(c, r) = covariance.data()[i * kEntries + k];
+      }
+      for (py::ssize_t v = 0; v < views; ++v) {
+        of.residual(v, i, x, false, rows, error);
+        error += Eigen::Map<const Eigen::Vector2d>(offset.data() + (v * joints + i % joints) * 2);
+        to[v * frames * joints + i] = error.squaredNorm() + (rows * s * rows.transpose()).trace();
+      }
     }
   }
   return expected;
@@ -137,15 +144,20 @@ py::tuple residuals(const Floats& points, const Floats& sights, const Floats& ca
   const auto frames = points.shape(0), joints = points.shape(1), views = sights.shape(0);
   Floats all({views, frames, joints, py::ssize_t{2}, py::ssize_t{Dim}}),
       errors({views, frames, joints, py::ssize_t{2}});
-  const Views<Dim> of(sights, cameras);
-  typename Views<Dim>::Rows rows;
-  Eigen::Vector2d error;
-  for (py::ssize_t k = 0; k < views * frames * joints; ++k) {
-    const auto i = k % (frames * joints);
-    of.residual(k / (frames * joints), i,
-                Eigen::Map<const Eigen::Matrix<double, Dim, 1>>(points.data() + i * Dim), false, rows, error);
-    Eigen::Map<Eigen::Matrix<double, 2, Dim, Eigen::RowMajor>>(all.mutable_data() + k * 2 * Dim) = rows;
-    Eigen::Map<Eigen::Vector2d>(errors.mutable_data() + k * 2) = error;
+  double *to_rows = all.mutable_data(), *to_errors = errors.mutable_data();
+  {
+    const py::gil_scoped_release release;
+    const Views<Dim> of(sights, cameras);
+    typename Views<Dim>::Rows rows;
+    Eigen::Vector2d error;
+    for (py::ssize_t k = 0; k < views * frames * joints; ++k) {
+      const auto i = k % (frames * joints);
+      of.residual(k / (frames * joints), i,
+                  Eigen::Map<const Eigen::Matrix<double, Dim, 1>>(points.data() + i * Dim), false, rows,
+                  error);
+      Eigen::Map<Eigen::Matrix<double, 2, Dim, Eigen::RowMajor>>(to_rows + k * 2 * Dim) = rows;
+      Eigen::Map<Eigen::Vector2d>(to_errors + k * 2) = error;
+    }
   }
   return py::make_tuple(all, errors);
 }

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import csv
 import dataclasses
 import os
@@ -166,6 +167,11 @@ class _Recording:
             np.ascontiguousarray(self.sights[:, frames]), self.is_seen[:, frames], self.belief[:, frames], self.times[frames], self.cameras, self.area,
         )
 
+    def of_joints(self, which: npt.NDArray[np.bool_]) -> _Recording:
+        return _Recording(
+            np.ascontiguousarray(self.sights[:, :, which]), self.is_seen[..., which], self.belief[..., which], self.times, self.cameras, self.area
+        )
+
     def differences(self, points: _Floats) -> _Floats:
         a, b, c = self.difference.T[..., None, None]
         return a * points[:-2] + b * points[1:-1] + c * points[2:]
@@ -216,24 +222,22 @@ def fuse(
     """
     cameras = None if cameras is None else list(cameras)
     recording, limbs, pixels = _checked(detections, confidence, cameras, skeleton, times)
-    frames = len(recording.times)
-    if frames <= 2 * _WINDOW:
-        scales, points, covariance, weight = _estimate(recording)
-    else:  # the scales are those of parts of the recording
-        starts = np.linspace(0, frames - _WINDOW, _WINDOWS).astype(int)
-        scales = _pooled([_estimate(part)[0] for part in (recording.part(slice(s, s + _WINDOW)) for s in starts) if _is_useful(part)])
-        _, points, covariance, weight = _estimate(recording, scales)
+    with warnings.catch_warnings():  # which threads share
+        warnings.simplefilter("ignore", RuntimeWarning)  # medians over joints that a view never sees
+        found = _estimate(recording) if len(recording.times) <= 2 * _PART else _estimate_by_parts(recording)
+    scales, points = found.scales, found.points
+    covariance = found.covariance + _systematic(recording, points, scales.disagreement)
     image = np.array([camera.project(points) for camera in cameras]) if recording.dim == 3 else np.array([points] * len(recording.sights))
     lengths, deviations = _limb_lengths(points, covariance, limbs)
     return FusedPose(
-        points, _matrices(covariance), ~np.isnan(pixels[..., 0]) & (weight < 0.5), lengths, deviations, image,
+        points, _matrices(covariance), ~np.isnan(pixels[..., 0]) & (found.probability < 0.5), lengths, deviations, image,
         scales.noise, np.sqrt(scales.motion), scales.disagreement,
     )
 
 
-#: A longer recording's scales are those of some parts of it, of this number of frames.
-_WINDOW = 500
-_WINDOWS = 6
+#: The frames of a part of a long recording, and how many its neighbours share with it on each side.
+_PART = 500
+_OVERLAP = 100
 _EM_STEPS = 30
 #: Degrees of freedom of Student's t distribution of detections in the plane, and of changes of velocity: animals rest, and start suddenly.
 _DETECTION = 4.0
@@ -331,37 +335,85 @@ def _calibration(cameras: list[Camera], pixels: _Floats) -> tuple[_Floats, _Floa
     return poses, area
 
 
-def _is_useful(part: _Recording) -> bool:
-    return bool(part.is_seen.any((0, 1)).all())
+@dataclasses.dataclass
+class _Estimate:
+    """What explains a recording best."""
+
+    scales: _Scales
+    points: _Floats  # (T, J, D)
+    covariance: _Floats  # (T, J, entries)
+    probability: _Floats  # (V, T, J): that a detection is no outlier
+    weight: _Floats  # (V, T, J): of each detection
+    stiffness: _Floats  # (T - 2, J): the weight of each change of velocity
 
 
-def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Scales, _Floats, _Floats, _Floats]:
-    """Scales, points (T, J, D), their covariance (T, J, entries) and the probability of each detection to be no outlier (V, T, J).
+def _posterior(
+    recording: _Recording, points: _Floats, weight: _Floats, stiffness: _Floats, scales: _Scales, centre: _Floats, along_ray: bool = False
+) -> tuple[_Floats, _Floats, _Floats]:
+    """Points and their covariance, given the weights, and the covariance's share in the square of each change of velocity."""
+    weak = (100 * scales.extent) ** -2  # the prior of a point, which holds where nothing else does
+    information, right = _asterism._pose_evidence(points, recording.sights, recording.cameras, weight, scales.offset, along_ray)
+    row, column = np.triu_indices(recording.dim)
+    information[..., row == column] += weak
+    right += weak * centre
+    return _asterism._difference_chains(information, right, recording.difference, stiffness)[:3]
 
-    With known scales, only the points are estimated.
-    """
+
+def _estimate_by_parts(recording: _Recording) -> _Estimate:
+    """Of a long recording: parts that overlap give the weights and the scales, in several threads; the path is that of all frames at once."""
+    views, frames, joints = recording.is_seen.shape
+    starts = range(0, frames - _PART // 2, _PART)
+
+    def estimate(start: int) -> tuple[npt.NDArray[np.bool_], _Estimate] | None:
+        part = recording.part(slice(max(start - _OVERLAP, 0), end(start) + _OVERLAP))
+        is_seen = part.is_seen.any((0, 1))
+        return (is_seen, _estimate(part.of_joints(is_seen))) if is_seen.any() else None
+
+    def end(start: int) -> int:
+        return frames if start == starts[-1] else start + _PART
+
+    with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
+        parts = list(pool.map(estimate, starts))
+    # A joint that a part does not see has the scales that it has in the others.
+    scales = _pooled([part for part in parts if part is not None], views, joints)
+    centre, _ = recording.centre()
+    points = np.broadcast_to(centre, (frames, joints, recording.dim)).copy()
+    probability, weight = np.zeros((2, views, frames, joints))
+    stiffness = np.broadcast_to(1 / scales.motion, (frames - 2, joints)).copy()
+    for start, found in zip(starts, parts):
+        if found is None:
+            continue
+        is_seen, part = found
+        to, of = slice(start, end(start)), slice(start - max(start - _OVERLAP, 0), None)
+        size = end(start) - start
+        points[to, is_seen] = part.points[of][:size]
+        for whole, piece in ((probability, part.probability), (weight, part.weight)):
+            whole[:, to, is_seen] = piece[:, of][:, :size]
+        changes = stiffness[to]  # those that begin in the part
+        changes[:, is_seen] = part.stiffness[of][: len(changes)]
+    points, covariance, _ = _posterior(recording, points, weight, stiffness, scales, centre)
+    return _Estimate(scales, points, covariance, probability, weight, stiffness)
+
+
+def _threads() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _estimate(recording: _Recording) -> _Estimate:
+    """By expectation-maximisation."""
     views, frames, joints = recording.is_seen.shape
     centre, magnification = recording.centre()
-    scales = known or _first_guess(recording, magnification)
+    scales = _first_guess(recording, magnification)
     extent = scales.extent
-    weak = (100 * extent) ** -2  # the prior of a point, which holds where nothing else does
     smallest = 1e-5 * extent * float(np.median(magnification))
-
-    def posterior(points: _Floats, weight: _Floats, along_ray: bool) -> tuple[_Floats, _Floats, _Floats]:
-        information, right = _asterism._pose_evidence(points, recording.sights, recording.cameras, weight, scales.offset, along_ray)
-        row, column = np.triu_indices(recording.dim)
-        information[..., row == column] += weak
-        right += weak * centre
-        return _asterism._difference_chains(information, right, recording.difference, calm / scales.motion)[:3]
-
     calm = np.ones((max(frames - 2, 0), joints))  # the weight of each change of velocity: small where the joint moves suddenly
     points = np.broadcast_to(centre, (frames, joints, recording.dim)).copy()
     width = np.sqrt(recording.area.max()) / 4
     probability = recording.is_seen.astype(float)
     for _ in range(3 if recording.dim == 3 else 1):  # until the depth, which scales a ray's weight, is about right
         used = probability / width**2
-        points, covariance, spread = posterior(points, used, True)
-    remaining = _EM_STEPS if known is None else 2
+        points, covariance, spread = _posterior(recording, points, used, calm / scales.motion, scales, centre, True)
+    remaining = _EM_STEPS
     target = float(np.median(scales.noise))
     while remaining:
         is_wide = width > target
@@ -380,23 +432,23 @@ def _estimate(recording: _Recording, known: _Scales | None = None) -> tuple[_Sca
         probability = recording.is_seen * likelihood / (likelihood + (1 - prior) / recording.area[:, None, None] + 1e-300)
         trust = probability * ((1 + 2 / _DETECTION) / base)
         # Maximisation: the scales.
-        if known is None and width < 4 * target:
+        if width < 4 * target:
             total, count = (trust * square).sum(1), 2 * probability.sum(1)
             common = total.sum() / max(count.sum(), 1e-9)
             scales.noise = np.maximum(np.sqrt((total + _PRIOR_COUNT * common) / (count + _PRIOR_COUNT)), smallest)
-        if known is None and width < 30 * target:
+        if width < 30 * target:
             scales.offset, scales.disagreement = _disagreement(recording, points, probability)
         if frames > 2:
             change = (recording.differences(points) ** 2).sum(-1) + spread
             near, count = _sums_of_neighbours(change)
             calm = (_MOTION + recording.dim * count) / (_MOTION + near / scales.motion)
-            if known is None and not is_wide:
+            if not is_wide:
                 scales.motion = np.maximum((calm * change).mean(0) / recording.dim, (1e-7 * extent) ** 2)
         variance = np.maximum(scales.noise[:, None], width) ** 2
         used = trust / variance
-        points, covariance, spread = posterior(points, used, width > 30 * target)
-        width, remaining = width / (2 if known is None else 4), remaining - (not is_wide)
-    return scales, points, covariance + _systematic(recording, points, scales.disagreement), probability
+        points, covariance, spread = _posterior(recording, points, used, calm / scales.motion, scales, centre, width > 30 * target)
+        width, remaining = width / 2, remaining - (not is_wide)
+    return _Estimate(scales, points, covariance, probability, used, calm / scales.motion)
 
 
 def _sums_of_neighbours(change: _Floats) -> tuple[_Floats, _Floats]:
@@ -426,22 +478,20 @@ def _first_guess(recording: _Recording, magnification: _Floats) -> _Scales:
     def guess(noise: float, motion: _Floats) -> _Scales:
         return _Scales(np.full((views, joints), noise), motion, np.zeros((views, joints, 2)), 0.0, extent)
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # joints that a view never sees
-        spread = np.nanpercentile(seen, 90, axis=1) - np.nanpercentile(seen, 10, axis=1)
-        middle = np.nanmedian(seen, axis=1)
-        apart = np.nanpercentile(middle, 90, axis=1) - np.nanpercentile(middle, 10, axis=1)
-        size = np.concatenate([spread, apart[:, None]], axis=1).max(-1) / magnification[:, None]
-        extent = float(np.nanmax(np.nanmedian(size, axis=0)))
-        extent = extent if extent > 0 else float(1 / np.median(magnification))
-        smallest = 1e-4 * extent * float(np.median(magnification))
-        if len(recording.times) < 3:
-            return guess(max(1.0, smallest), np.full(joints, extent**2))
-        second = np.abs(seen[:, 2:] - 2 * seen[:, 1:-1] + seen[:, :-2])
-        noise = float(np.nanmean(np.nanmedian(second, (1, 3)))) / (0.6745 * np.sqrt(6))
-        smooth = np.stack([_running_median(view) for view in seen])
-        change = np.stack([recording.differences(view) for view in smooth]) / magnification[:, None, None, None]
-        motion = np.nanmedian(np.nanmedian((change**2).sum(-1), 1), 0) / recording.dim
+    spread = np.nanpercentile(seen, 90, axis=1) - np.nanpercentile(seen, 10, axis=1)
+    middle = np.nanmedian(seen, axis=1)
+    apart = np.nanpercentile(middle, 90, axis=1) - np.nanpercentile(middle, 10, axis=1)
+    size = np.concatenate([spread, apart[:, None]], axis=1).max(-1) / magnification[:, None]
+    extent = float(np.nanmax(np.nanmedian(size, axis=0)))
+    extent = extent if extent > 0 else float(1 / np.median(magnification))
+    smallest = 1e-4 * extent * float(np.median(magnification))
+    if len(recording.times) < 3:
+        return guess(max(1.0, smallest), np.full(joints, extent**2))
+    second = np.abs(seen[:, 2:] - 2 * seen[:, 1:-1] + seen[:, :-2])
+    noise = float(np.nanmean(np.nanmedian(second, (1, 3)))) / (0.6745 * np.sqrt(6))
+    smooth = np.stack([_running_median(view) for view in seen])
+    change = np.stack([recording.differences(view) for view in smooth]) / magnification[:, None, None, None]
+    motion = np.nanmedian(np.nanmedian((change**2).sum(-1), 1), 0) / recording.dim
     floor = max(1e-3 * float(np.nanmedian(motion)) if np.isfinite(motion).any() else 0.0, (1e-6 * extent) ** 2)
     return guess(max(noise if np.isfinite(noise) else 0.0, smallest), np.maximum(np.nan_to_num(motion), floor))
 
@@ -492,15 +542,23 @@ def _systematic(recording: _Recording, points: _Floats, disagreement: float) -> 
     return disagreement**2 * found[..., row, column]
 
 
-def _pooled(parts: list[_Scales]) -> _Scales:
-    if not parts:
-        raise ValueError("detections: some joint is seen in none of the parts of the recording from which the noise is estimated")
+def _pooled(parts: list[tuple[npt.NDArray[np.bool_], _Estimate]], views: int, joints: int) -> _Scales:
+    """The scales of a recording, of those of its parts and the joints which they see."""
+
+    def mean(values: list[_Floats], shape: tuple[int, ...], axis: int) -> _Floats:
+        total, count = np.zeros(shape), np.zeros(joints)
+        for (is_seen, _), value in zip(parts, values):
+            total[(slice(None),) * axis + (is_seen,)] += value
+            count += is_seen
+        return total / count.reshape(-1, *[1] * (len(shape) - axis - 1))
+
+    scales = [part.scales for _, part in parts]
     return _Scales(
-        np.exp(np.mean([np.log(p.noise) for p in parts], 0)),
-        np.mean([p.motion for p in parts], 0),
-        np.mean([p.offset for p in parts], 0),
-        float(np.sqrt(np.mean([p.disagreement**2 for p in parts]))),
-        max(p.extent for p in parts),
+        np.exp(mean([np.log(s.noise) for s in scales], (views, joints), 1)),
+        mean([s.motion for s in scales], (joints,), 0),
+        mean([s.offset for s in scales], (views, joints, 2), 1),
+        float(np.sqrt(np.mean([s.disagreement**2 for s in scales]))),
+        max(s.extent for s in scales),
     )
 
 
