@@ -302,6 +302,9 @@ def _checked(
     if not is_seen.any((0, 1)).all():
         raise ValueError(f"detections: joint {int(np.argmin(is_seen.any((0, 1))))} is never seen")
     sights[~is_seen] = 0
+    for sight, seen in zip(sights, is_seen):  # errors that last are there without a detection as well: the pixels for a unit
+        if seen.any():
+            sight[~seen, 2:] = np.median(sight[seen, 2:], 0)
     return _Recording(sights, is_seen, np.clip(belief, 0.01, 1), when, poses, area), limbs, pixels
 
 
