@@ -170,6 +170,48 @@ class FuseTest(unittest.TestCase):
             self.assertLess(np.linalg.norm(found.points - truth[:frames], axis=-1).max(), 0.1)
             self.assertTrue(np.isfinite(found.covariance).all())
 
+    def test_regions_hold_in_frames_that_a_view_misses(self):
+        # Each view is off by some pixels in all frames: 100 recordings of one joint that hardly moves, as one recording of 100 joints.
+        rng = np.random.default_rng(12)
+        cameras, joints, frames = ring(3), 100, 60
+        truth = rng.normal(0, 1, (joints, 3)) + 0.2 * np.sin(np.arange(frames) / 20)[:, None, None]
+        seen = np.array([camera.project(truth) for camera in cameras])
+        seen += rng.normal(0, 8, (3, 1, joints, 2)) + rng.normal(0, 0.5, seen.shape)
+        seen[rng.random(seen.shape[:3]) < 0.4] = np.nan
+        found = pose.fuse(seen, None, cameras)
+        inside = distances(found.points - truth, found.covariance) < 7.815
+        views = np.isfinite(seen[..., 0]).sum(0)
+        for number in range(4):
+            with self.subTest(number):
+                self.assertGreater(inside[views == number].mean(), 0.90)
+                self.assertLess(inside[views == number].mean(), 0.99)
+
+    def test_a_limb_gives_the_depth_that_one_view_does_not(self):
+        errors, inside = [], []
+        for seed in range(4):
+            rng, t, cameras = np.random.default_rng(seed), np.arange(300), ring(6)[:3]
+            base = np.stack([np.sin(t / 40), np.cos(t / 50), 0.3 * np.sin(t / 30)], -1)
+            limb = np.stack([np.cos(t / 35) * np.cos(t / 55), np.sin(t / 35) * np.cos(t / 55), np.sin(t / 55)], -1)  # of length 1
+            truth = np.stack([base, base + limb], 1)
+            seen = np.array([camera.project(truth) for camera in cameras]) + rng.normal(0, 1, (3, 300, 2, 2))
+            for start in range(20, 300, 60):
+                seen[1:, start : start + 40, 1] = np.nan
+            alone, held = pose.fuse(seen, None, cameras), pose.fuse(seen, None, cameras, [(0, 1)])
+            errors.append([np.sqrt(((found.points - truth)[:, 1] ** 2).sum(-1).mean()) for found in (alone, held)])
+            inside.append((distances(held.points - truth, held.covariance) < 7.815)[:, 1].mean())
+            np.testing.assert_allclose(held.lengths, 1, rtol=0.01)
+        alone, held = np.mean(errors, 0)
+        self.assertLess(held, 0.75 * alone)
+        self.assertGreater(np.mean(inside), 0.90)
+
+    def test_a_limb_that_changes_its_length_does_not_pull(self):
+        truth, seen, _, cameras = recording(13)
+        lengths = np.linalg.norm(truth[:, 0] - truth[:, 2], axis=-1)
+        self.assertGreater(lengths.std(), 0.1 * lengths.mean())
+        alone, held = pose.fuse(seen, None, cameras), pose.fuse(seen, None, cameras, [(0, 2)])
+        error = [np.sqrt(((found.points - truth) ** 2).sum(-1).mean()) for found in (alone, held)]
+        self.assertLess(error[1], 1.05 * error[0])
+
     def test_a_long_recording_takes_the_scales_of_its_parts(self):
         truth, seen, _, cameras = recording(10, frames=1500, joints=2)
         found = pose.fuse(seen, None, cameras)
