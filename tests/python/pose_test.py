@@ -212,6 +212,19 @@ class FuseTest(unittest.TestCase):
         error = [np.sqrt(((found.points - truth) ** 2).sum(-1).mean()) for found in (alone, held)]
         self.assertLess(error[1], 1.05 * error[0])
 
+    def test_a_joint_that_is_seen_once_or_twice(self):
+        rng = np.random.default_rng(14)
+        for frames in (3, 50, 1500):
+            for times in (1, 2):
+                with self.subTest(frames=frames, times=times):
+                    seen = np.full((frames, 3, 2), np.nan)
+                    seen[:, 0] = rng.normal(0, 1, (frames, 2))
+                    for joint in (1, 2):
+                        seen[rng.choice(frames, times, replace=False), joint] = rng.normal(5, 1, (times, 2))
+                    found = pose.fuse(seen, skeleton=[(0, 1), (1, 2)])
+                    self.assertTrue(np.isfinite(found.points).all())
+                    self.assertGreater(np.linalg.eigvalsh(found.covariance).min(), 0)
+
     def test_a_long_recording_takes_the_scales_of_its_parts(self):
         truth, seen, _, cameras = recording(10, frames=1500, joints=2)
         found = pose.fuse(seen, None, cameras)

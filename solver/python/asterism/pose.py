@@ -371,6 +371,8 @@ def _posterior(
     return _asterism._difference_chains(information, right, recording.difference, stiffness)[:3]
 
 
+#: The least change of velocity in a frame, in sizes of the scene: that of a joint which rests, or is seen once.
+_STILL = 1e-5
 _SPRING_STEPS = 3
 
 
@@ -436,6 +438,7 @@ def _estimate_by_parts(recording: _Recording) -> _Estimate:
             whole[:, to, is_seen] = piece[:, of][:, :size]
         changes = stiffness[to]  # those that begin in the part
         changes[:, is_seen] = part.stiffness[of][: len(changes)]
+    stiffness = np.minimum(stiffness, 16 / (_STILL * scales.extent) ** 2)  # a part of which the joints rest knows a smaller scene
     points, covariance, _ = _posterior(recording, points, weight, stiffness, scales, centre)
     return _Estimate(scales, points, covariance, probability, weight, stiffness)
 
@@ -488,7 +491,7 @@ def _estimate(recording: _Recording) -> _Estimate:
             near, count = _sums_of_neighbours(change)
             calm = (_MOTION + recording.dim * count) / (_MOTION + near / scales.motion)
             if not is_wide:
-                scales.motion = np.maximum((calm * change).mean(0) / recording.dim, (1e-7 * extent) ** 2)
+                scales.motion = np.maximum((calm * change).mean(0) / recording.dim, (_STILL * extent) ** 2)
         variance = np.maximum(scales.noise[:, None], width) ** 2
         used = trust / variance
         points, covariance, spread = _posterior(recording, points, used, calm / scales.motion, scales, centre, width > 30 * target)
@@ -537,7 +540,7 @@ def _first_guess(recording: _Recording, magnification: _Floats) -> _Scales:
     smooth = np.stack([_running_median(view) for view in seen])
     change = np.stack([recording.differences(view) for view in smooth]) / magnification[:, None, None, None]
     motion = np.nanmedian(np.nanmedian((change**2).sum(-1), 1), 0) / recording.dim
-    floor = max(1e-3 * float(np.nanmedian(motion)) if np.isfinite(motion).any() else 0.0, (1e-6 * extent) ** 2)
+    floor = max(1e-3 * float(np.nanmedian(motion)) if np.isfinite(motion).any() else 0.0, (_STILL * extent) ** 2)
     return guess(max(noise if np.isfinite(noise) else 0.0, smallest), np.maximum(np.nan_to_num(motion), floor))
 
 
