@@ -121,7 +121,7 @@ class FusedPose:
 
     #: (T, J, D): pixels, or the cameras' unit of length.
     points: _Floats
-    #: Of each point: (T, J, D, D).
+    #: Of each point: (T, J, D, D). Of one view alone it has only errors that change from frame to frame, and is too small where a network's errors last.
     covariance: _Floats
     #: (V, T, J): the detections that belong to no path. A missing one is not an outlier.
     outliers: npt.NDArray[np.bool_]
