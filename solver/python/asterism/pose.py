@@ -232,7 +232,7 @@ def fuse(
     covariance = found.covariance + _systematic(recording, points, scales.disagreement)
     lengths, deviations = _limb_lengths(points, covariance, limbs)
     if len(limbs):
-        points, covariance = _with_limbs(recording, found, covariance, limbs, lengths, deviations)
+        points, covariance = _with_limbs(found, covariance, limbs, lengths, deviations)
     image = np.array([camera.project(points) for camera in cameras]) if recording.dim == 3 else np.array([points] * len(recording.sights))
     return FusedPose(
         points, _matrices(covariance), ~np.isnan(pixels[..., 0]) & (found.probability < 0.5), lengths, deviations, image,
@@ -356,18 +356,14 @@ class _Estimate:
 
 
 def _posterior(
-    recording: _Recording, points: _Floats, weight: _Floats, stiffness: _Floats, scales: _Scales, centre: _Floats, along_ray: bool = False,
-    springs: tuple[_Floats, _Floats] | None = None,
+    recording: _Recording, points: _Floats, weight: _Floats, stiffness: _Floats, scales: _Scales, centre: _Floats, along_ray: bool = False
 ) -> tuple[_Floats, _Floats, _Floats]:
-    """Points and their covariance, given the weights and the springs of limbs, and the covariance's share in the square of each change of velocity."""
+    """Points and their covariance, given the weights, and the covariance's share in the square of each change of velocity."""
     weak = (100 * scales.extent) ** -2  # the prior of a point, which holds where nothing else does
     information, right = _asterism._pose_evidence(points, recording.sights, recording.cameras, weight, scales.offset, along_ray)
     row, column = np.triu_indices(recording.dim)
     information[..., row == column] += weak
     right += weak * centre
-    if springs is not None:
-        information += springs[0]
-        right += springs[1]
     return _asterism._difference_chains(information, right, recording.difference, stiffness)[:3]
 
 
@@ -377,32 +373,29 @@ _SPRING_STEPS = 3
 
 
 def _with_limbs(
-    recording: _Recording, free: _Estimate, covariance: _Floats, limbs: npt.NDArray[np.intp], lengths: _Floats, deviations: _Floats
+    free: _Estimate, covariance: _Floats, limbs: npt.NDArray[np.intp], lengths: _Floats, deviations: _Floats
 ) -> tuple[_Floats, _Floats]:
     """Points and covariance if limbs are springs, of which the lengths and deviations are those of the estimate without them.
 
-    A joint is held at the limb's length from where the other one is without limbs, as firmly as that place (covariance) and the length are known. If
-    it were held at where the other one is with them, each would take the other's doubt for its own evidence, and the limbs would seem rigid.
+    In each frame a joint is held at the limb's length from where the other one is without limbs, as firmly as that place (covariance) and the length
+    are known. If it were held at where the other one is with them, each would take the other's doubt for its own evidence, and the limbs would seem
+    rigid. Nor do the limbs of other frames count, as what they are off by is alike. What lasts moves both ends: its covariance is left.
     """
-    row, column = np.triu_indices(recording.dim)
-    points, (centre, _) = free.points, recording.centre()
+    row, column = np.triu_indices(free.points.shape[2])
+    points = free.points
     for _ in range(_SPRING_STEPS):  # the directions of the limbs
-        information, right = np.zeros_like(covariance), np.zeros_like(points)
-        held = _matrices(free.covariance)
+        found, held = free.points.copy(), _matrices(free.covariance)
         for (a, b), length, deviation in zip(limbs, lengths, deviations):
             offset = points[:, a] - points[:, b]
             direction = offset / np.maximum(np.linalg.norm(offset, axis=-1), 1e-300)[:, None]
             for to, of, sign in ((a, b, 1.0), (b, a, -1.0)):
-                doubt = np.einsum("td,tde,te->t", direction, _matrices(covariance[:, of]), direction) + deviation**2
-                doubt += (1e-3 * length) ** 2 + 1e-300
-                along = (direction * free.points[:, of]).sum(-1) + sign * length
-                information[:, to] += direction[:, row] * direction[:, column] / doubt[:, None]
-                right[:, to] += (along / doubt)[:, None] * direction
-                # Errors of neighbouring frames are alike: a region is smaller by the limb of its own frame alone. What lasts is left: it
-                # moves both ends.
+                doubt = np.einsum("td,tde,te->t", direction, _matrices(covariance[:, of]), direction) + deviation**2 + (1e-3 * length) ** 2
+                error = sign * length + ((free.points[:, of] - found[:, to]) * direction).sum(-1)
                 gain = np.einsum("tde,te->td", held[:, to], direction)
-                held[:, to] -= gain[:, :, None] * gain[:, None] / (doubt + (gain * direction).sum(-1))[:, None, None]
-        points, _, _ = _posterior(recording, points, free.weight, free.stiffness, free.scales, centre, springs=(information, right))
+                total = doubt + (gain * direction).sum(-1) + 1e-300
+                found[:, to] += gain * (error / total)[:, None]
+                held[:, to] -= gain[:, :, None] * gain[:, None] / total[:, None, None]
+        points = found
     return points, held[..., row, column] + covariance - free.covariance
 
 
