@@ -213,8 +213,8 @@ def fuse(
     if left out.
 
     The points minimise a sum of squares, each in units of its variance: errors of the detections in the image, less what a view is off by in all
-    frames, and changes of velocity along the path of each joint, both with Student's t distribution; then limbs are springs of a common length for
-    all frames, as firm as the lengths turned out to be. Outliers have no weight: a detection may also
+    frames, and changes of velocity along the path of each joint, both with Student's t distribution; then, frame by frame, limbs are springs of a length that all
+    frames have in common, as firm as the lengths turned out to be. Outliers have no weight: a detection may also
     be a point anywhere in the image. The distribution is met from a wide one to a narrow one (graduated non-convexity). The variances maximise the evidence
     (expectation-maximisation with the exact covariances). A joint without detections in a frame is interpolated, and has the covariance of that.
     Errors that last over frames are found where views disagree, and are part of the covariance: a single view cannot show them, and what all views
