@@ -51,7 +51,7 @@ GROUPS = [
 ]
 # Modules of the package; torch is read, not imported, as it needs PyTorch.
 MODULES = [('evaluation', 'python.md#results-of-an-evaluation'), ('trax', 'trax.md#a-tracker-in-python'),
-           ('bench', 'python.md#a-solver-of-your-own'), ('torch', 'gradients.md')]
+           ('bench', 'python.md#a-solver-of-your-own'), ('torch', 'gradients.md'), ('pose', 'pose.md')]
 
 TYPES = [(r'_Floats', 'array'), (r'_Ints|_Indices', 'array of int'), (r'_Image', 'image'), (r'_Region', 'region'), (r'_Values', 'array'),
          (r'_OnIteration|_\w*Function|Callable\[.*?\](?=\]|,| \||$)', 'callable'), (r'_Number', 'array_like'),

@@ -1,5 +1,9 @@
 #include "bindings.hpp"
 
+namespace asterism::python {
+void bind_pose(py::module_& m);
+}
+
 PYBIND11_MODULE(_asterism, m) {
   using namespace asterism::python;
   m.doc() = "Asterism, compiled: what the package `asterism` shows.";
@@ -14,6 +18,7 @@ PYBIND11_MODULE(_asterism, m) {
   bind_batch(m);
   bind_discrete(m);
   bind_graph(m);
+  bind_pose(m);
   bind_ranges(m);
 #ifdef ASTERISM_PYTHON_JSON
   bind_json(m);

@@ -13,7 +13,8 @@ A spring system is solved in place:
 `asterism.System` has terms of all kinds: robust or anisotropic anchors, ropes, angles, loads, functions of one's own.
 
 Points with given distances are found by `asterism.mds`, graphs are drawn by `asterism.layout`, and parts with maps of costs are
-placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges. Gradients of a function of the solution are found by `asterism.sensitivity`;
+placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges, and `asterism.pose` the
+paths of key-points over time and several cameras. Gradients of a function of the solution are found by `asterism.sensitivity`;
 `asterism.torch` is a layer of PyTorch. Trackers
 (`asterism.Tracker`) and systems in files (`asterism.read_systems`) are there where the build had OpenCV and nlohmann-json.
 `asterism.evaluation` reads the reports of asterism-eval, `asterism.trax` brings a tracker of your own into one, and `asterism.bench`
@@ -49,7 +50,7 @@ except ImportError as error:
     if (reason := _why_missing()) is None:
         raise
     raise ImportError(reason) from error
-from . import bench, evaluation
+from . import bench, evaluation, pose
 from ._asterism import *
 from ._asterism import __version__
 from .embedding import Embedding, layout, layout_stress, mds
@@ -61,7 +62,7 @@ from .structures import (
 
 # What help(asterism) lists.
 __all__ = [
-    "bench", "evaluation", "Embedding", "Joint", "LoopyResult", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "locate", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
+    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "locate", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
     "scaled_structure", "sensitivity",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]
