@@ -61,11 +61,9 @@ class FullLinks {
     for_each([&](auto i, auto j, auto l) {
       const Point d = x.col(i) - x.col(j);
       for (int c = 0; c < kDim; ++c) direction_[c][l] = d[c];
-      if constexpr (kDim == 1 || kDim > 3) square[l] = d.squaredNorm();
+      if constexpr (kDim != 2) square[l] = d.squaredNorm();  // in the order of its sum
     });
     if constexpr (kDim == 2) square = direction_[0].square() + direction_[1].square();
-    if constexpr (kDim == 3)  // in the order of squaredNorm
-      square = direction_[0].square() + (direction_[1].square() + direction_[2].square());
     if (!(square.minCoeff() >= kLeastSquare<Scalar>)) [[unlikely]]
       return false;
     if constexpr (std::is_same_v<Scalar, float>) {  // Eigen's own roots of it are approximate
