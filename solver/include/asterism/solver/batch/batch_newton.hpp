@@ -9,7 +9,6 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/defect.hpp>
@@ -19,6 +18,7 @@
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
+#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -41,7 +41,7 @@ struct BatchSummary {
   int converged = 0;       ///< number of systems
   int by_scalar = 0;       ///< number of systems that the scalar solver had to finish
   Simd simd = Simd::Auto;  ///< instructions used
-  double seconds = -1;     ///< wall-clock time in solve; -1: not measured, see SolverOptions::measure_seconds
+  double seconds = -1;     ///< wall-clock time in solve
 };
 
 /// Newton for batches: the method of Newton in SIMD lanes, one system per lane; each lane takes the next
@@ -77,13 +77,13 @@ class BatchNewton {
   /// Moves x of every system, its start, to a local minimum. See SpringBatch for what is then known of each.
   template <Executor E = SerialExecutor>
   BatchSummary solve(Batch& batch, E&& executor = {}) {
-    const detail::Stopwatch stopwatch(options.measure_seconds);
+    const auto begin = std::chrono::steady_clock::now();
     BatchSummary summary;
     summary.status = Status::InvalidInput;
     summary.message = detail::batch_problem(batch, options, simd);
     summary.simd = simd == Simd::Auto ? widest_simd() : simd;
     if (summary.message.empty()) run(batch, executor, summary);
-    summary.seconds = stopwatch.seconds();
+    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
     return summary;
   }
 
@@ -236,6 +236,7 @@ class BatchNewton {
   std::unique_ptr<Scalars> take_scalars(const Batch& batch) {
     std::unique_ptr<Scalars> scalars = scalars_.take(batch);
     scalars->newton.options = options;
+    scalars->newton.options.measure_seconds = false;  // the batch is measured as a whole
     scalars->newton.options.certifier = scalars->certifier;
     return scalars;
   }

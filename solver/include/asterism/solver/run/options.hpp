@@ -56,7 +56,8 @@ struct SolverOptions {
   IterationCallback on_iteration = {};
 
   /// Measure the wall-clock time of the solve, for Summary::seconds. Off, as to read the clock is a tenth of
-  /// the solve of four nodes. Methods with a limit of seconds, and all for a System, measure it in any case.
+  /// the solve of four nodes. BatchNewton, methods with a limit of seconds and all for a System measure it in
+  /// any case.
   bool measure_seconds = false;
 
   /// Whether `stop` was set.
