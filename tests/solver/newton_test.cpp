@@ -171,7 +171,7 @@ TEST(NewtonMatrix, FullLinksAreLikeTheWalkOverSprings) {
   expect_full_links_like_the_walk<SpringSystem<double, 2, 4>>(40);
   expect_full_links_like_the_walk<SpringSystem<double, 2, 5>>(40);
   expect_full_links_like_the_walk<SpringSystem<double, 3, 4>>(40);
-expect_full_links_like_the_walk<SpringSystem<float, 3, 4>>(40);
+  expect_full_links_like_the_walk<SpringSystem<float, 3, 4>>(40);
   expect_full_links_like_the_walk<SpringSystem<double, 1, 3>>(40);
   expect_full_links_like_the_walk<SpringSystem<float, 2, 4>>(40);
   expect_full_links_like_the_walk<SpringSystem<double, 2, 3, 3, Model<Rope, Huber>>>(40);
