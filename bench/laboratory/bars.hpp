@@ -22,6 +22,10 @@ class Bars {
 
   void line(const std::string& name, const std::string& measured, const std::string& bar,
             const std::string& aim, bool met, bool aim_met);
+  /// A figure without a bar, such as a time, which depends on the machine.
+  void information(const std::string& name, const std::string& measured) {
+    line(name, measured, "-", "-", true, true);
+  }
   /// A figure that has to be small; `pattern` is its format, "%.3g us" for instance.
   void at_most(const std::string& name, const char* pattern, double measured, double bar, double aim);
   /// A figure that has to be large.

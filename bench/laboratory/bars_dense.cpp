@@ -64,7 +64,7 @@ void dense_bars(Bars& bars) {
   const std::vector<std::string> general = {"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen", "dlib"};
   for (const int nodes : {2, 4, 6, 9, 12, 16, 25, 36, 64, 100, 200, 400, 1000}) {
     if (bars.quick() && nodes > 36) break;
-    const std::string ours = nodes <= 12 ? "newton" : "lbfgs";
+    const std::string ours = nodes <= 8 ? "newton" : "lbfgs";  // as Auto for these
     const auto all = problems(testing::Kind::Lit, nodes, std::max(2, 100 / nodes));
     against(bars, format("N=%d LIT ", nodes) + ours, nearest(ours, general, all, 5), 1, 3);
   }

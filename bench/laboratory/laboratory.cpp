@@ -48,6 +48,7 @@ void RunnerOf<Native>::load(const Problem& problem) {
 template <typename Native>
 Summary RunnerOf<Native>::solve(const Limits& limits, Points& x) {
   set(limits);
+  solver_.options().measure_seconds = true;
   x_ = start_;
   const Summary summary = solver_.solve(*system_, x_);
   x = x_;
@@ -68,6 +69,7 @@ double RunnerOf<Native>::seconds(const Limits& limits, int repeats) {
 template <typename Native>
 void RunnerOf<Native>::set(const Limits& limits) {
   SolverOptions& options = solver_.options();
+  options.measure_seconds = false;
   options.tolerance = limits.tolerance;
   options.max_iterations = limits.iterations;
   options.on_iteration = limits.on_iteration;

@@ -27,7 +27,7 @@ def constellation(nodes: int, seed: int) -> tuple[asterism.SpringSystem, np.ndar
 
 def by_asterism(method: str, system: asterism.SpringSystem, start: np.ndarray) -> tuple[np.ndarray, float]:
     x = start.copy()
-    summary = asterism.solve(system, x, method)
+    summary = asterism.solve(system, x, method, measure_seconds=True)
     return x, summary.seconds
 
 

@@ -130,6 +130,7 @@ class Playground {
     method.options.tolerance = tolerance;
     method.options.max_iterations = max_iterations;
     method.options.ground_components = true;  // a part that nothing holds stays where it is
+    method.options.measure_seconds = true;
     method.options.on_iteration = record;
     const asterism::Summary s = method.solve(system, x);
     method.options.on_iteration = nullptr;

@@ -180,7 +180,12 @@ void bind_solvers(py::module_& m) {
           "positive_definite", &definite,
           "Whether the Hessian at the x returned is positive definite; also False if a component is free to\n"
           "turn or slide; None if the method did not test it.")
-      .def_readonly("seconds", &Summary::seconds, "Wall-clock time of the solve.")
+      .def_property_readonly(
+          "seconds",
+          [](const Summary& s) {
+            return s.seconds < 0 ? py::object(py::none()) : py::object(py::float_(s.seconds));
+          },
+          "Wall-clock time of the solve; None if it was not measured, see the option measure_seconds.")
       .def_property_readonly("usable", &Summary::usable, "x is finite and at least as good as the start.")
       .def("__bool__", &Summary::usable, "`usable`, so that `if not solve(...)` sees a failure.")
       .def(pickled<Summary>([](auto& s, auto&& field) {

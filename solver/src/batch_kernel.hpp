@@ -345,14 +345,15 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
       const int lane = __builtin_ctz(free);
       state.index[lane] = next;
       state.live |= 1U << lane;
-      insert(state, L::mask(1U << lane), next++);
+      insert(state, lane, next++);
     }
   }
 
-  // Puts system s into the only lane of `which`.
-  [[gnu::always_inline]] void insert(State& state, M which, std::ptrdiff_t s) const {
-    const auto take = [&](V& values, const T* source)
-                          ASTERISM_INLINED { values = L::select(which, L::set(source[s]), values); };
+  // Puts system s into a lane: number by number, as most instruction sets blend in more instructions.
+  [[gnu::always_inline]] void insert(State& state, int lane, std::ptrdiff_t s) const {
+    const auto put = [lane](V& values, T value)
+                         ASTERISM_INLINED { reinterpret_cast<T*>(&values)[lane] = value; };
+    const auto take = [s, put](V& values, const T* source) ASTERISM_INLINED { put(values, source[s]); };
     // Without stiffness, an anchor's position and a link's rest length mean nothing, and may overflow.
     each_node([&](auto i) ASTERISM_INLINED {
       take(state.k[i], planes_.anchor_stiffness + i * stride_);
@@ -362,7 +363,7 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
         const int c = kDim * i + d;
         take(state.x[c], final_x_ + c * stride_);
         take(state.a[c], (held ? planes_.anchors : final_x_) + c * stride_);
-        state.p[c] = L::select(which, L::set(0), state.p[c]);
+        put(state.p[c], 0);
       });
     });
     each_link([&](auto l, auto, auto) ASTERISM_INLINED {
@@ -374,13 +375,12 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     take(state.short_step, short_step_);
     take(state.extent, extent_);
     take(state.mode, mode_);
-    state.energy = L::select(which, L::set(R::kMax), state.energy);
-    const V zero = L::set(0);
-    state.decrement = L::select(which, zero, state.decrement);
-    state.t = L::select(which, zero, state.t);
-    state.iterations = L::select(which, zero, state.iterations);
-    state.trials = L::select(which, zero, state.trials);
-    state.clamped = L::select(which, L::set(kClampedSteps), state.clamped);
+    put(state.energy, R::kMax);
+    put(state.decrement, 0);
+    put(state.t, 0);
+    put(state.iterations, 0);
+    put(state.trials, 0);
+    put(state.clamped, kClampedSteps);
   }
 
   struct Evaluation {

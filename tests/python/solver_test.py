@@ -367,6 +367,16 @@ class SolveTest(unittest.TestCase):
         self.assertRegex(repr(summary), r"^<asterism.Summary: converged, \d+ iterations, energy [^,]*>$")
         self.assertRegex(str(summary), "^Newton.*: converged after .* iterations, energy ")
 
+    def test_seconds_are_measured_on_request(self):
+        system, x = random_system()
+        summary = asterism.solve(system, x.copy(), "newton")
+        self.assertIsNone(summary.seconds)
+        self.assertIsNone(summary.as_dict()["seconds"])
+        self.assertNotIn(" s (", str(summary))
+        timed = asterism.solve(system, x.copy(), "newton", measure_seconds=True)
+        self.assertGreater(timed.seconds, 0)
+        self.assertIn(" s (", str(timed))
+
     def test_a_summary_is_true_where_it_is_usable(self):
         system, start = random_system()
         self.assertTrue(asterism.solve(system, start.copy()))

@@ -8,8 +8,10 @@
 #include <cmath>
 #include <concepts>
 #include <limits>
+#include <sstream>
 #include <string>
 #include <string_view>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -432,6 +434,116 @@ TEST(FarFromTheOrigin, FloatConvergesToTheRoundingOfItsCoordinates) {
     EXPECT_LT((x.cast<double>().array() - offset - expected.array()).abs().maxCoeff(), 1e-5 + 4e-6 * offset)
         << offset;
   }
+}
+
+TYPED_TEST(Edges, SecondsAreMeasuredOnRequest) {
+  const auto [system, start] = random(5);
+  const auto printed = [](const Summary& summary) {
+    std::ostringstream text;
+    text << summary;
+    return text.str();
+  };
+  for (const int nodes : {5, 0}) {  // also where the input is refused
+    SolverOptions options;
+    Points x = start.leftCols(nodes);
+    const Summary plain = TestFixture::solve(system, x, options);
+    // Methods for a System measure in any case.
+    if (!std::is_same_v<TypeParam, testing::SparseNewton<System>>) {
+      EXPECT_EQ(plain.seconds, -1);
+      EXPECT_EQ(printed(plain).find(" s ("), std::string::npos) << plain;
+    }
+    options.measure_seconds = true;
+    x = start.leftCols(nodes);
+    const Summary timed = TestFixture::solve(system, x, options);
+    EXPECT_EQ(timed.status, nodes == 5 ? Status::Converged : Status::InvalidInput);
+    EXPECT_GT(timed.seconds, 0);
+    EXPECT_EQ(printed(timed).find(" s (") != std::string::npos, timed.usable()) << timed;
+  }
+}
+
+// Where the values of few nodes are looked at several at a time: each of an odd number of entries has its
+// turn.
+template <typename Small>
+void expect_every_entry_validated() {
+  using Scalar = typename Small::Scalar;
+  testing::Rng rng(1);
+  const auto [good, start] = testing::random_system<Small>(rng, Small::TopologyType::full(3));
+  constexpr Scalar kInfinity = std::numeric_limits<Scalar>::infinity();
+  const auto expect_refused = [&, &good = good, &start = start](const std::string& what, auto&& entries) {
+    auto system = good;
+    auto x = start;
+    auto& values = entries(system, x);
+    const bool has_sign = what == "anchor" || what == "x of node";
+    for (Eigen::Index e = 0; e < values.size(); ++e) {
+      const Scalar before = values.data()[e];
+      for (const Scalar bad : {std::numeric_limits<Scalar>::quiet_NaN(), kInfinity, -kInfinity, Scalar(-1)}) {
+        values.data()[e] = bad;
+        std::ostringstream message;
+        message << Message(validate(system, x));
+        const Eigen::Index index = has_sign ? e / values.rows() : e;
+        const std::string subject = what + " " + std::to_string(index) + " is ";
+        EXPECT_EQ(message.str().starts_with(subject), !(has_sign && bad == -1)) << message.str();
+      }
+      values.data()[e] = has_sign ? before : Scalar(-0.0);  // which is not negative
+      if (!(what == "anchor stiffness" || what == "link stiffness")) {
+        EXPECT_FALSE(validate(system, x)) << what << e;
+      }
+      values.data()[e] = before;
+    }
+  };
+  expect_refused(
+      "anchor", [](auto& system, auto&) -> auto& { return system.anchors; });
+  expect_refused(
+      "anchor stiffness", [](auto& system, auto&) -> auto& { return system.anchor_stiffness; });
+  expect_refused(
+      "rest length", [](auto& system, auto&) -> auto& { return system.rest_length; });
+  expect_refused(
+      "link stiffness", [](auto& system, auto&) -> auto& { return system.link_stiffness; });
+  expect_refused(
+      "x of node", [](auto&, auto& x) -> auto& { return x; });
+}
+
+TEST(Validation, LooksAtEveryEntry) {
+  expect_every_entry_validated<SpringSystem<double, 3, 3>>();
+  expect_every_entry_validated<SpringSystem<float, 3, 3>>();
+  expect_every_entry_validated<SpringSystem<double, 2>>();
+}
+
+// Newton is fast where it needs few iterations.
+TEST(AutoSolver, LooksAtTheStrainOfTheStart) {
+  const auto chosen = [](int nodes, double displacement, bool is_full = true) {
+    auto [system, start] = random(1, nodes);
+    if (!is_full) {
+      std::vector<Link> chain;
+      for (int i = 1; i < nodes; ++i) chain.push_back({i - 1, i});
+      system = System(Topology<>::from_links(nodes, chain));
+      system.anchors = start;
+      system.anchor_stiffness.setOnes();
+      system.link_stiffness.setOnes();
+    }
+    system.set_rest_lengths(start);
+    start.array() *= 1 + displacement;  // the strain of every link
+    Points x = start;
+    const Summary summary = Auto<System>().solve(system, x);
+    EXPECT_EQ(summary.status, Status::Converged) << summary;
+    return std::string(summary.solver);
+  };
+  const std::string newton(Newton<System>::name()), lbfgs(Lbfgs<System>::name());
+  EXPECT_EQ(chosen(8, 0.3), newton);
+  EXPECT_EQ(chosen(9, 0.3), lbfgs);
+  EXPECT_EQ(chosen(9, -0.3), lbfgs);
+  EXPECT_EQ(chosen(9, 0.2), newton);
+  EXPECT_EQ(chosen(16, -0.2), newton);
+  EXPECT_EQ(chosen(17, 0), lbfgs);
+  EXPECT_EQ(chosen(12, 0.3, false), newton);
+  EXPECT_EQ(chosen(13, 0.3, false), NewtonCg<System>::name());
+
+  auto [system, start] = random(1, 10);
+  Points x = start.leftCols(7);
+  EXPECT_EQ(Auto<System>().solve(system, x).status, Status::InvalidInput);
+  x = start;
+  system.rest_length.conservativeResize(3);
+  EXPECT_EQ(Auto<System>().solve(system, x).status, Status::InvalidInput);
 }
 
 TEST(AutoSolver, SaysWhatItChose) {

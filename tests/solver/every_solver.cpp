@@ -133,7 +133,10 @@ class EverySolver : public ::testing::Test {
   void SummaryTellsTheTruth() {
     const auto [system, start] = random(3);
     Points x = start;
-    const Summary summary = solve(system, x);
+    auto solver = kind_.make();
+    solver.options().tolerance = tolerance();
+    solver.options().measure_seconds = true;
+    const Summary summary = solver.solve(system, x);
     EXPECT_EQ(summary.solver, kind_.name);
     EXPECT_FALSE(summary.message.empty());
     EXPECT_TRUE(summary.usable());

@@ -1,11 +1,14 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <asterism/solver/detail/full_links.hpp>
 #include <asterism/solver/detail/newton_matrix.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -83,6 +86,95 @@ TEST(NewtonMatrix, SizesAgree) {
     check(std::type_identity<testing::Plane>());
     check(std::type_identity<testing::Bounded2>());
   }
+}
+
+// The links of a few nodes that are fully linked, all at once, against the walk over springs one by one,
+// which serves the same links given as a list.
+template <typename System>
+void expect_full_links_like_the_walk(int seeds) {
+  using Scalar = typename System::Scalar;
+  using Topology = typename System::TopologyType;
+  constexpr int kNodes = System::kNodes, kSize = System::kDim * kNodes;
+  using Vector = Eigen::Matrix<double, kSize, 1>;
+  const Topology full = Topology::full();
+  const Topology list = Topology::from_links(kNodes, full.links());
+  ASSERT_TRUE(detail::FullLinks<System>::kServes);
+  testing::Rng rng(7);
+  for (int seed = 0; seed < seeds; ++seed) {
+    for (int hostile = 0; hostile < 7; ++hostile) {
+      const auto kind = testing::kKinds[static_cast<std::size_t>(seed) % testing::kKinds.size()];
+      auto [at_once, x] = testing::random_system<System>(rng, full, kind);
+      const int last = at_once.link_count() - 1;
+      switch (hostile) {
+        case 1:  // links that are off, whatever their rest length
+          at_once.link_stiffness[last] = 0;
+          at_once.rest_length[last] = std::numeric_limits<Scalar>::max();
+          break;
+        case 2:
+          at_once.rest_length.setZero();
+          break;
+        case 3:  // an anchor that means nothing
+          at_once.anchor_stiffness[0] = 0;
+          at_once.anchors.col(0).setConstant(std::sqrt(std::numeric_limits<Scalar>::max()));
+          break;
+        case 4:
+          x.col(kNodes - 1) = x.col(0);
+          break;
+        case 5:  // whose square underflows
+          x.col(0).setZero();
+          x.col(1).setConstant(std::sqrt(std::numeric_limits<Scalar>::min()) / 4);
+          break;
+        case 6:
+          at_once.fix(0);
+          break;
+        default:
+          break;
+      }
+      System one_by_one(list);
+      one_by_one.anchors = at_once.anchors;
+      one_by_one.anchor_stiffness = at_once.anchor_stiffness;
+      one_by_one.rest_length = at_once.rest_length;
+      one_by_one.link_stiffness = at_once.link_stiffness;
+      if (hostile == 6) one_by_one.fix(0);
+      ASSERT_TRUE(detail::FullLinks<System>::serve(at_once));
+      ASSERT_FALSE(detail::FullLinks<System>::serve(one_by_one));
+
+      typename System::Points g, expected_g;
+      const Scalar E = energy_and_gradient(at_once, x, g);
+      const Scalar expected_E = energy_and_gradient(one_by_one, x, expected_g);
+      EXPECT_EQ(E, expected_E);
+      EXPECT_EQ(g, expected_g);
+      EXPECT_EQ(E, energy(at_once, x));
+      const auto A = node_stiffness(at_once), expected_A = node_stiffness(one_by_one);
+      EXPECT_LE((A - expected_A).norm(), 8 * std::numeric_limits<Scalar>::epsilon() * A.norm());
+      for (const bool clamp : {false, true}) {
+        detail::NewtonMatrix<System> matrix, expected;
+        matrix.reset(A);
+        expected.reset(A);
+        EXPECT_EQ(matrix.assemble(at_once, x, clamp, g), expected_E);
+        EXPECT_EQ(expected.assemble(one_by_one, x, clamp, expected_g), expected_E);
+        EXPECT_EQ(g, expected_g);
+        EXPECT_EQ(matrix.factorize(), expected.factorize());
+        typename System::Points step, expected_step;
+        matrix.solve(step);
+        expected.solve(expected_step);
+        const Vector p = step.template cast<double>().reshaped(),
+                     q = expected_step.template cast<double>().reshaped();
+        EXPECT_LE((p - q).norm(), (sizeof(Scalar) == 4 ? 1e-2 : 1e-7) * q.norm()) << seed << " " << hostile;
+      }
+    }
+  }
+}
+
+TEST(NewtonMatrix, FullLinksAreLikeTheWalkOverSprings) {
+  expect_full_links_like_the_walk<SpringSystem<double, 2, 2>>(40);
+  expect_full_links_like_the_walk<SpringSystem<double, 2, 4>>(40);
+  expect_full_links_like_the_walk<SpringSystem<double, 2, 5>>(40);
+  expect_full_links_like_the_walk<SpringSystem<double, 3, 4>>(40);
+  expect_full_links_like_the_walk<SpringSystem<float, 3, 4>>(40);
+  expect_full_links_like_the_walk<SpringSystem<double, 1, 3>>(40);
+  expect_full_links_like_the_walk<SpringSystem<float, 2, 4>>(40);
+  expect_full_links_like_the_walk<SpringSystem<double, 2, 3, 3, Model<Rope, Huber>>>(40);
 }
 
 struct Tally {

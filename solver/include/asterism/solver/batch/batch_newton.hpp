@@ -236,6 +236,7 @@ class BatchNewton {
   std::unique_ptr<Scalars> take_scalars(const Batch& batch) {
     std::unique_ptr<Scalars> scalars = scalars_.take(batch);
     scalars->newton.options = options;
+    scalars->newton.options.measure_seconds = false;  // the batch is measured as a whole
     scalars->newton.options.certifier = scalars->certifier;
     return scalars;
   }

@@ -4,6 +4,7 @@
 #include <array>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/full_links.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -16,15 +17,6 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
-
-/// f(integral_constant<int, kFrom>), ..., f(integral_constant<int, kTo - 1>).
-template <int kFrom, int kTo, typename F>
-[[gnu::always_inline]] constexpr void unroll(F&& f) {
-  if constexpr (kFrom < kTo) {
-    f(std::integral_constant<int, kFrom>());
-    unroll<kFrom + 1, kTo>(f);
-  }
-}
 
 /// The linear system H p = g of a Newton step. H's columns, from the diagonal down, are factored in place to
 /// those of L D, where L D L^T = H + repair; the elimination runs over g too and so does the forward
@@ -259,37 +251,18 @@ class NewtonMatrix {
     return energy;
   }
 
-  // The same for a small full topology, the ends of whose links the compiler knows: sums stay in registers,
-  // each block is written once, and roots and divisions are two at a time. False where it does not serve.
-  // Whatever the elimination loads as a pair of rows is also stored as one: the processor would wait for two
-  // stores to reach the cache before it loads across them.
+  // The same for a small full topology: each block is written once. False where it does not serve. Whatever
+  // the elimination loads as a pair of rows is also stored as one: the processor would wait for two stores to
+  // reach the cache before it loads across them.
   [[gnu::flatten]] bool assemble_full(const System& system, const Points& x, bool clamp, Points& gradient,
                                       Scalar& energy) {
-    if constexpr (!kUnrolled || System::kNodes < 2 || System::kAnisotropicLinks) {
+    using Links = FullLinks<System>;
+    if constexpr (!kUnrolled || !Links::kServes) {
       return false;
     } else {
-      if (!system.topology().is_full() || system.has_offsets() || system.has_loads()) return false;
+      Links links;
+      if (!Links::serve(system) || !links.set(system, x)) return false;
       constexpr int kNodes = System::kNodes;
-      constexpr int kLinks = kNodes * (kNodes - 1) / 2;
-      constexpr auto for_each_link = [](auto&& visit) {
-        unroll<0, kNodes>([&](auto i) {
-          unroll<i + 1, kNodes>([&](auto j) {
-            visit(i, j, std::integral_constant<int, i*(2 * kNodes - i - 1) / 2 + j - i - 1>());
-          });
-        });
-      };
-      Eigen::Array<Scalar, kLinks, 1> square, length;
-      for_each_link([&](auto i, auto j, auto l) { square[l] = (x.col(i) - x.col(j)).squaredNorm(); });
-      if (!(square.minCoeff() >= kLeastSquare<Scalar>)) [[unlikely]]
-        return false;
-      if constexpr (std::is_same_v<Scalar, float>) {  // Eigen's own roots of it are approximate
-        for (int l = 0; l < kLinks; ++l) length[l] = std::sqrt(square[l]);
-      } else {
-        length = square.sqrt();
-      }
-      const Eigen::Array<Scalar, kLinks, 1> inverse = 1 / length;
-
-      const Scalar least = clamp ? Scalar(0) : -std::numeric_limits<Scalar>::infinity();
       const Eigen::Map<const Block> identity(kIdentity.data());
       std::array<Point, kNodes> pulls;
       std::array<Block, kNodes> diagonal;
@@ -305,18 +278,15 @@ class NewtonMatrix {
           diagonal[i] = anchor_curvature(system, i, d, clamp);
         }
       });
-      for_each_link([&](auto i, auto j, auto l) {
-        const Point u = (x.col(i) - x.col(j)) * inverse[l];
-        const auto force = link_force(system, l, length[l], inverse[l]);
-        sum += force.energy;
-        const Point pull = force.tension * u;
+      const auto curvatures = links.curvatures(clamp);
+      Links::for_each([&](auto i, auto j, auto l) {
+        sum += links.energy(l);
+        const Point pull = links.pull(l);
         pulls[i] += pull;
         pulls[j] -= pull;
-        const Scalar along = force.along < least ? least : force.along;
-        const Scalar across = force.across < least ? least : force.across;
-        const Point bend = (along - across) * u;
         for (int c = 0; c < kDim; ++c) {
-          const Point curvature = u[c] * bend + across * identity.col(c);
+          Point curvature;
+          for (int r = 0; r < kDim; ++r) curvature[r] = curvatures(r, c)[l];
           diagonal[i].col(c) += curvature;
           diagonal[j].col(c) += curvature;
           block(j, i).col(c) = -curvature;

@@ -106,12 +106,12 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     const Point d = anchor_offset(system, i, x);
     return k * function_of(system.anchor_loss, i)(d.dot(anchor_shaped(system, i, d))).first;
   };
+  // An anchor without stiffness means nothing: its position, which is finite, is multiplied by 0 first.
   Scalar total = 0;
   Point centre = Point::Zero();
   Point anchor_centre = Point::Zero();
   for (int i = 0; i < n; ++i) {
     const Scalar k = weight(i);
-    if (!(k > 0)) continue;  // its anchor means nothing
     total += k;
     centre += k * x.col(i);
     anchor_centre += k * system.anchors.col(i);
@@ -127,14 +127,13 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   Scalar anchor_spread = 0;
   for (int i = 0; i < n; ++i) {
     const Scalar k = weight(i);
-    if (!(k > 0)) continue;
     const Point p = x.col(i) - centre;
     const Point q = system.anchors.col(i) - anchor_centre;
-    for (int c = 0; c < System::kDim; ++c) {
-      for (int r = 0; r < System::kDim; ++r) M(r, c) += k * q[r] * p[c];
-    }
-    spread += k * p.squaredNorm();
-    anchor_spread += k * q.squaredNorm();
+    const Point kp = k * p;
+    const Point kq = k * q;
+    for (int c = 0; c < System::kDim; ++c) M.col(c) += p[c] * kq;
+    spread += kp.dot(p);
+    anchor_spread += kq.dot(q);
   }
   // On one point up to rounding: nothing to turn.
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();

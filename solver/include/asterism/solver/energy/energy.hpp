@@ -1,6 +1,8 @@
 #pragma once
 
+#include <array>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/detail/full_links.hpp>
 #include <asterism/solver/detail/spring_rows.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
@@ -32,6 +34,35 @@ typename System::Scalar triple_energy(const System& system, const typename Syste
   return energy;
 }
 
+/// Gradient and energy for a small full topology; false where it does not serve.
+template <typename System>
+[[gnu::flatten]] bool evaluate_full(const System& system, const typename System::Points& x,
+                                    typename System::Points& gradient, typename System::Scalar& energy) {
+  using Links = FullLinks<System>;
+  if constexpr (!Links::kServes) {
+    return false;
+  } else {
+    Links links;
+    if (!Links::serve(system) || !links.set(system, x)) return false;
+    std::array<typename System::Point, Links::kNodes> pulls;
+    typename System::Scalar sum = 0;
+    unroll<0, Links::kNodes>([&](auto i) {
+      const auto anchor = anchor_force(system, i, anchor_offset(system, i, x));
+      pulls[i] = anchor.gradient;
+      sum += anchor.energy;
+    });
+    Links::for_each([&](auto i, auto j, auto l) {
+      sum += links.energy(l);
+      const typename System::Point pull = links.pull(l);
+      pulls[i] += pull;
+      pulls[j] -= pull;
+    });
+    unroll<0, Links::kNodes>([&](auto i) { gradient.col(i) = pulls[i]; });
+    energy = sum;
+    return true;
+  }
+}
+
 /// Gradient and, if wanted, energy (otherwise any number) in one pass over the springs.
 template <bool kWithEnergy, typename System>
 typename System::Scalar evaluate(const System& system, const typename System::Points& x,
@@ -45,7 +76,9 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
     gradient.col(i) = force.gradient;
     if constexpr (kWithEnergy) energy += force.energy;
   };
-  if (SpringRows<System>::serve(system)) {
+  if (evaluate_full(system, x, gradient, energy)) {
+    // All links at once.
+  } else if (SpringRows<System>::serve(system)) {
     for (int i = 0; i < system.nodes(); ++i) on_node(i, anchor_offset(system, i, x));
     energy += SpringRows<System>::evaluate(system, x, gradient);
   } else {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/detail/full_links.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -17,7 +18,17 @@ namespace detail {
 template <typename System>
 void node_stiffness(const System& system, typename System::NodeVector& result) {
   using Scalar = typename System::Scalar;
+  using Links = FullLinks<System>;
   result = system.anchor_stiffness;
+  if constexpr (Links::kServes) {
+    if (Links::serve(system)) {
+      Links::for_each([&](auto i, auto j, auto l) {
+        result[i] += system.link_stiffness[l];
+        result[j] += system.link_stiffness[l];
+      });
+      return;
+    }
+  }
   // Links often come node by node, whose sum is then kept out of memory.
   int node = -1;
   Scalar sum = 0;

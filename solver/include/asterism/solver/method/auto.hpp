@@ -21,13 +21,18 @@ inline namespace ASTERISM_ABI {
 
 /// The default: the method that is fastest for a system of this size, linking and strength of anchors.
 ///
-///   up to 12 nodes                                  Newton
+///   up to 8 nodes                                   Newton
+///   up to 16 nodes, links at the start near rest    Newton
+///   up to 12 nodes, few links a node                Newton
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              NewtonCg
 ///   few links a node, more nodes                    "schwarz", see system_methods
 ///   the same, weak anchors                          NewtonCg up to 30,000 nodes, "schwarz-direct"
 ///                                                   up to 300,000, "schwarz" beyond
 ///   a floppy system on weak anchors                 "newton-sparse" from 100 to 30,000 nodes
+///
+/// Links are near rest if their strain, (r - mu) / mu, is at most a quarter in the root mean square, as where
+/// a tracker starts from the placement in the frame before: Newton then needs few iterations.
 ///
 /// Anchors are weak if most of them have less than 5e-5 of the stiffness that the links of a node have on
 /// average, so also where few nodes have an anchor, however stiff. A system with fewer links than
@@ -68,7 +73,10 @@ class Auto {
 
   Summary run(const System& system, Points& x);
 
-  static constexpr int kNewton = 12;
+  static constexpr int kNewton = 8;
+  static constexpr int kNewtonNearRest = 16;
+  static constexpr int kNewtonOfFewLinks = 12;
+  static constexpr Scalar kNearRest = Scalar(0.25);
   static constexpr int kSmallSparse = 1000;
   static constexpr int kMediumSparse = 30000;
   static constexpr int kFactored = 300000;  // beyond, a factor of the Hessian takes too long
@@ -90,6 +98,25 @@ class Auto {
   static bool has_weak_anchors(const System& system, Scalar share) {
     const Scalar links = 2 * system.link_stiffness.sum() / static_cast<Scalar>(system.nodes());
     return 2 * (system.anchor_stiffness.array() < share * links).count() > system.nodes();
+  }
+
+  // Whether the strain of the links at x is small, in the mean by stiffness. The values may be bad ones.
+  static bool is_near_rest(const System& system, const Points& x) {
+    if (x.cols() != system.nodes() || system.rest_length.size() != system.link_count() ||
+        system.link_stiffness.size() != system.link_count() ||
+        (system.has_offsets() && system.rest_offset.cols() != system.link_count()))
+      return false;
+    Scalar stretched = 0, at_rest = 0;
+    int l = 0;
+    for (const Link& link : system.links()) {
+      const Scalar k = system.link_stiffness[l], mu = system.rest_length[l];
+      const Scalar stretch = detail::link_difference(system, l, link, x).norm() - mu;
+      stretched += k * stretch * stretch;
+      at_rest += k * mu * mu;
+      if (system.has_offsets()) at_rest += k * system.rest_offset.col(l).squaredNorm();
+      ++l;
+    }
+    return stretched <= kNearRest * kNearRest * at_rest;
   }
 
   // The solve of a system with few links a node.
@@ -136,7 +163,10 @@ Summary Auto<System>::run(const System& system, Points& x) {
   if (n <= kNewton) return solve_by(newton_, system, x);
   if constexpr (kHasMore) {
     const std::int64_t pairs = std::int64_t{n} * (n - 1) / 2;
-    if (!kHeap || 3 * std::int64_t{system.link_count()} > pairs) {
+    const bool is_dense = 3 * std::int64_t{system.link_count()} > pairs;
+    if (is_dense ? n <= kNewtonNearRest && is_near_rest(system, x) : n <= kNewtonOfFewLinks)
+      return solve_by(newton_, system, x);
+    if (!kHeap || is_dense) {
       const Summary summary = solve_by(lbfgs_, system, x);
       if (summary.status != Status::NumericalFailure) return summary;
     } else if constexpr (kHeap) {

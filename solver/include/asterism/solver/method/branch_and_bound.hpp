@@ -8,6 +8,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/dense_bound.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/detail/time_limit.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/energy/energy.hpp>
@@ -23,7 +24,6 @@
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #include <asterism/solver/terms/solve.hpp>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <limits>
@@ -369,7 +369,7 @@ requires(detail::is_searchable<System>()) class BranchAndBound {
   /// Moves x (Dim x N) to the lowest minimum found. Statuses other than those above are as for
   /// solve_staircase.
   Summary solve(const System& system, Points& x) {
-    const auto begin = std::chrono::steady_clock::now();
+    const detail::Stopwatch stopwatch(true);
     Summary summary;
     summary.status = Status::InvalidInput;
     if (detail::shares_memory(system, x.data(), x.size())) {
@@ -386,7 +386,7 @@ requires(detail::is_searchable<System>()) class BranchAndBound {
                                       });
     }
     summary.solver = name();
-    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    summary.seconds = stopwatch.seconds();
     return summary;
   }
 

@@ -5,6 +5,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
@@ -18,7 +19,6 @@
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -85,7 +85,7 @@ class TurningOffsets {
   /// springs without rest length, all anchors plain springs, and no turn of the offsets leaves the energy
   /// unchanged; -1 if not all of them are.
   Summary solve(const System& system, Points& x) {
-    const auto begin = std::chrono::steady_clock::now();
+    const detail::Stopwatch stopwatch(options.measure_seconds);
     if (options.gap > 0)
       return detail::refused(name(), "option gap: no lower bound is known for offsets that turn");
     if (detail::shares_memory(system, x.data(), x.size()))
@@ -99,7 +99,7 @@ class TurningOffsets {
                                       result.message = detail::memory_message(error);
                                     });
     result.solver = name();
-    result.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    result.seconds = stopwatch.seconds();
     return result;
   }
 

@@ -113,7 +113,10 @@ class Topology {
     return topology;
   }
 
-  int nodes() const { return nodes_; }
+  int nodes() const {
+    if constexpr (N != Eigen::Dynamic) return N;  // for loops over few nodes to be unrolled
+    return nodes_;
+  }
   int link_count() const {
     if constexpr (kMaxLinks == Eigen::Dynamic) {
       return static_cast<int>(links_.size());

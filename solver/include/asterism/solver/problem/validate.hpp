@@ -139,6 +139,8 @@ int first_column_not_finite(const Matrix& points) {
 /// The first entry that is not a finite number >= 0, or -1.
 template <typename Vector>
 int first_bad_entry(const Vector& values) {
+  if (all_finite_and_positive(values)) [[likely]]
+    return -1;
   for (int i = 0; i < values.size(); ++i) {
     if (!(values[i] >= 0 && is_finite(values[i]))) return i;
   }

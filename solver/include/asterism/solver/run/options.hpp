@@ -55,6 +55,11 @@ struct SolverOptions {
   /// hands over to another method. BatchNewton does not call it.
   IterationCallback on_iteration = {};
 
+  /// Measure the wall-clock time of the solve, for Summary::seconds. Off, as to read the clock is a tenth of
+  /// the solve of four nodes. BatchNewton, methods with a limit of seconds and all for a System measure it in
+  /// any case.
+  bool measure_seconds = false;
+
   /// Whether `stop` was set.
   bool stopped() const { return stop != nullptr && stop->load(std::memory_order_relaxed); }
 
@@ -74,6 +79,7 @@ inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("gap", options.gap, {0, 1e9});
   visit("max_iterations", options.max_iterations, {0, 1e9});
   visit("ground_components", options.ground_components);
+  visit("measure_seconds", options.measure_seconds);
 }
 
 /// Options of solvers that can start with rigid_alignment of x (unless x is stationary, or max_iterations is

@@ -4,6 +4,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
@@ -15,7 +16,6 @@
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -171,7 +171,7 @@ class Session {
   };
 
   Summary run(const Task& task, const SolverOptions& options, const System& given, Points& x) {
-    const auto begin = std::chrono::steady_clock::now();
+    const detail::Stopwatch stopwatch(options.measure_seconds);
     has_run_ = true;
     nodes_ = given.nodes();
     links_ = given.link_count();
@@ -194,7 +194,7 @@ class Session {
       summary.status = Status::OutOfMemory;
       summary.message = detail::memory_message(error);
     });
-    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    summary.seconds = stopwatch.seconds();
     return summary;
   }
 

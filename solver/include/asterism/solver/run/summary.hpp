@@ -11,8 +11,7 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 
 /// The result of every solver. Numbers are -1 until they are known. Energies, gradient norm and stationarity
-/// are computed by this library from x, whatever the solver; their cost is included in `seconds`, but not in
-/// the counts.
+/// are computed by this library from x, whatever the solver; their cost is not included in the counts.
 struct Summary {
   Status status = Status::NotRun;            ///< why it stopped
   Message message = "solve was not called";  ///< what was wrong, or more on the status
@@ -30,7 +29,8 @@ struct Summary {
   int positive_definite = -1;  ///< 1: the Hessian at the x returned is positive definite, so x is a strict
                                ///< local minimum if stationary; 0: it is not, or a component or a part of
                                ///< one is free to turn or slide; -1: the method did not test it
-  double seconds = -1;         ///< wall-clock time in solve
+  double seconds = -1;         ///< wall-clock time in solve; -1: not measured, which is an option,
+                               ///< SolverOptions::measure_seconds
 
   /// Whether lower_bound proves that the energy exceeds the least one by at most this share of itself.
   bool is_within(double gap) const { return usable() && is_within(gap, final_energy, lower_bound); }
@@ -73,8 +73,8 @@ inline std::ostream& operator<<(std::ostream& out, const Summary& summary) {
   out << summary.solver << ": " << summary.status;
   if (summary.usable()) {
     out << " after " << summary.iterations << " iterations, energy " << summary.initial_energy << " -> "
-        << summary.final_energy << ", stationarity " << summary.stationarity << ", " << summary.seconds
-        << " s";
+        << summary.final_energy << ", stationarity " << summary.stationarity;
+    if (summary.seconds >= 0) out << ", " << summary.seconds << " s";
   }
   return out << " (" << summary.message << ")";
 }
