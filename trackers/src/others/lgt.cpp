@@ -49,7 +49,7 @@ constexpr double kCapacityRate = 0.2, kShapeRate = 0.3;
 // The shape: width of the margin around the parts' convex hull, and the probability in it.
 constexpr double kHullMargin = 15;
 constexpr float kMarginProbability = 0.7F;
-// Probabilities of color and motion that differ by at most this fraction everywhere carry no information.
+// Probabilities of a cue that differ by at most this fraction everywhere carry no information.
 constexpr float kSameProbability = 1e-3F;
 
 // Approximately normal numbers, the same with every compiler: sums of twelve uniform numbers from splitmix64
@@ -71,6 +71,19 @@ class Normal {
  private:
   std::uint64_t state_;
 };
+
+// Whether the probabilities of a cue differ anywhere in the image. Cells outside it have no evidence.
+bool informs(const Segmentation& cue, const Frame& frame) {
+  float lowest = 1, highest = 0;
+  for (int row = 0; row < cue.posterior.rows; ++row)
+    for (int col = 0; col < cue.posterior.cols; ++col) {
+      const Point2 position = cue.origin + cue.spacing.cwiseProduct(Size2(col, row));
+      if (position != kept_in_image(frame, position)) continue;
+      const float probability = cue.posterior.at<float>(row, col);
+      lowest = std::min(lowest, probability), highest = std::max(highest, probability);
+    }
+  return highest - lowest > kSameProbability * highest;
+}
 
 double median(std::vector<double>& values) {
   const auto middle = values.begin() + std::ssize(values) / 2;
@@ -258,7 +271,7 @@ void Lgt::renew(const Frame& frame, const Segmentation& moving) {
   const cv::Rect2d region = box_around(pose_.centre(), Size2::Constant(kMapSide * unit()));
   const Segmentation color =
       options_.use_color ? color_.segment(frame, region, pose_.size()) : Segmentation();
-  add_likely(frame, positions, probability(color, moving));
+  add_likely(frame, positions, probability(frame, color, moving));
   capacity_ += kCapacityRate * (static_cast<double>(std::ssize(parts_)) - capacity_);
   assign(positions);
 }
@@ -430,7 +443,7 @@ void Lgt::learn_shape(const std::vector<Point2>& placement) {
   if (shape_.maxCoeff() > 0) shape_ /= shape_.maxCoeff();
 }
 
-Lgt::Map Lgt::probability(const Segmentation& color, const Segmentation& moving) const {
+Lgt::Map Lgt::probability(const Frame& frame, const Segmentation& color, const Segmentation& moving) const {
   Map cues = Map::Ones();
   for (int row = 0; row < kShapeCells; ++row)
     for (int col = 0; col < kShapeCells; ++col) {
@@ -441,9 +454,9 @@ Lgt::Map Lgt::probability(const Segmentation& color, const Segmentation& moving)
   if (!options_.use_shape) return cues / std::max(cues.maxCoeff(), 1e-12F);
   // Where neither color nor motion tells the object from its surroundings, nothing says that the object goes
   // on in the margin of its shape: parts that joined there would widen the shape in every frame.
-  const bool uninformative = cues.maxCoeff() - cues.minCoeff() <= kSameProbability * cues.maxCoeff();
-  const Map shape =
-      uninformative ? Map((shape_ > (1 + kMarginProbability) / 2).select(shape_, 0.0F)) : shape_;
+  const Map shape = informs(color, frame) || informs(moving, frame)
+                        ? shape_
+                        : Map((shape_ > (1 + kMarginProbability) / 2).select(shape_, 0.0F));
   const Map result = cues * shape;
   return result / std::max(result.maxCoeff(), 1e-12F);
 }

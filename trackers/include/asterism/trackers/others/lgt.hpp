@@ -107,7 +107,7 @@ class ASTERISM_API Lgt : public TrackerBase<Lgt> {
 
   // The global layer.
   void learn_shape(const std::vector<Point2>& placement);
-  Map probability(const Segmentation& color, const Segmentation& moving) const;
+  Map probability(const Frame& frame, const Segmentation& color, const Segmentation& moving) const;
   void add_likely(const Frame& frame, std::vector<Point2>& placement, Map probability);
 
   std::vector<Point2> placement() const;
