@@ -27,6 +27,7 @@ struct Double8 {
   using V = __m512d;
   using M = __mmask8;
   static constexpr int kLanes = 8;
+  static constexpr bool kMaskRegisters = true;  // a blend of one lane is one instruction
 
   ASTERISM_INLINE V set(T a) { return _mm512_set1_pd(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm512_loadu_pd(a); }
@@ -67,6 +68,7 @@ struct Float16 {
   using V = __m512;
   using M = __mmask16;
   static constexpr int kLanes = 16;
+  static constexpr bool kMaskRegisters = true;  // a blend of one lane is one instruction
 
   ASTERISM_INLINE V set(T a) { return _mm512_set1_ps(a); }
   ASTERISM_INLINE V load(const T* a) { return _mm512_loadu_ps(a); }
