@@ -20,6 +20,7 @@ PYBIND11_MODULE(_asterism, m) {
   bind_graph(m);
   bind_pose(m);
   bind_ranges(m);
+  bind_placement(m);
 #ifdef ASTERISM_PYTHON_JSON
   bind_json(m);
 #endif

@@ -80,6 +80,18 @@ class MdsTest(unittest.TestCase):
             self.assertLess(found.gap, 1e-6)
             self.assertTrue(found)
 
+    def test_the_default_has_no_more_stress_than_many_starts(self):
+        """Clusters that the plane cannot show, over 300 points, of which classical scaling puts some on the wrong side."""
+        for seed in (11, 12, 13):
+            random = np.random.default_rng([seed, 350])
+            centres = 3 * random.normal(size=(10, 10))
+            distances = distances_of(centres[random.integers(10, size=350)] + random.normal(size=(350, 10)))
+            with self.subTest(seed=seed):
+                found = asterism.mds(distances)
+                self.assertLessEqual(found.stress, 1.01 * asterism.mds(distances, starts=8).stress)
+                weights = 1 / np.maximum(distances, 1e-9)  # of all pairs, which the sample's starts have as well
+                self.assertLessEqual(asterism.mds(distances, weights).stress, 1.01 * asterism.mds(distances, weights, starts=8).stress)
+
     def test_missing_pairs(self):
         points = self.random.normal(size=(20, 2))
         distances = distances_of(points)

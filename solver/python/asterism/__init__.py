@@ -12,7 +12,7 @@ A spring system is solved in place:
 
 `asterism.System` has terms of all kinds: robust or anisotropic anchors, ropes, angles, loads, functions of one's own.
 
-Points with given distances are found by `asterism.mds`, graphs are drawn by `asterism.layout`, and parts with maps of costs are
+Points with given distances are found by `asterism.mds`, and by the estimator `asterism.MDS`; graphs are drawn by `asterism.layout`, and parts with maps of costs are
 placed by `asterism.pictorial_structure`, `scaled_structure`, `loopy_structure` and `m_best_placements`. `asterism.locate` finds positions from ranges, and `asterism.pose` the
 paths of key-points over time and several cameras. Gradients of a function of the solution are found by `asterism.sensitivity`;
 `asterism.torch` is a layer of PyTorch. Trackers
@@ -56,13 +56,14 @@ from ._asterism import __version__
 from .embedding import Embedding, layout, layout_stress, mds
 from .gradients import Sensitivity, SensitivityStatus, sensitivity
 from .ranges import PositionFix, PositionMinimum, locate
+from .scaling import MDS
 from .structures import (
     Joint, LoopyResult, PictorialResult, ScaledResult, loopy_structure, m_best_placements, pictorial_structure, scaled_structure,
 )
 
 # What help(asterism) lists.
 __all__ = [
-    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "locate", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
+    "bench", "evaluation", "pose", "Embedding", "Joint", "LoopyResult", "MDS", "PictorialResult", "PositionFix", "PositionMinimum", "ScaledResult", "Sensitivity", "SensitivityStatus", "layout", "layout_stress", "locate", "loopy_structure", "m_best_placements", "mds", "pictorial_structure",
     "scaled_structure", "sensitivity",
     *(name for name in dir(_asterism) if not name.startswith("_")),
 ]

@@ -16,6 +16,7 @@ from . import _asterism, inputs, names
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 _MANY = 1000  # over it, layout's default method is "sgd"
+_SAMPLED = 300  # over it, starts are classical scaling and a sample's placement, and not random ones
 _Distances = Callable[[_Indices, _Indices], _Floats]  # (C, S, T), for each row of sources (C, S) to that of targets (C, T)
 
 
@@ -90,9 +91,9 @@ def mds(
     dim: 2 or 3; other dimensions are a ValueError.
     start: (N, dim); None: classical scaling, in which a missing distance is that of the shortest path (over 500 nodes: from the
         distances to 200 of them, the pivots).
-    method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, 8 up to 300, and one for more (its option
-        `starts`, with `spread` 2 here): more starts find hardly less stress then, except of points in clusters of many dimensions
-        (about 1 % less on average, but now and then up to 25 %: try starts=8 there); "staircase" searches for the least stress from above and below.
+    method, options: as for solve. "multi-start" tries 32 starts up to 100 nodes, 8 up to 300 (its option `starts`, with `spread` 2
+        here), and for more nodes two: classical scaling, and the best placement of a sample of 100 of them, about which the others
+        are placed. "staircase" searches for the least stress from above and below.
 
     Parts that no known pair joins and no anchor holds are placed side by side. ValueError names what is wrong with the input.
     The stress may have several local minima: `gap` says what is proven of the one found.
@@ -240,14 +241,14 @@ def _count(value: Any, name: str, least: int = 1) -> int:
     return found
 
 
-def _known_pairs(distances: Any) -> tuple[npt.NDArray[np.intp], _Floats, int]:
-    pairs, lengths = inputs.pairs_of(distances, "distances", missing=np.nan)
+def _known_pairs(distances: Any, name: str = "distances") -> tuple[npt.NDArray[np.intp], _Floats, int]:
+    pairs, lengths = inputs.pairs_of(distances, name, missing=np.nan)
     known = ~np.isnan(lengths)
     pairs, lengths = pairs[known], lengths[known]
     if len(bad := np.flatnonzero((lengths < 0) | np.isinf(lengths))):
         i, j = pairs[bad[0]]
-        raise ValueError(f"distances: [{i}, {j}] is {lengths[bad[0]]}; expected >= 0 and finite, or NaN for a missing pair")
-    return pairs, lengths, inputs.square(distances, "distances")
+        raise ValueError(f"{name}: [{i}, {j}] is {lengths[bad[0]]}; expected >= 0 and finite, or NaN for a missing pair")
+    return pairs, lengths, inputs.square(distances, name)
 
 
 def _weights_of(weights: Any, pairs: npt.NDArray[np.intp], n: int) -> _Floats:
@@ -416,6 +417,16 @@ def _classical(distances: _Floats, dim: int) -> _Floats:
     return _not_flat(x, np.sqrt(mean))
 
 
+def _symmetric(n: int, pairs: npt.NDArray[np.intp], values: _Floats) -> _Floats:
+    matrix = np.zeros((n, n))
+    matrix[pairs[:, 0], pairs[:, 1]] = matrix[pairs[:, 1], pairs[:, 0]] = values
+    return matrix
+
+
+def _of_matrix(matrix: _Floats) -> _Distances:
+    return lambda sources, targets: matrix[sources[:, :, None], targets[:, None, :]]
+
+
 def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
     """x moved, turned and mirrored to be nearest to the anchors (Kabsch 1976)."""
     weights = np.where(np.isinf(weights), max(weights[np.isfinite(weights)].max(initial=0), 1) * 1e3, weights)
@@ -443,6 +454,51 @@ def _start(distances: _Distances, components: list[_Indices], at: _Floats, hold:
         if is_held:
             x[nodes] = _to_anchors(x[nodes], at[nodes], hold[nodes])
     return x
+
+
+def starts_by_default(n: int) -> int:
+    """How many starts find, nearly always, no more stress than many."""
+    return 32 if n <= 100 else 8 if n <= _SAMPLED else 1
+
+
+def sampled_start(
+    distances: _Distances, weights: _Floats | None, x: _Floats, components: list[_Indices], at: _Floats, hold: _Floats, seed: int
+) -> _Floats | None:
+    """x with each component of over 300 nodes placed about 100 of them, which are solved from 8 starts; None if there is none.
+
+    A large map has the minima of a small one, which can be searched (as for a graph's coarser graphs; Walshaw 2001).
+    weights: (N, N), or None where all are the same or some pairs are missing.
+    """
+    large = [nodes for nodes in components if len(nodes) > _SAMPLED]
+    x, dim = x.copy(), x.shape[1]
+    for nodes in large:
+        sample = np.random.default_rng(seed).choice(nodes, 100, replace=False)
+        to_all = distances(sample[None], nodes[None])[0]
+        place = np.empty(len(x), dtype=np.intp)
+        place[nodes] = np.arange(len(nodes))
+        among = to_all[:, place[sample]]
+        i, j = np.triu_indices(len(sample), 1)
+        system = _asterism.System(len(sample), dim=dim)
+        system.add_links(np.column_stack([i, j]), among[i, j], 1.0 if weights is None else weights[sample[i], sample[j]])
+        held = _classical(among[None], dim)[0]
+        system.solve(held, "multi-start", starts=8, spread=2.0, seed=seed, ground_components=True)
+        shares = np.ones((1, len(sample))) if weights is None else weights[np.ix_(nodes, sample)]
+        x[nodes] = _asterism._place(held, np.ascontiguousarray(to_all.T), shares, np.empty((0, dim)), 1)
+        if (hold[nodes] > 0).any():
+            x[nodes] = _to_anchors(x[nodes], at[nodes], hold[nodes])
+    return x if large else None
+
+
+def proven_gap(stress: float, lower_bound: float, rounding: float) -> float:
+    """How much less stress there may be, as a share of the stress; NaN if nothing is proven."""
+    if lower_bound == 0 and stress > rounding:
+        return np.nan  # no stress is below 0, which is no news
+    return (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
+
+
+def rounding_of(x: _Floats, pairs: npt.NDArray[Any], lengths: _Floats, weights: _Floats) -> float:
+    """Stress that is taken for rounding."""
+    return 1e-10 * float(np.sum(weights * (lengths + np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)) ** 2))
 
 
 def _firsts(components: list[_Indices]) -> _Indices:
@@ -594,26 +650,32 @@ def _embed(
     if graph is None or components is None:
         graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
         components = _components(graph)
+    is_complete = 2 * len(pairs) == n * (n - 1)
     distances: _Distances = graph.distances
-    if is_of_pairs and 2 * len(pairs) == n * (n - 1):  # all are known
-        matrix = np.zeros((n, n))
-        matrix[pairs[:, 0], pairs[:, 1]] = matrix[pairs[:, 1], pairs[:, 0]] = lengths
-        distances = lambda sources, targets: matrix[sources[:, :, None], targets[:, None, :]]
+    if is_of_pairs and is_complete:
+        distances = _of_matrix(_symmetric(n, pairs, lengths))
     x = _start(distances, components, at, hold, dim) if given is None else _centred(given, components, hold)
-    x[exact] = at[exact]
+    starts = [x]
     if method == "multi-start":
-        options = {"starts": 32 if n <= 100 else 8 if n <= 300 else 1, "spread": 2.0, **options}
-    summary = _asterism.solve(system, x, method, ground_components=True, **options)
-    if not summary:
-        raise ValueError(summary.message)
+        if given is None and "starts" not in options:
+            is_weighted = is_complete and len(weights) > 0 and np.ptp(weights) > 0
+            of_pairs = _symmetric(n, pairs, weights) if is_weighted else None
+            seed = options.get("seed", 1)
+            seed = int(seed) if isinstance(seed, (int, np.integer)) and 0 <= seed < 2**63 else 1  # the method refuses others
+            sampled = sampled_start(distances, of_pairs, x, components, at, hold, seed)
+            starts += [] if sampled is None else [sampled]
+        options = {"starts": starts_by_default(n), "spread": 2.0, **options}
+    solved = []
+    for x in starts:
+        x[exact] = at[exact]
+        summary = _asterism.solve(system, x, method, ground_components=True, **options)
+        if not summary:
+            raise ValueError(summary.message)
+        solved.append((summary, x))
+    summary, x = min(solved, key=lambda each: each[0].final_energy)
     x = _side_by_side(x, components, hold)
     certificate = _asterism.certify(system, x) if prove else None
     stress = 2 * _asterism.energy(system, x)
     lower_bound = min(max(2 * certificate.lower_bound if certificate else 0.0, 2 * summary.lower_bound, 0.0), stress)
-    ends = system.topology.links
-    rounding = 1e-10 * float(np.sum(weights * (lengths + np.linalg.norm(x[ends[:, 0]] - x[ends[:, 1]], axis=1)) ** 2))
-    if lower_bound == 0 and stress > rounding:
-        gap = np.nan  # no stress is below 0, which is no news
-    else:
-        gap = (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
+    gap = proven_gap(stress, lower_bound, rounding_of(x, system.topology.links, lengths, weights))
     return Embedding(x, stress, lower_bound, gap, certificate, summary, system, nodes)

@@ -57,7 +57,7 @@ _OPTIONS: dict[str, tuple[str, str]] = {
 # Options of other libraries that have no counterpart.
 _REFUSED = {
     "dissimilarity": "the argument is always a matrix of distances; SciPy's cdist computes one from points",
-    "metric": "mds is always metric",
+    "metric": "mds is always metric; asterism.MDS has metric=False",
     "normalizedstress": "`stress` of the result is never normalised",
     "k": "the drawing's unit is the length of an edge; multiply the result by a factor",
     "scale": "multiply the result by a factor",
@@ -95,6 +95,9 @@ def no_option(of: str, name: str, known: Sequence[str]) -> str:
         ours = next(option for option in _OWNER if _plain(option) == plain)
     if ours in known:
         return f"{of} has no option '{name}': here it is '{ours}'" + (f", {remark}" if remark else "") + listed
+    same = [option for option in known if _OPTIONS.get(_plain(option), ("", ""))[0] == (ours or name)]
+    if same:  # `of` has another library's names, as MDS has
+        return f"{of} has no option '{name}': here it is '{same[0]}'{listed}"
     if ours in _OWNER:
         return f"{of} has no option '{name}': '{ours}' is an option of the method '{_OWNER[ours]}'{listed}"
     near = difflib.get_close_matches(name.lower(), known, 1)

@@ -1,0 +1,476 @@
+"""Multidimensional scaling as an estimator, with the interface of scikit-learn, which it does not need."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import inspect
+import os
+import sys
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from . import _asterism, embedding, inputs, names
+
+_Floats = npt.NDArray[np.float64]
+_LOSSES = ("quadratic", "huber", "geman-mcclure")
+
+
+class MDS:
+    """Multidimensional scaling: points whose distances are those given, with the interface of scikit-learn's MDS.
+
+    It minimises the stress sum w_ij rho((d_ij - |x_i - x_j|)^2) over the known pairs, as mds does in 2 and 3 dimensions, and
+    has all that scikit-learn 1.2 asks of a transformer (`check_estimator`), but needs no scikit-learn.
+
+    n_components: the dimension, 1 to 32.
+    metric: False for non-metric scaling, which keeps only the order of the distances (Kruskal 1964): the stress is then that of the
+        numbers nearest to |x_i - x_j| that increase with d_ij; those of equal d_ij may differ. It has no loss and no proof, and takes no
+        anchors.
+    n_init: number of starts. None: as for mds, 32 up to 100 points, 8 up to 300, and two for more. The first is classical scaling, the
+        others are random.
+    max_iter: of each start. eps: the solver's tolerance, without unit (1e-3 leaves the stress within some 1e-4 of the
+        minimum's, 1e-5 within 1e-8); for
+        metric=False also the share of the stress by which a regression has to lower it.
+    n_jobs: starts, and points of transform, that are computed at a time; None: 1, -1: as many as the machine runs at once. The result
+        does not depend on it.
+    random_state: an integer, a RandomState or Generator of NumPy, or None for 1: results are the same in every run.
+    dissimilarity: "euclidean": X are points (N, features), and their Euclidean distances are taken; "precomputed": X is a matrix of
+        distances as mds takes it, in which pairs may be missing (NaN, masked, or not stored in a sparse matrix).
+    normalized_stress: whether `stress_` is sqrt(sum w (d - r)^2 / sum w r^2) with r = |x_i - x_j| (Kruskal's stress-1); "auto": where
+        metric is False.
+    loss, scale: against wrong distances: "huber" or "geman-mcclure", from residuals of about `scale` on [unit of the
+        distances]; "quadratic" has no scale.
+    certify: also ask how much less stress another placement may have, which takes N^2 memory and about the time of the solve.
+
+    After fit: `embedding_` (N, n_components); `stress_`; `n_iter_` of the start whose result is taken; `dissimilarity_matrix_` (N, N);
+    `n_features_in_`; with certify `certificate_`, `lower_bound_`, and `gap_` (as Embedding.gap); without metric `disparities_`, the
+    pairs' numbers that increase with d_ij.
+
+    The constructor checks names only, and fit the values, as in scikit-learn. Names of mds, such as `dim`, are a TypeError that says
+    the name here.
+    """
+
+    def __init__(
+        self,
+        n_components: int = 2,
+        *,
+        metric: bool = True,
+        n_init: int | None = None,
+        max_iter: int = 10000,
+        eps: float = 1e-3,
+        n_jobs: int | None = None,
+        random_state: Any = None,
+        dissimilarity: str = "euclidean",
+        normalized_stress: bool | str = "auto",
+        loss: str = "quadratic",
+        scale: float | None = None,
+        certify: bool = False,
+        **unknown: Any,
+    ) -> None:
+        for name in unknown:
+            raise TypeError(names.no_option("MDS()", name, self._names()))
+        self.n_components = n_components
+        self.metric = metric
+        self.n_init = n_init
+        self.max_iter = max_iter
+        self.eps = eps
+        self.n_jobs = n_jobs
+        self.random_state = random_state
+        self.dissimilarity = dissimilarity
+        self.normalized_stress = normalized_stress
+        self.loss = loss
+        self.scale = scale
+        self.certify = certify
+
+    def fit(
+        self,
+        X: Any,
+        y: Any = None,
+        *,
+        init: npt.ArrayLike | None = None,
+        weights: Any = None,
+        anchors: npt.ArrayLike | None = None,
+        anchor_weights: npt.ArrayLike = 1.0,
+    ) -> MDS:
+        """Finds the placement of X; y is ignored.
+
+        init: (N, n_components), the only start. weights, anchors, anchor_weights: as for mds, for all dimensions. ValueError or
+        TypeError names what is wrong.
+        """
+        self._check()
+        dim, is_metric = int(self.n_components), bool(self.metric)
+        if self.dissimilarity == "euclidean":
+            features = _features(X)
+            n = len(features)
+            i, j = np.triu_indices(n, 1)
+            pairs = np.column_stack([i, j])
+            lengths = _asterism._distances(features, features, self._threads())[i, j]
+            self._fitted_features: _Floats | None = features
+        else:
+            if not inputs.is_sparse(X):
+                X = np.ma.asarray(X).filled(np.nan) if np.ma.isMaskedArray(X) else _table(X, is_finite=False)
+                if X.shape[0] != X.shape[1]:
+                    raise ValueError(f"X: expected a square matrix of distances (N, N), found {X.shape}")
+            pairs, lengths, n = embedding._known_pairs(X, "X")
+            self._fitted_features = None
+        self._remember_columns(X, n)
+        stiffness = embedding._weights_of(weights, pairs, n)
+        pairs, lengths, stiffness = pairs[stiffness > 0], lengths[stiffness > 0], stiffness[stiffness > 0]
+        at, hold = embedding._anchors_of(anchors, anchor_weights, n, dim)
+        if anchors is not None and not is_metric:
+            raise ValueError("anchors: non-metric scaling has no unit, so its points have no places; use metric=True")
+        embedding._check_range(lengths, stiffness, at, hold)
+        system, links = self._system(n, pairs, lengths, stiffness, at, hold)
+        graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
+        components = embedding._components(graph)
+        starts = self._starts(graph, pairs, lengths, stiffness, components, at, hold, init)
+        if is_metric:
+            solve = lambda x: self._solved(system, x, self.max_iter)
+        else:
+            solve = lambda x: self._non_metric(pairs, lengths, stiffness, x)
+        jobs = min(self._threads(), len(starts))
+        if jobs > 1:
+            with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+                results = list(pool.map(solve, starts))
+        else:
+            results = [solve(x) for x in starts]
+        best = min(range(len(results)), key=lambda k: results[k][0])
+        _, x, self.n_iter_, disparities = results[best]
+        self.embedding_ = embedding._side_by_side(x, components, hold)
+        self.dissimilarity_matrix_ = np.full((n, n), np.nan)
+        np.fill_diagonal(self.dissimilarity_matrix_, 0)
+        self.dissimilarity_matrix_[pairs[:, 0], pairs[:, 1]] = self.dissimilarity_matrix_[pairs[:, 1], pairs[:, 0]] = lengths
+        reached = _lengths(self.embedding_, pairs)
+        if is_metric:
+            self.stress_ = stress = 2 * system.energy(self.embedding_)
+            wanted = lengths
+        else:
+            self.disparities_ = wanted = disparities
+            self.stress_ = float(np.sum(stiffness * (wanted - reached) ** 2))
+            self._curve = _curve(lengths, disparities)
+        if self.normalized_stress is True or (self.normalized_stress == "auto" and not is_metric):
+            square = float(np.sum(stiffness * reached**2))
+            self.stress_ = float(np.sqrt(np.sum(stiffness * (wanted - reached) ** 2) / square)) if square > 0 else 0.0
+        if self.certify:
+            for nodes, is_held in zip(components, embedding._any_of_each(hold > 0, components)):
+                if not is_held:
+                    system.fix(int(nodes[0]))  # one of its points may be anywhere, at no cost
+            self.certificate_ = system.certify(self.embedding_)
+            self.lower_bound_ = min(max(2 * self.certificate_.lower_bound, 0.0), stress)
+            rounding = embedding.rounding_of(self.embedding_, pairs, lengths, stiffness)
+            self.gap_ = embedding.proven_gap(stress, self.lower_bound_, rounding)
+        return self
+
+    def fit_transform(self, X: Any, y: Any = None, **fit_params: Any) -> _Floats:
+        """fit(X, y, **fit_params).embedding_"""
+        return self.fit(X, y, **fit_params).embedding_
+
+    def transform(self, X: Any, *, weights: npt.ArrayLike | None = None, among: int = 100) -> _Floats:
+        """Places for new points, (M, n_components), each by itself, among the points of fit, which stay where they are.
+
+        X: points (M, features), or, precomputed, their distances (M, N) from the points of fit, where NaN (or masked) is not known.
+        weights: (M, N), >= 0, of these distances; None: 1.
+
+        A point goes down to the lower of two minima of its stress, which is nearly always the lowest.
+
+        among: at how many points of fit a new one looks, which are drawn at random, the same for all; time is in proportion. All count
+            where distances are missing or have weights. With N = 2000, the stress of new points was 13 % above that among all for 100,
+            and 6 % for 200.
+
+        A point whose distance from one of these is 0 is placed on it. ValueError for a point without a known distance, and before fit.
+        """
+        if not hasattr(self, "embedding_"):
+            raise _not_fitted()(
+                f"This {type(self).__name__} instance is not fitted yet. Call 'fit' with appropriate arguments before using this estimator."
+            )
+        held, threads = self.embedding_, self._threads()
+        if np.ma.isMaskedArray(X):
+            X = np.ma.asarray(X).astype(np.float64).filled(np.nan)
+        table = _table(X, is_finite=self._fitted_features is not None)
+        self._check_columns(X, table.shape[1])
+        count, dim = len(table), held.shape[1]
+        shares = None if weights is None else inputs.numbers(weights, "weights", (count, len(held)), missing=0)
+        if shares is not None and not ((shares >= 0) & np.isfinite(shares)).all():
+            raise ValueError("weights: expected finite numbers >= 0")
+        is_all = shares is not None or (self._fitted_features is None and bool(np.isnan(table).any()))
+        chosen = np.arange(len(held))
+        if not is_all and embedding._count(among, "among") < len(held):
+            chosen = np.random.default_rng(0).permutation(len(held))[:among]
+        places = np.ascontiguousarray(held[chosen])
+        result = np.empty((count, dim))
+        rows = max(1, 4_000_000 // len(chosen))  # 32 MB of distances
+        for first in range(0, count, rows):
+            part = slice(first, first + rows)
+            if self._fitted_features is None:
+                distances = np.ascontiguousarray(table[part][:, chosen])
+                if (distances < 0).any() or np.isinf(distances).any():
+                    raise ValueError("X: expected distances >= 0 and finite, or NaN where one is not known")
+            else:
+                distances = _asterism._distances(table[part], self._fitted_features[chosen], threads)
+            if not self.metric:
+                distances = _of_curve(self._curve, distances)
+            own = np.ones((1, len(chosen))) if shares is None else shares[part]
+            result[part] = self._placed(places, distances, np.ascontiguousarray(own), threads)
+        if len(bad := np.flatnonzero(np.isnan(result).any(axis=1))):
+            raise ValueError(f"X: row {bad[0]} has no known distance from a point of fit")
+        return result
+
+    def get_feature_names_out(self, input_features: Any = None) -> npt.NDArray[Any]:
+        """mds0, mds1, ...: names of the columns of the embedding."""
+        return np.array([f"mds{k}" for k in range(int(self.n_components))], dtype=object)
+
+    def get_params(self, deep: bool = True) -> dict[str, Any]:
+        """The arguments of the constructor, by name."""
+        return {name: getattr(self, name) for name in self._names()}
+
+    def set_params(self, **params: Any) -> MDS:
+        """Changes arguments of the constructor; ValueError for a name that it does not have."""
+        for name, value in params.items():
+            if name not in self._names():
+                raise ValueError(f"Invalid parameter {name!r} for estimator MDS: {names.no_option('MDS()', name, self._names())}")
+            setattr(self, name, value)
+        return self
+
+    def __repr__(self) -> str:
+        own = inspect.signature(MDS.__init__).parameters
+        changed = [f"{name}={value!r}" for name, value in self.get_params().items() if value is not own[name].default]
+        return f"{type(self).__name__}({', '.join(changed)})"
+
+    @classmethod
+    def _names(cls) -> list[str]:
+        own = inspect.signature(MDS.__init__).parameters.values()
+        return [p.name for p in own if p.kind in (p.POSITIONAL_OR_KEYWORD, p.KEYWORD_ONLY) and p.name != "self"]
+
+    # What scikit-learn asks about an estimator: up to 1.5, and since.
+    def _more_tags(self) -> dict[str, Any]:
+        is_given = self.dissimilarity == "precomputed"
+        return {"pairwise": is_given, "allow_nan": is_given}
+
+    def __sklearn_tags__(self) -> Any:
+        from sklearn.utils import InputTags, Tags, TargetTags, TransformerTags
+
+        is_given = self.dissimilarity == "precomputed"
+        return Tags(
+            estimator_type=None,
+            target_tags=TargetTags(required=False),
+            transformer_tags=TransformerTags(),
+            input_tags=InputTags(pairwise=is_given, allow_nan=is_given, sparse=is_given),
+        )
+
+    def _threads(self) -> int:
+        jobs = 1 if self.n_jobs is None else self.n_jobs
+        return (os.cpu_count() or 1) if jobs == -1 else embedding._count(jobs, "n_jobs")
+
+    def _check(self) -> None:
+        embedding._count(self.n_components, "n_components")
+        if self.n_init is not None:
+            embedding._count(self.n_init, "n_init")
+        embedding._count(self.max_iter, "max_iter")
+        self._threads()
+        if not np.isscalar(self.eps) or not 0 < float(self.eps) < np.inf:
+            raise ValueError(f"eps: expected a number > 0, found {self.eps!r}")
+        if self.dissimilarity not in ("euclidean", "precomputed"):
+            raise ValueError(f"dissimilarity: expected 'euclidean' or 'precomputed', found {self.dissimilarity!r}")
+        if self.normalized_stress not in (True, False, "auto"):
+            raise ValueError(f"normalized_stress: expected True, False or 'auto', found {self.normalized_stress!r}")
+        if self.loss not in _LOSSES:
+            raise ValueError(f"loss: expected one of {', '.join(map(repr, _LOSSES))}, found {self.loss!r}")
+        if (self.loss == "quadratic") != (self.scale is None):
+            raise ValueError(f"scale: expected {'None' if self.loss == 'quadratic' else 'a number'} for loss={self.loss!r}, found {self.scale!r}")
+        if not self.metric and (self.loss != "quadratic" or self.certify):
+            raise ValueError("metric: non-metric scaling has neither a loss nor a certificate; use metric=True")
+
+    def _seed(self) -> int:
+        state = self.random_state
+        if state is None:
+            return 1
+        if isinstance(state, np.random.RandomState):
+            return int(state.randint(2**31 - 1))
+        if isinstance(state, np.random.Generator):
+            return int(state.integers(2**31 - 1))
+        return embedding._count(state, "random_state", 0)
+
+    def _remember_columns(self, X: Any, n: int) -> None:
+        self.n_features_in_ = n if self._fitted_features is None else self._fitted_features.shape[1]
+        columns = _column_names(X)
+        if columns is not None:
+            self.feature_names_in_ = columns
+        elif hasattr(self, "feature_names_in_"):
+            del self.feature_names_in_
+
+    def _check_columns(self, X: Any, found: int) -> None:
+        if found != self.n_features_in_:
+            raise ValueError(
+                f"X has {found} features, but {type(self).__name__} is expecting {self.n_features_in_} features as input"
+            )
+        columns, known = _column_names(X), getattr(self, "feature_names_in_", None)
+        if columns is not None and known is not None and list(columns) != list(known):
+            raise ValueError("X: the columns' names are not those of fit, or in another order")
+
+    def _system(
+        self, n: int, pairs: npt.NDArray[np.intp], lengths: _Floats, stiffness: _Floats, at: _Floats, hold: _Floats
+    ) -> tuple[_asterism.System, Any]:
+        system = _asterism.System(n, dim=int(self.n_components))
+        loss = {} if self.loss == "quadratic" else {"loss": self.loss, "scale": self.scale}
+        links = system.add_links(pairs, lengths, stiffness, **loss) if len(pairs) else None
+        is_soft = (hold > 0) & np.isfinite(hold)
+        if is_soft.any():
+            system.add_anchors(at[is_soft], hold[is_soft], nodes=np.flatnonzero(is_soft))
+        for node in np.flatnonzero(np.isinf(hold)):
+            system.fix(int(node))
+        return system, links
+
+    def _starts(
+        self,
+        graph: _asterism._Graph,
+        pairs: npt.NDArray[np.intp],
+        lengths: _Floats,
+        stiffness: _Floats,
+        components: list[npt.NDArray[np.intp]],
+        at: _Floats,
+        hold: _Floats,
+        init: Any,
+    ) -> list[_Floats]:
+        n, dim, seed = len(at), int(self.n_components), self._seed()
+        exact = np.isinf(hold)
+        if init is not None:
+            given = inputs.array(init, "init", (n, dim))
+            if not np.isfinite(given).all():
+                raise ValueError("init: expected finite numbers")
+            starts = [embedding._centred(given, components, hold)]
+        else:
+            is_complete = 2 * len(pairs) == n * (n - 1)
+            distances: Any = graph.distances
+            if is_complete:
+                distances = embedding._of_matrix(embedding._symmetric(n, pairs, lengths))
+            starts = [embedding._start(distances, components, at, hold, dim)]
+            if self.n_init is None and n > embedding._SAMPLED:
+                is_weighted = is_complete and np.ptp(stiffness) > 0
+                of_pairs = embedding._symmetric(n, pairs, stiffness) if is_weighted else None
+                sampled = embedding.sampled_start(distances, of_pairs, starts[0], components, at, hold, seed)
+                starts += [] if sampled is None else [sampled]
+            size = np.ptp(starts[0], axis=0).max() / 4 or 1.0
+            for k in range(1, embedding.starts_by_default(n) if self.n_init is None else int(self.n_init)):
+                starts.append(starts[0].mean(axis=0) + size * np.random.default_rng([seed, k]).normal(size=(n, dim)))
+        for x in starts:
+            x[exact] = at[exact]
+        return starts
+
+    def _solved(self, system: _asterism.System, x: _Floats, most: int) -> tuple[float, _Floats, int, None]:
+        """The energy, the points and the iterations from a start."""
+        method = "auto" if self.loss in ("quadratic", "huber") else "graduated"
+        summary = system.solve(x, method, tolerance=float(self.eps), max_iterations=most, ground_components=True)
+        if not summary:
+            raise ValueError(summary.message)
+        return summary.final_energy, x, summary.iterations, None
+
+    def _non_metric(
+        self, pairs: npt.NDArray[np.intp], lengths: _Floats, stiffness: _Floats, x: _Floats
+    ) -> tuple[float, _Floats, int, _Floats]:
+        """Kruskal's stress-1, the points, iterations and disparities: isotonic regression and scaling in turn."""
+        system, links = self._system(len(x), pairs, lengths, stiffness, np.zeros_like(x), np.zeros(len(x)))
+        total = float(stiffness.sum())
+        if links is None:
+            return 0.0, x, 0, np.empty(0)
+        stress, iterations = np.inf, 0
+        while True:
+            reached = _lengths(x, pairs)
+            order = np.lexsort((reached, lengths))  # equal distances may have unequal disparities
+            disparities = np.empty(len(lengths))
+            disparities[order] = _asterism._isotonic(reached[order], stiffness[order])
+            square = float(np.sum(stiffness * reached**2))
+            last, stress = stress, float(np.sqrt(np.sum(stiffness * (disparities - reached) ** 2) / square)) if square > 0 else 0.0
+            if last - stress <= float(self.eps) * stress or iterations >= self.max_iter:
+                return stress, x, iterations, disparities
+            unit = float(np.sqrt(total / np.sum(stiffness * disparities**2)))
+            links.length = unit * disparities
+            x = unit * x
+            most = min(10, self.max_iter - iterations)
+            iterations += self._solved(system, x, most)[2]
+
+    def _placed(self, held: _Floats, distances: _Floats, weights: _Floats, threads: int) -> _Floats:
+        none = np.empty((0, held.shape[1]))
+        x = _asterism._place(held, distances, weights, none, threads)
+        if self.loss == "quadratic":
+            return x
+        # Iteratively reweighted least squares: each round has no more loss than the one before.
+        for _ in range(50):
+            with np.errstate(invalid="ignore"):
+                residuals = np.abs(distances - _asterism._distances(x, held, threads)) / self.scale
+            last, x = x, _asterism._place(held, distances, weights * _weight_of_loss(self.loss, residuals), x, threads)
+            if not np.nanmax(np.abs(x - last), initial=0) > 1e-9 * np.ptp(held):
+                break
+        return x
+
+
+def _weight_of_loss(loss: str, residuals: _Floats) -> _Floats:
+    """rho'(s^2) at residuals in units of the scale."""
+    if loss == "huber":
+        return 1 / np.maximum(residuals, 1)
+    return (1 + residuals**2) ** -2.0
+
+
+def _lengths(x: _Floats, pairs: npt.NDArray[Any]) -> _Floats:
+    return np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+
+
+def _curve(lengths: _Floats, disparities: _Floats) -> tuple[_Floats, _Floats]:
+    """The disparities as a function of the distances: their means where those are equal."""
+    known, place = np.unique(lengths, return_inverse=True)
+    return known, np.bincount(place, disparities, len(known)) / np.bincount(place, minlength=len(known))
+
+
+def _of_curve(curve: tuple[_Floats, _Floats], distances: _Floats) -> _Floats:
+    """Linear between the known distances, and in proportion beyond them; 0 stays 0."""
+    known, disparities = (np.concatenate([[0.0], each]) for each in curve)
+    beyond = disparities[-1] / known[-1] if known[-1] > 0 else 1.0
+    return np.where(distances > known[-1], beyond * distances, np.interp(distances, known, disparities))
+
+
+def _column_names(X: Any) -> npt.NDArray[Any] | None:
+    """Of a data frame whose columns all have names."""
+    columns = getattr(X, "columns", None)
+    if columns is None or not all(isinstance(name, str) for name in columns):
+        return None
+    return np.asarray(columns, dtype=object)
+
+
+def _features(X: Any) -> _Floats:
+    if np.ma.isMaskedArray(X) and np.ma.is_masked(X):
+        raise TypeError("X: expected numbers, found masked ones; give distances with dissimilarity='precomputed' where some are not known")
+    return _table(X, is_finite=True)
+
+
+def _table(X: Any, is_finite: bool) -> _Floats:
+    """X as (rows, columns) of float64, in C order, with the messages that scikit-learn expects."""
+    if inputs.is_sparse(X):
+        raise TypeError("X: a sparse matrix was passed; expected an array of numbers (a sparse matrix of distances is taken by fit with dissimilarity='precomputed')")
+    array = np.asarray(X)
+    if array.dtype.kind == "c":
+        raise ValueError("X: Complex data not supported")
+    if array.dtype.kind == "O":
+        array = array.astype(np.float64)
+    array = inputs.numbers(array, "X")
+    if array.ndim != 2:
+        raise ValueError(
+            f"X: Expected 2D array, got {array.ndim}D array instead. Reshape your data either using array.reshape(-1, 1) if it has a "
+            "single feature or array.reshape(1, -1) if it contains a single sample."
+        )
+    for axis, what in enumerate(("sample(s)", "feature(s)")):
+        if array.shape[axis] == 0:
+            raise ValueError(f"Found array with 0 {what} (shape={array.shape}) while a minimum of 1 is required.")
+    if is_finite and not np.isfinite(array).all():
+        i, j = np.argwhere(~np.isfinite(array))[0]
+        raise ValueError(f"X: [{i}, {j}] is {array[i, j]}; NaN and inf are no places")
+    return np.ascontiguousarray(array)
+
+
+def _not_fitted() -> type[Exception]:
+    """scikit-learn's NotFittedError where it is in use, which is one of ValueError and AttributeError, too."""
+    theirs = sys.modules.get("sklearn.exceptions")
+    return theirs.NotFittedError if theirs is not None else _NotFitted
+
+
+class _NotFitted(ValueError, AttributeError):
+    pass
