@@ -41,6 +41,31 @@ class ExamplesTest(unittest.TestCase):
     def test_locate(self):
         self.assertIn("proven; the beacons lie in one plane", self.run_example("locate.py"))
 
+    def test_path_from_ranges(self):
+        rng = np.random.default_rng(1)
+        beacons = np.array([[20, 5], [-15, 10], [0, -20]])
+        heading, turns = 0.0, 0.05 + 0.2 * rng.normal(size=150)
+        places, lines = [np.zeros(2)], ["VERTEX_SE2 0 A0 0 0 0"]
+        for k, turn in enumerate(turns):
+            places.append(places[-1] + [np.cos(heading), np.sin(heading)])
+            heading += turn
+            lines.append(f"VERTEX_SE2 {k + 1} A{k + 1} {places[-1][0]} {places[-1][1]} {heading}")
+            lines.append(f"EDGE_SE2 {k} A{k} A{k + 1} 1 0 {turn + 0.01 + 0.005 * rng.normal()} 0 0 0 0 0 0")
+        lines += [f"VERTEX_XY L{i} {x} {y}" for i, (x, y) in enumerate(beacons)]
+        for k, place in enumerate(places):
+            wrong = 5 * rng.uniform() if k % 10 == 0 else 0.1 * rng.normal()
+            lines.append(f"EDGE_RANGE {k} A{k} L{k % 3} {np.linalg.norm(place - beacons[k % 3]) + wrong} 0.01")
+        file = self.folder / "path.pyfg"
+        file.write_text("\n".join(lines) + "\n")
+        out = self.run_example("path_from_ranges.py", file)
+        before = float(re.search(r"dead reckoning: (\S+) m", out)[1])
+        after = float(re.search(r"chosen: .*error (\S+) m", out)[1])
+        self.assertGreater(before, 3, out)
+        self.assertLess(after, 0.2, out)
+        file.write_text("\n".join([*lines[:3], "EDGE_RANGE 1 A0 L0 x 1"]))
+        run = subprocess.run([sys.executable, EXAMPLES / "path_from_ranges.py", file], capture_output=True, text=True)
+        self.assertEqual((run.returncode, run.stderr), (1, f"{file}:4: expected the numbers of EDGE_RANGE\n"))
+
     @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
     def test_cheat_sheet(self):
         page = (PROJECT / "docs/cheat-sheet.md").read_text()
