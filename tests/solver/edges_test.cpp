@@ -447,8 +447,9 @@ TYPED_TEST(Edges, SecondsAreMeasuredOnRequest) {
     SolverOptions options;
     Points x = start.leftCols(nodes);
     const Summary plain = TestFixture::solve(system, x, options);
-    // Methods for a System measure in any case.
-    if (!std::is_same_v<TypeParam, testing::SparseNewton<System>>) {
+    // Methods for a System measure in any case, but not how long it takes to refuse springs.
+    constexpr bool kIsOfSystem = std::is_same_v<TypeParam, testing::SparseNewton<System>>;
+    if (!kIsOfSystem) {
       EXPECT_EQ(plain.seconds, -1);
       EXPECT_EQ(printed(plain).find(" s ("), std::string::npos) << plain;
     }
@@ -456,7 +457,9 @@ TYPED_TEST(Edges, SecondsAreMeasuredOnRequest) {
     x = start.leftCols(nodes);
     const Summary timed = TestFixture::solve(system, x, options);
     EXPECT_EQ(timed.status, nodes == 5 ? Status::Converged : Status::InvalidInput);
-    EXPECT_GT(timed.seconds, 0);
+    if (!kIsOfSystem || timed.usable()) {
+      EXPECT_GT(timed.seconds, 0);
+    }
     EXPECT_EQ(printed(timed).find(" s (") != std::string::npos, timed.usable()) << timed;
   }
 }
@@ -563,8 +566,8 @@ TEST(AutoSolver, SaysWhatItChose) {
   EXPECT_EQ(solve(small.system, x).status, Status::Converged);
 }
 
-// A sheet of nodes with four neighbours each: links alone leave it free to shear. Where anchors hold it, weak
-// ones need a factorised Hessian; where they hold a few nodes only, however stiff, conjugate gradients serve.
+// A sheet of nodes with four neighbours each: links alone leave it free to shear. Weak anchors, and few
+// however stiff, need a factorised Hessian.
 TEST(AutoSolver, LooksAtHowMostNodesAreHeld) {
   constexpr int kSide = 35;
   std::vector<Link> links;
@@ -589,7 +592,7 @@ TEST(AutoSolver, LooksAtHowMostNodesAreHeld) {
   system.anchor_stiffness.setZero();
   for (const int corner : {0, kSide - 1, kSide * (kSide - 1), kSide * kSide - 1})
     system.anchor_stiffness[corner] = 10;
-  EXPECT_EQ(chosen(), NewtonCg<System>::name());
+  EXPECT_EQ(chosen(), testing::SparseNewton<System>::name());
 }
 
 TEST(AutoSolver, GoesOnWhereNoFactorisationCan) {
