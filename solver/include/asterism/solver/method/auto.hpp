@@ -14,7 +14,6 @@
 #include <cstdint>
 #include <string_view>
 #include <type_traits>
-#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -135,9 +134,8 @@ class Auto {
   Summary solve_by_terms([[maybe_unused]] std::string_view method, const System& system, Points& x) {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double> && detail::has_terms<System>()) {
-      std::vector<NamedOption> threads;
-      if (method != "newton") threads.emplace_back("threads", options.threads);
-      return detail::solve_by_terms(method, threads, options, system, x);
+      if (method == "newton") return detail::solve_by_terms(method, {}, options, system, x);
+      return detail::solve_by_terms(method, {{"threads", options.threads}}, options, system, x);
     }
 #endif
     return solve_by(newton_cg_, system, x);

@@ -16,6 +16,7 @@
 #include <asterism/solver/terms/system.hpp>
 #include <concepts>
 #include <cstddef>
+#include <initializer_list>
 #include <new>
 #include <string>
 #include <string_view>
@@ -208,7 +209,7 @@ namespace detail {
 /// One solve by a method for a System, with the options that all methods have and some of its own. To make
 /// the solver may lack memory, too.
 template <HasTerms Springs>
-Summary solve_by_terms(std::string_view method, const std::vector<NamedOption>& own,
+Summary solve_by_terms(std::string_view method, std::initializer_list<NamedOption> own,
                        const AlignedOptions& options, const Springs& springs, typename Springs::Points& x) {
   Summary summary;
   const auto work = [&] {
