@@ -21,8 +21,8 @@ inline namespace ASTERISM_ABI {
 template <int Dim>
 class DifferenceChains {
  public:
-  using Block = Eigen::Matrix<double, Dim, Dim>;
-  using Point = Eigen::Matrix<double, Dim, 1>;
+  using Block = Eigen::Matrix<double, Dim, Dim>;  ///< of information, covariance or factors
+  using Point = Eigen::Matrix<double, Dim, 1>;    ///< coordinates
   /// The entries of a symmetric block: its upper triangle, row by row.
   static constexpr int kEntries = Dim * (Dim + 1) / 2;
 

@@ -11,7 +11,10 @@
 #ifdef ASTERISM_SOLVER_COMPILED
 #include <asterism/solver/terms/from_springs.hpp>
 #endif
+#include <algorithm>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <string_view>
 #include <type_traits>
 
@@ -21,7 +24,8 @@ inline namespace ASTERISM_ABI {
 /// The default: the method that is fastest for a system of this size, linking and strength of anchors.
 ///
 ///   up to 8 nodes                                   Newton
-///   up to 16 nodes, links at the start near rest    Newton
+///   up to 16 nodes, links at the start near rest,
+///   or all nodes on a line or, in space, a plane    Newton
 ///   up to 12 nodes, few links a node                Newton
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
 ///   few links a node, up to 1000 nodes              NewtonCg
@@ -118,6 +122,16 @@ class Auto {
     return stretched <= kNearRest * kNearRest * at_rest;
   }
 
+  // Whether the nodes lie on one line, or in one plane in space: where anchors do as well, or there are none,
+  // only Newton leaves it.
+  static bool is_flat(const Points& x) {
+    if (x.cols() == 0) return true;  // which is refused
+    const Points from_centre = x.colwise() - x.rowwise().mean();
+    const auto spread = (from_centre * from_centre.transpose()).eval();
+    const Scalar least = std::max(Scalar(1e-12), 64 * std::numeric_limits<Scalar>::epsilon());
+    return !(spread.determinant() > least * std::pow(spread.trace(), Scalar(System::kDim)));
+  }
+
   // The solve of a system with few links a node.
   Summary solve_sparse(const System& system, Points& x) requires(kHeap) {
     const int n = system.nodes();
@@ -162,8 +176,8 @@ Summary Auto<System>::run(const System& system, Points& x) {
   if constexpr (kHasMore) {
     const std::int64_t pairs = std::int64_t{n} * (n - 1) / 2;
     const bool is_dense = 3 * std::int64_t{system.link_count()} > pairs;
-    if (is_dense ? n <= kNewtonNearRest && is_near_rest(system, x) : n <= kNewtonOfFewLinks)
-      return solve_by(newton_, system, x);
+    const bool is_small = n <= (is_dense ? kNewtonNearRest : kNewtonOfFewLinks);
+    if (is_small && (!is_dense || is_near_rest(system, x) || is_flat(x))) return solve_by(newton_, system, x);
     if (!kHeap || is_dense) {
       const Summary summary = solve_by(lbfgs_, system, x);
       if (summary.status != Status::NumericalFailure) return summary;
