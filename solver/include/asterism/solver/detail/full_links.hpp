@@ -1,6 +1,5 @@
 #pragma once
 
-#include <array>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/model.hpp>
@@ -88,10 +87,10 @@ class FullLinks {
 
   /// Entry (row, column) of the links' curvatures, see link_curvature.
   struct Curvatures {
-    std::array<Values, std::size_t{kDim} * (kDim + 1) / 2> values;
+    Values values[kDim * (kDim + 1) / 2];
     const Values& operator()(int row, int column) const {
       const int low = row < column ? row : column, high = row < column ? column : row;
-      return values[static_cast<std::size_t>(high * (high + 1) / 2 + low)];
+      return values[high * (high + 1) / 2 + low];
     }
   };
   /// The curvatures at the x of `set`, with `clamp` without negative ones.
@@ -103,7 +102,7 @@ class FullLinks {
     for (int column = 0; column < kDim; ++column) {
       const Values bend = difference * direction_[column];
       for (int row = 0; row <= column; ++row) {
-        Values& entry = result.values[static_cast<std::size_t>(column * (column + 1) / 2 + row)];
+        Values& entry = result.values[column * (column + 1) / 2 + row];
         entry = direction_[row] * bend;
         if (row == column) entry += across;
       }
@@ -136,7 +135,7 @@ class FullLinks {
     }
   }
 
-  std::array<Values, kDim> direction_, pull_;  // coordinate by coordinate
+  Values direction_[kDim], pull_[kDim];  // coordinate by coordinate
   Values length_, inverse_, energy_, tension_, along_;
 };
 
