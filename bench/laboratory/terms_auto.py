@@ -109,7 +109,7 @@ RULES: dict[str, Callable[[int, str], bool]] = {  # whether to take Newton
     "newton up to 64, and chains": lambda unknowns, kind: unknowns <= 64 or kind in ("chain", "smoothing"),
     "newton up to 512, and chains": lambda unknowns, kind: unknowns <= 512 or kind in ("chain", "smoothing"),
     "newton up to 64, and quadratic": lambda unknowns, kind: unknowns <= 64 or kind == "smoothing",
-    "the same, and sheets": lambda unknowns, kind: unknowns <= 64 or kind.startswith("s"),
+    "the same, and sheets": lambda unknowns, kind: unknowns <= 64 or kind == "smoothing" or "sheet" in kind,
 }
 
 

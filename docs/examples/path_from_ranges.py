@@ -24,27 +24,30 @@ def read(path: str) -> dict[str, np.ndarray]:
     poses, beacons, steps, ranges = {}, {}, [], []
     with open(path) as file:
         for number, line in enumerate(file, 1):
-            kind, _, *rest = line.split() or [""] * 2
+            kind, *words = line.split() or [""]
             try:
                 if kind == "VERTEX_SE2":
-                    poses[rest[0]] = [float(word) for word in rest[1:4]]
+                    poses[words[1]] = [float(word) for word in words[2:5]]
                 elif kind == "VERTEX_XY":
-                    beacons[line.split()[1]] = [float(word) for word in line.split()[2:4]]
+                    beacons[words[0]] = [float(word) for word in words[1:3]]
                 elif kind == "EDGE_SE2":
-                    steps.append([float(word) for word in rest[2:5]])
+                    steps.append([float(word) for word in words[3:6]])
                 elif kind == "EDGE_RANGE":
-                    ranges.append([rest[0], rest[1], float(rest[2]), float(rest[3]) ** 0.5])
+                    ranges.append((number, words[1], words[2], float(words[3]), float(words[4]) ** 0.5))
             except (IndexError, ValueError):
                 sys.exit(f"{path}:{number}: expected the numbers of {kind}")
     if len(poses) != len(steps) + 1 or not ranges:
         sys.exit(f"{path}: expected a step from each pose to the next, and ranges")
-    pose, beacon = list(poses), list(beacons)
+    pose, beacon = ({name: k for k, name in enumerate(named)} for named in (poses, beacons))
+    for number, of, to, *_ in ranges:
+        if of not in pose or to not in beacon:
+            sys.exit(f"{path}:{number}: a range from {of} to {to}, which are not a pose and a beacon")
     return {
         "poses": np.array(list(poses.values())),
         "steps": np.array(steps),
         "beacons": np.array(list(beacons.values())),
-        "pose": np.array([pose.index(name) for name, *_ in ranges]),
-        "beacon": np.array([beacon.index(name) for _, name, *_ in ranges]),
+        "pose": np.array([pose[name] for _, name, *_ in ranges]),
+        "beacon": np.array([beacon[name] for _, _, name, *_ in ranges]),
         "range": np.array([length for *_, length, _ in ranges]),
         "deviation": np.array([deviation for *_, deviation in ranges]),
     }

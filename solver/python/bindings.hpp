@@ -30,6 +30,7 @@ void bind_discrete(py::module_& m);
 void bind_graph(py::module_& m);
 void bind_ranges(py::module_& m);
 void bind_placement(py::module_& m);
+void bind_pose(py::module_& m);
 void bind_json(py::module_& m);
 void bind_trackers(py::module_& m);
 

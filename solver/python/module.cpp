@@ -1,9 +1,5 @@
 #include "bindings.hpp"
 
-namespace asterism::python {
-void bind_pose(py::module_& m);
-}
-
 PYBIND11_MODULE(_asterism, m) {
   using namespace asterism::python;
   m.doc() = "Asterism, compiled: what the package `asterism` shows.";
@@ -18,9 +14,9 @@ PYBIND11_MODULE(_asterism, m) {
   bind_batch(m);
   bind_discrete(m);
   bind_graph(m);
-  bind_pose(m);
   bind_ranges(m);
   bind_placement(m);
+  bind_pose(m);
 #ifdef ASTERISM_PYTHON_JSON
   bind_json(m);
 #endif

@@ -47,18 +47,28 @@ class Views {
 
   /// sights (views, frames, joints, 6): the point in the image, in a camera's normalised coordinates where
   /// there are cameras, and the pixels for a unit of them (2 x 2). cameras (views, 12): R by rows and t.
-  Views(const Floats& sights, const Floats& cameras)
-      : sights_(sights.data()), cameras_(cameras.data()), size_(sights.shape(1) * sights.shape(2)) {}
+  /// offsets (views, joints, 2): what a view is off by [px], added to its errors.
+  Views(const Floats& sights, const Floats& cameras, const double* offsets = nullptr)
+      : sights_(sights.data()),
+        cameras_(cameras.data()),
+        offsets_(offsets),
+        joints_(sights.shape(2)),
+        size_(sights.shape(1) * joints_) {}
 
-  /// The error in pixels of joint i, frame by frame, if it is at x, and its derivative. Along the ray of what
-  /// was seen the error does not change if along_ray, so that a start may be far off.
-  void residual(py::ssize_t view, py::ssize_t i, const Point& x, bool along_ray, Rows& rows,
-                Eigen::Vector2d& error) const {
+  /// The error [px] of a joint if it is at x, and its derivative.
+  struct Residual {
+    Rows rows;
+    Eigen::Vector2d error;
+  };
+  /// That of point i, counted frame by frame. Along the ray of what was seen the error does not change if
+  /// along_ray, so that a start may be far off.
+  Residual residual(py::ssize_t view, py::ssize_t i, const Point& x, bool along_ray = false) const {
+    Residual result;
     const double* p = sights_ + (view * size_ + i) * 6;
     const Eigen::Map<const Eigen::Vector2d> seen(p);
     if constexpr (Dim == 2) {
-      rows.setIdentity();
-      error = x - seen;
+      result.rows.setIdentity();
+      result.error = x - seen;
     } else {
       const double* c = cameras_ + view * 12;
       const Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>> rotation(c);
@@ -67,15 +77,18 @@ class Views {
       const Eigen::Vector3d at = rotation * x + translation;
       const double depth = std::max(at(2), 1e-3 * translation.norm());  // in front of the camera
       const Eigen::Vector2d image = at.template head<2>() / depth;
-      error = pixels * (image - seen);
-      rows = pixels * (rotation.template topRows<2>() - (along_ray ? seen : image) * rotation.row(2)) / depth;
+      result.error = pixels * (image - seen);
+      result.rows =
+          pixels * (rotation.template topRows<2>() - (along_ray ? seen : image) * rotation.row(2)) / depth;
     }
+    if (offsets_ != nullptr)
+      result.error += Eigen::Map<const Eigen::Vector2d>(offsets_ + (view * joints_ + i % joints_) * 2);
+    return result;
   }
 
  private:
-  const double* sights_;
-  const double* cameras_;
-  py::ssize_t size_;
+  const double *sights_, *cameras_, *offsets_;
+  py::ssize_t joints_, size_;
 };
 
 template <int Dim>
@@ -87,9 +100,7 @@ py::tuple evidence(const Floats& points, const Floats& sights, const Floats& cam
   double *to_information = information.mutable_data(), *to_right_side = right_side.mutable_data();
   {
     const py::gil_scoped_release release;
-    const Views<Dim> of(sights, cameras);
-    typename Views<Dim>::Rows rows;
-    Eigen::Vector2d error;
+    const Views<Dim> of(sights, cameras, offset.data());
     for (py::ssize_t i = 0; i < frames * joints; ++i) {
       const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
       Eigen::Matrix<double, Dim, Dim> a = Eigen::Matrix<double, Dim, Dim>::Zero();
@@ -97,8 +108,7 @@ py::tuple evidence(const Floats& points, const Floats& sights, const Floats& cam
       for (py::ssize_t v = 0; v < views; ++v) {
         const double w = weight.data()[v * frames * joints + i];
         if (w == 0) continue;
-        of.residual(v, i, x, along_ray, rows, error);
-        error += Eigen::Map<const Eigen::Vector2d>(offset.data() + (v * joints + i % joints) * 2);
+        const auto [rows, error] = of.residual(v, i, x, along_ray);
         a.noalias() += w * rows.transpose() * rows;
         b.noalias() += w * rows.transpose() * (rows * x - error);
       }
@@ -120,9 +130,7 @@ Floats squares(const Floats& points, const Floats& covariance, const Floats& sig
   double* to = expected.mutable_data();
   {
     const py::gil_scoped_release release;
-    const Views<Dim> of(sights, cameras);
-    typename Views<Dim>::Rows rows;
-    Eigen::Vector2d error;
+    const Views<Dim> of(sights, cameras, offset.data());
     for (py::ssize_t i = 0; i < frames * joints; ++i) {
       const Eigen::Map<const Eigen::Matrix<double, Dim, 1>> x(points.data() + i * Dim);
       Eigen::Matrix<double, Dim, Dim> s;
@@ -130,8 +138,7 @@ Floats squares(const Floats& points, const Floats& covariance, const Floats& sig
         for (int c = r; c < Dim; ++c, ++k) s(r, c) = s(c, r) = covariance.data()[i * kEntries + k];
       }
       for (py::ssize_t v = 0; v < views; ++v) {
-        of.residual(v, i, x, false, rows, error);
-        error += Eigen::Map<const Eigen::Vector2d>(offset.data() + (v * joints + i % joints) * 2);
+        const auto [rows, error] = of.residual(v, i, x);
         to[v * frames * joints + i] = error.squaredNorm() + (rows * s * rows.transpose()).trace();
       }
     }
@@ -148,13 +155,10 @@ py::tuple residuals(const Floats& points, const Floats& sights, const Floats& ca
   {
     const py::gil_scoped_release release;
     const Views<Dim> of(sights, cameras);
-    typename Views<Dim>::Rows rows;
-    Eigen::Vector2d error;
     for (py::ssize_t k = 0; k < views * frames * joints; ++k) {
       const auto i = k % (frames * joints);
-      of.residual(k / (frames * joints), i,
-                  Eigen::Map<const Eigen::Matrix<double, Dim, 1>>(points.data() + i * Dim), false, rows,
-                  error);
+      const auto [rows, error] = of.residual(
+          k / (frames * joints), i, Eigen::Map<const Eigen::Matrix<double, Dim, 1>>(points.data() + i * Dim));
       Eigen::Map<Eigen::Matrix<double, 2, Dim, Eigen::RowMajor>>(to_rows + k * 2 * Dim) = rows;
       Eigen::Map<Eigen::Vector2d>(to_errors + k * 2) = error;
     }

@@ -1,5 +1,5 @@
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
-#include <chrono>
 #include <optional>
 #include <stdexcept>
 
@@ -444,7 +444,7 @@ const Message& DistributedSystem<kDim>::problem() const {
 
 template <int kDim>
 Summary DistributedSystem<kDim>::solve(const DistributedOptions& options) {
-  const auto begin = std::chrono::steady_clock::now();
+  const detail::Stopwatch stopwatch;
   Impl& impl = *impl_;
   Summary summary;
   summary.solver = name_of(options.method).name;
@@ -473,7 +473,7 @@ Summary DistributedSystem<kDim>::solve(const DistributedOptions& options) {
     }
     for (const int i : grounded) impl.local.system.release(i);
   }
-  summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  summary.seconds = stopwatch.seconds();
   return summary;
 }
 

@@ -9,26 +9,12 @@ import asterism
 import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
+from stress import distances_of, stress, symmetric
 
 try:
     from sklearn.manifold import MDS
 except ImportError:
     MDS = None
-
-
-def distances_of(points):
-    return np.linalg.norm(points[:, None] - points, axis=2)
-
-
-def symmetric(values):
-    upper = np.triu(values, 1)
-    return upper + upper.T
-
-
-def stress(x, distances, weights=1.0):
-    """The stress of all pairs of which the distance is known, written a second time."""
-    residual = weights * (distances - distances_of(x)) ** 2
-    return np.nansum(np.triu(residual, 1))
 
 
 def nearest(x, points):

@@ -62,9 +62,14 @@ class ExamplesTest(unittest.TestCase):
         after = float(re.search(r"chosen: .*error (\S+) m", out)[1])
         self.assertGreater(before, 3, out)
         self.assertLess(after, 0.2, out)
-        file.write_text("\n".join([*lines[:3], "EDGE_RANGE 1 A0 L0 x 1"]))
-        run = subprocess.run([sys.executable, EXAMPLES / "path_from_ranges.py", file], capture_output=True, text=True)
-        self.assertEqual((run.returncode, run.stderr), (1, f"{file}:4: expected the numbers of EDGE_RANGE\n"))
+        for last, message in (
+            ("EDGE_RANGE 1 A0 L0 x 1", "expected the numbers of EDGE_RANGE"),
+            ("VERTEX_SE2", "expected the numbers of VERTEX_SE2"),
+            ("EDGE_RANGE 1 A0 L9 1 1", "a range from A0 to L9, which are not a pose and a beacon"),
+        ):
+            file.write_text("\n".join([*lines[:3], last]))
+            run = subprocess.run([sys.executable, EXAMPLES / "path_from_ranges.py", file], capture_output=True, text=True)
+            self.assertEqual((run.returncode, run.stderr), (1, f"{file}:4: {message}\n"))
 
     @unittest.skipUnless(hasattr(asterism, "Tracker"), "built without trackers")
     def test_cheat_sheet(self):

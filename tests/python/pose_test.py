@@ -301,7 +301,7 @@ class FilesTest(unittest.TestCase):
 
     def test_bad_files(self):
         header = "bodyparts,a,a,a\ncoords,x,y,likelihood\n"
-        for text, words in [("", "empty"), (header, "no frames"), (header + "0,1,2\n", "a.csv:3: expected 4 cells, found 3"), (header + "0,1,2,three\n", "a.csv:3: not a number: 'three'"), ("bodyparts,a\ncoords,x\n0,1\n", "joint a has no column y"), ("frame,a_x,a_x\n0,1,2\n", "once each")]:
+        for text, words in [("", "empty"), (header, "no frames"), (header + "0,1,2\n", "a.csv:3: expected 4 cells, found 3"), (header + "0,1,2,three\n", "a.csv:3: not a number: 'three'"), (header + "\n0,1,2,three\n", "a.csv:4: not a number: 'three'"), ("bodyparts,a\ncoords,x\n0,1\n", "joint a has no column y"), ("frame,a_x,a_x\n0,1,2\n", "once each")]:
             with self.subTest(words), self.assertRaisesRegex(ValueError, words):
                 pose.read_detections(self.write(text))
         for text, words in [("[a", "a.toml: "), ("x = 1\n", "no cameras"), ("[c]\nmatrix = [1]\n", "c: no rotation"), ("[c]\nmatrix = [1]\nrotation = [0,0,0]\ntranslation = [0,0,0]\n", "c: camera c: matrix: expected shape")]:

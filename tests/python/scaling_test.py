@@ -9,6 +9,7 @@ import warnings
 
 import asterism
 import numpy as np
+from stress import distances_of, stress, symmetric
 
 try:
     import sklearn.base
@@ -23,20 +24,6 @@ try:
     import scipy.sparse
 except ImportError:
     scipy = None
-
-
-def distances_of(points):
-    return np.linalg.norm(points[:, None] - points, axis=2)
-
-
-def symmetric(values):
-    upper = np.triu(values, 1)
-    return upper + upper.T
-
-
-def stress(x, distances, weights=1.0):
-    """The stress of all pairs of which the distance is known, written a second time."""
-    return np.nansum(np.triu(weights * (distances - distances_of(x)) ** 2, 1))
 
 
 def precomputed(*arguments, **options):

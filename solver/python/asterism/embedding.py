@@ -423,7 +423,11 @@ def _symmetric(n: int, pairs: npt.NDArray[np.intp], values: _Floats) -> _Floats:
     return matrix
 
 
-def _of_matrix(matrix: _Floats) -> _Distances:
+def _distances_of(graph: _asterism._Graph, n: int, pairs: npt.NDArray[np.intp], lengths: _Floats) -> _Distances:
+    """Those given, where all pairs are; else those along the shortest paths."""
+    if 2 * len(pairs) < n * (n - 1):
+        return graph.distances
+    matrix = _symmetric(n, pairs, lengths)
     return lambda sources, targets: matrix[sources[:, :, None], targets[:, None, :]]
 
 
@@ -461,16 +465,28 @@ def starts_by_default(n: int) -> int:
     return 32 if n <= 100 else 8 if n <= _SAMPLED else 1
 
 
-def sampled_start(
-    distances: _Distances, weights: _Floats | None, x: _Floats, components: list[_Indices], at: _Floats, hold: _Floats, seed: int
-) -> _Floats | None:
-    """x with each component of over 300 nodes placed about 100 of them, which are solved from 8 starts; None if there is none.
+def sampled_starts(
+    distances: _Distances,
+    pairs: npt.NDArray[np.intp],
+    of_pairs: _Floats,
+    x: _Floats,
+    components: list[_Indices],
+    at: _Floats,
+    hold: _Floats,
+    seed: int,
+) -> list[_Floats]:
+    """x with each component of over 300 nodes placed about 100 of them, which are solved from 8 starts; none without such a component.
 
     A large map has the minima of a small one, which can be searched (as for a graph's coarser graphs; Walshaw 2001).
-    weights: (N, N), or None where all are the same or some pairs are missing.
+    of_pairs: the pairs' weights, which count where no pair is missing.
     """
     large = [nodes for nodes in components if len(nodes) > _SAMPLED]
-    x, dim = x.copy(), x.shape[1]
+    if not large:
+        return []
+    n, dim = x.shape
+    is_weighted = 2 * len(pairs) == n * (n - 1) and np.ptp(of_pairs) > 0
+    weights = _symmetric(n, pairs, of_pairs) if is_weighted else None
+    x = x.copy()
     for nodes in large:
         sample = np.random.default_rng(seed).choice(nodes, 100, replace=False)
         to_all = distances(sample[None], nodes[None])[0]
@@ -486,7 +502,7 @@ def sampled_start(
         x[nodes] = _asterism._place(held, np.ascontiguousarray(to_all.T), shares, np.empty((0, dim)), 1)
         if (hold[nodes] > 0).any():
             x[nodes] = _to_anchors(x[nodes], at[nodes], hold[nodes])
-    return x if large else None
+    return [x]
 
 
 def proven_gap(stress: float, lower_bound: float, rounding: float) -> float:
@@ -496,9 +512,14 @@ def proven_gap(stress: float, lower_bound: float, rounding: float) -> float:
     return (stress - lower_bound) / scale if (scale := max(stress, rounding)) > 0 else 0.0
 
 
+def lengths_of(x: _Floats, pairs: npt.NDArray[Any]) -> _Floats:
+    """How long the pairs are at x."""
+    return np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
+
+
 def rounding_of(x: _Floats, pairs: npt.NDArray[Any], lengths: _Floats, weights: _Floats) -> float:
     """Stress that is taken for rounding."""
-    return 1e-10 * float(np.sum(weights * (lengths + np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)) ** 2))
+    return 1e-10 * float(np.sum(weights * (lengths + lengths_of(x, pairs)) ** 2))
 
 
 def _firsts(components: list[_Indices]) -> _Indices:
@@ -650,20 +671,14 @@ def _embed(
     if graph is None or components is None:
         graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
         components = _components(graph)
-    is_complete = 2 * len(pairs) == n * (n - 1)
-    distances: _Distances = graph.distances
-    if is_of_pairs and is_complete:
-        distances = _of_matrix(_symmetric(n, pairs, lengths))
+    distances: _Distances = _distances_of(graph, n, pairs, lengths) if is_of_pairs else graph.distances
     x = _start(distances, components, at, hold, dim) if given is None else _centred(given, components, hold)
     starts = [x]
     if method == "multi-start":
         if given is None and "starts" not in options:
-            is_weighted = is_complete and len(weights) > 0 and np.ptp(weights) > 0
-            of_pairs = _symmetric(n, pairs, weights) if is_weighted else None
             seed = options.get("seed", 1)
             seed = int(seed) if isinstance(seed, (int, np.integer)) and 0 <= seed < 2**63 else 1  # the method refuses others
-            sampled = sampled_start(distances, of_pairs, x, components, at, hold, seed)
-            starts += [] if sampled is None else [sampled]
+            starts += sampled_starts(distances, pairs, weights, x, components, at, hold, seed)
         options = {"starts": starts_by_default(n), "spread": 2.0, **options}
     solved = []
     for x in starts:

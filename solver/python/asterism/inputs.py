@@ -1,7 +1,8 @@
-"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them."""
+"""Numbers, symmetric matrices and sparse ones, as every function of the package takes them, and the default of threads."""
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from ._asterism import _numbers as numbers
 _Floats = npt.NDArray[np.float64]
 _Indices = npt.NDArray[np.intp]
 
-__all__ = ["array", "entries", "is_sparse", "numbers", "pairs_of", "square"]
+__all__ = ["array", "entries", "is_sparse", "numbers", "pairs_of", "processors", "square"]
 
 # numbers(values, name, shape=None, missing=None), which the compiled functions use as well, gives float64 in C order. Masked entries
 # become `missing`; where there is none, and for what is no array of real numbers, TypeError. ValueError for another shape.
@@ -21,6 +22,11 @@ __all__ = ["array", "entries", "is_sparse", "numbers", "pairs_of", "square"]
 def array(values: Any, name: str, shape: tuple[int, ...], missing: float | None = None) -> _Floats:
     """The numbers as an array of its own."""
     return np.array(numbers(values, name, shape, missing))
+
+
+def processors() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def is_sparse(matrix: Any) -> bool:

@@ -412,7 +412,7 @@ def _estimate_by_parts(recording: _Recording) -> _Estimate:
     def end(start: int) -> int:
         return frames if start == starts[-1] else start + _PART
 
-    with concurrent.futures.ThreadPoolExecutor(_threads()) as pool:
+    with concurrent.futures.ThreadPoolExecutor(inputs.processors()) as pool:
         parts = list(pool.map(estimate, starts))
     # A joint that a part does not see has the scales that it has in the others.
     scales = _pooled([part for part in parts if part is not None], views, joints)
@@ -434,10 +434,6 @@ def _estimate_by_parts(recording: _Recording) -> _Estimate:
     stiffness = np.minimum(stiffness, 16 / (_STILL * scales.extent) ** 2)  # a part of which the joints rest knows a smaller scene
     points, covariance, _ = _posterior(recording, points, weight, stiffness, scales, centre)
     return _Estimate(scales, points, covariance, probability, weight, stiffness)
-
-
-def _threads() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _estimate(recording: _Recording) -> _Estimate:
@@ -682,7 +678,9 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
         return _read_hdf5(path)
     name = os.fspath(path)
     with open(path, newline="", encoding="utf-8-sig") as file:
-        rows = [row for row in csv.reader(file) if row]
+        reader = csv.reader(file)
+        numbered = [(reader.line_num, row) for row in reader if row]
+    rows = [row for _, row in numbered]
     if not rows:
         raise ValueError(f"{name}: empty")
     head = {row[0].strip().lower(): row[1:] for row in rows[:3]}
@@ -701,14 +699,14 @@ def read_detections(path: str | os.PathLike[str]) -> Detections:
             if (joint, axis) not in place:
                 raise ValueError(f"{name}: joint {joint} has no column {axis}")
     values = np.full((len(rows) - first, len(columns)), np.nan)
-    for line, row in enumerate(rows[first:]):
+    for found, (number, row) in zip(values, numbered[first:]):
         if len(row) != len(columns) + 1:
-            raise ValueError(f"{name}:{first + line + 1}: expected {len(columns) + 1} cells, found {len(row)}")
+            raise ValueError(f"{name}:{number}: expected {len(columns) + 1} cells, found {len(row)}")
         for k, cell in enumerate(row[1:]):
             try:
-                values[line, k] = float(cell) if cell.strip() else np.nan
+                found[k] = float(cell) if cell.strip() else np.nan
             except ValueError:
-                raise ValueError(f"{name}:{first + line + 1}: not a number: {cell!r}") from None
+                raise ValueError(f"{name}:{number}: not a number: {cell!r}") from None
     if not len(values):
         raise ValueError(f"{name}: no frames")
     points = np.stack([values[:, [place[joint, axis] for joint in joints]] for axis in axes], -1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import concurrent.futures
 import inspect
-import os
 import sys
 from typing import Any
 
@@ -141,7 +140,7 @@ class MDS:
         self.dissimilarity_matrix_ = np.full((n, n), np.nan)
         np.fill_diagonal(self.dissimilarity_matrix_, 0)
         self.dissimilarity_matrix_[pairs[:, 0], pairs[:, 1]] = self.dissimilarity_matrix_[pairs[:, 1], pairs[:, 0]] = lengths
-        reached = _lengths(self.embedding_, pairs)
+        reached = embedding.lengths_of(self.embedding_, pairs)
         if is_metric:
             self.stress_ = stress = 2 * system.energy(self.embedding_)
             wanted = lengths
@@ -260,7 +259,7 @@ class MDS:
 
     def _threads(self) -> int:
         jobs = 1 if self.n_jobs is None else self.n_jobs
-        return (os.cpu_count() or 1) if jobs == -1 else embedding._count(jobs, "n_jobs")
+        return inputs.processors() if jobs == -1 else embedding._count(jobs, "n_jobs")
 
     def _check(self) -> None:
         embedding._count(self.n_components, "n_components")
@@ -340,16 +339,10 @@ class MDS:
                 raise ValueError("init: expected finite numbers")
             starts = [embedding._centred(given, components, hold)]
         else:
-            is_complete = 2 * len(pairs) == n * (n - 1)
-            distances: Any = graph.distances
-            if is_complete:
-                distances = embedding._of_matrix(embedding._symmetric(n, pairs, lengths))
+            distances = embedding._distances_of(graph, n, pairs, lengths)
             starts = [embedding._start(distances, components, at, hold, dim)]
-            if self.n_init is None and n > embedding._SAMPLED:
-                is_weighted = is_complete and np.ptp(stiffness) > 0
-                of_pairs = embedding._symmetric(n, pairs, stiffness) if is_weighted else None
-                sampled = embedding.sampled_start(distances, of_pairs, starts[0], components, at, hold, seed)
-                starts += [] if sampled is None else [sampled]
+            if self.n_init is None:
+                starts += embedding.sampled_starts(distances, pairs, stiffness, starts[0], components, at, hold, seed)
             size = np.ptp(starts[0], axis=0).max() / 4 or 1.0
             for k in range(1, embedding.starts_by_default(n) if self.n_init is None else int(self.n_init)):
                 starts.append(starts[0].mean(axis=0) + size * np.random.default_rng([seed, k]).normal(size=(n, dim)))
@@ -375,7 +368,7 @@ class MDS:
             return 0.0, x, 0, np.empty(0)
         stress, iterations = np.inf, 0
         while True:
-            reached = _lengths(x, pairs)
+            reached = embedding.lengths_of(x, pairs)
             order = np.lexsort((reached, lengths))  # equal distances may have unequal disparities
             disparities = np.empty(len(lengths))
             disparities[order] = _asterism._isotonic(reached[order], stiffness[order])
@@ -409,10 +402,6 @@ def _weight_of_loss(loss: str, residuals: _Floats) -> _Floats:
     if loss == "huber":
         return 1 / np.maximum(residuals, 1)
     return (1 + residuals**2) ** -2.0
-
-
-def _lengths(x: _Floats, pairs: npt.NDArray[Any]) -> _Floats:
-    return np.linalg.norm(x[pairs[:, 0]] - x[pairs[:, 1]], axis=1)
 
 
 def _curve(lengths: _Floats, disparities: _Floats) -> tuple[_Floats, _Floats]:

@@ -2,9 +2,9 @@
 #include <algorithm>
 #include <array>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/graph/drawing.hpp>
 #include <asterism/solver/run/executor.hpp>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -467,7 +467,7 @@ std::vector<double> pivot_start(const Graph& graph, int dim, const std::atomic<b
 
 Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const DrawingAnchors& anchors,
                    const DrawingOptions& options) {
-  const auto begin = std::chrono::steady_clock::now();
+  const detail::Stopwatch stopwatch;
   Summary summary;
   const auto work = [&] {
     // A round may have the pairs of all nodes with some sources; 200 bytes a node are for all else.
@@ -494,7 +494,7 @@ Summary draw_graph(const Graph& graph, int dim, std::span<double> x, const Drawi
   });
   summary.solver = "sgd";
   if (summary.usable()) summary.message = "";
-  summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  summary.seconds = stopwatch.seconds();
   return summary;
 }
 

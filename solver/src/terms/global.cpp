@@ -1,10 +1,10 @@
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/detail/time_limit.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solve.hpp>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <utility>
@@ -22,16 +22,6 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 namespace {
-
-class Clock {
- public:
-  double seconds() const {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin_).count();
-  }
-
- private:
-  std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
-};
 
 // Numbers in [-1, 1], the same on every machine (SplitMix64; Steele, Lea and Flood 2014).
 class Random {
@@ -143,7 +133,7 @@ Eigen::MatrixXd places(const System& system, const Eigen::MatrixXd& x) {
 }  // namespace
 
 Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const {
-  const Clock clock;
+  const Stopwatch stopwatch;
   if (const char* problem = options.problem()) return refused(name(), problem);
   const Eigen::MatrixXd given = x;
   Summary best = SystemAuto{options}.solve(system, x);
@@ -186,7 +176,7 @@ Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const 
   }
   best.solver = name();
   best.initial_energy = initial;
-  best.seconds = clock.seconds();
+  best.seconds = stopwatch.seconds();
   return best;
 }
 
@@ -228,7 +218,7 @@ System without_losses(const System& system) {
 }  // namespace
 
 Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
-  const Clock clock;
+  const Stopwatch stopwatch;
   if (const char* problem = options.problem()) return refused(name(), problem);
   if (const std::string problem = validate(system, x, !options.ground_components); !problem.empty())
     return refused(name(), std::string_view(problem));
@@ -281,7 +271,7 @@ Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
   }
   if (result.usable()) result.initial_energy = initial;
   result.solver = name();
-  result.seconds = clock.seconds();
+  result.seconds = stopwatch.seconds();
   return result;
 }
 

@@ -5,8 +5,8 @@
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/terms/solution.hpp>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -20,7 +20,7 @@ namespace detail {
 
 Summary SystemRun::solve(std::string_view name, const AlignedOptions& options, const System& system,
                          Points& x, const Iterate& iterate) {
-  const auto begin = std::chrono::steady_clock::now();
+  const Stopwatch stopwatch;
   SystemRun run(options, x);
   run.summary_.solver = name;
   // If a user's function throws, x is as it was.
@@ -45,7 +45,7 @@ Summary SystemRun::solve(std::string_view name, const AlignedOptions& options, c
     run.summary_.status = Status::OutOfMemory;
     run.summary_.message = memory_message(error);
   });
-  run.summary_.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  run.summary_.seconds = stopwatch.seconds();
   return run.summary_;
 }
 

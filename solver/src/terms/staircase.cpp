@@ -2,8 +2,8 @@
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/terms/solution.hpp>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <new>
@@ -236,7 +236,7 @@ class Climb {
 }  // namespace
 
 Summary SystemStaircase::solve(const System& system, Eigen::MatrixXd& x) const {
-  const auto begin = std::chrono::steady_clock::now();
+  const Stopwatch stopwatch;
   if (const std::string why = why_not_liftable(system); !why.empty())
     return refused(name(), std::string_view(why));
   Summary best = SystemAuto{options}.solve(system, x);
@@ -250,7 +250,7 @@ Summary SystemStaircase::solve(const System& system, Eigen::MatrixXd& x) const {
                             [&best](const std::bad_alloc& error) { best.message = memory_message(error); });
   }
   best.solver = name();
-  best.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+  best.seconds = stopwatch.seconds();
   return best;
 }
 

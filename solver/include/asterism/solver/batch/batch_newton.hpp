@@ -9,6 +9,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/free_motion.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/method/newton.hpp>
 #include <asterism/solver/problem/defect.hpp>
@@ -18,7 +19,6 @@
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -77,13 +77,13 @@ class BatchNewton {
   /// Moves x of every system, its start, to a local minimum. See SpringBatch for what is then known of each.
   template <Executor E = SerialExecutor>
   BatchSummary solve(Batch& batch, E&& executor = {}) {
-    const auto begin = std::chrono::steady_clock::now();
+    const detail::Stopwatch stopwatch;
     BatchSummary summary;
     summary.status = Status::InvalidInput;
     summary.message = detail::batch_problem(batch, options, simd);
     summary.simd = simd == Simd::Auto ? widest_simd() : simd;
     if (summary.message.empty()) run(batch, executor, summary);
-    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    summary.seconds = stopwatch.seconds();
     return summary;
   }
 

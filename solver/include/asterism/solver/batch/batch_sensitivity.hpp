@@ -7,12 +7,12 @@
 #include <asterism/solver/detail/batch_tasks.hpp>
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/run/executor.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <atomic>
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <limits>
@@ -154,7 +154,7 @@ class BatchSensitivity {
   /// every system, its solution. See BatchGradient for what is then known of each.
   template <Executor E = SerialExecutor>
   BatchGradientSummary backward(const Batch& batch, BatchGradient<Batch>& gradient, E&& executor = {}) {
-    const auto begin = std::chrono::steady_clock::now();
+    const detail::Stopwatch stopwatch;
     BatchGradientSummary summary;
     const bool same_size = gradient.size() == batch.size() && gradient.nodes() == batch.nodes() &&
                            gradient.link_count() == batch.link_count();
@@ -167,7 +167,7 @@ class BatchSensitivity {
     } else {
       refuse(gradient);
     }
-    summary.seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
+    summary.seconds = stopwatch.seconds();
     return summary;
   }
 

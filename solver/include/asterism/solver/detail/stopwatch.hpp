@@ -11,7 +11,7 @@ namespace detail {
 /// of the solve of a few nodes.
 class Stopwatch {
  public:
-  explicit Stopwatch(bool is_wanted) : is_wanted_(is_wanted) {
+  explicit Stopwatch(bool is_wanted = true) : is_wanted_(is_wanted) {
     if (is_wanted_) begin_ = std::chrono::steady_clock::now();
   }
   /// For Summary::seconds: -1 if the time is not wanted.

@@ -369,7 +369,7 @@ requires(detail::is_searchable<System>()) class BranchAndBound {
   /// Moves x (Dim x N) to the lowest minimum found. Statuses other than those above are as for
   /// solve_staircase.
   Summary solve(const System& system, Points& x) {
-    const detail::Stopwatch stopwatch(true);
+    const detail::Stopwatch stopwatch;
     Summary summary;
     summary.status = Status::InvalidInput;
     if (detail::shares_memory(system, x.data(), x.size())) {
