@@ -30,6 +30,7 @@ for target in "${targets[@]}"; do
     echo "$target: $executions executions in $((SECONDS - start)) s, no finding"
   else
     echo "$target: a finding, see build/fuzz/$target.log" >&2
+    grep -vE '^#|NEW_FUNC' "build/fuzz/$target.log" | tail -n 40 >&2
     failed=1
   fi
 done

@@ -172,7 +172,8 @@ class SpringField {
   /// Sets the stopping rule, that of asterism::stationarity, with lengths from x. False where stiffness or
   /// lengths leave the range of doubles.
   bool set_rule(Vec x) {
-    detail::node_stiffness(system(), stiffness_);
+    detail::link_stiffness_of_nodes(system(), held_by_links_);
+    stiffness_ = held_by_links_ + system().anchor_stiffness;
     length_ = characteristic_length(fetch(x));
     const auto own = stiffness_.head(local_.own);
     least_stiffness_ = comm_.max(local_.own > 0 ? own.maxCoeff() : 0) * 1e-8;
@@ -304,7 +305,7 @@ class SpringField {
   double mean_square_length(bool all, Point& centroid) const {
     const auto anchor_stiffness = [&](int i) {
       const double k = system().anchor_stiffness[i];
-      return all || (stiffness_[i] > k && !system().is_fixed(i)) ? k : 0;
+      return all || (held_by_links_[i] > 0 && !system().is_fixed(i)) ? k : 0;
     };
     double strongest = system().link_count() > 0 ? system().link_stiffness.maxCoeff() : 0;
     for (int i = 0; i < local_.own; ++i) strongest = std::max(strongest, anchor_stiffness(i));
@@ -343,8 +344,9 @@ class SpringField {
   OwnedVec local_x_;
   OwnedScatter scatter_;
   std::vector<Block, Eigen::aligned_allocator<Block>> diagonal_;
-  typename System::NodeVector stiffness_;  // A_ii, right for own nodes
-  Eigen::VectorXd weights_;                // 1 / (A_ii L)
+  typename System::NodeVector stiffness_;      // A_ii, right for own nodes
+  typename System::NodeVector held_by_links_;  // sum_j k_ij, likewise
+  Eigen::VectorXd weights_;                    // 1 / (A_ii L)
   double length_ = 0;
   double least_stiffness_ = 0;
 };

@@ -158,8 +158,10 @@ void check(const bench::Problem& given, const Summary& summary, const Points& x,
   if (summary.status == Status::Converged) {
     detail::StoppingRule<System> rule;
     rule.set(system, given.start, tolerance);
-    require(rule.stationarity(gradient(system, x)) <= static_cast<double>(rule.tolerance()) * (1 + 1e-9),
-            summary, "converged, but not stationary");
+    const double measure = rule.stationarity(gradient(system, x)), most = rule.tolerance();
+    if (!(measure <= most * (1 + 1e-9)))
+      std::fprintf(stderr, "stationarity %.17g, tolerance %g\n", measure, most);
+    require(measure <= most * (1 + 1e-9), summary, "converged, but not stationary");
   }
 }
 

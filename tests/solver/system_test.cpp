@@ -1441,5 +1441,35 @@ TEST(SystemTable, StandsInTheDocs) {
   EXPECT_NE(page.find(table), std::string::npos) << "the table is now\n" << table;
 }
 
+// How long a system is does not depend on how it is stored, however weak its links are beside an anchor.
+TEST(Scales, AreTheSameInEveryFormOfASystem) {
+  for (const double weak : {1e-18, 1.1e-16, 2.3e-16, 1e-15, 1e-9, 1.0}) {
+    using Four = SpringSystem<double, 2, 4>;
+    Four four(Four::TopologyType::full(4));
+    four.anchor_stiffness << 1, weak, weak, weak;
+    four.link_stiffness.setConstant(weak);
+    four.rest_length << 7, 2, 3, 4, 5, 6;
+    four.anchors << 1, 0, 3, 0, 0, 2, 0, -1;
+    SpringSystem<double, 2> any(Topology<>::full(4));
+    any.anchor_stiffness = four.anchor_stiffness;
+    any.link_stiffness = four.link_stiffness;
+    any.rest_length = four.rest_length;
+    any.anchors = four.anchors;
+    // Of all springs: the first anchor is the strongest, those below 1e-4 of it count in proportion.
+    const double share = std::min(1.0, weak / 1e-4), total = 1 + 9 * share;
+    Eigen::Vector2d centroid = four.anchors.col(0);
+    for (int i = 1; i < 4; ++i) centroid += share * four.anchors.col(i);
+    centroid /= 1 + 3 * share;
+    double sum = (four.anchors.col(0) - centroid).squaredNorm() + share * four.rest_length.squaredNorm();
+    for (int i = 1; i < 4; ++i) sum += share * (four.anchors.col(i) - centroid).squaredNorm();
+    const double expected = std::sqrt(sum / total);
+    SCOPED_TRACE(weak);
+    const double length = characteristic_length(four, Four::Points(four.anchors));
+    EXPECT_NEAR(length, expected, 1e-12 * (expected + length));
+    EXPECT_NEAR(characteristic_length(any, any.anchors), length, 1e-12 * length);
+    EXPECT_NEAR(characteristic_length(to_system(any), any.anchors), length, 1e-12 * length);
+  }
+}
+
 }  // namespace
 }  // namespace asterism

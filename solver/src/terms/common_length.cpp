@@ -195,7 +195,7 @@ void CommonLength::add_scales(const Points& x, Scales& scales) const {
   for (int e = 0; e < size(); ++e) {
     const double rest = *length[e] + b;
     scales.lengths.emplace_back(*stiffness[e], rest * rest);
-    for (int a = 0; a < 2; ++a) scales.stiffness[nodes()(a, e)] += *stiffness[e];
+    for (int a = 0; a < 2; ++a) scales.hold(nodes()(a, e), *stiffness[e]);
   }
 }
 

@@ -143,7 +143,7 @@ void Elements::add_scales(const Points& x, Scales& scales) const {
   for (int e = 0; e < size(); ++e) {
     const Eigen::Map<const Eigen::MatrixXd> matrix(values.second.col(e).data(), rows, rows);
     for (int a = 0; a < arity(); ++a)
-      scales.stiffness[nodes()(a, e)] += matrix.diagonal().segment(a * d, d).cwiseAbs().maxCoeff();
+      scales.hold(nodes()(a, e), matrix.diagonal().segment(a * d, d).cwiseAbs().maxCoeff());
   }
 }
 

@@ -616,7 +616,7 @@ void LengthTerm::add_scales(const Points&, Scales& scales) const {
     if (law() == LinkLaw::Logarithm) k /= at_rest;
     for (int a = 0; a < arity(); ++a) {
       const double c = coefficients_[static_cast<std::size_t>(a)];
-      scales.stiffness[nodes()(a, e)] += k * c * c;
+      scales.hold(nodes()(a, e), k * c * c);
     }
   }
 }

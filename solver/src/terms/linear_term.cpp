@@ -271,7 +271,7 @@ void Anchors::add_scales(const Points&, Scales& scales) const {
   for (int e = 0; e < size(); ++e) {
     const int node = nodes()(0, e);
     const double k = *stiffness()[e] * size_of_information(e);
-    scales.stiffness[node] += k;
+    scales.hold(node, k);
     scales.places.push_back({node, k, target()[e]});
   }
 }
@@ -279,7 +279,7 @@ void Anchors::add_scales(const Points&, Scales& scales) const {
 void Offsets::add_scales(const Points&, Scales& scales) const {
   for (int e = 0; e < size(); ++e) {
     const double k = *stiffness()[e] * size_of_information(e);
-    for (int a = 0; a < 2; ++a) scales.stiffness[nodes()(a, e)] += k;
+    for (int a = 0; a < 2; ++a) scales.hold(nodes()(a, e), k);
     scales.lengths.emplace_back(k, Eigen::Map<const Eigen::VectorXd>(target()[e], dim()).squaredNorm());
   }
 }
@@ -314,8 +314,8 @@ void Differences::add_scales(const Points&, Scales& scales) const {
       const Eigen::MatrixXd& values = columns()[3U + static_cast<std::size_t>(a)].values;
       const double square =
           Eigen::Map<const Eigen::VectorXd>(numbers(values)[e], values.rows()).squaredNorm();
-      scales.stiffness[nodes()(a, e)] +=
-          *stiffness()[e] * size_of_information(e) * (values.rows() == 1 ? square : square / dim());
+      scales.hold(nodes()(a, e),
+                  *stiffness()[e] * size_of_information(e) * (values.rows() == 1 ? square : square / dim()));
     }
   }
 }

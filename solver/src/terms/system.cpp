@@ -232,9 +232,7 @@ std::vector<int> floating_nodes(const System& system) {
 }
 
 Scales scales_of(const System& system, const Eigen::MatrixXd& x) {
-  Scales scales;
-  scales.stiffness.setZero(system.nodes());
-  scales.loads.setZero(system.nodes());
+  Scales scales(system.nodes());
   for (int t = 0; t < system.term_count(); ++t) system.term(t).add_scales(x, scales);
   return scales;
 }
@@ -306,9 +304,8 @@ double SystemRule::length_of(const System& system, const Eigen::MatrixXd& x, con
   const auto places = [&](bool all) {
     std::vector<const Scales::Place*> result;
     for (const Scales::Place& place : scales.places) {
-      const bool has_links = scales.stiffness[place.node] > place.stiffness;
-      if (place.stiffness > 0 && (all || (has_links && !system.is_fixed(place.node))))
-        result.push_back(&place);
+      const bool holds_others = scales.holders[place.node] > 1 && !system.is_fixed(place.node);
+      if (place.stiffness > 0 && (all || holds_others)) result.push_back(&place);
     }
     return result;
   };

@@ -199,7 +199,7 @@ void TriangleTerm::add_scales(const Points& x, Scales& scales) const {
       x, false,
       [&](int e, const Derivatives<double>&, const Eigen::VectorXd& of_s, const Eigen::MatrixXd&, double k) {
         for (int a = 0; a < 3; ++a)
-          scales.stiffness[nodes()(a, e)] += k * of_s.segment(a * dim(), dim()).squaredNorm();
+          scales.hold(nodes()(a, e), k * of_s.segment(a * dim(), dim()).squaredNorm());
       });
 }
 

@@ -15,11 +15,12 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
+/// sum_j k_ij: what the links hold each node with.
 template <typename System>
-void node_stiffness(const System& system, typename System::NodeVector& result) {
+void link_stiffness_of_nodes(const System& system, typename System::NodeVector& result) {
   using Scalar = typename System::Scalar;
   using Links = FullLinks<System>;
-  result = system.anchor_stiffness;
+  result.setZero(system.nodes());
   if constexpr (Links::kServes) {
     if (Links::serve(system)) {
       Links::for_each([&](auto i, auto j, auto l) {
@@ -46,6 +47,12 @@ void node_stiffness(const System& system, typename System::NodeVector& result) {
   if (node >= 0) result[node] += sum;
 }
 
+template <typename System>
+void node_stiffness(const System& system, typename System::NodeVector& result) {
+  link_stiffness_of_nodes(system, result);
+  result += system.anchor_stiffness;
+}
+
 /// Whether the anchors hold on to the nodes by less than a tenth of what the links hold.
 template <typename System>
 bool has_weak_anchors(const System& system) {
@@ -69,16 +76,16 @@ class SpringWeight {
 };
 
 /// The mean square of the rest lengths, with their offsets, and of the anchors about their centroid, by
-/// SpringWeight, and the centroid. Counted are the anchors of nodes that move and have links, or, with `all`,
-/// every anchor.
+/// SpringWeight, and the centroid. Counted are the anchors of nodes that move and that links hold, as
+/// link_stiffness_of_nodes says, or, with `all`, every anchor.
 template <typename System>
 typename System::Scalar mean_square_length(const System& system,
-                                           const typename System::NodeVector& node_stiffness, bool all,
+                                           const typename System::NodeVector& held_by_links, bool all,
                                            typename System::Point& centroid) {
   using Scalar = typename System::Scalar;
   const auto anchor_stiffness = [&](int i) {
     const Scalar k = system.anchor_stiffness[i];
-    return all || (node_stiffness[i] > k && !system.is_fixed(i)) ? k : Scalar(0);
+    return all || (held_by_links[i] > 0 && !system.is_fixed(i)) ? k : Scalar(0);
   };
   Scalar strongest = system.link_count() > 0 ? system.link_stiffness.maxCoeff() : Scalar(0);
   for (int i = 0; i < system.nodes(); ++i) strongest = std::max(strongest, anchor_stiffness(i));
@@ -110,7 +117,7 @@ typename System::Scalar mean_square_length(const System& system,
 /// The same without `all` where every spring counts alike, as most often; 0 elsewhere.
 template <typename System>
 typename System::Scalar plain_mean_square_length(const System& system,
-                                                 const typename System::NodeVector& node_stiffness) {
+                                                 const typename System::NodeVector& held_by_links) {
   using Scalar = typename System::Scalar;
   if (system.link_count() == 0 || system.fixed_count() > 0) return 0;
   const auto& anchor_stiffness = system.anchor_stiffness;
@@ -118,7 +125,7 @@ typename System::Scalar plain_mean_square_length(const System& system,
   const Scalar strongest = std::max(anchor_stiffness.maxCoeff(), system.link_stiffness.maxCoeff());
   if (!(weakest > 0 && SpringWeight<Scalar>(strongest)(weakest) == 1)) return 0;
   for (int i = 0; i < system.nodes(); ++i) {
-    if (!(node_stiffness[i] > anchor_stiffness[i])) return 0;
+    if (!(held_by_links[i] > 0)) return 0;
   }
   typename System::Point centroid = System::Point::Zero();
   for (int i = 0; i < system.nodes(); ++i) centroid += system.anchors.col(i);
@@ -131,28 +138,28 @@ typename System::Scalar plain_mean_square_length(const System& system,
 
 /// The farthest that a load would move its node if the others stood still.
 template <typename System>
-typename System::Scalar load_reach(const System& system, const typename System::NodeVector& node_stiffness) {
+typename System::Scalar load_reach(const System& system, const typename System::NodeVector& held_by_links) {
   typename System::Scalar reach = 0;
   if (!system.has_loads()) [[likely]]
     return reach;
   for (int i = 0; i < system.nodes(); ++i) {
-    if (node_stiffness[i] > 0 && !system.is_fixed(i))
-      reach = std::max(reach, system.loads.col(i).norm() / node_stiffness[i]);
+    const typename System::Scalar stiffness = held_by_links[i] + system.anchor_stiffness[i];
+    if (stiffness > 0 && !system.is_fixed(i)) reach = std::max(reach, system.loads.col(i).norm() / stiffness);
   }
   return reach;
 }
 
-/// characteristic_length, with the system's node_stiffness.
+/// characteristic_length, with the system's link_stiffness_of_nodes.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x,
-                                              const typename System::NodeVector& node_stiffness) {
+                                              const typename System::NodeVector& held_by_links) {
   using Scalar = typename System::Scalar;
   typename System::Point centroid;
-  Scalar square = plain_mean_square_length(system, node_stiffness);
-  if (!(square > 0)) square = mean_square_length(system, node_stiffness, false, centroid);
-  if (!(square > 0)) square = mean_square_length(system, node_stiffness, true, centroid);
+  Scalar square = plain_mean_square_length(system, held_by_links);
+  if (!(square > 0)) square = mean_square_length(system, held_by_links, false, centroid);
+  if (!(square > 0)) square = mean_square_length(system, held_by_links, true, centroid);
   if (square > 0) return std::sqrt(square);
-  if (const Scalar reach = load_reach(system, node_stiffness); reach > 0) return reach;
+  if (const Scalar reach = load_reach(system, held_by_links); reach > 0) return reach;
   Scalar extent = 0;  // of the one point where the anchors are
   for (int i = 0; i < system.nodes(); ++i) {
     if (system.anchor_stiffness[i] > 0)
@@ -180,8 +187,9 @@ class StoppingRule {
   /// False where stiffness or lengths leave the range of the scalar.
   bool set(const System& system, const typename System::Points& x, double tolerance) {
     tolerance_ = std::max(static_cast<Scalar>(tolerance), kLeastTolerance);
-    detail::node_stiffness(system, stiffness_);
+    link_stiffness_of_nodes(system, stiffness_);
     length_ = characteristic_length(system, x, stiffness_);
+    stiffness_ += system.anchor_stiffness;
     weights_.setZero(system.nodes());
     if (!(length_ > 0)) return length_ == 0 && is_one_point(system, x);
     bool in_range = true;
@@ -274,7 +282,9 @@ typename System::NodeVector node_stiffness(const System& system) {
 /// anchors, if that is less and not 0. Invariant, but for this last case, to translation.
 template <typename System>
 typename System::Scalar characteristic_length(const System& system, const typename System::Points& x) {
-  return detail::characteristic_length(system, x, node_stiffness(system));
+  typename System::NodeVector held_by_links;
+  detail::link_stiffness_of_nodes(system, held_by_links);
+  return detail::characteristic_length(system, x, held_by_links);
 }
 
 /// How far x is from a stationary point, without units: max_i |dE/dx_i| / (A_ii L), with A_ii the

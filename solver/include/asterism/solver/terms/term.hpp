@@ -48,7 +48,8 @@ class ASTERISM_API CurvatureSink {
 /// What a stopping rule measures a system by.
 struct Scales {
   Eigen::VectorXd
-      stiffness;  ///< of each node, as the other nodes stand still: an upper bound where one exists
+      stiffness;            ///< of each node, as the other nodes stand still: an upper bound where one exists
+  Eigen::VectorXi holders;  ///< how many elements with stiffness each node has
   /// Pairs of a spring's stiffness and the square of the length that it has at rest.
   std::vector<std::pair<double, double>> lengths;
   /// A node that is pulled to a position.
@@ -60,6 +61,16 @@ struct Scales {
   };
   std::vector<Place> places;  ///< one for each such spring
   Eigen::VectorXd loads;      ///< the length of each node's load
+
+  explicit Scales(int nodes)
+      : stiffness(Eigen::VectorXd::Zero(nodes)),
+        holders(Eigen::VectorXi::Zero(nodes)),
+        loads(Eigen::VectorXd::Zero(nodes)) {}
+  /// An element holds this node with stiffness k.
+  void hold(int node, double k) {
+    stiffness[node] += k;
+    holders[node] += k > 0;
+  }
 };
 
 /// Numbers of a term, so many for each of its elements.
