@@ -5,7 +5,6 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/problem/model.hpp>
-#include <asterism/solver/problem/triple_potential.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <cmath>
 
@@ -107,59 +106,6 @@ ModelViolation check_anchor_loss(const L& loss, double scale = 1) {
       return {"has derivatives that are not those of its value", s, 0};
   }
   return {};
-}
-
-namespace detail {
-
-template <int Dim, typename P>
-const char* triple_problem(const P& potential, double rest, double scale) {
-  using Point = Eigen::Matrix<double, Dim, 1>;
-  constexpr int kTrials = 200;
-  testing::Rng rng(1);
-  for (int trial = 0; trial < kTrials; ++trial) {
-    Eigen::Matrix<double, Dim, 3> x;
-    for (double& coordinate : x.reshaped()) coordinate = rng.uniform(-scale, scale);
-    const auto at = [&potential, rest](const Eigen::Matrix<double, Dim, 3>& y) {
-      return potential(Point(y.col(0)), Point(y.col(1)), Point(y.col(2)), rest);
-    };
-    const auto here = at(x);
-    Eigen::Matrix<double, Dim, 3> gradient;
-    gradient << here.by_i, here.by_j, here.by_k;
-    if (!(is_finite(here.value) && all_finite(gradient))) return "is not finite";
-    if (!(here.value >= 0)) return "is negative";
-    const double size = here.value + scale * gradient.norm();
-    for (int c = 0; c < 3 * Dim; ++c) {
-      const double step = 1e-5 * scale;
-      auto ahead = x, behind = x;
-      ahead.data()[c] += step;
-      behind.data()[c] -= step;
-      const double slope = (at(ahead).value - at(behind).value) / (2 * step);
-      if (!close_to(slope, gradient.data()[c], 1e-4, size / scale))
-        return "has a gradient that is not that of its value";
-    }
-    auto moved = x;
-    moved.row(0) = std::cos(1.0) * x.row(0) - std::sin(1.0) * x.row(1);
-    moved.row(1) = std::sin(1.0) * x.row(0) + std::cos(1.0) * x.row(1);
-    moved.array() += rng.uniform(-scale, scale);
-    if (!close_to(at(moved).value, here.value, 1e-9, size)) return "changes when the three move as one body";
-  }
-  return nullptr;
-}
-
-}  // namespace detail
-
-/// What a potential over three nodes breaks of the conditions of TriplePotential, at places up to `scale`
-/// from the origin in the plane and in space, as far as it is defined there; nullptr for nothing. For the
-/// tests of a potential of your own.
-template <TriplePotential P>
-const char* check_triple_potential(const P& potential, double rest, double scale = 1) {
-  const char* problem = nullptr;
-  if constexpr (requires(Eigen::Vector2d v) { potential(v, v, v, 0.0); })
-    problem = detail::triple_problem<2>(potential, rest, scale);
-  if constexpr (requires(Eigen::Vector3d v) { potential(v, v, v, 0.0); }) {
-    if (problem == nullptr) problem = detail::triple_problem<3>(potential, rest, scale);
-  }
-  return problem;
 }
 
 }  // namespace ASTERISM_ABI

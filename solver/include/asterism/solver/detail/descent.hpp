@@ -96,8 +96,7 @@ class DescentState {
         return true;
       }
       if (sure < 0) {
-        sure = System::kHasTriples ? std::numeric_limits<Scalar>::epsilon() * step  // they have no majoriser
-                                   : majorised_step(system, direction, slope);
+        sure = majorised_step(system, direction, slope);
         if (!(sure > 0 && sure < step)) return false;
       } else if (!(step > sure)) {
         return false;

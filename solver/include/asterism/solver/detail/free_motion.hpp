@@ -585,8 +585,7 @@ class FreeMotions {
 
   // The common case, in nanoseconds: one body, all of whose nodes hang on anchors.
   bool is_clearly_held(const System& system, const Points& x) {
-    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings &&
-                  !System::kAnisotropicLinks) {
+    if constexpr (System::kPlainAnchors && (kDim == 2 || kDim == 3) && kSprings) {
       if (system.fixed_count() != 0 || system.has_loads()) return false;
       for (int i = 0; i < system.nodes(); ++i) {
         if (!(system.anchor_stiffness[i] > 0)) return false;
@@ -607,7 +606,7 @@ class FreeMotions {
   static bool connects(const System& system, const Points& x, int l, const Link& link) {
     if (!(system.link_stiffness[l] > 0)) return false;
     if constexpr (!kSprings) {
-      const auto force = link_force(system, l, spring(system, l, link, link_difference(system, l, link, x)));
+      const auto force = link_force(system, l, spring(system, link, link_difference(system, l, link, x)));
       return force.along != 0 || force.across != 0 || force.tension != 0;
     }
     return true;
@@ -686,7 +685,7 @@ class FreeMotions {
         if (other < *m && !velocity_.col(other).isZero(0)) continue;  // counted there
         const Coordinates v = velocity_.col(*m) - velocity_.col(other);
         const Coordinates w = inward_.col(*m) - inward_.col(other);
-        const auto spring = detail::spring(system, l, link, link_difference(system, l, link, x));
+        const auto spring = detail::spring(system, link, link_difference(system, l, link, x));
         const auto force = link_force(system, l, spring);
         const Block block = link_curvature(force, spring).template cast<double>();
         resistance += v.dot(Velocity::times(block, v));
@@ -707,12 +706,12 @@ class FreeMotions {
 
   // The nodes whose links have an offset, or a shape, which do not turn with them.
   void mark_offsets(const System& system, const Points& x) {
-    const bool has_some = system.has_offsets() || System::kAnisotropicLinks;
+    const bool has_some = system.has_offsets();
     has_offset_.setZero(has_some ? system.nodes() : 0);
     if (!has_some) return;
     int l = 0;
     for (const Link& link : system.links()) {
-      if ((System::kAnisotropicLinks || !system.rest_offset.col(l).isZero(0)) && connects(system, x, l, link))
+      if (!system.rest_offset.col(l).isZero(0) && connects(system, x, l, link))
         has_offset_[link.i] = has_offset_[link.j] = 1;
       ++l;
     }

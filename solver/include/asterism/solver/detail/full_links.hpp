@@ -33,8 +33,7 @@ class FullLinks {
   static constexpr int kNodes = System::kNodes;
   static constexpr int kDim = System::kDim;
   /// Whether systems of this type can be served; code is made for each link.
-  static constexpr bool kServes =
-      kNodes != Eigen::Dynamic && kNodes >= 2 && kNodes * kDim <= 12 && !System::kAnisotropicLinks;
+  static constexpr bool kServes = kNodes != Eigen::Dynamic && kNodes >= 2 && kNodes * kDim <= 12;
   static constexpr int kLinks = kServes ? kNodes * (kNodes - 1) / 2 : 1;
   using Values = Eigen::Array<Scalar, kLinks, 1>;
 

@@ -188,7 +188,7 @@ class Minoriser {
     double value = force.energy;
     if constexpr (!System::kPlainAnchors) {
       const Point shaped = anchor_shaped(system, i, offset);
-      k *= function_of(system.anchor_loss, i)(offset.dot(shaped)).first;  // of the reweighted spring
+      k *= system.anchor_loss(offset.dot(shaped)).first;  // of the reweighted spring
       value = k * offset.dot(shaped) / 2;
     }
     energy += value;

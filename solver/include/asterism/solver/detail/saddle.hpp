@@ -26,7 +26,7 @@ typename System::Scalar direction_off_peak(const System& system, const typename 
   if (l < 0) [[likely]]
     return 0;
   const Link link = system.links()[static_cast<std::size_t>(l)];
-  Point across = spring(system, l, link, Point(Point::Zero())).direction;
+  Point across = spring(system, link, Point(Point::Zero())).direction;
   if constexpr (System::kDim > 1) {
     Eigen::Index axis = 0;
     across.cwiseAbs().minCoeff(&axis);

@@ -31,7 +31,7 @@ class SpringChunks {
   using Points = typename System::Points;
   static constexpr int kDim = System::kDim;
   /// Whether any system of this type can have several chunks.
-  static constexpr bool kPossible = System::kMaxNodes == Eigen::Dynamic && !System::kHasTriples;
+  static constexpr bool kPossible = System::kMaxNodes == Eigen::Dynamic;
   /// Nodes of a chunk.
   static constexpr int kSize = 1 << 13;
 
@@ -85,7 +85,7 @@ class SpringChunks {
         energy += node_force(system, i, x, anchor_offset(system, i, x)).energy;
       for (int l = first_link_of(c); l < first_link_of(c + 1); ++l) {
         const Link link = system.links()[static_cast<std::size_t>(l)];
-        energy += link_force(system, l, spring(system, l, link, link_difference(system, l, link, x))).energy;
+        energy += link_force(system, l, spring(system, link, link_difference(system, l, link, x))).energy;
       }
       return energy;
     });
@@ -102,7 +102,7 @@ class SpringChunks {
           energy += node.energy;
         },
         [&](int l, const Link& link, Scalar& energy) -> Point {
-          const Spring<System> here = spring(system, l, link, link_difference(system, l, link, x));
+          const Spring<System> here = spring(system, link, link_difference(system, l, link, x));
           const auto force = link_force(system, l, here);
           energy += force.energy;
           return force.tension * here.direction;

@@ -68,8 +68,8 @@ class SpringRows {
   static constexpr int kDim = System::kDim;
   static constexpr int kLeastNodes = 9;
   static constexpr int kMostNodes = System::kMaxNodes == Eigen::Dynamic ? 1024 : System::kMaxNodes;
-  static constexpr bool kPossible = !System::kAnisotropicLinks && (kDim == 2 || kDim == 3) &&
-                                    kMostNodes >= kLeastNodes && kMostNodes <= 1024 &&
+  static constexpr bool kPossible = (kDim == 2 || kDim == 3) && kMostNodes >= kLeastNodes &&
+                                    kMostNodes <= 1024 &&
                                     std::is_same_v<typename System::Model::LinkPotential, Hooke>;
   // Springs at a time.
   static constexpr int kWidth =

@@ -104,7 +104,7 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
     const Scalar k = system.anchor_stiffness[i];
     if constexpr (System::kPlainAnchors) return k;
     const Point d = anchor_offset(system, i, x);
-    return k * function_of(system.anchor_loss, i)(d.dot(anchor_shaped(system, i, d))).first;
+    return k * system.anchor_loss(d.dot(anchor_shaped(system, i, d))).first;
   };
   // An anchor without stiffness means nothing: its position, which is finite, is multiplied by 0 first.
   Scalar total = 0;
@@ -139,10 +139,8 @@ bool align(const System& system, typename System::Points& x, bool allow_reflecti
   constexpr Scalar kRounding = 8 * std::numeric_limits<Scalar>::epsilon();
   const Scalar offset = total * (centre.squaredNorm() + anchor_centre.squaredNorm());
   const Scalar rounding = kRounding * kRounding * offset;
-  if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets() || System::kAnisotropicLinks)
-    M.setZero();
-  // The area of a triangle has a sign.
-  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection && !System::kHasTriples);
+  if (!(spread > rounding && anchor_spread > rounding) || system.has_offsets()) M.setZero();
+  const auto R = nearest_rotation<Scalar, System::kDim>(M, allow_reflection);
 
   if constexpr (System::kPlainAnchors) {
     // Twice what the anchors' energy falls by, as the cross terms of centre and spread vanish.

@@ -169,11 +169,7 @@ class Certifier {
         result.reason = defect;
         return;
       }
-      if constexpr (System::kAnisotropicLinks) {
-        result.reason = "links have information matrices";
-      } else if constexpr (System::kHasTriples) {
-        result.reason = "the system has potentials over three nodes";
-      } else if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
+      if constexpr (!detail::has_minoriser<typename System::Model::LinkPotential>()) {
         result.reason = "the links' potential is not declared to be convex in the square of the length";
       } else if constexpr (std::is_same_v<typename System::Scalar, double>) {
         prover(system).certify(system, x, options.gap, result);

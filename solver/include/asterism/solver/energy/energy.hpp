@@ -13,27 +13,6 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-/// The energy of the potentials over three nodes; adds its gradient to `gradient`, if that is not null.
-template <typename System>
-typename System::Scalar triple_energy(const System& system, const typename System::Points& x,
-                                      typename System::Points* gradient) {
-  using Scalar = typename System::Scalar;
-  Scalar energy = 0;
-  for (const Triple& triple : system.triples) {
-    const auto stiffness = static_cast<Scalar>(triple.stiffness);
-    if (!(stiffness > 0)) continue;
-    const TripleForce<typename System::Point> force = system.triple_potential(
-        typename System::Point(x.col(triple.i)), typename System::Point(x.col(triple.j)),
-        typename System::Point(x.col(triple.k)), static_cast<Scalar>(triple.rest));
-    energy += stiffness * force.value;
-    if (gradient == nullptr) continue;
-    gradient->col(triple.i) += stiffness * force.by_i;
-    gradient->col(triple.j) += stiffness * force.by_j;
-    gradient->col(triple.k) += stiffness * force.by_k;
-  }
-  return energy;
-}
-
 /// Gradient and energy for a small full topology; false where it does not serve.
 template <typename System>
 [[gnu::flatten]] bool evaluate_full(const System& system, const typename System::Points& x,
@@ -89,7 +68,6 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
       if constexpr (kWithEnergy) energy += force.energy;
     });
   }
-  if constexpr (System::kHasTriples) energy += triple_energy(system, x, &gradient);
   clear_fixed(system, gradient);
   return energy;
 }
@@ -103,12 +81,11 @@ typename System::Scalar evaluate(const System& system, const typename System::Po
 /// E(x) = 1/2 sum_i k_i |x_i - a_i|^2 + 1/2 sum_ij k_ij (mu_ij - |x_i - x_j|)^2, the paper's energy with the
 /// second 1/2 that its forces (Eq. 13) imply; for another Model than Springs sum_i 1/2 k_i rho(|x_i - a_i|^2)
 /// + sum_ij k_ij phi(|x_i - x_j|, mu_ij), where x_i - x_j is less the link's offset m_ij if it has one; with
-/// loads less sum_i f_i . x_i; with potentials over three nodes plus their energy. Not
-/// convex: a spring shorter than its rest length has negative curvature across its axis.
+/// loads less sum_i f_i . x_i. Not convex: a spring shorter than its rest length has negative curvature
+/// across its axis.
 template <typename System>
 typename System::Scalar energy(const System& system, const typename System::Points& x) {
   typename System::Scalar energy = 0;
-  if constexpr (System::kHasTriples) energy += detail::triple_energy(system, x, nullptr);
   const auto on_node = [&](int i, const typename System::Point& offset) {
     energy += detail::node_force(system, i, x, offset).energy;
   };
@@ -141,7 +118,7 @@ int peaked_link(const System& system, const typename System::Points& x) {
   for (const Link& link : system.links()) {
     if (link_difference(system, l, link, x).isZero(0) && system.link_stiffness[l] > 0 &&
         !(system.is_fixed(link.i) && system.is_fixed(link.j)) &&
-        function_of(system.link_potential, l)(typename System::Scalar(0), system.rest_length[l]).first < 0)
+        system.link_potential(typename System::Scalar(0), system.rest_length[l]).first < 0)
       return l;
     ++l;
   }

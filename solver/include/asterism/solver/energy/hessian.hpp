@@ -57,7 +57,6 @@ using DenseHessian = Eigen::Matrix<typename System::Scalar, detail::times<System
 /// if memory runs out.
 template <typename System>
 DenseHessian<System> hessian(const System& system, const typename System::Points& x) {
-  static_assert(!System::kHasTriples, "potentials over three nodes have no second derivatives here");
   constexpr int kDim = System::kDim;
   if constexpr (System::kMaxNodes == Eigen::Dynamic) {
     const double size = double{kDim} * system.nodes();

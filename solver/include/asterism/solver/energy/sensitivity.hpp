@@ -132,14 +132,11 @@ inline constexpr bool kOfStretch = std::is_same_v<Potential, Hooke> || std::is_s
 template <typename Loss>
 inline constexpr bool kOfStretch<RobustHooke<Loss>> = true;
 
-template <typename Potential>
-inline constexpr bool kOfStretch<Each<Potential>> = kOfStretch<Potential>;
-
 /// Whether d phi' / d mu is known.
 template <typename Potential>
 constexpr bool has_rest_length_derivative() {
   return kOfStretch<Potential> || requires(const Potential potential, double r) {
-    function_of(potential, 0).first_by_rest_length(r, r);
+    potential.first_by_rest_length(r, r);
   };
 }
 
@@ -406,7 +403,7 @@ class ImplicitSolver {
   // Whether the energy of a link is smooth where its ends meet: the link is as stiff across its direction as
   // along it, like a spring of rest length 0, a slack cable, or a link of stiffness 0.
   static bool is_round(const System& system, int l, const Link& link, const Point& d) {
-    const auto spring = detail::spring(system, l, link, d);
+    const auto spring = detail::spring(system, link, d);
     const auto force = link_force(system, l, spring);
     const Scalar stiffness =
         std::max({system.link_stiffness[l], std::abs(force.along), std::abs(force.across)});
@@ -449,9 +446,6 @@ class ImplicitSolver {
 /// each as a template or for the system's scalar. Where that is not declared, rest_length is NaN.
 template <typename System>
 class Sensitivity {
-  static_assert(!System::kHasTriples, "potentials over three nodes have no second derivatives here");
-  static_assert(!System::kAnisotropicLinks, "links with information matrices have no derivatives by these");
-
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;
@@ -561,7 +555,7 @@ class Sensitivity {
       result.loss.first = 1;
     } else {
       result.square = result.offset.dot(result.shaped);
-      result.loss = detail::function_of(system.anchor_loss, i)(result.square);
+      result.loss = system.anchor_loss(result.square);
     }
     return result;
   }
@@ -603,14 +597,13 @@ class Sensitivity {
       const Scalar r = d.norm();
       const Scalar delta =
           solver.has_direction(d) ? d.dot(lambdas.col(link.i) - lambdas.col(link.j)) / r : Scalar(0);
-      to.link_stiffness[l] = -detail::function_of(system.link_potential, l)(r, mu).first * delta;
+      to.link_stiffness[l] = -system.link_potential(r, mu).first * delta;
       if (!(k > 0)) continue;
       if (system.has_offsets()) {
         to.rest_offset.col(l) =
             link_curvature(system, l, link, d) * (lambdas.col(link.i) - lambdas.col(link.j));
       }
-      to.rest_length[l] =
-          -k * detail::first_by_rest_length(detail::function_of(system.link_potential, l), r, mu) * delta;
+      to.rest_length[l] = -k * detail::first_by_rest_length(system.link_potential, r, mu) * delta;
       const auto first = detail::first_by_parameters(system.link_potential, r, mu);
       for (std::size_t p = 0; p < first.size(); ++p) to.link_potential[p] -= k * first[p] * delta;
     }
@@ -618,7 +611,7 @@ class Sensitivity {
 
   // The second derivative of link l's energy by d of link_difference.
   static Block link_curvature(const System& system, int l, const Link& link, const Point& d) {
-    const auto spring = detail::spring(system, l, link, d);
+    const auto spring = detail::spring(system, link, d);
     return detail::link_curvature(detail::link_force(system, l, spring), spring);
   }
 
@@ -658,11 +651,10 @@ class Sensitivity {
       const Scalar mu = system.rest_length[l];
       const Point d = detail::link_difference(system, l, link, x);
       const Scalar r = d.norm();
-      Scalar tension = detail::function_of(system.link_potential, l)(r, mu).first * tangent.link_stiffness[l];
+      Scalar tension = system.link_potential(r, mu).first * tangent.link_stiffness[l];
       if (k > 0) {
         if (tangent.rest_length[l] != 0)
-          tension += k * detail::first_by_rest_length(detail::function_of(system.link_potential, l), r, mu) *
-                     tangent.rest_length[l];
+          tension += k * detail::first_by_rest_length(system.link_potential, r, mu) * tangent.rest_length[l];
         const auto first = detail::first_by_parameters(system.link_potential, r, mu);
         for (std::size_t p = 0; p < first.size(); ++p) tension += k * first[p] * tangent.link_potential[p];
       }

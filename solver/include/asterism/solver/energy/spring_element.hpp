@@ -15,17 +15,12 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// The spring of a link as it lies in x, with d of link_difference: its length r = |d|, 1 / r, and its
-/// direction u = d / r. With the shape S of an anisotropic link, r^2 = d^T S d and u = S d / r, which is the
-/// gradient of r.
+/// direction u = d / r.
 template <typename System>
 struct Spring {
-  using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
-  struct Round {};
-
   typename System::Scalar length;
   typename System::Scalar inverse;  // not finite where nodes coincide, or nearly so
   typename System::Point direction;
-  [[no_unique_address]] std::conditional_t<System::kAnisotropicLinks, Block, Round> shape{};
 };
 
 /// v / |v| without overflow or underflow. Returns |v|; leaves v = 0 as it is.
@@ -98,33 +93,6 @@ Spring<System> spring(const System& system, Link link, const typename System::Po
   return {length, inverse, d * inverse};
 }
 
-/// The same of link l, with its shape if it has one.
-template <typename System>
-Spring<System> spring(const System& system, [[maybe_unused]] int l, Link link,
-                      const typename System::Point& d) {
-  if constexpr (!System::kAnisotropicLinks) {
-    return spring(system, link, d);
-  } else {
-    using Scalar = typename System::Scalar;
-    using Point = typename System::Point;
-    const typename Spring<System>::Block shape =
-        system.link_shape.template block<System::kDim, System::kDim>(0, System::kDim * l);
-    const Scalar size = d.cwiseAbs().maxCoeff();
-    // Where d is nothing, or nothing to the shape, some direction, as for coincident nodes.
-    const auto of = [&](const Point& unit, Scalar scale) {
-      const Point shaped = shape * unit;
-      const Scalar root = std::sqrt(std::max(unit.dot(shaped), Scalar(0)));
-      const Scalar length = scale * root;
-      return Spring<System>{length, 1 / length, root > 0 ? Point(shaped / root) : shaped, shape};
-    };
-    if (size > 0) {
-      const Spring<System> result = of(d / size, size);
-      if (result.length > 0) return result;
-    }
-    return of(coincident_spring(system, link, Point(Point::Zero())).direction, 0);
-  }
-}
-
 /// x_i - a_i, and 0 where the anchor has no stiffness: its position means nothing then, and may be so far off
 /// that its square overflows.
 template <typename System>
@@ -139,7 +107,7 @@ template <typename System>
 Derivatives<typename System::Scalar> link_potential(const System& system, int l, typename System::Scalar r) {
   if (!(system.link_stiffness[l] > 0)) [[unlikely]]
     return {0, 0, 0};
-  return function_of(system.link_potential, l)(r, system.rest_length[l]);
+  return system.link_potential(r, system.rest_length[l]);
 }
 
 /// S d with the anchor's shape S.
@@ -166,7 +134,7 @@ AnchorForce<System> anchor_force(const System& system, int i, const typename Sys
     return {k * d.squaredNorm() / 2, k * d};
   } else {
     const typename System::Point shaped = anchor_shaped(system, i, d);
-    const auto loss = function_of(system.anchor_loss, i)(d.dot(shaped));
+    const auto loss = system.anchor_loss(d.dot(shaped));
     return {k * loss.value / 2, (k * loss.first) * shaped};
   }
 }
@@ -207,7 +175,7 @@ auto anchor_curvature(const System& system, int i, const typename System::Point&
     return Block(k * Block::Identity());
   } else {
     const typename System::Point shaped = anchor_shaped(system, i, d);
-    const auto loss = function_of(system.anchor_loss, i)(d.dot(shaped));
+    const auto loss = system.anchor_loss(d.dot(shaped));
     Block block = Block::Identity();
     if constexpr (System::kAnisotropic)
       block = system.anchor_shape.template block<System::kDim, System::kDim>(0, System::kDim * i);
@@ -253,15 +221,13 @@ template <typename System>
   return force;
 }
 
-/// The Dim x Dim second derivative of a link at either of its ends, along u u^T + across (I - u u^T), with
-/// its shape in place of I if it has one; minus that couples the two.
+/// The Dim x Dim second derivative of a link at either of its ends, along u u^T + across (I - u u^T); minus
+/// that couples the two.
 template <typename System>
 [[gnu::always_inline]] inline auto link_curvature(const LinkForce<typename System::Scalar>& force,
                                                   const Spring<System>& spring) {
   using Block = Eigen::Matrix<typename System::Scalar, System::kDim, System::kDim, Eigen::ColMajor>;
   const Block axis = spring.direction * spring.direction.transpose();  // first, to be symmetric to the bit
-  if constexpr (System::kAnisotropicLinks)
-    return Block(force.across * spring.shape + (force.along - force.across) * axis);
   return Block(force.across * Block::Identity() + (force.along - force.across) * axis);
 }
 
@@ -274,7 +240,7 @@ void for_each_spring(const System& system, const typename System::Points& x, OnA
   for (int i = 0; i < system.nodes(); ++i) on_anchor(i, anchor_offset(system, i, x));
   int l = 0;
   for (const Link& link : system.links()) {
-    const Spring<System> here = spring(system, l, link, link_difference(system, l, link, x));
+    const Spring<System> here = spring(system, link, link_difference(system, l, link, x));
     on_link(l, link, link_force(system, l, here), here);
     ++l;
   }

@@ -87,7 +87,7 @@ class Auto {
   static constexpr Scalar kWeak = Scalar(5e-5);
   static constexpr Scalar kWeakForFloppy = Scalar(5e-3);
   static constexpr bool kHeap = System::kMaxNodes == Eigen::Dynamic;
-  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton || System::kHasTriples;
+  static constexpr bool kHasMore = kHeap || System::kMaxNodes > kNewton;
 
   struct Nothing {
     AlignedOptions options;
@@ -170,7 +170,6 @@ class Auto {
 template <typename System>
 Summary Auto<System>::run(const System& system, Points& x) {
   if (options.threads < 0) return detail::refused(name(), options.problem());  // not all methods have threads
-  if constexpr (System::kHasTriples) return solve_by(lbfgs_, system, x);
   const int n = system.nodes();
   if (n <= kNewton) return solve_by(newton_, system, x);
   if constexpr (kHasMore) {

@@ -228,7 +228,7 @@ class Lbfgs {
 
 template <typename System, typename Metric>
 Summary Lbfgs<System, Metric>::run(const System& given, Points& x) {
-  return session_.template run<true>(name(), options, given, x, [&](const System& system, Summary& summary) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     ++summary.factorizations;
     if (!metric_.factorize(system)) {
       summary.message =

@@ -46,7 +46,7 @@ class JacobiPreconditioner {
           at(i) = detail::anchor_curvature(system, i, offset, true);
         },
         [&](int l, const Link& link, Scalar&) {
-          const auto spring = detail::spring(system, l, link, detail::link_difference(system, l, link, x));
+          const auto spring = detail::spring(system, link, detail::link_difference(system, l, link, x));
           auto force = detail::link_force(system, l, spring);
           hessian.set_link(l, force, spring);
           force = force.clamped();

@@ -236,7 +236,7 @@ class NonlinearCg {
 
 template <typename System, typename Gradient>
 Summary NonlinearCg<System, Gradient>::run(const System& given, Points& x) {
-  return session_.template run<true>(name(), options, given, x, [&](const System& system, Summary& summary) {
+  return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
     detail::RayPoint<Scalar> start;
     evaluate_.start(session_.length());
     start.energy = evaluate_(system, x, gradient_, summary);

@@ -64,8 +64,6 @@ void visit_options(OptionVisitor& visit, TurningOptions<Options>& options) {
 /// An object holds its workspace; uses the heap; one thread at a time.
 template <typename System, typename Solver>
 class TurningOffsets {
-  static_assert(!System::kAnisotropicLinks, "information matrices of links do not turn with the offsets");
-
  public:
   using Scalar = typename System::Scalar;
   using Points = typename System::Points;

@@ -6,7 +6,6 @@
 #include <cmath>
 #include <concepts>
 #include <limits>
-#include <vector>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -26,8 +25,8 @@ struct Derivatives {
 /// a potential has to ensure both; check_link_potential tests them, and this bound, on which IDA relies:
 /// phi(|d|) <= phi(|e|) + phi'(|e|) e . (d - e) / |e| + |d - e|^2 / 2 for all points d and e != 0.
 ///
-/// It may have parameters, the same for all links, or with Each one set for each. It then has a function
-/// `problem()`, which says what is wrong with them, or returns nullptr.
+/// It may have parameters, the same for all links. It then has a function `problem()`, which says what is
+/// wrong with them, or returns nullptr.
 ///
 /// A potential that is convex as a function of r^2, phi(s) >= phi(r) + phi'(r) / (2 r) (s^2 - r^2) for all r
 /// and s, may declare `static constexpr bool kConvexInSquare = true`. Its systems can then be certified.
@@ -41,8 +40,7 @@ concept LinkPotential = std::default_initializable<P> && requires(const P potent
 /// in Ceres's LossFunction. rho(0) = 0, rho is concave and 0 <= rho' <= 1: then the weighted spring
 /// 1/2 k_i rho'(s) |x - a|^2 lies above it (up to a constant) and k_i bounds its curvature.
 ///
-/// It may have parameters, the same for all anchors, or with Each one set for each, and `problem()`, like a
-/// LinkPotential.
+/// It may have parameters, the same for all anchors, and `problem()`, like a LinkPotential.
 template <typename L>
 concept AnchorLoss = std::default_initializable<L> && requires(const L loss, double s, float t) {
   { loss(s) } -> std::same_as<Derivatives<double>>;
@@ -185,68 +183,18 @@ struct RobustHooke {
   }
 };
 
-/// A loss for each anchor, or a potential for each link, with its own parameters. Sensitivity does not
-/// differentiate by these.
-template <typename Function>
-struct Each {
-  /// Convex as the function is, see LinkPotential.
-  static constexpr bool kConvexInSquare = [] {
-    if constexpr (requires { Function::kConvexInSquare; }) return Function::kConvexInSquare;
-    return false;
-  }();
-
-  std::vector<Function> values;  ///< one for each node, or for each link in the order of links()
-};
-
-namespace detail {
-
-/// The loss or potential of one anchor or link, of all or of its own.
-template <typename Function>
-const Function& function_of(const Function& function, int) {
-  return function;
-}
-template <typename Function>
-const Function& function_of(const Each<Function>& each, int index) {
-  return each.values[static_cast<std::size_t>(index)];
-}
-
-template <typename T>
-inline constexpr bool kIsEachPotential = false;
-template <LinkPotential P>
-inline constexpr bool kIsEachPotential<Each<P>> = true;
-template <typename T>
-inline constexpr bool kIsEachLoss = false;
-template <AnchorLoss L>
-inline constexpr bool kIsEachLoss<Each<L>> = true;
-
-template <typename T>
-concept LinkPotentials = LinkPotential<T> || kIsEachPotential<T>;
-template <typename T>
-concept AnchorLosses = AnchorLoss<T> || kIsEachLoss<T>;
-
-}  // namespace detail
-
 /// Whether an anchor pulls equally hard in all directions.
 enum class AnchorShape { Isotropic, Anisotropic };
 
-/// Whether a link pulls equally hard in all directions.
-enum class LinkShape { Isotropic, Anisotropic };
-
-/// A system's model without potentials over three nodes.
-struct NoTriples {};
-
 /// The kind of links and anchors of a SpringSystem: how a link's energy depends on its length and an anchor's
-/// on its distance, whether an anchor has an information matrix instead of a stiffness, a TriplePotential, if
-/// the system has some, and whether a link has an information matrix.
-template <detail::LinkPotentials Link = Hooke, detail::AnchorLosses Loss = Quadratic,
-          AnchorShape kShape = AnchorShape::Isotropic, typename Triples = NoTriples,
-          LinkShape kLinks = LinkShape::Isotropic>
+/// on its distance, and whether an anchor has an information matrix instead of a stiffness. A System
+/// (terms/system.hpp) has more kinds, mixed at will, and parameters for each link and anchor.
+template <LinkPotential Link = Hooke, AnchorLoss Loss = Quadratic,
+          AnchorShape kShape = AnchorShape::Isotropic>
 struct Model {
-  using LinkPotential = Link;                          ///< phi of every link, or Each
-  using AnchorLoss = Loss;                             ///< rho of every anchor, or Each
+  using LinkPotential = Link;                          ///< phi of every link
+  using AnchorLoss = Loss;                             ///< rho of every anchor
   static constexpr AnchorShape kAnchorShape = kShape;  ///< isotropic or with information matrices
-  using TriplePotential = Triples;                     ///< of three nodes each, or NoTriples
-  static constexpr LinkShape kLinkShape = kLinks;      ///< isotropic or with information matrices
 };
 
 /// The paper's model: all links and anchors are springs.

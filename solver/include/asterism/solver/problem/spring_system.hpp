@@ -6,7 +6,6 @@
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/topology.hpp>
-#include <asterism/solver/problem/triple_potential.hpp>
 #include <limits>
 #include <type_traits>
 #include <utility>
@@ -52,8 +51,6 @@ class SpringSystem {
   static_assert(Dim > 0);
 
   struct Nothing {};
-  struct NoneOfThree {};  // other types, which take no room beside the first
-  struct NothingOfLinks {};
 
  public:
   using Scalar = Scalar_;
@@ -76,11 +73,6 @@ class SpringSystem {
   static constexpr bool kPlainAnchors =
       !kAnisotropic && std::is_same_v<typename Model::AnchorLoss, Quadratic>;
 
-  /// Links have an information matrix.
-  static constexpr bool kAnisotropicLinks = Model::kLinkShape == LinkShape::Anisotropic;
-  /// Potentials over three nodes add to the energy.
-  static constexpr bool kHasTriples = !std::is_same_v<typename Model::TriplePotential, NoTriples>;
-
   /// One vector for each link, Dim x L.
   using LinkPoints =
       Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
@@ -101,7 +93,6 @@ class SpringSystem {
     loads.resize(Dim, 0);
     fixed_.setConstant(nodes(), false);
     if constexpr (kAnisotropic) anchor_shape.setConstant(Dim, Dim * nodes(), kUnset);
-    if constexpr (kAnisotropicLinks) link_shape.setConstant(Dim, Dim * link_count(), kUnset);
   }
 
   /// Sets every rest length to the distance of its two nodes in `points` (Dim x N).
@@ -149,16 +140,6 @@ class SpringSystem {
     anchor_stiffness[node] = split(information, anchor_shape.template block<Dim, Dim>(0, Dim * node));
   }
 
-  /// Anisotropic links: sets k_ij and link_shape from link l's information matrix, as set_anchor_information
-  /// does. The link's energy becomes k_ij phi(r, mu_ij) with r^2 = d^T shape d, d = x_i - x_j - m_ij; without
-  /// rest length that is 1/2 d^T information d.
-  template <typename Derived>
-  void set_link_information(int l,
-                            const Eigen::MatrixBase<Derived>& information) requires(kAnisotropicLinks) {
-    eigen_assert(0 <= l && l < link_count() && information.rows() == Dim && information.cols() == Dim);
-    link_stiffness[l] = split(information, link_shape.template block<Dim, Dim>(0, Dim * l));
-  }
-
   /// The same system in another scalar. From float to double no value changes.
   template <typename Other>
   SpringSystem<Other, Dim, N, MaxN, Model> cast() const {
@@ -170,13 +151,8 @@ class SpringSystem {
     other.rest_offset = rest_offset.template cast<Other>();
     other.loads = loads.template cast<Other>();
     if constexpr (kAnisotropic) other.anchor_shape = anchor_shape.template cast<Other>();
-    if constexpr (kAnisotropicLinks) other.link_shape = link_shape.template cast<Other>();
     other.anchor_loss = anchor_loss;
     other.link_potential = link_potential;
-    if constexpr (kHasTriples) {
-      other.triples = triples;
-      other.triple_potential = triple_potential;
-    }
     for (int i = 0; i < nodes(); ++i) {
       if (is_fixed(i)) other.fix(i);
     }
@@ -213,18 +189,9 @@ class SpringSystem {
   /// Only for anisotropic anchors: Dim x (Dim N), each node's information matrix divided by k_i, with
   /// eigenvalues from 0 to 1.
   [[no_unique_address]] std::conditional_t<kAnisotropic, Shapes, Nothing> anchor_shape;
-  /// Of link_shape.
-  using LinkShapes =
-      Eigen::Matrix<Scalar, Dim, Eigen::Dynamic, (Dim == 1 ? Eigen::RowMajor : Eigen::ColMajor), Dim,
-                    detail::times<TopologyType::kMaxLinks>(Dim)>;
-  /// Only for anisotropic links: Dim x (Dim L), each link's information matrix divided by k_ij.
-  [[no_unique_address]] std::conditional_t<kAnisotropicLinks, LinkShapes, NothingOfLinks> link_shape;
-  /// Parameters of the anchors' loss and of the links' potential, if these have any; of each one with Each.
+  /// Parameters of the anchors' loss and of the links' potential, if these have any.
   [[no_unique_address]] typename Model::AnchorLoss anchor_loss;
   [[no_unique_address]] typename Model::LinkPotential link_potential;
-  /// Only for a model with a TriplePotential: what it applies to, and its parameters.
-  [[no_unique_address]] std::conditional_t<kHasTriples, std::vector<Triple>, NoneOfThree> triples;
-  [[no_unique_address]] typename Model::TriplePotential triple_potential;
 
  private:
   // A matrix divided by its largest eigenvalue, which is returned; for any other matrix one that is refused.

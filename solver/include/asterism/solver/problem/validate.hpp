@@ -109,25 +109,14 @@ int first_bad_shape(const Shapes& shapes, int count) {
   return -1;
 }
 
-/// What is wrong with the parameters of a loss or potential, or of one of `count`; nothing if it has none.
+/// What is wrong with the parameters of a loss or potential; nothing if it has none.
 template <typename Function>
-Defect parameter_defect(const char* subject, const Function& function, int) {
+Defect parameter_defect(const char* subject, const Function& function) {
   if constexpr (requires { function.problem(); }) {
     if (const char* problem = function.problem()) return {subject, -1, problem};
   }
   return {};
 }
-template <typename Function>
-Defect parameter_defect(const char* subject, const Each<Function>& each, int count) {
-  if (each.values.size() != static_cast<std::size_t>(count))
-    return {subject, -1, "must have one entry for each"};
-  for (int i = 0; i < count; ++i) {
-    if (const Defect defect = parameter_defect(subject, function_of(each, i), 1))
-      return {subject, i, defect.problem};
-  }
-  return {};
-}
-
 template <typename Matrix>
 int first_column_not_finite(const Matrix& points) {
   if (all_finite(points)) return -1;
@@ -145,23 +134,6 @@ int first_bad_entry(const Vector& values) {
     if (!(values[i] >= 0 && is_finite(values[i]))) return i;
   }
   return -1;
-}
-
-/// What is wrong with the potentials over three nodes.
-template <typename System>
-Defect triple_defect(const System& system) {
-  const int n = system.nodes();
-  for (std::size_t t = 0; t < system.triples.size(); ++t) {
-    const auto& [i, j, k, stiffness, rest] = system.triples[t];
-    const auto is_node = [n](int node) { return 0 <= node && node < n; };
-    const auto refused = [t](const char* problem) { return Defect{"triple", static_cast<int>(t), problem}; };
-    if (!is_node(i) || !is_node(j) || !is_node(k)) return refused("has a node out of range");
-    if (i == j || j == k || k == i) return refused("has one node twice");
-    if (!(stiffness >= 0 && is_finite(stiffness)))
-      return refused("has a stiffness that is negative or not finite");
-    if (!is_finite(rest)) return refused("has a rest that is not finite");
-  }
-  return parameter_defect("triple potential", system.triple_potential, 1);
 }
 
 /// asterism::validate without the search for floating components.
@@ -201,18 +173,8 @@ Defect validate_values(const System& system, const typename System::Points& x) {
     if (const int i = first_bad_shape<System::kDim>(system.anchor_shape, n); i >= 0)
       return {"information matrix of anchor", i, kNotDefinite};
   }
-  if constexpr (System::kAnisotropicLinks) {
-    if (system.link_shape.cols() != System::kDim * system.link_count())
-      return {"link shape", -1, "must have one matrix for each link"};
-    if (const int l = first_bad_shape<System::kDim>(system.link_shape, system.link_count()); l >= 0)
-      return {"information matrix of link", l, kNotDefinite};
-  }
-  if (const Defect defect = parameter_defect("anchor loss", system.anchor_loss, n)) return defect;
-  if (const Defect defect = parameter_defect("link potential", system.link_potential, system.link_count()))
-    return defect;
-  if constexpr (System::kHasTriples) {
-    if (const Defect defect = triple_defect(system)) return defect;
-  }
+  if (const Defect defect = parameter_defect("anchor loss", system.anchor_loss)) return defect;
+  if (const Defect defect = parameter_defect("link potential", system.link_potential)) return defect;
   if (const int i = first_column_not_finite(x); i >= 0) return {"x of node", i, kNotFinite};
   return {};
 }
@@ -235,9 +197,6 @@ bool shares_memory(const System& system, const typename System::Scalar* first, E
         is_in(system.link_stiffness) || is_in(system.rest_offset) || is_in(system.loads) ||
         meets(system.links().data(), system.links().size_bytes()))
       return true;
-    if constexpr (System::kAnisotropicLinks) {
-      if (is_in(system.link_shape)) return true;
-    }
     if constexpr (System::kAnisotropic) return is_in(system.anchor_shape);
   }
   return false;

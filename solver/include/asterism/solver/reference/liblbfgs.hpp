@@ -50,35 +50,34 @@ class Liblbfgs {
         trial_ = gradient_ = Points();
       }
     }
-    return session_.template run<true>(
-        name(), options, given, x, [&](const System& system, Summary& summary) {
-          if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
-          if (options.max_iterations == 0) return Status::MaxIterations;  // to liblbfgs it is no limit
+    return session_.run(name(), options, given, x, [&](const System& system, Summary& summary) {
+      if (session_.done(x, session_.gradient(), 0)) return Status::Converged;
+      if (options.max_iterations == 0) return Status::MaxIterations;  // to liblbfgs it is no limit
 
-          // The first step is one unit long and others are bounded by thresholds in such units, so the system
-          // is given unit size. Powers of two, for the scaling to be exact.
-          Run run{*this, system, summary, power_of_two(session_.length()),
-                  power_of_two(session_.node_stiffness().maxCoeff())};
-          gradient_ = trial_ = x;  // allocates here, as nothing may throw through C
-          const std::unique_ptr<double, void (*)(double*)> nodes(lbfgs_malloc(static_cast<int>(x.size())),
-                                                                 lbfgs_free);
-          if (nodes == nullptr) asterism::detail::raise(std::bad_alloc());
-          Eigen::Map<Points>(nodes.get(), x.rows(), x.cols()) = x / run.length;
+      // The first step is one unit long and others are bounded by thresholds in such units, so the system
+      // is given unit size. Powers of two, for the scaling to be exact.
+      Run run{*this, system, summary, power_of_two(session_.length()),
+              power_of_two(session_.node_stiffness().maxCoeff())};
+      gradient_ = trial_ = x;  // allocates here, as nothing may throw through C
+      const std::unique_ptr<double, void (*)(double*)> nodes(lbfgs_malloc(static_cast<int>(x.size())),
+                                                             lbfgs_free);
+      if (nodes == nullptr) asterism::detail::raise(std::bad_alloc());
+      Eigen::Map<Points>(nodes.get(), x.rows(), x.cols()) = x / run.length;
 
-          lbfgs_parameter_t parameters;
-          lbfgs_parameter_init(&parameters);
-          parameters.epsilon = 0;
-          parameters.max_iterations = options.max_iterations;
-          const int code =
-              lbfgs(static_cast<int>(x.size()), nodes.get(), nullptr, evaluate, progress, &run, &parameters);
-          if (code == LBFGSERR_OUTOFMEMORY) asterism::detail::raise(std::bad_alloc());
+      lbfgs_parameter_t parameters;
+      lbfgs_parameter_init(&parameters);
+      parameters.epsilon = 0;
+      parameters.max_iterations = options.max_iterations;
+      const int code =
+          lbfgs(static_cast<int>(x.size()), nodes.get(), nullptr, evaluate, progress, &run, &parameters);
+      if (code == LBFGSERR_OUTOFMEMORY) asterism::detail::raise(std::bad_alloc());
 
-          x = run.length * Eigen::Map<const Points>(nodes.get(), x.rows(), x.cols());
-          summary.message = words(code);
-          summary.message.append(" (").append(code).append(")");
-          if (code >= 0) return Status::Converged;
-          return code == LBFGSERR_MAXIMUMITERATION ? Status::MaxIterations : Status::NoProgress;
-        });
+      x = run.length * Eigen::Map<const Points>(nodes.get(), x.rows(), x.cols());
+      summary.message = words(code);
+      summary.message.append(" (").append(code).append(")");
+      if (code >= 0) return Status::Converged;
+      return code == LBFGSERR_MAXIMUMITERATION ? Status::MaxIterations : Status::NoProgress;
+    });
   }
 
  private:

@@ -62,16 +62,9 @@ class Session {
   /// Validates, aligns x if the options ask for it, runs iterate(system, summary), which improves x and
   /// returns why it stopped, and judges the result. The system that `iterate` gets is the given one, with
   /// floating components grounded if the options ask for it.
-  ///
-  /// kGradientAlone: the method uses nothing but energy and gradient, and finds lower energy by looking for
-  /// it. Systems with potentials over three nodes, which have no more than that, are refused by all others.
-  template <bool kGradientAlone = false, typename Options, typename Iterate>
+  template <typename Options, typename Iterate>
   Summary run(std::string_view name, const Options& options, const System& given, Points& x,
               Iterate&& iterate) {
-    if constexpr (System::kHasTriples && !kGradientAlone) {
-      return detail::refused(name,
-                             "the method does not support potentials over three nodes: use lbfgs or ncg");
-    }
     Task task{name, options.problem()};
     if constexpr (requires { options.align; }) {
       task.aligns = options.align;

@@ -29,61 +29,30 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
-// The loss of a model as that of a term; `Each` gives one number for each element.
+// The loss of a model as that of a term.
 
 template <typename L>
 Eigen::VectorXd parameters(const L& loss, double L::*parameter) {
   return Eigen::VectorXd::Constant(1, loss.*parameter);
 }
 template <typename L>
-Eigen::VectorXd parameters(const Each<L>& each, double L::*parameter) {
-  Eigen::VectorXd result(static_cast<Eigen::Index>(each.values.size()));
-  for (std::size_t e = 0; e < each.values.size(); ++e)
-    result[static_cast<Eigen::Index>(e)] = each.values[e].*parameter;
-  return result;
-}
-
-template <typename T>
-struct WithoutEach {
-  using Type = T;
-};
-template <typename T>
-struct WithoutEach<Each<T>> {
-  using Type = T;
-};
-
-template <typename Losses>
-void set_loss(Term& term, const Losses& losses) {
-  using L = typename WithoutEach<Losses>::Type;
+void set_loss(Term& term, const L& loss) {
   if constexpr (std::same_as<L, Huber>) {
-    term.set_loss(Loss::Huber, parameters(losses, &Huber::scale));
+    term.set_loss(Loss::Huber, parameters(loss, &Huber::scale));
   } else if constexpr (std::same_as<L, GemanMcClure>) {
-    term.set_loss(Loss::GemanMcClure, parameters(losses, &GemanMcClure::scale));
+    term.set_loss(Loss::GemanMcClure, parameters(loss, &GemanMcClure::scale));
   } else if constexpr (std::same_as<L, Truncated>) {
-    term.set_loss(Loss::Truncated, parameters(losses, &Truncated::scale),
-                  parameters(losses, &Truncated::sharpness));
+    term.set_loss(Loss::Truncated, parameters(loss, &Truncated::scale),
+                  parameters(loss, &Truncated::sharpness));
   } else {
     static_assert(std::same_as<L, Quadratic>, "a loss of one's own is not one that a term can have");
   }
 }
 
-template <typename Losses>
+template <typename L>
 constexpr bool has_known_loss() {
-  using L = typename WithoutEach<Losses>::Type;
   return std::same_as<L, Quadratic> || std::same_as<L, Huber> || std::same_as<L, GemanMcClure> ||
          std::same_as<L, Truncated>;
-}
-
-// The loss of a potential that is a spring with one, of all links or of each.
-template <typename L>
-const L& loss_of(const RobustHooke<L>& potential) {
-  return potential.loss;
-}
-template <typename L>
-Each<L> loss_of(const Each<RobustHooke<L>>& potential) {
-  Each<L> result;
-  for (const RobustHooke<L>& each : potential.values) result.values.push_back(each.loss);
-  return result;
 }
 
 template <typename Potential>
@@ -91,11 +60,10 @@ constexpr bool kIsRobustHooke = false;
 template <typename L>
 constexpr bool kIsRobustHooke<RobustHooke<L>> = has_known_loss<L>();
 
-template <typename Potential>
-void set_law(Links& links, const Potential& potential) {
-  using P = typename WithoutEach<Potential>::Type;
+template <typename P>
+void set_law(Links& links, const P& potential) {
   if constexpr (kIsRobustHooke<P>) {
-    set_loss(links, loss_of(potential));
+    set_loss(links, potential.loss);
   } else if constexpr (std::same_as<P, Rope>) {
     links.set_law(LinkLaw::Rope);
   } else if constexpr (std::same_as<P, Repulsion>) {
@@ -115,19 +83,10 @@ void set_law(Links& links, const Potential& potential) {
   }
 }
 
-// A function of one's own of a length has no parameters for each link: it does not know which link it is.
-template <typename Potential>
-constexpr bool has_known_law() {
-  using P = typename WithoutEach<Potential>::Type;
-  return std::same_as<P, Potential> || kIsRobustHooke<P> || std::same_as<P, Hooke> || std::same_as<P, Rope> ||
-         std::same_as<P, Repulsion>;
-}
-
 /// Whether to_system takes systems of this type.
 template <typename Springs>
 constexpr bool has_terms() {
-  return !Springs::kHasTriples && has_known_loss<typename Springs::Model::AnchorLoss>() &&
-         has_known_law<typename Springs::Model::LinkPotential>();
+  return has_known_loss<typename Springs::Model::AnchorLoss>();
 }
 
 /// `matrices`, Dim x (Dim count) side by side, as columns.
@@ -141,7 +100,7 @@ Eigen::MatrixXd as_columns(const Matrices& matrices, Eigen::Index count) {
 /// Types of springs that to_system takes.
 template <typename Springs>
 concept HasTerms = requires {
-  Springs::kHasTriples;
+  Springs::kPlainAnchors;
 }
 &&detail::has_terms<Springs>();
 
@@ -162,8 +121,6 @@ System to_system(const Springs& springs) {
   Links& links = system.add_links(pairs, springs.rest_length.template cast<double>(),
                                   springs.link_stiffness.template cast<double>());
   if (springs.has_offsets()) links.values("offset") = springs.rest_offset.template cast<double>();
-  if constexpr (Springs::kAnisotropicLinks)
-    links.values("information") = detail::as_columns(springs.link_shape, pairs.cols());
   detail::set_law(links, springs.link_potential);
   if (springs.has_loads())
     system.add_loads(Eigen::RowVectorXi::LinSpaced(n, 0, n - 1), springs.loads.template cast<double>());
