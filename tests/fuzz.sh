@@ -3,7 +3,7 @@
 #
 #   bash tests/fuzz.sh [EXECUTIONS [TARGET...]]      20000 of all targets by default
 #
-# With CI set in the environment, warnings are errors.
+# With CI set in the environment, warnings are errors. ASTERISM_FUZZ_SEED chooses the inputs; without it, each run has its own.
 # What is found stays in build/fuzz/findings. New inputs that reach new code are kept in build/fuzz/corpus.
 set -euo pipefail
 cd "$(dirname "$0")/.."
@@ -24,7 +24,7 @@ for target in "${targets[@]}"; do
   grown=build/fuzz/corpus/$target
   mkdir -p "$grown" build/fuzz/findings
   start=$SECONDS
-  if "build/fuzz/tests/fuzz/fuzz_$target" -runs="$executions" -timeout=20 -rss_limit_mb=4096 -max_len=4096 \
+  if "build/fuzz/tests/fuzz/fuzz_$target" -runs="$executions" -seed="${ASTERISM_FUZZ_SEED:-0}" -timeout=20 -rss_limit_mb=4096 -max_len=4096 \
       -artifact_prefix="build/fuzz/findings/$target-" "$grown" "tests/fuzz/corpus/$target" \
       >"build/fuzz/$target.log" 2>&1; then
     echo "$target: $executions executions in $((SECONDS - start)) s, no finding"

@@ -1,6 +1,6 @@
-# cmake -DPROJECT_SOURCE_DIR=.. -DFOLDER=.. -P build.cmake: puts the playground into FOLDER. If emcc (Debian
-# package emscripten) is found, the solver is compiled to FOLDER/solver.js whenever its source has changed; if
-# not, the page says that it is missing.
+# cmake -DPROJECT_SOURCE_DIR=.. -DFOLDER=.. -DWITH_SOLVER=ON -P build.cmake: puts the playground into FOLDER. If
+# emcc (Debian package emscripten) is found, the solver is compiled to FOLDER/solver.js whenever its source has
+# changed; if not, or WITH_SOLVER is OFF, the page says that it is missing.
 cmake_minimum_required(VERSION 3.21)
 set(here ${PROJECT_SOURCE_DIR}/docs/playground)
 file(MAKE_DIRECTORY ${FOLDER})
@@ -8,6 +8,10 @@ foreach(file playground.html playground.css theme.js playground.js presets.js tr
   file(COPY ${here}/${file} DESTINATION ${FOLDER})
 endforeach()
 
+if(NOT WITH_SOLVER)
+  file(REMOVE ${FOLDER}/solver.js)
+  return()
+endif()
 find_program(emxx em++ NO_CACHE)
 find_path(eigen Eigen/Core PATHS /usr/include /usr/local/include PATH_SUFFIXES eigen3 NO_CACHE)
 if(NOT emxx OR NOT eigen)

@@ -54,6 +54,7 @@ execute_process(
   COMMAND_ERROR_IS_FATAL ANY)
 file(COPY_FILE ${site}/README.html ${site}/index.html)
 execute_process(COMMAND ${CMAKE_COMMAND} -DPROJECT_SOURCE_DIR=${PROJECT_SOURCE_DIR} -DFOLDER=${BINARY_DIR}/playground
+                        -DWITH_SOLVER=${WITH_SOLVER}
                         -P ${docs}/playground/build.cmake COMMAND_ERROR_IS_FATAL ANY)
 file(COPY ${BINARY_DIR}/playground DESTINATION ${site})
 execute_process(COMMAND ${python3} ${PROJECT_SOURCE_DIR}/tests/docs/check_site.py ${site} RESULT_VARIABLE problems)
