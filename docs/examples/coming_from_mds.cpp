@@ -17,7 +17,7 @@ int main() {
 
   // No anchor holds the nodes: the first one stays where it is.
   auto solver =
-      asterism::make_solver<decltype(system)>("multi-start", {{"starts", 32}, {"ground_components", true}});
+      asterism::make_solver<decltype(system)>("multi-start", {{"starts", 32}, {"hold_floating", true}});
   Eigen::Matrix2Xd x(2, 5);
   x << 0, 300, -250, -100, 150, 0, 250, 250, -200, -50;
   const asterism::Summary summary = solver.solve(system, x);

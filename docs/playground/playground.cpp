@@ -129,7 +129,7 @@ class Playground {
     };
     method.options.tolerance = tolerance;
     method.options.max_iterations = max_iterations;
-    method.options.ground_components = true;  // a part that nothing holds stays where it is
+    method.options.hold_floating = true;  // a part that nothing holds stays where it is
     method.options.measure_seconds = true;
     method.options.on_iteration = record;
     const asterism::Summary s = method.solve(system, x);
@@ -145,7 +145,7 @@ class Playground {
                s.lower_bound,
                s.gradient_norm,
                s.stationarity,
-               static_cast<double>(s.positive_definite),
+               s.positive_definite ? double{*s.positive_definite} : -1,
                s.seconds};
     message = std::string_view(s.message);
     solver = s.solver;

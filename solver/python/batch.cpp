@@ -292,7 +292,11 @@ void bind_batch(py::module_& m) {
   def_verdict<int>(
       type, "iterations", [](auto& b, int i) { return b.iterations(i); }, "(M,), -1 until known.");
   def_verdict<int>(
-      type, "positive_definite", [](auto& b, int i) { return b.positive_definite(i); },
+      type, "positive_definite",
+      [](auto& b, int i) {
+        const std::optional<bool> definite = b.positive_definite(i);
+        return definite ? int{*definite} : -1;
+      },
       "(M,): 1 if the Hessian is positive definite, 0 if not, -1 if it was not tested.");
   def_verdict<double>(
       type, "initial_energy", [](auto& b, int i) { return b.initial_energy(i); }, "(M,), -1 until known.");

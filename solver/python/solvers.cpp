@@ -113,8 +113,8 @@ class Solver {
 std::string text_of(std::string_view text) { return std::string(text); }
 
 py::object definite(const Summary& summary) {
-  if (summary.positive_definite < 0) return py::none();
-  return py::bool_(summary.positive_definite == 1);
+  if (!summary.positive_definite) return py::none();
+  return py::bool_(*summary.positive_definite);
 }
 
 constexpr const char* kSolve =
@@ -193,8 +193,9 @@ void bind_solvers(py::module_& m) {
         field(s.message);
         field(s.solver);
         for (auto* count : {&s.iterations, &s.energy_evaluations, &s.gradient_evaluations, &s.linear_solves,
-                            &s.factorizations, &s.positive_definite})
+                            &s.factorizations})
           field(*count);
+        field(s.positive_definite);
         for (auto* number : {&s.initial_energy, &s.final_energy, &s.lower_bound, &s.gradient_norm,
                              &s.stationarity, &s.seconds})
           field(*number);

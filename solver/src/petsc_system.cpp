@@ -464,7 +464,7 @@ Summary DistributedSystem<kDim>::solve(const DistributedOptions& options) {
     try {
       check(VecDuplicate(impl.x, &start));
       check(VecCopy(impl.x, start));
-      grounded = impl.ground(options.ground_components, summary.message);
+      grounded = impl.ground(options.hold_floating, summary.message);
       if (summary.message.empty()) impl.solve(options, start, summary);
     } catch (const PetscFailure& failure) {
       fail(failure.code == PETSC_ERR_MEM ? Status::OutOfMemory : Status::NumericalFailure, failure.message);

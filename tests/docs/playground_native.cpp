@@ -22,7 +22,7 @@ template <typename Solver>
 asterism::Summary solve(const System& system, System::Points& x, double tolerance) {
   Solver solver;
   solver.options.tolerance = tolerance;
-  solver.options.ground_components = true;
+  solver.options.hold_floating = true;
   return solver.solve(system, x);
 }
 

@@ -70,7 +70,7 @@ TEST(Playground, EveryMethodIsTheLibrarys) {
       energies.push_back(at.energy);
       return true;
     };
-    auto solver = make_solver<System>(name, {{"tolerance", 1e-9}, {"ground_components", true}});
+    auto solver = make_solver<System>(name, {{"tolerance", 1e-9}, {"hold_floating", true}});
     solver.options().on_iteration = record;
     Points x = problem.start;
     const Summary summary = solver.solve(problem.system, x);

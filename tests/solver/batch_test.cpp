@@ -100,7 +100,7 @@ void expect_minimum(const Batch& batch, int s, double tolerance, const char* wha
   const double rounding = std::is_same_v<typename Batch::Scalar, float> ? 1e-5 : 1e-13;
   EXPECT_LE(stationarity(system, x), tolerance * (1 + 1e-6) + rounding) << what << " " << s;
   // In float, a known saddle may remain because no step away from it exceeds rounding.
-  if (std::is_same_v<typename Batch::Scalar, float> && batch.positive_definite(s) == 0) return;
+  if (std::is_same_v<typename Batch::Scalar, float> && batch.positive_definite(s) == false) return;
   const auto H = hessian(system, x);
   const double least = least_eigenvalue(system, x);
   EXPECT_GT(least, -100 * rounding * double(H.diagonal().maxCoeff())) << what << " " << s;
@@ -129,7 +129,7 @@ TEST(Batch, ReachesTheMinimaOfNewton) {
         const auto at = static_cast<std::size_t>(s);
         expect_sound(batch, s, systems[at].start);
         expect_minimum(batch, s, solver.options.tolerance);
-        EXPECT_EQ(batch.positive_definite(s), 1);
+        EXPECT_EQ(batch.positive_definite(s), true);
         same += std::abs(batch.final_energy(s) - expected[at]) <= 1e-6 * expected[at];
       }
       EXPECT_GE(same, 2970) << to_string(simd);
@@ -521,13 +521,13 @@ TEST(Batch, SaddlesAreLeft) {
     EXPECT_EQ(solver.solve(batch).status, Status::Converged);
     for (int s = 0; s < 3; ++s) {
       EXPECT_GT(least_eigenvalue(system, batch.points(s)), 0);
-      EXPECT_EQ(batch.positive_definite(s), 1);
+      EXPECT_EQ(batch.positive_definite(s), true);
     }
     batch.set(0, system, saddle);
     solver.options.escape_saddles = false;
     solver.solve(batch);
     EXPECT_EQ(batch.points(0), saddle);
-    EXPECT_EQ(batch.positive_definite(0), 0);
+    EXPECT_EQ(batch.positive_definite(0), false);
   }
 }
 
@@ -650,7 +650,7 @@ TEST(Batch, OptionsAreNewtons) {
         if (limit == 3 && stopped.status(s) == Status::Converged) continue;
         EXPECT_EQ(stopped.status(s), Status::MaxIterations);
         EXPECT_EQ(stopped.iterations(s), limit);
-        EXPECT_EQ(stopped.positive_definite(s), -1);
+        EXPECT_EQ(stopped.positive_definite(s), std::nullopt);
         if (limit == 0) {
           EXPECT_EQ(stopped.points(s), systems[static_cast<std::size_t>(s)].start);
         }

@@ -255,7 +255,7 @@ TEST(BranchAndBound, ConvergesToAnIntervalWithinTheGap) {
     Plane::Points x = random_points();
     BranchAndBound<Plane> solver;
     solver.options.gap = 1e-6;
-    solver.options.ground_components = true;
+    solver.options.hold_floating = true;
     solver.options.max_seconds = 0.2;
     const Summary summary = solver.solve(system, x);
     ASSERT_TRUE(summary.usable()) << summary;
@@ -317,7 +317,7 @@ TEST(BranchAndBound, TakesComponentsThatNothingHolds) {
     if (index % 2 == 0) system.rest_length[0] *= 3;  // otherwise the lengths are consistent
     BranchAndBound<Plane> solver;
     solver.options.gap = 1e-2;
-    solver.options.ground_components = true;
+    solver.options.hold_floating = true;
     solver.options.max_nodes = 200;
     Plane::Points x = start;
     const Summary summary = solver.solve(system, x);

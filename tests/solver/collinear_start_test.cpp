@@ -61,7 +61,7 @@ testing::RandomSystem<System<Dim>> on_a_line(std::uint64_t seed, Start start, do
 template <typename Solver, int Dim>
 void expect_local_minimum(const System<Dim>& system, typename System<Dim>::Points x) {
   Solver solver;
-  solver.options.ground_components = true;
+  solver.options.hold_floating = true;
   const Summary summary = solver.solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
   for (const Link& link : system.links())
@@ -111,7 +111,7 @@ void expect_known_minima() {
     System<2>::Points x = System<2>::Points::Zero(2, system->nodes());
     x.row(0).setLinSpaced(0, system->nodes() - 1);
     Solver solver;
-    solver.options.ground_components = true;
+    solver.options.hold_floating = true;
     const Summary summary = solver.solve(*system, x);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     EXPECT_NEAR(summary.final_energy, least, 1e-3) << summary;

@@ -57,7 +57,7 @@ void solve_four_parts() {
   Four::Points x = system.anchors;
   const asterism::Summary summary = asterism::Newton<Four>().solve(system, x);
   std::printf("energy %.12g at x_0 = (%.12g, %.12g)\n", summary.final_energy, x(0, 0), x(1, 0));
-  expect(summary.usable() && summary.positive_definite == 1, "a strict minimum");
+  expect(summary.usable() && summary.positive_definite == true, "a strict minimum");
   expect(std::abs(summary.final_energy - 1.74246213735) < 1e-8, "its energy");
   expect(std::abs(x(0, 0) - 0.567929781923) < 1e-6, "its first coordinate");
   const auto all = asterism::covariance(system, x);

@@ -41,7 +41,7 @@ testing::RandomSystem<System> at_minimum(std::uint64_t seed, int n, Kind kind = 
   auto result = testing::random_system<System>(rng, System::TopologyType::full(n), kind);
   const Summary summary = Newton<System>().solve(result.system, result.start);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
-  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(summary.positive_definite, true);
   return result;
 }
 

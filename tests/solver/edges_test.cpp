@@ -135,7 +135,7 @@ TYPED_TEST(Edges, ComponentsWithoutAnchorAreRefusedOrGrounded) {
   EXPECT_EQ(x, start);
 
   SolverOptions options;
-  options.ground_components = true;
+  options.hold_floating = true;
   summary = TestFixture::solve(system, x, options);
   expect_solved(system, x, summary);
   EXPECT_NEAR(summary.final_energy, 0, 1e-10);
@@ -147,7 +147,7 @@ TYPED_TEST(Edges, NothingButAFloatingConstellation) {
     auto [system, start] = random(seed);
     system.anchor_stiffness.setZero();
     SolverOptions options;
-    options.ground_components = true;
+    options.hold_floating = true;
     Points x = start;
     expect_solved(system, x, TestFixture::solve(system, x, options));
     EXPECT_EQ(x.col(0), start.col(0));
@@ -265,19 +265,19 @@ TEST(CollinearStart, IsLeftByNewtonAndSeenByItsSummary) {
   Points by_ida = start;
   const Summary ida = Ida<System>().solve(system, by_ida);
   EXPECT_EQ(ida.status, Status::Converged);
-  EXPECT_EQ(ida.positive_definite, -1);  // not examined
+  EXPECT_EQ(ida.positive_definite, std::nullopt);  // not examined
   EXPECT_EQ(by_ida.row(1).norm(), 0);
 
   Points held = start;
   Newton<System> newton;
   newton.options.escape_saddles = false;
   const Summary saddle = newton.solve(system, held);
-  EXPECT_EQ(saddle.positive_definite, 0);
+  EXPECT_EQ(saddle.positive_definite, false);
 
   Points x = start;
   for (const Summary& summary : {Newton<System>().solve(system, x), Auto<System>().solve(system, x)}) {
     EXPECT_EQ(summary.status, Status::Converged);
-    EXPECT_EQ(summary.positive_definite, 1);
+    EXPECT_EQ(summary.positive_definite, true);
     EXPECT_LT(summary.final_energy, 0.5 * ida.final_energy);
   }
 }
@@ -302,13 +302,13 @@ TEST(ConicPeak, IsNoLocalMinimum) {
   newton.options.escape_saddles = false;
   const Summary held = newton.solve(system, peak);
   EXPECT_EQ(held.status, Status::Converged);
-  EXPECT_EQ(held.positive_definite, 0);
+  EXPECT_EQ(held.positive_definite, false);
   EXPECT_EQ(peak, at);
   const auto expect_left = [&](auto solver) {
     Points x = at;
     const Summary left = solver.solve(system, x);
     EXPECT_EQ(left.status, Status::Converged) << left;
-    EXPECT_EQ(left.positive_definite, 1);
+    EXPECT_EQ(left.positive_definite, true);
     EXPECT_LT((x.leftCols(2) - (Points(2, 2) << -1, 1, 0, 0).finished()).norm(), 1e-6) << left;
   };
   expect_left(Newton<System>());
@@ -637,7 +637,7 @@ TEST(MultiStartSolver, HoldsWhatGroundingHolds) {
     auto [system, start] = random(seed);
     system.anchor_stiffness.setZero();
     testing::MultiStart<System> solver;
-    solver.options.ground_components = true;
+    solver.options.hold_floating = true;
     Points x = start;
     expect_solved(system, x, solver.solve(system, x));
     EXPECT_EQ(x.col(0), start.col(0));
@@ -652,7 +652,7 @@ TEST(MultiStartSolver, SecondStartDiffersWithoutAnchors) {
     auto [system, start] = testing::random_system<System>(rng, Topology<>::full(9));
     system.anchor_stiffness.setZero();
     testing::MultiStart<System> solver;
-    solver.options.ground_components = true;
+    solver.options.hold_floating = true;
     solver.options.starts = 1;
     Points x = start;
     const double one = solver.solve(system, x).final_energy;

@@ -133,10 +133,10 @@ void expect_verdict(const std::vector<Held<Given>>& table, const Solve<System>& 
       SCOPED_TRACE(std::string(held.name) + ", " + std::string(summary.solver) + ", seed " +
                    std::to_string(seed));
       ASSERT_TRUE(summary.usable()) << summary;
-      if (summary.positive_definite >= 0) {
+      if (summary.positive_definite.has_value()) {
         EXPECT_EQ(summary.positive_definite, held.motion.empty()) << summary;
       }
-      if (held.motion.empty() && summary.positive_definite != 1) continue;
+      if (held.motion.empty() && summary.positive_definite != true) continue;
       expect_covariance(held.motion, system, x);
     }
   }
@@ -371,14 +371,14 @@ TEST(FreeMotion, IsFoundAtAnyScale) {
 TEST(FreeMotion, OfComponentsThatWereGrounded) {
   auto [system, x] = unheld<Dynamic2>(1, {});
   Newton<Dynamic2> solver;
-  solver.options.ground_components = true;
+  solver.options.hold_floating = true;
   EXPECT_EQ(solver.solve(system, x).status, Status::Converged);
   auto grounded = system;
   grounded.fix(0);
   const auto result = covariance(grounded, x);
   EXPECT_EQ(result.status, CovarianceStatus::NotPositiveDefinite);
   EXPECT_NE(std::string_view(result.message).find("can rotate about node 0"), std::string_view::npos);
-  EXPECT_EQ(solver.solve(system, x).positive_definite, 0);
+  EXPECT_EQ(solver.solve(system, x).positive_definite, false);
 }
 
 // Anchors that hold only one direction, and robust anchors.
@@ -444,7 +444,7 @@ TEST(FreeMotion, OfPointsThatDoNotTurn) {
     rod.rest_length *= 0.9;
     rod.link_stiffness.setOnes();
     auto x = rod.anchors;
-    EXPECT_EQ(Newton(rod).solve(rod, x).positive_definite, 1);
+    EXPECT_EQ(Newton(rod).solve(rod, x).positive_definite, true);
     EXPECT_TRUE(covariance(rod, x));
   }
 }
@@ -477,7 +477,7 @@ void expect_held(const std::vector<NearlyCollinear<System>>& kinds) {
         newton.options.tolerance = tolerance;
         const Summary summary = newton.solve(system, x);
         EXPECT_EQ(summary.status, Status::Converged) << summary;
-        EXPECT_EQ(summary.positive_definite, 1) << summary;
+        EXPECT_EQ(summary.positive_definite, true) << summary;
         expect_covariance("", system, x);
         const auto gradient = sensitivity(system, x, Points(Points::Ones(System::kDim, kind.nodes)), {1e-3});
         EXPECT_TRUE(gradient) << gradient.message;

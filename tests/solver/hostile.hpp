@@ -37,7 +37,7 @@ struct Problem {
   Eigen::MatrixXd shapes;
   double scale = 1;
   std::vector<int> fixed;
-  bool ground_components = false;
+  bool hold_floating = false;
   bool align = true;
 
   bool refused = false;       ///< not a valid system: InvalidInput

@@ -50,7 +50,7 @@ using WithoutLoads = std::tuple<
 void solve_batch(const Problem& problem, std::vector<Attempt>& attempts) {
   const auto system = system_of<Plane>(problem);
   if (system.defect() || system.has_offsets() || system.has_loads() || !problem.fixed.empty() ||
-      problem.ground_components)
+      problem.hold_floating)
     return;
   constexpr int kLanes = 3;
   SpringBatch<double, 2> batch(system.topology(), kLanes);

@@ -37,7 +37,7 @@ void solve_with(Solvers& solvers, const Problem& problem, std::vector<Attempt>& 
   const auto call = [&](auto& solver) {
     solver.options.tolerance = kTolerance;
     solver.options.max_iterations = kIterations;
-    solver.options.ground_components = problem.ground_components;
+    solver.options.hold_floating = problem.hold_floating;
     if constexpr (requires { solver.options.align; }) solver.options.align = problem.align;
     if constexpr (requires { solver.options.starts; }) solver.options.starts = 3;
     x = start;

@@ -241,7 +241,7 @@ Problem components(Rng& rng) {
     problem.links.erase(cut);
   }
   if (chance(rng, 0.5)) {  // nothing holds the second one
-    problem.ground_components = true;
+    problem.hold_floating = true;
     problem.anchor_stiffness.tail(problem.nodes() - 1 - at).setZero();
     problem.moves_freely = problem.dim() > 1 && problem.nodes() - 1 - at > 1;
   }

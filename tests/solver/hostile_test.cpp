@@ -58,7 +58,7 @@ class Judge {
       node_stiffness_[link.j] += problem_.link_stiffness[l];
     });
     find_components();
-    if (problem.ground_components) ground();
+    if (problem.hold_floating) ground();
     set_lengths();
   }
 
@@ -450,9 +450,9 @@ class Hostile : public ::testing::TestWithParam<std::size_t> {
       }
     }
     if (problem.moves_freely) {
-      EXPECT_NE(summary.positive_definite, 1) << "the system moves freely";
+      EXPECT_NE(summary.positive_definite, true) << "the system moves freely";
     }
-    if (summary.positive_definite == 1) {
+    if (summary.positive_definite == true) {
       const Real slack = 1e-9L + 1e4L * epsilon(problem.type);
       EXPECT_TRUE(judge.is_convex(x, slack)) << "positive_definite, but the Hessian is not";
     }

@@ -144,7 +144,7 @@ TEST(Loads, PullAPendulumStraightAndHoldItThere) {
   system.loads = Eigen::Matrix2d{{0, 3}, {0, 4}};
   const Summary summary = newton.solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
-  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(summary.positive_definite, true);
   const Eigen::Vector2d expected = Eigen::Vector2d(3, 5) + (2 + 5.0 / 10) * Eigen::Vector2d(0.6, 0.8);
   EXPECT_LT((x.col(1) - expected).norm(), 1e-7);
   EXPECT_EQ(certify(system, x).proof, Proof::UniqueGlobalMinimum);
@@ -385,7 +385,7 @@ TEST(Loads, AreValidated) {
   const auto says = [&system = system, &start = start](const char* expected) {
     auto x = start;
     Newton<System<2>> newton;
-    newton.options.ground_components = true;
+    newton.options.hold_floating = true;
     const Summary summary = newton.solve(system, x);
     EXPECT_EQ(summary.status, Status::InvalidInput);
     EXPECT_EQ(std::string_view(summary.message), expected);

@@ -43,7 +43,7 @@ void expect_no_heap(int n) {
   EXPECT_EQ(summary.status, Status::InvalidInput);
   EXPECT_EQ(allocations_in([&] {
               SolverOptions options;
-              options.ground_components = true;
+              options.hold_floating = true;
               summary = Newton<System>(system, options).solve(system, x);
             }),
             0);

@@ -199,7 +199,7 @@ Tally against_ida(testing::Kind kind, int systems) {
     const Summary summary = newton.solve(system, x);
     const Summary by_ida = ida.solve(system, y);
     EXPECT_LE(summary.final_energy, summary.initial_energy);
-    EXPECT_EQ(summary.positive_definite, 1) << summary;
+    EXPECT_EQ(summary.positive_definite, true) << summary;
     EXPECT_GT(least_eigenvalue(system, x), 0);
     tally.converged += summary.status == Status::Converged;
     tally.same += std::abs(summary.final_energy - by_ida.final_energy) <= 1e-6 * by_ida.final_energy;
@@ -284,7 +284,7 @@ TYPED_TEST(NewtonOf, EverySizeAndScalarReachesStrictMinima) {
     EXPECT_EQ(summary.final_energy, double(energy(system, x)));
     EXPECT_EQ(summary.gradient_norm, gradient(system, x).template cast<double>().norm());
     if (summary.status == Status::Converged) {
-      EXPECT_EQ(summary.positive_definite, 1);
+      EXPECT_EQ(summary.positive_definite, true);
       EXPECT_GT(least_eigenvalue(system, x), 0);
     }
   }
@@ -331,7 +331,7 @@ TEST(Newton, LeavesTheLineThatIdaStaysOn) {
   Fixed::Points x = system.anchors;
   const Summary ida = solve_ida(system, x);
   ASSERT_EQ(ida.status, Status::Converged);
-  EXPECT_EQ(ida.positive_definite, -1);
+  EXPECT_EQ(ida.positive_definite, std::nullopt);
   EXPECT_LT(least_eigenvalue(system, x), -0.1);
 
   // From the line and from the saddle itself, with the same result every time.
@@ -339,7 +339,7 @@ TEST(Newton, LeavesTheLineThatIdaStaysOn) {
     Fixed::Points y = start;
     const Summary newton = Newton(system).solve(system, y);
     EXPECT_EQ(newton.status, Status::Converged) << newton;
-    EXPECT_EQ(newton.positive_definite, 1);
+    EXPECT_EQ(newton.positive_definite, true);
     EXPECT_LT(newton.final_energy, 0.2 * ida.final_energy);
     EXPECT_GT(least_eigenvalue(system, y), 0);
     Fixed::Points again = start;
@@ -352,7 +352,7 @@ TEST(Newton, LeavesTheLineThatIdaStaysOn) {
   Fixed::Points y = x;
   const Summary kept = Newton(system, options).solve(system, y);
   EXPECT_EQ(kept.status, Status::Converged);
-  EXPECT_EQ(kept.positive_definite, 0);
+  EXPECT_EQ(kept.positive_definite, false);
   EXPECT_EQ(y, x);
 }
 
@@ -369,7 +369,7 @@ TEST(Newton, LeavesTheSaddleOfTwoNodes) {
   options.align = false;
   const Summary summary = Newton(system, options).solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
-  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(summary.positive_definite, true);
   EXPECT_NEAR(summary.final_energy, 0.0016, 1e-4);
 }
 
@@ -451,7 +451,7 @@ TEST(Newton, BadInputLeavesXAlone) {
     if (what == 5) system.rest_length[0] = std::numeric_limits<double>::infinity();
     const Summary summary = solver.solve(system, x);
     EXPECT_EQ(summary.status, Status::InvalidInput) << what;
-    EXPECT_EQ(summary.positive_definite, -1);
+    EXPECT_EQ(summary.positive_definite, std::nullopt);
     EXPECT_EQ(x, start);
   }
   for (int what = 0; what < 4; ++what) {
@@ -482,7 +482,7 @@ TEST(Newton, IterationLimits) {
   summary = newton.solve(system, x);
   EXPECT_EQ(summary.status, Status::MaxIterations);
   EXPECT_EQ(summary.iterations, 2);
-  EXPECT_EQ(summary.positive_definite, -1);
+  EXPECT_EQ(summary.positive_definite, std::nullopt);
 }
 
 TEST(Newton, StaysAtAStationaryPoint) {
@@ -493,7 +493,7 @@ TEST(Newton, StaysAtAStationaryPoint) {
   const Summary summary = Newton(system).solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged);
   EXPECT_EQ(summary.iterations, 0);
-  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(summary.positive_definite, true);
   EXPECT_EQ(x, system.anchors);
 }
 

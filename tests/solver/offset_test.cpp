@@ -213,7 +213,7 @@ TEST(Offsets, HoldWhatALengthLetsTurn) {
   system.set_rest_offsets(system.anchors);
   const auto held = covariance(system, x);
   EXPECT_EQ(held.status, CovarianceStatus::Computed) << held.message;
-  EXPECT_EQ(solve(system, x).positive_definite, 1);
+  EXPECT_EQ(solve(system, x).positive_definite, true);
   // What hangs by a length turns about the link that does not.
   System<2> three(Topology<>::from_links(3, std::vector<Link>{{0, 1}, {1, 2}}));
   three.anchors << 0, 7, 12, 0, 0, 0;

@@ -67,14 +67,13 @@ void expect_minimum(const SpringSystem<double, kDim>& system,
   using System = SpringSystem<double, kDim>;
   const auto ours = [&](typename System::Points& x) {
     AnySolver<System> newton = system_solver<System>(
-        "newton",
-        {{"continuation", false}, {"align", false}, {"ground_components", options.ground_components}});
+        "newton", {{"continuation", false}, {"align", false}, {"hold_floating", options.hold_floating}});
     const Summary summary = newton.solve(system, x);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     return summary;
   };
   System judged = system;  // as a Session judges it
-  if (options.ground_components) {
+  if (options.hold_floating) {
     detail::ComponentScratch<System> scratch;
     detail::for_each_floating_component(system, scratch, [&](int i) { judged.fix(i); });
   }
@@ -261,7 +260,7 @@ TEST(Petsc, TreatsComponentsWithoutAnchors) {
   EXPECT_EQ(DistributedSystem<2>(MPI_COMM_WORLD, part(system, start)).solve().status, Status::Converged);
   system.release(200);
   DistributedOptions options;
-  options.ground_components = true;
+  options.hold_floating = true;
   expect_minimum<2>(system, start, options);
 }
 

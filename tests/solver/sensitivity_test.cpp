@@ -103,7 +103,7 @@ TEST_F(Refused, IsASaddle) {
   x.row(0) *= 20;
   const Summary summary = newton.solve(system, x);
   ASSERT_EQ(summary.status, Status::Converged) << summary;
-  ASSERT_EQ(summary.positive_definite, 0) << summary;
+  ASSERT_EQ(summary.positive_definite, false) << summary;
   expect(SensitivityStatus::NotPositiveDefinite,
          "the Hessian is not positive definite to the digits of the scalar: x is not a strict local minimum");
 }

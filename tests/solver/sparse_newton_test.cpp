@@ -44,7 +44,7 @@ TYPED_TEST(SparseNewtonTest, FindsIdasMinimumFromItsBasin) {
     this->expect_converged(summary);
     EXPECT_NEAR(summary.final_energy, ida.final_energy, 1e-8 * ida.final_energy);
     EXPECT_LT((start - by_ida).norm(), 1e-3);
-    EXPECT_EQ(summary.positive_definite, 1);
+    EXPECT_EQ(summary.positive_definite, true);
     EXPECT_LT(summary.iterations, 12);
   }
 }
@@ -110,7 +110,7 @@ TYPED_TEST(SparseNewtonTest, LeavesIndefiniteStarts) {
     solver.options.align = false;
     const Summary summary = solver.solve(system, start);
     this->expect_converged(summary);
-    EXPECT_EQ(summary.positive_definite, 1);
+    EXPECT_EQ(summary.positive_definite, true);
   }
 }
 
@@ -182,12 +182,12 @@ TEST(SparseNewton, EscapesSaddles) {
   auto x = start;
   const Summary saddle = solver.solve(system, x);
   EXPECT_EQ(saddle.status, Status::Converged) << saddle;
-  EXPECT_EQ(saddle.positive_definite, 0);
+  EXPECT_EQ(saddle.positive_definite, false);
   solver.options.escape_saddles = true;
   x = start;
   const Summary minimum = solver.solve(system, x);
   EXPECT_EQ(minimum.status, Status::Converged) << minimum;
-  EXPECT_EQ(minimum.positive_definite, 1);
+  EXPECT_EQ(minimum.positive_definite, true);
   EXPECT_LT(minimum.final_energy, 0.9 * saddle.final_energy);
 }
 
@@ -206,7 +206,7 @@ TEST(SparseNewton, RobustAndAnisotropicAnchors) {
   auto x = plain.start;
   const Summary summary = testing::SparseNewton<Robust>().solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged) << summary;
-  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(summary.positive_definite, true);
 }
 
 /// A crumpled sheet of springs in space without bending stiffness, on anchors of stiffness `share`.
@@ -240,7 +240,7 @@ TEST(Continuation, FollowsTheMinimumAsAnchorsWeaken) {
     EXPECT_LT(summary.iterations, 200) << share;
     // The forces of weaker anchors are below the tolerance before the last negative curvature is gone.
     if (share > 1e-7) {
-      EXPECT_EQ(summary.positive_definite, 1);
+      EXPECT_EQ(summary.positive_definite, true);
     }
     // A solve from the solution does not begin again.
     auto again = x;

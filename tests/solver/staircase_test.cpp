@@ -176,7 +176,7 @@ TEST(Staircase, TakesComponentsThatNothingHolds) {
   EXPECT_EQ(solve("staircase", system, x).status, Status::InvalidInput);
   EXPECT_EQ(x, start);
   AlignedOptions options;
-  options.ground_components = true;
+  options.hold_floating = true;
   const Summary summary = solve("staircase", system, x, options);
   EXPECT_TRUE(summary.usable()) << summary;
   EXPECT_EQ(x.col(0), start.col(0));

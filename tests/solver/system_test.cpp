@@ -736,7 +736,7 @@ TEST(SystemSolution, FreeMotionsHaveNoCovariance) {
   x << 1, 4, 2, 6;
   const Summary summary = solve(system, x);
   EXPECT_EQ(summary.status, Status::Converged);
-  EXPECT_EQ(summary.positive_definite, 0);
+  EXPECT_EQ(summary.positive_definite, false);
   const Solution solution(system, x);
   EXPECT_FALSE(solution);
   EXPECT_THROW(solution.covariance(0), std::logic_error);
@@ -944,7 +944,7 @@ TEST(SystemMethods, NewtonLeavesALine) {
     MatrixXd x = flat;
     const Summary summary = solve("newton", system, x);
     EXPECT_EQ(summary.status, Status::Converged) << summary;
-    EXPECT_EQ(summary.positive_definite, 1) << summary;
+    EXPECT_EQ(summary.positive_definite, true) << summary;
     EXPECT_GT(x.row(1).cwiseAbs().maxCoeff(), 1);
   }
 }
@@ -1401,7 +1401,7 @@ TEST(SystemMethods, GroundComponentsThatNothingHolds) {
   const MatrixXd start = x;
   EXPECT_EQ(solve(system, x).status, Status::InvalidInput);
   AlignedOptions options;
-  options.ground_components = true;
+  options.hold_floating = true;
   const Summary summary = solve(system, x, options);
   EXPECT_EQ(summary.status, Status::Converged);
   EXPECT_LE((lengths_at(x, all_pairs(3)).array() - 4).abs().maxCoeff(), 1e-6);

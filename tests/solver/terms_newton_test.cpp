@@ -132,7 +132,7 @@ void expect_minimum(const Problem& problem, const MatrixXd& x, const Summary& su
                                                       Eigen::EigenvaluesOnly);
   const double least = modes.eigenvalues().minCoeff();
   EXPECT_GT(least, -1e-9 * node_stiffness(problem.system, x).maxCoeff());
-  if (summary.positive_definite >= 0) {
+  if (summary.positive_definite.has_value()) {
     EXPECT_EQ(summary.positive_definite, least > 0);
   }
 }
@@ -196,7 +196,7 @@ TEST(TermsNewton, LeavesSaddlesIfAsked) {
     MatrixXd x;
     const Summary stays = solve_by("newton", row, x, {{"escape_saddles", false}});
     EXPECT_EQ(stays.status, Status::Converged);
-    EXPECT_EQ(stays.positive_definite, 0);
+    EXPECT_EQ(stays.positive_definite, false);
     EXPECT_EQ(x, row.start);
     const Summary leaves = solve_by("newton", row, x);
     EXPECT_LT(leaves.final_energy, 0.5 * stays.final_energy) << leaves;

@@ -252,7 +252,7 @@ void expect_global_minimum(const System<Dim>& system, const typename System<Dim>
       << summary;
   EXPECT_LE(summary.final_energy, least + 1e-6 * std::abs(least) + 1e-10 * size)
       << summary << " seed " << seed;
-  EXPECT_EQ(summary.positive_definite, 1);
+  EXPECT_EQ(summary.positive_definite, true);
   EXPECT_LT(summary.stationarity, 1e-6);
 }
 
@@ -325,7 +325,7 @@ TEST(TurningOffsets, SayWhatIsStrict) {
   EXPECT_EQ(is_strict(true), -1);
   system.rest_length.setZero();
   system.anchor_stiffness.setZero();
-  turning.options.ground_components = true;
+  turning.options.hold_floating = true;
   EXPECT_EQ(is_strict(true), 0);
   EXPECT_EQ(is_strict(false), 0);
 }

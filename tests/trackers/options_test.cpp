@@ -122,7 +122,7 @@ Case tracker(std::string name, Options options = {}) {
 
 DptOptions everything() {
   DptOptions options;
-  options.scale_share = 0.25;
+  options.scale_filter_share = 0.25;
   return options;
 }
 

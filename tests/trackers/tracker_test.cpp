@@ -558,7 +558,7 @@ TEST(Dpt, FollowsSize) {
   };
   for (const double share : {0.0, 0.5, 1.0}) {
     DptOptions options;
-    options.scale_share = share;
+    options.scale_filter_share = share;
     Dpt tracker(options);
     tracker.init(frame(1), {130, 90, 60, 60});
     double scale = 1;
@@ -799,7 +799,7 @@ TEST(Dpt, RefusesBadOptions) {
   refused([](DptOptions& o) { o.solver.name = "newtom"; });
   refused([](DptOptions& o) { o.overlap = 1; });
   refused([](DptOptions& o) { o.overlap = -0.1; });
-  refused([](DptOptions& o) { o.scale_share = 1.5; });
+  refused([](DptOptions& o) { o.scale_filter_share = 1.5; });
   refused([](DptOptions& o) { o.scale.scales = 2; });
   refused([](DptOptions& o) { o.coarse.color_share = -1; });
   refused([](DptOptions& o) { o.coarse.color.histogram_rate = 7; });

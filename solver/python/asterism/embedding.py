@@ -214,7 +214,7 @@ def _path_weights(lengths: _Floats, power: float) -> _Floats:
 def _check_options(of: str, function: Callable[..., Any], method: str, options: dict[str, Any]) -> None:
     """TypeError for an option that neither the function nor the method has."""
     own = [name for name, p in inspect.signature(function).parameters.items() if p.kind != p.VAR_KEYWORD]
-    known = [*own, *(name for name in _asterism.Solver(method).options if name != "ground_components"), "on_iteration"]
+    known = [*own, *(name for name in _asterism.Solver(method).options if name != "hold_floating"), "on_iteration"]
     for name in options:
         if name not in known:
             raise TypeError(names.no_option(of, name, known))
@@ -497,7 +497,7 @@ def sampled_starts(
         system = _asterism.System(len(sample), dim=dim)
         system.add_links(np.column_stack([i, j]), among[i, j], 1.0 if weights is None else weights[sample[i], sample[j]])
         held = _classical(among[None], dim)[0]
-        system.solve(held, "multi-start", starts=8, spread=2.0, seed=seed, ground_components=True)
+        system.solve(held, "multi-start", starts=8, spread=2.0, seed=seed, hold_floating=True)
         shares = np.ones((1, len(sample))) if weights is None else weights[np.ix_(nodes, sample)]
         x[nodes] = _asterism._place(held, np.ascontiguousarray(to_all.T), shares, np.empty((0, dim)), 1)
         if (hold[nodes] > 0).any():
@@ -683,7 +683,7 @@ def _embed(
     solved = []
     for x in starts:
         x[exact] = at[exact]
-        summary = _asterism.solve(system, x, method, ground_components=True, **options)
+        summary = _asterism.solve(system, x, method, hold_floating=True, **options)
         if not summary:
             raise ValueError(summary.message)
         solved.append((summary, x))

@@ -353,7 +353,7 @@ class MDS:
     def _solved(self, system: _asterism.System, x: _Floats, most: int) -> tuple[float, _Floats, int, None]:
         """The energy, the points and the iterations from a start."""
         method = "auto" if self.loss in ("quadratic", "huber") else "graduated"
-        summary = system.solve(x, method, tolerance=float(self.eps), max_iterations=most, ground_components=True)
+        summary = system.solve(x, method, tolerance=float(self.eps), max_iterations=most, hold_floating=True)
         if not summary:
             raise ValueError(summary.message)
         return summary.final_energy, x, summary.iterations, None

@@ -146,7 +146,7 @@ Summary SystemMultiStart::solve(const System& system, Eigen::MatrixXd& x) const 
   const bool has_anchors = anchored.array().isFinite().any();
   std::vector<bool> is_held(static_cast<std::size_t>(system.nodes()));
   for (int i = 0; i < system.nodes(); ++i) is_held[static_cast<std::size_t>(i)] = system.is_fixed(i);
-  if (options.ground_components) {
+  if (options.hold_floating) {
     for (const int i : floating_nodes(system)) is_held[static_cast<std::size_t>(i)] = true;
   }
   Random random(options.seed), first_random(~options.seed);
@@ -220,7 +220,7 @@ System without_losses(const System& system) {
 Summary SystemGraduated::solve(const System& system, Eigen::MatrixXd& x) const {
   const Stopwatch stopwatch;
   if (const char* problem = options.problem()) return refused(name(), problem);
-  if (const std::string problem = validate(system, x, !options.ground_components); !problem.empty())
+  if (const std::string problem = validate(system, x, !options.hold_floating); !problem.empty())
     return refused(name(), std::string_view(problem));
   double least_scale = 0, most_sharpness = 1;
   for (int t = 0; t < system.term_count(); ++t) {

@@ -151,7 +151,7 @@ struct SystemMultiStart {
 /// turns.
 ///
 /// Summary::iterations counts sweeps and iterations of Global; the other counts are of work on all nodes at
-/// once. Summary::positive_definite stays -1. Time and memory of a sweep are O(nodes + elements). A common
+/// once. Summary::positive_definite stays empty. Time and memory of a sweep are O(nodes + elements). A common
 /// length depends on all elements of its term, and leaves nothing to divide: Global solves such a system
 /// alone.
 template <typename Global>

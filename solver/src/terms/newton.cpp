@@ -129,7 +129,8 @@ class NewtonSolve {
         }
       }
       if (is_over) {
-        run_.summary().positive_definite = !is_definite ? 0 : is_surely_definite() ? 1 : -1;
+        run_.summary().positive_definite = is_definite;
+        if (is_definite && !is_surely_definite()) run_.summary().positive_definite.reset();
         const bool goes_on =
             is_definite ? is_large_ && descend_further() : escapes++ < kMaxEscapes && escape();
         if (!goes_on) return run_.end();
@@ -371,7 +372,7 @@ class NewtonSolve {
     };
     for (; factor > 1 && !is_stopped && !options_.stopped(); factor /= kWeaken) {
       SystemNewton stage = method_;
-      stage.options.continuation = stage.options.escape_saddles = stage.options.ground_components = false;
+      stage.options.continuation = stage.options.escape_saddles = stage.options.hold_floating = false;
       stage.options.on_iteration = {};
       if (options_.on_iteration) stage.options.on_iteration = report;
       stage.options.gap = 0;

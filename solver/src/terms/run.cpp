@@ -52,11 +52,11 @@ Summary SystemRun::solve(std::string_view name, const AlignedOptions& options, c
 bool SystemRun::start(const System& given) {
   summary_.status = Status::InvalidInput;
   system_ = &given;
-  if (const std::string problem = validate(given, *x_, !options_.ground_components); !problem.empty()) {
+  if (const std::string problem = validate(given, *x_, !options_.hold_floating); !problem.empty()) {
     summary_.message = std::string_view(problem);
     return false;
   }
-  if (options_.ground_components) {
+  if (options_.hold_floating) {
     if (const std::vector<int> floating = floating_nodes(given); !floating.empty()) {
       grounded_ = given;
       for (const int node : floating) grounded_->fix(node);
@@ -230,7 +230,7 @@ void SystemRun::judge(Status reason) {
   if (reason == Status::NumericalFailure || energy_ > start_energy_ + rounding(start_energy_)) {
     *x_ = start_;
     energy_ = energy_and_gradient(*system_, *x_, gradient_);
-    summary_.positive_definite = -1;
+    summary_.positive_definite.reset();
     if (summary_.message.empty()) summary_.message = "no step lowered the energy";
     if (reason != Status::NumericalFailure) reason = Status::NoProgress;
   } else if (reason == Status::InvalidInput) {

@@ -311,8 +311,8 @@ class SchwarzSolve {
     };
     AlignedOptions options = options_;
     if (options_.on_iteration) options.on_iteration = report;
-    options.tolerance *= 0.9;           // so that it is also reached by the sums in the given order
-    options.ground_components = false;  // their nodes are fixed already
+    options.tolerance *= 0.9;       // so that it is also reached by the sums in the given order
+    options.hold_floating = false;  // their nodes are fixed already
     for (int turn = kFirstTurn;; turn = std::min(2 * turn, 1 << 20)) {
       if (decomposition_.count() > 1) sweep();
       const int left = options_.max_iterations - summary_.iterations;
@@ -374,7 +374,7 @@ Summary solve_schwarz(std::string_view name, const ThreadedOptions& options, con
   if (is_coupled(system)) {
     Summary whole = global(options, system, x);
     whole.solver = name;
-    whole.positive_definite = -1;
+    whole.positive_definite.reset();
     return whole;
   }
   AlignedOptions of_run = options;

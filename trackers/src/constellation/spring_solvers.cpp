@@ -55,7 +55,7 @@ bool is_certified(const DptSystem& system, const DptSystem::Points& x) {
 
 Summary solve_elastic(const ElasticSystem& system, ElasticSystem::Points& x, const SolverOptions& options) {
   AlignedOptions grounded(options);
-  grounded.ground_components = true;
+  grounded.hold_floating = true;
   Eigen::MatrixXd placement = x;
   const Summary summary = solve(to_system(system), placement, grounded);
   x = placement;

@@ -50,7 +50,7 @@ Topology<Eigen::Dynamic, Dpt::kMaxParts> make_topology(const DptOptions& options
 Dpt::Dpt(const DptOptions& options)
     : options_(check_options("DptOptions", options)),
       coarse_(options.coarse),
-      scale_(options.scale, options.scale_share),
+      scale_(options.scale, options.scale_filter_share),
       parts_(parts_of_grid(options), options.part),
       constellation_(make_topology(options)),
       solver_(options.solver) {}

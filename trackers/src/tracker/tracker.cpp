@@ -95,7 +95,7 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
     SpatialReliabilityOptions filter;
     filter.color_channels = true;
     options.coarse.root = SpatialReliability(filter);
-    options.scale_share = 1;
+    options.scale_filter_share = 1;
     options.solver = {"newton", {}};
     return options;
   }

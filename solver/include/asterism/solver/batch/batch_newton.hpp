@@ -218,7 +218,7 @@ class BatchNewton {
     detail::attempt<std::bad_alloc>(take, [&](const std::bad_alloc&) { is_there = false; });
     if (!is_there) return Status::OutOfMemory;
     const Summary one = scalars->newton.solve(scalars->system, scalars->x);
-    definite = one.positive_definite;
+    definite = one.positive_definite ? *one.positive_definite : -1;
     planes.iterations[s] = one.iterations;
     planes.initial_energy[s] = static_cast<Scalar>(one.initial_energy);
     planes.final_energy[s] = static_cast<Scalar>(one.final_energy);

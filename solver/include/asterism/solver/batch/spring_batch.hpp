@@ -13,6 +13,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <limits>
+#include <optional>
 #include <type_traits>
 #include <utility>
 #include <vector>
@@ -201,7 +202,10 @@ class SpringBatch {
   /// The result of each system, as in its Summary.
   Status status(int index) const { return static_cast<Status>(count_of(kStatus, index)); }
   int iterations(int index) const { return count_of(kIterations, index); }
-  int positive_definite(int index) const { return count_of(kDefinite, index); }
+  std::optional<bool> positive_definite(int index) const {
+    const int definite = count_of(kDefinite, index);
+    return definite < 0 ? std::nullopt : std::optional(definite == 1);
+  }
   Scalar initial_energy(int index) const { return verdicts_.data()[at(0) + index]; }
   Scalar final_energy(int index) const { return verdicts_.data()[at(1) + index]; }
   Scalar stationarity(int index) const { return verdicts_.data()[at(2) + index]; }

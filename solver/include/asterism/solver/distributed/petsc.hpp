@@ -93,9 +93,9 @@ enum class PetscPreconditioner {
 /// Options of DistributedSystem::solve, the same on all processes; those of SolverOptions mean the same here.
 /// PETSc's own options, with the prefix asterism_, come on top: -asterism_ksp_rtol, -asterism_pc_type ...
 struct DistributedOptions {
-  double tolerance = 1e-8;         ///< of the stationarity
-  int max_iterations = 1000;       ///< of PETSc's method; 0: only evaluate the start
-  bool ground_components = false;  ///< hold a node of each component that no anchor holds
+  double tolerance = 1e-8;     ///< of the stationarity
+  int max_iterations = 1000;   ///< of PETSc's method; 0: only evaluate the start
+  bool hold_floating = false;  ///< hold a node of each component that no anchor holds
   /// First, each process minimises by Schwarz over its own nodes, while it holds those of others, in turns:
   /// of two linked nodes on two processes, only one moves in a turn. This never raises the energy and leaves
   /// little to PETSc's method: on one process nothing. Not counted in Summary::iterations.

@@ -101,7 +101,7 @@ class GlobalSearch {
   };
 
   void search(const System& given, Points& x, const TimeLimit& time, Summary& summary) {
-    // What nothing holds, ground_components does, by its first node.
+    // What nothing holds, hold_floating does, by its first node.
     System system = given;
     ComponentScratch<System> scratch;
     for_each_floating_component(system, scratch, [&system](int i) { system.fix(i); });

@@ -265,9 +265,9 @@ Summary Newton<System>::run(const System& given, Points& x) {
     const Status reason = iterate(system, x, summary);
     // The factors say so of x also by rounding, where a component or a part of one is free to move, and where
     // x is no minimum because a link that pushes its ends apart has them in one place.
-    if (summary.positive_definite == 1 &&
+    if (summary.positive_definite == true &&
         (detail::peaked_link(system, x) >= 0 || free_motions_.find(system, x)))
-      summary.positive_definite = 0;
+      summary.positive_definite = false;
     return reason;
   });
 }
@@ -286,7 +286,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
     const bool last = summary.iterations == options.max_iterations || session_.stopped();
     if (last && !stationary) {
       session_.adopt(x, energy_, gradient_);
-      summary.positive_definite = -1;
+      summary.positive_definite.reset();
       return Status::MaxIterations;
     }
     if (stationary && clamps_) {
@@ -295,7 +295,7 @@ Status Newton<System>::iterate(const System& system, Points& x, Summary& summary
     }
     ++summary.factorizations;
     const bool definite = matrix_.factorize();
-    summary.positive_definite = clamps_ ? -1 : definite;
+    summary.positive_definite = clamps_ ? std::nullopt : std::optional(definite);
     if (stationary) {
       const bool is_minimum = definite && detail::peaked_link(system, x) < 0;
       if (!last &&

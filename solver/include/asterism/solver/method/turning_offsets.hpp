@@ -79,9 +79,9 @@ class TurningOffsets {
   /// distance that a step of T would move a node or change an offset by, in units of the
   /// characteristic_length. Statuses are those of `Solver`; InvalidInput also for the option gap, of which
   /// nothing would be known. Converged only if the stationarity is within the tolerance.
-  /// Summary::positive_definite is of the energy's second derivatives by x and T: 1 only if all links are
+  /// Summary::positive_definite is of the energy's second derivatives by x and T: true only if all links are
   /// springs without rest length, all anchors plain springs, and no turn of the offsets leaves the energy
-  /// unchanged; -1 if not all of them are.
+  /// unchanged; empty if not all of them are.
   Summary solve(const System& system, Points& x) {
     const detail::Stopwatch stopwatch(options.measure_seconds);
     if (options.gap > 0)
@@ -165,7 +165,8 @@ class TurningOffsets {
     result.final_energy = static_cast<double>(energy(*turned_, x));
     result.gradient_norm = slope.template cast<double>().norm();
     result.stationarity = static_cast<double>(std::max(rule_.stationarity(slope), turn));
-    if (result.positive_definite == 1) result.positive_definite = is_quadratic(system) ? is_strict(last) : -1;
+    if (result.positive_definite == true)
+      result.positive_definite = is_quadratic(system) ? std::optional(is_strict(last)) : std::nullopt;
   }
 
   // Whether the energy is quadratic in x and T.
@@ -245,7 +246,7 @@ class TurningOffsets {
     if (moves) {
       SparseIda<Plain> ida;
       ida.options.tolerance = 0;
-      ida.options.ground_components = true;
+      ida.options.hold_floating = true;
       ida.options.max_iterations = 10;  // the second one corrects rounding
       if (ida.solve(plain, y).status == Status::OutOfMemory) detail::raise(std::bad_alloc());
     }

@@ -43,7 +43,7 @@ struct SolverOptions {
   /// How to treat a connected component that no anchor holds (links of zero stiffness do not connect): its
   /// energy does not change as it moves. False: InvalidInput; the message names one of its nodes. True: its
   /// first node is held where the start has it, which costs no energy.
-  bool ground_components = false;
+  bool hold_floating = false;
 
   /// If given, tested in every iteration: once another thread, a signal handler or a custom model has set it
   /// to true, the solve ends with Status::Interrupted. A step that cannot be interrupted, such as a
@@ -78,7 +78,7 @@ inline void visit_options(OptionVisitor& visit, SolverOptions& options) {
   visit("tolerance", options.tolerance, {0, 1e9});
   visit("gap", options.gap, {0, 1e9});
   visit("max_iterations", options.max_iterations, {0, 1e9});
-  visit("ground_components", options.ground_components);
+  visit("hold_floating", options.hold_floating);
   visit("measure_seconds", options.measure_seconds);
 }
 

@@ -207,7 +207,7 @@ class Session {
       summary.message = "option gap: solvers know no lower bound of the energy of loads, see certify";
     } else if (options.gap > 0 && !options.certifier.template serves<System>()) {
       summary.message = "option gap: set the option certifier, too, to a Certifier of systems of this type";
-    } else if (options.ground_components) {
+    } else if (options.hold_floating) {
       if (const int i = detail::first_floating_load(given, scratch_); i >= 0) {
         summary.message = Defect{"node", i, "has a load and is in a connected component that nothing holds"};
       } else {

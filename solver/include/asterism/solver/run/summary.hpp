@@ -4,6 +4,7 @@
 #include <asterism/solver/detail/config.hpp>
 #include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/status.hpp>
+#include <optional>
 #include <ostream>
 #include <string_view>
 
@@ -26,11 +27,12 @@ struct Summary {
   double lower_bound = -1;                   ///< no x has less energy; only if SolverOptions::gap > 0
   double gradient_norm = -1;                 ///< |dE/dx| at the x returned [stiffness x px]
   double stationarity = -1;                  ///< at the x returned, see SolverOptions::tolerance
-  int positive_definite = -1;  ///< 1: the Hessian at the x returned is positive definite, so x is a strict
-                               ///< local minimum if stationary; 0: it is not, or a component or a part of
-                               ///< one is free to turn or slide; -1: the method did not test it
-  double seconds = -1;         ///< wall-clock time in solve; -1: not measured, which is an option,
-                               ///< SolverOptions::measure_seconds
+  std::optional<bool> positive_definite;  ///< true: the Hessian at the x returned is positive definite, so x
+                                          ///< is a strict local minimum if stationary; false: it is not, or a
+                                          ///< component or a part of one is free to turn or slide; empty: the
+                                          ///< method did not test it
+  double seconds = -1;                    ///< wall-clock time in solve; -1: not measured, which is an option,
+                                          ///< SolverOptions::measure_seconds
 
   /// Whether lower_bound proves that the energy exceeds the least one by at most this share of itself.
   bool is_within(double gap) const { return usable() && is_within(gap, final_energy, lower_bound); }

@@ -67,7 +67,7 @@ struct DptOptions {
 
   /// Weight, in [0, 1], of a scale filter in the logarithm of the object's size; the rest is that of the
   /// constellation. 0, as in the paper: the constellation alone.
-  double scale_share = 0;
+  double scale_filter_share = 0;
   /// The scale filter.
   ScaleFilterOptions scale;
 
