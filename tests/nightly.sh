@@ -58,6 +58,7 @@ step "AddressSanitizer and UndefinedBehaviorSanitizer" bash tests/run.sh sanitiz
 step "ThreadSanitizer" bash tests/run.sh thread
 step "coverage" bash tests/coverage.sh
 step "valgrind" memcheck
+step "64-bit ARM" bash tests/arm.sh
 step "Debian packages" bash tests/package/debian.sh
 
 if [[ ${#failed[@]} -gt 0 ]]; then

@@ -145,7 +145,7 @@ class Playground {
                s.lower_bound,
                s.gradient_norm,
                s.stationarity,
-               s.positive_definite ? double{*s.positive_definite} : -1,
+               s.positive_definite ? static_cast<double>(*s.positive_definite) : -1,
                s.seconds};
     message = std::string_view(s.message);
     solver = s.solver;
