@@ -315,19 +315,19 @@ TEST(TurningOffsets, SayWhatIsStrict) {
     EXPECT_EQ(summary.status, Status::Converged) << summary;
     return summary.positive_definite;
   };
-  EXPECT_EQ(is_strict(true), 1);
-  EXPECT_EQ(is_strict(false), 1);
+  EXPECT_EQ(is_strict(true), true);
+  EXPECT_EQ(is_strict(false), true);
   const System<2>::Points anchors = system.anchors;
   system.anchors.setConstant(1e3);
-  EXPECT_EQ(is_strict(false), 0);
+  EXPECT_EQ(is_strict(false), false);
   system.anchors = anchors;
   system.rest_length.setConstant(0.1);
-  EXPECT_EQ(is_strict(true), -1);
+  EXPECT_EQ(is_strict(true), std::nullopt);
   system.rest_length.setZero();
   system.anchor_stiffness.setZero();
   turning.options.hold_floating = true;
-  EXPECT_EQ(is_strict(true), 0);
-  EXPECT_EQ(is_strict(false), 0);
+  EXPECT_EQ(is_strict(true), false);
+  EXPECT_EQ(is_strict(false), false);
 }
 
 // A turned, scaled and moved problem has the turned, scaled and moved solution.
