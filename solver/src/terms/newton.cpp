@@ -191,7 +191,8 @@ class NewtonSolve {
   }
 
   // Whether the matrix that was factored is definite beyond what rounding, and the forces that are left, make
-  // of a free motion, whose curvature is 0: by its least eigenvalue, from inverse iterations.
+  // of a free motion: by its least eigenvalue, from inverse iterations. The energy stays the same along a
+  // turn of rate w with velocities v = W x, so that v^T H v = -g . W v, which is at most |g| w |v|.
   bool is_surely_definite() const {
     constexpr double kRounding = 1e3 * std::numeric_limits<double>::epsilon();
     const System& system = run_.system();
@@ -207,8 +208,30 @@ class NewtonSolve {
       least = 1 / v.dot(next);
       v = next;
     }
-    const double doubt = std::max(kRounding, run_.rule().stationarity(run_.gradient()));
-    return least > doubt * run_.rule().node_stiffness().maxCoeff();
+    v.normalize();
+    // Where a spring is much shorter than at rest, the energy bends by more than its stiffness.
+    double largest = run_.rule().node_stiffness().maxCoeff();
+    for (int i = 0; i < v.size(); ++i) largest = std::max(largest, std::abs(matrix_.diagonal(i)));
+    return least > std::max(kRounding * largest, 2 * run_.gradient().norm() * turning_rate(v));
+  }
+
+  // The largest rate at which an element turns, or grows, where the nodes have velocities v.
+  double turning_rate(const Eigen::VectorXd& v) const {
+    const System& system = run_.system();
+    const Eigen::Map<const Eigen::MatrixXd> velocity(v.data(), system.dim(), system.nodes());
+    double rate = 0;
+    for (int t = 0; t < system.term_count(); ++t) {
+      const auto& nodes = system.term(t).nodes();
+      for (Eigen::Index e = 0; e < nodes.cols(); ++e) {
+        for (Eigen::Index a = 0; a + 1 < nodes.rows(); ++a) {
+          const int i = nodes(a, e), j = nodes(a + 1, e);
+          const double speed = (velocity.col(i) - velocity.col(j)).norm();
+          const double distance = (run_.x().col(i) - run_.x().col(j)).norm();
+          if (distance > 0) rate = std::max(rate, speed / distance);
+        }
+      }
+    }
+    return rate;
   }
 
   // From a saddle down; false where there is no way that rounding does not hide.
