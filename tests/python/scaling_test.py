@@ -166,6 +166,8 @@ class MdsTest(unittest.TestCase):
                 self.assertLessEqual(of(x, 80), of(end, 80) * 1.2)
                 same += np.abs(x - end).max() < 1e-5
             self.assertGreaterEqual(same, 29)
+        with self.assertRaisesRegex(ValueError, "a row of distances and weights for each point that is held"):
+            asterism._asterism._place(held, away[:, :5].copy(), np.ones((1, 80)), np.empty((0, 5)), 1)
 
     def test_new_points_do_not_depend_on_each_other(self):
         points, new = self.random.normal(size=(150, 3)), self.random.normal(size=(300, 3))
