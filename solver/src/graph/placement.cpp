@@ -101,36 +101,44 @@ class PlacedPoint {
     return factor.solve(side);
   }
 
-  Stress stress_at(const Point& x, Eigen::Index rows) {
-    if constexpr (D != Eigen::Dynamic) {
-      const auto sums = lanes_v0_1::sum({.count = static_cast<int>(rows),
-                                         .dim = D,
-                                         .point = x.data(),
-                                         .others = held_.data(),
-                                         .stride = held_.rows(),
-                                         .distances = distances_.data(),
-                                         .weights = weights_.data()});
-      Stress result{sums.stress, Eigen::Map<const Point>(sums.gradient), Matrix::Zero()};
-      for (int j = 0, n = 0; j < D; ++j) {
-        for (int i = j; i < D; ++i) result.hessian(i, j) = sums.hessian[n++];
-      }
-      return result;
+  Stress stress_at(const Point& x, Eigen::Index rows) const {
+    if constexpr (D == Eigen::Dynamic) {
+      return stress_in_any_dimension(x, rows);
     } else {
-      constexpr double kLeast = 1e-150;  // its square is a normal number
-      const auto weights = weights_.head(rows).array(), distances = distances_.head(rows).array();
-      const Points offsets = (-held_.topRows(rows)).rowwise() + x.transpose();
-      const Eigen::ArrayXd inverse = 1 / offsets.rowwise().norm().array().max(kLeast);
-      const Eigen::ArrayXd shares = weights * distances * inverse, pulls = weights - shares;
-      const Eigen::ArrayXd bends = shares * inverse.square();
-      Stress result{(weights * (distances - 1 / inverse).square()).sum(),
-                    offsets.transpose() * pulls.matrix(), Matrix::Zero(x.size(), x.size())};
-      for (Eigen::Index j = 0; j < x.size(); ++j) {
-        const Eigen::ArrayXd bent = bends * offsets.col(j).array();
-        for (Eigen::Index i = j; i < x.size(); ++i) result.hessian(i, j) = offsets.col(i).dot(bent.matrix());
-      }
-      result.hessian.diagonal().array() += pulls.sum();
-      return result;
+      return stress_by_rows(x, rows);
     }
+  }
+
+  Stress stress_by_rows(const Point& x, Eigen::Index rows) const {
+    const auto sums = lanes_v0_1::sum({.count = static_cast<int>(rows),
+                                       .dim = D,
+                                       .point = x.data(),
+                                       .others = held_.data(),
+                                       .stride = held_.rows(),
+                                       .distances = distances_.data(),
+                                       .weights = weights_.data()});
+    Stress result{sums.stress, Eigen::Map<const Point>(sums.gradient), Matrix::Zero()};
+    for (int j = 0, n = 0; j < D; ++j) {
+      for (int i = j; i < D; ++i) result.hessian(i, j) = sums.hessian[n++];
+    }
+    return result;
+  }
+
+  Stress stress_in_any_dimension(const Point& x, Eigen::Index rows) const {
+    constexpr double kLeast = 1e-150;  // its square is a normal number
+    const auto weights = weights_.head(rows).array(), distances = distances_.head(rows).array();
+    const Points offsets = (-held_.topRows(rows)).rowwise() + x.transpose();
+    const Eigen::ArrayXd inverse = 1 / offsets.rowwise().norm().array().max(kLeast);
+    const Eigen::ArrayXd shares = weights * distances * inverse, pulls = weights - shares;
+    const Eigen::ArrayXd bends = shares * inverse.square();
+    Stress result{(weights * (distances - 1 / inverse).square()).sum(), offsets.transpose() * pulls.matrix(),
+                  Matrix::Zero(x.size(), x.size())};
+    for (Eigen::Index j = 0; j < x.size(); ++j) {
+      const Eigen::ArrayXd bent = bends * offsets.col(j).array();
+      for (Eigen::Index i = j; i < x.size(); ++i) result.hessian(i, j) = offsets.col(i).dot(bent.matrix());
+    }
+    result.hessian.diagonal().array() += pulls.sum();
+    return result;
   }
 
   // Newton's method with a multiple of the identity added to the Hessian where that is not positive definite
