@@ -243,8 +243,8 @@ def _count(value: Any, name: str, least: int = 1) -> int:
 
 def _known_pairs(distances: Any, name: str = "distances") -> tuple[npt.NDArray[np.intp], _Floats, int]:
     pairs, lengths = inputs.pairs_of(distances, name, missing=np.nan)
-    known = ~np.isnan(lengths)
-    pairs, lengths = pairs[known], lengths[known]
+    if not (known := ~np.isnan(lengths)).all():
+        pairs, lengths = pairs[known], lengths[known]
     if len(bad := np.flatnonzero((lengths < 0) | np.isinf(lengths))):
         i, j = pairs[bad[0]]
         raise ValueError(f"{name}: [{i}, {j}] is {lengths[bad[0]]}; expected >= 0 and finite, or NaN for a missing pair")
