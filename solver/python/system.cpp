@@ -852,7 +852,7 @@ void bind_system(py::module_& m) {
       "evaluated, also not by a function of one's own or on_iteration: RuntimeError.");
   type.def(
       py::init([](int nodes, int dim) { return std::make_shared<TermSystem>(asterism::System(nodes, dim)); }),
-      py::arg("nodes").noconvert(), py::arg("dim").noconvert() = 2, "dim: coordinates of a point, 1 to 32.");
+      py::arg("nodes").noconvert(), py::arg("dim").noconvert() = 2, "dim: coordinates of a point, 1 to 64.");
   type.def(py::pickle([](TermSystem& self) { return state_of(self); },
                       [](const py::tuple& state) {
                         const Fields fields(state, 3);

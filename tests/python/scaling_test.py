@@ -57,11 +57,11 @@ class MdsTest(unittest.TestCase):
                     self.assertLessEqual(asterism.MDS(2, **options).fit(points).stress_, 1.005 * theirs.stress_)
 
     def test_exact_distances_are_met_in_any_dimension(self):
-        for dim in (1, 2, 3, 5, 12, 32):
+        for dim in (1, 2, 3, 5, 12, 50):
             with self.subTest(dim=dim):
-                points = self.random.normal(size=(40, dim))
-                made = precomputed(dim, eps=1e-9).fit(distances_of(points))
-                self.assertEqual(made.embedding_.shape, (40, dim))
+                points = self.random.normal(size=(60, dim))
+                made = precomputed(dim, eps=1e-9, n_init=None if dim <= 12 else 2).fit(distances_of(points))
+                self.assertEqual(made.embedding_.shape, (60, dim))
                 self.assertLess(made.stress_, 1e-9)
                 np.testing.assert_allclose(distances_of(made.embedding_), distances_of(points), atol=1e-4)
 
@@ -81,6 +81,26 @@ class MdsTest(unittest.TestCase):
             np.testing.assert_array_equal(made.embedding_[:4], anchors[:4])
             masked = np.ma.masked_invalid(distances)
             np.testing.assert_array_equal(precomputed(dim).fit(masked).embedding_, precomputed(dim).fit(distances).embedding_)
+
+    def test_links_between_most_pairs(self):
+        # L-BFGS without a factorisation, with points that are fixed, pulled, or free; and vectors of more links than fit on a stack.
+        for n, share in ((90, 1), (90, 0.5), (1100, 1)):
+            points = self.random.normal(size=(n, 3))
+            distances = np.where(symmetric(self.random.random((n, n))) < share, distances_of(points), np.nan)
+            anchors = np.full((n, 2), np.nan)
+            anchors[:3] = points[:3, :2]
+            for more in ({}, {"anchors": anchors, "anchor_weights": 1e-3}, {"anchors": anchors, "anchor_weights": np.inf}):
+                with self.subTest(n=n, share=share, given=more.get("anchor_weights")):
+                    made = precomputed(2, eps=1e-7, n_init=1).fit(distances, **more)
+                    x = made.embedding_
+                    held = np.zeros_like(x)
+                    if more and np.isfinite(more["anchor_weights"]):
+                        held[:3] = x[:3] - anchors[:3]
+                    self.assertAlmostEqual((stress(x, distances) + 1e-3 * np.sum(held**2)) / made.stress_, 1, places=9)
+                    offsets = x[:, None] - x
+                    lengths = distances_of(x) + np.eye(n)
+                    forces = np.nansum((1 - distances / lengths)[..., None] * offsets, axis=1) + 1e-3 * held
+                    self.assertLess(np.abs(forces[3 if more and not held.any() else 0 :]).max(), 1e-5 * n)
 
     def test_non_metric_keeps_the_order_alone(self):
         points = self.random.normal(size=(30, 2))
@@ -124,6 +144,30 @@ class MdsTest(unittest.TestCase):
                         lowest += of(x) <= min(minima) * (1 + 1e-5) + 1e-9
                         count += 1
         self.assertGreaterEqual(lowest, 0.9 * count)
+
+    @unittest.skipUnless(scipy, "needs SciPy")
+    def test_new_points_are_where_two_descents_end(self):
+        # The same without haste: the minima of some held points from two starts, and from the lower one that of all.
+        for dim in (2, 3, 5):
+            held, new = self.random.normal(size=(80, dim)), 2 * self.random.normal(size=(30, dim))
+            away = np.linalg.norm(new[:, None] - held, axis=2) + self.random.exponential(size=(30, 80))
+            placed = asterism._asterism._place(held, away, np.ones((1, 80)), np.empty((0, dim)), 1)
+            few = 24 + 2 * dim
+            same = 0
+            for x, d in zip(placed, away):
+                of = lambda y, k: np.sum((d[:k] - np.linalg.norm(y - held[:k], axis=1)) ** 2)
+                least = lambda start, k: scipy.optimize.minimize(of, start, (k,), method="BFGS", options={"gtol": 1e-8}).x
+                offsets = held[:few] - held[:few].mean(axis=0)
+                excess = np.sum(offsets**2, axis=1) - d[:few] ** 2
+                start = held[:few].mean(axis=0) + np.linalg.solve(offsets.T @ offsets, 0.5 * offsets.T @ (excess - excess.mean()))
+                first = least(start, few)
+                second = least(held[d.argmin()] + 1e-3 * (first - held[d.argmin()]), few)
+                end = least(min(first, second, key=lambda y: of(y, 80)), 80)
+                self.assertLessEqual(of(x, 80), of(end, 80) * 1.2)
+                same += np.abs(x - end).max() < 1e-5
+            self.assertGreaterEqual(same, 29)
+        with self.assertRaisesRegex(ValueError, "a row of distances and weights for each point that is held"):
+            asterism._asterism._place(held, away[:, :5].copy(), np.ones((1, 80)), np.empty((0, 5)), 1)
 
     def test_new_points_do_not_depend_on_each_other(self):
         points, new = self.random.normal(size=(150, 3)), self.random.normal(size=(300, 3))
@@ -194,7 +238,7 @@ class MdsTest(unittest.TestCase):
             (lambda: asterism.MDS().set_params(dim=3), ValueError, "Invalid parameter 'dim' .* here it is 'n_components'"),
             (lambda: precomputed(0).fit(good), ValueError, "n_components: expected >= 1, found 0"),
             (lambda: precomputed(2.5).fit(good), TypeError, "n_components: expected an integer, found float"),
-            (lambda: precomputed(200).fit(good), ValueError, "coordinates, not 200"),
+            (lambda: precomputed(200).fit(good), ValueError, "a point has 1 to 64 coordinates, not 200"),
             (lambda: precomputed(n_init=0).fit(good), ValueError, "n_init: expected >= 1"),
             (lambda: precomputed(n_jobs=-2).fit(good), ValueError, "n_jobs: expected >= 1"),
             (lambda: precomputed(eps=0).fit(good), ValueError, "eps: expected a number > 0, found 0"),

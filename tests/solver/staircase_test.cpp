@@ -401,9 +401,9 @@ TEST(Staircase, NamesTheTermThatIsNotLiftable) {
   own.add_elements(
       Eigen::MatrixXi(triple), [](const MatrixXd&, const MatrixXd&, bool, ElementValues&) {}, false);
   EXPECT_EQ(refusal(own), "elements: a term of one's own has no more dimensions");
-  EXPECT_EQ(refusal(anchored(30)), "a system of more than 29 coordinates has no room for more");
-  System most = anchored(29);
-  MatrixXd x = MatrixXd::Constant(29, 3, 2);
+  EXPECT_EQ(refusal(anchored(62)), "a system of more than 61 coordinates has no room for more");
+  System most = anchored(61);
+  MatrixXd x = MatrixXd::Constant(61, 3, 2);
   EXPECT_EQ(solve("staircase", most, x).status, Status::Converged);
   // Terms without elements ask for nothing.
   System none = anchored(2);

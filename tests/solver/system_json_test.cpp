@@ -169,8 +169,8 @@ TEST(SystemJson, NamesWhatIsWrong) {
   } kCases[] = {
       {R"("asterism_system": 2)", R"("asterism_system": 3)",
        "asterism_system is 3, known are versions 1 and 2"},
-      {R"("dim": 2)", R"("dim": 0)", "dim is 0, expected 1 to 32"},
-      {R"("dim": 2)", R"("dim": 33)", "dim is 33, expected 1 to 32"},
+      {R"("dim": 2)", R"("dim": 0)", "dim is 0, expected 1 to 64"},
+      {R"("dim": 2)", R"("dim": 65)", "dim is 65, expected 1 to 64"},
       {R"("dim": 2, )", "", "dim is missing"},
       {R"("nodes": 3)", R"("nodes": -1)", "nodes is -1"},
       {R"("nodes": 3)", R"("nodes": 2000000000)", "start: expected 2000000000 (one for each node), found 3"},

@@ -243,8 +243,8 @@ def _count(value: Any, name: str, least: int = 1) -> int:
 
 def _known_pairs(distances: Any, name: str = "distances") -> tuple[npt.NDArray[np.intp], _Floats, int]:
     pairs, lengths = inputs.pairs_of(distances, name, missing=np.nan)
-    known = ~np.isnan(lengths)
-    pairs, lengths = pairs[known], lengths[known]
+    if not (known := ~np.isnan(lengths)).all():
+        pairs, lengths = pairs[known], lengths[known]
     if len(bad := np.flatnonzero((lengths < 0) | np.isinf(lengths))):
         i, j = pairs[bad[0]]
         raise ValueError(f"{name}: [{i}, {j}] is {lengths[bad[0]]}; expected >= 0 and finite, or NaN for a missing pair")
@@ -410,11 +410,45 @@ def _classical(distances: _Floats, dim: int) -> _Floats:
     squares = distances**2
     means = squares.mean(axis=-1)
     mean = means.mean(axis=-1)
-    values, vectors = np.linalg.eigh(-0.5 * (squares - means[:, None] - means[..., None] + mean[:, None, None]))
+    squares -= means[:, None]
+    squares -= means[..., None] - mean[:, None, None]
+    squares *= -0.5
     x = np.zeros((*means.shape, dim))
     kept = min(x.shape[1], dim)
-    x[..., :kept] = (vectors[..., ::-1] * np.sqrt(np.maximum(values[:, None, ::-1], 0)))[..., :kept]
+    values, vectors = _leading(squares, kept)
+    x[..., :kept] = vectors * np.sqrt(np.maximum(values[:, None], 0))
     return _not_flat(x, np.sqrt(mean))
+
+
+def _leading(matrices: _Floats, count: int) -> tuple[_Floats, _Floats]:
+    """The largest eigenvalues of symmetric matrices (C, N, N), (C, count), and their vectors, (C, N, count): of large ones nearly,
+    by Lanczos's method (1950) from a random vector."""
+    n, steps = matrices.shape[-1], 20 + 2 * count
+    if n < 5 * steps:
+        values, vectors = np.linalg.eigh(matrices)
+        return values[:, : -count - 1 : -1], vectors[..., : -count - 1 : -1]
+    found = [_largest_ritz(matrix, count, steps) for matrix in matrices]
+    return np.array([values for values, _ in found]), np.array([vectors for _, vectors in found])
+
+
+def _largest_ritz(matrix: _Floats, count: int, steps: int) -> tuple[_Floats, _Floats]:
+    random = np.random.default_rng(0)
+    basis, images = np.empty((2, steps, len(matrix)))
+
+    def across(v: _Floats, k: int) -> _Floats:  # to basis[:k]; twice, as the first time leaves rounding
+        for _ in range(2):
+            v = v - (basis[:k] @ v) @ basis[:k]
+        return v
+
+    v = random.normal(size=len(matrix))
+    for k in range(steps):
+        basis[k] = v / np.linalg.norm(v)
+        images[k] = matrix @ basis[k]
+        v = across(images[k], k + 1)
+        if np.linalg.norm(v) <= 1e-10 * np.linalg.norm(images[k]):  # the basis spans what the matrix makes of it
+            v = across(random.normal(size=len(matrix)), k + 1)
+    values, vectors = np.linalg.eigh(basis @ images.T)
+    return values[: -count - 1 : -1], (vectors.T @ basis)[: -count - 1 : -1].T
 
 
 def _symmetric(n: int, pairs: npt.NDArray[np.intp], values: _Floats) -> _Floats:
@@ -423,12 +457,13 @@ def _symmetric(n: int, pairs: npt.NDArray[np.intp], values: _Floats) -> _Floats:
     return matrix
 
 
-def _distances_of(graph: _asterism._Graph, n: int, pairs: npt.NDArray[np.intp], lengths: _Floats) -> _Distances:
-    """Those given, where all pairs are; else those along the shortest paths."""
+def joined(n: int, pairs: npt.NDArray[np.intp], lengths: _Floats) -> tuple[list[_Indices], _Distances]:
+    """The components of the pairs, and the distances: those given, where all pairs are; else those along the shortest paths."""
     if 2 * len(pairs) < n * (n - 1):
-        return graph.distances
+        graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
+        return _components(graph), graph.distances
     matrix = _symmetric(n, pairs, lengths)
-    return lambda sources, targets: matrix[sources[:, :, None], targets[:, None, :]]
+    return [np.arange(n)], lambda sources, targets: matrix[sources[:, :, None], targets[:, None, :]]
 
 
 def _to_anchors(x: _Floats, at: _Floats, weights: _Floats) -> _Floats:
@@ -667,11 +702,10 @@ def _embed(
     system.link_stiffness = weights
     for node in np.flatnonzero(exact):
         system.fix(int(node))
-    is_of_pairs = graph is None
     if graph is None or components is None:
-        graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
-        components = _components(graph)
-    distances: _Distances = _distances_of(graph, n, pairs, lengths) if is_of_pairs else graph.distances
+        components, distances = joined(n, pairs, lengths)
+    else:
+        distances = graph.distances
     x = _start(distances, components, at, hold, dim) if given is None else _centred(given, components, hold)
     starts = [x]
     if method == "multi-start":

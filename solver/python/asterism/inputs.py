@@ -78,6 +78,8 @@ def pairs_of(matrix: Any, name: str, missing: float) -> tuple[_Indices, _Floats]
 
 def _check_symmetric(name: str, i: _Indices, j: _Indices, here: _Floats, there: _Floats, dtype: np.dtype[Any]) -> None:
     """here: the entries [i, j]; there: the entries [j, i]."""
+    if np.array_equal(here, there):
+        return
     size = np.maximum(np.abs(here), np.abs(there))
     with np.errstate(invalid="ignore"):
         rounding = 1e-9 * size

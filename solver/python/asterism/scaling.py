@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import concurrent.futures
+import dataclasses
 import inspect
 import sys
-from typing import Any
+from typing import Any, Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,32 @@ import numpy.typing as npt
 from . import _asterism, embedding, inputs, names
 
 _Floats = npt.NDArray[np.float64]
+_Indices = npt.NDArray[np.intp]
+_Start = Callable[[], _Floats]
+_Found = tuple[float, _Floats, int, "_Floats | None"]  # of one start: the stress, points, iterations, and disparities without metric
 _LOSSES = ("quadratic", "huber", "geman-mcclure")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class _Problem:
+    """What fit solves."""
+
+    pairs: _Indices  # (K, 2), those with a distance and a weight
+    lengths: _Floats
+    weights: _Floats
+    at: _Floats  # (N, dim): anchors
+    hold: _Floats  # (N,): their weights, 0 without
+    components: list[_Indices]  # of the pairs
+    distances: embedding._Distances  # of all pairs
+
+    @property
+    def n(self) -> int:
+        return len(self.at)
+
+    @property
+    def exact(self) -> npt.NDArray[np.bool_]:
+        """Which points stay on their anchors."""
+        return np.isinf(self.hold)
 
 
 class MDS:
@@ -22,7 +48,7 @@ class MDS:
     It minimises the stress sum w_ij rho((d_ij - |x_i - x_j|)^2) over the known pairs, as mds does in 2 and 3 dimensions, and
     has all that scikit-learn 1.2 asks of a transformer (`check_estimator`), but needs no scikit-learn.
 
-    n_components: the dimension, 1 to 32.
+    n_components: the dimension, 1 to 64.
     metric: False for non-metric scaling, which keeps only the order of the distances (Kruskal 1964): the stress is then that of the
         numbers nearest to |x_i - x_j| that increase with d_ij; those of equal d_ij may differ. It has no loss and no proof, and takes no
         anchors.
@@ -98,67 +124,14 @@ class MDS:
         TypeError names what is wrong.
         """
         self._check()
-        dim, is_metric = int(self.n_components), bool(self.metric)
-        if self.dissimilarity == "euclidean":
-            features = _features(X)
-            n = len(features)
-            i, j = np.triu_indices(n, 1)
-            pairs = np.column_stack([i, j])
-            lengths = _asterism._distances(features, features, self._threads())[i, j]
-            self._fitted_features: _Floats | None = features
-        else:
-            if not inputs.is_sparse(X):
-                X = np.ma.asarray(X).filled(np.nan) if np.ma.isMaskedArray(X) else _table(X, is_finite=False)
-                if X.shape[0] != X.shape[1]:
-                    raise ValueError(f"X: expected a square matrix of distances (N, N), found {X.shape}")
-            pairs, lengths, n = embedding._known_pairs(X, "X")
-            self._fitted_features = None
-        self._remember_columns(X, n)
-        stiffness = embedding._weights_of(weights, pairs, n)
-        pairs, lengths, stiffness = pairs[stiffness > 0], lengths[stiffness > 0], stiffness[stiffness > 0]
-        at, hold = embedding._anchors_of(anchors, anchor_weights, n, dim)
-        if anchors is not None and not is_metric:
-            raise ValueError("anchors: non-metric scaling has no unit, so its points have no places; use metric=True")
-        embedding._check_range(lengths, stiffness, at, hold)
-        system, links = self._system(n, pairs, lengths, stiffness, at, hold)
-        graph = _asterism._Graph(n, pairs.astype(np.int64), lengths)
-        components = embedding._components(graph)
-        starts = self._starts(graph, pairs, lengths, stiffness, components, at, hold, init)
-        if is_metric:
-            solve = lambda x: self._solved(system, x, self.max_iter)
-        else:
-            solve = lambda x: self._non_metric(pairs, lengths, stiffness, x)
-        jobs = min(self._threads(), len(starts))
-        if jobs > 1:
-            with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
-                results = list(pool.map(solve, starts))
-        else:
-            results = [solve(x) for x in starts]
-        best = min(range(len(results)), key=lambda k: results[k][0])
-        _, x, self.n_iter_, disparities = results[best]
-        self.embedding_ = embedding._side_by_side(x, components, hold)
-        self.dissimilarity_matrix_ = np.full((n, n), np.nan)
-        np.fill_diagonal(self.dissimilarity_matrix_, 0)
-        self.dissimilarity_matrix_[pairs[:, 0], pairs[:, 1]] = self.dissimilarity_matrix_[pairs[:, 1], pairs[:, 0]] = lengths
-        reached = embedding.lengths_of(self.embedding_, pairs)
-        if is_metric:
-            self.stress_ = stress = 2 * system.energy(self.embedding_)
-            wanted = lengths
-        else:
-            self.disparities_ = wanted = disparities
-            self.stress_ = float(np.sum(stiffness * (wanted - reached) ** 2))
-            self._curve = _curve(lengths, disparities)
-        if self.normalized_stress is True or (self.normalized_stress == "auto" and not is_metric):
-            square = float(np.sum(stiffness * reached**2))
-            self.stress_ = float(np.sqrt(np.sum(stiffness * (wanted - reached) ** 2) / square)) if square > 0 else 0.0
+        problem = self._problem(X, weights, anchors, anchor_weights)
+        self._remember_columns(X, problem.n)
+        starts = self._starts(problem, init)
+        system, _ = self._system(problem)
+        solve = (lambda x: self._solved(system, x, self.max_iter)) if self.metric else (lambda x: self._ordered(problem, x))
+        self._keep(problem, system, self._lowest(problem, starts, solve))
         if self.certify:
-            for nodes, is_held in zip(components, embedding._any_of_each(hold > 0, components)):
-                if not is_held:
-                    system.fix(int(nodes[0]))  # one of its points may be anywhere, at no cost
-            self.certificate_ = system.certify(self.embedding_)
-            self.lower_bound_ = min(max(2 * self.certificate_.lower_bound, 0.0), stress)
-            rounding = embedding.rounding_of(self.embedding_, pairs, lengths, stiffness)
-            self.gap_ = embedding.proven_gap(stress, self.lower_bound_, rounding)
+            self._prove(problem, system)
         return self
 
     def fit_transform(self, X: Any, y: Any = None, **fit_params: Any) -> _Floats:
@@ -307,76 +280,128 @@ class MDS:
         if columns is not None and known is not None and list(columns) != list(known):
             raise ValueError("X: the columns' names are not those of fit, or in another order")
 
-    def _system(
-        self, n: int, pairs: npt.NDArray[np.intp], lengths: _Floats, stiffness: _Floats, at: _Floats, hold: _Floats
-    ) -> tuple[_asterism.System, Any]:
-        system = _asterism.System(n, dim=int(self.n_components))
+    def _problem(self, X: Any, weights: Any, anchors: Any, anchor_weights: Any) -> _Problem:
+        self._fitted_features: _Floats | None = None
+        if self.dissimilarity == "euclidean":
+            self._fitted_features = features = _features(X)
+            n = len(features)
+            i, j = np.triu_indices(n, 1)
+            pairs, lengths = np.column_stack([i, j]), _asterism._distances(features, features, self._threads())[i, j]
+        else:
+            if not inputs.is_sparse(X):
+                X = np.ma.asarray(X).filled(np.nan) if np.ma.isMaskedArray(X) else _table(X, is_finite=False)
+                if X.shape[0] != X.shape[1]:
+                    raise ValueError(f"X: expected a square matrix of distances (N, N), found {X.shape}")
+            pairs, lengths, n = embedding._known_pairs(X, "X")
+        stiffness = embedding._weights_of(weights, pairs, n)
+        if not (counts := stiffness > 0).all():
+            pairs, lengths, stiffness = pairs[counts], lengths[counts], stiffness[counts]
+        at, hold = embedding._anchors_of(anchors, anchor_weights, n, int(self.n_components))
+        if anchors is not None and not self.metric:
+            raise ValueError("anchors: non-metric scaling has no unit, so its points have no places; use metric=True")
+        embedding._check_range(lengths, stiffness, at, hold)
+        return _Problem(pairs, lengths, stiffness, at, hold, *embedding.joined(n, pairs, lengths))
+
+    def _system(self, problem: _Problem) -> tuple[_asterism.System, Any]:
+        """The system and its links; one point of each component without an anchor is fixed, as it may be anywhere at no cost."""
+        system = _asterism.System(problem.n, dim=int(self.n_components))
         loss = {} if self.loss == "quadratic" else {"loss": self.loss, "scale": self.scale}
-        links = system.add_links(pairs, lengths, stiffness, **loss) if len(pairs) else None
-        is_soft = (hold > 0) & np.isfinite(hold)
+        weights = problem.weights
+        if len(weights) and (weights == weights[0]).all():
+            weights = weights[0]
+        links = system.add_links(problem.pairs, problem.lengths, weights, **loss) if len(problem.pairs) else None
+        is_soft = (problem.hold > 0) & ~problem.exact
         if is_soft.any():
-            system.add_anchors(at[is_soft], hold[is_soft], nodes=np.flatnonzero(is_soft))
-        for node in np.flatnonzero(np.isinf(hold)):
-            system.fix(int(node))
+            system.add_anchors(problem.at[is_soft], problem.hold[is_soft], nodes=np.flatnonzero(is_soft))
+        for nodes, is_held in zip(problem.components, embedding._any_of_each(problem.hold > 0, problem.components)):
+            for node in nodes[problem.exact[nodes]] if is_held else nodes[:1]:
+                system.fix(int(node))
         return system, links
 
-    def _starts(
-        self,
-        graph: _asterism._Graph,
-        pairs: npt.NDArray[np.intp],
-        lengths: _Floats,
-        stiffness: _Floats,
-        components: list[npt.NDArray[np.intp]],
-        at: _Floats,
-        hold: _Floats,
-        init: Any,
-    ) -> list[_Floats]:
-        n, dim, seed = len(at), int(self.n_components), self._seed()
-        exact = np.isinf(hold)
+    def _starts(self, problem: _Problem, init: Any) -> list[_Start]:
+        """What gives the starts, each on the thread that solves from it."""
+        n, dim, seed = problem.n, int(self.n_components), self._seed()
+        at, hold, components = problem.at, problem.hold, problem.components
         if init is not None:
             given = inputs.array(init, "init", (n, dim))
             if not np.isfinite(given).all():
                 raise ValueError("init: expected finite numbers")
-            starts = [embedding._centred(given, components, hold)]
-        else:
-            distances = embedding._distances_of(graph, n, pairs, lengths)
-            starts = [embedding._start(distances, components, at, hold, dim)]
-            if self.n_init is None:
-                starts += embedding.sampled_starts(distances, pairs, stiffness, starts[0], components, at, hold, seed)
-            size = np.ptp(starts[0], axis=0).max() / 4 or 1.0
-            for k in range(1, embedding.starts_by_default(n) if self.n_init is None else int(self.n_init)):
-                starts.append(starts[0].mean(axis=0) + size * np.random.default_rng([seed, k]).normal(size=(n, dim)))
-        for x in starts:
-            x[exact] = at[exact]
+            return [lambda: embedding._centred(given, components, hold)]
+        starts: list[_Start] = [lambda: embedding._start(problem.distances, components, at, hold, dim)]
+        if self.n_init is None and n > embedding._SAMPLED:
+            x = starts[0]()
+            sampled = embedding.sampled_starts(problem.distances, problem.pairs, problem.weights, x, components, at, hold, seed)
+            starts = [lambda x=x: x for x in (x, *sampled)]
+        count = embedding.starts_by_default(n) if self.n_init is None else int(self.n_init)
+        size = _size(problem) / np.sqrt(2 * dim) if count > 1 else 0.0
+        centre = at[hold > 0].mean(axis=0) if (hold > 0).any() else np.zeros(dim)
+        starts += [lambda k=k: centre + size * np.random.default_rng([seed, k]).normal(size=(n, dim)) for k in range(1, count)]
         return starts
 
-    def _solved(self, system: _asterism.System, x: _Floats, most: int) -> tuple[float, _Floats, int, None]:
-        """The energy, the points and the iterations from a start."""
+    def _lowest(self, problem: _Problem, starts: list[_Start], solve: Callable[[_Floats], _Found]) -> _Found:
+        """What solve finds from all starts, with the least stress."""
+
+        def found(start: _Start) -> _Found:
+            x = start()
+            x[problem.exact] = problem.at[problem.exact]
+            return solve(x)
+
+        jobs = min(self._threads(), len(starts))
+        if jobs == 1:
+            return min(map(found, starts), key=lambda each: each[0])
+        with concurrent.futures.ThreadPoolExecutor(jobs) as pool:
+            return min(pool.map(found, starts), key=lambda each: each[0])
+
+    def _keep(self, problem: _Problem, system: _asterism.System, found: _Found) -> None:
+        """Sets what fit leaves."""
+        _, x, self.n_iter_, disparities = found
+        self.embedding_ = x = embedding._side_by_side(x, problem.components, problem.hold)
+        self.dissimilarity_matrix_ = np.full((problem.n, problem.n), np.nan)
+        np.fill_diagonal(self.dissimilarity_matrix_, 0)
+        i, j = problem.pairs.T
+        self.dissimilarity_matrix_[i, j] = self.dissimilarity_matrix_[j, i] = problem.lengths
+        if disparities is not None:
+            self.disparities_ = disparities
+            self._curve = _curve(problem.lengths, disparities)
+        if self.normalized_stress is True or (self.normalized_stress == "auto" and not self.metric):
+            self.stress_ = _stress_1(problem, x, problem.lengths if disparities is None else disparities)
+        elif disparities is None:
+            self.stress_ = 2 * system.energy(x)
+        else:
+            self.stress_ = float(np.sum(problem.weights * (disparities - embedding.lengths_of(x, problem.pairs)) ** 2))
+
+    def _prove(self, problem: _Problem, system: _asterism.System) -> None:
+        x, stress = self.embedding_, 2 * system.energy(self.embedding_)
+        self.certificate_ = system.certify(x)
+        self.lower_bound_ = min(max(2 * self.certificate_.lower_bound, 0.0), stress)
+        rounding = embedding.rounding_of(x, problem.pairs, problem.lengths, problem.weights)
+        self.gap_ = embedding.proven_gap(stress, self.lower_bound_, rounding)
+
+    def _solved(self, system: _asterism.System, x: _Floats, most: int) -> _Found:
+        """Scaling from a start."""
         method = "auto" if self.loss in ("quadratic", "huber") else "graduated"
-        summary = system.solve(x, method, tolerance=float(self.eps), max_iterations=most, hold_floating=True)
+        summary = system.solve(x, method, tolerance=float(self.eps), max_iterations=most)
         if not summary:
             raise ValueError(summary.message)
         return summary.final_energy, x, summary.iterations, None
 
-    def _non_metric(
-        self, pairs: npt.NDArray[np.intp], lengths: _Floats, stiffness: _Floats, x: _Floats
-    ) -> tuple[float, _Floats, int, _Floats]:
-        """Kruskal's stress-1, the points, iterations and disparities: isotonic regression and scaling in turn."""
-        system, links = self._system(len(x), pairs, lengths, stiffness, np.zeros_like(x), np.zeros(len(x)))
-        total = float(stiffness.sum())
+    def _ordered(self, problem: _Problem, x: _Floats) -> _Found:
+        """Non-metric scaling: isotonic regression and scaling in turn. The stress is Kruskal's stress-1."""
+        system, links = self._system(problem)
         if links is None:
             return 0.0, x, 0, np.empty(0)
+        lengths, weights = problem.lengths, problem.weights
+        total = float(weights.sum())
         stress, iterations = np.inf, 0
         while True:
-            reached = embedding.lengths_of(x, pairs)
+            reached = embedding.lengths_of(x, problem.pairs)
             order = np.lexsort((reached, lengths))  # equal distances may have unequal disparities
             disparities = np.empty(len(lengths))
-            disparities[order] = _asterism._isotonic(reached[order], stiffness[order])
-            square = float(np.sum(stiffness * reached**2))
-            last, stress = stress, float(np.sqrt(np.sum(stiffness * (disparities - reached) ** 2) / square)) if square > 0 else 0.0
+            disparities[order] = _asterism._isotonic(reached[order], weights[order])
+            last, stress = stress, _stress_1(problem, x, disparities)
             if last - stress <= float(self.eps) * stress or iterations >= self.max_iter:
                 return stress, x, iterations, disparities
-            unit = float(np.sqrt(total / np.sum(stiffness * disparities**2)))
+            unit = float(np.sqrt(total / np.sum(weights * disparities**2)))
             links.length = unit * disparities
             x = unit * x
             most = min(10, self.max_iter - iterations)
@@ -395,6 +420,20 @@ class MDS:
             if not np.nanmax(np.abs(x - last), initial=0) > 1e-9 * np.ptp(held):
                 break
         return x
+
+
+def _size(problem: _Problem) -> float:
+    """The root of the mean of squares of distances in the largest component: of all points from some ten of them."""
+    nodes = max(problem.components, key=len)
+    some = nodes[:: 1 + len(nodes) // 10]
+    return float(np.sqrt(np.mean(problem.distances(some[None], nodes[None]) ** 2))) or 1.0
+
+
+def _stress_1(problem: _Problem, x: _Floats, wanted: _Floats) -> float:
+    """Kruskal's stress-1."""
+    reached = embedding.lengths_of(x, problem.pairs)
+    square = float(np.sum(problem.weights * reached**2))
+    return float(np.sqrt(np.sum(problem.weights * (wanted - reached) ** 2) / square)) if square > 0 else 0.0
 
 
 def _weight_of_loss(loss: str, residuals: _Floats) -> _Floats:

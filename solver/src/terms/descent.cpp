@@ -2,6 +2,7 @@
 #include <asterism/solver/detail/finite.hpp>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 #include "lbfgs_pairs.hpp"
 #include "matrix.hpp"
@@ -21,13 +22,72 @@ Eigen::MatrixXd scaled(const SystemRun& run, const Eigen::MatrixXd& v) {
   return -v * run.rule().node_stiffness().cwiseInverse().asDiagonal();
 }
 
-// The inverse of IDA's matrix, or of what stands for it.
+// Links between all pairs of nodes, or so many of them and of so like stiffness that (sum k)^2 / sum k^2, the
+// number of equally stiff links that are as uneven, is a third of all pairs.
+class EvenLinks {
+ public:
+  // Whether nothing but such links connects the nodes, enough of them for a factorisation to be expensive.
+  static bool are_all(const System& system) {
+    constexpr int kFew = 64;  // nodes
+    double sum = 0, squares = 0;
+    for (int t = 0; t < system.term_count(); ++t) {
+      const Term& term = system.term(t);
+      if (term.size() == 0 || term.arity() == 1) continue;
+      if (dynamic_cast<const Links*>(&term) == nullptr || term.values("information").size() > 0) return false;
+      const Eigen::MatrixXd& k = term.values("stiffness");
+      const double copies = k.cols() == term.size() ? 1 : term.size();
+      sum += copies * k.sum();
+      squares += copies * k.squaredNorm();
+    }
+    const double n = system.nodes();
+    return n > kFew && is_finite(sum * sum) && 3 * sum * sum >= squares * n * (n - 1) / 2;
+  }
+
+  // With the stiffness D of each node, d of it from links.
+  EvenLinks(const System& system, const Eigen::VectorXd& node_stiffness)
+      : inverse_(node_stiffness.cwiseInverse()), ratio_(Eigen::VectorXd::Zero(system.nodes())) {
+    for (int t = 0; t < system.term_count(); ++t) {
+      const Term& term = system.term(t);
+      if (term.size() == 0 || term.arity() == 1) continue;
+      const Eigen::MatrixXd& k = term.values("stiffness");
+      for (int e = 0; e < term.size(); ++e) {
+        for (const int node : term.nodes().col(e)) ratio_[node] += k(0, k.cols() == 1 ? 0 : e);
+      }
+    }
+    double total = ratio_.sum(), held = 0;  // held: sum d - sum of d^2 / D over the nodes that are not fixed
+    share_ = ratio_;
+    for (int i = 0; i < system.nodes(); ++i) {
+      const double d = ratio_[i];
+      ratio_[i] = system.is_fixed(i) ? 0 : d * inverse_[i];
+      held += d * (1 - ratio_[i]);
+    }
+    share_ *= held > 1e-14 * total ? 1 / held : 0.0;
+  }
+
+  // -(D - d d^T / sum d)^-1 v (Sherman and Morrison 1950), 0 for fixed nodes, as v is.
+  Eigen::MatrixXd descent(const Eigen::MatrixXd& v) const {
+    Eigen::MatrixXd result = -v * inverse_.asDiagonal();
+    const Eigen::VectorXd together = result * share_;
+    result.noalias() += together * ratio_.transpose();
+    return result;
+  }
+
+ private:
+  Eigen::VectorXd inverse_, ratio_, share_;
+};
+
+// The inverse of IDA's matrix, or of what stands for it: where links are even, of that of links between all
+// pairs whose stiffness is d_i d_j / sum d, which is IDA's if all are the same, and needs no factorisation.
 class Metric {
  public:
   explicit Metric(SystemRun& run) : run_(run) {
     const System& system = run.system();
     if (!missing_curvature(system, Curvature::True).empty()) return;
     const bool is_majoriser = missing_curvature(system, Curvature::Majorising).empty();
+    if (is_majoriser && EvenLinks::are_all(system)) {
+      even_.emplace(system, run.rule().node_stiffness());
+      return;
+    }
     matrix_.assemble(system, run.x(), is_majoriser ? Curvature::Majorising : Curvature::Clamped);
     if (!is_majoriser) matrix_.shift(run.rule().node_stiffness(), kShare);
     ++run.summary().factorizations;
@@ -35,6 +95,7 @@ class Metric {
   }
 
   Eigen::MatrixXd descent(const Eigen::MatrixXd& gradient) const {
+    if (even_) return even_->descent(gradient);
     if (!is_factored_) return scaled(run_, gradient);
     ++run_.summary().linear_solves;
     return -factor_.solve(gradient);
@@ -44,6 +105,7 @@ class Metric {
   static constexpr double kShare = 1e-3;
 
   SystemRun& run_;
+  std::optional<EvenLinks> even_;
   SystemMatrix matrix_{SystemMatrix::Storage::Best};
   SystemFactor factor_;
   bool is_factored_ = false;

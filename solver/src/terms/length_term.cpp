@@ -9,6 +9,7 @@
 #include <mutex>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 #include "direction.hpp"
 #include "link_rows.hpp"
@@ -366,17 +367,21 @@ double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
 // The same for links that are many times as many as their nodes, by vectors of them.
 template <int D>
 double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
-  constexpr int kRow = lanes_v0_1::LinkRows::kRow;
   const auto n = static_cast<int>(x.cols());
-  double points[D][kRow], forces[D][kRow], repeated[3][kRow];
-  constexpr int kBeyond =
-      kRow - lanes_v0_1::LinkRows::kMostNodes;  // what a vector may reach beyond the last node
+  const std::ptrdiff_t stride = n + lanes_v0_1::kBeyond;
+  constexpr std::ptrdiff_t kFew = 1024, kRows = 2 * D + 3;
+  double few[kRows * kFew];  // numbers of so few nodes need no heap
+  std::vector<double> many(stride > kFew ? static_cast<std::size_t>(kRows * stride) : 0);
+  double* const points = stride > kFew ? many.data() : few;
+  double* const forces = points + D * stride;
+  double* const repeated = forces + D * stride;
   for (int c = 0; c < D; ++c) {
-    for (int i = 0; i < n; ++i) points[c][i] = x(c, i);
-    std::fill_n(points[c] + n, kBeyond, 0.0);
-    std::fill_n(forces[c], n + kBeyond, 0.0);
+    for (int i = 0; i < n; ++i) points[c * stride + i] = x(c, i);
+    std::fill_n(points + c * stride + n, stride - n, 0.0);
   }
-  const auto row = [n](const Numbers& numbers, double* copies) {
+  std::fill_n(forces, D * stride, 0.0);
+  const auto row = [&](const Numbers& numbers, int r) {
+    double* const copies = repeated + r * stride;
     if (numbers.stride == 0) std::fill_n(copies, n, *numbers[0]);
     return lanes_v0_1::LinkNumbers{numbers.stride == 0 ? copies : numbers.data, numbers.stride};
   };
@@ -398,12 +403,13 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
                                   .count = size(),
                                   .nodes = n,
                                   .dim = D,
-                                  .points = points[0],
-                                  .forces = gradient == nullptr ? nullptr : forces[0],
+                                  .stride = stride,
+                                  .points = points,
+                                  .forces = gradient == nullptr ? nullptr : forces,
                                   .is_hooke = law == LinkLaw::Hooke,
-                                  .lower = row(lower, repeated[0]),
-                                  .upper = row(upper, repeated[1]),
-                                  .stiffness = row(numbers(kStiffness), repeated[2]),
+                                  .lower = row(lower, 0),
+                                  .upper = row(upper, 1),
+                                  .stiffness = row(numbers(kStiffness), 2),
                                   .left_out =
                                       [](void* context, int e) {
                                         auto& here = *static_cast<LeftOut*>(context);
@@ -414,7 +420,7 @@ double LengthTerm::sum_of_rows(const Points& x, Points* gradient) const {
   const double energy = lanes_v0_1::sum(rows) / 2;
   if (!detail::is_finite(energy)) return sum<D>(x, 0, size(), gradient);
   for (int i = 0; gradient != nullptr && i < n; ++i) {
-    for (int c = 0; c < D; ++c) (*gradient)(c, i) += forces[c][i];
+    for (int c = 0; c < D; ++c) (*gradient)(c, i) += forces[c * stride + i];
   }
   return energy + left_out.energy;
 }
@@ -438,9 +444,8 @@ double LengthTerm::energy(const Points& x, Points* gradient) const {
     if constexpr (D != Eigen::Dynamic) {
       if (function() == nullptr && !numbers(kInformation)) {
         const auto n = static_cast<int>(x.cols());
-        const bool are_rows = arity() == 2 && n <= lanes_v0_1::LinkRows::kMostNodes && size() >= 3 * n &&
-                              law() <= LinkLaw::Interval && loss() == Loss::Quadratic && !numbers(kOffset) &&
-                              mostly_in_rows(nodes());
+        const bool are_rows = arity() == 2 && size() / 3 >= n && law() <= LinkLaw::Interval &&
+                              loss() == Loss::Quadratic && !numbers(kOffset) && mostly_in_rows(nodes());
         if (are_rows) return sum_of_rows<D>(x, gradient);
         return arity() == 2 ? plain_sum<D, 2>(x, gradient) : plain_sum<D, 3>(x, gradient);
       }
@@ -604,6 +609,7 @@ const char* LengthTerm::why_not_differentiable() const {
 
 void LengthTerm::add_scales(const Points&, Scales& scales) const {
   const Numbers length = numbers(kLength), stiffness = numbers(kStiffness), offset = numbers(kOffset);
+  scales.lengths.reserve(scales.lengths.size() + static_cast<std::size_t>(size()));
   for (int e = 0; e < size(); ++e) {
     double k = *stiffness[e];
     const double at_rest = *length[e] * *length[e];

@@ -8,6 +8,8 @@ namespace asterism::lanes_v0_1 {
 
 /// Squares of lengths below are left to others: rounding takes too much of them.
 inline constexpr double kLeastLengthSquare = 0x1p-970;
+/// More finite numbers than points in each row of coordinates, which are not used.
+inline constexpr int kBeyond = 8;
 
 /// Numbers of links; `stride` is 0 where all have the same, of which there are as many copies as nodes.
 struct LinkNumbers {
@@ -17,15 +19,13 @@ struct LinkNumbers {
 
 /// Links of which many are in rows, (i, j), (i, j + 1), ..., as all pairs of nodes are.
 struct LinkRows {
-  static constexpr int kMostNodes = 1024;
-  static constexpr int kRow = kMostNodes + 8;  ///< of numbers, of which the last are not used
-
-  const int* pairs;      ///< the nodes of each link
-  int count;             ///< of links
-  int nodes;             ///< their number
-  int dim;               ///< 2 or 3
-  const double* points;  ///< a row of kRow finite numbers for each coordinate
-  double* forces;        ///< on the points, to which those of the links are added; or null
+  const int* pairs;       ///< the nodes of each link
+  int count;              ///< of links
+  int nodes;              ///< their number
+  int dim;                ///< 2 or 3
+  std::ptrdiff_t stride;  ///< from one row of points and of forces to the next, nodes + kBeyond at least
+  const double* points;   ///< a row of finite numbers for each coordinate
+  double* forces;         ///< on the points, to which those of the links are added; or null
   /// A stretch is r - lower for lengths r below `lower`, r - upper above `upper`, and 0 between them. Hooke's
   /// law has upper = lower.
   bool is_hooke;
@@ -37,5 +37,23 @@ struct LinkRows {
 
 /// Twice the energy of the links; not finite if a force is not.
 double sum(const LinkRows& links);
+
+/// A point x and others h at distances d from it, with weights w.
+struct PointRow {
+  int count;              ///< of the others
+  int dim;                ///< 2 or 3
+  const double* point;    ///< its coordinates
+  const double* others;   ///< a row of finite numbers for each coordinate
+  std::ptrdiff_t stride;  ///< from one row to the next, count + kBeyond at least
+  const double *distances, *weights;
+};
+
+/// The stress sum w (d - |x - h|)^2; half its gradient by x; and half its Hessian, the lower triangle column
+/// by column.
+struct PointSums {
+  double stress, gradient[3], hessian[6];
+};
+
+PointSums sum(const PointRow& row);
 
 }  // namespace asterism::lanes_v0_1

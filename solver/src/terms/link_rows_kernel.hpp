@@ -31,6 +31,12 @@ double sum_of(const LinkRows& links) {
   using V = typename L::V;
   constexpr int kLanes = L::kLanes;
   const V zero = L::set(0), least = L::set(kLeastLengthSquare);
+  const double* points[kDim];
+  double* forces[kDim];
+  for (int c = 0; c < kDim; ++c) {
+    points[c] = links.points + c * links.stride;
+    forces[c] = links.forces + (kWithForces ? c * links.stride : 0);
+  }
   V energy = zero;
   for (int first = 0, length; first < links.count; first += length) {
     const int i = links.pairs[2 * first], j = links.pairs[2 * first + 1];
@@ -40,7 +46,7 @@ double sum_of(const LinkRows& links) {
     const double* const upper = links.upper.data + first * links.upper.stride;
     const double* const stiffness = links.stiffness.data + first * links.stiffness.stride;
     V from[kDim], sum[kDim];
-    for (int c = 0; c < kDim; ++c) from[c] = L::set(links.points[c * LinkRows::kRow + i]), sum[c] = zero;
+    for (int c = 0; c < kDim; ++c) from[c] = L::set(points[c][i]), sum[c] = zero;
     V shortest = least;
 
     // The links from e on, whose numbers are at these addresses.
@@ -48,7 +54,7 @@ double sum_of(const LinkRows& links) {
                          ASTERISM_INLINED {
                            V d[kDim], square = zero;
                            for (int c = 0; c < kDim; ++c) {
-                             d[c] = from[c] - L::load(links.points + c * LinkRows::kRow + j + e);
+                             d[c] = from[c] - L::load(points[c] + j + e);
                              square = L::fma(d[c], d[c], square);
                            }
                            shortest = L::min(square, shortest);
@@ -63,7 +69,7 @@ double sum_of(const LinkRows& links) {
                            const V weight = tension * inverse;
                            energy = L::fma(weight, zero, energy);
                            for (int c = 0; c < kDim; ++c) {
-                             double* const at = links.forces + c * LinkRows::kRow + j + e;
+                             double* const at = forces[c] + j + e;
                              const V force = weight * d[c];
                              sum[c] = sum[c] + force;
                              L::store(at, L::load(at) - force);
@@ -80,14 +86,14 @@ double sum_of(const LinkRows& links) {
       }
       add(e, numbers[0], numbers[1], numbers[2]);
     }
-    for (int c = 0; kWithForces && c < kDim; ++c) links.forces[c * LinkRows::kRow + i] += total<L>(sum[c]);
+    for (int c = 0; kWithForces && c < kDim; ++c) forces[c][i] += total<L>(sum[c]);
 
     if (L::bits(L::less(shortest, least)) == 0) continue;
     for (e = 0; e < length; ++e) {
       double square = 0;
       for (int c = 0; c < kDim; ++c) {
-        const double* const row = links.points + c * LinkRows::kRow;
-        square += (row[i] - row[j + e]) * (row[i] - row[j + e]);
+        const double offset = points[c][i] - points[c][j + e];
+        square += offset * offset;
       }
       if (!(square >= kLeastLengthSquare)) links.left_out(links.context, first + e);
     }
@@ -106,6 +112,58 @@ double sum_in(const LinkRows& links) {
 
 double sum_with_these_instructions(const LinkRows& links) {
   return links.dim == 2 ? sum_in<2>(links) : sum_in<3>(links);
+}
+
+template <typename L, int kDim>
+PointSums sum_of(const PointRow& row) {
+  using V = typename L::V;
+  constexpr int kLanes = L::kLanes, kEntries = kDim * (kDim + 1) / 2;
+  const V zero = L::set(0), least = L::set(kLeastLengthSquare);
+  V stress = zero, across = zero, from[kDim], gradient[kDim], hessian[kEntries];
+  for (int c = 0; c < kDim; ++c) from[c] = L::set(row.point[c]), gradient[c] = zero;
+  for (int n = 0; n < kEntries; ++n) hessian[n] = zero;
+
+  // The others from e on, with the distances and weights at these addresses.
+  const auto add = [&](int e, const double* distances, const double* weights) ASTERISM_INLINED {
+    V u[kDim], square = least;
+    for (int c = 0; c < kDim; ++c) {
+      u[c] = from[c] - L::load(row.others + c * row.stride + e);
+      square = L::fma(u[c], u[c], square);
+    }
+    const V inverse = L::inverse_sqrt(square);
+    const V d = L::load(distances), w = L::load(weights);
+    const V stretch = square * inverse - d, share = w * d * inverse, pull = w - share;
+    stress = L::fma(w * stretch, stretch, stress);
+    across = across + pull;
+    const V bend = share * inverse * inverse;
+    for (int j = 0, n = 0; j < kDim; ++j) {
+      gradient[j] = L::fma(pull, u[j], gradient[j]);
+      const V bent = bend * u[j];
+      for (int i = j; i < kDim; ++i, ++n) hessian[n] = L::fma(bent, u[i], hessian[n]);
+    }
+  };
+  int e = 0;
+  for (; e + kLanes <= row.count; e += kLanes) add(e, row.distances + e, row.weights + e);
+  if (e < row.count) {
+    double numbers[2][kLanes] = {};
+    for (int w = 0; e + w < row.count; ++w) {
+      numbers[0][w] = row.distances[e + w];
+      numbers[1][w] = row.weights[e + w];
+    }
+    add(e, numbers[0], numbers[1]);
+  }
+
+  PointSums sums{total<L>(stress), {}, {}};
+  const double along_all = total<L>(across);
+  for (int j = 0, n = 0; j < kDim; ++j) {
+    sums.gradient[j] = total<L>(gradient[j]);
+    for (int i = j; i < kDim; ++i, ++n) sums.hessian[n] = total<L>(hessian[n]) + (i == j ? along_all : 0.0);
+  }
+  return sums;
+}
+
+PointSums sum_with_these_instructions(const PointRow& row) {
+  return row.dim == 2 ? sum_of<DoubleLanes, 2>(row) : sum_of<DoubleLanes, 3>(row);
 }
 
 }  // namespace

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <asterism/solver/problem/model.hpp>
+#include <asterism/solver/terms/system.hpp>
 #include <asterism/solver/terms/term.hpp>
 
 namespace asterism {
@@ -8,7 +9,7 @@ inline namespace ASTERISM_ABI {
 namespace detail {
 
 /// Points and matrices of D coordinates, Eigen::Dynamic for a number known at run time.
-inline constexpr int kMaxCoordinates = 32;
+inline constexpr int kMaxCoordinates = System::kMaxDim;
 template <int D>
 using PointOf = Eigen::Matrix<double, D, 1, Eigen::ColMajor, D == Eigen::Dynamic ? kMaxCoordinates : D, 1>;
 template <int D>

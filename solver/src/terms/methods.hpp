@@ -69,7 +69,9 @@ struct SystemNewtonCg {
 };
 
 /// Limited memory BFGS (Nocedal & Wright, algorithm 7.4) that starts from the inverse of IDA's matrix, or
-/// from the curvature at the start where there is no such bound, or from the nodes' stiffness.
+/// from the curvature at the start where there is no such bound, or from the nodes' stiffness. Where links of
+/// about the same stiffness connect a third of all pairs or more, the matrix is that of all pairs, which
+/// needs no factorisation.
 struct SystemLbfgs {
   AlignedOptions options;
   static constexpr std::string_view name() { return "L-BFGS"; }

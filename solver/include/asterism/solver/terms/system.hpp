@@ -28,7 +28,7 @@ class ASTERISM_API System {
  public:
   using Scalar = double;
   using Points = Eigen::MatrixXd;     ///< dim x nodes, a node is a column
-  static constexpr int kMaxDim = 32;  ///< the most coordinates of a point
+  static constexpr int kMaxDim = 64;  ///< the most coordinates of a point
 
   /// Throws std::invalid_argument for a negative number of nodes, or for less than one or more than kMaxDim
   /// coordinates.
