@@ -5,6 +5,7 @@
 #include <asterism/parts/features/dnn_channels.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/testing/part_axioms.hpp>
 #include <cmath>
@@ -117,6 +118,20 @@ TEST(DnnChannels, MakeAPart) {
   testing::check_part_axioms(of_network<Kcf>());
   testing::check_part_faults(of_network<Kcf>());
   testing::check_part_axioms(of_network<Strcf>());
+}
+
+TEST(DnnChannels, AreChannelsOfSpatialReliability) {
+  SpatialReliabilityOptions options;
+  options.hog_channels = false;
+  EXPECT_THROW(SpatialReliability{options}, std::invalid_argument);  // without any
+  options.network.text = kNetwork;
+  options.layer.text = "no-such";
+  EXPECT_THROW(SpatialReliability{options}, std::invalid_argument);
+  options.layer.text = "out";
+  testing::check_part_axioms(SpatialReliability(options));
+  SpatialReliability part(options);
+  part.init(Frame(texture(240, 320)), {160, 120}, {48, 40});
+  EXPECT_EQ(part.weights().size(), 4);
 }
 
 TEST(DnnChannels, SayWhatIsWrong) {
