@@ -33,7 +33,8 @@ class RunCommand {
       : app_(*parent.add_subcommand("run", "runs trackers on a data set and stores their results")) {
     app_.add_option("DATASET", dataset_, "a sequence, or a folder of sequences")->required();
     app_.add_option("--trackers", trackers_,
-                    "names as `asterism-eval trackers` lists them, or nanotrack:FOLDER with its networks")
+                    "names as `asterism-eval trackers` lists them, or dpt_net:FOLDER or nanotrack:FOLDER, "
+                    "with their networks")
         ->delimiter(',');
     app_.add_option(
             "--tracker", described_,

@@ -22,6 +22,11 @@ constexpr std::string_view kTrax = "trax:";
 constexpr std::string_view kPython = "python:";
 constexpr std::string_view kNanoTrack = "nanotrack:";
 
+// Whether it is one of ours by more than its name.
+bool is_described(const std::string& name) {
+  return name.find_first_of("+{") != std::string::npos || name.starts_with("dpt_net");
+}
+
 Start our_tracker(const std::string& name) {
   return [name](const Image& image, const Region& object) -> Step {
     auto tracker = std::make_shared<AnyTracker>(make_tracker(name));
@@ -91,13 +96,15 @@ std::vector<std::string> evaluated_tracker_names() {
 bool is_external(const std::string& name) { return name.starts_with(kTrax) && name.size() > kTrax.size(); }
 
 std::string name_of(const std::string& tracker) {
-  return tracker.starts_with(kNanoTrack) ? "nanotrack" : tracker;
+  for (const std::string of_folder : {"nanotrack", "dpt_net"})
+    if (tracker.starts_with(of_folder + ':')) return of_folder;
+  return tracker;
 }
 
 bool has_confidence(const std::string& name) {
   if (is_external(name)) return false;
   const std::vector<std::string> ours = tracker_names();
-  return name.starts_with(kNanoTrack) || name.find_first_of("+{") != std::string::npos || name == "dlib" ||
+  return name.starts_with(kNanoTrack) || is_described(name) || name == "dlib" ||
          std::ranges::find(ours, name) != ours.end();
 }
 
@@ -111,7 +118,7 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
     throw std::invalid_argument(name + ": this build is without OpenCV's dnn module");
 #endif
   }
-  if (name.find_first_of("+{") != std::string::npos) {
+  if (is_described(name)) {
     make_tracker(name);  // throws if it is unknown
     return {name, our_tracker(name)};
   }
@@ -129,9 +136,9 @@ EvaluatedTracker evaluated_tracker(const std::string& name, double timeout) {
   std::ranges::stable_sort(known, {}, distance);
   std::string list;
   for (const std::string& other : known) list += other + ", ";
-  throw std::invalid_argument("unknown tracker \"" + name + "\", did you mean \"" + known.front() +
-                              "\"? (known: " + list +
-                              "dpt+MODEL, nanotrack:FOLDER, trax:COMMAND, trax:python:MODULE:CLASS)");
+  throw std::invalid_argument(
+      "unknown tracker \"" + name + "\", did you mean \"" + known.front() + "\"? (known: " + list +
+      "dpt+MODEL, dpt_net:FOLDER, nanotrack:FOLDER, trax:COMMAND, trax:python:MODULE:CLASS)");
 }
 
 }  // namespace asterism::bench

@@ -52,7 +52,7 @@ struct EvaluatedTracker {
 /// installed, OpenCV's opencv-csrt, -kcf and -mil, those of its neural ones (opencv-goturn, ...) whose files
 /// are found, those of its legacy module, opencv-mosse, -medianflow, -tld and -boosting, and dlib. Not in the
 /// list, as they are more than a name: trackers with options, as `make_tracker` describes them,
-/// nanotrack:FOLDER, trax:COMMAND and trax:python:MODULE:CLASS.
+/// dpt_net:FOLDER, nanotrack:FOLDER, trax:COMMAND and trax:python:MODULE:CLASS.
 std::vector<std::string> evaluated_tracker_names();
 
 /// A tracker by its name, or one of ours by its description for `make_tracker`; nanotrack:FOLDER is NanoTrack
@@ -66,7 +66,7 @@ std::vector<std::string> evaluated_tracker_names();
 /// NanoTrack's folder does not have its networks.
 EvaluatedTracker evaluated_tracker(const std::string& name, double timeout = 30);
 /// The name under which results of a tracker are stored if none is given: "nanotrack" for nanotrack:FOLDER,
-/// else the same.
+/// "dpt_net" for dpt_net:FOLDER, else the same.
 std::string name_of(const std::string& tracker);
 /// Whether a tracker, which `evaluated_tracker` knows, reports confidences: all of ours, dlib's and NanoTrack
 /// do. Of an

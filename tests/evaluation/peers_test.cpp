@@ -41,15 +41,16 @@ double mean_overlap(const std::vector<Report>& reports) {
   return sum / (kFrames - 1);
 }
 
-const std::string kNanoTrack = "nanotrack:" ASTERISM_NANOTRACK;
+const std::string kNanoTrack = "nanotrack:" ASTERISM_NANOTRACK, kDptNet = "dpt_net:" ASTERISM_NANOTRACK;
 
 class EveryTracker : public testing::TestWithParam<std::string> {
  protected:
   void SetUp() override {
+    const bool networks = GetParam() == kNanoTrack || GetParam() == kDptNet;
 #ifndef ASTERISM_TINY_NANOTRACK
-    if (GetParam() == kNanoTrack) GTEST_SKIP() << "OpenCV's dnn is not installed";
+    if (networks) GTEST_SKIP() << "OpenCV's dnn is not installed";
 #endif
-    if (GetParam() == kNanoTrack && !std::filesystem::exists(ASTERISM_NANOTRACK "/head.onnx"))
+    if (networks && !std::filesystem::exists(ASTERISM_NANOTRACK "/head.onnx"))
       GTEST_SKIP() << "no networks in " ASTERISM_NANOTRACK
                    << " (configure with -DASTERISM_NANOTRACK=FOLDER to name another)";
   }
@@ -57,7 +58,7 @@ class EveryTracker : public testing::TestWithParam<std::string> {
 
 std::vector<std::string> every_tracker() {
   std::vector<std::string> names = evaluated_tracker_names();
-  names.push_back(kNanoTrack);
+  names.insert(names.end(), {kNanoTrack, kDptNet});
   return names;
 }
 
@@ -261,6 +262,49 @@ TEST(NanoTrack, TakesTheBestCellsBox) {
   expect(start(10, 4)(image), 16, 0, 127 + rate * (252 - 127), 127 + rate * (260 - 127));
 }
 
+// On gray texture and a blue square, with all the weight on the root: the box is the best cell's, as above.
+TEST(DptNet, TakesTheBestCellsBoxAndMovesItsParts) {
+  cv::Mat gray(600, 600, CV_8U), image;
+  cv::RNG(1).fill(gray, cv::RNG::UNIFORM, 0, 256);
+  cv::GaussianBlur(gray, gray, {}, 2.5);
+  cv::cvtColor(gray, image, cv::COLOR_GRAY2BGR);
+  cv::Mat with_blue = image.clone();
+  with_blue(cv::Rect(333, 237, 32, 32)).setTo(cv::Scalar(255, 0, 0));
+  AnyTracker tracker = make_tracker("dpt_net:" ASTERISM_TINY_NANOTRACK R"({"root_weight": 1e9})");
+  tracker.init(image, cv::Rect2d(300 - 63.5, 300 - 63.5, 127, 127));
+  AnyTracker other = make_tracker("dpt_net:" ASTERISM_TINY_NANOTRACK R"({"root_weight": 1e9})");
+  restore_state(other, save_state(tracker));
+  const TrackResult found = tracker.update(with_blue);
+  const double probability = 1 / (1 + std::exp(-3.0)), side = std::sqrt((126 + 128) * (130 + 128)) / 127,
+               shape = 130.0 / 126;
+  const double rate = 0.348 * std::exp(-0.138 * (side * shape - 1)) * probability;
+  EXPECT_NEAR(found.box.width, 127 + rate * (252 - 127), 1e-3);
+  EXPECT_NEAR(found.box.height, 127 + rate * (260 - 127), 1e-3);
+  EXPECT_NEAR(found.box.x + found.box.width / 2, 300 + 2 * (32 + 3), 1e-3);
+  EXPECT_NEAR(found.box.y + found.box.height / 2, 300 + 2 * (-16 - 5), 1e-3);
+  EXPECT_NEAR(found.confidence, probability, 1e-5);
+  EXPECT_FALSE(found.lost);
+  ASSERT_EQ(found.parts.size(), 4U);
+  const Point2 across = found.parts[1].position - found.parts[0].position;
+  EXPECT_NEAR(across.x(), found.box.width / 2, 0.1 * found.box.width);
+  // A saved one goes on alike.
+  EXPECT_EQ(other.update(with_blue).box, found.box);
+  EXPECT_EQ(other.update(image).box, tracker.update(image).box);
+
+  const auto reason = [](const std::string& name) -> std::string {
+    try {
+      make_tracker(name);
+    } catch (const std::invalid_argument& error) {
+      return error.what();
+    }
+    return "";
+  };
+  EXPECT_EQ(reason("dpt_net"), "dpt_net: name the folder of its networks, dpt_net:FOLDER");
+  EXPECT_EQ(reason("dpt_net:/no/such"), "siamese: no folder \"/no/such\"");
+  EXPECT_EQ(reason(R"(dpt_plus{"coarse": {"root": "siamese"}})"),
+            "siamese: \"network\" has to name a folder with backbone.onnx and head.onnx");
+}
+
 TEST(NanoTrack, SaysWhichNetworkIsMissingOrWrong) {
   namespace fs = std::filesystem;
   const fs::path folder = fs::path(testing::TempDir()) / ("asterism_nanotrack_" + std::to_string(getpid()));
@@ -292,6 +336,7 @@ TEST(NanoTrack, SaysWhichNetworkIsMissingOrWrong) {
 
 TEST(EvaluatedTrackers, AreStoredUnderTheirNames) {
   EXPECT_EQ(name_of("nanotrack:/some/folder"), "nanotrack");
+  EXPECT_EQ(name_of("dpt_net:/some/folder"), "dpt_net");
   EXPECT_EQ(name_of("opencv-csrt"), "opencv-csrt");
 }
 

@@ -5,9 +5,12 @@
 #include <asterism/parts/features/dnn_channels.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/models/kcf.hpp>
+#include <asterism/parts/models/siamese.hpp>
+#include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/testing/part_axioms.hpp>
 #include <cmath>
+#include <filesystem>
 #include <limits>
 #include <memory>
 #include <stdexcept>
@@ -117,6 +120,38 @@ TEST(DnnChannels, MakeAPart) {
   testing::check_part_axioms(of_network<Kcf>());
   testing::check_part_faults(of_network<Kcf>());
   testing::check_part_axioms(of_network<Strcf>());
+}
+
+TEST(DnnChannels, AreChannelsOfSpatialReliability) {
+  SpatialReliabilityOptions options;
+  options.hog_channels = false;
+  EXPECT_THROW(SpatialReliability{options}, std::invalid_argument);  // without any
+  options.network.text = kNetwork;
+  options.layer.text = "no-such";
+  EXPECT_THROW(SpatialReliability{options}, std::invalid_argument);
+  options.layer.text = "out";
+  testing::check_part_axioms(SpatialReliability(options));
+  SpatialReliability part(options);
+  part.init(Frame(texture(240, 320)), {160, 120}, {48, 40});
+  EXPECT_EQ(part.weights().size(), 4);
+}
+
+// With trained networks; they place a box to about a pixel of theirs.
+TEST(Siamese, IsAPart) {
+  if (!std::filesystem::exists(ASTERISM_NANOTRACK "/head.onnx"))
+    GTEST_SKIP() << "no networks in " ASTERISM_NANOTRACK;
+  const Siamese fresh({.network = {ASTERISM_NANOTRACK}});
+  testing::check_part_axioms(fresh, 4);
+  testing::check_part_axioms(Siamese({.network = {ASTERISM_NANOTRACK}, .filter_share = 0.4}), 4);
+  // A larger target is measured.
+  const cv::Mat image = texture(240, 320);
+  Siamese part = fresh;
+  part.init(Frame(image), {159.5, 119.5}, {48, 40});
+  cv::Mat larger;
+  cv::warpAffine(image, larger, cv::Matx23d(1.2, 0, -0.2 * 159.5, 0, 1.2, -0.2 * 119.5), image.size());
+  const Evidence found = part.localize(Frame(larger), {159.5, 119.5});
+  EXPECT_LT((found.position - Point2(159.5, 119.5)).norm(), 4);
+  EXPECT_GT(part.found_size().minCoeff() / 40, 1);
 }
 
 TEST(DnnChannels, SayWhatIsWrong) {

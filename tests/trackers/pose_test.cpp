@@ -34,6 +34,18 @@ TEST(ObjectPose, MovesByStepsAsByTheirProduct) {
   EXPECT_NEAR(stepped.transform().scale, 1.44, 1e-12);
 }
 
+TEST(ObjectPose, TakesAnotherAspectRatio) {
+  ObjectPose pose(kBox);
+  pose.resize({40, 5});
+  EXPECT_EQ(pose.size(), Size2(40, 5));
+  EXPECT_NEAR(pose.transform().scale, 1, 1e-12);
+  ObjectPose restored;
+  restore_state(restored, save_state(pose));
+  EXPECT_EQ(restored.size(), pose.size());
+  pose.resize({1, 1000});
+  EXPECT_EQ(pose.size(), Size2(2, 100));
+}
+
 TEST(ObjectPose, KeepsItsSizeInRange) {
   for (const double growth : {1e-3, 1e3}) {
     const double kept = growth < 1 ? ObjectPose::kMinScale : ObjectPose::kMaxScale;

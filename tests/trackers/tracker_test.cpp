@@ -575,6 +575,33 @@ TEST(Dpt, FollowsSize) {
   }
 }
 
+// The root's evidence is a measurement of the centre beside the constellation's: by its information, and with
+// a very large one the root alone.
+TEST(Dpt, WeighsTheRoot) {
+  const Scene scene;
+  Point2 centre[3], root;
+  Eigen::Matrix2d covariance[3];
+  double stiffness = 0;
+  for (int i = 0; i < 3; ++i) {
+    DptOptions options;
+    options.root_weight = i == 2 ? 1e9 : i;
+    Dpt tracker(options);
+    tracker.init(scene.frame(0), Scene::box(0));
+    const TrackResult result = tracker.update(scene.frame(1));
+    ASSERT_TRUE(result.covariance);
+    centre[i] = centre_of(result.box);
+    covariance[i] = result.covariance->topLeftCorner<2, 2>();
+    root = tracker.coarse().evidence().position;
+    stiffness = static_stiffness(tracker.coarse().evidence(), options.stiffness);
+  }
+  const Eigen::Matrix2d parts = covariance[0].inverse(),
+                        both = parts + stiffness * Eigen::Matrix2d::Identity();
+  EXPECT_GT((centre[0] - root).norm(), 1e-3);
+  EXPECT_LT((centre[1] - both.inverse() * (parts * centre[0] + stiffness * root)).norm(), 1e-6);
+  EXPECT_TRUE(covariance[1].isApprox(both.inverse(), 1e-9));
+  EXPECT_LT((centre[2] - root).norm(), 1e-6);
+}
+
 TEST(TrackResult, CornersGoRoundTheTurnedBox) {
   TrackResult result;
   result.box = {10, 20, 40, 10};

@@ -44,7 +44,7 @@ inline void add_tracker_options(CLI::App& app, std::string& description) {
   for (const std::string& name : tracker_names()) names += name + ", ";
   CLI::Option* const tracker =
       app.add_option("--tracker", description,
-                     names + R"(dpt+MODEL, or one with options: 'dpt{"part": "mosse"}')")
+                     names + R"(dpt+MODEL, dpt_net:FOLDER, or one with options: 'dpt{"part": "mosse"}')")
           ->capture_default_str();
   app.add_option_function<std::string>(
          "--config", [&description](const std::string& file) { description = read_tracker(file); },

@@ -84,6 +84,9 @@ class OptionReader : public OptionVisitor {
       *part = models_.make(part_of(name, *json));
     } else if (SolverDescription* solver = member.as<SolverDescription>()) {
       *solver = solver_of(name, *json, *solver);
+    } else if (OptionText* option = member.as<OptionText>()) {
+      if (!json->is_string()) refuse(name, "must be a text", *json);
+      option->text = json->get<std::string>();
     }
   }
   // Returns NAME or NAME{OPTIONS} for a part.
@@ -151,6 +154,9 @@ class OptionReader : public OptionVisitor {
   std::vector<Level> levels_;
 };
 
+// The model that cannot be made with its defaults, as its networks are the user's.
+constexpr char kSiamese[] = "siamese";
+
 // Calls f.operator()<Model, Options>(NAME) for each of the library's models.
 template <typename F>
 void for_each_model(F&& f) {
@@ -163,6 +169,7 @@ void for_each_model(F&& f) {
   f.template operator()<Keypoints, KeypointsOptions>("keypoints");
 #endif
   f.template operator()<Mosse, MosseOptions>("mosse");
+  f.template operator()<Siamese, SiameseOptions>(kSiamese);
   f.template operator()<SpatialReliability, SpatialReliabilityOptions>("spatial_reliability");
   f.template operator()<Strcf, StrcfOptions>("strcf");
   f.template operator()<Superpixels, SuperpixelsOptions>("superpixels");
@@ -401,6 +408,7 @@ AnyPart PartRegistry::make(std::string_view model) {
   try {
     return part();
   } catch (const std::invalid_argument& error) {
+    if (std::string_view(error.what()).starts_with(name + ": ")) throw;
     throw std::invalid_argument(name + ": " + error.what());
   }
 }
@@ -429,7 +437,8 @@ std::string PartRegistry::list_json(const Visit& options) {
 
 std::vector<std::string> PartRegistry::names() const {
   std::vector<std::string> names;
-  for (const auto& [name, factory] : factories_) names.push_back(name);
+  for (const auto& [name, factory] : factories_)
+    if (name != kSiamese) names.push_back(name);
   return names;
 }
 

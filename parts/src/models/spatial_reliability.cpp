@@ -5,6 +5,10 @@
 #include <numbers>
 #include <opencv2/imgproc.hpp>
 
+#ifdef ASTERISM_PARTS_DNN
+#include <asterism/parts/features/dnn_channels.hpp>
+#endif
+
 #include "../concept/part_geometry.hpp"
 #include "../features/color_terms.hpp"
 
@@ -21,6 +25,22 @@ constexpr double kLeastPrior = 0.5, kLargestPrior = 0.9;
 
 // The number of cells nearest to `wanted` for which the FFT is fast.
 int multiple_of_eight(double wanted) { return 8 * std::max(1, static_cast<int>(std::lround(wanted / 8))); }
+
+// Those of the network that the options name, if they do.
+std::shared_ptr<const CellChannels> channels_of(const SpatialReliabilityOptions& options) {
+  if (options.network.text.empty()) return {};
+#ifdef ASTERISM_PARTS_DNN
+  try {
+    return std::make_shared<DnnChannels>(options.network.text, options.layer.text,
+                                         DnnInput{.scale = 1, .rgb = false});
+  } catch (const std::runtime_error& error) {
+    throw std::invalid_argument(error.what());
+  }
+#else
+  throw std::invalid_argument(
+      "SpatialReliabilityOptions: this build is without OpenCV's dnn module (libopencv-dnn-dev)");
+#endif
+}
 
 // A spectrum as real numbers: alternating real and imaginary parts.
 Eigen::Map<const Eigen::ArrayXf> parts_of(const std::complex<float>* spectrum, Eigen::Index bins) {
@@ -91,7 +111,9 @@ void MaskedRegression::iterate(const std::complex<float>* cross, const float* ma
 
 SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
     : options_(check_options("SpatialReliabilityOptions", options)),
-      channels_(kHogChannels + 1 + (options.color_channels ? kColorTerms : 0)),
+      network_(channels_of(options)),
+      channels_((options.hog_channels ? kHogChannels + 1 : 0) + (options.color_channels ? kColorTerms : 0) +
+                (network_ ? network_->channels() : 0)),
       fhog_(options.cell_size),
       color_([&options] {
         ColorOptions color = options.color;
@@ -100,6 +122,7 @@ SpatialReliability::SpatialReliability(const SpatialReliabilityOptions& options)
       }()) {
   const MaskedRegression checks_its_penalties(4, 4, options.regression);
   require_ordered(options.window, options.cell_size, "SpatialReliabilityOptions");
+  require(channels_ > 0, "SpatialReliabilityOptions: there are no channels");
   require(options.max_mask_area > options.min_mask_area,
           "SpatialReliabilityOptions: mask areas must satisfy min < max");
 }
@@ -126,7 +149,7 @@ void SpatialReliability::prepare(const Size2& size) {
   regression_ = MaskedRegression(rows_, cols_, options_.regression);
   const Eigen::Index plane = Eigen::Index{rows_} * cols_,
                      half = Eigen::Index{rows_} * plane_fft_.spectrum_cols();
-  features_.resize(Fhog::kChannels * plane);
+  features_.resize(std::max(Fhog::kChannels, channels_) * plane);
   plane_.resize(plane);
   sample_.resize(channels_ * half);
   template_.setZero(channels_ * half);
@@ -308,11 +331,35 @@ bool SpatialReliability::segment(const Frame& frame, const Point2& at) {
 void SpatialReliability::transform_patch(const Frame& frame, const Point2& centre) {
   const int cell = options_.cell_size;
   const Eigen::Index plane = plane_.size();
-  sampler_.sample(frame.gray(), centre, window(), {cols_ * cell, rows_ * cell}, patch_.mat);
-  fhog_.compute(patch_.mat, features_.data());
+  const cv::Size grid(cols_ * cell, rows_ * cell);
+  float* channel = features_.data();
+  if (options_.hog_channels) {
+    sampler_.sample(frame.gray(), centre, window(), grid, patch_.mat);
+    fhog_.compute(patch_.mat, channel);
+    // It overwrites the first unused channel of fHOG.
+    channel = add_gray_cells(channel + kHogChannels * plane);
+  }
+  if (options_.color_channels) {
+    if (!frame.bgr().empty()) {
+      sample_patch(frame.bgr(), centre, window(), grid, color_patch_.mat);
+      color_term_cells(color_patch_.mat, cell, channel);
+    } else {
+      std::fill_n(channel, kColorTerms * plane, 0.0f);
+    }
+    channel += kColorTerms * plane;
+  }
+  if (network_) {
+    sample_bgr(frame, centre, window(), grid, network_patch_.mat);
+    network_->compute(network_patch_.mat, rows_, cols_, channel);
+  }
 
-  // The gray level of a cell is the mean of its pixels; it overwrites the first unused channel of fHOG.
-  float* gray = features_.data() + kHogChannels * plane;
+  for (int k = 0; k < channels_; ++k) features_.segment(k * plane, plane) *= hann_;
+  channels_fft_.forward(features_.data(), sample_.data());
+}
+
+// The gray level of a cell is the mean of its pixels in the patch.
+float* SpatialReliability::add_gray_cells(float* gray) {
+  const int cell = options_.cell_size;
   const float scale = 1 / (255 * static_cast<float>(cell * cell));
   for (int r = 0; r < rows_; ++r) {
     std::fill(cell_sums_.begin(), cell_sums_.end(), 0);
@@ -325,18 +372,7 @@ void SpatialReliability::transform_patch(const Frame& frame, const Point2& centr
     }
     for (const int sum : cell_sums_) *gray++ = static_cast<float>(sum) * scale - 0.5f;
   }
-  // The colors take the next channels.
-  if (options_.color_channels) {
-    if (!frame.bgr().empty()) {
-      sample_patch(frame.bgr(), centre, window(), {cols_ * cell, rows_ * cell}, color_patch_.mat);
-      color_term_cells(color_patch_.mat, cell, gray);
-    } else {
-      std::fill_n(gray, kColorTerms * plane, 0.0f);
-    }
-  }
-
-  for (int k = 0; k < channels_; ++k) features_.segment(k * plane, plane) *= hann_;
-  channels_fft_.forward(features_.data(), sample_.data());
+  return gray;
 }
 
 }  // namespace ASTERISM_ABI

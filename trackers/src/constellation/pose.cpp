@@ -25,6 +25,11 @@ void ObjectPose::move_by(const PlaneTransform& step, double growth) {
   scale_ = size_.x() / first_size_.x();
 }
 
+void ObjectPose::resize(const Size2& size) {
+  size_ = size.cwiseMax(kMinScale * first_size_).cwiseMin(kMaxScale * first_size_);
+  scale_ = std::sqrt(size_.cwiseQuotient(first_size_).prod());
+}
+
 Point2 ObjectPose::keep_in(const Frame& frame) {
   const Point2 before = centre_;
   centre_ = kept_in_image(frame, centre_);
@@ -38,8 +43,10 @@ void ObjectPose::visit_state(StateArchive& archive) {
   archive.position(centre_);
   archive(angle_);
   archive(scale_);
-  archive.require(scale_ >= (1 - kRounding) * kMinScale && scale_ <= (1 + kRounding) * kMaxScale);
-  archive.require(((size_ - scale_ * first_size_).cwiseAbs().array() <= kRounding * size_.array()).all());
+  const Size2 growth = size_.cwiseQuotient(first_size_);
+  archive.require(growth.minCoeff() >= (1 - kRounding) * kMinScale &&
+                  growth.maxCoeff() <= (1 + kRounding) * kMaxScale);
+  archive.require(std::abs(std::sqrt(growth.prod()) - scale_) <= kRounding * scale_);
 }
 
 }  // namespace ASTERISM_ABI

@@ -133,6 +133,7 @@ TrackResult CoarseTracker::follow(const Frame& frame) {
   StageClock clock;
   ObjectPose pose = layer_.pose();
   pose.move_to(estimate.evidence.position);
+  if (const std::optional<Size2> size = layer_.found_size()) pose.resize(*size);
   pose.keep_in(frame);
   layer_.move(pose);
   layer_.adapt(frame, estimate.segmentation.informative);

@@ -121,8 +121,7 @@ TrackResult Dpt::follow(const Frame& frame) {
 
   // 4: Update the root node position and size by the transform fitted to the parts' positions before and
   // after.
-  update_root(frame, x);
-  if (result.covariance) scale_.share(*result.covariance);
+  update_root(frame, root.evidence, x, result.covariance);
   if (scale_.enabled()) result.times.push_back({"scale", clock.lap()});
 
   // 5: Update the spring system parameters and the constellation appearance models.
@@ -164,18 +163,48 @@ std::optional<Eigen::Matrix3d> Dpt::estimate_map_constellation(Placement& x) {
   return box_covariance(x);
 }
 
-void Dpt::update_root(const Frame& frame, Placement& x) {
-  const PlaneTransform step = fit_transform(constellation_.placement(), x, options_.transform);
+void Dpt::update_root(const Frame& frame, const Evidence& root, Placement& x,
+                      std::optional<Eigen::Matrix3d>& covariance) {
+  PlaneTransform step = fit_transform(constellation_.placement(), x, options_.transform);
   ObjectPose pose = coarse_.pose();
-  const double growth = scale_.growth(frame, step(pose.centre()), step.scale);
-  if (scale_.enabled()) {
+  const auto stretch = [&x](const Size2& factor) {
     const Point2 middle = x.rowwise().mean();
-    x = ((growth / step.scale) * (x.colwise() - middle)).colwise() + middle;
+    x = (factor.asDiagonal() * (x.colwise() - middle)).colwise() + middle;
+  };
+  if (options_.root_weight > 0) {
+    const Point2 moved = weigh_root(root, step(pose.centre()), covariance);
+    step.translation += moved;
+    x.colwise() += moved;
   }
-  pose.move_by(step, growth);
+  if (const std::optional<Size2> size = coarse_.found_size()) {
+    const Size2 before = pose.size();
+    pose.move_by(step, 1);
+    pose.resize(*size);
+    stretch(pose.size().cwiseQuotient(before) / step.scale);
+  } else {
+    const double growth = scale_.growth(frame, step(pose.centre()), step.scale);
+    if (scale_.enabled()) stretch(Size2::Constant(growth / step.scale));
+    pose.move_by(step, growth);
+    if (covariance) scale_.share(*covariance);
+  }
   x.colwise() -= pose.keep_in(frame);  // the parts move with it
   coarse_.move(pose);
   constellation_.placement() = x;
+}
+
+// The mean of two measurements of the centre, each with its information.
+Point2 Dpt::weigh_root(const Evidence& root, const Point2& centre,
+                       std::optional<Eigen::Matrix3d>& covariance) const {
+  const double information = options_.root_weight * static_stiffness(root, options_.stiffness);
+  if (!covariance) return root.position - centre;  // the constellation does not determine it
+  const Eigen::Matrix2d parts = covariance->topLeftCorner<2, 2>(), one = Eigen::Matrix2d::Identity();
+  const Eigen::Matrix2d gain = information * parts * (one + information * parts).inverse();
+  Eigen::Matrix3d rest = Eigen::Matrix3d::Identity();
+  rest.topLeftCorner<2, 2>() = one - gain;
+  // In Joseph's form, which stays symmetric and positive definite.
+  *covariance = rest * *covariance * rest.transpose();
+  if (information > 0) covariance->topLeftCorner<2, 2>() += gain * gain.transpose() / information;
+  return gain * (root.position - centre);
 }
 
 void Dpt::update_constellation(const Frame& frame, const Segmentation& segmentation, TrackResult& result) {

@@ -1,3 +1,4 @@
+#include <asterism/parts/models/siamese.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/solver/detail/edit_distance.hpp>
 #include <asterism/trackers/around/gated.hpp>
@@ -102,6 +103,19 @@ std::optional<DptOptions> dpt_variant(std::string_view name) {
   return {};
 }
 
+// dpt_net:FOLDER, with the networks that a user has.
+std::optional<DptOptions> dpt_net(std::string_view name) {
+  constexpr std::string_view kName = "dpt_net";
+  if (!name.starts_with(kName)) return {};
+  if (name.size() < kName.size() + 2 || name[kName.size()] != ':')
+    throw std::invalid_argument("dpt_net: name the folder of its networks, dpt_net:FOLDER");
+  DptOptions options;
+  options.coarse.root = Siamese({.network = {std::string(name.substr(kName.size() + 1))}});
+  options.root_weight = 1;
+  options.solver = {"newton", {}};
+  return options;
+}
+
 std::optional<CoarseOptions> coarse_variant(std::string_view name) {
   CoarseOptions options;
   if (name == "coarse" || name == "dpt_crs") return options;
@@ -137,6 +151,7 @@ std::optional<CoarseOptions> coarse_variant(std::string_view name) {
 template <class Made>
 Made make_named(std::string_view name, std::string_view json) {
   if (const auto options = dpt_variant(name)) return GatedTracker(Dpt(with(*options, name, json)));
+  if (const auto options = dpt_net(name)) return GatedTracker(Dpt(with(*options, name, json)));
   if (const auto options = coarse_variant(name))
     return GatedTracker(CoarseTracker(with(*options, name, json)));
   if (name == "lgt") return GatedTracker(Lgt(with(LgtOptions(), name, json)));

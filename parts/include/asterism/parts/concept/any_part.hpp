@@ -3,6 +3,7 @@
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
 #include <memory>
+#include <optional>
 #include <utility>
 
 namespace asterism {
@@ -39,6 +40,8 @@ class AnyPart {
   /// The target has another size in the image [px] from now on. A model that is not a ResizableModel keeps
   /// the size that it has.
   void resize(const Size2& size) { self_->resize(size); }
+  /// The target's size [px] by the last `localize`; none if the model does not measure it (see SizingModel).
+  std::optional<Size2> found_size() const { return self_->found_size(); }
   /// Whether the model in it is Stateful; if not, `visit_state` throws std::invalid_argument.
   bool stateful() const { return self_->stateful(); }
   void visit_state(StateArchive& archive) { self_->visit_state(archive); }
@@ -60,6 +63,7 @@ class AnyPart {
     virtual void adapt(const Frame&, const Point2&) = 0;
     virtual const ResponseMap* response() const = 0;
     virtual void resize(const Size2&) = 0;
+    virtual std::optional<Size2> found_size() const = 0;
     virtual bool stateful() const = 0;
     virtual void visit_state(StateArchive&) = 0;
   };
@@ -83,6 +87,12 @@ class AnyPart {
     }
     void resize(const Size2& size) override {
       if constexpr (ResizableModel<P>) part.resize(size);
+    }
+    std::optional<Size2> found_size() const override {
+      if constexpr (SizingModel<P>)
+        return part.found_size();
+      else
+        return {};
     }
     bool stateful() const override {
       if constexpr (requires { part.stateful(); })

@@ -8,6 +8,7 @@
 #include <asterism/parts/models/kcf.hpp>
 #include <asterism/parts/models/mosse.hpp>
 #include <asterism/parts/models/scale_filter.hpp>
+#include <asterism/parts/models/siamese.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
 #include <asterism/parts/models/strcf.hpp>
 #include <asterism/parts/models/superpixels.hpp>
@@ -115,12 +116,24 @@ inline void visit_options(OptionVisitor& visit, SpatialReliabilityOptions& optio
   visit("label_sigma", options.label_sigma, option_ranges::kPositive);
   visit("cell_size", options.cell_size, {1, option_ranges::kLongestSide});
   visit("color_channels", options.color_channels);
+  visit("hog_channels", options.hog_channels);
+  visit("network", options.network, options.network.text);
+  visit("layer", options.layer, options.layer.text);
   visit_window(visit, options.window, {0, option_ranges::kMostPadding}, option_ranges::kSide);
   visit("segmentation", options.segmentation);
   visit("min_mask_area", options.min_mask_area, {0, 1e9});
   visit("max_mask_area", options.max_mask_area, {0, 1e9});
   visit("color", options.color);
   visit("channel_weights", options.channel_weights);
+}
+
+inline void visit_options(OptionVisitor& visit, SiameseOptions& options) {
+  visit("network", options.network, options.network.text);
+  visit("penalty", options.penalty, {0, 10});
+  visit("window", options.window, option_ranges::kShare);
+  visit("size_rate", options.size_rate, option_ranges::kShare);
+  visit("filter_share", options.filter_share, option_ranges::kShare);
+  visit("filter", options.filter);
 }
 
 inline void visit_options(OptionVisitor& visit, ScaleFilterOptions& options) {

@@ -66,7 +66,7 @@ class ASTERISM_API PartRegistry {
     return list_json([&](OptionVisitor& visit) { visit_options(visit, options); });
   }
 
-  /// The names of all models, sorted.
+  /// The names of all models, sorted; except `siamese`, which needs a user's networks.
   std::vector<std::string> names() const;
   /// All options of a model and their defaults as a JSON object. Throws as `make`.
   std::string defaults(std::string_view name);

@@ -38,6 +38,13 @@ concept ResizableModel = PartModel<P> && requires(P part, const Size2& size) {
   part.resize(size);
 };
 
+/// A ResizableModel that measures its target's size: `found_size()` [px] is that in the frame of the last
+/// `localize`. Both sides are finite and positive.
+template <class P>
+concept SizingModel = ResizableModel<P> && requires(const P& part) {
+  { part.found_size() } -> std::convertible_to<Size2>;
+};
+
 /// The peak of a response and its spread.
 ///
 /// position: the maximum, refined to sub-pixel by the vertex of a parabola in each axis (neighbours wrapped,

@@ -1,12 +1,15 @@
 #pragma once
 
+#include <asterism/parts/concept/option_text.hpp>
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/parts/concept/template_window.hpp>
+#include <asterism/parts/features/cell_channels.hpp>
 #include <asterism/parts/features/fft.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>
 #include <asterism/parts/models/color.hpp>
+#include <memory>
 #include <vector>
 
 namespace asterism {
@@ -83,6 +86,13 @@ struct SpatialReliabilityOptions {
   /// Use eleven more channels: the share of a cell that has each of the basic colors, black to yellow. The
   /// paper uses learned color names (van de Weijer et al. 2009) instead. Zero in frames of one channel.
   bool color_channels = false;
+  /// Use the channels of HOG and the gray level.
+  bool hog_channels = true;
+  /// Use the channels of a network's layer, too (DnnChannels): a file that OpenCV's dnn module reads, whose
+  /// input is BGR, 0 to 255, of any size. None by default.
+  OptionText network;
+  /// The name of that layer; the last one by default.
+  OptionText layer;
   /// The search window: padding in [0, 100], sides in [cell_size, 1024]. With padding 3 and 32 px it is 128
   /// px, where the FFT is fastest. The paper allows 50 px, and takes smaller cells for small targets.
   TemplateWindow window = {.padding = 3, .min_template_side = 32, .max_template_side = 32};
@@ -118,7 +128,8 @@ class ASTERISM_API SpatialReliability {
   /// Channels of orientations.
   static constexpr int kHogChannels = 18;
 
-  /// Throws std::invalid_argument for options out of range.
+  /// Throws std::invalid_argument for options out of range, if no channels are left, for a network that
+  /// cannot be read or has no such layer, and for any if the library was built without OpenCV's dnn module.
   explicit SpatialReliability(const SpatialReliabilityOptions& options = {});
 
   /// Learn a target of `size` [px] at `centre` [px].
@@ -143,7 +154,8 @@ class ASTERISM_API SpatialReliability {
   const ResponseMap& mask() const { return mask_; }
   /// Whether it is the segmented target, not the box.
   bool segmented() const { return segmented_; }
-  /// Weight of each channel: HOG's, the gray level, and the colors if they were asked for.
+  /// Weight of each channel: HOG's, the gray level, the colors, and the network's, of those that were asked
+  /// for.
   const Eigen::ArrayXf& weights() const { return weights_; }
 
   /// What has been learned, for save_state; mask and response of the last calls are not.
@@ -157,6 +169,8 @@ class ASTERISM_API SpatialReliability {
   void prepare(const Size2& size);  // all that follows from the target's first size
   // Spectra of the windowed features of the patch around `centre`, in `sample_`.
   void transform_patch(const Frame& frame, const Point2& centre);
+  // Writes the gray level of the patch's cells; returns the end of the plane.
+  float* add_gray_cells(float* gray);
   void update_mask(const Frame& frame, const Point2& at);
   // The target's mask from its colors; false where there is none or it is not plausible.
   bool segment(const Frame& frame, const Point2& at);
@@ -166,6 +180,7 @@ class ASTERISM_API SpatialReliability {
   void train(bool first);
 
   SpatialReliabilityOptions options_;
+  std::shared_ptr<const CellChannels> network_;  // copies share it, as it learns nothing
   int channels_ = 0;
   Size2 size_ = Size2::Zero(), initial_size_ = Size2::Zero();
   Size2 scale_ = Size2::Ones(), initial_scale_ = Size2::Ones();  // image pixels a template pixel
@@ -189,7 +204,7 @@ class ASTERISM_API SpatialReliability {
 
   // Buffers of localize and adapt, sized by init.
   PatchSampler sampler_;
-  Scratch patch_, color_patch_, dilated_;
+  Scratch patch_, color_patch_, network_patch_, dilated_;
   std::vector<int> cell_sums_;
   Eigen::ArrayXf features_, plane_, reliability_;
   Spectrum sample_, spectrum_;

@@ -31,6 +31,8 @@ class ASTERISM_API ObjectPose {
   /// image, its size by the factor `growth`, which is that of the transform unless something else knows
   /// better; the size keeps to the range above.
   void move_by(const PlaneTransform& step, double growth);
+  /// Sets the size [px], which may change the aspect ratio; each side keeps to the range above.
+  void resize(const Size2& size);
   /// Keeps the centre in the image (kept_in_image). Returns how far outside it was [px].
   Point2 keep_in(const Frame& frame);
   /// The centre becomes that of `box()` to the last bit, so that it does not matter which of the two a model
@@ -59,7 +61,7 @@ class ASTERISM_API ObjectPose {
   Point2 centre_ = Point2::Zero();
   Size2 size_ = Size2::Ones(), first_size_ = Size2::Ones();
   double angle_ = 0;
-  double scale_ = 1;  // size_ / first_size_
+  double scale_ = 1;  // geometric mean of size_ / first_size_
 };
 
 }  // namespace ASTERISM_ABI

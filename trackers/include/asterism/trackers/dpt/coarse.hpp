@@ -6,6 +6,7 @@
 #include <asterism/trackers/constellation/pose.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <asterism/trackers/tracker/tracker_base.hpp>
+#include <optional>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
@@ -74,6 +75,8 @@ class ASTERISM_API CoarseLayer {
   const CoarseOptions& options() const { return options_; }
   /// The evidence of the last `localize`.
   const Evidence& evidence() const { return evidence_; }
+  /// The object's size [px] by the last `localize`; none unless the root measures it (SizingModel).
+  std::optional<Size2> found_size() const { return root_.found_size(); }
 
  private:
   // `density_` times the color probability, ...
@@ -92,7 +95,7 @@ class ASTERISM_API CoarseLayer {
 };
 
 /// The coarse layer alone as a tracker: DPT_crs of the paper's Table 1, or its KCF baseline DPT_crs_nos
-/// without color. The box keeps its size.
+/// without color. The box keeps its size, unless the root measures it (SizingModel).
 class ASTERISM_API CoarseTracker : public TrackerBase<CoarseTracker> {
  public:
   /// Throws std::invalid_argument for options out of range.

@@ -65,8 +65,14 @@ struct DptOptions {
   /// size", Sec. 2.5.2 fits a "Euclidean transform".
   TransformModel transform = TransformModel::Similarity;
 
+  /// The root's evidence as a measurement of the object's centre beside that of the constellation: this
+  /// factor, >= 0, times the stiffness that Eq. 11 gives it, against the constellation's covariance. 0, as in
+  /// the paper: the constellation alone. 1: as if the root were a part. 1e9: the root alone; the parts
+  /// follow.
+  double root_weight = 0;
   /// Weight, in [0, 1], of a scale filter in the logarithm of the object's size; the rest is that of the
-  /// constellation. 0, as in the paper: the constellation alone.
+  /// constellation. 0, as in the paper: the constellation alone. Without effect if the root measures the size
+  /// (SizingModel): then that is the object's, and the parts move apart or together with it.
   double scale_filter_share = 0;
   /// The scale filter.
   ScaleFilterOptions scale;
@@ -132,9 +138,14 @@ class ASTERISM_API Dpt : public TrackerBase<Dpt> {
   /// Line 3: moves x, the start, to the MAP constellation. Returns the box's covariance
   /// (TrackResult::covariance).
   std::optional<Eigen::Matrix3d> estimate_map_constellation(Placement& x);
-  /// Line 4: root position and size, by the transform from the last constellation to x. x becomes the last
-  /// constellation; it is scaled to the size that a scale filter has a say in, if there is one.
-  void update_root(const Frame& frame, Placement& x);
+  /// Line 4: root position and size, by the transform from the last constellation to x, and by the root's own
+  /// evidence where it has a weight. x becomes the last constellation; it is scaled to the size that a scale
+  /// filter or the root has a say in, if there is one. The box's covariance is changed alike.
+  void update_root(const Frame& frame, const Evidence& root, Placement& x,
+                   std::optional<Eigen::Matrix3d>& covariance);
+  /// How far the root's evidence moves the centre [px], and the box's covariance with it.
+  Point2 weigh_root(const Evidence& root, const Point2& centre,
+                    std::optional<Eigen::Matrix3d>& covariance) const;
   /// Line 5 (Sec. 2.5.2): nominal lengths, and the models of those parts that may learn, which it marks.
   void update_constellation(const Frame& frame, const Segmentation& segmentation, TrackResult& result);
   /// Line 6: color model and root filter.

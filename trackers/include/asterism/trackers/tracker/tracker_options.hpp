@@ -47,6 +47,7 @@ inline void visit_options(OptionVisitor& visit, DptOptions& options) {
   visit("response_gate", options.response_gate, {-1e9, 1e9});
   visit("mask_gate", options.mask_gate, {-1e9, 1e9});
   visit("transform", options.transform, {"euclidean", "similarity"});
+  visit("root_weight", options.root_weight, {0, 1e9});
   visit("scale_filter_share", options.scale_filter_share, option_ranges::kShare);
   visit("scale", options.scale);
   visit("stiffness", options.stiffness);
