@@ -216,7 +216,7 @@ TEST(Json, NamesTheFieldThatIsWrong) {
   EXPECT_EQ(error_with("dim", 0), "dim is 0");
   EXPECT_EQ(error_with("dim", 3), "dim is 3, expected 2");
   EXPECT_EQ(error_with("dim", 18446744073709551615u), "dim is 18446744073709551615");
-  EXPECT_EQ(error_with("dim", 33), "dim is 33");
+  EXPECT_EQ(error_with("dim", 65), "dim is 65");
 
   EXPECT_EQ(error_with("anchors", nullptr), "anchors: expected an array, found null");
   EXPECT_EQ(error_with("anchors", {{0, 0}, 7}), "anchors[1]: expected an array, found number");

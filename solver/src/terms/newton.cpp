@@ -192,7 +192,7 @@ class NewtonSolve {
 
   // Whether the matrix that was factored is definite beyond what rounding, and the forces that are left, make
   // of a free motion: by its least eigenvalue, from inverse iterations. The energy stays the same along a
-  // turn of rate w with velocities v = W x, so that v^T H v = -g . W v, which is at most |g| w |v|.
+  // turn of rate w with velocities v = W x, so that v^T H v = -g . W v, which is at most w sum_i |g_i| |v_i|.
   bool is_surely_definite() const {
     constexpr double kRounding = 1e3 * std::numeric_limits<double>::epsilon();
     const System& system = run_.system();
@@ -212,13 +212,14 @@ class NewtonSolve {
     // Where a spring is much shorter than at rest, the energy bends by more than its stiffness.
     double largest = run_.rule().node_stiffness().maxCoeff();
     for (int i = 0; i < v.size(); ++i) largest = std::max(largest, std::abs(matrix_.diagonal(i)));
-    return least > std::max(kRounding * largest, 2 * run_.gradient().norm() * turning_rate(v));
+    const Eigen::Map<const Eigen::MatrixXd> velocity(v.data(), system.dim(), system.nodes());
+    const double forces = run_.gradient().colwise().norm().dot(velocity.colwise().norm());
+    return least > std::max(kRounding * largest, 2 * turning_rate(velocity) * forces);
   }
 
-  // The largest rate at which an element turns, or grows, where the nodes have velocities v.
-  double turning_rate(const Eigen::VectorXd& v) const {
+  // The largest rate at which an element turns, or grows, where the nodes have these velocities.
+  double turning_rate(const Eigen::Ref<const Eigen::MatrixXd>& velocity) const {
     const System& system = run_.system();
-    const Eigen::Map<const Eigen::MatrixXd> velocity(v.data(), system.dim(), system.nodes());
     double rate = 0;
     for (int t = 0; t < system.term_count(); ++t) {
       const auto& nodes = system.term(t).nodes();
