@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""check_site.py SITE: what is wrong with the built documentation site, a line each; no output if nothing is.
+"""check_site.py SITE [FILE...]: what is wrong with the built documentation site, a line each; no output if nothing is.
+
+FILE: a file of the site that was not made, on purpose.
 
 - Every local address in a page or stylesheet (href, src, srcset, @import, url()) is a file of the site, and its fragment is in it.
 - The pages have a dark mode, and their script runs as it is.
@@ -55,7 +57,7 @@ def style_addresses(text):
     return [next(filter(None, groups), '') for groups in IN_STYLE.findall(text)]
 
 
-def link_problems(site, pages):
+def link_problems(site, pages, left_out):
     styles = {path: style_addresses(path.read_text(encoding='utf-8')) for path in sorted(site.rglob('*.css'))}
     for path, addresses in [*((path, page.addresses) for path, page in pages.items()), *styles.items()]:
         for address in dict.fromkeys(addresses):
@@ -66,9 +68,9 @@ def link_problems(site, pages):
             place = urllib.parse.unquote(parts.fragment)
             if parts.path.startswith('/') or not target.resolve().is_relative_to(site):
                 yield f'{path.relative_to(site)}: {address} is outside of the site'
-            elif not target.is_file():
+            elif not target.is_file() and target.resolve() not in left_out:
                 yield f'{path.relative_to(site)}: {address} is not in the site'
-            elif place and place != 'top' and target.suffix == '.html' and place not in pages[target.resolve()].places:
+            elif place and place != 'top' and target.is_file() and target.suffix == '.html' and place not in pages[target.resolve()].places:
                 yield f'{path.relative_to(site)}: {address}: the page has no place of that name'
 
 
@@ -109,15 +111,15 @@ def search_problems(site, pages):
             yield f'searchindex.js: the search does not find {name}'
 
 
-def problems_of(site):
+def problems_of(site, left_out=()):
     site = site.resolve()
     pages = {path: Page(path.read_text(encoding='utf-8')) for path in sorted(site.rglob('*.html'))}
-    return [*link_problems(site, pages), *theme_problems(site), *reference_problems(site), *changelog_problems(site, pages),
+    return [*link_problems(site, pages, {site / name for name in left_out}), *theme_problems(site), *reference_problems(site), *changelog_problems(site, pages),
             *search_problems(site, pages)]
 
 
 def main():
-    problems = problems_of(pathlib.Path(sys.argv[1]))
+    problems = problems_of(pathlib.Path(sys.argv[1]), sys.argv[2:])
     for problem in problems:
         print(problem)
     sys.exit(bool(problems))

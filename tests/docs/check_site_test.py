@@ -24,14 +24,14 @@ SITE = {
 
 
 class CheckSite(unittest.TestCase):
-    def problems(self, **changed):
+    def problems(self, left_out=(), **changed):
         with tempfile.TemporaryDirectory() as folder:
             for name, text in {**SITE, **changed}.items():
                 path = pathlib.Path(folder, name)
                 path.parent.mkdir(parents=True, exist_ok=True)
                 if text is not None:
                     path.write_text(text, encoding='utf-8')
-            return '\n'.join(check_site.problems_of(pathlib.Path(folder)))
+            return '\n'.join(check_site.problems_of(pathlib.Path(folder), left_out))
 
     def test_whole(self):
         self.assertEqual(self.problems(), '')
@@ -47,6 +47,10 @@ class CheckSite(unittest.TestCase):
             self.assertIn('_static/own.css: none.css is not in the site', self.problems(**{'_static/own.css': style}))
             self.assertIn('page.html: none.css is not in the site', self.problems(**{'page.html': f'<style>{style}</style>'}))
         self.assertEqual(self.problems(**{'_static/own.css': '/* @import "none.css"; */ a { background: url(data:image/png;base64,x) }'}), '')
+
+    def test_left_out(self):
+        page = {'page.html': '<script src="gone.js"></script><script src="other.js"></script>'}
+        self.assertEqual(self.problems(left_out=['gone.js'], **page), 'page.html: other.js is not in the site')
 
     def test_theme(self):
         self.assertIn('no dark mode', self.problems(**{'_static/styles/furo.css': 'body {}'}))

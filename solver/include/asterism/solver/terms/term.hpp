@@ -62,6 +62,7 @@ struct Scales {
   std::vector<Place> places;  ///< one for each such spring
   Eigen::VectorXd loads;      ///< the length of each node's load
 
+  /// Of so many nodes that nothing holds yet.
   explicit Scales(int nodes)
       : stiffness(Eigen::VectorXd::Zero(nodes)),
         holders(Eigen::VectorXi::Zero(nodes)),
