@@ -3,6 +3,7 @@
 //
 //   soak [FRAMES [TRACKER]]
 
+#include <sys/prctl.h>
 #include <unistd.h>
 
 #include <asterism/trackers/tracker/tracker.hpp>
@@ -97,6 +98,7 @@ int soak(long frames, const char* name) {
 }  // namespace asterism
 
 int main(int argc, char** argv) try {
+  prctl(PR_SET_THP_DISABLE, 1, 0, 0, 0);  // a single large page would be two megabytes more
   return asterism::soak(argc > 1 ? std::atol(argv[1]) : 1000, argc > 2 ? argv[2] : "dpt");
 } catch (const std::exception& error) {
   std::fprintf(stderr, "soak: %s\n", error.what());

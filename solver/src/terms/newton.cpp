@@ -214,7 +214,10 @@ class NewtonSolve {
     for (int i = 0; i < v.size(); ++i) largest = std::max(largest, std::abs(matrix_.diagonal(i)));
     const Eigen::Map<const Eigen::MatrixXd> velocity(v.data(), system.dim(), system.nodes());
     const double forces = run_.gradient().colwise().norm().dot(velocity.colwise().norm());
-    return least > std::max(kRounding * largest, 2 * turning_rate(velocity) * forces);
+    // Parts that turn at other rates add what the nodes' velocities may not show.
+    const double of_parts =
+        run_.rule().stationarity(run_.gradient()) * run_.rule().node_stiffness().maxCoeff();
+    return least > std::max({kRounding * largest, of_parts, 2 * turning_rate(velocity) * forces});
   }
 
   // The largest rate at which an element turns, or grows, where the nodes have these velocities.
