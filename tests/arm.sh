@@ -16,7 +16,7 @@ cp -ru /usr/share/eigen3 /usr/share/cmake "$root/share/" 2>/dev/null || cp -ru /
 configure() { cmake -G Ninja --toolchain "$PWD/tests/aarch64.cmake" -DCMAKE_BUILD_TYPE=Release "$@" >/dev/null; }
 configure -S /usr/src/googletest -B build/arm/googletest -DCMAKE_INSTALL_PREFIX="$root"
 cmake --build build/arm/googletest --target install >/dev/null
-configure -S . -B build/arm/asterism -DCMAKE_UNITY_BUILD=ON -DASTERISM_WERROR=ON -DASTERISM_BUILD_PYTHON=OFF \
+configure -S . -B build/arm/asterism -DCMAKE_UNITY_BUILD=ON -DASTERISM_BUILD_PYTHON=OFF \
   -DASTERISM_BUILD_BENCH=OFF -DASTERISM_BUILD_DOCS=OFF -DASTERISM_BUILD_TOOLS=OFF
 targets=("$@")
 [[ ${#targets[@]} -gt 0 ]] || targets=(tests/solver/all)
