@@ -9,9 +9,10 @@ cd "$(dirname "$0")/.."
 bash .ci/install-packages arm
 root=$PWD/build/arm/root
 # Eigen and JSON have headers alone, which are the same for all processors.
-mkdir -p "$root/include" "$root/share"
+mkdir -p "$root/include" "$root/share/cmake"
 cp -ru /usr/include/eigen3 /usr/include/nlohmann "$root/include/"
-cp -ru /usr/share/eigen3 /usr/share/cmake "$root/share/" 2>/dev/null || cp -ru /usr/share/eigen3 "$root/share/"
+cp -ru /usr/share/eigen3 "$root/share/"
+cp -ru /usr/share/cmake/nlohmann_json "$root/share/cmake/"
 
 configure() { cmake -G Ninja --toolchain "$PWD/tests/aarch64.cmake" -DCMAKE_BUILD_TYPE=Release "$@" >/dev/null; }
 configure -S /usr/src/googletest -B build/arm/googletest -DCMAKE_INSTALL_PREFIX="$root"

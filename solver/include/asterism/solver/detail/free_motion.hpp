@@ -704,11 +704,10 @@ class FreeMotions {
            (2 * std::abs(path) > resistance || 3 * spin * resistance > inward);
   }
 
-  // The nodes whose links have an offset, or a shape, which do not turn with them.
+  // The nodes whose links have an offset, which does not turn with them.
   void mark_offsets(const System& system, const Points& x) {
-    const bool has_some = system.has_offsets();
-    has_offset_.setZero(has_some ? system.nodes() : 0);
-    if (!has_some) return;
+    has_offset_.setZero(system.has_offsets() ? system.nodes() : 0);
+    if (!system.has_offsets()) return;
     int l = 0;
     for (const Link& link : system.links()) {
       if (!system.rest_offset.col(l).isZero(0) && connects(system, x, l, link))

@@ -45,9 +45,8 @@ inline namespace ASTERISM_ABI {
 /// "schwarz", "schwarz-direct" and "newton-sparse" are there with asterism::solver_compiled, for systems in
 /// double whose model is made of terms, see to_system; elsewhere, NewtonCg takes their place.
 ///
-/// Lbfgs if the system has potentials over three nodes. The bounds are measured: `asterism-bench crossovers`
-/// prints the table. Summary::solver names the method. If a matrix cannot be factored, NewtonCg continues.
-/// All methods start with rigid_alignment.
+/// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver names the method.
+/// If a matrix cannot be factored, NewtonCg continues. All methods start with rigid_alignment.
 ///
 /// Sparse methods use as many threads as ThreadedOptions::threads says, and dense ones one.
 ///

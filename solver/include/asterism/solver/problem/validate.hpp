@@ -117,6 +117,7 @@ Defect parameter_defect(const char* subject, const Function& function) {
   }
   return {};
 }
+
 template <typename Matrix>
 int first_column_not_finite(const Matrix& points) {
   if (all_finite(points)) return -1;

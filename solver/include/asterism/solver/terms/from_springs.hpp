@@ -105,8 +105,7 @@ concept HasTerms = requires {
 &&detail::has_terms<Springs>();
 
 /// The same system as one of terms: anchors, links and loads, in this order, as far as it has them. Its model
-/// may have any links, except for Each potential of one's own, and the library's losses; the potentials over
-/// three nodes are those of Angles and the like, and are not taken over.
+/// may have any links, and the library's losses.
 template <HasTerms Springs>
 System to_system(const Springs& springs) {
   const int n = springs.nodes();

@@ -204,9 +204,8 @@ ASTERISM_API std::vector<std::string> tracker_names();
 ///   "dpt_crs" (the coarse layer alone, also "coarse") and "dpt_crs_nos" (its filter alone; "kcf" is that in
 ///   the window of Henriques' KCF);
 /// - "dpt_plus", DPT with a root that learns from its surroundings, and a scale filter (docs/tracker.md);
-/// - "dpt_net:FOLDER", DPT with a root of networks that a user has in this folder, backbone.onnx and
-/// head.onnx
-///   of NanoTrack (docs/tracker.md);
+/// - "dpt_net:FOLDER", DPT with a network in its root: backbone.onnx and head.onnx of NanoTrack, which a user
+///   has in this folder (docs/tracker.md);
 /// - "lgt" (Lgt), after Cehovin, Kristan and Leonardis (docs/trackers.md);
 /// - "kalman" (KalmanTracker of DPT, or of the tracker that its option "of" describes).
 ///
