@@ -70,7 +70,6 @@ void terms_bars(Bars& bars) {
     bars.at_most(name + "E and gradient", "%.2f x", energy_ratio(sample), 1.03, 1);
     if (nodes <= 64)
       bars.at_most(name + "Newton", "%.2f x", solve_ratio<Newton<Springs>>(sample, "newton"), 1.03, 1);
-    bars.at_most(name + "Newton-CG", "%.2f x", solve_ratio<NewtonCg<Springs>>(sample, "newton-cg"), 1.03, 1);
     bars.at_most(name + "L-BFGS", "%.2f x", solve_ratio<Lbfgs<Springs>>(sample, "lbfgs"), 1.03, 1);
   }
   for (const int nodes : {1000, 30000}) {
@@ -78,7 +77,6 @@ void terms_bars(Bars& bars) {
     const Sample sample = testing::sparse_system<Springs>(1, nodes);
     const std::string name = format("n=%d sparse terms against springs, ", nodes);
     bars.at_most(name + "E and gradient", "%.2f x", energy_ratio(sample), 1.03, 1);
-    bars.at_most(name + "Newton-CG", "%.2f x", solve_ratio<NewtonCg<Springs>>(sample, "newton-cg"), 1.03, 1);
   }
 }
 

@@ -46,19 +46,6 @@ double newton_assembly(const System& system) {
   return energy_and_gradient(system) + hessian(system) - system.link_count() * length(System::kDim);
 }
 
-/// The Hessian as one block per link.
-template <typename System>
-double operator_set(const System& system) {
-  return system.link_count() * (length(System::kDim) + curvature(System::kDim));
-}
-
-/// H v: a link's block times a difference, at both its nodes.
-template <typename System>
-double operator_apply(const System& system) {
-  constexpr int D = System::kDim;
-  return system.nodes() * D + system.link_count() * (D + D * (2 * D - 1) + 2 * D);
-}
-
 /// L D L^T of a matrix of order n, with the forward substitution of a right-hand side.
 constexpr double ldlt(double n) { return (n - 1) * n * (2 * n - 1) / 6 + 2 * n * (n - 1) + n; }
 

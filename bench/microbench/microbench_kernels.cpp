@@ -59,34 +59,6 @@ void sparse_hessian_kernel(benchmark::State& state, const testing::RandomSystem<
   });
 }
 
-/// NewtonCg's: the blocks of the links at an x.
-template <typename System>
-void operator_set_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
-  const System& system = sample.system;
-  const auto& x = sample.start;
-  asterism::detail::HessianOperator<System> hessian;
-  DoNotOptimize(&hessian);
-  measure<typename System::Scalar>(state, flops::operator_set(system), Simd::Portable, [&] {
-    hessian.set(system, x);
-    benchmark::ClobberMemory();
-  });
-}
-
-/// NewtonCg's: a product with the Hessian.
-template <typename System>
-void operator_apply_kernel(benchmark::State& state, const testing::RandomSystem<System>& sample) {
-  const System& system = sample.system;
-  const auto& x = sample.start;
-  asterism::detail::HessianOperator<System> hessian;
-  hessian.set(system, x);
-  DoNotOptimize(&hessian);
-  typename System::Points product;
-  measure<typename System::Scalar>(state, flops::operator_apply(system), Simd::Portable, [&] {
-    hessian.apply(system, x, product);
-    DoNotOptimize(product.data());
-  });
-}
-
 // Newton's matrix at the start, as in its first iteration: positive definite.
 template <typename System>
 struct NewtonStart {
@@ -211,8 +183,6 @@ template <typename System>
 void add_matrices(int nodes) {
   using Cholesky = DenseCholesky<System>;
   add<System>("hessian", Linking::Full, nodes, hessian_kernel<System>);
-  add<System>("hessian_operator_set", Linking::Full, nodes, operator_set_kernel<System>);
-  add<System>("hessian_operator_apply", Linking::Full, nodes, operator_apply_kernel<System>);
   add<System>("cholesky_factorization", Linking::Full, nodes, factorization_kernel<System, Cholesky>);
   add<System>("cholesky_substitution", Linking::Full, nodes, substitution_kernel<System, Cholesky>);
 }
@@ -241,8 +211,6 @@ void add_kernels() {
   add_sparse("energy", energy_kernel<Dynamic>);
   add_sparse("energy_and_gradient", gradient_kernel<Dynamic>);
   add_sparse("hessian", sparse_hessian_kernel<Dynamic>);
-  add_sparse("hessian_operator_set", operator_set_kernel<Dynamic>);
-  add_sparse("hessian_operator_apply", operator_apply_kernel<Dynamic>);
   add_sparse("cholesky_factorization", factorization_kernel<Dynamic, SparseCholesky<Dynamic>>);
   add_sparse("cholesky_substitution", substitution_kernel<Dynamic, SparseCholesky<Dynamic>>);
 #ifdef ASTERISM_BENCH_CHOLMOD

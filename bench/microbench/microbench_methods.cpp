@@ -56,18 +56,6 @@ double flops_of(const Lbfgs<System>&, const System& system, const Summary& summa
          pairs * 4 * 2 * System::kDim * system.nodes();
 }
 
-template <typename System>
-double flops_of(const NewtonCg<System>&, const System& system, const Summary& summary) {
-  constexpr int D = System::kDim;
-  // An inner iteration applies the Hessian and the preconditioner; its vectors' sums and products are three
-  // and two. The first application of the preconditioner is the outer iteration's.
-  const double inner = summary.linear_solves - summary.iterations;
-  return summary.gradient_evaluations * flops::energy_and_gradient(system) +
-         summary.iterations * flops::operator_set(system) +
-         inner * (flops::operator_apply(system) + 10 * D * system.nodes()) +
-         summary.linear_solves * 2 * D * D * system.nodes();
-}
-
 // Operations of the sparse methods are not counted.
 template <typename Solver, typename System>
 double flops_of(const Solver&, const System&, const Summary&) {
@@ -146,6 +134,9 @@ struct ByTerms {
     return solver.solve(system, x);
   }
 };
+struct TruncatedNewton : ByTerms {
+  TruncatedNewton() : ByTerms("newton-cg") {}
+};
 struct Direct : ByTerms {
   Direct() : ByTerms("newton") {}
 };
@@ -214,11 +205,10 @@ void add_methods() {
     add_newton<Dynamic>(nodes);
     add_ida<Dynamic>(nodes);
     add<Lbfgs<Dynamic>, Dynamic>("lbfgs", Linking::Full, nodes, 8);
-    add<NewtonCg<Dynamic>, Dynamic>("newton_cg", Linking::Full, nodes, 3);
     add<NonlinearCg<Dynamic>, Dynamic>("nonlinear_cg", Linking::Full, nodes, 8);
   }
   constexpr int kMany = 10000;
-  add<NewtonCg<Dynamic>, Dynamic>("newton_cg", Linking::Nearest, kMany, 5);
+  add<TruncatedNewton, Dynamic>("newton_cg", Linking::Nearest, kMany, 5);
   add<Direct, Dynamic>("sparse_newton", Linking::Nearest, kMany, 5);
   add<Divided, Dynamic>("schwarz", Linking::Nearest, kMany, 2);
 

@@ -1120,6 +1120,41 @@ void bind_system(py::module_& m) {
           py::arg("x"), py::arg("method") = "auto", py::arg("on_iteration") = py::none(),
           py::arg("check") = true, kSolve)
       .def(
+          "solve_turning",
+          [](TermSystem& self, const py::object& x, bool scale, double tolerance, int max_iterations,
+             bool hold_floating, bool check) {
+            TurningOptions options;
+            options.scale = scale;
+            options.tolerance = tolerance;
+            options.max_iterations = max_iterations;
+            options.hold_floating = hold_floating;
+            const int dim = self.system().dim();
+            py::array_t<double> array = output(x, "x", {self.system().nodes(), dim});
+            MatrixXd points = points_of(self.system(), array), transform = MatrixXd::Identity(dim, dim);
+            const Summary summary = self.read([&](const asterism::System& system) {
+              return interruptible([&](const std::atomic<bool>& stop) {
+                options.stop = &stop;
+                return solve_turning(system, points, transform, options);
+              });
+            });
+            checked(summary, check);
+            if (summary.usable()) std::copy_n(points.data(), points.size(), array.mutable_data());
+            transform.transposeInPlace();  // rows are next to each other in Python
+            return py::make_tuple(summary, owned(std::move(transform), {dim, dim}));
+          },
+          py::arg("x"), py::arg("scale") = true, py::kw_only(),
+          py::arg("tolerance") = TurningOptions().tolerance,
+          py::arg("max_iterations") = TurningOptions().max_iterations, py::arg("hold_floating") = false,
+          py::arg("check") = true,
+          "Minimises the energy over x (N, dim), in place, and over one rotation T, with `scale` one "
+          "similarity "
+          "T,\n"
+          "that all offsets m of links turn by: a link prefers T @ m. Returns (Summary, T), T (dim, dim). "
+          "With\n"
+          "offsets or springs without rest length, and plain anchors, it is the global minimum. ValueError "
+          "for\n"
+          "terms other than anchors, loads, links and offsets; check: as of solve().")
+      .def(
           "certify",
           [](TermSystem& self, const py::object& x, double gap) {
             const CertifyOptions options{gap};

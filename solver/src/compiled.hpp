@@ -13,7 +13,6 @@
   ASTERISM_COMPILE(Ida, System)                                                               \
   ASTERISM_COMPILE(Newton, System)                                                            \
   ASTERISM_COMPILE(Lbfgs, System)                                                             \
-  ASTERISM_COMPILE(NewtonCg, System)                                                          \
   ASTERISM_COMPILE(NonlinearCg, System)                                                       \
   ASTERISM_COMPILE(Auto, System)                                                              \
   ASTERISM_COMPILE(detail::ForwardCg, System)                                                 \

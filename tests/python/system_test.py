@@ -354,6 +354,32 @@ class FormulaTest(unittest.TestCase):
 
 
 class TermTest(unittest.TestCase):
+    def test_turning_offsets(self):
+        # In the plane, over x and the numbers (a, b) of a similarity, it is linear least squares.
+        shape = rng.normal(size=(5, 2))
+        turned = 1.5 * shape @ np.array([[0.6, -0.8], [0.8, 0.6]]).T + rng.normal(size=(5, 2)) / 10 + 7
+        links = np.array([(i, j) for i in range(5) for j in range(i)])
+        offsets = shape[links[:, 0]] - shape[links[:, 1]]
+        system = asterism.System(5)
+        system.add_anchors(turned, stiffness=0.3)
+        system.add_offsets(links, offsets, stiffness=2)
+        x = turned.copy()
+        summary, transform = system.solve_turning(x)
+        self.assertEqual(summary.status, asterism.Status.Converged)
+        rows = np.zeros((2 * (5 + len(links)), 12))
+        right = np.zeros(len(rows))
+        rows[:10, :10] = np.sqrt(0.3) * np.eye(10)
+        right[:10] = np.sqrt(0.3) * turned.ravel()
+        for row, ((i, j), m) in enumerate(zip(links, offsets), 5):
+            for d in range(2):
+                rows[2 * row + d, [2 * i + d, 2 * j + d]] = np.sqrt(2) * np.array([1, -1])
+                rows[2 * row + d, 10:] = -np.sqrt(2) * np.array([m[d], -m[1] if d == 0 else m[0]])
+        best = np.linalg.lstsq(rows, right, rcond=None)[0]
+        np.testing.assert_allclose(x, best[:10].reshape(5, 2), atol=1e-6)
+        np.testing.assert_allclose(transform, [[best[10], -best[11]], [best[11], best[10]]], atol=1e-6)
+        with self.assertRaisesRegex(ValueError, "no link has an offset"):
+            asterism.System(2).solve_turning(np.zeros((2, 2)), hold_floating=True)
+
     def test_reads_and_assigns(self):
         system = asterism.System(N, 3)
         term = system.add_links(pairs(), positive(6), 2, information=semidefinite(6, 3, 2))

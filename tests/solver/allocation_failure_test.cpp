@@ -49,9 +49,9 @@ using Solvers = ::testing::Types<
 #ifdef ASTERISM_TEST_CHOLMOD
     CholmodIda<System>, testing::CholmodNewton<System>,
 #endif
-    Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>,
-    Auto<System>, testing::SparseNewton<System>, testing::MultiStart<System>, testing::Staircase<System>,
-    ShortSearch>;
+    Ida<System>, SparseIda<System>, Newton<System>, Lbfgs<System>, testing::NewtonCg<System>,
+    NonlinearCg<System>, Auto<System>, testing::SparseNewton<System>, testing::MultiStart<System>,
+    testing::Staircase<System>, ShortSearch>;
 TYPED_TEST_SUITE(OutOfMemory, Solvers);
 
 using Problem = testing::RandomSystem<System>;

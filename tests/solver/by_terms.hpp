@@ -51,6 +51,15 @@ struct SparseNewton {
   }
 };
 
+template <typename Springs>
+struct NewtonCg {
+  AlignedOptions options;
+  static constexpr std::string_view name() { return "Newton-CG"; }
+  Summary solve(const Springs& system, typename Springs::Points& x) const {
+    return asterism::detail::solve_by_terms("newton-cg", {}, options, system, x);
+  }
+};
+
 template <typename Springs, bool kDirect>
 class SchwarzOf {
  public:

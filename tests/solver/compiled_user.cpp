@@ -10,7 +10,7 @@ void solve_by(const System& system, typename System::Points& x) {
 
 template <typename System>
 void solve_by_all(const System& system, typename System::Points& x) {
-  solve_by<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>, NonlinearCg<System>, Auto<System>,
+  solve_by<Ida<System>, Newton<System>, Lbfgs<System>, NonlinearCg<System>, Auto<System>,
            detail::ForwardCg<System>, detail::CentralCg<System>>(system, x);
   if constexpr (System::kNodes == Eigen::Dynamic) {
     solve_by<SparseIda<System>, detail::JacobiLbfgs<System>>(system, x);

@@ -32,14 +32,12 @@ using testing::Bounded3f;
 using Cases = ::testing::Types<
 #ifdef ASTERISM_TEST_ALL_CASES  // at night
 #ifdef ASTERISM_TEST_CHOLMOD
-    With<Lbfgs, CholmodCholesky, Dynamic2>, With<NewtonCg, CholmodCholesky, Dynamic2>,
+    With<Lbfgs, CholmodCholesky, Dynamic2>,
 #endif
     With<Lbfgs, DenseCholesky, Bounded3f>, With<Lbfgs, JacobiMetric, Dynamic3>,
-    With<Lbfgs, JacobiMetric, Bounded3f>, With<NewtonCg, JacobiPreconditioner, Bounded3f>,
-    With<NewtonCg, DenseCholesky, Fixed2>, With<NewtonCg, SparseCholesky, Dynamic3>,
+    With<Lbfgs, JacobiMetric, Bounded3f>,
 #endif
-    With<Lbfgs, DenseCholesky, Fixed2>, With<Lbfgs, SparseCholesky, Dynamic2>,
-    With<NewtonCg, JacobiPreconditioner, Dynamic3>>;
+    With<Lbfgs, DenseCholesky, Fixed2>, With<Lbfgs, SparseCholesky, Dynamic2>>;
 
 }  // namespace descent
 
@@ -47,20 +45,16 @@ inline namespace ASTERISM_ABI {
 
 #ifdef ASTERISM_TEST_ALL_CASES
 #ifdef ASTERISM_TEST_CHOLMOD
-#define ASTERISM_DESCENT_CHOLMOD(Extern)                                                               \
-  ASTERISM_TEST_SOLVER(Extern, testing::Plane, Lbfgs<testing::Plane, CholmodCholesky<testing::Plane>>) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Plane, NewtonCg<testing::Plane, CholmodCholesky<testing::Plane>>)
+#define ASTERISM_DESCENT_CHOLMOD(Extern) \
+  ASTERISM_TEST_SOLVER(Extern, testing::Plane, Lbfgs<testing::Plane, CholmodCholesky<testing::Plane>>)
 #else
 #define ASTERISM_DESCENT_CHOLMOD(Extern)
 #endif
-#define ASTERISM_DESCENT_CASES(Extern)                                                                     \
-  ASTERISM_DESCENT_CHOLMOD(Extern)                                                                         \
-  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f, Lbfgs<testing::Bounded3f>)                              \
-  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f,                                                         \
-                       Lbfgs<testing::Bounded3f, JacobiMetric<testing::Bounded3f>>)                        \
-  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f, NewtonCg<testing::Bounded3f>)                           \
-  ASTERISM_TEST_SOLVER(Extern, testing::Fixed2, NewtonCg<testing::Fixed2, DenseCholesky<testing::Fixed2>>) \
-  ASTERISM_TEST_SOLVER(Extern, testing::Space, NewtonCg<testing::Space, SparseCholesky<testing::Space>>)
+#define ASTERISM_DESCENT_CASES(Extern)                                        \
+  ASTERISM_DESCENT_CHOLMOD(Extern)                                            \
+  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f, Lbfgs<testing::Bounded3f>) \
+  ASTERISM_TEST_SOLVER(Extern, testing::Bounded3f,                            \
+                       Lbfgs<testing::Bounded3f, JacobiMetric<testing::Bounded3f>>)
 
 ASTERISM_DESCENT_CASES(extern)
 #endif

@@ -1,4 +1,4 @@
-// L-BFGS and Newton-CG of fixed and bounded sizes never touch the heap in solve: every malloc is counted.
+// L-BFGS of fixed and bounded sizes never touch the heap in solve: every malloc is counted.
 #include <gtest/gtest.h>
 
 #include <asterism/solver.hpp>
@@ -30,8 +30,6 @@ void expect_no_heap(int n) {
   const auto [system, start] = testing::random_system<System>(rng, System::TopologyType::full(n));
   expect_no_heap<Lbfgs<System>>(system, start);
   expect_no_heap<Lbfgs<System, JacobiMetric<System>>>(system, start);
-  expect_no_heap<NewtonCg<System>>(system, start);
-  expect_no_heap<NewtonCg<System, DenseCholesky<System>>>(system, start);
 }
 
 TEST(DescentHeap, FixedAndBoundedSizesDoNotUseIt) {
@@ -52,8 +50,6 @@ TEST(DescentHeap, DynamicSizesUseItOnce) {
   };
   check(Lbfgs<System>());
   check(Lbfgs<System, JacobiMetric<System>>());
-  check(NewtonCg<System>());
-  check(NewtonCg<System, DenseCholesky<System>>());
 }
 
 }  // namespace

@@ -1,9 +1,8 @@
-// L-BFGS and Newton-CG on oddly shaped systems.
+// L-BFGS on oddly shaped systems.
 #include <gtest/gtest.h>
 
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
-#include <asterism/solver/method/newton_cg.hpp>
 
 #include "test_systems.hpp"
 
@@ -19,11 +18,7 @@ void expect_solved(int n) {
     EXPECT_EQ(solver.solve(system, x).status, Status::Converged) << solver.name();
   };
   check(Lbfgs<System>());
-  check(NewtonCg<System>());
-  if constexpr (System::kDim == 1) {  // for four dimensions, one method with each kind of matrix
-    check(Lbfgs<System, JacobiMetric<System>>());
-    check(NewtonCg<System, DenseCholesky<System>>());
-  }
+  check(Lbfgs<System, JacobiMetric<System>>());
 }
 
 TEST(DescentOfOddShapes, OneNodeOneDimensionAndMany) {

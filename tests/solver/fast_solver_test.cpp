@@ -1,4 +1,5 @@
 // Newton, L-BFGS and Newton-CG have the guarantees of every solver.
+#include "by_terms.hpp"
 #include "every_solver.hpp"
 
 namespace asterism {
@@ -6,15 +7,13 @@ namespace {
 
 template <typename System>
 using DenseLbfgs = Lbfgs<System>;
-template <typename System>
-using JacobiNewtonCg = NewtonCg<System>;
 
 const bool kFastRegistered = [] {
   register_solvers<Fixed2>("4 nodes", {solver_kind<Newton, Fixed2>(), solver_kind<DenseLbfgs, Fixed2>()});
-  register_solvers<Dynamic2>("plane",
-                             {solver_kind<DenseLbfgs, Dynamic2>(), solver_kind<JacobiNewtonCg, Dynamic2>()});
+  register_solvers<Dynamic2>(
+      "plane", {solver_kind<DenseLbfgs, Dynamic2>(), solver_kind<testing::NewtonCg, Dynamic2>()});
   register_solvers<Dynamic3>("space", {solver_kind<Newton, Dynamic3>()});
-  register_solvers<Fixed2f>("4 nodes, float", {solver_kind<JacobiNewtonCg, Fixed2f>()});
+  register_solvers<Fixed2f>("4 nodes, float", {solver_kind<testing::NewtonCg, Fixed2f>()});
   register_solvers<Bounded3f>("bounded space, float",
                               {solver_kind<Newton, Bounded3f>(), solver_kind<DenseLbfgs, Bounded3f>()});
   return true;

@@ -18,8 +18,6 @@ using testing::Ropes;
 template <typename System>
 using PlainLbfgs = Lbfgs<System>;
 template <typename System>
-using PlainNewtonCg = NewtonCg<System>;
-template <typename System>
 using PlainNonlinearCg = NonlinearCg<System>;
 template <typename System>
 using PlainSparseNewton = testing::SparseNewton<System>;
@@ -32,7 +30,7 @@ TYPED_TEST_SUITE(HardModel, HardKits);
 
 TYPED_TEST(HardModel, SolversAgree) {
   testing::finds_minimum<TypeParam, PlainLbfgs>();
-  testing::finds_minimum<TypeParam, PlainNewtonCg>();
+  testing::finds_minimum<TypeParam, testing::NewtonCg>();
   testing::finds_minimum<TypeParam, PlainSparseNewton>();
   testing::finds_minimum<TypeParam, PlainNonlinearCg>();
 }

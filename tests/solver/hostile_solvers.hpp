@@ -51,13 +51,13 @@ void solve_with(Solvers& solvers, const Problem& problem, std::vector<Attempt>& 
 
 /// The solvers that are instantiated for every type.
 template <typename System>
-using CommonSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
-                                 NonlinearCg<System>, Auto<System>>;
+using CommonSolvers =
+    std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NonlinearCg<System>, Auto<System>>;
 template <typename System>
 using SparseSolvers = std::tuple<Ida<System, SparseCholesky<System>>, Lbfgs<System, JacobiMetric<System>>>;
 /// Those for systems of terms, which are in double.
 template <typename System>
-using TermSolvers =
-    std::tuple<testing::SparseNewton<System>, testing::Schwarz<System>, testing::DirectSchwarz<System>>;
+using TermSolvers = std::tuple<testing::SparseNewton<System>, testing::NewtonCg<System>,
+                               testing::Schwarz<System>, testing::DirectSchwarz<System>>;
 
 }  // namespace asterism::hostile

@@ -40,7 +40,7 @@ TEST(FixedNodes, AreTheSameAsNodesOfInfiniteStiffness) {
   check(Ida<System>());
   check(SparseIda<System>());
   check(Lbfgs<System>());
-  check(NewtonCg<System>());
+  check(testing::NewtonCg<System>());
   check(testing::SparseNewton<System>());
   check(NonlinearCg<System>());
   check(Auto<System>());

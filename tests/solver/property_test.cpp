@@ -13,7 +13,6 @@
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -266,7 +265,7 @@ class Judge {
 };
 
 template <typename System>
-using DenseSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, NewtonCg<System>,
+using DenseSolvers = std::tuple<Ida<System>, Newton<System>, Lbfgs<System>, testing::NewtonCg<System>,
                                 NonlinearCg<System>, Auto<System>>;
 template <typename System>
 using SparseSolvers = std::tuple<
@@ -274,7 +273,7 @@ using SparseSolvers = std::tuple<
     CholmodIda<System>, testing::CholmodNewton<System>,
 #endif
     SparseIda<System>, testing::SparseNewton<System>, testing::Schwarz<System>,
-    testing::DirectSchwarz<System>, NewtonCg<System>, Lbfgs<System>>;
+    testing::DirectSchwarz<System>, testing::NewtonCg<System>, Lbfgs<System>>;
 
 // Calls visit(solve) for each solver, where solve(max_iterations, x) runs it.
 template <typename System, typename Solvers, typename Visit>

@@ -2,7 +2,8 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Dense>
-#include <asterism/solver/method/turning_offsets.hpp>
+#include <asterism/solver/terms/from_springs.hpp>
+#include <asterism/solver/terms/solve.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>
@@ -18,8 +19,21 @@ using testing::Rng;
 
 template <int Dim>
 using System = SpringSystem<double, Dim>;
+
+// Of springs, by their terms.
 template <int Dim>
-using Turning = TurningOffsets<System<Dim>, Newton<System<Dim>>>;
+struct Turning {
+  TurningOptions options;
+  Eigen::MatrixXd T;
+
+  Summary solve(const System<Dim>& system, typename System<Dim>::Points& x) {
+    Eigen::MatrixXd points = x;
+    const Summary summary = solve_turning(to_system(system), points, T, options);
+    x = points;
+    return summary;
+  }
+  Eigen::Matrix<double, Dim, Dim> transform() const { return T; }
+};
 
 template <int Dim>
 Eigen::MatrixXd turn(int a, int b, double angle) {
@@ -295,6 +309,7 @@ TEST(TurningOffsets, OfTwoNodesTurnToTheAnchors) {
       system.link_stiffness.setConstant(stiffness);
       Turning<2> turning;
       turning.options.scale = false;
+      turning.options.tolerance = 1e-12;
       System<2>::Points x = System<2>::Points::Zero(2, 2);
       const Summary summary = turning.solve(system, x);
       EXPECT_EQ(summary.status, Status::Converged) << summary;
@@ -374,11 +389,19 @@ TEST(TurningOffsets, RefuseWhatTheyCannotTake) {
   says("option gap: no lower bound is known for offsets that turn");
   turning.options.gap = 0;
   system.anchors(0, 1) = std::numeric_limits<double>::quiet_NaN();
-  says("anchor 1 is not finite");
+  says("anchors: position of element 1 is not finite");
   system.anchors = start;
+  asterism::System terms = to_system(system);
+  Eigen::MatrixXd& anchors = terms.term(0).values("position");
+  EXPECT_EQ(std::string_view(solve_turning(terms, anchors, turning.T).message),
+            "x shares memory with the system, such as its anchors: pass a copy");
+  terms.add_areas(Eigen::Vector3i(0, 1, 2), terms.all(1), terms.all(1));
+  Eigen::MatrixXd x = start;
+  EXPECT_EQ(std::string_view(solve_turning(terms, x, turning.T).message),
+            "areas: only anchors, loads and links can be beside offsets that turn");
+  EXPECT_EQ(x, start);
   system.rest_offset.resize(2, 0);
-  says("the system's links have no offsets");
-  EXPECT_EQ(turning.solve(system, system.anchors).status, Status::InvalidInput);  // shares memory
+  says("no link has an offset");
 }
 
 }  // namespace

@@ -17,7 +17,6 @@ const SolverRegistry<System>& registry() {
   static const SolverRegistry<System> all = [] {
     SolverRegistry<System> made = solver_registry<System>();
     made.add<Lbfgs<System, SparseCholesky<System>>>("lbfgs-cholesky");
-    made.add<NewtonCg<System, DenseCholesky<System>>>("newton-cg-dense");
     made.add<AndersonIda<System>>("ida-anderson");
     made.add<ChebyshevIda<System>>("ida-chebyshev");
 #ifdef ASTERISM_BENCH_CHOLMOD
@@ -68,7 +67,6 @@ const Registration kAll[] = {
     Registration(entry("ncg-central", 64, 0)),
     Registration(entry("newton", 64, 0, kForFour)),
     Registration(entry("newton-cg", 400, 100000)),
-    Registration(entry("newton-cg-dense", 400, 0)),
     Registration(entry("newton-sparse", 100, 100000)),
     Registration(entry("schwarz", 0, 1000000)),
     Registration(entry("schwarz-direct", 0, 1000000)),

@@ -17,7 +17,6 @@
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/problem/model.hpp>

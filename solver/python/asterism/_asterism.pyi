@@ -345,6 +345,16 @@ class System:
     def solve(
         self, x: _Floats, method: str = "auto", on_iteration: _OnIteration | None = None, check: bool = True, **options: bool | float
     ) -> Summary: ...
+    def solve_turning(
+        self,
+        x: _Floats,
+        scale: bool = True,
+        *,
+        tolerance: float = ...,
+        max_iterations: int = ...,
+        hold_floating: bool = False,
+        check: bool = True,
+    ) -> tuple[Summary, _Floats]: ...
     def certify(self, x: npt.ArrayLike, gap: float = ...) -> Certificate: ...
     def solution(self, x: npt.ArrayLike) -> Solution: ...
 

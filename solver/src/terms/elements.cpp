@@ -1,4 +1,4 @@
-#include <Eigen/Eigenvalues>
+#include <asterism/solver/detail/diagonalise.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <cmath>
@@ -13,12 +13,21 @@ inline namespace ASTERISM_ABI {
 
 namespace detail {
 
+namespace {
+
+Eigen::VectorXd eigenvalues(Eigen::MatrixXd matrix) {
+  Eigen::MatrixXd vectors;
+  diagonalise(matrix, vectors);
+  return matrix.diagonal();
+}
+
+}  // namespace
+
 bool is_semidefinite(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
   constexpr double kRounding = 64 * std::numeric_limits<double>::epsilon();
   const double largest = matrix.cwiseAbs().maxCoeff();
   if (!((matrix - matrix.transpose()).cwiseAbs().array() <= kRounding * largest).all()) return false;
-  const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes(matrix, Eigen::EigenvaluesOnly);
-  return modes.eigenvalues().minCoeff() >= -kRounding * largest;
+  return eigenvalues(matrix).minCoeff() >= -kRounding * largest;
 }
 
 double largest_eigenvalue(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
@@ -26,9 +35,7 @@ double largest_eigenvalue(const Eigen::Ref<const Eigen::MatrixXd>& matrix) {
     const double difference = (matrix(0, 0) - matrix(1, 1)) / 2;
     return (matrix(0, 0) + matrix(1, 1)) / 2 + std::hypot(difference, matrix(1, 0));
   }
-  return Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd>(matrix, Eigen::EigenvaluesOnly)
-      .eigenvalues()
-      .maxCoeff();
+  return eigenvalues(matrix).maxCoeff();
 }
 
 }  // namespace detail
@@ -115,14 +122,14 @@ void Elements::add_curvature(const Points& x, Curvature curvature, CurvatureSink
   ElementValues values;
   evaluate(x, true, values);
   const int rows = dim() * arity();
-  Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> modes;
+  Eigen::MatrixXd modes;
   for (int e = 0; e < size(); ++e) {
     Eigen::MatrixXd matrix = Eigen::Map<const Eigen::MatrixXd>(values.second.col(e).data(), rows, rows);
     matrix = (matrix + matrix.transpose()).eval() / 2;
     if (curvature == Curvature::Clamped && matrix.allFinite()) {
-      modes.compute(matrix);
-      const Eigen::MatrixXd scaled = modes.eigenvectors() * modes.eigenvalues().cwiseMax(0.0).asDiagonal();
-      matrix = scaled.lazyProduct(modes.eigenvectors().transpose());
+      detail::diagonalise(matrix, modes);
+      const Eigen::MatrixXd scaled = modes * matrix.diagonal().cwiseMax(0.0).asDiagonal();
+      matrix = scaled.lazyProduct(modes.transpose());
     }
     sink.add(nodes().col(e).data(), arity(), matrix.data(), rows);
   }

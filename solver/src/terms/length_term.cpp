@@ -342,6 +342,8 @@ struct LengthTerm::Lanes {
 // The same for all elements: what most of them need and no more.
 template <int D, int kArity>
 double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
+  if (law() == LinkLaw::Hooke && loss() == Loss::Quadratic && !numbers(kOffset))
+    return hooke_sum<D, kArity>(x, gradient);
   using L = Lanes<D, kArity>;
   L lanes(*this);
   double* const forces = gradient == nullptr ? nullptr : gradient->data();
@@ -362,6 +364,39 @@ double LengthTerm::plain_sum(const Points& x, Points* gradient) const {
     }
   }
   return energy;
+}
+
+// The same for springs by Hooke's law: one after the other, as it is to load and store nodes that takes time.
+template <int D, int kArity>
+double LengthTerm::hooke_sum(const Points& x, Points* gradient) const {
+  constexpr const double* kCoefficients = Lanes<D, kArity>::kCoefficients;
+  const Numbers length = numbers(kLength), stiffness = numbers(kStiffness);
+  const double* const points = x.data();
+  double* const forces = gradient == nullptr ? nullptr : gradient->data();
+  const int* node = nodes().data();
+  const int count = size();
+  double twice = 0;  // the energy
+  for (int e = 0; e < count; ++e, node += kArity) {
+    double v[D], square = 0;
+    for (int c = 0; c < D; ++c) {
+      v[c] = points[D * node[0] + c];
+      for (int a = 1; a < kArity; ++a) v[c] += kCoefficients[a] * points[D * node[a] + c];
+      square += v[c] * v[c];
+    }
+    const double k = *stiffness[e], r = std::sqrt(square), stretch = r - *length[e];
+    const double tension = k * stretch, across = tension / r;
+    if (!(square >= lanes_v0_1::kLeastLengthSquare && detail::is_finite(across) && k > 0)) [[unlikely]] {
+      twice += 2 * sum<D>(x, e, e + 1, gradient);
+      continue;
+    }
+    twice += tension * stretch;
+    if (forces == nullptr) continue;
+    for (int c = 0; c < D; ++c) {
+      const double pull = across * v[c];
+      for (int a = 0; a < kArity; ++a) forces[D * node[a] + c] += kCoefficients[a] * pull;
+    }
+  }
+  return twice / 2;
 }
 
 // The same for links that are many times as many as their nodes, by vectors of them.

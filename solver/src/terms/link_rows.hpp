@@ -1,5 +1,6 @@
 #pragma once
 
+#include <asterism/solver/detail/export.hpp>
 #include <cstddef>
 
 // The border to kernels for wide instructions; see asterism/solver/detail/batch_kernels.hpp for what may not
@@ -54,6 +55,6 @@ struct PointSums {
   double stress, gradient[3], hessian[6];
 };
 
-PointSums sum(const PointRow& row);
+ASTERISM_API PointSums sum(const PointRow& row);
 
 }  // namespace asterism::lanes_v0_1

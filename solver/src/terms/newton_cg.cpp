@@ -338,7 +338,7 @@ Summary SystemNewtonCg::solve(const System& system, Eigen::MatrixXd& x) const {
         step += length * direction;
         residual -= length * image;
         const double next = preconditioner.solve(residual, z);
-        if (!(next > target)) break;
+        if (!(next > target) || run.is_asked_to_stop()) break;
         direction = z + (next / product) * direction;
         product = next;
         ++run.summary().linear_solves;

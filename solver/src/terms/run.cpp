@@ -1,22 +1,32 @@
 #include "run.hpp"
 
-#include <Eigen/LU>
-#include <Eigen/SVD>
 #include <algorithm>
 #include <asterism/solver/detail/finite.hpp>
 #include <asterism/solver/detail/memory.hpp>
 #include <asterism/solver/detail/stopwatch.hpp>
+#include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/terms/solution.hpp>
 #include <cmath>
 #include <limits>
 #include <new>
 #include <string>
+#include <vector>
 
 #include "matrix.hpp"
+#include "rotation.hpp"
 
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
+
+bool shares_memory(const System& system, const Eigen::MatrixXd& x) {
+  for (int t = 0; x.size() > 0 && t < system.term_count(); ++t) {
+    for (const Column& column : system.term(t).columns()) {
+      if (column.values.data() == x.data()) return true;
+    }
+  }
+  return false;
+}
 
 Summary SystemRun::solve(std::string_view name, const AlignedOptions& options, const System& system,
                          Points& x, const Iterate& iterate) {
@@ -63,12 +73,9 @@ bool SystemRun::start(const System& given) {
       system_ = &*grounded_;
     }
   }
-  for (int t = 0; t < given.term_count(); ++t) {
-    for (const Column& column : given.term(t).columns()) {
-      if (column.values.data() != x_->data() || x_->size() == 0) continue;
-      summary_.message = "x shares memory with the system, such as its anchors: pass a copy";
-      return false;
-    }
+  if (shares_memory(given, *x_)) {
+    summary_.message = kSharesMemory;
+    return false;
   }
   start_ = *x_;
   energy_ = energy_and_gradient(*system_, *x_, gradient_);
@@ -108,14 +115,8 @@ void SystemRun::align(bool allow_reflection) {
   for (const Scales::Place& place : scales.places)
     moments +=
         place.stiffness * (position_of(place) - place_centre) * (x_->col(place.node) - centre).transpose();
-  // The nearest rotation (Kabsch 1976).
   if (!all_finite(moments)) return;
-  const Eigen::JacobiSVD<Eigen::MatrixXd> svd(moments, Eigen::ComputeFullU | Eigen::ComputeFullV);
-  Eigen::MatrixXd u = svd.matrixU(), rotation = u.lazyProduct(svd.matrixV().transpose());
-  if (!allow_reflection && rotation.determinant() < 0) {
-    u.col(dim - 1) *= -1;
-    rotation = u.lazyProduct(svd.matrixV().transpose());
-  }
+  const Eigen::MatrixXd rotation = nearest_rotation(moments, allow_reflection);
   const Points centred = x_->colwise() - centre;
   Points moved = rotation.lazyProduct(centred).colwise() + place_centre;
   for (int i = 0; i < system_->nodes(); ++i) {
@@ -135,6 +136,8 @@ bool SystemRun::pass_on(const Iteration& at) {
 }
 
 double SystemRun::rounding(double energy) const { return energy_rounding(*system_, *x_, energy); }
+
+bool SystemRun::is_asked_to_stop() { return is_stopped_ |= options_.stopped(); }
 
 bool SystemRun::report() {
   if (options_.gap > 0) {

@@ -14,6 +14,9 @@ namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
 
+/// Whether x is one of the system's arrays, which a solve would change.
+bool shares_memory(const System& system, const Eigen::MatrixXd& x);
+
 /// The frame around the iterations of every method: it validates the input before them, and judges the result
 /// after them, so that all follow the same rule and bad input leaves x unchanged.
 class SystemRun {
@@ -54,6 +57,8 @@ class SystemRun {
   /// from where their springs pull them, or the characteristic length. A robust loss may have little
   /// curvature, and beyond it none and no force.
   double trusted_step(const Points& direction) const;
+  /// Whether the caller asks to stop; the next iterate is then the last.
+  bool is_asked_to_stop();
   /// Whether a term has no second derivatives; the summary then says which.
   bool lacks_hessian();
 

@@ -51,12 +51,7 @@ class DescentState {
 
   /// Energy and gradient at the start x.
   void start(const System& system, const Points& x, Summary& summary) {
-    start(system, x, summary, kEvaluate);
-  }
-  /// The same by another function of the same parameters as energy_and_gradient.
-  template <typename Evaluate>
-  void start(const System& system, const Points& x, Summary& summary, Evaluate&& evaluate) {
-    energy_ = lowest_ = evaluate(system, x, gradient_);
+    energy_ = lowest_ = energy_and_gradient(system, x, gradient_);
     ++summary.energy_evaluations, ++summary.gradient_evaluations;
   }
 
@@ -72,19 +67,13 @@ class DescentState {
   /// becomes the one taken. False, with x as it was, where rounding or overflow leave none.
   bool search(const System& system, Points& x, const Points& direction, Scalar slope, Scalar& step,
               Summary& summary) {
-    return search(system, x, direction, slope, step, summary, kEvaluate);
-  }
-  /// The same by another function of the same parameters as energy_and_gradient.
-  template <typename Evaluate>
-  bool search(const System& system, Points& x, const Points& direction, Scalar slope, Scalar& step,
-              Summary& summary, Evaluate&& evaluate) {
     constexpr Scalar kDecrease = Scalar(1e-4);
     constexpr Scalar kFlatter = Scalar(0.8);
     const Scalar rounding = rounding_of_energy(system, x, lowest_);
     Scalar sure = -1;
     while (true) {
       other_x_ = x + step * direction;
-      const Scalar energy = evaluate(system, other_x_, other_gradient_);
+      const Scalar energy = energy_and_gradient(system, other_x_, other_gradient_);
       ++summary.energy_evaluations, ++summary.gradient_evaluations;
       slope_ = other_gradient_.cwiseProduct(direction).sum();
       const bool lower = energy <= energy_ + kDecrease * step * slope;
@@ -109,10 +98,6 @@ class DescentState {
   }
 
  private:
-  static constexpr auto kEvaluate = [](const System& system, const Points& x, Points& gradient) {
-    return energy_and_gradient(system, x, gradient);
-  };
-
   Points gradient_;
   Points other_x_;
   Points other_gradient_;

@@ -11,15 +11,16 @@ namespace detail {
 /// Eigenvalues of the symmetric matrix whose lower triangle is A's, onto its diagonal, and eigenvectors, the
 /// columns of V, by Jacobi's rotations (Golub & Van Loan, section 8.5). Some microseconds; Eigen's solver
 /// takes seconds to compile for each size and scalar.
-template <typename Scalar, int n>
-void diagonalise(Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& A,
-                 Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& V) {
+template <typename Scalar, int kSize>
+void diagonalise(Eigen::Matrix<Scalar, kSize, kSize, Eigen::ColMajor>& A,
+                 Eigen::Matrix<Scalar, kSize, kSize, Eigen::ColMajor>& V) {
   constexpr int kMaxSweeps = 30;  // five or six do: convergence is quadratic
-  V.setIdentity();
+  const Eigen::Index n = A.rows();
+  V.setIdentity(n, n);
   for (int sweep = 0; sweep < kMaxSweeps; ++sweep) {
     bool is_diagonal = true;
-    for (int q = 1; q < n; ++q) {
-      for (int p = 0; p < q; ++p) {
+    for (Eigen::Index q = 1; q < n; ++q) {
+      for (Eigen::Index p = 0; p < q; ++p) {
         const Scalar off = A(q, p);
         const Scalar scale = std::abs(A(p, p)) + std::abs(A(q, q));
         A(q, p) = 0;
@@ -37,7 +38,7 @@ void diagonalise(Eigen::Matrix<Scalar, n, n, Eigen::ColMajor>& A,
           b = sine * a + cosine * b;
           a = turned;
         };
-        for (int k = 0; k < n; ++k) {
+        for (Eigen::Index k = 0; k < n; ++k) {
           if (k != p && k != q) turn(k < p ? A(p, k) : A(k, p), k < q ? A(q, k) : A(k, q));
           turn(V(k, p), V(k, q));
         }

@@ -1,7 +1,6 @@
 #pragma once
 
 #include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/spring_chunks.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
@@ -10,12 +9,6 @@
 namespace asterism {
 inline namespace ASTERISM_ABI {
 namespace detail {
-
-/// One Dim x Dim block for each node, side by side.
-template <typename System>
-using NodeBlocks = Eigen::Matrix<typename System::Scalar, System::kDim, times<System::kNodes>(System::kDim),
-                                 (System::kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), System::kDim,
-                                 times<System::kMaxNodes>(System::kDim)>;
 
 /// The Hessian of the energy at one x as an operator: a symmetric Dim x Dim block a link, and a node's
 /// anchor. Conventions are those of hessian(), but for the rows of fixed nodes, which are zero.
@@ -28,29 +21,22 @@ class HessianOperator {
 
   /// H at x.
   void set(const System& system, const Points& x) {
-    resize(system);
-    for_each_spring(
-        system, x, [&](int i, const auto& offset) { set_anchor(system, i, offset); },
-        [this](int l, const Link&, const auto& force, const auto& spring) { set_link(l, force, spring); });
-  }
-
-  /// The same spring by spring: after `resize`, for every anchor with the offset of anchor_offset, and for
-  /// every link.
-  void resize(const System& system) {
     blocks_.resize(kPacked, system.link_count());
     if constexpr (!System::kPlainAnchors) anchor_blocks_.resize(kDim, kDim * system.nodes());
-  }
-  void set_anchor([[maybe_unused]] const System& system, [[maybe_unused]] int i,
-                  [[maybe_unused]] const typename System::Point& offset) {
-    if constexpr (!System::kPlainAnchors)
-      anchor_blocks_.template block<kDim, kDim>(0, kDim * i) = anchor_curvature(system, i, offset, false);
-  }
-  void set_link(int l, const LinkForce<Scalar>& force, const Spring<System>& spring) {
-    const auto curvature = link_curvature(force, spring);
-    int at = 0;
-    for (int a = 0; a < kDim; ++a) {
-      for (int b = a; b < kDim; ++b) blocks_(at++, l) = curvature(a, b);
-    }
+    for_each_spring(
+        system, x,
+        [&]([[maybe_unused]] int i, [[maybe_unused]] const auto& offset) {
+          if constexpr (!System::kPlainAnchors)
+            anchor_blocks_.template block<kDim, kDim>(0, kDim * i) =
+                anchor_curvature(system, i, offset, false);
+        },
+        [this](int l, const Link&, const auto& force, const auto& spring) {
+          const auto curvature = link_curvature(force, spring);
+          int at = 0;
+          for (int a = 0; a < kDim; ++a) {
+            for (int b = a; b < kDim; ++b) blocks_(at++, l) = curvature(a, b);
+          }
+        });
   }
 
   /// result = H v.
@@ -70,24 +56,6 @@ class HessianOperator {
       result.col(link.j) -= force;
     }
     clear_fixed(system, result);
-  }
-  /// The same on several threads.
-  void apply(const System& system, const Points& v, Points& result, SpringChunks<System>& chunks) const {
-    if (chunks.count() == 1) return apply(system, v, result);
-    result.resize(kDim, system.nodes());
-    chunks.template scatter<1, true>(
-        system, result,
-        [&](int i, Scalar&) {
-          if constexpr (System::kPlainAnchors) {
-            result.col(i) = system.anchor_stiffness[i] * v.col(i);
-          } else {
-            result.col(i) = anchor_blocks_.template block<kDim, kDim>(0, kDim * i) * v.col(i);
-          }
-        },
-        [&](int l, const Link& link, Scalar&) { return times(l, v.col(link.i) - v.col(link.j)); },
-        [&](int i) {
-          if (system.is_fixed(i)) result.col(i).setZero();
-        });
   }
 
  private:
@@ -115,7 +83,11 @@ class HessianOperator {
   Eigen::Matrix<Scalar, kPacked, Eigen::Dynamic, (kPacked == 1 ? Eigen::RowMajor : Eigen::ColMajor), kPacked,
                 kMaxLinks>
       blocks_;  // upper triangles, row by row
-  NodeBlocks<System> anchor_blocks_;
+  // One Dim x Dim block for each node, side by side.
+  Eigen::Matrix<Scalar, kDim, asterism::detail::times<System::kNodes>(kDim),
+                (kDim == 1 ? Eigen::RowMajor : Eigen::ColMajor), kDim,
+                asterism::detail::times<System::kMaxNodes>(kDim)>
+      anchor_blocks_;
 };
 
 }  // namespace detail

@@ -2,15 +2,16 @@
 
 #include <asterism/solver/detail/compiled.hpp>
 #include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>
 #ifdef ASTERISM_SOLVER_COMPILED
 #include <asterism/solver/terms/from_springs.hpp>
 #endif
+#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
@@ -28,9 +29,9 @@ inline namespace ASTERISM_ABI {
 ///   or all nodes on a line or, in space, a plane    Newton
 ///   up to 12 nodes, few links a node                Newton
 ///   more, a third of all pairs linked or more       Lbfgs from the factored K_dyn
-///   few links a node, up to 1000 nodes              NewtonCg
-///   few links a node, more nodes                    "schwarz", see system_methods
-///   the same, weak anchors                          NewtonCg up to 30,000 nodes, "schwarz-direct"
+///   few links a node, up to 1000 nodes              "newton-cg", see system_methods
+///   few links a node, more nodes                    "schwarz"
+///   the same, weak anchors                          "newton-cg" up to 30,000 nodes, "schwarz-direct"
 ///                                                   up to 300,000, "schwarz" beyond
 ///   a floppy system on weak anchors                 "newton-sparse" from 100 to 30,000 nodes
 ///
@@ -42,11 +43,12 @@ inline namespace ASTERISM_ABI {
 /// coordinates, such as a cloth, is floppy: its links cannot hold its shape (Maxwell 1864), and anchors are
 /// weak there below 5e-3.
 ///
-/// "schwarz", "schwarz-direct" and "newton-sparse" are there with asterism::solver_compiled, for systems in
-/// double whose model is made of terms, see to_system; elsewhere, NewtonCg takes their place.
+/// The methods in quotation marks are there with asterism::solver_compiled, for systems in double whose model
+/// is made of terms, see to_system; elsewhere, Lbfgs with JacobiMetric takes their place.
 ///
 /// The bounds are measured: `asterism-bench crossovers` prints the table. Summary::solver names the method.
-/// If a matrix cannot be factored, NewtonCg continues. All methods start with rigid_alignment.
+/// If a matrix cannot be factored, "newton-cg" or that method continues. All methods start with
+/// rigid_alignment.
 ///
 /// Sparse methods use as many threads as ThreadedOptions::threads says, and dense ones one.
 ///
@@ -141,17 +143,18 @@ class Auto {
       if (!has_weak_anchors(system, kWeak) || n > kFactored) return solve_by_terms("schwarz", system, x);
       if (n > kMediumSparse) return solve_by_terms("schwarz-direct", system, x);
     }
-    return solve_by(newton_cg_, system, x);
+    return solve_by_terms("newton-cg", system, x);
   }
 
   Summary solve_by_terms([[maybe_unused]] std::string_view method, const System& system, Points& x) {
 #ifdef ASTERISM_SOLVER_COMPILED
     if constexpr (std::is_same_v<Scalar, double> && detail::has_terms<System>()) {
-      if (method == "newton") return detail::solve_by_terms(method, {}, options, system, x);
-      return detail::solve_by_terms(method, {{"threads", options.threads}}, options, system, x);
+      if (method.starts_with("schwarz"))
+        return detail::solve_by_terms(method, {{"threads", options.threads}}, options, system, x);
+      return detail::solve_by_terms(method, {}, options, system, x);
     }
 #endif
-    return solve_by(newton_cg_, system, x);
+    return solve_by(jacobi_lbfgs_, system, x);
   }
 
   template <typename Solver>
@@ -163,7 +166,7 @@ class Auto {
 
   Newton<System> newton_;
   If<kHasMore, Lbfgs<System>> lbfgs_;
-  If<kHasMore, NewtonCg<System>> newton_cg_;
+  If<kHasMore, Lbfgs<System, JacobiMetric<System>>> jacobi_lbfgs_;
 };
 
 template <typename System>
@@ -182,7 +185,8 @@ Summary Auto<System>::run(const System& system, Points& x) {
     } else if constexpr (kHeap) {
       return solve_sparse(system, x);
     }
-    return solve_by(newton_cg_, system, x);
+    if constexpr (kHeap) return solve_by_terms("newton-cg", system, x);
+    return solve_by(jacobi_lbfgs_, system, x);
   } else {
     return solve_by(newton_, system, x);
   }

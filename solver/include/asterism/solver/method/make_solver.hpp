@@ -9,7 +9,6 @@
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
-#include <asterism/solver/method/newton_cg.hpp>
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/run/any_solver.hpp>
@@ -34,13 +33,12 @@ using JacobiLbfgs = Lbfgs<System, JacobiMetric<System>>;
 
 }  // namespace detail
 
-/// The library's solvers of these systems: "auto", "ida", "newton", "newton-cg", "lbfgs", "ncg",
+/// The library's solvers of these systems: "auto", "ida", "newton", "lbfgs", "ncg",
 /// "ncg-forward", "ncg-central"; for systems without a bound on their nodes also "ida-sparse" and
 /// "lbfgs-jacobi". With asterism::solver_compiled also "newton-sparse", which is "newton" of system_methods,
-/// and the others of these, such as "schwarz" and "staircase", except for models that are not made of terms,
-/// see to_system; and
-/// for springs only, in 2 or 3 dimensions, "branch-and-bound". The adapters of other packages add more:
-/// add_cholmod, reference::add_ceres, reference::add_liblbfgs.
+/// and the others of these, such as "newton-cg", "schwarz" and "staircase", except for models that are not
+/// made of terms, see to_system; and for springs only, in 2 or 3 dimensions, "branch-and-bound". The adapters
+/// of other packages add more: add_cholmod, reference::add_ceres, reference::add_liblbfgs.
 template <typename System>
 SolverRegistry<System> solver_registry() {
   SolverRegistry<System> registry;
@@ -48,7 +46,6 @@ SolverRegistry<System> solver_registry() {
   registry.template add<Auto<System>>("auto");
   registry.template add<Ida<System>>("ida");
   registry.template add<Newton<System>>("newton");
-  registry.template add<NewtonCg<System>>("newton-cg");
   registry.template add<Lbfgs<System>>("lbfgs");
   registry.template add<NonlinearCg<System>>("ncg");
   registry.template add<detail::ForwardCg<System>>("ncg-forward");

@@ -137,6 +137,8 @@ class ASTERISM_API LengthTerm : public Term {
   double sum(const Points& x, int begin, int end, Points* gradient) const;
   template <int D, int kArity>
   double plain_sum(const Points& x, Points* gradient) const;
+  template <int D, int kArity>
+  double hooke_sum(const Points& x, Points* gradient) const;
   template <int D>
   void add_curvature(const Points& x, int begin, int end, Curvature curvature, CurvatureSink& sink) const;
   template <int D, int kArity>

@@ -53,6 +53,38 @@ struct StaircaseOptions : AlignedOptions {
 ASTERISM_API Summary solve_staircase(const System& system, Eigen::MatrixXd& x,
                                      const StaircaseOptions& options = {});
 
+/// Options of solve_turning.
+struct TurningOptions : AlignedOptions {
+  /// The offsets also grow and shrink with the constellation; otherwise they only turn.
+  bool scale = true;
+};
+
+/// Offsets that turn and scale with the constellation: minimises the energy in which a link prefers T m in
+/// place of its offset m, over the placement x and one rotation T (dim x dim), with `scale` one similarity
+/// (without reflection), for all links. Like the lengths of springs, the shape of a pictorial structure is
+/// then the same however the object is turned.
+///
+/// If all links are offsets, or springs without rest length, and all anchors plain springs, the result is the
+/// global minimum, whatever the start. For then the best x for a given T is x_0 + T y, with y the placement
+/// that the offsets would have if all anchors were at the origin, and the energy of that x is, up to a
+/// constant, 1/2 trace(T S T^T) - trace(C^T T) with dim x dim matrices S and C (variable projection, Golub
+/// and Pereyra 1973). As trace(R S R^T) = trace(S) for every rotation R, the best T = s R is a Procrustes
+/// problem in closed form.
+///
+/// For any other link or anchor the same step minimises IDA's quadratic, which lies above the energy, over x
+/// and T together. "auto" then minimises the energy for that T, and so on until neither moves; no turn raises
+/// the energy, and the sequence of T is extrapolated (Anderson 1965; Walker and Ni 2011).
+///
+/// The Summary is that of the last solve, except that iterations, evaluations, linear solves, factorisations
+/// and time are totals, the initial energy is that of the given x and the best T there, and stationarity is
+/// that of x or, if that is more, the largest distance that a step of T would move a node or change an offset
+/// by, in units of the characteristic_length. Converged only if that is within the tolerance.
+/// Summary::positive_definite is of the second derivatives by x and T, and empty if the energy is not
+/// quadratic in them. Statuses are those of "auto"; refused are terms other than anchors, loads, links and
+/// offsets, links without a bound of their curvature, and the option gap, of which nothing would be known.
+ASTERISM_API Summary solve_turning(const System& system, Eigen::MatrixXd& x, Eigen::MatrixXd& transform,
+                                   const TurningOptions& options = {});
+
 /// Options of solve_global.
 struct GlobalOptions : AlignedOptions {
   /// Maximum wall-clock time [s]. A step that cannot be interrupted, such as a factorisation, is completed
