@@ -352,8 +352,6 @@ class FormulaTest(unittest.TestCase):
         links.loss, links.scale = "huber", 1
         self.assertIn("links", system.certify(x).reason)
 
-
-class TermTest(unittest.TestCase):
     def test_turning_offsets(self):
         # In the plane, over x and the numbers (a, b) of a similarity, it is linear least squares.
         shape = rng.normal(size=(5, 2))
@@ -380,6 +378,8 @@ class TermTest(unittest.TestCase):
         with self.assertRaisesRegex(ValueError, "no link has an offset"):
             asterism.System(2).solve_turning(np.zeros((2, 2)), hold_floating=True)
 
+
+class TermTest(unittest.TestCase):
     def test_reads_and_assigns(self):
         system = asterism.System(N, 3)
         term = system.add_links(pairs(), positive(6), 2, information=semidefinite(6, 3, 2))
