@@ -1,7 +1,7 @@
 #include "dataset.hpp"
 
 #include <algorithm>
-#include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
 #include <cstdio>
 #include <map>
 #include <set>

@@ -1,7 +1,7 @@
 #include "peers.hpp"
 
 #include <algorithm>
-#include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
 #include <asterism/trackers/tracker/tracker.hpp>
 #include <atomic>
 #include <cctype>

@@ -3,7 +3,7 @@
 #include <benchmark/benchmark.h>
 
 #include <asterism/solver/batch/simd.hpp>
-#include <asterism/solver/detail/spring_rows.hpp>
+#include <asterism/solver/energy/spring_rows.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/testing/random_system.hpp>
 #include <asterism/testing/sparse_system.hpp>

@@ -8,7 +8,7 @@
 #include "microbench_flops.hpp"
 
 #ifdef ASTERISM_BENCH_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 namespace asterism::bench {

@@ -8,7 +8,7 @@
 
 #include "numerics.hpp"
 #ifdef ASTERISM_PYTHON_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 #ifdef ASTERISM_PYTHON_CERES
 #include <asterism/solver/reference/ceres.hpp>

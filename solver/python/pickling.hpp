@@ -6,7 +6,7 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <optional>
 #include <set>

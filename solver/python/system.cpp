@@ -4,7 +4,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solution.hpp>

@@ -9,9 +9,9 @@
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/problem/validate.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <limits>
 #include <optional>
 #include <sstream>

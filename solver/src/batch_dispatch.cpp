@@ -1,4 +1,4 @@
-#include <asterism/solver/detail/batch_kernels.hpp>
+#include <asterism/solver/batch/batch_kernels.hpp>
 
 namespace asterism::lanes_v0_1 {
 

@@ -3,7 +3,7 @@
 // SIMD vectors for the batch kernels, one type per instruction set. Everything is inlined or has internal
 // linkage: these files are compiled for instructions that not every machine has, and the linker must never
 // choose a function of theirs for another file. Hence no standard library either.
-#include <asterism/solver/detail/batch_kernels.hpp>
+#include <asterism/solver/batch/batch_kernels.hpp>
 
 #if defined(__SSE2__)
 #if defined(__GNUC__) && !defined(__clang__)

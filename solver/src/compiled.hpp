@@ -1,6 +1,6 @@
 #pragma once
 
-// Macros that instantiate, for one type of system, what <asterism/solver/detail/compiled.hpp> declares. Its
+// Macros that instantiate, for one type of system, what <asterism/solver/run/compiled.hpp> declares. Its
 // declarations apply here too, so that each source only emits its own instantiations.
 #define ASTERISM_SOLVER_COMPILED
 #include <asterism/solver.hpp>

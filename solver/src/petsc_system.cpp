@@ -1,4 +1,4 @@
-#include <asterism/solver/detail/stopwatch.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #include <optional>
 #include <stdexcept>

@@ -8,10 +8,10 @@
 #include <asterism/solver/method/ida.hpp>
 #endif
 #ifdef HAVE_BATCH
-#include <asterism/solver/detail/batch_kernels.hpp>
+#include <asterism/solver/batch/batch_kernels.hpp>
 #endif
 #ifdef HAVE_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 #ifdef HAVE_CERES
 #include <asterism/solver/reference/ceres.hpp>

@@ -1,5 +1,5 @@
-// The macros of <asterism/solver/detail/config.hpp> against project(VERSION), given as VERSION.
-#include <asterism/solver/detail/config.hpp>
+// The macros of <asterism/solver/base/config.hpp> against project(VERSION), given as VERSION.
+#include <asterism/solver/base/config.hpp>
 #include <iostream>
 #include <string>
 

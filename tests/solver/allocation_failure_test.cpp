@@ -20,7 +20,7 @@
 #include <asterism/solver/reference/ceres.hpp>
 #endif
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 #include <asterism/testing/random_system.hpp>

@@ -3,11 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/solver/detail/cast_system.hpp>
-#include <asterism/solver/detail/cone_system.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/branch_and_bound.hpp>
+#include <asterism/solver/method/cast_system.hpp>
+#include <asterism/solver/method/cone_system.hpp>
 #include <asterism/solver/method/make_solver.hpp>
 #include <asterism/solver/method/solve_global.hpp>
 #include <asterism/solver/problem/model.hpp>

@@ -7,7 +7,7 @@
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/from_springs.hpp>
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 #include <string_view>
 

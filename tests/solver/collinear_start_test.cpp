@@ -13,7 +13,7 @@
 #include <ostream>
 #include <tuple>
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 #include "by_terms.hpp"

@@ -5,7 +5,7 @@
 #include <asterism/solver.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 #include <gtest/gtest.h>

@@ -1,10 +1,10 @@
 #include <gtest/gtest.h>
 
-#include <asterism/solver/detail/hessian_operator.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/hessian_operator.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <cmath>

@@ -1,8 +1,8 @@
 // The Hessian product against the assembled Hessian.
 #include <gtest/gtest.h>
 
-#include <asterism/solver/detail/hessian_operator.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/hessian_operator.hpp>
 #include <cstdint>
 #include <limits>
 

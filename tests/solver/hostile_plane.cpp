@@ -7,7 +7,7 @@
 #include "hostile_solvers.hpp"
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 #ifdef ASTERISM_TEST_CERES
 #include <asterism/solver/reference/ceres.hpp>

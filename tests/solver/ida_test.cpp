@@ -3,7 +3,7 @@
 #include <asterism/solver/method/sparse_ida.hpp>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 #include <gtest/gtest.h>

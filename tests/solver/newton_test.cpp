@@ -1,10 +1,10 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/solver/detail/full_links.hpp>
-#include <asterism/solver/detail/newton_matrix.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/full_links.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/energy/newton_matrix.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/method/ida.hpp>
 #include <asterism/solver/method/newton.hpp>

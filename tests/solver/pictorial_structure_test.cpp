@@ -2,9 +2,9 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <asterism/solver/detail/part_tree.hpp>
 #include <asterism/solver/discrete/loopy_structure.hpp>
 #include <asterism/solver/discrete/m_best_placements.hpp>
+#include <asterism/solver/discrete/part_tree.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/discrete/scaled_structure.hpp>
 #include <asterism/testing/random_system.hpp>

@@ -36,7 +36,7 @@
 #include <vector>
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 #include "by_terms.hpp"

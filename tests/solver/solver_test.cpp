@@ -4,7 +4,7 @@
 #include "every_solver.hpp"
 
 #ifdef ASTERISM_TEST_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 #include <sstream>

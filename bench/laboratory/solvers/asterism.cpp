@@ -5,7 +5,7 @@
 #include "../laboratory.hpp"
 
 #ifdef ASTERISM_BENCH_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 
 namespace asterism::bench {

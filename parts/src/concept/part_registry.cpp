@@ -6,7 +6,7 @@
 #include <asterism/parts/concept/part_options.hpp>
 #include <asterism/parts/concept/part_plugin.hpp>
 #include <asterism/parts/concept/part_registry.hpp>
-#include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <cmath>
 #include <cstring>

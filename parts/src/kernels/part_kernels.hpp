@@ -3,7 +3,7 @@
 // The interface between the part models and their compiled kernels. It uses neither Eigen nor the standard
 // library: the kernels are compiled for wider instructions than their callers, and of an inline function that
 // both emit, the linker may keep either copy.
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <cstddef>
 #include <cstdint>
 

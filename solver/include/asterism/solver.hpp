@@ -1,7 +1,7 @@
 #pragma once
 
 // The solver room: all of asterism::solver. What needs another package or is compiled belongs to targets of
-// its own, and is included by itself: <asterism/solver/linear/cholmod.hpp>, the headers of reference/, io/
+// its own, and is included by itself: <asterism/solver/method/cholmod.hpp>, the headers of reference/, io/
 // and batch/.
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/certificate.hpp>

@@ -1,8 +1,8 @@
 #include <Eigen/Eigenvalues>
 #include <algorithm>
 #include <array>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/graph/drawing.hpp>
 #include <asterism/solver/run/executor.hpp>
 #include <cmath>

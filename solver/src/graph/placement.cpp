@@ -1,6 +1,6 @@
 #include <Eigen/Cholesky>
 #include <algorithm>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/graph/placement.hpp>
 #include <asterism/solver/run/executor.hpp>
 #include <cmath>

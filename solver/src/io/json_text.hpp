@@ -2,9 +2,9 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/edit_distance.hpp>
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>

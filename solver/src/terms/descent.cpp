@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <cmath>
 #include <limits>
 #include <optional>

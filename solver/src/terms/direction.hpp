@@ -1,7 +1,7 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <cmath>
 #include <cstdint>
 #include <limits>

@@ -1,5 +1,5 @@
-#include <asterism/solver/detail/diagonalise.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <cmath>
 #include <limits>

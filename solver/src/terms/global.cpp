@@ -1,8 +1,8 @@
 #include <algorithm>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
-#include <asterism/solver/detail/time_limit.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
+#include <asterism/solver/run/time_limit.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/solve.hpp>
 #include <cmath>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <cstddef>
 #include <deque>
 

@@ -1,7 +1,7 @@
 #include <algorithm>
 #include <array>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <atomic>
 #include <cmath>

@@ -1,9 +1,9 @@
 #pragma once
 
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <cstddef>
 
-// The border to kernels for wide instructions; see asterism/solver/detail/batch_kernels.hpp for what may not
+// The border to kernels for wide instructions; see asterism/solver/batch/batch_kernels.hpp for what may not
 // be on it.
 namespace asterism::lanes_v0_1 {
 

@@ -1,9 +1,9 @@
 #include "matrix.hpp"
 
 #include <algorithm>
-#include <asterism/solver/detail/dense_factor.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/matrix/dense_factor.hpp>
 #include <cmath>
 #include <limits>
 #include <numeric>

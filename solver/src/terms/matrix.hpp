@@ -1,7 +1,7 @@
 #pragma once
 
 #include <Eigen/SparseCore>
-#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/matrix/sparse_factor.hpp>
 #include <asterism/solver/terms/registry.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstddef>

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/detail/indexed.hpp>
+#include <asterism/solver/base/indexed.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <cstddef>
 #include <span>

@@ -1,7 +1,7 @@
 #include "rotation.hpp"
 
 #include <algorithm>
-#include <asterism/solver/detail/diagonalise.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <cmath>
 #include <cstddef>
 #include <numeric>

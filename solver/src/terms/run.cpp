@@ -1,9 +1,9 @@
 #include "run.hpp"
 
 #include <algorithm>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/terms/solution.hpp>
 #include <cmath>

@@ -1,5 +1,5 @@
 #include <algorithm>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/run/executor.hpp>
 #include <bit>
 #include <cstdint>

@@ -1,6 +1,6 @@
 #include <algorithm>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/energy/covariance.hpp>
 #include <asterism/solver/terms/solution.hpp>
 #include <cmath>

@@ -1,7 +1,7 @@
 #include <algorithm>
-#include <asterism/solver/detail/edit_distance.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/terms/term.hpp>
 #include <cmath>
 #include <stdexcept>

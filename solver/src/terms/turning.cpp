@@ -1,8 +1,8 @@
 #include <algorithm>
-#include <asterism/solver/detail/diagonalise.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <cmath>
 #include <limits>

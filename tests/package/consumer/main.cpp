@@ -10,7 +10,7 @@
 #include <asterism/solver/batch/batch_newton.hpp>
 #endif
 #ifdef HAVE_CHOLMOD
-#include <asterism/solver/linear/cholmod.hpp>
+#include <asterism/solver/method/cholmod.hpp>
 #endif
 #ifdef HAVE_CERES
 #include <asterism/solver/reference/ceres.hpp>

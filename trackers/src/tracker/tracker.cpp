@@ -1,6 +1,6 @@
 #include <asterism/parts/models/siamese.hpp>
 #include <asterism/parts/models/spatial_reliability.hpp>
-#include <asterism/solver/detail/edit_distance.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
 #include <asterism/trackers/around/gated.hpp>
 #include <asterism/trackers/around/kalman.hpp>
 #include <asterism/trackers/dpt/coarse.hpp>

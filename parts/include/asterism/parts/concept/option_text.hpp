@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <string>
 
 namespace asterism {

@@ -1,7 +1,7 @@
 #pragma once
 
 #include <asterism/parts/detail/aligned.hpp>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <complex>
 #include <memory>
 

@@ -1,17 +1,17 @@
 #pragma once
 
 #include <algorithm>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
+#include <asterism/solver/batch/batch_kernels.hpp>
+#include <asterism/solver/batch/batch_tasks.hpp>
 #include <asterism/solver/batch/simd.hpp>
 #include <asterism/solver/batch/spring_batch.hpp>
-#include <asterism/solver/detail/batch_kernels.hpp>
-#include <asterism/solver/detail/batch_tasks.hpp>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
 #include <asterism/solver/energy/sensitivity.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/executor.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <atomic>
 #include <cstddef>
 #include <cstdint>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/solver/detail/batch_kernels.hpp>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/batch/batch_kernels.hpp>
 #include <string_view>
 #include <vector>
 

@@ -1,10 +1,10 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/batch_kernels.hpp>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/batch/batch_kernels.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>

@@ -2,14 +2,14 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/line_transform.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/window_transform.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
+#include <asterism/solver/discrete/line_transform.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
+#include <asterism/solver/discrete/window_transform.hpp>
 #include <asterism/solver/problem/defect.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <cstddef>
 #include <limits>
 #include <new>

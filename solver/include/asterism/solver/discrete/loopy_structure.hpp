@@ -2,16 +2,16 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/map_search.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/discrete/displacement_cost.hpp>
 #include <asterism/solver/discrete/distance_transform.hpp>
+#include <asterism/solver/discrete/map_search.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/problem/defect.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <atomic>
 #include <cmath>

@@ -2,9 +2,9 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/map_search.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/discrete/map_search.hpp>
 #include <asterism/solver/discrete/map_view.hpp>
 #include <asterism/solver/discrete/pictorial_structure.hpp>
 #include <asterism/solver/problem/defect.hpp>

@@ -3,10 +3,10 @@
 #include <mpi.h>
 
 #include <Eigen/Core>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>
 #include <cstdint>

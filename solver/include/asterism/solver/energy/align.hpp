@@ -1,10 +1,10 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/diagonalise.hpp>
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <cmath>
 #include <limits>

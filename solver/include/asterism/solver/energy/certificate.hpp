@@ -1,20 +1,20 @@
 #pragma once
 
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/dense_bound.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/minoriser.hpp>
-#include <asterism/solver/detail/scratch.hpp>
-#include <asterism/solver/detail/sparse_bound.hpp>
-#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/scratch.hpp>
+#include <asterism/solver/energy/certifier_reference.hpp>
+#include <asterism/solver/energy/dense_bound.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/minoriser.hpp>
 #include <asterism/solver/energy/proof.hpp>
+#include <asterism/solver/energy/sparse_bound.hpp>
+#include <asterism/solver/matrix/sparse_factor.hpp>
+#include <asterism/solver/problem/compiled_types.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/validate.hpp>
-#include <asterism/solver/run/certifier_reference.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <cmath>
 #include <limits>
 #include <memory>
@@ -144,7 +144,7 @@ void Prover<System, SparseFactor>::certify(const System& system, const Points& x
 }  // namespace detail
 
 /// Certifies placements, with a workspace: reuse it to certify without allocation, one thread at a time.
-/// `SparseFactor` is Eigen's or, from <asterism/solver/linear/cholmod.hpp>, CholmodProof; it serves systems
+/// `SparseFactor` is Eigen's or, from <asterism/solver/method/cholmod.hpp>, CholmodProof; it serves systems
 /// of many nodes with few links each. See certify.
 template <typename System, typename SparseFactor = detail::SparseFactor<double>>
 class Certifier {

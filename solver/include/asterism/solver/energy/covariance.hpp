@@ -2,18 +2,18 @@
 
 #include <Eigen/SparseCore>
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/dense_factor.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/free_motion.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/free_motion.hpp>
 #include <asterism/solver/energy/hessian.hpp>
+#include <asterism/solver/matrix/dense_factor.hpp>
+#include <asterism/solver/matrix/sparse_factor.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/validate.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <limits>
 #include <new>
 #include <ostream>

@@ -1,10 +1,10 @@
 #pragma once
 
 #include <array>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/full_links.hpp>
-#include <asterism/solver/detail/spring_rows.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/energy/full_links.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/energy/spring_rows.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <limits>
 #include <ostream>
 #include <string_view>

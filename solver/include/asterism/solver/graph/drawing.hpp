@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <asterism/solver/graph/graph.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <atomic>

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <atomic>
 
 namespace asterism {

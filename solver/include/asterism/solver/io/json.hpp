@@ -1,12 +1,12 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/problem/validate.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <concepts>
 #include <cstddef>

@@ -2,10 +2,10 @@
 
 #include <Eigen/Core>
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/dense_factor.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/matrix/dense_factor.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <cmath>
 #include <limits>

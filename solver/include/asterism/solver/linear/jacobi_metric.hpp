@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <string_view>
 

@@ -2,9 +2,9 @@
 
 #include <Eigen/SparseCore>
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/sparse_factor.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/matrix/sparse_factor.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <cmath>
 #include <limits>

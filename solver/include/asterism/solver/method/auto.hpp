@@ -1,10 +1,10 @@
 #pragma once
 
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/method/lbfgs.hpp>
 #include <asterism/solver/method/newton.hpp>
+#include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>

@@ -1,9 +1,9 @@
 #pragma once
 
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/linear/dense_cholesky.hpp>
+#include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
@@ -59,7 +59,7 @@ inline void visit_options(OptionVisitor& visit, IdaOptions& options) {
 /// nodes and anchors on one line stays on it, even if its stationary point is a saddle.
 ///
 /// `Factorization` is DenseCholesky (default), SparseCholesky (SparseIda) or, from
-/// <asterism/solver/linear/cholmod.hpp>, CholmodCholesky; with these two, E may rise if K_dyn is singular up
+/// <asterism/solver/method/cholmod.hpp>, CholmodCholesky; with these two, E may rise if K_dyn is singular up
 /// to rounding. An object holds its workspace: reuse it to solve without allocation, one thread at a time.
 template <typename System, typename Factorization = DenseCholesky<System>>
 class Ida {

@@ -1,12 +1,12 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/descent.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/linear/dense_cholesky.hpp>
+#include <asterism/solver/method/descent.hpp>
+#include <asterism/solver/method/policy_name.hpp>
+#include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>

@@ -1,7 +1,6 @@
 #pragma once
 
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <asterism/solver/energy/certificate.hpp>
 #include <asterism/solver/linear/jacobi_metric.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
@@ -12,6 +11,7 @@
 #include <asterism/solver/method/nonlinear_cg.hpp>
 #include <asterism/solver/method/sparse_ida.hpp>
 #include <asterism/solver/run/any_solver.hpp>
+#include <asterism/solver/run/compiled.hpp>
 #ifdef ASTERISM_SOLVER_COMPILED
 #include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/terms/from_springs.hpp>

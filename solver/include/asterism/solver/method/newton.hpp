@@ -1,17 +1,17 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/descent.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/free_motion.hpp>
-#include <asterism/solver/detail/hessian_operator.hpp>
-#include <asterism/solver/detail/newton_matrix.hpp>
-#include <asterism/solver/detail/saddle.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/energy/align.hpp>
 #include <asterism/solver/energy/energy.hpp>
+#include <asterism/solver/energy/free_motion.hpp>
+#include <asterism/solver/energy/hessian_operator.hpp>
+#include <asterism/solver/energy/newton_matrix.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/method/descent.hpp>
+#include <asterism/solver/method/saddle.hpp>
+#include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>

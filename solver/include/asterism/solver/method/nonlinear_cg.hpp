@@ -1,14 +1,14 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/descent.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/policy_name.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
+#include <asterism/solver/method/descent.hpp>
+#include <asterism/solver/method/policy_name.hpp>
+#include <asterism/solver/run/compiled.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>

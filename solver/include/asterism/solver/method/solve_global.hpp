@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <asterism/solver/method/branch_and_bound.hpp>
 #include <asterism/solver/run/summary.hpp>
 #include <asterism/solver/terms/from_springs.hpp>

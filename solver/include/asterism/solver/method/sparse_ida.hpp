@@ -1,9 +1,9 @@
 #pragma once
 
-#include <asterism/solver/detail/compiled.hpp>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <asterism/solver/linear/sparse_cholesky.hpp>
 #include <asterism/solver/method/ida.hpp>
+#include <asterism/solver/run/compiled.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {

@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 
 namespace asterism {
 inline namespace ASTERISM_ABI {

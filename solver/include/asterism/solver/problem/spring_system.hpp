@@ -1,8 +1,8 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/diagonalise.hpp>
-#include <asterism/solver/detail/finite.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/matrix/diagonalise.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/topology.hpp>

@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <array>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/nearest_neighbours.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/problem/defect.hpp>
+#include <asterism/solver/problem/nearest_neighbours.hpp>
 #include <cstddef>
 #include <cstdint>
 #include <limits>

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <array>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <functional>
 #include <limits>

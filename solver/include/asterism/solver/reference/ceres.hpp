@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/spring_element.hpp>
 #include <asterism/solver/problem/topology.hpp>

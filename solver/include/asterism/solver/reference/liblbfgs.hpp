@@ -2,8 +2,8 @@
 
 #include <lbfgs.h>
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/run/options.hpp>

@@ -1,11 +1,11 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/edit_distance.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/run/certifier_reference.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/edit_distance.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/energy/certifier_reference.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/solver.hpp>

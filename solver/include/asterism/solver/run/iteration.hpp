@@ -1,7 +1,7 @@
 #pragma once
 
 #include <Eigen/Core>
-#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/base/config.hpp>
 #include <concepts>
 #include <memory>
 #include <type_traits>

@@ -1,8 +1,8 @@
 #pragma once
 
 #include <array>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
 #include <charconv>
 #include <cstddef>
 #include <cstdint>

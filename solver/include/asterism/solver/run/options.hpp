@@ -1,8 +1,8 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/run/certifier_reference.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/energy/certifier_reference.hpp>
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/option_visitor.hpp>
 #include <atomic>

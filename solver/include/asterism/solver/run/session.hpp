@@ -1,16 +1,16 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/finite.hpp>
-#include <asterism/solver/detail/memory.hpp>
-#include <asterism/solver/detail/stopwatch.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/finite.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/base/stopwatch.hpp>
 #include <asterism/solver/energy/align.hpp>
+#include <asterism/solver/energy/certifier_reference.hpp>
 #include <asterism/solver/energy/energy.hpp>
 #include <asterism/solver/energy/stationarity.hpp>
 #include <asterism/solver/problem/defect.hpp>
 #include <asterism/solver/problem/validate.hpp>
-#include <asterism/solver/run/certifier_reference.hpp>
 #include <asterism/solver/run/iteration.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>

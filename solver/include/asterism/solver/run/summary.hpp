@@ -1,8 +1,8 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <optional>
 #include <ostream>

@@ -1,13 +1,13 @@
 #pragma once
 
 #include <algorithm>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/memory.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/memory.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/problem/model.hpp>
 #include <asterism/solver/problem/spring_system.hpp>
 #include <asterism/solver/problem/validate.hpp>
 #include <asterism/solver/run/any_solver.hpp>
-#include <asterism/solver/run/message.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/status.hpp>
 #include <asterism/solver/run/summary.hpp>

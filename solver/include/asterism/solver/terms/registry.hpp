@@ -1,8 +1,8 @@
 #pragma once
 
 #include <Eigen/SparseCore>
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <asterism/solver/run/any_solver.hpp>
 #include <asterism/solver/terms/system.hpp>
 #include <functional>

@@ -1,8 +1,8 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/export.hpp>
-#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/export.hpp>
+#include <asterism/solver/problem/message.hpp>
 #include <asterism/solver/terms/kinds.hpp>
 #include <asterism/solver/terms/term.hpp>
 #include <memory>

@@ -1,7 +1,7 @@
 #pragma once
 
-#include <asterism/solver/detail/config.hpp>
-#include <asterism/solver/detail/export.hpp>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/base/export.hpp>
 #include <cstddef>
 #include <memory>
 #include <span>

@@ -1,0 +1,240 @@
+#pragma once
+
+#include <algorithm>
+#include <asterism/solver/base/config.hpp>
+#include <asterism/solver/energy/spring_element.hpp>
+#include <asterism/solver/problem/spring_system.hpp>
+#include <asterism/solver/problem/topology.hpp>
+#include <cmath>
+#include <limits>
+#include <type_traits>
+
+// Where the compiler was not told of AVX, the processor is asked. Vectors are those of the compilers, as
+// <immintrin.h> has a third as many lines as all of Eigen's core; they fuse a * b + c into one instruction.
+#if defined(__x86_64__) && defined(__GNUC__) && EIGEN_MAX_STATIC_ALIGN_BYTES == 16 && \
+    !defined(EIGEN_DONT_VECTORIZE)
+#define ASTERISM_SPRING_ROWS_AVX2
+#endif
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+namespace detail {
+
+#ifdef ASTERISM_SPRING_ROWS_AVX2
+typedef double FourDoubles __attribute__((vector_size(32)));
+typedef double FourDoublesAnywhere __attribute__((vector_size(32), aligned(8), may_alias));
+#endif
+
+/// The nodes of a row of links side by side, for as many springs at a time as the processor's registers hold:
+/// the rows of a full topology, (i, i + 1), (i, i + 2), ..., whose rest lengths and stiffness are next to
+/// each other.
+template <typename System>
+class SpringRows {
+ public:
+  using Scalar = typename System::Scalar;
+  using Points = typename System::Points;
+
+  /// Whether it serves: springs without offsets alone, in a few dimensions, enough of them and not too many
+  /// for the stack.
+  static bool serve(const System& system) {
+    return kPossible && system.topology().is_full() && !system.has_offsets() &&
+           system.nodes() >= kLeastNodes && system.nodes() <= kMostNodes;
+  }
+
+  /// The springs' energy.
+  static Scalar energy(const System& system, const Points& x) {
+    if constexpr (kPossible) {
+      return SpringRows(system, x).template total<false>();
+    } else {
+      return 0;
+    }
+  }
+
+  /// The same, their gradient added to `gradient`.
+  static Scalar evaluate(const System& system, const Points& x, Points& gradient) {
+    if constexpr (kPossible) {
+      SpringRows rows(system, x);
+      const Scalar energy = rows.template total<true>();
+      for (int i = 0; i < system.nodes(); ++i) {
+        for (int c = 0; c < kDim; ++c) gradient(c, i) += rows.forces_[c][i];
+      }
+      return energy;
+    } else {
+      return 0;
+    }
+  }
+
+ private:
+  static constexpr int kDim = System::kDim;
+  static constexpr int kLeastNodes = 9;
+  static constexpr int kMostNodes = System::kMaxNodes == Eigen::Dynamic ? 1024 : System::kMaxNodes;
+  static constexpr bool kPossible = (kDim == 2 || kDim == 3) && kMostNodes >= kLeastNodes &&
+                                    kMostNodes <= 1024 &&
+                                    std::is_same_v<typename System::Model::LinkPotential, Hooke>;
+  // Springs at a time.
+  static constexpr int kWidth =
+      std::max<int>(2, static_cast<int>(EIGEN_MAX_STATIC_ALIGN_BYTES / sizeof(Scalar)));
+  using Pack = Eigen::Array<Scalar, kWidth, 1>;
+  using Row = Eigen::Map<Pack>;
+  using ConstRow = Eigen::Map<const Pack>;
+
+  SpringRows(const System& system, const Points& x) : system_(system), x_(x) {
+    for (int i = 0; i < system.nodes(); ++i) {
+      for (int c = 0; c < kDim; ++c) {
+        coordinates_[c][i] = x(c, i);
+        forces_[c][i] = 0;
+      }
+    }
+  }
+
+  template <bool kWithGradient>
+  Scalar total() {
+#ifdef ASTERISM_SPRING_ROWS_AVX2
+    if constexpr (std::is_same_v<Scalar, double>) {
+      if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return sum_avx2<kWithGradient>();
+    }
+#endif
+    return sum<kWithGradient>();
+  }
+
+  template <bool kWithGradient>
+  Scalar sum() {
+    const int n = system_.nodes();
+    const Scalar* rest_length = system_.rest_length.data();
+    const Scalar* stiffness = system_.link_stiffness.data();
+    Pack energies = Pack::Zero();
+    Scalar rest = 0;
+    for (int i = 0; i < n; ++i) {
+      Pack forces[kDim];
+      for (int c = 0; c < kDim; ++c) forces[c].setZero();
+      int j = i + 1;
+      for (; j + kWidth <= n; j += kWidth, rest_length += kWidth, stiffness += kWidth) {
+        Pack d[kDim];
+        for (int c = 0; c < kDim; ++c) d[c] = coordinates_[c][i] - ConstRow(coordinates_[c] + j);
+        Pack square = d[0] * d[0];
+        for (int c = 1; c < kDim; ++c) square += d[c] * d[c];
+        if (!(square.minCoeff() >= kTiny)) [[unlikely]] {
+          for (int w = 0; w < kWidth; ++w) {
+            rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
+          }
+          continue;
+        }
+        const Pack length = square.sqrt();
+        const Pack stretch = length - ConstRow(rest_length);
+        const Pack tension = ConstRow(stiffness) * stretch;
+        energies += tension * stretch;
+        if constexpr (kWithGradient) {
+          const Pack weight = tension / length;
+          for (int c = 0; c < kDim; ++c) {
+            const Pack force = weight * d[c];
+            forces[c] += force;
+            Row(forces_[c] + j) -= force;
+          }
+        }
+      }
+      for (; j < n; ++j) rest += one<kWithGradient>(i, j, *rest_length++, *stiffness++);
+      if constexpr (kWithGradient) {
+        for (int c = 0; c < kDim; ++c) forces_[c][i] += forces[c].sum();
+      }
+    }
+    return (energies.sum() + rest) / 2;
+  }
+
+#ifdef ASTERISM_SPRING_ROWS_AVX2
+  static const FourDoublesAnywhere& four(const double* at) {
+    return *reinterpret_cast<const FourDoublesAnywhere*>(at);
+  }
+  static FourDoublesAnywhere& four(double* at) { return *reinterpret_cast<FourDoublesAnywhere*>(at); }
+
+  // The same by four springs at a time.
+  template <bool kWithGradient>
+  [[gnu::target("avx2,fma")]] double sum_avx2() {
+    const int n = system_.nodes();
+    const double* rest_length = system_.rest_length.data();
+    const double* stiffness = system_.link_stiffness.data();
+    FourDoubles energies = {};
+    double rest = 0;
+    for (int i = 0; i < n; ++i) {
+      FourDoubles forces[kDim] = {};
+      int j = i + 1;
+      for (; j + 4 <= n; j += 4, rest_length += 4, stiffness += 4) {
+        FourDoubles d[kDim];
+        FourDoubles square = {};
+        for (int c = 0; c < kDim; ++c) {
+          d[c] = coordinates_[c][i] - four(coordinates_[c] + j);
+          square = d[c] * d[c] + square;
+        }
+        if (__builtin_ia32_movmskpd256(FourDoubles(square < kTiny)) != 0) [[unlikely]] {
+          for (int w = 0; w < 4; ++w) rest += one<kWithGradient>(i, j + w, rest_length[w], stiffness[w]);
+          continue;
+        }
+        const FourDoubles length = __builtin_ia32_sqrtpd256(square);
+        const FourDoubles stretch = length - four(rest_length);
+        const FourDoubles tension = four(stiffness) * stretch;
+        energies = tension * stretch + energies;
+        if constexpr (kWithGradient) {
+          const FourDoubles weight = tension / length;
+          for (int c = 0; c < kDim; ++c) {
+            forces[c] = weight * d[c] + forces[c];
+            FourDoublesAnywhere& other = four(forces_[c] + j);
+            other = other - weight * d[c];
+          }
+        }
+      }
+      for (; j < n; ++j) rest += one<kWithGradient>(i, j, *rest_length++, *stiffness++);
+      if constexpr (kWithGradient) {
+        for (int c = 0; c < kDim; ++c) forces_[c][i] += sum_of(forces[c]);
+      }
+    }
+    return (sum_of(energies) + rest) / 2;
+  }
+
+  [[gnu::target("avx2,fma")]] static double sum_of(const FourDoubles& v) {
+    return (v[0] + v[2]) + (v[1] + v[3]);
+  }
+#endif
+
+  // Twice the energy of spring (i, j), its forces added.
+  template <bool kWithGradient>
+  Scalar one(int i, int j, Scalar rest_length, Scalar stiffness) {
+    Scalar d[kDim];
+    Scalar square = 0;
+    for (int c = 0; c < kDim; ++c) {
+      d[c] = coordinates_[c][i] - coordinates_[c][j];
+      square += d[c] * d[c];
+    }
+    Scalar length;
+    Scalar inverse = 1;
+    if (square < kTiny) [[unlikely]] {
+      const auto coincident = coincident_spring(system_, Link{i, j}, x_.col(i) - x_.col(j));
+      length = coincident.length;
+      for (int c = 0; c < kDim; ++c) d[c] = coincident.direction[c];
+    } else {
+      length = std::sqrt(square);
+      inverse = 1 / length;
+    }
+    const Scalar stretch = length - rest_length;
+    const Scalar tension = stiffness * stretch;
+    if constexpr (kWithGradient) {
+      for (int c = 0; c < kDim; ++c) {
+        const Scalar force = tension * inverse * d[c];
+        forces_[c][i] += force;
+        forces_[c][j] -= force;
+      }
+    }
+    return tension * stretch;
+  }
+
+  static constexpr Scalar kTiny = kLeastSquare<Scalar>;
+
+  const System& system_;
+  const Points& x_;
+  alignas(64) Scalar coordinates_[kDim][kMostNodes];
+  alignas(64) Scalar forces_[kDim][kMostNodes];
+};
+
+}  // namespace detail
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
+
+#undef ASTERISM_SPRING_ROWS_AVX2
