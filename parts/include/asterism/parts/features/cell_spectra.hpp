@@ -3,7 +3,7 @@
 #include <Eigen/Core>
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
-#include <asterism/parts/detail/aligned.hpp>
+#include <asterism/parts/features/aligned.hpp>
 #include <asterism/parts/features/cell_channels.hpp>
 #include <asterism/parts/features/fhog.hpp>
 #include <asterism/parts/features/patch.hpp>

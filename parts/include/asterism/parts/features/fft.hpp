@@ -1,6 +1,6 @@
 #pragma once
 
-#include <asterism/parts/detail/aligned.hpp>
+#include <asterism/parts/features/aligned.hpp>
 #include <asterism/solver/base/config.hpp>
 #include <complex>
 #include <memory>

@@ -3,7 +3,7 @@
 #include <asterism/parts/concept/response.hpp>
 #include <asterism/parts/concept/state.hpp>
 #include <asterism/parts/concept/template_window.hpp>
-#include <asterism/parts/detail/aligned.hpp>
+#include <asterism/parts/features/aligned.hpp>
 #include <asterism/parts/features/cell_spectra.hpp>
 
 namespace asterism {
