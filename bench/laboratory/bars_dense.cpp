@@ -96,7 +96,7 @@ void dense_bars(Bars& bars) {
     const auto [ida, lbfgs] = times_to_gap("ida", "lbfgs", all);
     against(bars, name, {"Ida", ida.median_seconds, lbfgs.median_seconds}, size.ida, size.ida);
     against(bars, name, lbfgs_of_others.nearest("lbfgs", all), 2.5, 3);
-    against(bars, name, ceres.nearest("lbfgs", first(all, size.nodes < 100 ? 5 : 1)), 35, 35);
+    if (bars.large() || size.nodes <= 64) against(bars, name, ceres.nearest("lbfgs", first(all, 5)), 35, 35);
   }
 
   Others general({"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen", "dlib"});
