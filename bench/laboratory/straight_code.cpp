@@ -3,8 +3,6 @@
 #include "straight_code.hpp"
 
 #include <algorithm>
-#include <asterism/solver/energy/energy.hpp>
-#include <asterism/solver/problem/topology.hpp>
 #include <asterism/solver/run/options.hpp>
 #include <asterism/solver/run/session.hpp>
 #include <asterism/solver/run/status.hpp>
