@@ -46,7 +46,7 @@ for t in range(6):
 step "packages" bash .ci/install-packages build test night petsc
 step "tests" bash tests/run.sh release -DASTERISM_LONG_TESTS=ON -DASTERISM_WITH_PETSC=ON
 # To be read, as they vary with the machine.
-step "bars" build/release/bench/asterism-bench bars
+step "bars" build/release/bench/asterism-bench bars --large
 step "clang-tidy" bash tests/tidy.sh --analyze
 step "fuzzers" bash tests/fuzz.sh 1000000
 step "properties" env ASTERISM_PROPERTY_SYSTEMS=100000 build/release/tests/solver/solver_property_test

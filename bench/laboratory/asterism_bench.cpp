@@ -28,8 +28,8 @@ namespace {
 
 using namespace asterism::bench;
 
-int run_bars(bool quick, const std::string& group) {
-  Bars bars(quick, group);
+int run_bars(bool quick, bool large, const std::string& group) {
+  Bars bars(quick, large, group);
   std::printf("%-46s %-42s %-22s %s\n", "", "measured", "bar", "aim");
   small_bars(bars);
   dense_bars(bars);
@@ -143,11 +143,12 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
       ->expected(1)
       ->check(CLI::ExistingFile);
 
-  bool quick = false;
+  bool quick = false, large = false;
   std::string group;
   CLI::App* bars =
       app.add_subcommand("bars", "measures the solvers against their targets, one line for each target");
   bars->add_flag("--quick", quick, "fewer and smaller systems");
+  bars->add_flag("--large", large, "also systems that take minutes");
   bars->add_option("--group", group, "one group only")
       ->check(CLI::IsMember(
           {"small", "dense", "sparse", "batch", "robustness", "proof", "discrete", "gradient", "terms"}));
@@ -303,7 +304,7 @@ int run_command_line(const Processes& processes, int argc, char** argv) {
     return 2;
   }
   for (const std::filesystem::path& plugin : plugins) load_plugin(plugin);
-  if (bars->parsed()) return run_bars(quick, group);
+  if (bars->parsed()) return run_bars(quick, large, group);
   if (crossovers->parsed()) {
     if (dense || !sparse) dense_crossovers();
     if (sparse || !dense) sparse_crossovers(quick);

@@ -13,10 +13,13 @@ namespace asterism::bench {
 /// beyond it, and whether they are met.
 class Bars {
  public:
-  /// With `quick`, fewer systems. Only the groups whose name contains `filter` are measured.
-  Bars(bool quick, std::string filter) : quick_(quick), filter_(std::move(filter)) {}
+  /// With `quick`, fewer systems; with `large`, also those that take minutes. Only the groups whose name
+  /// contains `filter` are measured.
+  Bars(bool quick, bool large, std::string filter)
+      : quick_(quick), large_(large), filter_(std::move(filter)) {}
 
   bool quick() const { return quick_; }
+  bool large() const { return large_; }
   bool wanted(std::string_view group) const { return group.find(filter_) != std::string_view::npos; }
   int missed() const { return missed_; }
 
@@ -35,6 +38,7 @@ class Bars {
 
  private:
   bool quick_;
+  bool large_;
   std::string filter_;
   int missed_ = 0;
 };

@@ -1,7 +1,10 @@
 // Fully connected systems of 16 to 200 nodes, and the distance to general optimisers from 2 to 1000 nodes.
 #include <algorithm>
 #include <cstddef>
+#include <iterator>
+#include <limits>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bars.hpp"
@@ -19,23 +22,57 @@ struct Other {
   double ratio() const { return seconds / ours; }
 };
 
-/// The solver nearest to ours in time among those that reach the problems and whose names start with one of
-/// `prefixes`. Measured on `count` problems only, as some take minutes each.
-Other nearest(const std::string& ours, const std::vector<std::string>& prefixes,
-              const std::vector<Problem>& all, std::size_t count) {
-  const std::vector<Problem> few(all.begin(),
-                                 all.begin() + static_cast<std::ptrdiff_t>(std::min(all.size(), count)));
-  Other best{"", 0, 0};
-  for (const SolverEntry& entry : solvers()) {
-    const bool wanted = std::any_of(prefixes.begin(), prefixes.end(), [&](const std::string& prefix) {
-      return entry.name.starts_with(prefix);
-    });
-    if (!wanted || !entry.reaches(few.front().system)) continue;
-    const auto [our_times, times] = times_to_gap(ours, entry.name, few);
-    const Other other{entry.title, times.median_seconds, our_times.median_seconds};
-    if (best.title.empty() || other.ratio() < best.ratio()) best = other;
+/// Solvers of other packages, compared at ascending sizes.
+class Others {
+ public:
+  /// Those whose names start with one of `prefixes`.
+  explicit Others(const std::vector<std::string>& prefixes) {
+    std::copy_if(
+        solvers().begin(), solvers().end(), std::back_inserter(entries_), [&](const SolverEntry& entry) {
+          return std::any_of(prefixes.begin(), prefixes.end(),
+                             [&](const std::string& prefix) { return entry.name.starts_with(prefix); });
+        });
   }
-  return best;
+
+  /// The one nearest to ours in time among those that reach the problems. From kPruned nodes on, where some
+  /// take minutes, those that take more than kFarOff times as long as the nearest for the first problem are
+  /// left out for the others, and at the sizes that follow.
+  Other nearest(const std::string& ours, const std::vector<Problem>& problems) {
+    if (problems.front().system.nodes() >= kPruned) {
+      const std::vector<Other> others = measured(ours, {problems.front()});
+      double least = std::numeric_limits<double>::infinity();
+      for (const Other& other : others) least = std::min(least, other.ratio());
+      std::erase_if(entries_, [&](const SolverEntry& entry) {
+        return std::none_of(others.begin(), others.end(), [&](const Other& other) {
+          return other.title == entry.title && other.ratio() <= kFarOff * least;
+        });
+      });
+    }
+    const std::vector<Other> others = measured(ours, problems);
+    const auto best = std::min_element(others.begin(), others.end(),
+                                       [](const Other& a, const Other& b) { return a.ratio() < b.ratio(); });
+    return best == others.end() ? Other{"", 0, 0} : *best;
+  }
+
+ private:
+  static constexpr int kPruned = 36;
+  static constexpr double kFarOff = 4;
+
+  std::vector<Other> measured(const std::string& ours, const std::vector<Problem>& problems) const {
+    std::vector<Other> result;
+    for (const SolverEntry& entry : entries_) {
+      if (!entry.reaches(problems.front().system)) continue;
+      const auto [our_times, times] = times_to_gap(ours, entry.name, problems);
+      result.push_back({entry.title, times.median_seconds, our_times.median_seconds});
+    }
+    return result;
+  }
+
+  std::vector<SolverEntry> entries_;
+};
+
+std::vector<Problem> first(const std::vector<Problem>& all, std::size_t count) {
+  return {all.begin(), all.begin() + static_cast<std::ptrdiff_t>(std::min(all.size(), count))};
 }
 
 void against(Bars& bars, const std::string& name, const Other& other, double bar, double aim) {
@@ -51,22 +88,23 @@ void dense_bars(Bars& bars) {
     int nodes, count;
     double ida;
   };
+  Others lbfgs_of_others({"liblbfgs"}), ceres({"ceres"});
   for (const Size& size : {Size{16, 200, 2}, {64, 40, 3}, {100, 20, 3}, {200, 10, 3.5}}) {
     if (bars.quick() && size.nodes > 64) break;
     const std::string name = format("N=%d LIT L-BFGS", size.nodes);
     const auto all = problems(testing::Kind::Lit, size.nodes, size.count);
     const auto [ida, lbfgs] = times_to_gap("ida", "lbfgs", all);
     against(bars, name, {"Ida", ida.median_seconds, lbfgs.median_seconds}, size.ida, size.ida);
-    against(bars, name, nearest("lbfgs", {"liblbfgs"}, all, all.size()), 2.5, 3);
-    against(bars, name, nearest("lbfgs", {"ceres"}, all, 5), 35, 35);
+    against(bars, name, lbfgs_of_others.nearest("lbfgs", all), 2.5, 3);
+    if (bars.large() || size.nodes <= 64) against(bars, name, ceres.nearest("lbfgs", first(all, 5)), 35, 35);
   }
 
-  const std::vector<std::string> general = {"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen", "dlib"};
+  Others general({"ncg", "liblbfgs", "ceres", "nlopt", "gsl", "eigen", "dlib"});
   for (const int nodes : {2, 4, 6, 9, 12, 16, 25, 36, 64, 100, 200, 400, 1000}) {
-    if (bars.quick() && nodes > 36) break;
+    if ((bars.quick() && nodes > 36) || (!bars.large() && nodes > 400)) break;
     const std::string ours = nodes <= 8 ? "newton" : "lbfgs";  // as Auto for these
-    const auto all = problems(testing::Kind::Lit, nodes, std::max(2, 100 / nodes));
-    against(bars, format("N=%d LIT ", nodes) + ours, nearest(ours, general, all, 5), 1, 3);
+    const auto some = problems(testing::Kind::Lit, nodes, std::clamp(100 / nodes, 2, 5));
+    against(bars, format("N=%d LIT ", nodes) + ours, general.nearest(ours, some), 1, 3);
   }
 }
 

@@ -214,7 +214,7 @@ void batch_bars(Bars& bars, testing::Kind kind, const std::string& name) {
 /// is computed each time.
 void sparse_bar(Bars& bars) {
   using System = SpringSystem<double, 2>;
-  const int nodes = bars.quick() ? 100000 : 1000000;
+  const int nodes = bars.large() ? 1000000 : 100000;
   auto [system, x] = testing::sparse_system<System>(1, nodes);
   Auto<System>().solve(system, x);
   double factor = std::numeric_limits<double>::infinity(), certify = factor;

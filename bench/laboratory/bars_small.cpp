@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "bars.hpp"
+#include "straight_code.hpp"
 #include "to_gap.hpp"
 
 namespace asterism::bench {
@@ -23,6 +24,9 @@ void speed(Bars& bars) {
     bars.information(name + ", to a gap of 1e-6, mean", format("%.3g us", 1e6 * newton.mean_seconds));
     bars.times_faster(name + " against Ida, mean", newton.mean_seconds, ida.mean_seconds, lit ? 3 : 10,
                       lit ? 3 : 10);
+    const auto [alone, straight] = newton_and_straight_code(all);
+    bars.times_faster(name + " against straight code, LM, mean", alone.mean_seconds, straight.mean_seconds, 1,
+                      2);
 #ifdef ASTERISM_BENCH_CERES
     const std::vector few(all.begin(), all.begin() + 100);
     bars.times_faster(name + " against Ceres dense LM, median", newton.median_seconds,

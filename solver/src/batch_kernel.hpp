@@ -349,15 +349,10 @@ class LaneNewton : LaneSystem<L, kDim, kFixed> {
     }
   }
 
-  // Puts system s into a lane: number by number where a blend of one lane takes several instructions.
+  // Puts system s into a lane, number by number.
   [[gnu::always_inline]] void insert(State& state, int lane, std::ptrdiff_t s) const {
-    const auto put = [lane](V& values, T value) ASTERISM_INLINED {
-      if constexpr (requires { L::kMaskRegisters; }) {
-        values = L::select(L::mask(1U << lane), L::set(value), values);
-      } else {
-        reinterpret_cast<T*>(&values)[lane] = value;
-      }
-    };
+    const auto put = [lane](V& values, T value)
+                         ASTERISM_INLINED { reinterpret_cast<T*>(&values)[lane] = value; };
     const auto take = [s, put](V& values, const T* source) ASTERISM_INLINED { put(values, source[s]); };
     // Without stiffness, an anchor's position and a link's rest length mean nothing, and may overflow.
     each_node([&](auto i) ASTERISM_INLINED {
