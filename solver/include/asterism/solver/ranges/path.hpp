@@ -1,0 +1,88 @@
+#pragma once
+
+#include <array>
+#include <asterism/solver/detail/config.hpp>
+#include <asterism/solver/run/message.hpp>
+#include <asterism/solver/run/status.hpp>
+#include <cstddef>
+#include <limits>
+#include <memory>
+#include <span>
+#include <vector>
+
+namespace asterism {
+inline namespace ASTERISM_ABI {
+
+/// The odometry of a robot in the plane, and its ranges to beacons.
+struct PathMeasurements {
+  /// (poses - 1, 3): how far it moves from each pose to the next, in the frame of the former (x forward, y to
+  /// the left) [m], and by how much it turns [rad].
+  std::span<const double> steps;
+  std::span<const double> beacons;  ///< (M, 2) [m]; NaN where a beacon's place is unknown
+  /// (R) of each range, at which pose it was measured: 3.25 is a quarter of the way from pose 3 to pose 4.
+  std::span<const double> pose;
+  std::span<const int> beacon;      ///< (R) to which beacon
+  std::span<const double> range;    ///< (R) >= 0; NaN where nothing was heard [m]
+  std::span<const double> sigma;    ///< (R) standard deviations of the ranges, > 0 [m]
+};
+
+/// How locate_path() proceeds.
+struct PathOptions {
+  /// The energy of a range never exceeds cutoff^2 / 2 (Geman and McClure's loss), > 0 [sigma]. Infinity: least
+  /// squares, without outliers.
+  double cutoff = std::numeric_limits<double>::infinity();
+  /// Standard deviation of a step's difference from the step before, turned by the odometry, relative to its
+  /// length, > 0; 0: estimated.
+  double turn_sigma = 0;
+  /// Standard deviation of a step's length, relative to it, > 0.
+  double step_sigma = 0.1;
+  /// Steps are joined until they are so long, because a robot that stands still has no direction, > 0 [m];
+  /// 0: half of the median step.
+  double shortest = 0;
+  /// x, y [m] and heading [rad] of the first pose. Where the beacons determine the path, the search starts
+  /// there; where they do not, it defines the frame of the result. NaN: a search, and (0, 0, 0).
+  std::array<double, 3> start{std::numeric_limits<double>::quiet_NaN(),
+                              std::numeric_limits<double>::quiet_NaN(),
+                              std::numeric_limits<double>::quiet_NaN()};
+  /// Standard deviations of the first position [m] and heading [rad], > 0. Infinity: `start` has no energy.
+  std::array<double, 2> start_sigma{std::numeric_limits<double>::infinity(),
+                                    std::numeric_limits<double>::infinity()};
+  bool covariance = true;    ///< whether covariances are wanted
+  bool lower_bound = true;   ///< whether the bound is wanted
+  int max_iterations = 200;  ///< of each descent, >= 1
+
+  /// Null if the options are valid, otherwise what is wrong.
+  const char* problem() const;
+};
+
+/// What locate_path() finds. A path is at a local minimum of its energy.
+struct PathEstimate {
+  Status status = Status::NotRun;  ///< Converged, MaxIterations, InvalidInput or NumericalFailure
+  Message message;                 ///< what is wrong, or what the beacons do not determine; may be empty
+  std::vector<double> x;           ///< (poses, 2) [m]
+  std::vector<double> heading;     ///< (poses) [rad], in (-pi, pi]
+  std::vector<double> covariance;  ///< (poses, 2, 2), by Laplace's approximation [m^2]; empty if not wanted
+  std::vector<double> beacons;     ///< (M, 2): the known ones as they were given [m]
+  std::vector<double> beacon_covariance;  ///< (M, 2, 2): zero for known ones [m^2]; empty if not wanted
+  std::vector<double> residuals;   ///< (R) distance - range, in units of sigma; NaN where nothing was heard
+  double energy = 0;               ///< at the minimum
+  /// No path has a lower energy than this: with a cutoff, of the energy in which each range keeps the weight
+  /// that it has at the minimum, increased by the cost of these weights, so that it is comparable with
+  /// `energy`. 0 if it is not wanted.
+  double lower_bound = 0;
+  double evidence = 0;    ///< logarithm of the evidence by Laplace's approximation, but for a constant
+  double turn_sigma = 0;  ///< as given or estimated
+  int nodes = 0;          ///< positions of the chain
+  int iterations = 0;     ///< of all descents: factorisations
+};
+
+/// The path of a robot in the plane from its odometry and from ranges to beacons, known or unknown, in time
+/// linear in the number of poses: see docs/locate.md. Headings are not among the unknowns.
+///
+/// The status is InvalidInput, and the message names what is wrong, for sizes that do not match, numbers that
+/// are not finite, negative ranges, a range at no pose or to no beacon, a path of less than two positions, and
+/// unknown beacons with fewer than two ranges.
+ASTERISM_API PathEstimate locate_path(const PathMeasurements& measurements, const PathOptions& options = {});
+
+}  // namespace ASTERISM_ABI
+}  // namespace asterism
