@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 #include <numeric>
-#include <string>
+#include <utility>
 
 #include "path_bound.hpp"
 #include "path_chain.hpp"
@@ -153,8 +153,8 @@ class PathSolver {
       if (std::isnan(given_.range[i])) continue;
       const auto [node, a] = on_chain(given_.pose[i]);
       const double s = given_.sigma[i];
-      terms_.ranges.push_back({static_cast<int>(node), -1, a, known_place(at(given_.beacon[i])), given_.range[i],
-                               1 / (s * s), static_cast<int>(i)});
+      terms_.ranges.push_back({static_cast<int>(node), -1, a, known_place(at(given_.beacon[i])),
+                               given_.range[i], 1 / (s * s), static_cast<int>(i)});
     }
     std::stable_sort(terms_.ranges.begin(), terms_.ranges.end(),
                      [](const PathRange& a, const PathRange& b) { return a.node < b.node; });
@@ -177,13 +177,13 @@ class PathSolver {
     for (std::size_t j = 0; j < beacons_; ++j) {
       if (count[j] == 0 && is_known(j)) continue;
       if (!is_known(j)) {
-        if (count[j] < 2) return wrong("beacon", j, "has no place and fewer than two ranges, which do not determine it");
+        if (count[j] < 2)
+          return wrong("beacon", j, "has no place and fewer than two ranges, which do not determine it");
       } else if (std::find(places.begin(), places.end(), known_place(j)) == places.end()) {
         places.push_back(known_place(j));
       }
     }
     anchors_ = static_cast<int>(std::min<std::size_t>(places.size(), 2));
-    if (anchors_ == 1) anchor_ = places[0];
     result_.status = Status::NotRun;
     return true;
   }
@@ -211,11 +211,13 @@ class PathSolver {
       terms_.prior.hessian += stiff * n * n.transpose();
     }
     if (held) terms_.prior.hessian.topLeftCorner<2, 2>() += stiff * Eigen::Matrix2d::Identity();
-    terms_.prior.place << place.real(), place.imag(), place.real() + first.real(), place.imag() + first.imag();
+    terms_.prior.place << place.real(), place.imag(), place.real() + first.real(),
+        place.imag() + first.imag();
     if (anchors_ == 0) {
       result_.message = "the beacons do not determine where the path is: it starts at `start`";
     } else if (anchors_ == 1) {
-      result_.message = "one known place does not determine the path's direction: it starts with that of `start`";
+      result_.message =
+          "one known place does not determine the path's direction: it starts with that of `start`";
     }
   }
 
@@ -353,7 +355,6 @@ class PathSolver {
       const double ratio = turn_ratio();
       terms_.turn_sigma = std::clamp(terms_.turn_sigma * ratio, 1e-6, 1.0);
       converged_ = descent_.run(chain_, bound_, options_.max_iterations);
-      if (getenv("PB")) fprintf(stderr, "sigma %g ratio %g E %g it %d\n", terms_.turn_sigma, ratio, chain_.energy(bound_), descent_.iterations());
       if (std::abs(std::log(ratio)) < 2e-3) return;
     }
   }
@@ -398,8 +399,8 @@ class PathSolver {
       return;
     }
     const auto n = static_cast<double>(nodes_.size());
-    result_.evidence = -result_.energy - 0.5 * chain_.log_determinant() -
-                       2 * (n - 2) * std::log(terms_.turn_sigma);
+    result_.evidence =
+        -result_.energy - 0.5 * chain_.log_determinant() - 2 * (n - 2) * std::log(terms_.turn_sigma);
     if (options_.covariance) chain_.invert(inverse_);
     write_path();
     write_beacons();
@@ -481,7 +482,6 @@ class PathSolver {
   PathChain<2>::Inverse inverse_;
   ranges::PathDescent<2> descent_;
   int anchors_ = 0;  ///< known places that are heard, up to two
-  Complex anchor_;
   double bound_ = kInfinity;
   bool converged_ = false;
 };

@@ -21,10 +21,10 @@ struct PathRange {
   int node;
   int beacon;  ///< an unknown one's index, or -1
   Complex at;
-  Complex place;  ///< of a known beacon [m]
-  double length;  ///< [m]
+  Complex place;       ///< of a known beacon [m]
+  double length;       ///< [m]
   double information;  ///< 1 / sigma^2 [1 / m^2]
-  int index;  ///< the user's
+  int index;           ///< the user's
 };
 
 /// A quadratic function of the first two positions: 1/2 (z - z0)^T H (z - z0) + g^T (z - z0).
@@ -35,15 +35,15 @@ struct PathPrior {
 
 /// The terms. Positions are the nodes of a chain in which step k + 1 is step k times turn_k.
 struct PathTerms {
-  std::vector<Complex> turn;   ///< (n - 2)
-  std::vector<double> length;  ///< of the steps (n - 1) [m]
+  std::vector<Complex> turn;      ///< (n - 2)
+  std::vector<double> length;     ///< of the steps (n - 1) [m]
   std::vector<PathRange> ranges;  ///< by rising node
   int unknown = 0;                ///< beacons
   PathPrior prior;
   /// 1/2 start_weight |p_0 - start|^2 + 1/2 heading_weight |p_1 - p_0 - first_step|^2
   Complex start, first_step;
   double start_weight = 0, heading_weight = 0;
-  double turn_sigma = 0.03, step_sigma = 0.1;  ///< of a step, relative to its length
+  double turn_sigma = 0.03, step_sigma = 0.1;              ///< of a step, relative to its length
   double bound = std::numeric_limits<double>::infinity();  ///< cutoff^2
 
   double chain_weight(std::size_t k) const {
@@ -86,8 +86,8 @@ class PathChain {
 
   explicit PathChain(const PathTerms& terms) : terms_(terms) {}
 
-  List<Point> x, beacons;         ///< of nodes and of unknown beacons
-  const double* held = nullptr;   ///< weights of the ranges, which replace the loss
+  List<Point> x, beacons;        ///< of nodes and of unknown beacons
+  const double* held = nullptr;  ///< weights of the ranges, which replace the loss
 
   static Point times(Complex c, const Point& v) {
     Point r;
@@ -152,7 +152,7 @@ class PathChain {
     return sum;
   }
 
-  /// Gradient and curvature at x of all terms that a node from `first` on has: their columns from `first` on.
+  /// Gradient and curvature at x: the columns from `first` on; those before are then of no use.
   void assemble(Curvature curvature, double bound, std::size_t first = 0) {
     const std::size_t n = nodes(), m = beacons.size();
     resize();
@@ -204,7 +204,8 @@ class PathChain {
         slope = range_slope(e, range.information, bound);
       const Point u = y / l, g = slope.first * u;
       const Block h = curvature_of(
-          u, curvature == Curvature::True ? slope.second : (held ? held[i] : slope.weight) * range.information,
+          u,
+          curvature == Curvature::True ? slope.second : (held ? held[i] : slope.weight) * range.information,
           slope.first / l, curvature);
       if (range.at == Complex(0)) {
         gradient[o] += g;
@@ -319,9 +320,7 @@ class PathChain {
     return sum + start_energy();
   }
   /// No term but this one sees a shift of everything.
-  void hold_first_node() {
-    diagonal_[0] += terms_.chain_weight(0) * Block::Identity();
-  }
+  void hold_first_node() { diagonal_[0] += terms_.chain_weight(0) * Block::Identity(); }
 
   /// Adds to the diagonal, relative to it and absolutely.
   void damp(double relative) {
@@ -330,7 +329,8 @@ class PathChain {
     for (Eigen::Index i = 0; i < corner_.rows(); ++i) corner_(i, i) *= 1 + relative;
   }
 
-  /// Cholesky's factors of the columns from `first` on, after assemble(). False if it is not positive definite.
+  /// Cholesky's factors of the columns from `first` on, after assemble(). False if it is not positive
+  /// definite.
   bool factorize(std::size_t first = 0) {
     const std::size_t n = nodes();
     for (std::size_t k = first; k < n; ++k) {
@@ -480,6 +480,15 @@ class PathChain {
     }
   }
 
+  /// The inverse's blocks of the last two nodes, where there are no unknown beacons.
+  void invert_last(Block& before, Block& last, Block& cross) const {
+    const std::size_t n = nodes();
+    last = inverse_of(l0_[n - 1]);
+    const Block u = over(l1_[n - 2], l0_[n - 2]);
+    cross = -last * u;  // (n - 1, n - 2)
+    before = inverse_of(l0_[n - 2]) - u.transpose() * cross;
+  }
+
   void reserve(std::size_t count) {
     for (auto* list : {&diagonal_, &next_, &second_, &l0_, &l1_, &l2_}) list->reserve(count);
     gradient.reserve(count);
@@ -517,7 +526,8 @@ class PathChain {
     z << x[0][0], x[0][1], x[1][0], x[1][1];
     return z;
   }
-  /// In place, the lower triangle; the upper one becomes zero. False unless its pivots are well above rounding.
+  /// In place, the lower triangle; the upper one becomes zero. False unless its pivots are well above
+  /// rounding.
   static bool cholesky(Block& a, const Block& before) {
     for (int j = 0; j < K; ++j) {
       double pivot = a(j, j);

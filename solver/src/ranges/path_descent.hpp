@@ -24,7 +24,8 @@ class PathDescent {
         finish(chain, bound);
         return true;
       }
-      if (used_ == Curvature::Convex && curvature == Curvature::True && decrement < 1e-20 * (1 + energy)) return true;
+      if (used_ == Curvature::Convex && curvature == Curvature::True && decrement < 1e-20 * (1 + energy))
+        return true;
       if (damping_ > 1e12) return decrement < 1e-9 * (1 + energy);
     }
     return false;
@@ -42,7 +43,8 @@ class PathDescent {
     damping_ = 0;
     for (double stage = 2 * largest; stage > bound && std::isfinite(stage); stage /= 2) {
       double energy = chain.energy(stage);
-      for (int tries = 0; tries < 5 && step(chain, stage, Curvature::Convex, energy) < 0; ++tries) {}
+      for (int tries = 0; tries < 5 && step(chain, stage, Curvature::Convex, energy) < 0; ++tries) {
+      }
     }
   }
 
