@@ -89,10 +89,12 @@ class PathStream::Implementation {
     }
     terms_.ranges.push_back(added);
     if (chain_.nodes() < 2) return {};
-    if (++count_ >= options_.settle_every)
+    if (++count_ >= options_.settle_every) {
+      count_ = 0;
       settle();
-    else
+    } else {
       update();
+    }
     return {};
   }
 
@@ -126,7 +128,6 @@ class PathStream::Implementation {
   }
 
   void settle() {
-    count_ = 0;
     const std::size_t n = chain_.nodes();
     if (n < 2) return;
     const double small = 1e-6 * options_.shortest;
