@@ -7,10 +7,10 @@
 #include <sys/resource.h>
 #include <time.h>
 
-#include <Eigen/Geometry>
 #include <algorithm>
 #include <asterism/solver/ranges/path.hpp>
 #include <cmath>
+#include <complex>
 #include <cstdio>
 #include <cstdlib>
 #include <fstream>
@@ -83,22 +83,28 @@ bool read(const char* path, Recording& to) {
 /// Root mean square error of the positions (every `stride` numbers), after the best rigid motion, mirrored or
 /// not, if `moved`.
 double error_of(const std::vector<double>& x, std::size_t stride, const Recording& of, bool moved) {
-  const auto n = static_cast<Eigen::Index>(of.poses());
-  Eigen::Matrix2Xd found(2, n), truth(2, n);
-  for (Eigen::Index k = 0; k < n; ++k) {
-    const auto i = static_cast<std::size_t>(k);
-    found.col(k) << x[stride * i], x[stride * i + 1];
-    truth.col(k) << of.truth[3 * i], of.truth[3 * i + 1];
+  using Complex = std::complex<double>;
+  const auto n = static_cast<double>(of.poses());
+  std::vector<Complex> found, truth;
+  Complex mean, true_mean;
+  for (std::size_t k = 0; k < of.poses(); ++k) {
+    found.emplace_back(x[stride * k], x[stride * k + 1]);
+    truth.emplace_back(of.truth[3 * k], of.truth[3 * k + 1]);
+    mean += found[k] / n;
+    true_mean += truth[k] / n;
   }
   double best = kInfinity;
   for (int mirrored = 0; mirrored < (moved ? 2 : 1); ++mirrored) {
-    if (mirrored == 1) found.row(1) *= -1;
-    Eigen::Matrix2Xd placed = found;
-    if (moved) {
-      const Eigen::Matrix3d motion = Eigen::umeyama(found, truth, false);
-      placed = (motion.topLeftCorner<2, 2>() * found).colwise() + Eigen::Vector2d(motion(0, 2), motion(1, 2));
-    }
-    best = std::min(best, std::sqrt((placed - truth).squaredNorm() / static_cast<double>(n)));
+    Complex sum;
+    const auto centred = [&](std::size_t k) {
+      return mirrored == 1 ? std::conj(found[k] - mean) : found[k] - mean;
+    };
+    for (std::size_t k = 0; k < of.poses(); ++k) sum += (truth[k] - true_mean) * std::conj(centred(k));
+    const Complex turn = sum / std::abs(sum);
+    double squares = 0;
+    for (std::size_t k = 0; k < of.poses(); ++k)
+      squares += std::norm((moved ? turn * centred(k) + true_mean : found[k]) - truth[k]);
+    best = std::min(best, std::sqrt(squares / n));
   }
   return best;
 }

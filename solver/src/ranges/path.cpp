@@ -353,7 +353,7 @@ class PathSolver {
       if (!factorize()) return;
       chain_.invert(inverse_);
       const double ratio = turn_ratio();
-      terms_.turn_sigma = std::clamp(terms_.turn_sigma * ratio, 1e-6, 1.0);
+      terms_.turn_sigma = std::clamp(terms_.turn_sigma * ratio, kLeastSigma, 1.0);
       converged_ = descent_.run(chain_, bound_, options_.max_iterations);
       if (std::abs(std::log(ratio)) < 2e-3) return;
     }
@@ -373,8 +373,8 @@ class PathSolver {
       squares += w * chain_.chain_residual(k).squaredNorm();
       determined += 2 - w * spread.trace();
     }
-    const double least = 1e-3 * static_cast<double>(nodes);
-    return std::sqrt(std::clamp(squares / std::max(determined, least), 0.05, 20.0));
+    if (determined < 0.5) return 1;  // nothing says how large they are
+    return std::sqrt(std::clamp(squares / determined, 0.05, 20.0));
   }
 
   bool factorize() {
@@ -468,6 +468,7 @@ class PathSolver {
   }
 
   static constexpr double kLargest = 1e60;
+  static constexpr double kLeastSigma = 1e-4;  ///< that is estimated: better than any odometry
 
   const PathMeasurements& given_;
   const PathOptions& options_;

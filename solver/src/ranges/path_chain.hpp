@@ -320,7 +320,7 @@ class PathChain {
     return sum + start_energy();
   }
   /// No term but this one sees a shift of everything.
-  void hold_first_node() { diagonal_[0] += terms_.chain_weight(0) * Block::Identity(); }
+  void hold_first_node() { diagonal_[0] += terms_.step_weight(0) * Block::Identity(); }
 
   /// Adds to the diagonal, relative to it and absolutely.
   void damp(double relative) {
